@@ -9,15 +9,16 @@ import numpy as np
 
 import rigidmc
 from bench import harness, tops
-from rigidmc.effects import Gravity
+from rigidmc.physics.effects import Gravity
 from rigidmc.planning.tolerance.costs import Costs
 from rigidmc.planning.tolerance.pilot import pilot
-from rigidmc.studies.accuracy import accuracy
+from rigidmc.studies.accuracy.study import accuracy
 
 T_END, MEMBERS = 10.0, 512
 TARGETS = (1e-4, 1e-6, 1e-8, 1e-10)
 EFFECTS = {"free": (), "heavy": (Gravity(tops.GRAVITY),)}
-COUNTED = {  # case of tests/engine/test_vectorisation.py -> integrator; heavy tops, float64
+# case of tests/engine/compiler/test_vectorisation.py -> integrator; heavy tops, float64
+COUNTED = {
     "rk4 gravity": "rk4",
     "rk8 gravity": "rk8",
     "cf4 gravity": "cf4",
@@ -85,7 +86,7 @@ def arithmetic():
     square root of eight numbers eighteen. By flops: as they are.
     """
     from tests.assembly import counted
-    from tests.engine.test_vectorisation import CASES
+    from tests.engine.compiler.test_vectorisation import CASES
 
     members = pilot(scene(EFFECTS["heavy"]), 64)._replace(member_steps=False)
     rows = []

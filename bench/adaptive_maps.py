@@ -8,8 +8,8 @@ import sys
 
 import numpy as np
 
-from rigidmc.studies.maps.catalogue import case_map
-from rigidmc.studies.maps.refine import CLASSES, EDGES, STRIDE
+from rigidmc.studies.stability_map.case import case_map
+from rigidmc.studies.stability_map.refine import CLASSES, EDGES, STRIDE
 
 BORDERS = {"p": 0.5, "mean(megno)": 4.0}  # of measures; others have CLASSES equal parts
 

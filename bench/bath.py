@@ -9,7 +9,7 @@ import numpy as np
 
 from bench import harness
 from rigidmc import Bath, Body, Gravity, Scene, Start, simulate
-from rigidmc.dynamics.so3 import up
+from rigidmc.physics.dynamics.so3 import up
 
 MOMENTS, KT, WEIGHT = (1.0, 1.4, 2.0), 0.7, 1.5
 # of order h^2: at 0.05 the bias of <L^2> is a quarter of its standard error

@@ -8,9 +8,9 @@ import numpy as np
 import rigidmc
 from bench import baselines, tops
 from bench.baselines import naive
-from rigidmc.effects import Gravity
 from rigidmc.engine.machine import threads_available
-from rigidmc.integrators import INTEGRATORS, Turns, form
+from rigidmc.physics.effects import Gravity
+from rigidmc.physics.integrators import INTEGRATORS, Turns, form
 
 MEMBERS, STEPS, H, EACH = 65536, 1000, 0.01, 100
 SAVES = ("omega", "attitude", "energy", "l2")

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rigidmc.scene.points import Neighbours
-from rigidmc.studies.basins import exponent
+from rigidmc.scene.sampling import Neighbours
+from rigidmc.studies.basins.study import exponent
 
 CANTOR = 1.0 - np.log(2.0) / np.log(3.0)  # 1 - dimension of the middle-thirds set
 

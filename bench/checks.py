@@ -8,10 +8,10 @@ import math
 import numpy as np
 
 from bench import harness, tops
-from rigidmc.effects import Gravity
-from rigidmc.engine import layout
+from rigidmc.engine.kernel import layout
 from rigidmc.engine.machine import threads_available
-from rigidmc.integrators import INTEGRATORS, Turns, form
+from rigidmc.physics.effects import Gravity
+from rigidmc.physics.integrators import INTEGRATORS, Turns, form
 from rigidmc.planning.limits import Limits
 
 MEMBERS, STEPS, H = 65536, 1000, 0.01

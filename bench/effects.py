@@ -14,16 +14,14 @@ import sys
 import numpy as np
 
 from bench import harness, tops
-from rigidmc.effects import EFFECTS
-from rigidmc.effects.parameters import filled
-from rigidmc.effects.protocol import is_random
+from rigidmc.engine.inspection import step_operations, torque_operations
 from rigidmc.engine.machine import threads_available
-from rigidmc.engine.operations import step_operations, torque_operations
 from rigidmc.engine.program import lanes_for
-from rigidmc.integrators import INTEGRATORS, Turns, form
+from rigidmc.physics.effects import EFFECTS
+from rigidmc.physics.effects.protocol import filled, is_random
+from rigidmc.physics.integrators import INTEGRATORS, Turns, form
 from rigidmc.planning.plan import prepare
-from rigidmc.planning.tolerance.costs import cost_per_step
-from rigidmc.planning.tolerance.effect_costs import prices
+from rigidmc.planning.tolerance.costs import cost_per_step, prices
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
@@ -82,7 +80,7 @@ def told(name):
     its instructions and of its result.
     """
     script = f"""
-import rigidmc.effects as e
+import rigidmc.physics.effects as e
 for word in [word for word in e.EFFECTS if {name!r} not in ("", word)]:
     del e.EFFECTS[word]
 import json

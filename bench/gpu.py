@@ -19,16 +19,16 @@ from unittest import mock
 
 import rigidmc as rm
 from bench import harness
-from rigidmc.effects import EFFECTS
-from rigidmc.effects.protocol import is_random
-from rigidmc.engine import cuda
-from rigidmc.engine.cuda_device import Device
-from rigidmc.integrators import accepting
+from rigidmc.engine.cuda import program as cuda
+from rigidmc.engine.cuda.devices import Device
+from rigidmc.physics.effects import EFFECTS
+from rigidmc.physics.effects.protocol import is_random
+from rigidmc.physics.integrators import accepting
 from rigidmc.planning.job import program_of
 from rigidmc.planning.plan import prepare
 from rigidmc.protocols import cross, effect, into_body, scale
-from rigidmc.runs.create import create
-from rigidmc.runs.resume import resume
+from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.resume import resume
 
 CAPABILITIES = (8, 0), (9, 0)
 ROUNDED = re.compile(r"^\s+(fma|add|sub|mul|div|rcp|sqrt)((?:\.\w+)*)\.f(?:64|32)\s", re.M)
@@ -170,7 +170,7 @@ def written(scene, members):
 
 def on_devices(quick):
     """The rows of the devices of this machine, [] if there are none."""
-    from rigidmc.engine.cuda_device import devices
+    from rigidmc.engine.cuda.devices import devices
     from rigidmc.studies.bits import compared, speeds
 
     try:

@@ -18,8 +18,8 @@ import xarray as xr
 import rigidmc as rm
 from bench import harness, startup
 from bench.memory import peak
-from rigidmc.studies.intervals import mean, probability
-from rigidmc.studies.maps.catalogue import MAPS
+from rigidmc.results.intervals import mean, probability
+from rigidmc.studies.stability_map.case import MAPS
 
 SIDES = {"intermediate_axis": 512}
 ASKED = {"intermediate_axis": 30.0, "heavy_chaos": 30.0}
@@ -95,7 +95,7 @@ def prices(processes):
     wait for it.
     """
     script = (
-        "import json; from rigidmc.planning.tolerance.effect_costs import watched_prices; "
+        "import json; from rigidmc.planning.tolerance.costs import watched_prices; "
         "print(json.dumps(watched_prices(rounds=3)))"
     )
     measured = [

@@ -26,8 +26,8 @@ from rigidmc import (
     multilevel,
     simulate,
 )
-from rigidmc.studies.chunks import chunks
-from rigidmc.studies.multilevel.dataset import plain_members
+from rigidmc.studies.framework.members import chunks
+from rigidmc.studies.multilevel.study import plain_members
 
 WIDTHS = (1e-3, 3e-4, 1e-4)  # rad/s; the spread over members is 0.093
 PLAIN = 3e-4  # the finest width at which all plain members are run

@@ -49,20 +49,20 @@ NO_PHYSICS = {  # what is compiled, and for whom: facts, tables and words
 }  # fmt: skip
 # uncompiled
 TESTS = (
-    "tests/dynamics",
-    "tests/effects",
-    "tests/observables/test_observables.py",
-    "tests/integrators/test_steps.py",
-    "tests/engine/test_events.py",
+    "tests/physics/dynamics",
+    "tests/physics/effects",
+    "tests/physics/observables/test_observables.py",
+    "tests/physics/integrators/test_steps.py",
+    "tests/engine/kernel/test_events.py",
 )
 COMPILED_TESTS = (
-    "tests/engine/test_numbers.py",
-    "tests/engine/test_kernel.py",
-    "tests/engine/test_noise.py",
-    "tests/observables",
+    "tests/engine/compiler/test_vector_types.py",
+    "tests/engine/kernel/test_kernel.py",
+    "tests/engine/kernel/test_noise.py",
+    "tests/physics/observables",
     "tests/planning/test_member_steps.py",
-    "tests/effects/test_work.py",
-    "tests/effects/test_bath.py",
+    "tests/physics/effects/test_work.py",
+    "tests/physics/effects/test_bath.py",
     "tests/engine/test_bits.py",  # last: it sees a change of any digit, but not whether it is wrong
 )
 # compiled, long, or with numbers for which NumPy warns
@@ -350,11 +350,11 @@ def _run(words, folder, env, seconds):
 
 def judge():
     """Run hard cases in plain Python until one exceeds its bound; then exit with 1."""
-    from rigidmc.engine import layout
+    from rigidmc.engine.kernel import layout
 
     layout.LANES = 1
-    from rigidmc.studies.stress import run
-    from rigidmc.studies.stress.catalogue import catalogue
+    from rigidmc.studies.stress import study as run
+    from rigidmc.studies.stress.case import catalogue
     from rigidmc.studies.stress.processes import carried_out
 
     known = run.shipped_bounds()

@@ -17,10 +17,10 @@ import numpy as np
 
 import rigidmc
 from bench import baselines, harness, tops
-from rigidmc.effects import Gravity
-from rigidmc.engine import layout
+from rigidmc.engine.kernel import layout
 from rigidmc.engine.machine import threads_available
-from rigidmc.planning.form import form_of
+from rigidmc.physics.effects import Gravity
+from rigidmc.planning.scheme import form_of
 
 T_END, MEMBERS = 10.0, 4096
 # as `simulate` cuts them if members have steps of their own

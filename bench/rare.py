@@ -26,7 +26,7 @@ from bench.rare_truths import (
     spun,
     turning,
 )
-from rigidmc.studies.chunks import chunks
+from rigidmc.studies.framework.members import chunks
 
 REPETITIONS = 64  # of each study: the spread of so many is known to 9 %
 PLAIN = 10**9  # plain members of the body that turns over

@@ -13,13 +13,13 @@ import time
 from bench import harness, startup
 from bench.memory import peak
 from rigidmc.planning.job import program_of
+from rigidmc.results.sinks import buffer
 from rigidmc.runs.blocks import compute
 from rigidmc.runs.capacity import free_memory
-from rigidmc.runs.create import create
-from rigidmc.runs.reopen import planned
-from rigidmc.runs.shards import compute_shards
+from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.load import planned
+from rigidmc.runs.directory.shards import compute_shards
 from rigidmc.scene.scene import Scene
-from rigidmc.storage.sinks import buffer
 
 STUDY = ["run", "dzhanibekov", "--t-end", "12", "--save", "omega,attitude", "--keep", "final"]
 MEMBERS = (2_000_000, 5_000_000, 20_000_000)
@@ -27,8 +27,8 @@ MEMBERS = (2_000_000, 5_000_000, 20_000_000)
 OPEN = """
 import sys, time
 import rigidmc as rm
-import rigidmc.runs.open
-from rigidmc.storage import run_directory
+import rigidmc.runs.directory.dataset
+from rigidmc.results import run_directory
 import dask.array, xarray
 began = time.perf_counter()
 rm.open(sys.argv[1])
@@ -167,8 +167,8 @@ def cluster(folder, members, t_end, rounds, size):
 # in a process whose workers are elsewhere: its CPU seconds are those of scheduler, client and locks
 SCHEDULE = """
 import resource, sys
-from rigidmc.runs import resume
-from rigidmc.runs.create import create
+from rigidmc.runs.directory import resume
+from rigidmc.runs.directory.create import create
 from rigidmc.scene.scene import Scene
 if __name__ == "__main__":
     members = 4096 * int(sys.argv[2])

@@ -12,8 +12,8 @@ import sys
 import time
 
 from bench import harness
-from rigidmc.effects import EFFECTS
-from rigidmc.effects.protocol import is_random
+from rigidmc.physics.effects import EFFECTS
+from rigidmc.physics.effects.protocol import is_random
 
 RANDOM, SEED, ASKED = 50, 6, 3.0
 

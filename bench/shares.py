@@ -9,7 +9,7 @@ import numpy as np
 
 import rigidmc as rm
 from bench import harness
-from rigidmc.studies.sensitivity import designed, indices
+from rigidmc.studies.sensitivity.study import designed, indices
 
 HALF = 0.01  # half the width of the intervals
 STUDIES = 200  # which tell the spread of an index to 5 %

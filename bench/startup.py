@@ -83,9 +83,8 @@ def call(name):
     median of the later half if there are many.
     """
     import rigidmc as rm
-    from rigidmc.effects import EFFECTS
-    from rigidmc.effects.parameters import filled, given
-    from rigidmc.effects.protocol import is_random
+    from rigidmc.physics.effects import EFFECTS
+    from rigidmc.physics.effects.protocol import filled, given, is_random
 
     body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
     start = rm.Start(omega=(0.5, 0.7, rm.normal(0.5, 0.1)), attitude=(1.0, 0.0, 0.0, 0.0))

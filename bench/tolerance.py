@@ -16,8 +16,8 @@ from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.planning.tolerance.deviation import errors
 from rigidmc.planning.tolerance.pilot import pilot
 from rigidmc.planning.tolerance.truth import truth
-from rigidmc.scene.shipped import shipped
-from rigidmc.studies.accuracy import accuracy
+from rigidmc.scene.library import shipped
+from rigidmc.studies.accuracy.study import accuracy
 
 TOLERANCES = (1e-4, 1e-7, 1e-10)
 SAVED = ("final state", "all in memory", "all in a file")

@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigidmc.dynamics.euler import MassProperties
-from rigidmc.effects.parameters import blank, numbers, parameter_count
-from rigidmc.engine import layout
-from rigidmc.engine.frame import Run
+from rigidmc.engine.kernel import layout
+from rigidmc.engine.kernel.arguments import Run
 from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.engine.threads import run_block
+from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.effects.protocol import blank, numbers, parameter_count
 from rigidmc.planning.job import Job
-from rigidmc.planning.rates import by_steps, own_steps, rates
+from rigidmc.planning.steps import by_steps, own_steps, rates
 
 GRAVITY = 9.81  # m/s^2
 BLOCK = 4096  # members of a block, as in rigidmc.planning.plan

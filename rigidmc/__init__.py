@@ -17,7 +17,7 @@ from os.path import isdir
 from typing import TYPE_CHECKING, Any
 
 from rigidmc.version import VERSION
-from rigidmc.views.when_imported import register
+from rigidmc.views.on_import import register
 
 __version__ = VERSION
 
@@ -28,18 +28,18 @@ _HOMES = {
     "Start": "scene.start",
     "Run": "scene.settings",
     "simulate": "runs.simulate",
-    "device": "engine.device",
+    "device": "engine.cuda.devices",
     "rerun": "runs.rerun",
-    "accuracy": "studies.accuracy",
-    "stability_map": "studies.maps.stability_map",
-    "open_map": "studies.maps.stored",
-    "zoom_map": "studies.maps.zoom",
-    "basins": "studies.basins",
-    "frequencies": "studies.frequencies",
-    "ftle": "studies.ftle",
-    "rare": "studies.rare.rare",
-    "section": "studies.sections.section",
-    "sensitivity": "studies.sensitivity",
+    "accuracy": "studies.accuracy.study",
+    "stability_map": "studies.stability_map.study",
+    "open_map": "studies.stability_map.stored",
+    "zoom_map": "studies.stability_map.stored",
+    "basins": "studies.basins.study",
+    "frequencies": "studies.frequencies.study",
+    "ftle": "studies.ftle.study",
+    "rare": "studies.rare.study",
+    "section": "studies.section.study",
+    "sensitivity": "studies.sensitivity.study",
     "multilevel": "studies.multilevel.study",
     "simulate_until": "studies.until",
     "randomised": "studies.until",
@@ -51,13 +51,13 @@ _HOMES = {
     "normal": "scene.distributions",
     "uniform": "scene.distributions",
     "distribution": "scene.distributions",
-    "mixture": "scene.mixtures",
+    "mixture": "scene.distributions",
     "grid": "scene.quantities",
-    "Flips": "observables",
-    "OrbitAngles": "observables",
-    "Passage": "observables",
-    "PointingAngle": "observables",
-    "Histogram": "observables",
+    "Flips": "physics.observables",
+    "OrbitAngles": "physics.observables",
+    "Passage": "physics.observables",
+    "PointingAngle": "physics.observables",
+    "Histogram": "physics.observables",
     "RigidmcError": "errors",
     "SceneError": "errors",
     "OptionError": "errors",
@@ -71,8 +71,7 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from xarray import Dataset
 
     from rigidmc import protocols as protocols
-    from rigidmc.effects import *  # noqa: F403
-    from rigidmc.engine.device import device as device
+    from rigidmc.engine.cuda.devices import device as device
     from rigidmc.errors import FileError as FileError
     from rigidmc.errors import NoDevice as NoDevice
     from rigidmc.errors import OptionError as OptionError
@@ -84,35 +83,36 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.mechanics.free_top import free_top as free_top
     from rigidmc.mechanics.lagrange_top import lagrange_motion as lagrange_motion
     from rigidmc.mechanics.lagrange_top import lagrange_top as lagrange_top
-    from rigidmc.observables import Flips as Flips
-    from rigidmc.observables import Histogram as Histogram
-    from rigidmc.observables import OrbitAngles as OrbitAngles
-    from rigidmc.observables import Passage as Passage
-    from rigidmc.observables import PointingAngle as PointingAngle
+    from rigidmc.physics.effects import *  # noqa: F403
+    from rigidmc.physics.observables import Flips as Flips
+    from rigidmc.physics.observables import Histogram as Histogram
+    from rigidmc.physics.observables import OrbitAngles as OrbitAngles
+    from rigidmc.physics.observables import Passage as Passage
+    from rigidmc.physics.observables import PointingAngle as PointingAngle
     from rigidmc.runs.rerun import rerun as rerun
     from rigidmc.runs.simulate import simulate as simulate
     from rigidmc.runs.warm import warm as warm
     from rigidmc.scene.body import Body as Body
     from rigidmc.scene.distributions import distribution as distribution
+    from rigidmc.scene.distributions import mixture as mixture
     from rigidmc.scene.distributions import normal as normal
     from rigidmc.scene.distributions import uniform as uniform
-    from rigidmc.scene.laws import *  # noqa: F403
-    from rigidmc.scene.mixtures import mixture as mixture
     from rigidmc.scene.quantities import grid as grid
     from rigidmc.scene.scene import Scene as Scene
     from rigidmc.scene.settings import Run as Run
     from rigidmc.scene.start import Start as Start
-    from rigidmc.studies.accuracy import accuracy as accuracy
-    from rigidmc.studies.basins import basins as basins
-    from rigidmc.studies.frequencies import frequencies as frequencies
-    from rigidmc.studies.ftle import ftle as ftle
-    from rigidmc.studies.maps.stability_map import stability_map as stability_map
-    from rigidmc.studies.maps.stored import open_map as open_map
-    from rigidmc.studies.maps.zoom import zoom_map as zoom_map
+    from rigidmc.scene.vector_distributions import *  # noqa: F403
+    from rigidmc.studies.accuracy.study import accuracy as accuracy
+    from rigidmc.studies.basins.study import basins as basins
+    from rigidmc.studies.frequencies.study import frequencies as frequencies
+    from rigidmc.studies.ftle.study import ftle as ftle
     from rigidmc.studies.multilevel.study import multilevel as multilevel
-    from rigidmc.studies.rare.rare import rare as rare
-    from rigidmc.studies.sections.section import section as section
-    from rigidmc.studies.sensitivity import sensitivity as sensitivity
+    from rigidmc.studies.rare.study import rare as rare
+    from rigidmc.studies.section.study import section as section
+    from rigidmc.studies.sensitivity.study import sensitivity as sensitivity
+    from rigidmc.studies.stability_map.stored import open_map as open_map
+    from rigidmc.studies.stability_map.stored import zoom_map as zoom_map
+    from rigidmc.studies.stability_map.study import stability_map as stability_map
     from rigidmc.studies.until import randomised as randomised
     from rigidmc.studies.until import simulate_until as simulate_until
 
@@ -131,7 +131,7 @@ def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
     Returns
     -------
     xarray.Dataset
-        as of `simulate`, see `rigidmc.runs.open.open_run`
+        as of `simulate`, see `rigidmc.runs.directory.dataset.open_run`
 
     Raises
     ------
@@ -147,18 +147,18 @@ def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
     4
     """
     result: Dataset
-    if isdir(path) and not import_module("rigidmc.files.kinds").is_zarr(path):
-        result = import_module("rigidmc.runs.open").open_run(path, allow_code)
+    if isdir(path) and not import_module("rigidmc.files.opening").is_zarr(path):
+        result = import_module("rigidmc.runs.directory.dataset").open_run(path, allow_code)
     else:
-        result = import_module("rigidmc.storage.reader").open_result(path)
+        result = import_module("rigidmc.results.reader").open_result(path)
         result.encoding["allow_code"] = allow_code
     return result
 
 
 def _registered() -> dict[str, str]:
     """{name: module} of the classes of effects and laws."""
-    effects = import_module("rigidmc.effects").EFFECTS.values()
-    laws = import_module("rigidmc.scene.laws").LAWS
+    effects = import_module("rigidmc.physics.effects").EFFECTS.values()
+    laws = import_module("rigidmc.scene.vector_distributions").LAWS
     return {kind.__name__: kind.__module__.removeprefix("rigidmc.") for kind in (*effects, *laws)}
 
 

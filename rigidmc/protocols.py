@@ -10,8 +10,8 @@ Compiled methods are plain arithmetic, functions of `math`, the functions below,
 your own file that are made of the same. docs/how_to/own_parts.md has one part of each kind.
 """
 
-from rigidmc.dynamics.euler import scaled
-from rigidmc.dynamics.so3 import (
+from rigidmc.physics.dynamics.euler import scaled
+from rigidmc.physics.dynamics.so3 import (
     add,
     arctan2,
     axpy,
@@ -34,11 +34,11 @@ from rigidmc.dynamics.so3 import (
     spin,
     up,
 )
-from rigidmc.effects.protocol import Effect, Number, Vector, effect
-from rigidmc.effects.sums import changes
-from rigidmc.integrators.protocol import Integrator
-from rigidmc.integrators.rk8 import combined
-from rigidmc.observables.protocol import (
+from rigidmc.physics.effects.protocol import Effect, Number, Vector, effect
+from rigidmc.physics.effects.sums import changes
+from rigidmc.physics.integrators.protocol import Integrator
+from rigidmc.physics.integrators.rk8 import combined
+from rigidmc.physics.observables.protocol import (
     Event,
     Observable,
     Record,
@@ -47,8 +47,8 @@ from rigidmc.observables.protocol import (
     observable,
     running,
 )
-from rigidmc.scene.laws.protocol import Law, number, numbers
 from rigidmc.scene.quantities import draw
+from rigidmc.scene.vector_distributions.protocol import Law, number, numbers
 
 __all__ = [
     "Effect",

@@ -3,14 +3,14 @@
 import re
 from typing import Any, NamedTuple
 
-from rigidmc.effects.parameters import blank
+from rigidmc.engine.compiler.kernels import dispatcher_of, signature_of
+from rigidmc.engine.inspection import DIVISION, ROOT, why_one_at_a_time
+from rigidmc.engine.kernel.march import march
 from rigidmc.engine.machine import vector_bits
-from rigidmc.engine.march import march
-from rigidmc.engine.operations import DIVISION, ROOT, why_one_at_a_time
-from rigidmc.engine.pieces import dispatcher_of, signature_of
 from rigidmc.engine.program import MARCH, lanes_for
-from rigidmc.integrators import INTEGRATORS, Turns, form
-from rigidmc.integrators.protocol import group_count
+from rigidmc.physics.effects.protocol import blank
+from rigidmc.physics.integrators import INTEGRATORS, Turns, form
+from rigidmc.physics.integrators.protocol import group_count
 
 ARITHMETIC = re.compile(r"v?(mul|add|sub|div|sqrt|fn?m(?:add|sub)\d+)([ps])([ds])\s")
 STORE = re.compile(r"v?mov[au]p[ds]\s+%[xyz]mm\d+, -?\w*\((?!%rsp)")

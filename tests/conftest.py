@@ -9,28 +9,29 @@ import typer.main
 import typer.testing
 from hypothesis import HealthCheck, settings
 
-from rigidmc.engine import beside, pieces
+from rigidmc.engine import compile_helper
+from rigidmc.engine.compiler import kernels
 
 # No second process compiles: the workers of pytest use all cores (4 min instead of 7).
-beside.threads_available = lambda: 1
+compile_helper.threads_available = lambda: 1
 
 
-def _compiled(dispatcher, signature, compiled=pieces._compiled):
+def _compiled(dispatcher, signature, compiled=kernels._compiled):
     """The code of a piece. What Numba keeps of it is looked through for garbage once and never
-    again: 1.8 s and not 3.1 of the 33 s that tests/effects/test_user.py takes."""
+    again: 1.8 s and not 3.1 of the 33 s that tests/physics/effects/test_user.py takes."""
     address = compiled(dispatcher, signature)
     gc.collect(0)
     gc.freeze()
     return address
 
 
-pieces._compiled = _compiled
+kernels._compiled = _compiled
 
 # `CliRunner` makes all commands anew in each call, 25 of the 50 ms that `rigidmc show` takes.
 typer.testing._get_command = functools.cache(typer.main.get_command)
 
 # Files that compile nothing and fail within seconds if a step or Euler's equations are wrong.
-FIRST = ("tests/integrators/test_steps.py", "tests/dynamics/test_euler.py")
+FIRST = ("tests/physics/integrators/test_steps.py", "tests/physics/dynamics/test_euler.py")
 
 # Files that take 10 to 80 s of a processor for few tests, the longest first: at the end one worker
 # would wait for them.
@@ -39,27 +40,27 @@ LONG = (
     "tests/engine/test_cuda.py",
     "tests/engine/test_bits.py",
     "tests/whole/test_random_scenes.py",
-    "tests/observables/test_watching.py",
+    "tests/physics/observables/test_watching.py",
     "tests/studies/test_rare.py",
-    "tests/whole/test_alone.py",
-    "tests/storage/test_border.py",
-    "tests/integrators/test_precision.py",
+    "tests/whole/test_independence_of_saves.py",
+    "tests/results/test_border.py",
+    "tests/physics/integrators/test_precision.py",
     "tests/whole/test_hostile.py",
-    "tests/whole/test_extension.py",
-    "tests/engine/test_cache.py",
-    "tests/effects/test_user.py",
-    "tests/observables/test_keep.py",
+    "tests/whole/test_new_parts.py",
+    "tests/engine/compiler/test_cache.py",
+    "tests/physics/effects/test_user.py",
+    "tests/physics/observables/test_keep.py",
     "tests/planning/test_choose.py",
     "tests/engine/test_compile_time.py",
     "tests/whole/test_bad_input.py",
     "tests/studies/test_multilevel.py",
-    "tests/storage/test_export.py",
-    "tests/effects/test_dissipation.py",
-    "tests/observables/test_directions.py",
+    "tests/results/test_export.py",
+    "tests/physics/effects/test_dissipation.py",
+    "tests/physics/observables/test_directions.py",
     "tests/views/test_viewer.py",
     "tests/cli/test_commands.py",
-    "tests/observables/test_chaos.py",
-    "tests/observables/test_angles.py",
+    "tests/physics/observables/test_chaos.py",
+    "tests/physics/observables/test_angles.py",
     "tests/studies/test_stored_maps.py",
     "tests/files/test_outputs.py",
     "tests/files/test_helpers.py",

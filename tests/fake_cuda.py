@@ -15,8 +15,9 @@ import llvmlite.binding as llvm
 import numpy as np
 import pytest
 
-from rigidmc.engine import cuda, cuda_device
-from rigidmc.engine.cuda_code import kernel_of, optimised
+from rigidmc.engine.cuda import devices as cuda_device
+from rigidmc.engine.cuda import program as cuda
+from rigidmc.engine.cuda.code import kernel_of, optimised
 
 
 class Code(int):

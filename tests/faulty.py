@@ -20,7 +20,7 @@ def places():
     import builtins
     import errno
 
-    from rigidmc.storage import writer
+    from rigidmc.results import writer
 
     system = [failing(OSError, code, os.strerror(code)) for code in (errno.ENOSPC, errno.EIO)]
     half = [torn(OSError, code, os.strerror(code)) for code in (errno.ENOSPC, errno.EIO)]

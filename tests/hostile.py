@@ -16,11 +16,10 @@ import numpy as np
 import tomli_w
 
 import rigidmc as rm
-from rigidmc.runs import resume
-from rigidmc.runs.create import create
-from rigidmc.runs.reopen import scene_in
-from rigidmc.storage.run_directory import _SHARD, RunDirectory, hash_of_file
-from rigidmc.storage.run_facts import rendered
+from rigidmc.results.run_directory import _SHARD, RunDirectory, hash_of_file, rendered
+from rigidmc.runs.directory import resume
+from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.load import scene_in
 
 SCENE = """
 title = "good"
@@ -618,7 +617,7 @@ def summed(path, scene):
             facts = json.load(file)
         facts.pop("check", None)
         if scene:
-            from rigidmc.storage.run_directory import hash_of
+            from rigidmc.results.run_directory import hash_of
 
             facts["scene"] = hash_of(scene_in(path, facts, False))
         text = rendered(facts)

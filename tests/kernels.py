@@ -7,15 +7,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from rigidmc.dynamics.euler import MassProperties
-from rigidmc.dynamics.methods import implements
-from rigidmc.effects.parameters import blank, numbers, parameter_count
-from rigidmc.engine import frame
-from rigidmc.engine import layout as K
 from rigidmc.engine import program as programs
-from rigidmc.integrators import Turns, form
-from rigidmc.integrators.protocol import closed, constants, opened, step
-from rigidmc.observables.protocol import size
+from rigidmc.engine.kernel import arguments
+from rigidmc.engine.kernel import layout as K
+from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.effects.protocol import blank, numbers, parameter_count
+from rigidmc.physics.integrators import Turns, form
+from rigidmc.physics.integrators.protocol import closed, constants, opened, step
+from rigidmc.physics.observables.protocol import size
 
 NOTHING = np.empty(0)
 
@@ -85,7 +85,7 @@ def run(
 
     made : a Form;  cuts : steps at which the run is split into several calls
     watch : events, running observables and neighbour; the block then has `more` rows, see
-        `rigidmc.engine.layout.watch_rows`
+        `rigidmc.engine.kernel.layout.watch_rows`
     slots_each : rounds of length h, in which each member makes block[STEPS] steps; `steps` and
         `stride` then count slots
     lanes : members side by side
@@ -94,12 +94,12 @@ def run(
     rows = sum(size(o.dims) for o in observables)  # of works nothing where none are kept
     width = block.shape[1] if observables else 0
     out = np.full(slots(steps, stride) * rows * width, -1.0) if observables else NOTHING
-    saves = frame.Saves(out, width, 0, np.arange(block.shape[1]))
+    saves = arguments.Saves(out, width, 0, np.arange(block.shape[1]))
     moves = program(made, effects, observables, attitude, compensated, dtype, limits, watch, lanes)
     for first, last in pairwise([0, *cuts, steps]):
         moves.advance(
             block,
-            frame.Run(
+            arguments.Run(
                 float(h), slots_each or 1, stride, steps, int(slots_each is not None), first, last
             ),
             noise,

@@ -10,13 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import rigidmc as rm
-from rigidmc.dynamics.methods import implements
-from rigidmc.effects import EFFECTS, name_of
-from rigidmc.effects.parameters import filled, given, numbers
-from rigidmc.effects.protocol import facts
-from rigidmc.integrators import INTEGRATORS, accepting
-from tests.effects.laws import REFERENCE
-from tests.effects.test_effects import EXAMPLES
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.effects import EFFECTS, name_of
+from rigidmc.physics.effects.protocol import facts, filled, given, numbers
+from rigidmc.physics.integrators import INTEGRATORS, accepting
+from tests.physics.effects.laws import REFERENCE
+from tests.physics.effects.test_effects import EXAMPLES
 
 END = 2.0
 # steps of at most 0.1 rad, by order; few bodies turn by more than 10 rad

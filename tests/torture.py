@@ -178,7 +178,7 @@ def quietly(*words):
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1), os.dup2(nowhere, 2)
     from rigidmc.cli import app
-    from rigidmc.runs import checkpoints
+    from rigidmc.runs.directory import checkpoints
 
     checkpoints.EVERY, checkpoints.COSTS = 0.05, 1.0  # these runs are shorter than half a minute
     app(words)
@@ -191,7 +191,9 @@ def kills(count, folder, some, members=400_000, size=4, names=None):
     which there is nothing to kill.
     """
     server = multiprocessing.get_context("forkserver")
-    server.set_forkserver_preload(["rigidmc.cli", "rigidmc.runs.simulate", "rigidmc.runs.resume"])
+    server.set_forkserver_preload(
+        ["rigidmc.cli", "rigidmc.runs.simulate", "rigidmc.runs.directory.resume"]
+    )
 
     def process(*words):
         made = server.Process(target=quietly, args=words)
@@ -336,7 +338,7 @@ def corrupt(count, folder, some):
     words[words.index("--shard-size") + 1] = "0.3"
     assert run(*words, whole + "/").returncode == 0
     from rigidmc.errors import RigidmcError
-    from rigidmc.runs import gather, resume
+    from rigidmc.runs.directory import gather, resume
 
     expected = sums(whole)
     told = {"damaged": 0, "found": 0, "repaired, sha256 equal": 0, "crashes of verify": 0}
@@ -377,7 +379,7 @@ def faults(most, folder, some):
     from typer.testing import CliRunner
 
     from rigidmc.cli import app
-    from rigidmc.storage import run_directory
+    from rigidmc.results import run_directory
 
     whole, path, words = (
         os.path.join(folder, "whole"),

@@ -68,16 +68,16 @@ def made(folder, process):
 @contextlib.contextmanager
 def computed_once():
     """Compute studies once, then attack their outputs."""
-    from rigidmc.runs import frames as again
-    from rigidmc.studies import accuracy
-    from rigidmc.studies.maps import catalogue
-    from rigidmc.studies.stress import run as hard_cases
+    from rigidmc.runs import rerun as again
+    from rigidmc.studies.accuracy import study as accuracy
+    from rigidmc.studies.stability_map import case
+    from rigidmc.studies.stress import study as hard_cases
 
     with contextlib.ExitStack() as held:
         for module, name in (
             (accuracy, "accuracy"),
             (hard_cases, "stress"),
-            (catalogue, "case_map"),
+            (case, "case_map"),
             (again, "frames"),
         ):
             real, kept = getattr(module, name), {}
@@ -287,7 +287,7 @@ def server():
         [
             "rigidmc.cli",
             "rigidmc.runs.simulate",
-            "rigidmc.runs.resume",
+            "rigidmc.runs.directory.resume",
             "rigidmc.views.ensemble",
             "rigidmc.views.animation",
             "tests.torture_outputs",

@@ -13,13 +13,18 @@ import numpy as np
 import xarray as xr
 
 import rigidmc as rm
-from rigidmc.effects import EFFECTS
-from rigidmc.effects.parameters import filled, given, numbers
-from rigidmc.effects.protocol import facts, is_random
-from rigidmc.observables import OBSERVABLES, WATCHED, WATCHED_STATISTICS, WITH_TABLE, squared
+from rigidmc.physics.effects import EFFECTS
+from rigidmc.physics.effects.protocol import facts, filled, given, is_random, numbers
+from rigidmc.physics.observables import (
+    OBSERVABLES,
+    WATCHED,
+    WATCHED_STATISTICS,
+    WITH_TABLE,
+    squared,
+)
 from rigidmc.planning.units import scaled
 from rigidmc.scene.distributions import Distribution
-from rigidmc.studies.trust import trust
+from rigidmc.studies.stress.trust import trust
 
 # no numbers of the motion: what a computer takes, and what is found by rounding alone
 CLOCK = re.compile(r"second|ns_|cost|cheapest|gain")

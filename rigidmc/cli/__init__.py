@@ -22,9 +22,7 @@ from rigidmc.cli import (  # noqa: F401
     section,
     sensitivity,
     stress,
-    view,
     vocabulary,
-    warm,
 )
 from rigidmc.cli.apart import keep_apart
 from rigidmc.cli.common import FLAGGED, INCOMPLETE, INTERRUPTED, IO, OK, app

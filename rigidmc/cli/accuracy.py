@@ -62,8 +62,7 @@ def accuracy(
     """What accuracy costs in time, for a scene: every integrator over a ladder of steps against the
     truth, and the cheapest integrator and step for each accuracy."""
     with reported():
-        from rigidmc.studies import accuracy as study
-        from rigidmc.studies import drift
+        from rigidmc.studies.accuracy import drift, study
 
         loaded = load_scene(scene, settings, allow_code)
         refuse_outputs(force, plot=plot, study=output)
@@ -73,9 +72,9 @@ def accuracy(
             print(f"  {line}", file=sys.stderr, flush=True)
 
         def draw(dataset: "xr.Dataset") -> "Figure":
-            from rigidmc.views import studies
+            from rigidmc.studies.accuracy import picture
 
-            return (studies.long_drift if long else studies.work_precision)(dataset)
+            return (picture.long_drift if long else picture.work_precision)(dataset)
 
         with about(scene):
             if long:

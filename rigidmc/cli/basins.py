@@ -37,7 +37,7 @@ def basins(
     otherwise if they change a little, by how little, and the dimension of the boundary between
     basins of attraction. With -o RUN/ the members are a run directory, which survives a kill."""
     with reported(), about(name):
-        from rigidmc.studies import basins as study
+        from rigidmc.studies.basins import study
 
         threads, code = where.threads, where.allow_code
         count = study.FAMILIES if families is None else families
@@ -52,6 +52,6 @@ def basins(
 
 
 def _draw(dataset: "xr.Dataset") -> "Figure":
-    from rigidmc.views.basins import basins_and_shares
+    from rigidmc.studies.basins.picture import basins_and_shares
 
     return basins_and_shares(dataset)

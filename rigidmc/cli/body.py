@@ -49,10 +49,12 @@ def body_command(
     """Say what a body is: mass, centre of mass, inertia tensor, principal axes, which rotations are
     stable and how fast the unstable one grows."""
     with reported(), about(source):
-        from rigidmc.views.body import body_of, describe, facts
+        from rigidmc.views.descriptions import body_of, describe_body, facts
 
         body, title = body_of(source, density, mass, scale)
-        print(json.dumps(facts(body), indent=1) if machine else "\n".join(describe(body, title)))
+        print(
+            json.dumps(facts(body), indent=1) if machine else "\n".join(describe_body(body, title))
+        )
 
 
 At = Annotated[

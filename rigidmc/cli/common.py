@@ -19,7 +19,7 @@ from rigidmc.cli.codes import IO as IO
 from rigidmc.cli.codes import OK as OK
 from rigidmc.cli.codes import REFUSED, TERMINATED, in_short
 from rigidmc.cli.panels import Commands
-from rigidmc.engine.device import use
+from rigidmc.engine.cuda.devices import use
 from rigidmc.errors import (
     FileError,
     NoRoom,
@@ -209,7 +209,7 @@ def load_scene(
     run: Mapping[str, Any] | None = None,
 ) -> "Scene":
     """A scene with the --set options and the run settings of the command line."""
-    from rigidmc.files.kinds import is_zarr
+    from rigidmc.files.opening import is_zarr
     from rigidmc.scene.scene import Scene, scene_of
 
     pairs = []
@@ -233,7 +233,7 @@ def load_scene(
 def opened(path: str, allow_code: bool = False) -> "xr.Dataset":
     """A result as a Dataset: a file or a run directory; FileError that helps for a scene."""
     import rigidmc
-    from rigidmc.scene.shipped import shipped
+    from rigidmc.scene.library import shipped
 
     there = os.path.exists(path)
     if (there and path.lower().endswith(".toml")) or (not there and path in shipped()):
@@ -306,7 +306,7 @@ def keep(
 ) -> list[str]:
     """Write a study, and the picture draw(dataset); return a line for each file, see `written`."""
     from rigidmc.files.outputs import write_bytes
-    from rigidmc.storage.writer import encoded
+    from rigidmc.results.writer import encoded
 
     if output is not None:
         write_bytes(output, encoded(dataset), force)
@@ -318,8 +318,8 @@ def keep(
 def save_picture(figure: "Figure", path: str, force: bool) -> None:
     """Write a picture to a path that was checked before the work. If a file has appeared there
     since, the picture gets another name."""
+    from rigidmc.figures import drawn
     from rigidmc.files.outputs import write_bytes
-    from rigidmc.views.figure import drawn
 
     write_bytes(path, drawn(figure, path), force)
 

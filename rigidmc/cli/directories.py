@@ -28,7 +28,7 @@ from rigidmc.cli.panels import LONG_RUNS
 from rigidmc.errors import OptionError
 
 if TYPE_CHECKING:
-    from rigidmc.storage.run_directory import RunDirectory
+    from rigidmc.results.run_directory import RunDirectory
 
 
 def shards_of(text: str | None) -> range | None:
@@ -90,7 +90,7 @@ Make = Callable[[float | None, range | None, int | None, float | None], "RunDire
 
 def begun(make: Make, ways: Ways, threads: int | None, allow_code: bool) -> tuple[int, bool]:
     """Make a run directory and compute its shards; see `continued`."""
-    from rigidmc.runs.cluster import checked
+    from rigidmc.runs.directory.cluster import checked
 
     began = time.monotonic()
     max_wall, shards, shard_size, shard_time, cluster = ways
@@ -123,9 +123,9 @@ def continued(
 ) -> tuple[int, bool]:
     """Compute the missing shards of a run, or of a range, and say which are done; (the exit code,
     whether the whole run is done)."""
-    from rigidmc.storage import run_directory
-    from rigidmc.studies import tasks
-    from rigidmc.studies.maps.growing import resume_growing
+    from rigidmc.results import run_directory
+    from rigidmc.studies.framework import tasks
+    from rigidmc.studies.stability_map.stored import resume_growing
 
     directory = run_directory.RunDirectory(run)
     study, mine = tasks.kind_of(directory), shards_of(shards)
@@ -212,7 +212,7 @@ def resume(
     flagged, 5 if shards of these are missing (--max-wall)."""
     with reported():
         if repair:
-            from rigidmc.runs import gather
+            from rigidmc.runs.directory import gather
 
             print(f"  {gather.repair(run)} damaged shards were deleted")
         code, _ = continued(run, threads, accept, max_wall, shards, allow_code, cluster)
@@ -226,7 +226,7 @@ def status(run: RunArgument) -> None:
     Exit code 0 if the run is done, 4 if it is done and some members are flagged, 5 if shards are
     missing."""
     with reported():
-        from rigidmc.storage import run_directory
+        from rigidmc.results import run_directory
 
         facts = run_directory.status(run)
     print(
@@ -260,8 +260,8 @@ def verify(run: RunArgument, spot: Spot = 3, allow_code: AllowCode = False) -> N
     Exit code 0 if all shards are there and sound, 5 if they are sound and some are missing, 3 if
     something is wrong."""
     with reported():
-        from rigidmc.storage import run_directory
-        from rigidmc.studies import tasks
+        from rigidmc.results import run_directory
+        from rigidmc.studies.framework import tasks
 
         facts = run_directory.status(run)
         faults = tasks.verified(run, spot, allow_code)
@@ -289,8 +289,8 @@ def consolidate(
 ) -> None:
     """Write a whole run as one netCDF file; exit code 4 if some of its members are flagged."""
     with reported():
-        from rigidmc.runs import gather
-        from rigidmc.storage import run_directory
+        from rigidmc.results import run_directory
+        from rigidmc.runs.directory import gather
 
         gather.consolidate(run, output, force, allow_code).close()
         facts = run_directory.status(run)
@@ -314,9 +314,9 @@ def extend(
 ) -> None:
     """Give a run more members; the existing members do not change by a bit."""
     with reported():
-        from rigidmc.runs import resume as runs
-        from rigidmc.runs.cluster import checked
-        from rigidmc.studies.maps.stored import is_map, members_of_pixels
+        from rigidmc.runs.directory import resume as runs
+        from rigidmc.runs.directory.cluster import checked
+        from rigidmc.studies.stability_map.stored import is_map, members_of_pixels
 
         if cluster is not None:
             checked(cluster)
@@ -337,8 +337,8 @@ def merge(run: RunArgument, parts: Parts) -> None:
     """Gather the shards of a job array in one run directory, which may be a new one. All parts have
     the same scene, seed, members and shard size."""
     with reported():
-        from rigidmc.runs import gather
-        from rigidmc.storage import run_directory
+        from rigidmc.results import run_directory
+        from rigidmc.runs.directory import gather
 
         directory, copied = gather.merge(run, parts)
         facts = run_directory.status(directory.path)

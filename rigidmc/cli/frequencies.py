@@ -51,7 +51,7 @@ def frequencies(
     changes from one half of the time to the other, which tells regular motion from chaos. With
     -o RUN/ the members are a run directory, which survives a kill."""
     with reported(), about(name):
-        from rigidmc.studies import frequencies as study
+        from rigidmc.studies.frequencies import study
 
         count, code = study.TERMS if terms is None else terms, where.allow_code
         does = of_members(
@@ -65,6 +65,6 @@ def frequencies(
 
 
 def _draw(dataset: "xr.Dataset", x: str | None, y: str | None) -> "Figure":
-    from rigidmc.views.frequencies import frequency_map
+    from rigidmc.studies.frequencies.picture import frequency_map
 
     return frequency_map(dataset, x, y)

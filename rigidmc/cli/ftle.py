@@ -49,7 +49,7 @@ def ftle(
     a field whose ridges are stable manifolds, which part one kind of motion from another. With
     -o RUN/ the members are a run directory, which survives a kill."""
     with reported(), about(name):
-        from rigidmc.studies import ftle as study
+        from rigidmc.studies.ftle import study
 
         threads, code = where.threads, where.allow_code
         count = study.FAMILIES if families is None else families
@@ -64,6 +64,6 @@ def ftle(
 
 
 def _draw(dataset: "xr.Dataset", x: str | None, y: str | None) -> "Figure":
-    from rigidmc.views.ftle import ftle_field
+    from rigidmc.studies.ftle.picture import ftle_field
 
     return ftle_field(dataset, x, y)

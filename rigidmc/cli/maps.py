@@ -33,12 +33,12 @@ from rigidmc.cli.map_options import (
     Measures,
     Members,
     Name,
+    Request,
     Resolution,
     Third,
     Upwards,
     Zoom,
 )
-from rigidmc.cli.map_request import Request
 from rigidmc.cli.options import (
     AllowCode,
     Device,
@@ -94,9 +94,9 @@ def make_map(
             return
         if listed is not None:
             raise OptionError("", "NAME", listed, "goes with `rigidmc map list NAME`")
-        from rigidmc.studies.maps.catalogue import with_theory
-        from rigidmc.studies.maps.stability_map import mapped
-        from rigidmc.studies.maps.stored import create_map, open_map
+        from rigidmc.studies.stability_map.case import with_theory
+        from rigidmc.studies.stability_map.stored import create_map, open_map
+        from rigidmc.studies.stability_map.study import mapped
 
         third = z, layers, adaptive, border
         request = Request(name, x, y, of, resolution, members, settings, run, zoom, *third)
@@ -127,7 +127,7 @@ def _told(dataset: "xr.Dataset", output: str | None, plot: str | None, force: bo
     """Write a map and its picture, and print what it says."""
 
     def draw(dataset: "xr.Dataset") -> "Figure":
-        from rigidmc.views import maps
+        from rigidmc.studies.stability_map import picture as maps
 
         return maps.stability_map(dataset)
 
@@ -141,7 +141,7 @@ def _told(dataset: "xr.Dataset", output: str | None, plot: str | None, force: bo
 
 def _list(name: str | None) -> None:
     """List the maps of the package, or explain one of them."""
-    from rigidmc.studies.maps.catalogue import MAPS
+    from rigidmc.studies.stability_map.case import MAPS
 
     if name is not None and name not in MAPS:
         raise unknown("", "map", name, "map", MAPS, OptionError)
@@ -164,7 +164,7 @@ def _list(name: str | None) -> None:
 
 def _summarise(dataset: "xr.Dataset") -> None:
     """Print what the map cost, the range of each measure, and how well it is known."""
-    from rigidmc.views.sample import members_in_words
+    from rigidmc.results.labels import count_text
 
     there = dataset["computed"] if "computed" in dataset else 1 + 0 * dataset.good
     pixels, none = int(there.sum()), int(((dataset.good == 0) & (dataset.failed == 0)).sum())
@@ -175,7 +175,7 @@ def _summarise(dataset: "xr.Dataset") -> None:
     stack = f" x {dataset.sizes['z']}" if "z" in dataset.sizes else ""
     print(
         f"  {dataset.sizes['x']} x {dataset.sizes['y']}{stack} pixels of"
-        f" {members_in_words(count)} with {dataset.attrs['integrator']}{took}"
+        f" {count_text(count, 'member')} with {dataset.attrs['integrator']}{took}"
     )
     if "computed" in dataset:
         print(f"  {100 * pixels / there.size:.3g} % of the pixels were computed")

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
+    from rigidmc.results.run_directory import RunDirectory
     from rigidmc.scene.scene import Scene
-    from rigidmc.storage.run_directory import RunDirectory
-    from rigidmc.studies.tasks import Kind
+    from rigidmc.studies.framework.tasks import Kind
 
 
 class Study(NamedTuple):
@@ -96,7 +96,7 @@ def of_members(
 
     def priced(scene: "Scene", folder: str | None = None) -> None:
         from rigidmc.progress import say
-        from rigidmc.studies.price import price
+        from rigidmc.runs.price import price
 
         say(str(price(scene, of, where.threads, folder)))
 
@@ -105,7 +105,7 @@ def of_members(
         return now(scene)
 
     def maker(scene: "Scene", path: str) -> Any:
-        from rigidmc.runs.create import create
+        from rigidmc.runs.directory.create import create
 
         members = designed(scene)
 
@@ -134,7 +134,7 @@ def of_tasks(
     """
 
     def maker(scene: "Scene", path: str) -> Any:
-        from rigidmc.studies import tasks
+        from rigidmc.studies.framework import tasks
 
         def make(
             size: float | None, only: range | None, threads: int | None, limit: float | None

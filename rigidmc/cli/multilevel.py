@@ -50,7 +50,7 @@ def multilevel(
     Exit code 5 if the width is not reached: because of --most, or in a run that has not ended."""
     with reported(), about(name):
         from rigidmc.studies.multilevel import study
-        from rigidmc.studies.multilevel.dataset import table
+        from rigidmc.studies.multilevel.study import table
 
         limit = study.MOST if most is None else most
         does = of_tasks(
@@ -76,6 +76,6 @@ def _asked(until: str | None) -> str:
 
 
 def _draw(dataset: "xr.Dataset") -> "Figure":
-    from rigidmc.views.multilevel import multilevel_levels
+    from rigidmc.studies.multilevel.picture import multilevel_levels
 
     return multilevel_levels(dataset)

@@ -8,11 +8,11 @@ from typing import Annotated, Any
 import typer
 
 from rigidmc.cli.common import INVALID, IO, fail
-from rigidmc.engine.device import use
+from rigidmc.engine.cuda.devices import use
 from rigidmc.errors import NoDevice, RigidmcError
 from rigidmc.scene.amounts import counted_text, seconds
+from rigidmc.scene.library import shipped
 from rigidmc.scene.settings import Count, Digits, Index, Run, Time, types
-from rigidmc.scene.shipped import shipped
 
 
 def _checked(read: Callable[[str], Any]) -> Callable[[str], Any]:
@@ -83,13 +83,13 @@ def completing(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]
 
 
 def _integrators() -> Iterable[str]:
-    from rigidmc.integrators import INTEGRATORS
+    from rigidmc.physics.integrators import INTEGRATORS
 
     return INTEGRATORS
 
 
 def _observables() -> Iterable[str]:
-    from rigidmc.observables import KNOWN
+    from rigidmc.physics.observables import KNOWN
 
     return KNOWN
 

@@ -58,7 +58,7 @@ def rare(
     splitting if effects are random, by subset simulation if starts, bodies or effects are drawn.
     With -o RUN/ the repetitions are a run directory, which survives a kill."""
     with reported(), about(name):
-        from rigidmc.studies.rare import rare as study
+        from rigidmc.studies.rare import study
 
         sizes: dict[str, Any] = {
             "target": study.TARGET if target is None else target,
@@ -86,6 +86,6 @@ def _asked(of: str | None) -> str:
 
 
 def _draw(dataset: "xr.Dataset") -> "Figure":
-    from rigidmc.views.rare import rare_curve
+    from rigidmc.studies.rare.picture import rare_curve
 
     return rare_curve(dataset)

@@ -47,9 +47,9 @@ from rigidmc.errors import OptionError
 if TYPE_CHECKING:
     import xarray as xr
 
+    from rigidmc.results.intervals import Estimate
+    from rigidmc.results.run_directory import RunDirectory
     from rigidmc.scene.scene import Scene
-    from rigidmc.storage.run_directory import RunDirectory
-    from rigidmc.studies.intervals import Estimate
 
 Until = Annotated[
     str | None,
@@ -116,7 +116,7 @@ def _created(
     limit: float | None,
 ) -> "RunDirectory":  # fmt: skip
     """A new run directory, as `Make` of `rigidmc.cli.directories`."""
-    from rigidmc.runs.create import create
+    from rigidmc.runs.directory.create import create
 
     return create(scene, path, size, only, threads, limit=limit)
 

@@ -1,4 +1,7 @@
-"""rigidmc show, check, scenes: look at a scene without running it."""
+"""rigidmc show, check, scenes: look at a scene without running it.
+
+rigidmc warm.
+"""
 
 from typing import Annotated, Any
 
@@ -6,7 +9,7 @@ import typer
 
 from rigidmc.cli.common import about, app, load_scene, reported
 from rigidmc.cli.options import AllowCode, Device, SceneArgument, Set, Threads, takes_settings
-from rigidmc.cli.panels import START
+from rigidmc.cli.panels import REFERENCE, START
 from rigidmc.scene import library
 
 
@@ -23,10 +26,10 @@ def show(
     """Say what a scene is, which effects are compiled, and what a run would take; run nothing."""
     with reported(), about(scene):
         from rigidmc.engine.machine import threads_available
-        from rigidmc.views.scene import describe
+        from rigidmc.views.descriptions import describe_scene
 
         loaded = load_scene(scene, settings, allow_code, run)
-        print(describe(loaded, threads or threads_available()))
+        print(describe_scene(loaded, threads or threads_available()))
 
 
 @app.command(rich_help_panel=START)
@@ -60,8 +63,8 @@ def scenes(
     name: Annotated[str | None, typer.Argument(help="A shipped scene to print.")] = None,
 ) -> None:
     with reported():
+        from rigidmc.scene.library import read_source, shipped
         from rigidmc.scene.scene import Scene
-        from rigidmc.scene.shipped import read_source, shipped
 
         if name is not None:
             print(read_source(name), end="")
@@ -70,3 +73,50 @@ def scenes(
         width = max(map(len, names))
         for word in names:
             print(f"{word:{width}s} {Scene.load(word).summary}")
+
+
+Scenes = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="[SCENE]...",
+        help="TOML files, names of shipped scenes or result files; by default all shipped scenes.",
+    ),
+]
+AllIntegrators = Annotated[
+    bool,
+    typer.Option(
+        "--all-integrators", help="For every integrator that takes the scene, not only its own."
+    ),
+]
+
+
+@app.command(rich_help_panel=REFERENCE)
+def warm(
+    scenes: Scenes = [],  # noqa: B006
+    all_integrators: AllIntegrators = False,
+    settings: Set = [],  # noqa: B006
+    allow_code: AllowCode = False,
+) -> None:
+    """Compile ahead what runs of scenes need, so that no run waits: after an installation, or
+    before jobs that share a cache.
+
+    Prints the compile time of each scene; compiled code is not compiled again."""
+    with reported():
+        from rigidmc.runs import warm as precompile
+        from rigidmc.scene.library import shipped
+
+        loaded = [(name, load_scene(name, settings, allow_code)) for name in scenes or shipped()]
+        width = max(len(name) for name, _ in loaded)
+        for name, scene in loaded:
+            with about(name):
+                programs = precompile.warm(scene, all_integrators)
+            new = [one.integrator for one in programs if one.compiled and not one.skipped]
+            seconds = sum(one.seconds for one in programs if not one.skipped)
+            print(
+                f"{name:{width}s} "
+                + (f"{seconds:6.1f} s for {', '.join(new)}" if new else "nothing to compile"),
+                flush=True,
+            )
+            for one in programs:
+                if one.skipped:
+                    print(f"{'':{width}s} skipped {one.integrator}: {one.skipped}")

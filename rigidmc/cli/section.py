@@ -60,7 +60,7 @@ def section(
     quantity passes a value, or once in a period. With -o RUN/ the members are a run directory,
     which survives a kill: `rigidmc section RUN/ --at WHERE` tells of it."""
     with reported(), about(name):
-        from rigidmc.studies.sections import section as study
+        from rigidmc.studies.section import study
 
         threads, code = where.threads, where.allow_code
         does = of_members(
@@ -74,6 +74,6 @@ def section(
 
 
 def _draw(dataset: "xr.Dataset", x: str | None, y: str | None) -> "Figure":
-    from rigidmc.views.section import section_points
+    from rigidmc.studies.section.picture import section_points
 
     return section_points(dataset, x, y)

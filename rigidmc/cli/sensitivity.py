@@ -48,7 +48,7 @@ def sensitivity(
     alone, and in which it takes part (Sobol indices), with intervals. With -o RUN/ the members are
     a run directory, which survives a kill: `rigidmc sensitivity RUN/ --of MEASURE` tells of it."""
     with reported(), about(name):
-        from rigidmc.studies import sensitivity as study
+        from rigidmc.studies.sensitivity import study
 
         threads, code = where.threads, where.allow_code
         count = study.FAMILIES if families is None else families
@@ -65,6 +65,6 @@ def sensitivity(
 
 
 def _draw(dataset: "xr.Dataset") -> "Figure":
-    from rigidmc.views.sensitivity import sensitivity_bars
+    from rigidmc.studies.sensitivity.picture import sensitivity_bars
 
     return sensitivity_bars(dataset)

@@ -88,7 +88,7 @@ def stress(
     with reported():
         refuse_outputs(force, plot=plot, study=output, bounds=write_bounds)
         if scene is not None:
-            from rigidmc.studies import trust
+            from rigidmc.studies.stress import trust
 
             run = {} if integrator is None else {"integrator": integrator}
             with about(scene):
@@ -97,7 +97,7 @@ def stress(
                 )
             failed = trust.failed(dataset)
         else:
-            from rigidmc.studies.stress import run as cases
+            from rigidmc.studies.stress import study as cases
 
             dataset = cases.stress(
                 list(words_of(group)) if group else None,
@@ -110,9 +110,9 @@ def stress(
             failed = cases.failed(dataset)
 
         def draw(dataset: "xr.Dataset") -> "Figure":
-            from rigidmc.views import studies
+            from rigidmc.studies.stress import picture
 
-            return (studies.trust if scene is not None else studies.hard_cases)(dataset)
+            return (picture.trust if scene is not None else picture.hard_cases)(dataset)
 
         lines = list[str]()
         try:
@@ -145,7 +145,7 @@ def show(study: "xr.Dataset", console: "Console | None" = None) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    from rigidmc.studies.stress.run import AMBER, VERDICTS
+    from rigidmc.studies.stress.study import AMBER, VERDICTS
 
     console = console or Console(width=max(150, Console().width), highlight=False)
     verdict, names = study.verdict.values, study.integrator.values
@@ -184,8 +184,8 @@ def _sheet(study: "xr.Dataset", ratio: np.ndarray) -> "Table":
     from rich.table import Table
     from rich.text import Text
 
-    from rigidmc.studies.stress.catalogue import GROUPS
-    from rigidmc.studies.stress.run import VERDICTS
+    from rigidmc.studies.stress.case import GROUPS
+    from rigidmc.studies.stress.study import VERDICTS
 
     sheet = Table(
         "case",
@@ -215,7 +215,7 @@ def _print_run(console: "Console", study: "xr.Dataset", i: int, j: int, ratio: f
     """Print one run: its error, its bound, why the case is hard, and the truth it is held to."""
     from rich.text import Text
 
-    from rigidmc.studies.stress.run import VERDICTS
+    from rigidmc.studies.stress.study import VERDICTS
 
     error, bound, measured = (
         float(study[name].values[i, j]) for name in ("error", "bound", "measured")

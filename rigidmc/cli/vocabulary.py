@@ -1,13 +1,18 @@
-"""rigidmc effects, observables, integrators: list all of a kind, or explain one."""
+"""rigidmc effects, observables, integrators: list all of a kind, or explain one.
 
+Docstrings on the command line: numpydoc with one line for each parameter and no examples.
+"""
+
+import re
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from inspect import cleandoc
 from math import inf
 from typing import Annotated, Any
 
 import typer
 
 from rigidmc.cli.common import app, load_scene, reported
-from rigidmc.cli.docstrings import explained
 from rigidmc.cli.options import AllowCode
 from rigidmc.cli.panels import REFERENCE
 from rigidmc.errors import OptionError, unknown
@@ -71,7 +76,7 @@ def effects(
     """List the effects: law, parameters, what each needs and conserves; with --measure what each
     costs here. NAME: its equation, parameters and source."""
     with reported():
-        from rigidmc.effects import EFFECTS, description
+        from rigidmc.physics.effects import EFFECTS, description
 
         if name is not None:
             _explain(name, EFFECTS, "effect", getattr(EFFECTS.get(name), "__doc__", ""), _of_effect)
@@ -91,7 +96,7 @@ def effects(
 
 def _effect_costs() -> dict[str, Any]:
     """{effect: its measured cost}; print the cost of steps without it."""
-    from rigidmc.planning.tolerance.effect_costs import effect_prices
+    from rigidmc.planning.tolerance.costs import effect_prices
 
     costs = effect_prices()
     words = ("free", "with attitude", "with gravity", "strang")
@@ -111,9 +116,9 @@ def _in_toml(value: Any) -> str:
 
 def _of_effect(name: str) -> Facts:
     """(label, fact) of an effect."""
-    from rigidmc.effects import EFFECTS, description
-    from rigidmc.effects.parameters import given
-    from rigidmc.scene.limits import limits
+    from rigidmc.physics.effects import EFFECTS, description
+    from rigidmc.physics.effects.protocol import given
+    from rigidmc.scene.validation import limits
 
     kind = EFFECTS[name]
     defaults = kind._field_defaults
@@ -145,14 +150,14 @@ def observables(
     """List what can be saved and watched: its parameters and results; with --measure what each
     watched one adds to a step here. NAME: all about it."""
     with reported():
-        from rigidmc.observables import (
+        from rigidmc.physics.observables import (
             KNOWN,
             OBSERVABLES,
             WATCHED,
             WATCHED_STATISTICS,
             WITH_TABLE,
         )
-        from rigidmc.observables.running import STATISTICS
+        from rigidmc.physics.observables.statistics import STATISTICS
 
         if name is not None:
             running = {word: kind for word, (_, kind) in WATCHED_STATISTICS.items()}
@@ -192,7 +197,7 @@ def observables(
 
 def _watching_costs() -> dict[str, dict[str, float]]:
     """{scene: {observable: what it adds to a step [ns]}}; print the cost of bare steps."""
-    from rigidmc.planning.tolerance.effect_costs import watched_prices
+    from rigidmc.planning.tolerance.costs import watched_prices
 
     costs = watched_prices()
     bare = ", ".join(f"{where} {each['']:.2f} ns" for where, each in costs.items())
@@ -202,8 +207,14 @@ def _watching_costs() -> dict[str, dict[str, float]]:
 
 def _of_observable(name: str) -> Facts:
     """(label, fact) of an observable."""
-    from rigidmc.observables import OBSERVABLES, WATCHED, WATCHED_STATISTICS, WITH_TABLE, outputs
-    from rigidmc.observables.running import STATISTICS
+    from rigidmc.physics.observables import (
+        OBSERVABLES,
+        WATCHED,
+        WATCHED_STATISTICS,
+        WITH_TABLE,
+        outputs,
+    )
+    from rigidmc.physics.observables.statistics import STATISTICS
 
     if name in WITH_TABLE:
         kind = WITH_TABLE[name]
@@ -251,7 +262,7 @@ def integrators(
     """List the integrators: order, torques a step, what they conserve, which torques they take;
     with --measure what a step costs here. NAME: its source."""
     with reported():
-        from rigidmc.integrators import INTEGRATORS, description
+        from rigidmc.physics.integrators import INTEGRATORS, description
 
         kinds = dict(INTEGRATORS)
         if scene is not None:
@@ -290,3 +301,31 @@ def _of_integrator(name: str, kinds: Mapping[str, Any]) -> Facts:
     yield "facts", _order(kind)
     yield "takes", kind.accepts
     yield "conserves", f"{', '.join(kind.conserves) or 'nothing'} of a free body"
+
+
+_TITLE = re.compile(r"^(\w[\w ]*)\n-+\n", re.MULTILINE)
+_PARAMETER = re.compile(r"^(?P<names>\w[\w, ]*) : (?P<kind>.*)\n(?P<meaning>(?:[ ]+.*\n?)+)", re.M)
+_UNIT = re.compile(r"\[[^\]]+\]$")
+
+
+def explained(docstring: str) -> str:
+    """Summary, equation, text and source of a docstring, and lines `name : meaning [unit]`.
+
+    Other sections tell what Python alone does: examples, errors raised, what is returned.
+    """
+    text, *sections = _TITLE.split(cleandoc(docstring))
+    parts = [re.sub("::$", ":", text.strip(), flags=re.MULTILINE)]
+    for title, section in zip(sections[::2], sections[1::2], strict=True):
+        if title == "Parameters":
+            parts.append("\n".join(_parameters(section)))
+        elif title == "Notes":
+            parts.append(section.strip())
+    return "\n\n".join(parts)
+
+
+def _parameters(section: str) -> Iterator[str]:
+    for found in _PARAMETER.finditer(section):
+        unit = _UNIT.search(found["kind"])
+        words = [found["meaning"], *([unit[0]] if unit else [])]
+        line = f"{found['names']} : {' '.join(' '.join(words).split())}"
+        yield textwrap.fill(line, width=100, subsequent_indent="    ", break_on_hyphens=False)

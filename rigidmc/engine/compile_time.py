@@ -11,7 +11,7 @@ import time
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-from rigidmc.engine.cache_folder import home
+from rigidmc.engine.compiler.disk_cache import home
 from rigidmc.files.opening import plain
 from rigidmc.progress import say
 
@@ -19,8 +19,8 @@ log = logging.getLogger("rigidmc")
 compiled: list[str] = []  # labels of what this process has compiled
 
 # CPU seconds in a process that compiles nothing else, on 2 cores of Intel Xeon (family 6, model
-# 167): within 15 % of what programs of rk4, rk8 and strang took before `rigidmc.engine.lean`, times
-# the 0.78 that it saves.
+# 167): within 15 % of what programs of rk4, rk8 and strang took before
+# `rigidmc.engine.compiler.pipeline`, times the 0.78 that it saves.
 PIECES = {
     "enter": 0.08, "leave": 0.08, "begin": 0.3, "look": 0.4, "record": 0.12, "advance": 0.85,
     "begin_watch": 0.27, "watch": 0.55, "seek": 0.27, "begin_near": 0.2, "meet": 0.3,

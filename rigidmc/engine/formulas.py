@@ -3,26 +3,40 @@
 A formula is a NamedTuple whose fields are its arguments and whose method `values(self)` returns a
 tuple of numbers. It is written once, runs as it stands in Python, and is compiled by its type as an
 effect is.
+
+Torque and energy of the effects for many members at once, outside a run.
+
+Arrays go through the formulas as they stand if the formulas take arrays, else the formulas are
+compiled.
+
+A member some time after a state that is known, and what is observed there: a formula.
 """
 
-from typing import Any
+import sys
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba.core import types
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.dynamics.methods import method
 from rigidmc.engine.compile_time import announced
-from rigidmc.engine.compose import compile_method, inline
-from rigidmc.engine.intrinsics import coded
-from rigidmc.engine.kinds import filled, parts_of
+from rigidmc.engine.compiler.compose import NumbaError, compile_method, inline, inline_all
+from rigidmc.engine.compiler.intrinsics import coded
+from rigidmc.engine.compiler.kernels import WIDTH, is_ready, piece, run
+from rigidmc.engine.compiler.memory import put
+from rigidmc.engine.compiler.trees import filled, parts_of
+from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.machine import threads_available
-from rigidmc.engine.memory import put
-from rigidmc.engine.pieces import is_ready, piece, run
+from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.dynamics.methods import method
+from rigidmc.physics.effects.protocol import blank, numbers
+from rigidmc.physics.effects.sums import total_energy, total_torque
+from rigidmc.physics.integrators.protocol import step
+from rigidmc.physics.observables.protocol import value
 from rigidmc.threads import Task, threads_of
 
-# Elements per call on a thread, at most (a few ms) and at least (0.1 ms); elements side by side.
-PIECE, LEAST, WIDTH = 16384, 512, 8
+# Elements per call on a thread, at most (a few ms) and at least (0.1 ms).
+PIECE, LEAST = 16384, 512
 
 
 @method
@@ -119,3 +133,92 @@ def evaluate(
         for low in starts:
             part(low)
     return out
+
+
+Vector = Any  # a tuple of numbers or of arrays that broadcast
+
+
+class Felt(NamedTuple):
+    """The torque of effects on a body [N m], and its potential energy [J]."""
+
+    q: tuple[float, ...]
+    l: tuple[float, ...]
+    body: MassProperties
+    effects: Any
+
+    def values(self) -> tuple[Any, ...]:
+        x, y, z = total_torque(self.effects, self.body, 0.0, self.q, self.l)
+        return x, y, z, total_energy(self.effects, self.body, self.q)
+
+
+_BODY = MassProperties(*[0.0] * 9)
+
+
+def energies(effects: Any, body: Any, q: Vector) -> Any:
+    """Potential energy of all effects [J] at attitudes (4, ...).
+
+    The numbers of effects and body are arrays that broadcast with the attitudes.
+    """
+    try:
+        return total_energy(effects, body, q)
+    except (TypeError, ValueError):  # a branch, or a function of math, which takes no array
+        return evaluated(effects, body, q, (0.0, 0.0, 0.0))[3]
+
+
+def torques(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float64]:
+    """Torques of all effects at t = 0 [N m], (3, ...), arguments as of `energies`."""
+    try:
+        return np.array(np.broadcast_arrays(*total_torque(effects, body, 0.0, q, l)))
+    except (TypeError, ValueError):
+        return evaluated(effects, body, q, l)[:3]
+
+
+def evaluated(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float64]:
+    """Torque and energy (4, ...) by compiled code."""
+    parameters = (value for e in effects for _, _, value in numbers(e))
+    columns = np.broadcast_arrays(*q, *l, *body, *parameters)
+    rows = [column.ravel() for column in columns]
+    formula = Felt((0.0,) * 4, (0.0,) * 3, _BODY, blank(effects))
+    try:
+        values = evaluate(formula, 4, rows, threads=1)
+    except NumbaError:  # a user's code that takes one member at a time
+        refuse_memory(effects)
+        values = evaluate(formula, 4, rows, threads=1, side=1)
+    return np.reshape(values, (4, *columns[0].shape))
+
+
+class Moved(NamedTuple):
+    """One step of an integrator, see `rigidmc.engine.formulas`.
+
+    effects, observables, integrator : as they are compiled;  t, h : when the state (q, l) is known,
+        and the time since then [s]
+    """
+
+    body: MassProperties
+    effects: Any
+    observables: Any
+    integrator: Any
+    t: float
+    h: float
+    q: tuple[float, ...]
+    l: tuple[float, ...]
+
+    def values(self):
+        """q and L after h, then the numbers of the observables."""
+        part = self.h, self.h, 0.0
+        q, l = step(
+            self.integrator, self.body, self.effects, self.t, self.h, part, self.q, self.l, ()
+        )
+        return q + l + seen(self.observables, self.body, self.effects, self.t + self.h, q, l)
+
+
+def seen(observables, body, effects, t, q, l):
+    """The numbers of observables of the state and the time, one after the other."""
+    if len(observables) == 0:
+        return ()
+    zero = 0.0 * t
+    first = value(observables[0], body, effects, t, q, l, (zero, zero, zero, zero), ())
+    return first + seen(observables[1:], body, effects, t, q, l)
+
+
+inline_all(sys.modules[__name__])

@@ -7,16 +7,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from rigidmc.dynamics.methods import implements
-from rigidmc.effects import labelled
-from rigidmc.effects.protocol import takes_noise
-from rigidmc.engine import events as event
-from rigidmc.engine import last_interval, member, neighbour
-from rigidmc.engine import running as watching
-from rigidmc.engine.beside import beside, helped
+from rigidmc.engine.compile_helper import beside, helped
 from rigidmc.engine.compile_time import announced, divided
-from rigidmc.engine.cpu import TRACE, advance
-from rigidmc.engine.frame import (
+from rigidmc.engine.compiler.kernels import Asked, config, is_ready, piece, run
+from rigidmc.engine.compiler.memory import aligned
+from rigidmc.engine.compiler.pipeline import LINE
+from rigidmc.engine.compiler.trees import row_count
+from rigidmc.engine.inspection import slow_parts
+from rigidmc.engine.kernel import events as event
+from rigidmc.engine.kernel import last_interval, member
+from rigidmc.engine.kernel import monitoring as watching
+from rigidmc.engine.kernel import shadow as neighbour
+from rigidmc.engine.kernel.arguments import (  # fmt: skip
     NOTHING,
     Noise,
     Piece,
@@ -26,17 +28,16 @@ from rigidmc.engine.frame import (
     Saves,
     Shape,
     frame_type,
-)  # fmt: skip
-from rigidmc.engine.kinds import row_count
-from rigidmc.engine.layout import BODY, BODY_AT, KNOWN, LANES, START, places
+)
+from rigidmc.engine.kernel.block import TRACE, advance
+from rigidmc.engine.kernel.layout import BODY, BODY_AT, KNOWN, LANES, START, places
+from rigidmc.engine.kernel.march import march
 from rigidmc.engine.machine import vector_bits
-from rigidmc.engine.march import march
-from rigidmc.engine.memory import aligned
-from rigidmc.engine.own_parts import slow_parts
-from rigidmc.engine.pieces import Asked, config, is_ready, piece, run
-from rigidmc.engine.pipeline import LINE
-from rigidmc.integrators.protocol import changes_form, group_count, keeping, keeps_its_own
-from rigidmc.observables.protocol import size
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects.protocol import takes_noise
+from rigidmc.physics.integrators.protocol import changes_form, group_count, keeping, keeps_its_own
+from rigidmc.physics.observables.protocol import size
 
 MARCH = "piswsikkuiii"  # the arguments of `march`, see `piece`
 NO_NOISE = Noise(np.uint64(0), np.uint64(0), np.zeros(1, np.uint64), np.zeros(0, np.int64))
@@ -47,14 +48,14 @@ CALL = 3_000_000  # member-steps per call: 10 to 60 ms at 50 to 300 M/s on two t
 class Program:
     """What moves the members of a scene, compiled.
 
-    form : a Form, see `rigidmc.integrators.form`;  effects : blank ones
+    form : a Form, see `rigidmc.physics.integrators.protocol`;  effects : blank ones
     attitude : whether it is followed;  compensated : whether sums keep their remainders
     dtype : of the numbers in which steps are made
     limits : () if only non-finite members are flagged; else the largest drift of energy (of the
         energies in play), of |L|^2 (of its size) and of L_z (of the largest |L| that the energies
         allow), |omega| h [rad], and ||q|^2 - 1|; inf if a scene has no such law
     ledger : () if no works are kept; else for each effect () if its energy tells its work, (0.0,)
-        if not, see `rigidmc.effects.protocol`
+        if not, see `rigidmc.physics.effects.protocol`
     events, running, shadow : what is watched: compiled events; (running observable, as many 0.0 as
         it has marks) each; (0.0,) for a neighbour, else ()
     lanes : how many members are worked on side by side, by default what suits this processor; one
@@ -220,7 +221,7 @@ class Program:
         self, block: NDArray[np.float64], steps: Run, noise: Noise | None = None,
         saves: Saves | None = None,
     ) -> None:  # fmt: skip
-        """Take a block through the steps of a Run; see `rigidmc.engine.cpu.advance`."""
+        """Take a block through the steps of a Run; see `rigidmc.engine.kernel.block.advance`."""
         lanes, (rows, members) = self.lanes, block.shape
         noise = noise or NO_NOISE._replace(members=np.arange(members))
         saves = saves or NO_SAVES

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rigidmc.engine.frame import Run, Saves
+from rigidmc.engine.kernel.arguments import Run, Saves
 from rigidmc.threads import Late, Task, drop, is_late, threads_of
 
 EVERY = np.empty(0, np.int64)  # the order of members that are in their order

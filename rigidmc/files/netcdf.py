@@ -16,7 +16,7 @@ from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 from rigidmc.errors import FileError
 from rigidmc.files.forks import unlock
-from rigidmc.files.kinds import is_zarr
+from rigidmc.files.opening import is_zarr
 from rigidmc.files.outputs import Path
 from rigidmc.files.trial import refuse_unreadable
 from rigidmc.files.zarr_store import refuse_hostile

@@ -2,14 +2,17 @@
 that several people write to.
 
 No link is followed, nothing but a regular file is read or written, and no pipe blocks.
+
+The kinds of files that are written, and the endings of their names.
 """
 
 import errno
+import importlib.util
 import os
 import shutil
 import stat
 
-from rigidmc.errors import FileError
+from rigidmc.errors import FileError, OptionError
 
 _WAITLESS = sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
 _FLAGS = _WAITLESS | getattr(os, "O_NOFOLLOW", 0)
@@ -131,3 +134,35 @@ def held_in(path: str | os.PathLike[str]) -> int:
     """As `held`, of a regular file by its path."""
     with open(path, "rb", opener=regular) as file:
         return held(file.fileno())
+
+
+KINDS = {  # of what is written, with their endings
+    "results": (".nc", ".zarr", ".csv", ".parquet"),
+    "netCDF files": (".nc",),
+    "pictures": (".png", ".pdf", ".svg"),
+    "animations": (".gif", ".mp4", ".webm"),
+    "pages": (".html",),
+    "tables of bounds": (".csv",),
+    "scenes": (".toml",),
+}
+# {ending: (module that writes it, extra of rigidmc that installs it)}
+_NEEDED = {".zarr": ("zarr", "zarr"), ".parquet": ("pyarrow", "table")}
+
+
+def check_suffix(path: str | os.PathLike[str], kind: str) -> None:
+    """Raise OptionError if a file name lacks an ending of its kind, which would belie the content,
+    or has one that needs a package which is not installed."""
+    suffix, endings = os.path.splitext(path)[1], KINDS[kind]
+    if suffix.lower() not in endings:
+        more = "; `rigidmc run SCENE -o RUN/` makes a run directory" if kind == "results" else ""
+        rule = f"a name for {kind} ends in {', '.join(endings)}, not in '{suffix}'{more}"
+        raise OptionError("", "output", os.fspath(path), rule)
+    module, extra = _NEEDED.get(suffix.lower(), ("", ""))
+    if module and importlib.util.find_spec(module) is None:
+        rule = f"needs the package {module}: pip install 'rigidmc[{extra}]'"
+        raise OptionError("", "output", os.fspath(path), rule)
+
+
+def is_zarr(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a folder that holds a zarr store."""
+    return any(os.path.isfile(os.path.join(path, name)) for name in (".zgroup", "zarr.json"))

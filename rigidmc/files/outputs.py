@@ -19,8 +19,7 @@ from collections.abc import Callable, Iterator
 
 from rigidmc.errors import FileError, NoRoom, OutputExists
 from rigidmc.files.forks import descriptors, let_go
-from rigidmc.files.kinds import check_suffix, is_zarr
-from rigidmc.files.opening import plain, refuse_unnamed
+from rigidmc.files.opening import check_suffix, is_zarr, plain, refuse_unnamed
 
 Path = str | os.PathLike[str]
 

@@ -19,14 +19,7 @@ import math
 import sys
 from typing import Any, NamedTuple
 
-from rigidmc.dynamics.arc import squares
-from rigidmc.dynamics.elementary import arctan2, sincos
-from rigidmc.dynamics.euler import mass_properties
-from rigidmc.dynamics.free_flow import Axes, middle_axis, relabel, to_axis
-from rigidmc.dynamics.quaternions import conjugate, multiply, normalised
-from rigidmc.dynamics.scalars import select
-from rigidmc.dynamics.vectors import dot, scale
-from rigidmc.engine.compose import inline_all
+from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.mechanics.jacobi import (
     Third,
     angle_past,
@@ -39,6 +32,12 @@ from rigidmc.mechanics.jacobi import (
     reduced,
     third,
 )
+from rigidmc.physics.dynamics.arc import squares
+from rigidmc.physics.dynamics.euler import mass_properties
+from rigidmc.physics.dynamics.free_flow import Axes, middle_axis, relabel, to_axis
+from rigidmc.physics.dynamics.functions import arctan2, sincos
+from rigidmc.physics.dynamics.quaternions import conjugate, multiply, normalised
+from rigidmc.physics.dynamics.vectors import dot, scale, select
 
 
 class Orbit(NamedTuple):

@@ -10,10 +10,10 @@ import math
 import sys
 from typing import NamedTuple
 
-from rigidmc.dynamics.arc import arc
-from rigidmc.dynamics.elementary import arctan2
-from rigidmc.dynamics.scalars import rounded, select
-from rigidmc.engine.compose import inline_all
+from rigidmc.engine.compiler.compose import inline_all
+from rigidmc.physics.dynamics.arc import arc
+from rigidmc.physics.dynamics.functions import arctan2
+from rigidmc.physics.dynamics.vectors import rounded, select
 
 # a smaller mc counts as this, and mc = 0 is the separatrix: K(1 - 1e-120) = 139.5, and sech K =
 # 2e-60

@@ -9,11 +9,11 @@ import math
 import sys
 from typing import NamedTuple
 
-from rigidmc.dynamics.elementary import arctan2, sincos
-from rigidmc.dynamics.quaternions import up
-from rigidmc.dynamics.scalars import opposite, select
-from rigidmc.engine.compose import inline_all
+from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.mechanics.jacobi import divided
+from rigidmc.physics.dynamics.functions import arctan2, sincos
+from rigidmc.physics.dynamics.quaternions import up
+from rigidmc.physics.dynamics.vectors import opposite, select
 
 # stands for v2 = 0 or y1 = 0, an exact passage through the vertical, where a phase jumps by pi/2
 TINY = 1e-280

@@ -16,9 +16,7 @@ import math
 import sys
 from typing import Any, NamedTuple
 
-from rigidmc.dynamics.elementary import arctan2, sincos
-from rigidmc.dynamics.scalars import opposite, select
-from rigidmc.engine.compose import inline_all
+from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.mechanics.jacobi import (
     Third,
     angle_past,
@@ -32,6 +30,8 @@ from rigidmc.mechanics.jacobi import (
     third,
 )
 from rigidmc.mechanics.lagrange_limits import limits, plumb, start_of
+from rigidmc.physics.dynamics.functions import arctan2, sincos
+from rigidmc.physics.dynamics.vectors import opposite, select
 
 
 class Orbit(NamedTuple):

@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
-from rigidmc.dynamics.quaternions import conjugate, multiply
 from rigidmc.engine.formulas import evaluate
 from rigidmc.errors import flag
-from rigidmc.mechanics.broadcasting import Shape, aligned, spread
-from rigidmc.mechanics.free_top import Motion
+from rigidmc.mechanics.free_top import Motion, Shape, aligned, spread
 from rigidmc.mechanics.lagrange_orbit import Orbit, Reached, Started
 from rigidmc.mechanics.rotation import Attitude, quaternion
+from rigidmc.physics.dynamics.quaternions import conjugate, multiply
 
 _Floats = NDArray[np.float64]
 _Numbers = float | _Floats

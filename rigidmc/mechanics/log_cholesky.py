@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dynamics.functions import exponential_of, logarithm_of
+from rigidmc.physics.dynamics.functions import exponential_of, logarithm_of
 
 PARAMETERS = 10
 _SECOND = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))  # xx, yy, zz, yz, zx, xy

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import FileError, SceneError
-from rigidmc.files.meshes import loaded
+from rigidmc.files.reading import loaded
 from rigidmc.files.trial import refuse_unreadable
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio, odd

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
-from rigidmc.dynamics.elementary import sincos
-from rigidmc.dynamics.quaternions import multiply
 from rigidmc.errors import SceneError, flag
+from rigidmc.physics.dynamics.functions import sincos
+from rigidmc.physics.dynamics.quaternions import multiply
 
 CONVENTIONS = ("zxz", "zyz")
 _EYE = np.eye(3)

@@ -4,7 +4,7 @@ the memory that their saves take on the way to a file."""
 import math
 from typing import TYPE_CHECKING
 
-from rigidmc.engine.layout import LANES, whole_lanes
+from rigidmc.engine.kernel.layout import LANES, whole_lanes
 
 if TYPE_CHECKING:
     from rigidmc.planning.plan import Plan

@@ -5,18 +5,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.dynamics.euler import kinetic_energy
-from rigidmc.dynamics.so3 import dot, inverse
-from rigidmc.effects import labelled, name_of
-from rigidmc.effects.sums import total_energy, total_energy_scale
-from rigidmc.engine import layout
+from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.free_top import Motion, free_motion, free_top
 from rigidmc.mechanics.lagrange_top import lagrange_motion, lagrange_top
-from rigidmc.observables.protocol import value
-from rigidmc.planning.rates import Array, physics
-from rigidmc.planning.stage import Start, stage
-from rigidmc.planning.time_grid import Clock
+from rigidmc.physics.dynamics.euler import kinetic_energy
+from rigidmc.physics.dynamics.so3 import dot, inverse
+from rigidmc.physics.effects import labelled, name_of
+from rigidmc.physics.effects.sums import total_energy, total_energy_scale
+from rigidmc.physics.observables.protocol import value
+from rigidmc.planning.initial import Start, stage
+from rigidmc.planning.steps import Array, Clock, physics
 from rigidmc.scene.scene import Scene
 
 COVERED = (
@@ -108,8 +107,8 @@ def closed_form(scene: Scene, members: int | None = None, first: int | None = No
 
 
 def case_of(scene: Scene, block: Array, start: Start) -> Case:
-    """The Case of staged members, see `rigidmc.planning.stage.stage`; SceneError if no closed form
-    covers one of the healthy members."""
+    """The Case of staged members, see `rigidmc.planning.initial.stage`; SceneError if no closed
+    form covers one of the healthy members."""
     moments = start["moments"].T
     momentum, attitude = block[layout.MOMENTUM : layout.REST].T, block[: layout.MOMENTUM].T
     if uncovered := sorted({name_of(e) for e in scene.effects} - {"gravity", "viscous_damping"}):

@@ -6,21 +6,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dynamics.trials import RULE
-from rigidmc.effects import EFFECTS
-from rigidmc.effects.parameters import blank
-from rigidmc.engine import layout
-from rigidmc.engine.compose import NumbaError, reason
-from rigidmc.engine.device import number_of
-from rigidmc.engine.frame import Noise
-from rigidmc.engine.operations import refuse_memory
+from rigidmc.engine.compiler.compose import NumbaError, reason
+from rigidmc.engine.cuda.devices import number_of
+from rigidmc.engine.inspection import refuse_memory
+from rigidmc.engine.kernel import layout
+from rigidmc.engine.kernel.arguments import Noise
 from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.errors import SceneError
-from rigidmc.observables import is_own
+from rigidmc.physics.dynamics.trials import RULE
+from rigidmc.physics.effects import EFFECTS
+from rigidmc.physics.effects.protocol import blank
+from rigidmc.physics.observables import is_own
 from rigidmc.planning.closed_form import closed_values
+from rigidmc.planning.initial import Start, ledger, noise
 from rigidmc.planning.plan import Plan
-from rigidmc.planning.rates import Array, by_steps
-from rigidmc.planning.stage import Start, ledger, noise
+from rigidmc.planning.steps import Array, by_steps
 from rigidmc.scene.once import once
 from rigidmc.scene.scene import Scene
 
@@ -73,7 +73,7 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
         events, running, shadow = plan.watch.compiled
         kind: Any = Program
         if plan.device != "cpu":
-            from rigidmc.engine.cuda import CudaProgram
+            from rigidmc.engine.cuda.program import CudaProgram
 
             kind = partial(CudaProgram, number=number_of(plan.device))
         found: Program = kind(

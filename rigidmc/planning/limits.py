@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigidmc.integrators import Form
-from rigidmc.integrators.drifts import PANEL_TURN, Exact, Split
+from rigidmc.physics.integrators import Form
+from rigidmc.physics.integrators.splitting import PANEL_TURN, Exact, Split
 from rigidmc.scene.conservation import conservation
 from rigidmc.scene.scene import Scene
 

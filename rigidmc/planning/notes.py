@@ -1,5 +1,8 @@
 """Notes on a scene that runs, but perhaps not as meant: settings without effect, slow effects, and
-likely mistakes of units and signs. Each of LOOKS yields notes."""
+likely mistakes of units and signs. Each of LOOKS yields notes.
+
+Notes on settings and effects of a scene that change nothing.
+"""
 
 import math
 from collections.abc import Callable, Iterator
@@ -9,33 +12,28 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dynamics.methods import implements
-from rigidmc.effects import labelled
-from rigidmc.effects.bath import Bath
-from rigidmc.effects.gravity import Gravity
-from rigidmc.effects.gravity_gradient import GravityGradient
-from rigidmc.effects.parameters import blank, filled, shape
-from rigidmc.effects.protocol import facts
-from rigidmc.engine.compose import NumbaError
+from rigidmc.engine.compiler.compose import NumbaError
+from rigidmc.engine.inspection import slow_parts, why_refused
 from rigidmc.engine.machine import is_uncompiled
-from rigidmc.engine.operations import why_refused
-from rigidmc.engine.own_parts import slow_parts
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import TOO_FAR, broken, too_far
-from rigidmc.planning.idle_notes import (
-    idle_effects,
-    idle_limits,
-    idle_settings,
-    idle_sums,
-    is_shipped,
-)
+from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.effects import EFFECTS, labelled
+from rigidmc.physics.effects.bath import Bath
+from rigidmc.physics.effects.gravity import Gravity
+from rigidmc.physics.effects.gravity_gradient import GravityGradient
+from rigidmc.physics.effects.pivot import MovingPivot
+from rigidmc.physics.effects.protocol import blank, facts, filled, numbers, shape, torque
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.units import Internal
-from rigidmc.scene.laws import GibbsMomentum
-from rigidmc.scene.limits import PILOT
+from rigidmc.scene.conservation import conservation
 from rigidmc.scene.once import once
 from rigidmc.scene.quantities import Grid, draw, is_open, is_shared
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.settings import Run, idle
+from rigidmc.scene.validation import PILOT
+from rigidmc.scene.vector_distributions import GibbsMomentum
 
 FEW = 64  # members whose effects and angles are looked at
 BOLTZMANN = 1.380649e-23  # J/K
@@ -303,3 +301,80 @@ LOOKS: tuple[Callable[[Seen], Iterator[str]], ...] = (
     _density,
     _hot,
 )
+
+
+def idle_settings(run: Run) -> Iterator[str]:
+    """Settings of [run] without effect."""
+    for key, why in idle(run).items():
+        yield f"[run] {key} = {getattr(run, key)} has no effect: {why}"
+    for name, word in run.keep.items() if isinstance(run.keep, dict) else ():
+        if name not in run.save:
+            yield f"[run] keep.{name} = {word} has no effect: {name} is not saved"
+    if run.every is not None and run.every > run.t_end:
+        yield (
+            f"[run] every = {run.every:g} s is longer than t_end = {run.t_end:g} s: only the "
+            "first and the last state are saved"
+        )
+
+
+def idle_sums(run: Run, plan: Plan) -> Iterator[str]:
+    """Sums that are to keep remainders, of steps that look after their rounding themselves."""
+    if run.compensated and not plan.compensated:
+        why = f"the steps of {run.integrator} look after their rounding themselves"
+        yield f"[run] compensated = True has no effect: {why}"
+
+
+def idle_limits(scene: Scene, plan: Plan) -> Iterator[str]:
+    """Limits on drifts of quantities that a scene does not conserve."""
+    run, conserved = scene.run, conservation(scene)
+    if not run.checks or run.integrator == "closed":
+        return
+    why = {name: reason.removeprefix("no: ") for name, reason in conserved.items()}
+    if run.energy_limit is not None and conserved["energy_drift"] != "yes":
+        rule = f"has no effect: {why['energy_drift']}"
+        yield f"[run] energy_limit = {run.energy_limit:g} {rule}"
+    bounded = conserved["l2"] == "yes" or (conserved["lz"] == "yes" and plan.carried)
+    if run.momentum_limit is not None and not bounded:
+        reason = why["lz"] if plan.carried else f"{why['l2']}, and L_z is not followed"
+        yield f"[run] momentum_limit = {run.momentum_limit:g} has no effect: {reason}"
+
+
+def is_shipped(effect: Any) -> bool:
+    """Whether an effect comes with the package."""
+    return type(effect) in EFFECTS.values()
+
+
+def idle_effects(effects: list[tuple[str, Any]], moments: Array, centre: Array) -> Iterator[str]:
+    """Effects [(label, effect)] of the package that exert no torque on any of the members looked
+    at.
+
+    moments, centre : (3, n) of the members
+    """
+    size, few = np.abs(centre).max(), moments.shape[1]
+    with np.errstate(all="ignore"):
+        # scaled to size 1, so that no torque underflows to 0; a centre of 0 is 0 by anything
+        scaled = tuple(moments / moments.max()), tuple(centre / (size or 1.0))
+        body = MassProperties.of(*scaled)
+    chance = np.random.default_rng(1)
+    for label, effect in effects:
+        if not is_shipped(effect) or any(_acts(effect, body, i, chance) for i in range(few)):
+            continue
+        why = "its torque is 0 at any attitude and spin"
+        if type(effect) in (Gravity, MovingPivot) and not centre.any():
+            why = "the centre of mass is on the fixed point: give [body] centre or pivot"
+        yield f"[effects.{label}] has no effect on the first {few} members: {why}"
+
+
+def _acts(effect: Any, bodies: MassProperties, i: int, chance: np.random.Generator) -> bool:
+    """Whether an effect exerts a torque on member i at a random attitude, spin and time; for a
+    bath, whether it has friction."""
+    body = MassProperties(*(np.asarray(x)[i] for x in bodies))
+    of_member = filled(type(effect), [x[i] for _, _, x in numbers(effect)])
+    if isinstance(of_member, Bath):
+        return bool(of_member.gamma != 0.0)
+    q, l, t = (
+        chance.normal(size=4),
+        chance.normal(size=3) / max(body[:3]),
+        chance.uniform(0.1, 10.0),
+    )
+    return any(torque(of_member, body, t, tuple(q / np.linalg.norm(q)), tuple(l)))

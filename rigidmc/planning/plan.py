@@ -6,29 +6,28 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dynamics.methods import implements
-from rigidmc.effects import labelled
-from rigidmc.effects.protocol import facts, is_conservative, is_random
-from rigidmc.engine.cuda_device import chosen
-from rigidmc.engine.device import device_now, number_of
-from rigidmc.engine.layout import whole_lanes
+from rigidmc.engine.cuda.devices import chosen, device_now, number_of
+from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.errors import SceneError
-from rigidmc.integrators import Form, keeps_remainders
-from rigidmc.integrators.protocol import Integrator, keeps_its_own
-from rigidmc.observables import value_rows
-from rigidmc.observables.keep import thinned
-from rigidmc.observables.running import counts_steps
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects.protocol import facts, is_conservative, is_random
+from rigidmc.physics.integrators import Form, keeps_remainders
+from rigidmc.physics.integrators.protocol import Integrator, keeps_its_own
+from rigidmc.physics.observables import value_rows
+from rigidmc.physics.observables.keep import thinned
+from rigidmc.physics.observables.statistics import counts_steps
 from rigidmc.planning.block_size import WAVE, block_of
 from rigidmc.planning.closed_form import closed_form
-from rigidmc.planning.form import carries_attitude, form_of, largest_rates, mean_own_steps
+from rigidmc.planning.initial import check_starts
 from rigidmc.planning.limits import SPUN_UP, Limits, limits
-from rigidmc.planning.stage import check_starts
-from rigidmc.planning.time_grid import Grid, grid, rounds
-from rigidmc.planning.watch import Watch, watch
+from rigidmc.planning.monitors import Watch, watch
+from rigidmc.planning.scheme import carries_attitude, form_of, largest_rates, mean_own_steps
+from rigidmc.planning.steps import Grid, grid, rounds
 from rigidmc.scene.conservation import booked_labels
-from rigidmc.scene.limits import PILOT
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.validation import PILOT
 
 ARC = 1.6  # [rad] that a member may move between two states of a step that are watched
 LARGEST_TURN = 3.0  # [rad] in a step that is watched: beyond it the attitude within is 1e-3 off
@@ -62,7 +61,7 @@ class Plan(NamedTuple):
     saved : {observable: rows of its values} of what is recorded at saves
     paired : whether a step has the noise of two steps of half its length, as
         coarse paths of a multilevel study have, see `rigidmc.studies.multilevel.levels`
-    device : where members move, see `rigidmc.engine.device`
+    device : where members move, see `rigidmc.engine.cuda.devices`
     """
 
     first: int

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from rigidmc.engine.device import device_now
+from rigidmc.engine.cuda.devices import device_now
 from rigidmc.planning.plan import Plan, prepare
 from rigidmc.planning.tolerance.choose import Chosen, resolved
 from rigidmc.planning.units import Internal, internal, scaled

@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dynamics.methods import argument_names
-from rigidmc.effects.protocol import facts
-from rigidmc.effects.rotor import Rotor
-from rigidmc.engine import layout
-from rigidmc.engine.forces import torques
-from rigidmc.planning.rates import physics
-from rigidmc.planning.stage import first_members
+from rigidmc.engine.formulas import torques
+from rigidmc.engine.kernel import layout
+from rigidmc.physics.dynamics.methods import argument_names
+from rigidmc.physics.effects.protocol import facts
+from rigidmc.physics.effects.rotor import Rotor
+from rigidmc.planning.initial import first_members
+from rigidmc.planning.steps import physics
 from rigidmc.scene.scene import Scene
 
 MOST = 2.0  # rad

@@ -9,19 +9,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.effects import name_of
-from rigidmc.effects.parameters import filled, numbers
-from rigidmc.effects.protocol import facts
 from rigidmc.errors import SceneError
-from rigidmc.observables import Passage, is_own
+from rigidmc.physics.effects import name_of
+from rigidmc.physics.effects.protocol import facts, filled, numbers
+from rigidmc.physics.observables import Passage, is_own
+from rigidmc.planning.initial import source, stage
 from rigidmc.planning.plan import Plan
-from rigidmc.planning.stage import source, stage
 from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.laws import LAWS
-from rigidmc.scene.laws.bodies import UncertainInertia
-from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.quantities import Grid, is_shared
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.vector_distributions import LAWS
+from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+from rigidmc.scene.vector_distributions.protocol import Law
 
 # exponents of kilogram, metre and second; amperes stay as they are
 _KNOWN = {

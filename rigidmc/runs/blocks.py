@@ -9,21 +9,21 @@ from typing import Any, Protocol
 import numpy as np
 import xarray as xr
 
-from rigidmc.engine import layout
-from rigidmc.engine.layout import whole_lanes
+from rigidmc.engine.kernel import layout
+from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.program import Program
 from rigidmc.engine.threads import Keeper, run_blocks
-from rigidmc.planning import watch
+from rigidmc.planning import monitors
+from rigidmc.planning.initial import stage, stage_some
 from rigidmc.planning.job import Job, closed_job, job_of, program_of
 from rigidmc.planning.plan import Plan
-from rigidmc.planning.stage import stage, stage_some
 from rigidmc.planning.units import Internal, in_user_units
 from rigidmc.progress import Progress, Report, reporter
+from rigidmc.results.export import is_streamed
+from rigidmc.results.schema import member_variables
+from rigidmc.results.sinks import Export, File, Memory
 from rigidmc.scene.drifts import drift_laws
 from rigidmc.scene.scene import Scene
-from rigidmc.storage.export import is_streamed
-from rigidmc.storage.schema import member_variables
-from rigidmc.storage.sinks import Export, File, Memory
 
 
 class Sink(Protocol):
@@ -170,7 +170,7 @@ def _results(job: Job, scene: Scene, plan: Plan) -> dict[str, np.ndarray]:
         "energy_drift_max": rows[layout.DRIFT],
         "l2_drift_max": rows[layout.DRIFT + 1],
         "drift_law": drift_laws(scene, rows, made, plan.dtype),
-        **watch.results(scene, plan.watch, rows, clock, made, plan.nodes),
+        **monitors.results(scene, plan.watch, rows, clock, made, plan.nodes),
         "status_step": np.where(flagged, fault, -1.0),
         "status_time": np.where(flagged, clock.time(fault), np.nan),
         "status": status,

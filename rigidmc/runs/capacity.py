@@ -5,12 +5,12 @@ import contextlib
 import os
 import shutil
 
-from rigidmc.engine import layout
+from rigidmc.engine.kernel import layout
 from rigidmc.errors import NoRoom
 from rigidmc.files.outputs import Path
 from rigidmc.planning.plan import Plan
+from rigidmc.results.schema import bytes_of_a_member
 from rigidmc.scene.scene import Scene
-from rigidmc.storage.schema import bytes_of_a_member
 
 LITTLE = 2**26  # bytes; for less, asking for the free memory is not worth half a millisecond
 BASE = 0.25e9  # interpreter, libraries and kernels [bytes]

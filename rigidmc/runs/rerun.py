@@ -1,4 +1,7 @@
-"""Members of a result integrated again, to the same bits, with more saved."""
+"""Members of a result integrated again, to the same bits, with more saved.
+
+One member of a result integrated again at the times that a moving picture needs.
+"""
 
 import os
 import warnings
@@ -10,20 +13,21 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning
-from rigidmc.files.kinds import is_zarr
+from rigidmc.files.opening import is_zarr
 from rigidmc.files.outputs import Path, refuse_existing
-from rigidmc.observables import OBSERVABLES, OUTCOMES, outputs, own
-from rigidmc.observables.keep import summaries
+from rigidmc.physics.effects.protocol import is_random
+from rigidmc.physics.observables import OBSERVABLES, OUTCOMES, outputs, own
+from rigidmc.physics.observables.keep import summaries
 from rigidmc.planning.plan import prepare
-from rigidmc.planning.time_grid import grid
-from rigidmc.runs.open import open_run
+from rigidmc.planning.steps import grid
+from rigidmc.results.export import write
+from rigidmc.results.reader import open_result
+from rigidmc.runs.directory.dataset import open_run
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.scene.settings import Run
-from rigidmc.scene.stored import refuse_twice
-from rigidmc.storage.export import write
-from rigidmc.storage.reader import open_result
+from rigidmc.scene.toml.read import refuse_twice
 
 # by how much an input of a member may differ from what scene and seed give, of its size: versions
 # of scipy differ by 1e-12 in quantiles
@@ -301,3 +305,90 @@ def _saved_pairs(name: str, variable: xr.DataArray, result: xr.Dataset) -> Itera
 def _values(variable: xr.DataArray, dims: tuple[str, ...]) -> NDArray[Any]:
     """The values of a variable with its dimensions in this order."""
     return np.asarray(variable.transpose(*dims).values)
+
+
+SAVE = ("attitude", "momentum")
+
+
+def frames(
+    result: xr.Dataset,
+    member: int,
+    count: int,
+    allow_code: bool = False,
+    until: float | None = None,
+) -> xr.Dataset:
+    """Integrate a member again, with attitude and momentum at `count` + 1 times from 0 to `until`.
+
+    The times are evenly spaced to half a step. Where the run makes fewer steps, the member makes
+    shorter ones here: a line from step to step would show a motion that no body makes. A body that
+    noise pushes has its steps alone, because other steps draw other noise.
+
+    until : [s]; by default the end of the run
+    The attribute `frames` says whether the steps are those of the run. Raises OptionError for a
+    member that the result does not have.
+    """
+    scene = scene_of(result, allow_code=allow_code)
+    run, end = scene.run, scene.run.t_end
+    chosen_members(member, run, result, result.encoding.get("source", "the result"))
+    own = _own_step(run, result, member)
+    whole = until is None or until >= end
+    if whole and run.turn is None and own is not None and own * count <= end:
+        if not grid(end, own, run.every).is_shortened:
+            return _thinned(result, member, count, allow_code, run)
+        if any(map(is_random, scene.effects)):  # only the saves of the run are after its steps
+            again = rerun(result, member, save=SAVE, allow_code=allow_code)
+            again.attrs["frames"] = "steps as in the run, at its saves"
+            return again
+    return integrated(scene, member, count, end if whole or until is None else until, own)
+
+
+def integrated(scene: Scene, member: int, count: int, end: float, own: float | None) -> xr.Dataset:
+    """A member of a scene with attitude and momentum at `count` + 1 times from 0 to `end`.
+
+    own : the step that the run makes [s], which is kept if it is short enough; None if any will do
+    """
+    if own is not None and any(map(is_random, scene.effects)):
+        count = max(1, min(count, round(end / own)))
+    every, dt = end / count, own
+    if dt is None or dt > every * 1.5:
+        dt = every
+    settings = {
+        "dt": every / max(1, round(every / dt)),
+        "t_end": end,
+        "every": every,
+        "turn": None,
+        "save": SAVE,
+        "keep": "full",
+        "first": member,
+        "members": 1,
+    }
+    again = simulate(scene.with_run(**settings))
+    same = own is None or abs(again.attrs["dt"] / own - 1.0) < 1e-9
+    words = "steps as in the run"
+    if not same:
+        words = f"steps of {again.attrs['dt']:.4g} s in place of {own:.4g} s"
+    again.attrs["frames"] = words
+    return again
+
+
+def _own_step(run: Run, result: xr.Dataset, member: int) -> float | None:
+    """The step of a member [s]; None if its times are free, because its form is closed."""
+    if run.integrator == "closed":
+        return None
+    if run.turn is None:
+        return run.dt
+    return float(run.t_end / result.steps.sel(member=member))
+
+
+def _thinned(result: xr.Dataset, member: int, count: int, allow_code: bool, run: Run) -> xr.Dataset:
+    """The member with the steps of the run, to the same bits, at about `count` + 1 of its steps."""
+    steps = max(1, round(run.t_end / run.dt))
+    between = max(1, steps // count)
+    while steps % between:  # saves are evenly spaced to the end
+        between -= 1
+    every = run.t_end / (steps // between)
+    again = rerun(result, member, every=every, save=SAVE, allow_code=allow_code)
+    nearest = np.unique(np.rint(np.linspace(0, again.sizes["time"] - 1, count + 1)).astype(int))
+    again = again.isel(time=nearest)
+    again.attrs["frames"] = "steps as in the run"
+    return again

@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.arrays import placed
-from rigidmc.engine.device import device as moved_on
+from rigidmc.engine.cuda.devices import device as moved_on
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
@@ -20,6 +20,7 @@ from rigidmc.planning.block_size import block_of
 from rigidmc.planning.notes import notes
 from rigidmc.planning.settle import settled
 from rigidmc.progress import Progress, announcing
+from rigidmc.results.export import is_streamed
 from rigidmc.runs.blocks import run
 from rigidmc.runs.capacity import refuse_hopeless
 from rigidmc.runs.rehearsal import predicted_seconds
@@ -28,7 +29,6 @@ from rigidmc.scene.drifts import LARGE, one_way
 from rigidmc.scene.once import once
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings
-from rigidmc.storage.export import is_streamed
 
 
 @takes_settings
@@ -71,7 +71,7 @@ def simulate(
         True for a progress bar; or a function of (member-steps done, all member-steps)
     output : path_like, optional
         netCDF file (.nc) to write block by block, in memory that does not grow; it is opened
-        lazily. Or .zarr, .csv, .parquet, written at the end: see `rigidmc.storage.export`
+        lazily. Or .zarr, .csv, .parquet, written at the end: see `rigidmc.results.export`
     force : bool, optional
         replace an output that exists
     block : int, optional

@@ -5,18 +5,18 @@ import time
 from typing import NamedTuple
 
 from rigidmc.engine.compile_time import compiled
-from rigidmc.engine.layout import whole_lanes
-from rigidmc.engine.own_stamps import why_unkept
+from rigidmc.engine.compiler.user_stamps import why_unkept
+from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.errors import RigidmcError
-from rigidmc.integrators import INTEGRATORS
+from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.closed_form import closed_values
+from rigidmc.planning.initial import stage
 from rigidmc.planning.job import program_of
 from rigidmc.planning.settle import settled
-from rigidmc.planning.stage import stage
 from rigidmc.progress import announcing
-from rigidmc.scene.laws.protocol import Law
-from rigidmc.scene.own import own_parts
 from rigidmc.scene.scene import Scene, takes_scene
+from rigidmc.scene.user_parts.registry import own_parts
+from rigidmc.scene.vector_distributions.protocol import Law
 
 
 class Warmed(NamedTuple):

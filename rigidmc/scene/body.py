@@ -12,9 +12,9 @@ from rigidmc.arrays import floats, placed
 from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.mechanics import inertia, rotation, solids
 from rigidmc.scene import shape
-from rigidmc.scene.laws.bodies import UncertainInertia
 from rigidmc.scene.mass_distribution import MassDistribution
 from rigidmc.scene.quantities import is_shared, quantity, vector
+from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 
 if TYPE_CHECKING:
     from trimesh import Trimesh

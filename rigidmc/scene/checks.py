@@ -6,28 +6,25 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.dynamics.methods import implements
-from rigidmc.effects import labelled
-from rigidmc.effects.gravity_gradient import GravityGradient
-from rigidmc.effects.parameters import shape
-from rigidmc.effects.protocol import Effect, facts, is_random
-from rigidmc.effects.user_checks import check_user_effect
-from rigidmc.effects.user_checks import sample as plain_numbers
 from rigidmc.errors import SceneError
-from rigidmc.integrators import refusal
-from rigidmc.integrators.user_checks import check_user_integrator
 from rigidmc.mechanics.inertia import broken
-from rigidmc.observables import OUTCOMES, is_own, outputs
-from rigidmc.observables.protocol import DIMENSIONS, Ensemble, Neighbour
-from rigidmc.observables.user_checks import check_user_observable
-from rigidmc.scene.changes import idle
-from rigidmc.scene.given import named_integrators
-from rigidmc.scene.laws import Correlated
-from rigidmc.scene.limits import ALLOWED, PILOT, limits, outside
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects.gravity_gradient import GravityGradient
+from rigidmc.physics.effects.protocol import Effect, facts, is_random, shape
+from rigidmc.physics.integrators import refusal
+from rigidmc.physics.observables import OUTCOMES, is_own, outputs
+from rigidmc.physics.observables.protocol import DIMENSIONS, Ensemble, Neighbour
 from rigidmc.scene.parts import Parts
-from rigidmc.scene.points import DESIGNS
 from rigidmc.scene.quantities import Grid, draw, is_shared, rows
-from rigidmc.scene.sampling import is_drawn, refuse_indexed
+from rigidmc.scene.sampling import DESIGNS, is_drawn, refuse_indexed
+from rigidmc.scene.settings import idle
+from rigidmc.scene.user_parts.effects import check_user_effect
+from rigidmc.scene.user_parts.effects import sample as plain_numbers
+from rigidmc.scene.user_parts.integrators import check_user_integrator
+from rigidmc.scene.user_parts.observables import check_user_observable
+from rigidmc.scene.validation import ALLOWED, PILOT, limits, named_integrators, outside
+from rigidmc.scene.vector_distributions import Correlated
 
 
 def check(scene: Parts) -> None:

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from rigidmc.dynamics.methods import implements
-from rigidmc.effects import labelled
-from rigidmc.effects.protocol import facts, is_conservative, is_random
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects.protocol import facts, is_conservative, is_random
 from rigidmc.scene.parts import Parts
 
 

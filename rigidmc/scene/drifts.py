@@ -12,8 +12,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.engine import layout
-from rigidmc.observables.protocol import Event
+from rigidmc.engine.kernel import layout
+from rigidmc.physics.observables.protocol import Event
 from rigidmc.scene.conservation import conservation
 from rigidmc.scene.scene import Scene
 

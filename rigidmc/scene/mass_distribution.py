@@ -8,13 +8,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
 from rigidmc.errors import SceneError
-from rigidmc.mechanics import inertia, rotation, turned_axes
+from rigidmc.mechanics import inertia, rotation
+from rigidmc.mechanics import inertia as turned_axes
 from rigidmc.mechanics.inertia import broken
-from rigidmc.scene.laws import checked
-from rigidmc.scene.laws.bodies import UncertainInertia
-from rigidmc.scene.laws.protocol import Law, numbers_of
 from rigidmc.scene.quantities import Source, draw, is_open, is_shared, quantity, vector
 from rigidmc.scene.shape import Shape
+from rigidmc.scene.vector_distributions import checked
+from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+from rigidmc.scene.vector_distributions.protocol import Law, numbers_of
 
 Array = NDArray[np.float64]
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.effects import labelled
-from rigidmc.effects.parameters import given, shape
 from rigidmc.errors import SceneError, unknown
 from rigidmc.mechanics.solids import SOLIDS
+from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects.protocol import given, shape
 from rigidmc.scene.body import Body
-from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.quantities import Grid
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.vector_distributions.protocol import Law
 
 _ANGLES = {"phi": 0, "theta": 1, "psi": 2}
 _BY_MASS = [name for name, make in SOLIDS.items() if "mass" in signature(make).parameters]

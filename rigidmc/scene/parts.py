@@ -5,14 +5,13 @@ from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from typing import Any, Self
 
-from rigidmc.dynamics.methods import word_of
-from rigidmc.effects import canonical
-from rigidmc.effects.parameters import numbers
-from rigidmc.effects.protocol import is_effect
 from rigidmc.errors import SceneError, unknown
-from rigidmc.integrators import INTEGRATORS
-from rigidmc.integrators.protocol import Integrator
-from rigidmc.observables import (
+from rigidmc.physics.dynamics.methods import word_of
+from rigidmc.physics.effects import canonical
+from rigidmc.physics.effects.protocol import is_effect, numbers
+from rigidmc.physics.integrators import INTEGRATORS
+from rigidmc.physics.integrators.protocol import Integrator
+from rigidmc.physics.observables import (
     OBSERVABLES,
     is_observable,
     named,
@@ -22,25 +21,25 @@ from rigidmc.observables import (
     watched,
     word_of_observable,
 )
-from rigidmc.observables.histogram import Histogram
-from rigidmc.observables.keep import check_keep, kept, summaries
-from rigidmc.observables.protocol import Ensemble
+from rigidmc.physics.observables.histogram import Histogram
+from rigidmc.physics.observables.keep import check_keep, kept, summaries
+from rigidmc.physics.observables.protocol import Ensemble
 from rigidmc.scene.body import Body
-from rigidmc.scene.changes import changed
 from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.given import (
+from rigidmc.scene.once import KEPT
+from rigidmc.scene.quantities import Grid, rows
+from rigidmc.scene.settings import Run, changed
+from rigidmc.scene.start import Start
+from rigidmc.scene.validation import (
+    PILOT,
+    check_histogram,
     check_saved,
     checked_effect,
     checked_observable,
     named_integrators,
     place,
 )
-from rigidmc.scene.laws.protocol import Law
-from rigidmc.scene.limits import PILOT, check_histogram
-from rigidmc.scene.once import KEPT
-from rigidmc.scene.quantities import Grid, rows
-from rigidmc.scene.settings import Run
-from rigidmc.scene.start import Start
+from rigidmc.scene.vector_distributions.protocol import Law
 
 Change = Callable[[Any], Any]
 _CURES = {
@@ -402,7 +401,7 @@ class Parts:
         return {name: under(one, self.effects) for name, one in found.items()}
 
     def kept(self) -> dict[str, str]:
-        """How much is kept of each saved observable, see `rigidmc.observables.keep`.
+        """How much is kept of each saved observable, see `rigidmc.physics.observables.keep`.
 
         Returns
         -------

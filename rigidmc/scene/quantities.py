@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.arrays import placed
-from rigidmc.dynamics.functions import power
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import RigidmcError, SceneError
+from rigidmc.physics.dynamics.functions import power
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.distributions import Distribution, is_number
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class PointSet(Protocol):
-    """Points that stand in place of independent random numbers, see `rigidmc.scene.points`."""
+    """Points that stand in place of independent random numbers, see `rigidmc.scene.sampling`."""
 
     def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array: ...
 

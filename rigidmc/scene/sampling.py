@@ -1,17 +1,248 @@
-"""What members are a sample of: what a scene draws, and what goes by the index of a member."""
+"""Points that fill a cube more evenly than independent ones: scrambled Sobol sequences and Latin
+hypercubes of scipy.stats.qmc, and antithetic pairs; and the designs of studies, whose members come
+in families.
 
-from collections.abc import Iterator, Mapping
+They stand in place of the seed where members are drawn. Each number that a member draws is one
+dimension, in the order in which the numbers are drawn. Member i has point i, so that its numbers
+are a function of (seed, scene, i) alone; in a Latin hypercube also of the number of strata.
+
+What members are a sample of: what a scene draws, and what goes by the index of a member.
+"""
+
+import inspect
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rigidmc.effects import EFFECTS, labelled
-from rigidmc.effects.protocol import is_random
+from rigidmc.engine.streams import stream_of, uniforms
 from rigidmc.errors import SceneError
+from rigidmc.physics.effects import EFFECTS, labelled
+from rigidmc.physics.effects.protocol import is_random
 from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.laws.protocol import Law, numbers_of
 from rigidmc.scene.parts import Parts
 from rigidmc.scene.quantities import Grid
+from rigidmc.scene.vector_distributions.protocol import Law, numbers_of
+
+Array = NDArray[np.float64]
+Dimension = tuple[str, int, int]  # name of the random stream, draw, word
+
+# bits of a Sobol point, hence 2^30 points (scipy 1.17 cannot skip ahead with more than 32 bits);
+# half a step is added, so that no number is 0
+BITS = 30
+
+# of neighbours, in probability: the last is 6e-8, of which a number of float64 has eight digits
+DISTANCES = tuple(0.25**k for k in range(1, 13))
+
+# of tangents, in probability: rounding of a thousand steps in float64 is 1e-5 of it, and what grows
+# by a million is still small; in float32 it is 1 %, and so is the bend of what grows by 100
+NEAREST = {"float64": 0.5**28, "float32": 0.5**11}
+
+
+class Recorder:
+    """Notes which numbers are drawn instead of drawing them."""
+
+    def __init__(self) -> None:
+        self.dimensions: list[Dimension] = []
+
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
+        drawn = [(name, draw, i) for i in used]
+        self.dimensions += [one for one in drawn if one not in self.dimensions]
+        return np.full((4, count), 0.5)
+
+
+class Antithetic:
+    """Pairs of members: if the first draws u, the second has 1 - u. The u of pairs are independent
+    numbers of a seed."""
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
+        pairs = uniforms(self.seed, name, first // 2, (first + count + 1) // 2 - first // 2, draw)
+        both = np.stack([pairs, 1.0 - pairs], axis=-1).reshape(4, -1)
+        return np.ascontiguousarray(both[:, first % 2 : first % 2 + count])
+
+
+class Saltelli:
+    """Saltelli's design: families of d + 2 members, for d numbers or groups of numbers.
+
+    The first two members of a family draw independent numbers a and b of a seed; of the others,
+    member 2 + k has those of a, and group k of b.
+    Source: Saltelli et al., Comput. Phys. Commun. 181 (2010) 259.
+
+    group : {dimension: number of its group, from 0 on}
+    """
+
+    def __init__(self, seed: int, group: Mapping[Dimension, int]) -> None:
+        self.seed, self.group = seed, group
+        self.size = 2 + len(set(group.values()))
+
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
+        member = np.arange(first, first + count)
+        family, place = member // self.size, member % self.size
+        low, high = int(family[0]), int(family[-1]) + 1
+        pairs = uniforms(self.seed, name, 2 * low, 2 * (high - low), draw)
+        words = np.full((4, count), 0.5)
+        for i in used:
+            second = (place == 1) | (place == 2 + self.group[name, draw, i])
+            words[i] = pairs[i, 2 * (family - low) + second]
+        return words
+
+
+class Given:
+    """Numbers in (0, 1) that a study has chosen: member i has column i of `numbers` (d, members),
+    whose rows are the `dimensions` that a Recorder noted."""
+
+    def __init__(self, dimensions: Sequence[Dimension], numbers: Array) -> None:
+        self.place = {dimension: i for i, dimension in enumerate(dimensions)}
+        self.numbers = numbers
+
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
+        words = np.full((4, count), 0.5)
+        for i in used:
+            words[i] = self.numbers[self.place[name, draw, i], first : first + count]
+        return words
+
+
+class Neighbours:
+    """Families of a member and its neighbours at each of DISTANCES, for d numbers or groups.
+
+    The first member of a family draws independent numbers u of a seed; the others have those, but
+    in group `family % d` u + distance, or u - distance where the sum is not below 1. Distances are
+    those of probabilities: of a uniform law they are shares of its range.
+
+    group : {dimension: number of its group, from 0 on}
+    """
+
+    size = 1 + len(DISTANCES)
+
+    def __init__(self, seed: int, group: Mapping[Dimension, int]) -> None:
+        self.seed, self.group, self.groups = seed, group, len(set(group.values()))
+
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
+        member = np.arange(first, first + count)
+        family, place = member // self.size, member % self.size
+        low, high = int(family[0]), int(family[-1]) + 1
+        own = uniforms(self.seed, name, low, high - low, draw)[:, family - low]
+        distance, words = np.array((0.0, *DISTANCES))[place], np.full((4, count), 0.5)
+        for i in used:
+            moved = self.group[name, draw, i] == family % self.groups
+            near = np.where(own[i] + distance < 1.0, own[i] + distance, own[i] - distance)
+            words[i] = np.where(moved, near, own[i])
+        return words
+
+
+class Points:
+    """The points of an ensemble.
+
+    kind : "sobol" or "latin_hypercube"
+    dimensions : what each dimension is for, as a Recorder noted it
+    strata : number of strata of a Latin hypercube
+    """
+
+    def __init__(
+        self, seed: int, kind: str, dimensions: Sequence[Dimension], strata: int | None = None
+    ) -> None:
+        self.place = {dimension: i for i, dimension in enumerate(dimensions)}
+        self._lock, self._at = threading.Lock(), 0
+        self._recent: dict[tuple[int, int], Array] = {}
+        rng = np.random.default_rng([seed, stream_of(f"points.{kind}") >> 1])
+        self._all: Array | None = None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            if kind == "sobol":
+                self._engine = _engine("Sobol", len(dimensions), rng, scramble=True, bits=BITS)
+            else:
+                self._all = _engine("LatinHypercube", len(dimensions), rng).random(strata).T
+
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
+        """(4, count) numbers in (0, 1); the rows `used` are filled, the others are 0.5."""
+        points, words = self._points(first, count), np.full((4, count), 0.5)
+        for i in used:
+            words[i] = points[self.place[name, draw, i]]
+        return words
+
+    def _points(self, first: int, count: int) -> Array:
+        """The points of some members; those of the last few blocks are kept."""
+        with self._lock:
+            if (first, count) not in self._recent:
+                while len(self._recent) > 8:
+                    self._recent.pop(next(iter(self._recent)))
+                self._recent[first, count] = self._computed(first, count)
+            return self._recent[first, count]
+
+    def _computed(self, first: int, count: int) -> Array:
+        if self._all is not None:
+            last = self._all.shape[1] - 1
+            return self._all[:, np.minimum(np.arange(first, first + count), last)]
+        if first < self._at:  # sequences only run forward
+            self._engine.reset()
+            self._at = 0
+        with warnings.catch_warnings():
+            # that a block is no power of two does not matter: the whole sequence counts
+            warnings.simplefilter("ignore")
+            if first > self._at:
+                self._engine.fast_forward(first - self._at)
+            points: Array = self._engine.random(count).T + 0.5**BITS / 2.0
+        self._at = first + count
+        return points
+
+
+def _engine(name: str, dimensions: int, rng: np.random.Generator, **options: Any) -> Any:
+    """An engine of scipy.stats.qmc."""
+    from scipy.stats import qmc
+
+    kind = getattr(qmc, name)
+    # the argument is called `seed` before scipy 1.15
+    key = "rng" if "rng" in inspect.signature(kind.__init__).parameters else "seed"
+    return kind(dimensions, **{key: rng}, **options)
+
+
+class Tangents:
+    """Families of a member and a neighbour at NEAREST along each of the d numbers.
+
+    The first member of a family has a Sobol point u; member 1 + k has those numbers, but number k
+    has u + NEAREST, or u - NEAREST where u is not below 0.5, with the NEAREST of the precision.
+
+    group : {dimension: anything}
+    """
+
+    def __init__(self, seed: int, group: Mapping[Dimension, int], dtype: str = "float64") -> None:
+        self.base, self.size = points(seed, "sobol", tuple(group)), 1 + len(group)
+        self.nearest = NEAREST[dtype]
+
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
+        member = np.arange(first, first + count)
+        family, place = member // self.size, member % self.size
+        low, high = int(family[0]), int(family[-1]) + 1
+        words = self.base.words(name, low, high - low, draw, used)[:, family - low]
+        for i in used:
+            moved = place == 1 + self.base.place[name, draw, i]
+            near = np.where(words[i] < 0.5, self.nearest, -self.nearest)
+            words[i] += np.where(moved, near, 0.0)
+        return words
+
+
+@lru_cache(maxsize=8)
+def points(
+    seed: int, kind: str, dimensions: tuple[Dimension, ...], strata: int | None = None
+) -> Points:
+    """The Points with these properties, computed once."""
+    return Points(seed, kind, dimensions, strata)
+
+
+Design = Saltelli | Neighbours | Tangents
+# of a seed, groups, and the precision of the run
+DESIGNS: dict[str, Callable[[int, Mapping[Dimension, int], str], Design]] = {
+    "saltelli": lambda seed, group, _: Saltelli(seed, group),
+    "neighbours": lambda seed, group, _: Neighbours(seed, group),
+    "tangents": Tangents,
+}
 
 
 def is_drawn(scene: Parts) -> bool:

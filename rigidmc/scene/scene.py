@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from rigidmc.errors import RigidmcError, SceneError
-from rigidmc.files.kinds import is_zarr
+from rigidmc.files.opening import is_zarr
 from rigidmc.scene.body import Body
 from rigidmc.scene.checks import check
-from rigidmc.scene.file import Settings, located, parts_of
+from rigidmc.scene.library import read_source
 from rigidmc.scene.parts import Parts
-from rigidmc.scene.shipped import read_source
-from rigidmc.scene.text import dumps
+from rigidmc.scene.toml.read import Settings, located, parts_of
+from rigidmc.scene.toml.write import dumps
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -205,7 +205,7 @@ def scene_of(
     import xarray as xr  # with netCDF4 half a second
 
     from rigidmc.files.netcdf import open_undecoded
-    from rigidmc.scene.stored import scene_text, stored_rows
+    from rigidmc.scene.toml.read import scene_text, stored_rows
 
     if not isinstance(source, xr.Dataset):
         # by xarray: netCDF4 1.7.5 crashes when it opens once more what xarray has open

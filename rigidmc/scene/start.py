@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from rigidmc.arrays import floats, placed
 from rigidmc.errors import SceneError, unknown
 from rigidmc.mechanics.rotation import quaternion_from_euler, quaternion_from_matrix
-from rigidmc.scene.laws import checked
-from rigidmc.scene.laws.directions import uniform_attitudes
-from rigidmc.scene.laws.ensembles import attitudes_of_ensemble
-from rigidmc.scene.laws.protocol import Ensemble, Facts, Law, numbers_of
 from rigidmc.scene.quantities import Source, draw, is_open, is_shared, numbers, rows, vector
+from rigidmc.scene.vector_distributions import checked
+from rigidmc.scene.vector_distributions.ensembles import attitudes_of_ensemble
+from rigidmc.scene.vector_distributions.protocol import Ensemble, Facts, Law, numbers_of
+from rigidmc.scene.vector_distributions.vectors import uniform_attitudes
 
 Array = NDArray[np.float64]
 

@@ -10,19 +10,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.effects import Bath, Gravity, RotatingField, SpaceTorque, ViscousDamping
-from rigidmc.engine.device import device
-from rigidmc.engine.operations import step_operations
-from rigidmc.integrators import accepting
-from rigidmc.observables import Flips, Passage
+from rigidmc.engine.cuda.devices import device
+from rigidmc.engine.inspection import step_operations
+from rigidmc.physics.effects import Bath, Gravity, RotatingField, SpaceTorque, ViscousDamping
+from rigidmc.physics.integrators import accepting
+from rigidmc.physics.observables import Flips, Passage
 from rigidmc.planning.settle import settled
 from rigidmc.planning.tolerance.costs import cost_per_step
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.body import Body
 from rigidmc.scene.distributions import normal, uniform
-from rigidmc.scene.laws import Cone, GibbsMomentum, Sphere
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
+from rigidmc.scene.vector_distributions import Cone, GibbsMomentum, Sphere
 
 MEMBERS = 37  # of a run: no multiple of the members that are worked on side by side
 
@@ -115,7 +115,7 @@ def digest(scene: Scene, threads: int | None = 1) -> str:
 def compared(word: str) -> Iterator[tuple[str, bool]]:
     """(name, whether a graphics processor gives the bits of this processor) of every case.
 
-    word : of the device, see `rigidmc.engine.device`
+    word : of the device, see `rigidmc.engine.cuda.devices`
     """
     for case in cases():
         here = digest(case.scene)

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.engine.layout import STATUSES
+from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics.free_top import Kind, Motion
 from rigidmc.mechanics.lagrange_top import Nutation, sleeping_growth, steady_precession

@@ -12,15 +12,15 @@ import xarray as xr
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
+from rigidmc.results.intervals import Estimate, Interval, mean, probability
+from rigidmc.results.measures import Measure, Variables, measure, observing
+from rigidmc.results.schema import member_variables
 from rigidmc.runs.capacity import refuse_count
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.quantities import rows
 from rigidmc.scene.sampling import is_sample, refuse_indexed
 from rigidmc.scene.scene import Scene, takes_scene
-from rigidmc.storage.schema import member_variables
-from rigidmc.studies.intervals import Estimate, Interval, mean, probability
-from rigidmc.studies.measures import Measure, Variables, measure, observing
 
 FIRST = 8192  # members of the first round
 MOST = 10_000_000
@@ -82,7 +82,7 @@ def simulate_until(
     scene : Scene or path_like
         what is run; also its file, or the name of a shipped one
     until : str
-        such as "p(flips >= 1) +- 0.001", see `rigidmc.studies.measures`
+        such as "p(flips >= 1) +- 0.001", see `rigidmc.results.measures`
     most : int, optional
         members at most
     confidence : float, optional
@@ -269,7 +269,7 @@ def randomised(
     scene : Scene or path_like
         what is run; also its file, or the name of a shipped one
     text : str
-        a measure, such as "p(flips >= 1)", see `rigidmc.studies.measures`
+        a measure, such as "p(flips >= 1)", see `rigidmc.results.measures`
     members : int
         of each randomisation
     randomisations : int, optional

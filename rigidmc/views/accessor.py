@@ -1,18 +1,25 @@
-"""`ds.rigid`: the physics of a result, on its Dataset; see `rigidmc.views.when_imported`.
+"""`ds.rigid`: the physics of a result, on its Dataset; see `rigidmc.views.on_import`.
 
 Methods import what they need: this module is imported with rigidmc, which must stay quick.
+
+Scenes and bodies as HTML, in notebooks: tables of what `rigidmc show` and `rigidmc body` say.
 """
 
+import html
 from collections.abc import Callable, Iterable
 from functools import partial
 from html import escape
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
 from rigidmc.views.pictures import PICTURES, picture
 from rigidmc.views.states import States
+
+if TYPE_CHECKING:
+    from rigidmc.scene.body import Body
+    from rigidmc.scene.scene import Scene
 
 
 class Pictures:
@@ -104,7 +111,7 @@ class Rigid(States):
         >>> len(pd.read_csv("members.csv"))
         4
         """
-        from rigidmc.storage.export import write
+        from rigidmc.results.export import write
 
         write(self._dataset, path, force)
 
@@ -141,7 +148,7 @@ class Rigid(States):
         ----------
         of : str
             such as "p(flips >= 1)" or "mean(flip_wait | flips >= 2)", see
-            `rigidmc.studies.measures`
+            `rigidmc.results.measures`
         by : str, optional
             a result with one number per member; members for which it is the same are a group
         confidence : float, optional
@@ -170,7 +177,7 @@ class Rigid(States):
         >>> ds.rigid.measure("mean(flip_first)", by="flips").members.values.tolist()
         [17, 47]
         """
-        from rigidmc.studies.estimates import estimate, estimate_by
+        from rigidmc.results.estimates import estimate, estimate_by
 
         if by is None:
             return estimate(self._dataset, of, confidence)
@@ -201,3 +208,50 @@ class Rigid(States):
         from rigidmc.views.viewer.page import view
 
         return view(self._dataset, output, **options)
+
+
+LABEL = 13  # characters of a line before its text
+
+
+def scene_html(scene: "Scene") -> str:
+    """Body, start, effects with their operations, what is conserved, steps and saves."""
+    from rigidmc.views.descriptions import outline
+
+    title, *lines = outline(scene)
+    return _table(title, lines)
+
+
+def body_html(body: "Body") -> str:
+    """Mass, centre, moments about principal axes, and which rotations are stable."""
+    from rigidmc.scene.quantities import is_shared
+    from rigidmc.views.descriptions import body_lines, describe_body
+
+    if not is_shared(*body.quantities()):
+        return _table("a body that differs from member to member", body_lines(body))
+    title, *lines = describe_body(body, "body")
+    return _table(title, lines)
+
+
+def _table(title: str, lines: list[str]) -> str:
+    """Lines of a label and a text as rows; a line without label goes on with the row before."""
+    rows = list[list[str]]()
+    for line in lines:
+        label, text = line[:LABEL].strip(), line[LABEL:]
+        if line[:2] == "  " and rows:
+            rows[-1][1] += f"\n{line.removeprefix(' ' * LABEL)}"
+        else:
+            rows.append([label, text] if line[LABEL - 1 : LABEL] == " " else ["", line])
+    cell = 'style="text-align: left; vertical-align: top; white-space: pre-wrap'
+    body = "".join(
+        f'<tr><th {cell}">{html.escape(label)}</th>'
+        f'<td {cell}; font-family: monospace">{html.escape(text)}</td></tr>'
+        for label, text in rows
+    )
+    return f"<table><caption>{html.escape(title)}</caption>{body}</table>"
+
+
+def install(shell: Any) -> None:
+    """Tell the shell of a notebook how to show scenes and bodies, without importing either now."""
+    formatter = shell.display_formatter.formatters["text/html"]
+    formatter.for_type_by_name("rigidmc.scene.scene", "Scene", scene_html)
+    formatter.for_type_by_name("rigidmc.scene.body", "Body", body_html)

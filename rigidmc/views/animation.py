@@ -16,12 +16,12 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from numpy.typing import NDArray
 
-from rigidmc.files.kinds import check_suffix
+from rigidmc.figures import ALARM, COLOURS, GREY, INK, LIGHT, PATH
+from rigidmc.files.opening import check_suffix
 from rigidmc.files.outputs import Part, naming, refuse_existing
 from rigidmc.mechanics import rotation
 from rigidmc.planning.turns import ATTITUDE, sparse
 from rigidmc.scene.scene import scene_of
-from rigidmc.views.figure import ALARM, COLOURS, GREY, INK, LIGHT, PATH
 from rigidmc.views.resolution import fastest
 from rigidmc.views.surfaces import TONES, Surface, body_surface, cut, member_body
 

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import OptionError
+from rigidmc.figures import GREY, INK, MEDIAN, PATH, figure_of, new_figure
 from rigidmc.mechanics.free_top import free_top
 from rigidmc.mechanics.lagrange_top import (
     Nutation,
@@ -20,8 +21,7 @@ from rigidmc.mechanics.lagrange_top import (
 )
 from rigidmc.planning.closed_form import NONE, Case
 from rigidmc.planning.turns import Drive, turning
-from rigidmc.views.figure import GREY, INK, MEDIAN, PATH, figure_of, new_figure
-from rigidmc.views.unit_sphere import CIRCLE, draw_curve, draw_sphere, polhodes, screen
+from rigidmc.views.sphere import CIRCLE, draw_curve, draw_polhodes, draw_sphere, screen
 
 NARROW = 0.02  # rad: the least width of a nutation that the scale of a picture follows
 
@@ -170,7 +170,7 @@ def free_summary(
 ) -> Figure:
     """Momentum sphere, angular velocity and Euler angles of one free body."""
     figure, left, upper, lower = _three(title)
-    polhodes(moments, momentum, left)
+    draw_polhodes(moments, momentum, left)
     t = _resolved(moments, momentum, t_end)
     motion = free_top(moments, momentum, attitude, t)
     for k, (color, style) in enumerate(((MEDIAN, "-"), (PATH, "--"), (INK, ":"))):

@@ -16,12 +16,18 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
+from rigidmc.figures import BAND, CORE, INK, MEDIAN, PATH, figure_of, legend_above, titled
 from rigidmc.planning.turns import BODY
-from rigidmc.views.figure import BAND, CORE, INK, MEDIAN, PATH, figure_of, legend_above, titled
-from rigidmc.views.heading import headed_figure
+from rigidmc.results.labels import count_text
 from rigidmc.views.hemispheres import axis_sphere, momentum_sphere
 from rigidmc.views.resolution import note_on
-from rigidmc.views.sample import drawn_members, members_in_words, sample, span, vectors
+from rigidmc.views.sample import (
+    drawn_members,
+    headed_figure,
+    sample,
+    span,
+    vectors,
+)
 from rigidmc.views.sphere import central_axis
 
 # reversals per member above which only one member is drawn: of a few, the one with the widest swing
@@ -177,4 +183,4 @@ def _drift_label(symbol: str, v: NDArray[np.float64]) -> str:
     """The legend of a histogram of drifts."""
     zeros, median = int(np.count_nonzero(v == 0.0)), np.median(v) if v.size else 0.0
     label = f"{symbol}: median (¦) {median:.1e}, worst (▾) {v.max(initial=0.0):.1e}"
-    return label + (f"; {members_in_words(zeros)} at 0" if zeros else "")
+    return label + (f"; {count_text(zeros, 'member')} at 0" if zeros else "")

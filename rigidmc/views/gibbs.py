@@ -6,15 +6,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rigidmc.dynamics.methods import implements
-from rigidmc.effects.parameters import numbers
-from rigidmc.effects.protocol import is_random
-from rigidmc.engine.forces import energies
-from rigidmc.planning.rates import physics
-from rigidmc.planning.stage import stage
+from rigidmc.engine.formulas import energies
+from rigidmc.figures import CORE, INK, PATH, new_figure
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.effects.protocol import is_random, numbers
+from rigidmc.planning.initial import stage
+from rigidmc.planning.steps import physics
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene, scene_of
-from rigidmc.views.figure import CORE, INK, PATH, new_figure
 
 THEORY = 200_000  # attitudes, uniform on SO(3), that sample the Gibbs distribution by weights
 

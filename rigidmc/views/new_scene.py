@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import tomli_w
 
-from rigidmc.effects.gravity import Gravity
 from rigidmc.errors import OptionError
-from rigidmc.planning.form import largest_rates
+from rigidmc.physics.effects.gravity import Gravity
+from rigidmc.planning.scheme import largest_rates
 from rigidmc.planning.turns import of_scene
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.tables import body_of, start_of
-from rigidmc.scene.values import Columns
+from rigidmc.scene.toml.read import body_of, start_of
+from rigidmc.scene.toml.values import Columns
 
 # one of each solid, of a size to be held in the hand [m, kg, kg/m3]
 SIZES: dict[str, dict[str, Any]] = {

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.engine.compose import NumbaError
+from rigidmc.engine.compiler.compose import NumbaError
 from rigidmc.errors import RigidmcError
 from rigidmc.mechanics.rotation import euler
 from rigidmc.planning.turns import ATTITUDE, AXIS, Drive, Sparse, drive, sparse, turning

@@ -1,13 +1,19 @@
 """What the pictures of an ensemble read: evenly spaced times and members, without flagged ones.
 
 So a million members take seconds.
+
+The figure of a result, headed by what was run.
 """
 
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+from rigidmc.figures import new_figure
+from rigidmc.results.labels import count_text
 
 TIMES = 4000  # saves read at most: as many as a line on a picture can show
 # members read at most: MEMBERS, more up to POINTS vectors, fewer beyond VECTORS
@@ -84,11 +90,17 @@ def span(part: xr.Dataset, save: int | None = None) -> str:
     return f"t = {t[-1 if save is None else save]:,.7g} s"
 
 
-def members_in_words(count: int) -> str:
-    """ "1 member", "20,000 members"."""
-    return f"{count:,} member{'' if count == 1 else 's'}"
-
-
 def drawn_members(values: NDArray[Any]) -> NDArray[np.int_]:
     """Indices of DRAWN members, evenly spaced over the last axis."""
     return np.unique(np.linspace(0, values.shape[-1] - 1, DRAWN).round().astype(int))
+
+
+def headed_figure(ds: xr.Dataset, size: tuple[float, float]) -> Figure:
+    """An empty figure headed by title, members, integrator, dt, seed, and the flagged members."""
+    flagged = np.count_nonzero(ds.status.values)
+    facts = [count_text(ds.sizes["member"], "member"), ds.attrs.get("integrator", "")]
+    facts += [f"dt = {ds.attrs['dt']:.6g} s"] if "dt" in ds.attrs else []
+    facts += [f"seed {ds.attrs['seed']}"] if "seed" in ds.attrs else []
+    facts += [f"{flagged:,} flagged and left out"] if flagged else []
+    title = ds.attrs.get("title", "ensemble")
+    return new_figure(f"{title}: {', '.join(filter(None, facts))}", size)

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.dynamics.methods import implements
+from rigidmc.physics.dynamics.methods import implements
 from rigidmc.views.lazy import applied
 
 
@@ -78,8 +78,8 @@ class States:
         >>> ds.rigid.described("start_omega").isel(member=0).values.round(12).tolist()
         [0.2, 0.3, 1.0]
         """
-        from rigidmc.dynamics.so3 import conjugate
         from rigidmc.mechanics.rotation import product, quaternion, to_space
+        from rigidmc.physics.dynamics.so3 import conjugate
         from rigidmc.scene.scene import scene_of
 
         ds = self._dataset
@@ -290,9 +290,9 @@ class States:
 
     def _potential(self) -> NDArray[np.float64]:
         """Potential energy of the effects (time, member) [J]."""
-        from rigidmc.engine.forces import energies
-        from rigidmc.planning.rates import physics
-        from rigidmc.planning.stage import stage
+        from rigidmc.engine.formulas import energies
+        from rigidmc.planning.initial import stage
+        from rigidmc.planning.steps import physics
 
         ds, scene = self._dataset, self.scene()
         if "attitude" not in ds:

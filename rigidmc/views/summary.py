@@ -6,15 +6,15 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.engine.layout import STATUSES
+from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError
 from rigidmc.files.reading import toml
-from rigidmc.observables.event_times import is_event_time
+from rigidmc.physics.observables.event_times import is_event_time
+from rigidmc.results import censored, intervals
+from rigidmc.results.estimates import estimate, why_no_interval
+from rigidmc.results.intervals import is_constant
 from rigidmc.scene.drifts import one_way
-from rigidmc.scene.stored import scene_text
-from rigidmc.studies import censored, intervals
-from rigidmc.studies.estimates import estimate, why_no_interval
-from rigidmc.studies.rounding import is_constant
+from rigidmc.scene.toml.read import scene_text
 
 # not summarised
 _PLAIN = (
@@ -32,7 +32,7 @@ def summary(dataset: xr.Dataset, confidence: float = 0.95, of: str | Iterable[st
     """Lines of text on a result of `rigidmc.simulate`.
 
     of : measures, such as "p(flips >= 1)"; then the lines are about these, see
-        `rigidmc.studies.measures`
+        `rigidmc.results.measures`
 
     The flagged members; of each number per member its mean with the confidence interval, its
     median, the middle 90 %, and how many members have no value. Of the time of an event that has

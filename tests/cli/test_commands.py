@@ -227,8 +227,8 @@ def test_show_says_what_is_compiled():
 
 
 def test_effects_are_listed():
-    from rigidmc.effects import EFFECTS
-    from rigidmc.effects.parameters import given
+    from rigidmc.physics.effects import EFFECTS
+    from rigidmc.physics.effects.protocol import given
 
     listing = run("effects").output
     for name, kind in EFFECTS.items():
@@ -239,11 +239,11 @@ def test_effects_are_listed():
 
 @pytest.mark.slow
 def test_effects_are_priced(monkeypatch):
-    from rigidmc.effects import EFFECTS
-    from rigidmc.planning.tolerance import effect_costs
+    from rigidmc.physics.effects import EFFECTS
+    from rigidmc.planning.tolerance import costs
 
     monkeypatch.setattr(
-        effect_costs, "cost_per_step", lambda *arguments: 2.5
+        costs, "cost_per_step", lambda *arguments: 2.5
     )  # what it measures is compiled for minutes
     listing = run("effects", "--measure").output
     assert "a step of rk4 on one thread: 2.50 ns of the momentum alone" in listing

@@ -14,10 +14,10 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.cli.streams import Stream
 from rigidmc.errors import FileError, OptionError, SceneError, shown
-from rigidmc.files.csv import harmless
-from rigidmc.planning.time_grid import grid
-from rigidmc.studies.measures import measure
-from rigidmc.studies.sections.question import crossing_of, period_of
+from rigidmc.files.reading import harmless
+from rigidmc.planning.steps import grid
+from rigidmc.results.measures import measure
+from rigidmc.studies.section.points import crossing_of, period_of
 from tests.faulty import LINUX
 
 EVIL = "\x1b]0;title\x07\x1b[2J\x9b31m\u202egnp.exe\r\x00\x7f"

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from bench.bits import QUICK, elsewhere, sums
-from rigidmc.dynamics import functions
-from rigidmc.scene.laws.vectors import lower_factor
+from rigidmc.physics.dynamics import functions
+from rigidmc.scene.vector_distributions.vectors import lower_factor
 
 # steps too long for what is watched
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")

@@ -15,10 +15,10 @@ from rigidmc.cli import app
 from rigidmc.engine import compile_time
 from rigidmc.engine.compile_time import listed, seconds, summary
 from rigidmc.engine.machine import this_machine
-from rigidmc.integrators import INTEGRATORS
+from rigidmc.physics.integrators import INTEGRATORS
+from rigidmc.results import run_directory
+from rigidmc.results.run_directory import rendered
 from rigidmc.runs import warm
-from rigidmc.storage import run_directory
-from rigidmc.storage.run_facts import rendered
 
 compiles = pytest.mark.skipif(
     os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled"

@@ -25,22 +25,26 @@ import rigidmc as rm
 from bench.bits import QUICK, sums
 from bench.gpu import APPROXIMATE, NO_SPILL, ROUNDED, inspected, march_of, scenes, tool
 from rigidmc.cli import app
-from rigidmc.engine import cache, cache_folder, cuda, cuda_code, cuda_device, pieces
-from rigidmc.engine.device import device_now
+from rigidmc.engine.compiler import disk_cache
+from rigidmc.engine.compiler import kernels as pieces
+from rigidmc.engine.cuda import code as cuda_code
+from rigidmc.engine.cuda import devices as cuda_device
+from rigidmc.engine.cuda import program as cuda
+from rigidmc.engine.cuda.devices import device_now
 from rigidmc.errors import NoRoom
-from rigidmc.integrators import INTEGRATORS
+from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.block_size import DEVICE_SLAB, WAVE, block_of_shard
 from rigidmc.planning.job import program_of
 from rigidmc.planning.plan import prepare
 from rigidmc.planning.tolerance import costs
 from rigidmc.protocols import effect
-from rigidmc.runs import checkpoints, cluster
-from rigidmc.runs.create import create
-from rigidmc.runs.resume import resume
+from rigidmc.runs.directory import checkpoints, cluster
+from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.resume import resume
 from rigidmc.studies import bits
 from rigidmc.studies.bits import cases
+from tests.engine.kernel.test_last_interval import scene as shortened
 from tests.engine.test_bits import changed
-from tests.engine.test_last_interval import scene as shortened
 from tests.fake_cuda import fake as fake
 
 pytestmark = [
@@ -335,14 +339,14 @@ def test_an_effect_that_branches_runs_on_a_device(fake):
 def test_the_code_is_kept(fake, monkeypatch, tmp_path):
     """In memory, and in the disk cache, from which nothing damaged is taken."""
     monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(cache, "_texts", {})
+    monkeypatch.setattr(disk_cache, "_texts", {})
     fake(compiled=False)
     program = kernels(("rk4",))["free, rk4, 0.05"]
     assert program.missing() == ["kernel"]
     text = program.ptx((9, 0))
-    (file,) = (p for p in tmp_path.rglob("*") if p.is_file() and p.name != cache_folder._MARK)
+    (file,) = (p for p in tmp_path.rglob("*") if p.is_file() and p.name != disk_cache._MARK)
     for whole in (True, False):
-        cache._texts.clear()
+        disk_cache._texts.clear()
         assert not program.missing()
         with monkeypatch.context() as patch:
             if whole:

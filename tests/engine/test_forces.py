@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from rigidmc.dynamics.euler import MassProperties
-from rigidmc.effects import Gravity, ViscousDamping, canonical
-from rigidmc.effects.parameters import filled, numbers
-from rigidmc.effects.sums import total_energy, total_torque
-from rigidmc.engine import forces
-from tests.effects.test_effects import EXAMPLES, MOMENTS, STATIC
+from rigidmc.engine import formulas
+from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.effects import Gravity, ViscousDamping, canonical
+from rigidmc.physics.effects.protocol import filled, numbers
+from rigidmc.physics.effects.sums import total_energy, total_torque
+from tests.physics.effects.test_effects import EXAMPLES, MOMENTS, STATIC
 
 some = np.random.default_rng(4)
 Q, L = some.normal(size=(4, 50)), some.normal(size=(3, 50))
@@ -42,17 +42,17 @@ def test_all_effects_at_once_compiled():
     effects = tuple(
         filled(type(e), [v * some.uniform(0.8, 1.2, 50) for _, _, v in numbers(e)]) for e in effects
     )
-    found = forces.evaluated(effects, body, tuple(Q), tuple(L))
+    found = formulas.evaluated(effects, body, tuple(Q), tuple(L))
     assert worst(effects, found[:3], found[3]) < 2e-14  # measured 1.8e-15
-    other = forces.torques(effects, body, tuple(Q), tuple(L)), forces.energies(effects, body, Q)
+    other = formulas.torques(effects, body, tuple(Q), tuple(L)), formulas.energies(effects, body, Q)
     assert worst(effects, *other) < 2e-14
 
 
 def test_plain_functions_take_arrays_if_they_can():
     effects, body = (Gravity(2.0), ViscousDamping(0.1)), MassProperties.of(MOMENTS, STATIC)
     found = (
-        forces.torques(effects, body, tuple(Q), tuple(L)),
-        forces.energies(effects, body, tuple(Q)),
+        formulas.torques(effects, body, tuple(Q), tuple(L)),
+        formulas.energies(effects, body, tuple(Q)),
     )
     assert worst(effects, *found) == 0.0
-    assert forces.energies(effects, body, tuple(Q.reshape(4, 5, 10))).shape == (5, 10)
+    assert formulas.energies(effects, body, tuple(Q.reshape(4, 5, 10))).shape == (5, 10)

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from rigidmc.dynamics.principal import Principal
 from rigidmc.engine.formulas import PIECE, evaluate
-from rigidmc.engine.layout import LANES
+from rigidmc.engine.kernel.layout import LANES
+from rigidmc.physics.dynamics.principal_axes import Principal
 
 
 class Product(NamedTuple):
@@ -62,13 +62,14 @@ def test_closed_forms_are_packed_arithmetic(tmp_path):
     program = """if True:
         import json, re
         import numpy as np
-        from rigidmc.engine import formulas, pieces
+        from rigidmc.engine import formulas
+        from rigidmc.engine.compiler import kernels
         from rigidmc.mechanics import free_orbit, lagrange_orbit
         for orbit in (free_orbit, lagrange_orbit):
             width = len(orbit.Orbit._fields)
             rows = np.ones((1, 64)), np.ones((64, width))
             formulas.evaluate(orbit.Reached, 7, *rows, np.arange(64))
-        compiled = pieces._dispatchers[formulas.fill]
+        compiled = kernels._dispatchers[formulas.fill]
         codes = [compiled.inspect_asm(s) for s in compiled.signatures]
         words = "vdivpd", "vdivsd", "vmulpd", "vmulsd"
         print(json.dumps([[len(re.findall(rf"\\b{w}\\b", code)) for w in words] for code in codes]))

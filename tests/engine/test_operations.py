@@ -6,9 +6,9 @@ The counts of the assembly are those of test_vectorisation.
 import math
 from typing import NamedTuple
 
-from rigidmc.effects import Gravity, ViscousDamping
-from rigidmc.engine.operations import step_operations, torque_operations
-from rigidmc.integrators import INTEGRATORS, Turns, form
+from rigidmc.engine.inspection import step_operations, torque_operations
+from rigidmc.physics.effects import Gravity, ViscousDamping
+from rigidmc.physics.integrators import INTEGRATORS, Turns, form
 
 
 class Known(NamedTuple):

@@ -13,10 +13,10 @@ import pytest
 
 from rigidmc.engine import program as engine
 from rigidmc.engine import threads as blocks
-from rigidmc.integrators import form
-from rigidmc.integrators.rk4 import RK4
+from rigidmc.physics.integrators import form
+from rigidmc.physics.integrators.rk4 import RK4
 from rigidmc.threads import Task, Threads
-from tests.engine.test_kernel import EFFECTS, EVERYTHING, ROWS, tops
+from tests.engine.kernel.test_kernel import EFFECTS, EVERYTHING, ROWS, tops
 from tests.kernels import program
 
 H, TOTAL, STRIDE, MEMBERS = 0.01, 200, 30, 96

@@ -19,7 +19,7 @@ from rigidmc.errors import FileError, RigidmcError, SceneError, nearest
 from rigidmc.files import reading
 from rigidmc.files.zarr_store import refuse_hostile
 from rigidmc.mechanics import mesh
-from rigidmc.scene.columns import column
+from rigidmc.scene.toml.values import column
 from tests.faulty import LINUX
 
 pytestmark = LINUX

@@ -15,9 +15,9 @@ FORKS = """
 import ctypes, os, sys
 import numpy as np
 import rigidmc as rm
-from rigidmc.runs import resume
-from rigidmc.runs.create import create
-from rigidmc.storage import writer
+from rigidmc.runs.directory import resume
+from rigidmc.runs.directory.create import create
+from rigidmc.results import writer
 folder, how = sys.argv[1], int(sys.argv[2])
 scene = rm.Scene.load("tennis_racket").with_run(members=64, t_end=1.0, every=0.1, save=("omega",))
 expected, alone, forks = rm.simulate(scene).omega.values, writer.alone, []

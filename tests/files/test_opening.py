@@ -13,8 +13,8 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import FileError
 from rigidmc.files import opening, outputs
-from rigidmc.runs.create import create
-from rigidmc.runs.resume import resume
+from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.resume import resume
 from tests.faulty import LINUX
 
 pytestmark = LINUX

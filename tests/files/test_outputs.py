@@ -27,11 +27,15 @@ from rigidmc.cli import app
 from rigidmc.errors import NoRoom, OutputExists
 from rigidmc.files import outputs
 from rigidmc.files.netcdf import alone
-from rigidmc.runs import blocks, resume
-from rigidmc.runs.create import create
-from rigidmc.studies import accuracy, trust
-from rigidmc.studies.stress import run as hard_cases
-from rigidmc.views import animation, studies
+from rigidmc.runs import blocks
+from rigidmc.runs.directory import resume
+from rigidmc.runs.directory.create import create
+from rigidmc.studies.accuracy import picture as accuracy_picture
+from rigidmc.studies.accuracy import study as accuracy
+from rigidmc.studies.stress import picture as stress_picture
+from rigidmc.studies.stress import study as hard_cases
+from rigidmc.studies.stress import trust
+from rigidmc.views import animation
 from tests import torture_outputs
 from tests.faulty import LINUX, limited
 from tests.torture import COMMAND
@@ -79,8 +83,8 @@ def test_studies_and_pictures_overwrite_nothing_that_appears_meanwhile(
         patch.object(module, name, appearing([one, two], STUDY)),
         patch.object(module, "table", lambda found: ["the table"]),
         patch.object(trust, "failed", lambda found: False),
-        patch.object(studies, "work_precision", lambda found: Figure()),
-        patch.object(studies, "trust", lambda found: Figure()),
+        patch.object(accuracy_picture, "work_precision", lambda found: Figure()),
+        patch.object(stress_picture, "trust", lambda found: Figure()),
     ):  # fmt: skip
         told = invoke(*words, "-o", one)
         assert told.exit_code == 6 and "s.2.nc" in told.stderr and "the table" in told.stdout
@@ -275,7 +279,7 @@ def test_a_run_without_disk_space_does_not_begin(tmp_path):
 
     words = "run", "nasa_brick", "-o", f"{tmp_path}/run/"
     with (
-        patch("rigidmc.runs.create.refuse_hopeless", hopeless),
+        patch("rigidmc.runs.directory.create.refuse_hopeless", hopeless),
         patch.object(resume, "resume", side_effect=AssertionError),
     ):
         for more in (["--threads", 7], ["--cluster", "local:9"]):

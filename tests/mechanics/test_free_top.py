@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from rigidmc import SceneError, SceneWarning, free_motion, free_top
 from rigidmc.mechanics.rotation import attitude_error, matrix, rotation_vector
-from rigidmc.studies.problems import HARD, PROBLEMS
+from rigidmc.studies.stress.problems import HARD, PROBLEMS
 from tests import reference
 from tests.mechanics import oracles
 

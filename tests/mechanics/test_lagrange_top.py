@@ -17,7 +17,7 @@ from rigidmc.mechanics.rotation import (
     omega_from_euler_rates,
     product,
 )
-from rigidmc.studies.problems import PROBLEMS
+from rigidmc.studies.stress.problems import PROBLEMS
 from tests import reference
 from tests.mechanics import oracles
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from rigidmc import Gravity, free_top, lagrange_top
-from rigidmc.dynamics.euler import MassProperties
-from rigidmc.engine import layout as K
-from rigidmc.integrators import INTEGRATORS
+from rigidmc.engine.kernel import layout as K
 from rigidmc.mechanics.rotation import attitude_error
-from rigidmc.observables import OBSERVABLES
+from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.integrators import INTEGRATORS
+from rigidmc.physics.observables import OBSERVABLES
 from tests.kernels import make_block, prepare, run
 
 MEMBERS, END, SAVES = 2000, 6.0, 12

@@ -17,7 +17,7 @@ from rigidmc import (
     normal,
 )
 from rigidmc.cli import app
-from rigidmc.engine.layout import STATUSES
+from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.runs.simulate import simulate

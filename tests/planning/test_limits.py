@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.engine import cpu
-from rigidmc.engine import layout as K
-from rigidmc.integrators import INTEGRATORS
+from rigidmc.engine.kernel import block as cpu
+from rigidmc.engine.kernel import layout as K
+from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning import plan
 from rigidmc.planning.limits import Limits
-from rigidmc.studies.problems import PROBLEMS
+from rigidmc.studies.stress.problems import PROBLEMS
 from tests.kernels import block_of, prepare, run
 
 FREE, HEAVY = PROBLEMS["hairer_free"], (rm.Gravity(1.0),)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.effects import Gravity
-from rigidmc.engine import layout as K
-from rigidmc.integrators import INTEGRATORS
-from rigidmc.planning.rates import MOST_OWN_STEPS, own_steps, rates
-from rigidmc.planning.stage import stage
-from rigidmc.studies.problems import PROBLEMS
+from rigidmc.engine.kernel import layout as K
+from rigidmc.physics.effects import Gravity
+from rigidmc.physics.integrators import INTEGRATORS
+from rigidmc.planning.initial import stage
+from rigidmc.planning.steps import MOST_OWN_STEPS, own_steps, rates
+from rigidmc.studies.stress.problems import PROBLEMS
 from tests.kernels import block_of, prepare, run
 
 BODY = rm.Body.from_moments((rm.uniform(0.9, 1.4), 1.5, 2.0), centre=(0.1, 0.05, 0.2))

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.engine import layout as K
-from rigidmc.planning.tolerance import deviation, growth, pilot, truth
+from rigidmc.engine.kernel import layout as K
+from rigidmc.planning.tolerance import deviation, pilot, truth
+from rigidmc.planning.tolerance import deviation as growth
 
 BODY = rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.05, 0.2))
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
@@ -75,7 +76,7 @@ def test_errors_are_what_they_say():
     found = pilot.pilot(HEAVY, 40)
     true = pilot.follow(found, "rk8", 200)
     turn = np.array([np.cos(5e-4), np.sin(5e-4), 0.0, 0.0])  # by 1e-3 rad
-    from rigidmc.dynamics.so3 import multiply
+    from rigidmc.physics.dynamics.so3 import multiply
 
     q = np.stack([np.stack(multiply(tuple(a), tuple(turn))) for a in true.q])
     moved = deviation.errors(found, true._replace(q=q, l=1.0001 * true.l), true)

@@ -11,12 +11,12 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.engine import program
-from rigidmc.runs import checkpoints, resume, shards
-from rigidmc.runs.checkpoints import Checkpoints
-from rigidmc.runs.create import create
-from rigidmc.runs.shards import Shards
-from rigidmc.storage.checkpoint import read_checkpoint, write_checkpoint
-from rigidmc.storage.run_directory import RunDirectory
+from rigidmc.results.checkpoint import read_checkpoint, write_checkpoint
+from rigidmc.results.run_directory import RunDirectory
+from rigidmc.runs.directory import checkpoints, resume, shards
+from rigidmc.runs.directory.checkpoints import Checkpoints
+from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.shards import Shards
 from tests.runs.test_resume import HISTOGRAM, SCENE, SIZE, changed
 from tests.torture import sums
 

@@ -8,9 +8,9 @@ from typer.testing import CliRunner
 
 from rigidmc.cli import app
 from rigidmc.engine import program, threads
-from rigidmc.runs import moving, tasks
-from rigidmc.storage import run_directory
-from rigidmc.studies import price
+from rigidmc.results import run_directory
+from rigidmc.runs import price, segments
+from rigidmc.runs.directory import tasks
 from tests.runs.test_resume import SCENE
 from tests.torture import sums
 
@@ -49,17 +49,17 @@ class Clock:
         monkeypatch.setattr(program, "CALL", 1000)  # a wide block goes a step at a time
         for module in (threads, tasks):
             monkeypatch.setattr(module, "is_late", self.is_late)
-        monkeypatch.setattr(moving, "end_of_work", lambda: 0.0 if self.is_late() else math.inf)
+        monkeypatch.setattr(segments, "end_of_work", lambda: 0.0 if self.is_late() else math.inf)
 
     def of_parts(self, monkeypatch):
         """Count the parts of tasks in place of calls, of which their price takes some."""
-        self.cuts, moved = False, moving.Moving.moved
+        self.cuts, moved = False, segments.Moving.moved
 
         def moving_on(this, *arguments):
             self.calls += 1
             return moved(this, *arguments)
 
-        monkeypatch.setattr(moving.Moving, "moved", moving_on)
+        monkeypatch.setattr(segments.Moving, "moved", moving_on)
         monkeypatch.setattr(program, "CALL", 3_000_000)
 
     def begin(self, limit):

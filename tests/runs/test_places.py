@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import FileError, OutputExists
-from rigidmc.runs import gather, resume
-from rigidmc.runs.create import create
-from rigidmc.storage.run_directory import RunDirectory
-from rigidmc.studies.price import price
+from rigidmc.results.run_directory import RunDirectory
+from rigidmc.runs.directory import gather, resume
+from rigidmc.runs.directory.create import create
+from rigidmc.runs.price import price
 from tests.runs.test_resume import SCENE
 from tests.torture import sums
 
@@ -73,8 +73,8 @@ def test_the_price_of_a_study_leaves_nothing_beside_a_run(tmp_path):
 UNCOMPILED = """
 import json, sys, warnings
 import rigidmc as rm
-from rigidmc.runs import resume
-from rigidmc.runs.create import create
+from rigidmc.runs.directory import resume
+from rigidmc.runs.directory.create import create
 path, told = sys.argv[1], []
 try:
     resume.resume(path)

@@ -26,12 +26,11 @@ from rigidmc.cli import app
 from rigidmc.errors import FileError, NoRoom, OptionError, OutputExists, SceneWarning
 from rigidmc.files.netcdf import read
 from rigidmc.files.outputs import Part, content_of
-from rigidmc.runs import cluster, gather, resume
-from rigidmc.runs.create import create
-from rigidmc.runs.open import open_run
-from rigidmc.storage import run_directory
-from rigidmc.storage.run_directory import RunDirectory
-from rigidmc.storage.run_facts import rendered
+from rigidmc.results import run_directory
+from rigidmc.results.run_directory import RunDirectory, rendered
+from rigidmc.runs.directory import cluster, gather, resume
+from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.dataset import open_run
 from tests import torture
 from tests.faulty import LINUX
 from tests.torture import COMMAND, sums
@@ -219,10 +218,10 @@ def test_a_fault_of_every_kind(tmp_path):
 BESIDE = """
 import gc, sys, threading
 import rigidmc as rm
-from rigidmc.runs import gather, resume
-from rigidmc.runs.create import create
+from rigidmc.runs.directory import gather, resume
+from rigidmc.runs.directory.create import create
 from rigidmc.scene.scene import Scene
-from rigidmc.storage import run_directory
+from rigidmc.results import run_directory
 folder, run = sys.argv[1], dict(members=60000, t_end=1.0, every=0.5, save=("omega",))
 scene = Scene.load("tennis_racket").with_run(**run)
 for i in range(60):
@@ -247,7 +246,7 @@ import gc, sys
 import netCDF4
 import rigidmc as rm
 from rigidmc.scene.scene import Scene
-from rigidmc.storage.writer import write_columns
+from rigidmc.results.writer import write_columns
 from tests.torture import limited
 folder, run, told = sys.argv[1], dict(members=3000, t_end=1.0, every=0.5, save=("omega",)), 0
 scene = Scene.load("tennis_racket").with_run(**run)
@@ -532,7 +531,7 @@ def test_rows_of_their_own_go_with_the_run(tmp_path):
 
 def test_a_run_killed_before_it_began_leaves_nothing(tmp_path):
     with (
-        patch("rigidmc.runs.create.rendered", side_effect=KeyboardInterrupt),
+        patch("rigidmc.runs.directory.create.rendered", side_effect=KeyboardInterrupt),
         pytest.raises(KeyboardInterrupt),
     ):
         create(SCENE, tmp_path / "run")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.dynamics.so3 import up
+from rigidmc.physics.dynamics.so3 import up
 
 BODY = rm.Body.from_moments((1.0, 2.0, 2.5), centre=(0.02, 0.0, 0.1))
 START = rm.Start(omega=(rm.normal(0, 0.1), rm.normal(1, 0.1), 0.2), attitude="uniform")
@@ -72,7 +72,7 @@ def test_noise_goes_by_the_index_of_a_member(monkeypatch):
     scene = rm.Scene.load("brownian_rotor")
     settings = {"t_end": 2e-3, "dt": 2e-5, "every": 2e-4, "save": ("omega",)}
     whole = rm.simulate(scene, members=2000, **settings)
-    monkeypatch.setattr("rigidmc.planning.stage.RANGE", 64)
+    monkeypatch.setattr("rigidmc.planning.initial.RANGE", 64)
     picked = np.array([0, 1, 63, 64, 65, 500, 1999])
     part = rm.simulate(scene, members=picked, **settings)
     assert np.array_equal(part.omega.values, whole.omega.values[..., picked])

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import rigidmc as rm
 from rigidmc.arrays import floats, placed
 from rigidmc.mechanics import coordinates, inertia, rotation, textbook
-from rigidmc.views.unit_sphere import polhodes
+from rigidmc.views.sphere import draw_polhodes
 
 BODY = rm.Body((1.0, 2.0, 2.5))
 BOX = rm.Body.box(12.0, (1.0, 2.0, 3.0))
@@ -279,7 +279,7 @@ def test_axes_are_a_right_handed_set():
 
 def test_polhodes_of_labels():
     with pytest.raises(rm.SceneError, match="has labels"):
-        polhodes(pd.Series([1.0, 2.0, 3.0]), COLUMN)
+        draw_polhodes(pd.Series([1.0, 2.0, 3.0]), COLUMN)
 
 
 TABLE = """

@@ -11,11 +11,11 @@ import pytest
 from scipy import stats
 
 import rigidmc as rm
-from rigidmc.effects.sums import total_energy
-from rigidmc.engine import layout
+from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
-from rigidmc.planning.rates import physics
-from rigidmc.planning.stage import stage
+from rigidmc.physics.effects.sums import total_energy
+from rigidmc.planning.initial import stage
+from rigidmc.planning.steps import physics
 from rigidmc.scene.quantities import Grid
 
 N = 20_000
@@ -377,7 +377,7 @@ WEIGHT = 9.81 * math.sqrt(0.01 + 0.04 + 0.09)  # m g h of the body of `drawn`
 
 def height(found):
     """-1 ... 1: the height of the centre of mass over the fixed point, relative to its distance."""
-    from rigidmc.dynamics.so3 import up
+    from rigidmc.physics.dynamics.so3 import up
 
     centre = np.array([0.1, 0.2, 0.3])
     return centre @ np.array(up(tuple(found["start_attitude"]))) / np.linalg.norm(centre)

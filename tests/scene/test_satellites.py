@@ -9,10 +9,10 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
-from rigidmc.engine import layout
+from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.mechanics.inertia import symmetric
-from rigidmc.planning.stage import stage
+from rigidmc.planning.initial import stage
 from rigidmc.planning.units import scaled
 from rigidmc.protocols import Vector, effect
 

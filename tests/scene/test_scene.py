@@ -7,8 +7,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rigidmc as rm
-from rigidmc.planning.time_grid import grid
-from rigidmc.scene.shipped import shipped
+from rigidmc.planning.steps import grid
+from rigidmc.scene.library import shipped
 
 GOOD = """
 title = "test"

@@ -10,7 +10,7 @@ import rigidmc as rm
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import broken, symmetric
 from rigidmc.mechanics.log_cholesky import numbers_of, parameters_of, rates_of
-from rigidmc.planning.stage import stage
+from rigidmc.planning.initial import stage
 from rigidmc.planning.units import scaled
 
 TENSOR = np.array([[2.0, 0.1, -0.05], [0.1, 2.5, 0.2], [-0.05, 0.2, 3.0]])

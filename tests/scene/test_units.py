@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.planning.stage import stage
-from rigidmc.scene.laws import LAWS
+from rigidmc.planning.initial import stage
+from rigidmc.results.schema import member_variables
 from rigidmc.scene.quantities import draw
-from rigidmc.storage.schema import member_variables
+from rigidmc.scene.vector_distributions import LAWS
 from tests.units import OTHERS, PLAIN, in_units
 
 BODY, WEIGHT = rm.Body((1.0, 2.0, 2.5), 1.3, (0.0, 0.1, 0.2)), rm.Gravity(9.81)

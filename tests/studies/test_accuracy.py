@@ -8,14 +8,14 @@ import pytest
 from matplotlib.colors import to_rgb
 
 import rigidmc as rm
-from rigidmc.integrators import INTEGRATORS
+from rigidmc.figures import STYLES
+from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.tolerance.deviation import drift_along, errors
 from rigidmc.planning.tolerance.pilot import follow, pilot
 from rigidmc.planning.tolerance.truth import truth
 from rigidmc.scene.amounts import in_two_digits
-from rigidmc.studies import accuracy, drift
-from rigidmc.views import studies
-from rigidmc.views.styles import STYLES
+from rigidmc.studies.accuracy import drift, picture
+from rigidmc.studies.accuracy import study as accuracy
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 LAGRANGE = rm.Scene(
@@ -222,7 +222,7 @@ def test_every_integrator_has_its_own_style():
 
 
 def test_pictures(study, drifts, tmp_path):
-    figure = studies.work_precision(study)
+    figure = picture.work_precision(study)
     (axes,) = figure.axes
     labels = axes.get_legend_handles_labels()[1]
     assert {"rk4", "rk8", "chin4", "closed", "rk4 in float32", "frontier"} <= set(labels)
@@ -231,7 +231,7 @@ def test_pictures(study, drifts, tmp_path):
     (frontier,) = (line for line in axes.lines if line.get_label() == "frontier")
     assert np.ptp(to_rgb(frontier.get_color())) < 0.05  # grey
     figure.savefig(tmp_path / "a.png")
-    figure = studies.long_drift(drifts)
+    figure = picture.long_drift(drifts)
     assert [a.get_xlabel() for a in figure.axes] == ["steps", "steps"]
     assert "rk4: linear" in figure.axes[0].get_legend_handles_labels()[1]
     figure.savefig(tmp_path / "b.png")

@@ -11,14 +11,13 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import FileError, OptionError
-from rigidmc.runs import resume
-from rigidmc.storage.run_directory import CHOSEN, RunDirectory, status
-from rigidmc.studies.maps.growing import resume_growing
-from rigidmc.studies.maps.pixels import Pixels
-from rigidmc.studies.maps.question import adapted, question
-from rigidmc.studies.maps.refine import BEGUN, STRIDE, refined, unit
-from rigidmc.studies.maps.stability_map import prepared
-from rigidmc.studies.maps.stored import create_map
+from rigidmc.results.run_directory import CHOSEN, RunDirectory, status
+from rigidmc.runs.directory import resume
+from rigidmc.studies.stability_map.pixels import Pixels
+from rigidmc.studies.stability_map.question import adapted, question
+from rigidmc.studies.stability_map.refine import BEGUN, STRIDE, refined, unit
+from rigidmc.studies.stability_map.stored import create_map, resume_growing
+from rigidmc.studies.stability_map.study import prepared
 from tests import torture
 from tests.faulty import LINUX
 

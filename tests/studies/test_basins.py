@@ -6,11 +6,11 @@ import pytest
 import rigidmc as rm
 from bench.cantor import CANTOR, ends_of, found, gap
 from rigidmc.errors import OptionError, SceneError
-from rigidmc.runs.create import create
-from rigidmc.runs.resume import resume
-from rigidmc.scene.points import DISTANCES, Neighbours
-from rigidmc.studies.basins import basins_of, resolved, table
-from rigidmc.views.basins import basins_and_shares
+from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.resume import resume
+from rigidmc.scene.sampling import DISTANCES, Neighbours
+from rigidmc.studies.basins.picture import basins_and_shares
+from rigidmc.studies.basins.study import basins_of, resolved, table
 
 
 def test_a_cantor_set_and_a_point():

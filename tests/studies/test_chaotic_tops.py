@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.studies.maps.catalogue import case_map
+from rigidmc.studies.stability_map.case import case_map
 
 
 def megno(degrees, energy, moments=(2.0, 2.0, 1.0), members=128):

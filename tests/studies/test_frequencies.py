@@ -6,10 +6,10 @@ from scipy.special import ellipk
 
 import rigidmc as rm
 from rigidmc.errors import OptionError
-from rigidmc.runs.create import create
-from rigidmc.runs.resume import resume
-from rigidmc.studies.frequencies import WHY, designed, frequencies_of, oscillations, table
-from rigidmc.views.frequencies import frequency_map
+from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.resume import resume
+from rigidmc.studies.frequencies.picture import frequency_map
+from rigidmc.studies.frequencies.study import WHY, designed, frequencies_of, oscillations, table
 
 I, OMEGA = np.array([1.0, 2.0, 3.0]), np.array([1.0, 0.2, 0.1])
 FREE = rm.Scene(rm.Body(tuple(I)), start=rm.Start(omega=tuple(OMEGA))).with_run(
@@ -149,7 +149,7 @@ def test_threads_run_directories_and_pieces_change_no_bit(tmp_path, monkeypatch)
         members=70, integrator="exact", dt=0.5, t_end=100.0, every=0.5
     )
     one = rm.frequencies(scene, "omega[2]", threads=1)
-    monkeypatch.setattr("rigidmc.studies.frequencies.NUMBERS", 201 * 16)
+    monkeypatch.setattr("rigidmc.studies.frequencies.study.NUMBERS", 201 * 16)
     again = rm.frequencies(scene, "omega[2]", threads=2)
     create(designed(scene, "omega[2]"), tmp_path / "run")
     resume(tmp_path / "run")

@@ -6,11 +6,11 @@ from scipy.integrate import solve_ivp
 
 import rigidmc as rm
 from rigidmc.errors import OptionError, SceneError
-from rigidmc.runs.create import create
-from rigidmc.runs.resume import resume
-from rigidmc.scene.points import NEAREST, Tangents
-from rigidmc.studies.ftle import STATE, exponents, ftle_of, table
-from rigidmc.views.ftle import ftle_field
+from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.resume import resume
+from rigidmc.scene.sampling import NEAREST, Tangents
+from rigidmc.studies.ftle.picture import ftle_field
+from rigidmc.studies.ftle.study import STATE, exponents, ftle_of, table
 
 TIME = 6.0
 MOMENTS, CENTRE, WEIGHT = np.array([1.0, 1.3, 0.7]), np.array([0.3, 0.1, 0.4]), 2.0

@@ -14,15 +14,15 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics.free_top import free_motion
-from rigidmc.observables import Flips
+from rigidmc.physics.observables import Flips
+from rigidmc.results.intervals import probability
+from rigidmc.results.measures import measure
+from rigidmc.results.schema import Variable
 from rigidmc.scene.parameters import parameters, with_parameter
-from rigidmc.storage.schema import Variable
-from rigidmc.studies.intervals import probability
-from rigidmc.studies.maps import cases
-from rigidmc.studies.maps.catalogue import MAPS, case_map
-from rigidmc.studies.measures import measure
+from rigidmc.studies.stability_map import cases
+from rigidmc.studies.stability_map.case import MAPS, case_map
+from rigidmc.studies.stability_map.picture import stability_map
 from rigidmc.studies.until import simulate_until
-from rigidmc.views.maps import stability_map
 
 SIDE, EACH = 12, 4
 # of steps of 1.2 rad, which rk8 takes

@@ -9,8 +9,10 @@ import pytest
 import rigidmc as rm
 from rigidmc.errors import NoRoom, OptionError, SceneError
 from rigidmc.scene.sampling import is_sample, is_sample_of
-from rigidmc.studies import accuracy, drift, tasks
-from rigidmc.studies.rare.rare import KIND, asked
+from rigidmc.studies.accuracy import drift
+from rigidmc.studies.accuracy import study as accuracy
+from rigidmc.studies.framework import tasks
+from rigidmc.studies.rare.study import KIND, asked
 
 BODY = rm.Body((1.0, 1.0, 2.0))
 LAW = rm.normal(0.0, 1.0)

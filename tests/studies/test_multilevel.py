@@ -13,14 +13,20 @@ from scipy import stats
 import rigidmc as rm
 from bench.multilevel import equilibrium
 from rigidmc.errors import OptionError
-from rigidmc.studies import tasks
+from rigidmc.studies.framework import tasks
 from rigidmc.studies.multilevel import levels as levels_module
 from rigidmc.studies.multilevel.corrections import Level, cost_of, estimate, members_for, plain
-from rigidmc.studies.multilevel.dataset import dataset, plain_members, table
-from rigidmc.studies.multilevel.driver import stand
-from rigidmc.studies.multilevel.levels import APART, TASKS, number_of, sums
-from rigidmc.studies.multilevel.study import KIND, asked, multilevel_of, understood
-from rigidmc.views.multilevel import multilevel_levels
+from rigidmc.studies.multilevel.levels import APART, TASKS, number_of, stand, sums
+from rigidmc.studies.multilevel.picture import multilevel_levels
+from rigidmc.studies.multilevel.study import (
+    KIND,
+    asked,
+    dataset,
+    multilevel_of,
+    plain_members,
+    table,
+    understood,
+)
 
 SCENE, TRUTH = equilibrium()
 MEASURE = "mean(energy_final)"

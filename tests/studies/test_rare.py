@@ -9,12 +9,12 @@ from scipy.stats import norm
 import rigidmc as rm
 from bench.rare_truths import LEVEL, bathed, passed, spun
 from rigidmc.errors import FileError, NoRoom, OptionError, SceneWarning
-from rigidmc.runs.moving import Moving
-from rigidmc.studies import tasks
+from rigidmc.runs.segments import Moving
+from rigidmc.studies.framework import tasks
 from rigidmc.studies.rare import splitting, subsets
-from rigidmc.studies.rare.rare import KIND, asked, dataset, rare, rare_of, table
+from rigidmc.studies.rare.picture import rare_curve
 from rigidmc.studies.rare.score import scored
-from rigidmc.views.rare import rare_curve
+from rigidmc.studies.rare.study import KIND, asked, dataset, rare, rare_of, table
 
 # the steps of the chain are those of its quadrature, however long
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")

@@ -9,11 +9,11 @@ from scipy.special import ellipk
 
 import rigidmc as rm
 from rigidmc.errors import OptionError, SceneError
-from rigidmc.runs.create import create
-from rigidmc.runs.resume import resume
-from rigidmc.studies.sections import paths
-from rigidmc.studies.sections.section import designed, section_of, table
-from rigidmc.views.section import section_points
+from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.resume import resume
+from rigidmc.studies.section import paths
+from rigidmc.studies.section.picture import section_points
+from rigidmc.studies.section.study import designed, section_of, table
 
 BODY = rm.Body((1.0, 2.0, 2.5), centre=(0.1, 0.0, 0.2))
 FREE = rm.Scene(rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=(1.0, 0.2, 0.1))).with_run(

@@ -10,12 +10,11 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import FileError, OptionError
-from rigidmc.runs import resume
-from rigidmc.storage.run_directory import RunDirectory
-from rigidmc.storage.run_facts import read_facts, rendered
-from rigidmc.studies.maps.question import question, stored_question
-from rigidmc.studies.maps.stability_map import prepared
-from rigidmc.studies.maps.stored import create_map, is_map, members_of_pixels
+from rigidmc.results.run_directory import RunDirectory, read_facts, rendered
+from rigidmc.runs.directory import resume
+from rigidmc.studies.stability_map.question import question, stored_question
+from rigidmc.studies.stability_map.stored import create_map, is_map, members_of_pixels
+from rigidmc.studies.stability_map.study import prepared
 
 # of long steps, which maps take on purpose
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
@@ -85,7 +84,7 @@ def test_more_replicas_are_those_of_a_larger_map(whole, tmp_path):
 
 def test_pixels_in_parts_are_the_same(whole, monkeypatch):
     for chunk in (1000, 2400, 5000):  # some pixels, all of one replica, of two
-        monkeypatch.setattr("rigidmc.studies.maps.stability_map.CHUNK", chunk)
+        monkeypatch.setattr("rigidmc.studies.stability_map.study.CHUNK", chunk)
         assert in_memory().drop_attrs().identical(whole.drop_attrs()), chunk
 
 

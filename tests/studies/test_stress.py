@@ -11,17 +11,23 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.integrators import INTEGRATORS
-from rigidmc.studies.stress import groups, processes
-from rigidmc.studies.stress import run as H
-from rigidmc.studies.stress.case import Case
-from rigidmc.studies.stress.catalogue import GROUPS, MODULES, catalogue
-from rigidmc.studies.stress.integrate import distance, run, worst
-from rigidmc.studies.stress.invariants import conserved, constant, direction, walk
+from rigidmc.physics.integrators import INTEGRATORS
+from rigidmc.studies.stress import groups, picture, processes
+from rigidmc.studies.stress import study as H
+from rigidmc.studies.stress.case import GROUPS, MODULES, Case, catalogue
+from rigidmc.studies.stress.motions import (
+    conserved,
+    constant,
+    direction,
+    distance,
+    random_tops,
+    run,
+    tops,
+    walk,
+    worst,
+)
 from rigidmc.studies.stress.processes import carried_out
-from rigidmc.studies.stress.tops import random_tops, tops
 from rigidmc.studies.stress.truths import against_closed, closed_states, flips
-from rigidmc.views import studies
 
 
 @cache
@@ -104,7 +110,7 @@ def test_a_study_reports_cases_above_their_bound(tmp_path):
     H.save_bounds(first, tmp_path / "b.csv")
     kept = H.load_bounds(tmp_path / "b.csv")
     assert error < kept["needle", "exact"] < 6 * error
-    figure = studies.hard_cases(second)
+    figure = picture.hard_cases(second)
     assert figure.axes[0].get_images()[0].get_array().shape[:2] == second.error.shape
     first.to_netcdf(tmp_path / "s.nc", engine="netcdf4")
 

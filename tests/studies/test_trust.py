@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.studies import trust
-from rigidmc.views import studies
+from rigidmc.studies.stress import picture, trust
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 LAGRANGE = rm.Scene(
@@ -46,7 +45,7 @@ def test_a_good_scene_is_trusted_as_far_as_it_is_true(good):
     assert good.attrs["verdict"] == f"trust {good.attrs['digits']} digits to t = 5 s"
     assert not trust.failed(good)
     assert "verdict" in trust.table(good)[-1]
-    assert len(studies.trust(good).axes[0].lines) == 8
+    assert len(picture.trust(good).axes[0].lines) == 8
 
 
 def test_a_long_step_is_seen():

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 import rigidmc as rm
 from rigidmc import progress
-from rigidmc.views.figure import new_figure
-from rigidmc.views.notebook import body_html, scene_html
+from rigidmc.figures import new_figure
+from rigidmc.views.accessor import body_html, scene_html
 
 
 def test_a_scene_tells_body_start_effects_with_price_and_settings():

@@ -12,9 +12,10 @@ pytest.importorskip("matplotlib")
 from matplotlib.figure import Figure
 
 import rigidmc as rm
-from rigidmc.views import ensemble, maps, sphere
-from rigidmc.views.body import describe
-from rigidmc.views.figure import save
+from rigidmc.figures import save
+from rigidmc.studies.stability_map import picture as maps
+from rigidmc.views import ensemble, sphere
+from rigidmc.views.descriptions import describe_body
 from rigidmc.views.sample import DRAWN, MEMBERS, TIMES, sample, vectors
 
 MOMENTS = (1.0, 2.0, 3.0)
@@ -410,7 +411,7 @@ def test_a_map_of_one_column_is_as_wide_as_its_number(number):
 
 def test_a_small_centre_is_told():
     body = rm.Body.from_moments((1e-40, 1.2e-40, 2e-40), 1e-10, (1e-16, 2e-16, 0.0))
-    told = next(line for line in describe(body, "body") if line.startswith("centre"))
+    told = next(line for line in describe_body(body, "body") if line.startswith("centre"))
     assert "(1e-16, 2e-16, 0) m" in told
 
 

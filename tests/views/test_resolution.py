@@ -24,11 +24,11 @@ from rigidmc.planning.turns import (
     sparse_saves,
     turning,
 )
-from rigidmc.scene.shipped import shipped
+from rigidmc.scene.library import shipped
 from rigidmc.views import animation
+from rigidmc.views.descriptions import _steps
 from rigidmc.views.resolution import fastest, note_on
 from rigidmc.views.sample import TIMES, sample
-from rigidmc.views.scene import _steps
 
 GYROSCOPE = rm.Scene.load("gyroscope").with_run(members=16, t_end=0.4)
 
@@ -195,7 +195,7 @@ def test_show_says_so():
 
 
 def test_an_animation_says_how_far_it_turns_between_frames():
-    from rigidmc.runs.frames import frames
+    from rigidmc.runs.rerun import frames
 
     ds = rm.simulate(GYROSCOPE, threads=1, members=1)
     few = frames(ds, 0, 4 * 20)
@@ -209,7 +209,7 @@ def test_an_animation_says_how_far_it_turns_between_frames():
 def test_a_page_shows_what_spins_up():
     """From rest: the first momentum tells no rate, and 300 frames would jump by 10 rad each."""
     pytest.importorskip("k3d")
-    from rigidmc.runs.frames import frames
+    from rigidmc.runs.rerun import frames
     from rigidmc.views.viewer.motion import closer, reach, unseen
 
     body = rm.Body.from_moments((1.0, 1.2, 1.5))

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import OptionError, OutputExists
-from rigidmc.runs.frames import frames
+from rigidmc.runs.rerun import frames
 from rigidmc.views.viewer.motion import density, short
 from rigidmc.views.viewer.page import view
 

@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 
 import rigidmc
 from rigidmc.cli import app
-from rigidmc.engine.cache_folder import cache_folder
-from rigidmc.runs.create import create
-from rigidmc.scene.shipped import read_source, shipped
+from rigidmc.engine.compiler.disk_cache import cache_folder
+from rigidmc.runs.directory.create import create
+from rigidmc.scene.library import read_source, shipped
 from tests.runs.test_resume import SCENE
 
 PACKAGE = pathlib.Path(rigidmc.__file__).parent

@@ -12,7 +12,7 @@ import pytest
 from scipy.special import ellipk
 
 import rigidmc as rm
-from rigidmc.studies.maps.catalogue import MAPS
+from rigidmc.studies.stability_map.case import MAPS
 
 ROOT = Path(__file__).parents[2]
 PICTURE = re.compile(
@@ -291,7 +291,7 @@ FACTS = {
     ),
     "The closed form of a free body": (
         ["check-case 2"],
-        "tests/integrators/test_published.py::test_nasa_tumbling_brick",
+        "tests/physics/integrators/test_published.py::test_nasa_tumbling_brick",
     ),
     "Toutatis tumbles": (["asteroid 4179", "about its long axis"], toutatis),
     "The wobble of the Earth": (["Twenty years", "0.2″"], chandler),
@@ -307,7 +307,10 @@ FACTS = {
         LIBRARY + "test_a_rotor_with_enough_momentum_holds_a_long_satellite",
     ),
     "A sleeping top wakes": (["Above 119 rad/s"], sleeping),
-    "A rod in thermal equilibrium": (["law of Gibbs"], "tests/effects/test_bath.py::test_gibbs"),
+    "A rod in thermal equilibrium": (
+        ["law of Gibbs"],
+        "tests/physics/effects/test_bath.py::test_gibbs",
+    ),
     "The intermediate axis": (["about their middle axis"], middle_axis),
     "The growth of a disturbance": (["lines are theory"], growth),
     "The wait for the first flip": (["divided by ten", "lines are theory"], wait),

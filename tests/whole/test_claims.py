@@ -10,9 +10,9 @@ import pytest
 
 import rigidmc as rm
 from bench.claims import ROOT, claims, constants, given_by, numbers, of_text, shows
-from rigidmc.runs import checkpoints, cluster
-from rigidmc.runs.shards import SHARD
-from rigidmc.studies.sections import paths
+from rigidmc.runs.directory import checkpoints, cluster
+from rigidmc.runs.directory.shards import SHARD
+from rigidmc.studies.section import paths
 from rigidmc.views.viewer import maps, motion
 
 
@@ -65,7 +65,7 @@ def test_a_source_is_no_claim_and_gives_no_measured_number():
 
 
 def test_a_test_gives_only_the_numbers_that_it_has():
-    file = "tests/engine/test_layout.py"
+    file = "tests/engine/kernel/test_layout.py"
     assert not shows(file, "0.123456") and shows("tests/whole/test_claims.py", "0.123456")
     for number, known in (("0.12", True), ("12", True), ("0.13", False), ("4,100", True)):
         assert shows("tests/whole/test_claims.py", number) == known or number == "0.13"  # 4,096
@@ -79,7 +79,7 @@ def test_constants_that_pages_and_docstrings_state():
         ("rigidmc/views/viewer/page.py", "4,000\n        frames reach", motion.MOST),
         ("docs/viewer.md", "16 x 16 pixels", maps.SIDE),
         ("docs/how_to/long_runs.md", "every 20 s", checkpoints.EVERY),
-        ("rigidmc/studies/sections/section.py", "more than 0.2 rad", paths.ARC),
+        ("rigidmc/studies/section/study.py", "more than 0.2 rad", paths.ARC),
         ("docs/tutorials/thermal_rotor.md", "0.1 ms", 1e3 / scene.effects[1].gamma),
     ):
         assert words in (ROOT / name).read_text("utf-8")
@@ -87,7 +87,7 @@ def test_constants_that_pages_and_docstrings_state():
 
 
 def test_what_a_cluster_takes_is_what_the_bench_measured():
-    """The table in rigidmc/runs/cluster.py, from the rows of `python -m bench runs`."""
+    """The table in rigidmc/runs/directory/cluster.py, from the rows of `python -m bench runs`."""
     rows = json.loads((ROOT / "bench" / "results" / "runs.json").read_text("utf-8"))["rows"]
     measured = {row["what"]: row["measured"] for row in rows if row["kind"] == "target"}
     seconds = np.median(

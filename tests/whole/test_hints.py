@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.effects import EFFECTS
 from rigidmc.errors import nearest
-from rigidmc.integrators import INTEGRATORS
 from rigidmc.mechanics.solids import SOLIDS
-from rigidmc.observables import KNOWN
-from rigidmc.scene.file import _value
-from rigidmc.scene.laws import LAWS
+from rigidmc.physics.effects import EFFECTS
+from rigidmc.physics.integrators import INTEGRATORS
+from rigidmc.physics.observables import KNOWN
+from rigidmc.scene.library import shipped
 from rigidmc.scene.settings import Run
-from rigidmc.scene.shipped import shipped
+from rigidmc.scene.toml.read import _value
+from rigidmc.scene.vector_distributions import LAWS
 from rigidmc.synonyms import NAMES
 
 BODY = rm.Body.from_moments((1.0, 2.0, 2.5))

@@ -23,11 +23,13 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
-from rigidmc.engine import pieces
-from rigidmc.runs import blocks, shards
-from rigidmc.studies import accuracy, trust
-from rigidmc.studies.stress import run
-from rigidmc.views import scene as estimate
+from rigidmc.engine.compiler import kernels
+from rigidmc.runs import blocks
+from rigidmc.runs.directory import shards
+from rigidmc.studies.accuracy import study as accuracy
+from rigidmc.studies.stress import study as run
+from rigidmc.studies.stress import trust
+from rigidmc.views import descriptions as estimate
 from tests import hostile, hostile_readers
 from tests.faulty import LINUX
 
@@ -137,10 +139,10 @@ def good(tmp_path_factory):
 @contextlib.contextmanager
 def bounded():
     """Compile no kernel that the good files do not need, measure no price, make no long run."""
-    address, compute = pieces._address, blocks.compute
+    address, compute = kernels._address, blocks.compute
 
     def known(function, signature):
-        if (function, signature.args) not in pieces._by_types:
+        if (function, signature.args) not in kernels._by_types:
             raise Passed
         return address(function, signature)
 
@@ -154,7 +156,7 @@ def bounded():
 
     with contextlib.ExitStack() as held:
         for where, name, what in (
-            (pieces, "_address", known), (blocks, "compute", short), (shards, "compute", short),
+            (kernels, "_address", known), (blocks, "compute", short), (shards, "compute", short),
             (estimate, "cost_per_step", passed),
             (accuracy, "accuracy", passed), (run, "stress", passed), (trust, "trust", passed),
         ):  # fmt: skip

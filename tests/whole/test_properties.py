@@ -11,12 +11,12 @@ import numpy as np
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from rigidmc.dynamics.euler import MassProperties, kinetic_energy
-from rigidmc.dynamics.so3 import dot, multiply, up
-from rigidmc.effects import Gravity, ViscousDamping
-from rigidmc.effects.sums import total_energy, total_energy_scale
-from rigidmc.engine import layout as K
-from rigidmc.integrators import INTEGRATORS, Turns, accepting, form
+from rigidmc.engine.kernel import layout as K
+from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
+from rigidmc.physics.dynamics.so3 import dot, multiply, up
+from rigidmc.physics.effects import Gravity, ViscousDamping
+from rigidmc.physics.effects.sums import total_energy, total_energy_scale
+from rigidmc.physics.integrators import INTEGRATORS, Turns, accepting, form
 from rigidmc.planning.limits import Limits
 from tests.kernels import make_block, run
 from tests.reference import attitude_error
@@ -106,7 +106,13 @@ def moved(top, name, h=None, steps=STEPS, way=1.0):
         np.array(top.attitude)[:, None],
         np.array(top.momentum)[:, None],
     )
-    run(block, form(INTEGRATORS[name], Turns(TURN, 3.0 * TURN), effects), effects, way * h, steps)
+    run(
+        block,
+        form(INTEGRATORS[name], Turns(TURN, 3.0 * TURN), effects),
+        effects,
+        way * h,
+        steps,
+    )
     assert not block[K.STATUS].any()
     return block[: K.MOMENTUM, 0].copy(), block[K.MOMENTUM : K.REST, 0].copy()
 

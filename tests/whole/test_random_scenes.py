@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.effects import labelled
-from rigidmc.effects.parameters import filled, shape
-from rigidmc.integrators import INTEGRATORS
+from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects.protocol import filled, shape
+from rigidmc.physics.integrators import INTEGRATORS
 from tests import random_scenes
-from tests.effects.laws import Known, moved
+from tests.physics.effects.laws import Known, moved
 from tests.random_scenes import QUICK, Kind
 from tests.reference import rotation
 

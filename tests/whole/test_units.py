@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.observables import OBSERVABLES, WATCHED, WITH_TABLE
-from rigidmc.scene.laws import LAWS
+from rigidmc.physics.observables import OBSERVABLES, WATCHED, WITH_TABLE
+from rigidmc.scene.vector_distributions import LAWS
 from rigidmc.views.accessor import Rigid
 from tests import units
 from tests.pure_numbers import LIMIT, LIMITS, SEEDS, answer, differences, rows

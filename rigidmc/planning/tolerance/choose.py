@@ -1,22 +1,29 @@
 """Which integrator and step give an accuracy at the least cost, for a scene and a machine: measured
-on a pilot, not guessed."""
+on a pilot, not guessed.
 
+Kernels of a study compiled by two processes at once: each kernel takes 3 s, Numba compiles one
+at a time, and a study needs up to twenty.
+"""
+
+import json
 import math
-from collections.abc import Iterable
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.dynamics.methods import implements
-from rigidmc.effects import name_of
-from rigidmc.effects.protocol import is_random
-from rigidmc.engine import layout
+from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
-from rigidmc.planning.rates import Array
-from rigidmc.planning.tolerance.compile_ahead import compile_ahead
-from rigidmc.planning.tolerance.costs import Costs
-from rigidmc.planning.tolerance.deviation import errors, upper_quantile
-from rigidmc.planning.tolerance.growth import growth
+from rigidmc.files.helpers import start
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.effects import name_of
+from rigidmc.physics.effects.protocol import is_random
+from rigidmc.planning.steps import Array
+from rigidmc.planning.tolerance.costs import Costs, Way
+from rigidmc.planning.tolerance.deviation import errors, growth, upper_quantile
 from rigidmc.planning.tolerance.ladder import candidates, ladder, measured
 from rigidmc.planning.tolerance.pilot import (
     ROUNDING,
@@ -26,9 +33,8 @@ from rigidmc.planning.tolerance.pilot import (
     pilot,
 )
 from rigidmc.planning.tolerance.truth import AGREED, Truth, check_agreement, integrated, truth
-from rigidmc.planning.tolerance.way import Way
-from rigidmc.scene.given import named_integrators
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.validation import named_integrators
 
 # members: the 99 % quantile is then below the second largest error with 96 % certainty
 PILOT = 512
@@ -325,3 +331,62 @@ def _unreachable(
         f"{reason[0].upper()}{reason[1:]}. Ask for less, or for a shorter t_end"
     )
     return SceneError("run", "tolerance", tolerance, rule)
+
+
+Candidate = tuple[str, str]  # integrator and dtype
+
+
+def compile_ahead(pilot: Pilot, candidates: Sequence[Candidate]) -> None:
+    """Compile the kernels of some candidates for a pilot.
+
+    If a kernel is not in the cache, a second process compiles from the end of the list and leaves
+    its kernels there.
+    """
+    helper = None
+    try:
+        for place, candidate in enumerate(candidates):
+            began = time.perf_counter()
+            _compile(pilot, *candidate)
+            slow = time.perf_counter() - began > 0.7
+            if helper is None and slow and len(candidates) - place > 3:
+                helper = _helper(pilot, candidates[place + 1 :])
+    finally:
+        if helper is not None:
+            helper.kill()
+            helper.wait()
+
+
+def _compile(pilot: Pilot, integrator: str, dtype: str) -> None:
+    """Compile the kernel of one candidate, at a step in the middle of its ladder."""
+    if integrator == "closed":
+        return
+    few = pilot._replace(block=pilot.block[:, :32])
+    for finer in (1, 8):
+        try:
+            follow(few, integrator, finer * first_steps(pilot), dtype)
+            return
+        except SceneError:  # the step is too long for it
+            continue
+
+
+def _helper(pilot: Pilot, candidates: Sequence[Candidate]) -> subprocess.Popen[str] | None:
+    """The second process; None if the scene cannot be written as text."""
+    try:
+        text = pilot.scene.dumps()
+        Scene.loads(text)
+    except (SceneError, ValueError):  # rows of arrays, effects of the user's own
+        return None
+    task = json.dumps({"scene": text, "own": pilot.member_steps, "candidates": candidates})
+    helper = start(__name__, answers=False)
+    assert helper.stdin is not None
+    helper.stdin.write(task)
+    helper.stdin.close()
+    return helper
+
+
+def main() -> None:
+    """The second process: compile the candidates that standard input names, the last one first."""
+    task = json.load(sys.stdin)
+    members = pilot(Scene.loads(task["scene"]), 32)._replace(member_steps=task["own"])
+    for candidate in reversed(task["candidates"]):
+        _compile(members, *candidate)

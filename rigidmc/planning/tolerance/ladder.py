@@ -7,16 +7,15 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from rigidmc.errors import SceneError
-from rigidmc.integrators import accepting
-from rigidmc.observables import is_own
-from rigidmc.planning.form import form_of
+from rigidmc.physics.integrators import accepting
+from rigidmc.physics.observables import is_own
+from rigidmc.planning.monitors import watch
 from rigidmc.planning.plan import longest_watched
-from rigidmc.planning.tolerance.costs import Costs
+from rigidmc.planning.scheme import form_of
+from rigidmc.planning.tolerance.costs import Costs, Way
 from rigidmc.planning.tolerance.deviation import QUANTITIES, errors
 from rigidmc.planning.tolerance.pilot import MOST_STEPS, Pilot, first_steps, follow
 from rigidmc.planning.tolerance.truth import Truth, closed_states
-from rigidmc.planning.tolerance.way import Way
-from rigidmc.planning.watch import watch
 from rigidmc.scene.scene import Scene
 
 SINGLE = ("rk4", "exact", "strang")  # tried in float32 too

@@ -8,19 +8,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.effects.parameters import blank
-from rigidmc.engine import layout
-from rigidmc.engine.frame import Run, Saves
-from rigidmc.engine.layout import whole_lanes
+from rigidmc.engine.kernel import layout
+from rigidmc.engine.kernel.arguments import Run, Saves
+from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import Program
-from rigidmc.integrators import keeps_remainders
-from rigidmc.observables import OBSERVABLES
-from rigidmc.planning.form import carries_attitude, form_of
+from rigidmc.physics.effects.protocol import blank
+from rigidmc.physics.integrators import keeps_remainders
+from rigidmc.physics.observables import OBSERVABLES
+from rigidmc.planning.initial import stage
 from rigidmc.planning.plan import spinning_up
-from rigidmc.planning.rates import Array, own_steps, rates
-from rigidmc.planning.stage import stage
-from rigidmc.planning.time_grid import rounds
+from rigidmc.planning.scheme import carries_attitude, form_of
+from rigidmc.planning.steps import Array, own_steps, rates, rounds
 from rigidmc.scene.quantities import is_shared, rows
 from rigidmc.scene.scene import Scene
 from rigidmc.threads import Task, threads_of
@@ -39,7 +38,7 @@ class Pilot(NamedTuple):
     block : rows for the kernel, whole lanes;  first, members : the range of members
     carried : whether the attitude is part of the state
     base, stride : steps must be a multiple of `base`, and `stride` of it lie between two checks
-    times : of the checks [s];  rates : of the members [rad/s], see `rigidmc.planning.rates.rates`
+    times : of the checks [s];  rates : of the members [rad/s], see `rigidmc.planning.steps.rates`
     member_steps : whether members have steps of their own, because their rates differ much; not if
         torques spin members up, because their rates soon change
     """

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigidmc.engine import layout
+from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
-from rigidmc.integrators import accepting
+from rigidmc.physics.integrators import accepting
 from rigidmc.planning.closed_form import Case, closed_form
-from rigidmc.planning.rates import Array
+from rigidmc.planning.steps import Array
 from rigidmc.planning.tolerance.deviation import errors
 from rigidmc.planning.tolerance.pilot import (
     MOST_STEPS,

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 from scipy import special
 
-from rigidmc.studies.rounding import ULPS, resolution
+from rigidmc.results.intervals import ULPS, resolution
 
 START = 24  # steps that take as long as the start and the end of a member: 1 us
 PAIRED = 1.4  # steps that take as long as one with the noise of two

@@ -6,16 +6,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.effects.protocol import is_random
-from rigidmc.engine import layout
+from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError
-from rigidmc.observables import outputs
-from rigidmc.observables.event_times import roles_of
-from rigidmc.observables.protocol import Event
-from rigidmc.runs.moving import Moving
+from rigidmc.physics.effects.protocol import is_random
+from rigidmc.physics.observables import outputs
+from rigidmc.physics.observables.event_times import roles_of
+from rigidmc.physics.observables.protocol import Event
+from rigidmc.results.measures import Result, measure, observing
+from rigidmc.results.schema import member_variables
+from rigidmc.runs.segments import Moving
 from rigidmc.scene.scene import Scene
-from rigidmc.storage.schema import member_variables
-from rigidmc.studies.measures import Result, measure, observing
 
 Array = NDArray[np.float64]
 RULE = (

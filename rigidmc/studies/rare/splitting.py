@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine import layout
+from rigidmc.engine.kernel import layout
 from rigidmc.engine.streams import uniforms
 from rigidmc.runs.capacity import refuse_count
-from rigidmc.runs.moving import Moving
+from rigidmc.runs.segments import Moving
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.rare.score import Score
 

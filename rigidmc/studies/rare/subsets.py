@@ -5,11 +5,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from rigidmc.engine import layout
+from rigidmc.engine.kernel import layout
 from rigidmc.engine.streams import uniforms
-from rigidmc.planning.stage import drawn
-from rigidmc.runs.moving import Moving
-from rigidmc.scene.points import Dimension, Given
+from rigidmc.planning.initial import drawn
+from rigidmc.runs.segments import Moving
+from rigidmc.scene.sampling import Dimension, Given
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.rare.score import Score
 from rigidmc.studies.rare.splitting import Found, even_shares, row_of

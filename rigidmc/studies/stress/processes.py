@@ -12,10 +12,9 @@ from typing import Any
 
 from rigidmc.errors import RigidmcError
 from rigidmc.files.helpers import start
-from rigidmc.integrators import INTEGRATORS
+from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.progress import reporter
-from rigidmc.studies.stress.case import Case
-from rigidmc.studies.stress.catalogue import catalogue
+from rigidmc.studies.stress.case import Case, catalogue
 
 Outcome = tuple[float, float, str]  # error, seconds, reason; see `carried_out`
 Worker = subprocess.Popen[str]

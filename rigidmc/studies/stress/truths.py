@@ -12,17 +12,16 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import RigidmcError
-from rigidmc.integrators import accepting
 from rigidmc.mechanics.free_top import free_motion
 from rigidmc.mechanics.rotation import attitude_error
+from rigidmc.physics.integrators import accepting
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.units import Internal, internal, scaled
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
-from rigidmc.studies.problems import Problem
 from rigidmc.studies.stress.case import ErrorOf
-from rigidmc.studies.stress.integrate import distance, run, worst
-from rigidmc.studies.stress.tops import tops
+from rigidmc.studies.stress.motions import distance, run, tops, worst
+from rigidmc.studies.stress.problems import Problem
 
 
 def closed_states(scene: Scene, ds: xr.Dataset) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -8,9 +8,9 @@ from matplotlib import colormaps
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError
-from rigidmc.runs.frames import integrated
+from rigidmc.figures import colour_scale
+from rigidmc.runs.rerun import integrated
 from rigidmc.scene.scene import Scene, scene_of
-from rigidmc.views.maps import colours_of
 from rigidmc.views.viewer.motion import TURN, closer, encoded, motion, reach, unseen
 
 SIDE = 16  # pixels per side whose members are integrated for the page
@@ -107,7 +107,7 @@ def _side(coordinate: xr.DataArray) -> dict[str, Any]:
 
 def _measure(ds: xr.Dataset, name: str) -> dict[str, Any]:
     values: NDArray[np.float64] = ds[name].values
-    cmap, norm, _ = colours_of(name, values, None)
+    cmap, norm, _ = colour_scale(name, values, {})
     map_of = colormaps[cmap] if isinstance(cmap, str) else cmap
     table = (np.array([map_of(k / 255.0)[:3] for k in range(256)]) * 255.0).round().astype(int)
     places = np.ma.filled(np.ma.masked_invalid(np.asarray(norm(values), dtype=float)), np.nan)

@@ -9,10 +9,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.effects import labelled
-from rigidmc.effects.gravity_gradient import GravityGradient, place
-from rigidmc.effects.protocol import Effect
-from rigidmc.engine.layout import STATUSES
+from rigidmc.engine.kernel.layout import STATUSES
+from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects.gravity_gradient import GravityGradient, place
+from rigidmc.physics.effects.protocol import Effect
 from rigidmc.planning.turns import ATTITUDE, BODY, sparse
 from rigidmc.runs.rerun import rerun
 from rigidmc.scene.scene import Scene

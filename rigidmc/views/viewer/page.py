@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.outputs import refuse_existing, write_bytes
-from rigidmc.runs.frames import frames
+from rigidmc.results.labels import count_text
+from rigidmc.runs.rerun import frames
 from rigidmc.scene.scene import Scene, scene_of
-from rigidmc.views.sample import members_in_words, vectors
+from rigidmc.views.sample import vectors
 from rigidmc.views.surfaces import ball, surface_of
 from rigidmc.views.viewer.maps import is_map, map_data
 from rigidmc.views.viewer.motion import closer, density, drifts, motion, reach, status_of, unseen
@@ -44,7 +45,7 @@ def view(
         frames reach (tests/whole/test_claims.py)
     output : HTML file to write; force : replace it if it exists
 
-    The members are integrated again, see `rigidmc.runs.frames`. Raises OptionError for members that
+    The members are integrated again, see `rigidmc.runs.rerun`. Raises OptionError for members that
     the result does not have, FileError without k3d, OutputExists.
     """
     if output is not None:
@@ -145,7 +146,7 @@ def _of_map(ds: xr.Dataset, allow_code: bool) -> str:
     scene, data, bodies = map_data(ds, allow_code)
     a = ds.attrs
     about = (
-        f"{ds.sizes['x']} x {ds.sizes['y']} pixels of {members_in_words(a['members'])},"
+        f"{ds.sizes['x']} x {ds.sizes['y']} pixels of {count_text(a['members'], 'member')},"
         f" {a['integrator']}, t_end = {a['t_end']:g} s. {scene.summary}"
     )
     plots = _plots(scene, bodies, np.ones(3))
@@ -176,7 +177,7 @@ def _about(ds: xr.Dataset, scene: Scene, until: float | None) -> str:
         end += f", shown to {until:g} s"
     effects = ", ".join(type(effect).__name__ for effect in scene.effects) or "no torque"
     return (
-        f"{members_in_words(ds.sizes['member'])}, {effects}, {ds.attrs['integrator']},"
+        f"{count_text(ds.sizes['member'], 'member')}, {effects}, {ds.attrs['integrator']},"
         f" {end}. {scene.summary}".rstrip()
     )
 

@@ -10,10 +10,10 @@ import k3d
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.effects.field import UniformField
-from rigidmc.effects.gravity import Gravity
-from rigidmc.effects.gravity_gradient import GravityGradient
-from rigidmc.effects.protocol import Effect
+from rigidmc.physics.effects.field import UniformField
+from rigidmc.physics.effects.gravity import Gravity
+from rigidmc.physics.effects.gravity_gradient import GravityGradient
+from rigidmc.physics.effects.protocol import Effect
 from rigidmc.scene.quantities import is_shared
 from rigidmc.views.sphere import family
 from rigidmc.views.surfaces import TONES, Surface, ball, revolved, size_of

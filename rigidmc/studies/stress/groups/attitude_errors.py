@@ -5,8 +5,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rigidmc.dynamics.so3 import multiply
 from rigidmc.mechanics.rotation import attitude_error
+from rigidmc.physics.dynamics.so3 import multiply
 from rigidmc.studies.stress.case import Case, only
 
 TITLE = "attitude errors"

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from rigidmc.studies.stress.case import Case, makes_steps
-from rigidmc.studies.stress.invariants import conserved, constant
-from rigidmc.studies.stress.tops import GRAVITY, random_tops, tops
+from rigidmc.studies.stress.motions import GRAVITY, conserved, constant, random_tops, tops
 from rigidmc.studies.stress.truths import same_bits
 
 TITLE = "chaos"

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from rigidmc.studies.stress.case import Case
-from rigidmc.studies.stress.tops import tops
+from rigidmc.studies.stress.motions import tops
 from rigidmc.studies.stress.truths import against_closed
 
 TITLE = "damping"

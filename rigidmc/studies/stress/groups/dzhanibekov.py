@@ -2,10 +2,9 @@
 
 from collections.abc import Callable, Iterator
 
-from rigidmc.integrators import INTEGRATORS
+from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.studies.stress.case import Case, makes_steps
-from rigidmc.studies.stress.invariants import conserved, constant
-from rigidmc.studies.stress.tops import tops
+from rigidmc.studies.stress.motions import conserved, constant, tops
 from rigidmc.studies.stress.truths import flips
 
 TITLE = "Dzhanibekov"

@@ -7,8 +7,16 @@ import numpy as np
 
 from rigidmc.mechanics.rotation import from_euler, omega_from_euler_rates
 from rigidmc.studies.stress.case import Case, makes_steps
-from rigidmc.studies.stress.invariants import conserved, constant, direction
-from rigidmc.studies.stress.tops import GRAVITY, HANGING, UPRIGHT, leaning, tops
+from rigidmc.studies.stress.motions import (
+    GRAVITY,
+    HANGING,
+    UPRIGHT,
+    conserved,
+    constant,
+    direction,
+    leaning,
+    tops,
+)
 from rigidmc.studies.stress.truths import against_closed
 
 TITLE = "heavy symmetric tops"

@@ -7,12 +7,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dynamics.so3 import up
 from rigidmc.mechanics.rotation import from_euler, matrix
+from rigidmc.physics.dynamics.so3 import up
 from rigidmc.studies.stress.case import Case, ErrorOf, makes_steps
-from rigidmc.studies.stress.integrate import run, worst
-from rigidmc.studies.stress.invariants import Values, conserved, constant, direction
-from rigidmc.studies.stress.tops import GRAVITY, rotated, tops
+from rigidmc.studies.stress.motions import (
+    GRAVITY,
+    Values,
+    conserved,
+    constant,
+    direction,
+    rotated,
+    run,
+    tops,
+    worst,
+)
 
 TITLE = "integrable and steady heavy tops"
 

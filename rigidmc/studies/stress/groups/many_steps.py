@@ -8,8 +8,7 @@ from rigidmc.studies.stress.case import (
     loses_free_invariants,
     only,
 )
-from rigidmc.studies.stress.invariants import conserved, constant, walk
-from rigidmc.studies.stress.tops import random_tops, tops
+from rigidmc.studies.stress.motions import conserved, constant, random_tops, tops, walk
 
 TITLE = "very many steps"
 

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 
-from rigidmc.studies.problems import HARD
 from rigidmc.studies.stress.case import Case
-from rigidmc.studies.stress.tops import tops
+from rigidmc.studies.stress.motions import tops
+from rigidmc.studies.stress.problems import HARD
 from rigidmc.studies.stress.truths import against_closed
 
 TITLE = "plates and needles"

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from rigidmc.studies.stress.case import Case, makes_steps
-from rigidmc.studies.stress.invariants import constant, direction
-from rigidmc.studies.stress.tops import GRAVITY, UPRIGHT, tops
+from rigidmc.studies.stress.motions import GRAVITY, UPRIGHT, constant, direction, tops
 
 TITLE = "principal axes"
 

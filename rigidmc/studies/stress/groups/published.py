@@ -1,9 +1,9 @@
-"""Published ends of named problems, see `rigidmc.studies.problems`."""
+"""Published ends of named problems, see `rigidmc.studies.stress.problems`."""
 
 from collections.abc import Iterator
 
-from rigidmc.studies.problems import PROBLEMS
 from rigidmc.studies.stress.case import Case
+from rigidmc.studies.stress.problems import PROBLEMS
 from rigidmc.studies.stress.truths import against_end
 
 TITLE = "published ends"

@@ -4,15 +4,15 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from rigidmc.effects.damping import ViscousDamping
-from rigidmc.effects.gravity import Gravity
-from rigidmc.integrators import INTEGRATORS
+from rigidmc.physics.effects.damping import ViscousDamping
+from rigidmc.physics.effects.gravity import Gravity
+from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.studies.stress.case import Case, makes_steps, only
-from rigidmc.studies.stress.tops import tops
+from rigidmc.studies.stress.motions import tops
 from rigidmc.studies.stress.truths import refused
 
 TITLE = "refused"

@@ -5,13 +5,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rigidmc.effects.gravity import Gravity
+from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.studies.stress.case import Case, makes_steps, only, reversible
-from rigidmc.studies.stress.invariants import constant, direction
-from rigidmc.studies.stress.tops import GRAVITY, leaning, tops
+from rigidmc.studies.stress.motions import GRAVITY, constant, direction, leaning, tops
 from rigidmc.studies.stress.truths import (
     against_closed,
     against_turn,

@@ -3,10 +3,9 @@
 import math
 from collections.abc import Iterator
 
-from rigidmc.studies.problems import HARD
 from rigidmc.studies.stress.case import Case, makes_steps
-from rigidmc.studies.stress.invariants import conserved, constant
-from rigidmc.studies.stress.tops import tops
+from rigidmc.studies.stress.motions import conserved, constant, tops
+from rigidmc.studies.stress.problems import HARD
 from rigidmc.studies.stress.truths import against_closed
 
 TITLE = "separatrix"

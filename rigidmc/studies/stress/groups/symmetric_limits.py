@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from rigidmc.studies.stress.case import Case, makes_steps
-from rigidmc.studies.stress.tops import tops
+from rigidmc.studies.stress.motions import tops
 from rigidmc.studies.stress.truths import against_closed, over_members
 
 TITLE = "symmetric limits"

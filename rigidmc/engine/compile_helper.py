@@ -1,0 +1,99 @@
+"""Pieces compiled in a second process, while this one compiles others of the same program.
+
+The first use of a program then takes little more than half as long. The other process puts code
+into the disk cache, where this one finds it. It is told what to compile by the names of functions
+and NamedTuples of the package. If it fails, or is slow, this process compiles everything itself.
+"""
+
+import contextlib
+import importlib
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+from rigidmc.engine.compiler.kernels import Asked, is_kept, piece
+from rigidmc.engine.machine import threads_available
+from rigidmc.files.helpers import can_start, start
+
+PATIENCE = 60.0  # [s] for what takes 1 to 3 s on two cores
+
+
+def helped(asked: Mapping[str, Asked]) -> list[str]:
+    """Names of the pieces that another process could compile.
+
+    These are the pieces that the disk cache keeps, if there is another core and a Python to start.
+    asked : {name: what `piece` takes}
+    """
+    if not can_start() or threads_available() < 2:
+        return []
+    return [name for name, one in asked.items() if is_kept(*one)]
+
+
+@contextlib.contextmanager
+def beside(asked: Sequence[Asked]) -> Iterator[None]:
+    """Have pieces compiled by another process while the body runs.
+
+    At the end the other process has compiled them or is given up.  asked : what `piece` takes
+    """
+    process = _started(asked) if asked else None
+    try:
+        yield
+        if process is not None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(PATIENCE)
+    finally:
+        if process is not None:
+            process.kill()
+            process.wait()
+
+
+def _started(asked: Sequence[Asked]) -> subprocess.Popen[str] | None:
+    """The process, None if the system cannot start one."""
+    written = [
+        [_name(function), _written(parts), dtype, lanes, arguments]
+        for function, parts, dtype, lanes, arguments in asked
+    ]
+    try:
+        process = start(__name__, answers=False)
+    except OSError:
+        return None
+    assert process.stdin is not None
+    with contextlib.suppress(OSError), process.stdin as pipe:
+        json.dump(written, pipe)
+    return process
+
+
+def main() -> None:
+    """Compile what is written on the standard input."""
+    for function, parts, dtype, lanes, arguments in json.load(sys.stdin):
+        piece(_named(function), _read(parts), dtype, lanes, arguments)
+
+
+def _name(thing: Callable[..., Any]) -> str:
+    """The name of a function or class, as `_named` reads it."""
+    return f"{thing.__module__}:{thing.__qualname__}"
+
+
+def _named(name: str) -> Any:
+    """The function or class of a name; ImportError if it is not of this package."""
+    module, _, word = name.partition(":")
+    if not module.startswith("rigidmc."):
+        raise ImportError(f"{name} is not of this package")
+    return getattr(importlib.import_module(module), word)
+
+
+def _written(part: Any) -> Any:
+    """Nested NamedTuples, tuples and numbers as JSON takes them."""
+    if not isinstance(part, tuple):
+        return part
+    return [_name(type(part)) if hasattr(part, "_fields") else "", *map(_written, part)]
+
+
+def _read(part: Any) -> Any:
+    """What `_written` wrote."""
+    if not isinstance(part, list):
+        return part
+    kind, *parts = part
+    return _named(kind)(*map(_read, parts)) if kind else tuple(map(_read, parts))

@@ -1,0 +1,153 @@
+"""From a tuple of effects to one straight-line function.
+
+Physics is written as plain functions and as methods of NamedTuples. Here they become callable from
+compiled code: a plain function by itself, a method by the TYPE of its NamedTuple. Tuples of effects
+are unrolled by recursion on their type, so that compiled code holds what a scene lists and nothing
+else. Numba's disk cache works, because no function is ever an argument.
+"""
+
+import inspect
+import re
+import sys
+from collections.abc import Callable, Mapping
+from functools import cache
+from itertools import pairwise
+from types import ModuleType
+from typing import Any, cast
+
+from numba import njit
+from numba.core import types
+from numba.core.errors import NumbaError as NumbaError  # for callers of `reason`
+from numba.core.typing.templates import AbstractTemplate
+
+import rigidmc.physics.effects.protocol
+import rigidmc.physics.integrators.protocol
+import rigidmc.physics.observables.protocol  # noqa: F401  (imported so that METHODS is complete)
+from rigidmc.engine.compiler.intrinsics import CODED, coded, known_by
+from rigidmc.engine.compiler.pipeline import INLINE
+from rigidmc.engine.compiler.user_stamps import note
+from rigidmc.files.user_code import is_own
+from rigidmc.physics.dynamics.methods import METHODS, arguments
+
+Function = Callable[..., Any]
+
+_inlined: set[Function] = set()
+_done: set[str] = set()  # modules of the package
+
+
+def reason(error: Exception) -> str:
+    """The innermost cause of a failed compilation, with its file and line, on one line."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    failed = [i + 1 for i, line in enumerate(lines) if "Failed in nopython mode" in line]
+    inner = lines[failed[-1] :] if failed else lines
+    place = next((line.rstrip(":") for line in inner if line.startswith("File ")), "")
+    code = next((before for before, line in pairwise(inner) if line == "^"), "")
+    cause = re.sub(r"\((<module '\w+').*>\)", r"(\1>)", inner[0])[:200]
+    return cause + (f" ({place}: {code})" if place else "")
+
+
+def inline(function: Function) -> Function:
+    """Let compiled code call a plain Python function, inlined.
+
+    Numba's `overload` would do, but it compiles a function once more for each kind of caller: a
+    third of all that is compiled.
+    """
+    if function not in _inlined and function not in CODED:
+        _inlined.add(function)
+        compiled: dict[tuple[Any, ...], Any] = {}  # by the types of the arguments
+
+        class Template(AbstractTemplate):
+            key = function
+
+            def generic(self, args: Any, kws: Any) -> Any:
+                dispatcher = types.Dispatcher(_dispatcher(function, (*args, *kws.items())))
+                signature: Any = dispatcher.get_call_type(self.context, args, kws)
+                compiled[signature.args] = dispatcher.get_overload(signature)
+                return signature
+
+            def get_impl_key(self, sig: Any) -> Any:
+                return compiled[sig.args]
+
+        known_by(Template)
+    return function
+
+
+@cache
+def _dispatcher(function: Function, kinds: tuple[Any, ...]) -> Any:
+    """A function as it is compiled for arguments of these types alone."""
+    return njit(**INLINE)(function)
+
+
+def compile_method(call: Any) -> None:
+    """Let compiled code call a generic function of `rigidmc.physics.dynamics.methods`.
+
+    It calls the method of its first argument with the values that the method names, or the default.
+    """
+    name, default, available = call.__name__, inline(call.default), call.available
+
+    def resolve(typing_context: Any, part: Any, *values: Any) -> Any:
+        if not part.instance_class.__module__.startswith("rigidmc."):
+            note(part.instance_class)
+        method = getattr(part.instance_class, name, None)
+        named = available if method is None else arguments(method)
+        places = [available.index(argument) for argument in named]
+        function = default if method is None else inline(method)
+        if method is not None:
+            inline_names(method.__module__, method.__globals__)
+        typing_context.refresh()
+        kind = typing_context.resolve_value_type(function)
+        given = [part, *(values[i] for i in places)]
+        signature = typing_context.resolve_function_type(kind, given, {})
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            values = [args[0], *(args[1 + i] for i in places)]
+            return context.get_function(kind, signature)(builder, values)
+
+        return signature and (signature.return_type(part, *values), generate)
+
+    words = [
+        inspect.Parameter(word, inspect.Parameter.POSITIONAL_ONLY)
+        for word in ("_context", "_part", *available)
+    ]
+    # Numba would make a tuple of the arguments after a `*`
+    cast(Any, resolve).__signature__ = inspect.Signature(words)
+    coded(call)(resolve)
+
+
+def inline_all(module: ModuleType) -> None:
+    """Let compiled code call every plain function of a module, and those that these may call.
+
+    The latter are the functions of all modules of the same package, of rigidmc, or of a user's
+    files, from which the module imports a function, or which it imports, and so on; modules of the
+    engine are left out, because each calls this for itself.
+    """
+    inline_names(module.__name__, vars(module))
+
+
+def inline_names(module: str, names: Mapping[str, Any]) -> None:
+    """The same for a module by its name and what it has; a user's may be known to nobody else."""
+    package, pending, seen = module.partition(".")[0], [(module, names)], set(_done)
+    methods: list[Any] = list(METHODS)
+    while pending:
+        module, names = pending.pop()
+        if module in seen:
+            continue
+        seen.add(module)
+        for one in list(names.values()):
+            if inspect.ismodule(one) and package != "rigidmc" and is_own(one.__dict__):
+                pending.append((one.__name__, vars(one)))
+            if not inspect.isfunction(one) or one in methods:
+                continue
+            home = one.__module__
+            same = str(home).partition(".")[0] in (package, "rigidmc")
+            if home == module:
+                inline(one)
+            elif (same and not home.startswith("rigidmc.engine.")) or is_own(one.__globals__):
+                pending.append((home, one.__globals__))
+    if package == "rigidmc":  # a user's module may get more functions later
+        _done.update(seen)
+
+
+for _call in METHODS:
+    inline_all(sys.modules[_call.default.__module__])
+    compile_method(_call)

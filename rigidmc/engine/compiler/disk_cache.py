@@ -1,0 +1,363 @@
+"""A private disk cache of compiled code, which any change of the sources makes stale.
+
+Numba's classes of a disk cache, changed: names of files, checksums, and what is kept.
+
+They build on private parts of Numba; `rigidmc.engine.compiler.disk_cache` does without them if
+these change.
+
+The folder of the disk cache, and what may be kept in it.
+"""
+
+import contextlib
+import errno
+import functools
+import hashlib
+import io
+import logging
+import math
+import os
+import pickle
+import platform
+import re
+import shutil
+import stat
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import llvmlite
+import numba
+import numpy as np
+import platformdirs
+from numba.core import caching
+from numba.core.serialize import NumbaPickler
+
+from rigidmc.engine.compiler.user_stamps import classes_of, homes_of
+from rigidmc.files.opening import plain
+
+
+def cached(kernel: Any) -> Any:
+    """Give a jitted kernel the private disk cache.
+
+    If the cache cannot be read or written, the kernel is compiled in every process, and one line of
+    the log says so.
+    """
+    try:
+        folder = kernels()
+        stamp = os.path.basename(folder)
+        forget_old(stamp)
+        # fails if Numba changes
+
+        kernel._cache = cache_class(folder)(kernel.py_func)
+        kernel._cache._cache_file = Files(folder, "kernel", stamp)
+    except (ImportError, AttributeError, OSError, RuntimeError) as error:
+        log_once(error)
+    return kernel
+
+
+def is_kept(kernel: Any, signature: Any) -> bool:
+    """Whether the disk cache keeps a kernel that another process can compile: one of the package's
+    classes."""
+    return hasattr(kernel._cache, "_cache_file") and of_package(signature)
+
+
+def is_cached(kernel: Any, signature: Any) -> bool:
+    """Whether the disk cache has a kernel for a signature, by the name of its file."""
+    if not hasattr(kernel._cache, "_cache_file") or homes_of(signature) is None:
+        return False
+    files = kernel._cache._cache_file
+    key = kernel._cache._index_key(signature, kernel.targetctx.codegen())
+    return os.path.exists(files._data_path(files._name(key)))
+
+
+_texts: dict[tuple[Any, ...], str] = {}  # of this process
+
+
+def text_path(signatures: Sequence[Any], more: str) -> str | None:
+    """The file of a text that follows from the types of pieces and from `more`, None if a class
+    among the types has no stamp; OSError if there is no cache."""
+    homes = [homes_of(one) for one in signatures]
+    if None in homes:
+        return None
+    name = hashlib.sha256(repr((signatures, homes, more)).encode()).hexdigest()
+    return os.path.join(kernels(), name)
+
+
+def has_text(signatures: Sequence[Any], more: str) -> bool:
+    """Whether the text of `kept_text` is in memory or in the disk cache."""
+    if (*signatures, more) in _texts:
+        return True
+    with contextlib.suppress(OSError):  # there is no cache
+        path = text_path(signatures, more)
+        return path is not None and os.path.exists(path)
+    return False
+
+
+def kept_text(signatures: Sequence[Any], more: str, make: Callable[[], str]) -> str:
+    """The text that `make` makes, which follows from the types of pieces and from `more`.
+
+    From memory, or from the disk cache, where its sha256 stands before it.
+    """
+    key = (*signatures, more)
+    if key not in _texts:
+        _texts[key] = _from_disk(signatures, more, make)
+    return _texts[key]
+
+
+def _from_disk(signatures: Sequence[Any], more: str, make: Callable[[], str]) -> str:
+    """The text from the disk cache, or made and put there."""
+    path = None
+    try:
+        path = text_path(signatures, more)
+        if path is not None:
+            with (
+                contextlib.suppress(FileNotFoundError),
+                open(path, encoding="ascii", opener=plain) as file,
+            ):
+                known, _, text = file.read().partition("\n")
+                if known == hashlib.sha256(text.encode()).hexdigest():
+                    return text
+    except (OSError, ValueError) as error:
+        log_once(error)
+    text = make()
+    if path is not None:
+        with contextlib.suppress(OSError):
+            if text_path(signatures, more) != path:  # a class has changed meanwhile
+                return text
+            with open(f"{path}.{os.getpid()}", "w", encoding="ascii", opener=plain) as file:
+                file.write(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}")
+            os.replace(file.name, path)
+    return text
+
+
+_SUM = hashlib.sha256().digest_size
+# Modules that a file may name
+_KNOWN = re.compile(r"(numba|numpy|rigidmc|builtins|copyreg|collections)(\.|$)")
+# What code of the user's own may call: functions of LLVM, and of C if Python's math has them too.
+_CALLED = re.compile(rf"llvm\.|(numba_)?({'|'.join(dir(math))})f?$")
+_PRIVATE = 8, 9  # linkages of LLVM's that no other code sees: internal, private
+
+
+class Files(caching.IndexDataCacheFile):
+    """One file for each kernel, named by its key: processes that compile at once do not collide.
+
+    Behind what Numba writes stands its sha256: code with a flipped bit would crash, and is not
+    loaded.
+    """
+
+    def _name(self, key: Any) -> str:
+        homes = homes_of(key[0])  # the text of a type has no module
+        return hashlib.sha256(repr((key, homes)).encode()).hexdigest() + ".nbc"
+
+    def save(self, key: Any, data: Any) -> None:
+        try:
+            file = io.BytesIO()
+            _Pickler(file, _own(key[0])).dump(data)
+            packed = file.getvalue()
+            with self._open_for_write(self._data_path(self._name(key))) as file:
+                file.write(packed + hashlib.sha256(packed).digest())
+        except OSError as error:
+            log_once(error)
+
+    def load(self, key: Any) -> Any:
+        path = self._data_path(self._name(key))
+        try:
+            with open(path, "rb", opener=plain) as file:
+                data = file.read()
+            if hashlib.sha256(data[:-_SUM]).digest() == data[-_SUM:]:
+                return _Unpickler(io.BytesIO(data), _own(key[0])).load()
+            os.unlink(path)
+        except FileNotFoundError:
+            return None
+        except Exception as error:  # unreadable, or of another version
+            log_once(error)
+        return None
+
+
+def _own(signature: Any) -> list[type]:
+    """The classes of the user's own in a signature."""
+    return [one for one in classes_of(signature) if not one.__module__.startswith("rigidmc.")]
+
+
+class _Pickler(NumbaPickler):
+    """Writes a class of the user's own by its place in the signature: its name is that of another
+    class in another process. Nothing else of the user's is written."""
+
+    def __init__(self, file: Any, own: list[type]) -> None:
+        super().__init__(file, protocol=4)
+        self._places = {id(kind): place for place, kind in enumerate(own)}
+
+    def persistent_id(self, obj: Any) -> int | None:
+        return self._places.get(id(obj)) if isinstance(obj, type) else None
+
+
+class _Unpickler(pickle.Unpickler):
+    """Reads what `_Pickler` writes."""
+
+    def __init__(self, file: Any, own: list[type]) -> None:
+        super().__init__(file)
+        self._own = own
+
+    def persistent_load(self, pid: Any) -> type:
+        kind: type = self._own[pid]
+        return kind
+
+    def find_class(self, module: str, name: str) -> Any:
+        if not _KNOWN.match(module):
+            raise pickle.UnpicklingError(f"a kernel names {module}.{name}")
+        return super().find_class(module, name)
+
+
+def is_closed(code: Any) -> bool:
+    """Whether code stands by itself: one function, which calls known ones by their names and has no
+    address of this process.
+
+    Numba names others, and its environments of functions, by a count in the process: the same name
+    is another function in the next process, and would be called for it.
+    """
+    library, module = code.library, code.library._final_module
+    text = str(module)
+    if library.has_dynamic_globals or code.reload_init or code.lifted or "inttoptr (" in text:
+        return False
+    defined = [one.name for one in module.functions if not one.is_declaration]
+    called = [one.name for one in module.functions if one.is_declaration]
+    if defined != [code.fndesc.llvm_func_name] or not all(map(_CALLED.match, called)):
+        return False
+    named = Counter(re.findall(r"@([-\w$.]+)", text))
+    return all(
+        named[one.name] == 1  # where it is defined
+        if one.name.startswith("_ZN08NumbaEnv")
+        else one.linkage.value in _PRIVATE
+        for one in module.global_variables
+    )
+
+
+def cache_class(folder: str) -> Any:
+    """The class of a cache, for a folder."""
+
+    class Locator(caching._CacheLocator):
+        get_cache_path = staticmethod(lambda: folder)
+        get_source_stamp = staticmethod(lambda: os.path.basename(folder))
+        get_disambiguator = staticmethod(lambda: "kernel")
+        from_function = classmethod(lambda cls, function, file: cls())
+
+    class Implementation(caching.CompileResultCacheImpl):
+        _locator_classes: list[Any] = [Locator]
+
+        def reduce(self, cres: Any) -> Any:
+            # without the environments of functions, which no piece uses
+            return *super().reduce(cres)[:-1], ()
+
+    class Cache(caching.FunctionCache):
+        """Keeps what is compiled for types whose classes are known, see `own_stamps`."""
+
+        _impl_class = Implementation
+
+        def load_overload(self, signature: Any, context: Any) -> Any:
+            known = homes_of(signature) is not None
+            return super().load_overload(signature, context) if known else None
+
+        def save_overload(self, signature: Any, data: Any) -> None:
+            known = homes_of(signature) is not None
+            if known and (of_package(signature) or is_closed(data)):
+                super().save_overload(signature, data)
+
+    return Cache
+
+
+log = logging.getLogger("rigidmc")
+_PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+# LLVM computes functions of constants, such as sin(0.3), when it compiles
+_C_LIBRARY = " ".join(platform.libc_ver())
+_TOLD: set[str] = set()  # folders whose failure has been logged
+_STAMP = re.compile("[0-9a-f]{32}")
+_MARK = "made-by-rigidmc"  # an empty file in each folder of kernels
+_KEEP_SECONDS = 30 * 86400  # kernels of other versions of the sources are deleted after a month
+
+
+@functools.cache  # sources that change later are not those that this process has loaded
+def source_stamp() -> str:
+    """Hash of all the package's sources, of the compilers, and of the libraries whose functions
+    they may compute with: NumPy and C's.
+
+    A change of any makes every cached kernel stale.
+    """
+    compilers = f"{sys.version} numba {numba.__version__} llvmlite {llvmlite.__version__}"
+    libraries = f"numpy {np.__version__} {_C_LIBRARY}"
+    digest = hashlib.sha256(f"{compilers} {libraries}".encode())
+    for folder, folders, files in os.walk(_PACKAGE):
+        folders.sort()
+        for name in sorted(files):
+            if name.endswith(".py"):
+                with open(os.path.join(folder, name), "rb") as file:
+                    digest.update(name.encode() + b"\0" + file.read())
+    return digest.hexdigest()[:32]
+
+
+def cache_folder() -> str:
+    """Where compiled kernels are kept: a folder of our own in RIGIDMC_CACHE_DIR, or else in the
+    user's cache folder."""
+    named = os.environ.get("RIGIDMC_CACHE_DIR")
+    if named:
+        return os.path.join(named, "rigidmc-kernels")
+    return os.path.join(platformdirs.user_cache_dir("rigidmc", appauthor=False), "kernels")
+
+
+def home() -> str:
+    """The folder of the cache, made if there is none; OSError if it cannot be used."""
+    if named := os.environ.get("RIGIDMC_CACHE_DIR"):
+        private(named)
+    return private(cache_folder())
+
+
+def kernels() -> str:
+    """The folder of the kernels of these sources and compilers; OSError if it cannot be used."""
+    folder = private(os.path.join(home(), source_stamp()))
+    with contextlib.suppress(FileExistsError):
+        os.close(os.open(os.path.join(folder, _MARK), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
+    return folder
+
+
+def private(folder: str) -> str:
+    """Make a folder that only this user can write to; OSError if that cannot be.
+
+    A folder of others is not touched: what they planted there could lead anywhere.
+    """
+    os.makedirs(folder, mode=0o700, exist_ok=True)
+    facts = os.stat(folder)
+    if hasattr(os, "getuid") and (
+        facts.st_uid != os.getuid() or stat.S_IMODE(facts.st_mode) & 0o022
+    ):
+        rule = "is not private to this user; nothing is read from it or written to it"
+        raise PermissionError(f"{folder} {rule}")
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), folder)
+    return folder
+
+
+def forget_old(stamp: str) -> None:
+    """Delete the kernels of other versions of the sources after a month: folders that have the
+    name and the mark of such kernels, and nothing else."""
+    for entry in os.scandir(home()):
+        with contextlib.suppress(OSError):  # another process deletes it
+            facts = entry.stat(follow_symlinks=False)
+            ours = _STAMP.fullmatch(entry.name) and stat.S_ISDIR(facts.st_mode)
+            if ours and entry.name != stamp and time.time() - facts.st_mtime > _KEEP_SECONDS:
+                os.lstat(os.path.join(entry.path, _MARK))  # raises if it is not there
+                shutil.rmtree(entry.path, ignore_errors=True)
+
+
+def log_once(error: Exception) -> None:
+    """Log, once in a process, that the cache cannot be used."""
+    folder = cache_folder()
+    if folder not in _TOLD:
+        _TOLD.add(folder)
+        text = "kernels are compiled anew in every process, as their cache %s cannot be used: %s"
+        log.warning(text, folder, error)
+
+
+def of_package(signature: Any) -> bool:
+    """Whether all the NamedTuples of a signature are the package's."""
+    return all(kind.__module__.startswith("rigidmc.") for kind in classes_of(signature))

@@ -1,0 +1,206 @@
+"""Plain functions of the package that have code of their own in compiled code.
+
+They stand for what vectors have no operator for: a choice between two numbers by a mask, another
+precision, the bits of a number as a word.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba.core import types
+from numba.core.typing.templates import infer, infer_global, make_intrinsic_template
+from numba.extending import intrinsic
+
+from rigidmc.engine.compiler.vector_types import Mask, Vec, first_of, inverted, llvm_type, of_llvm
+from rigidmc.physics.dynamics.functions import as_float, as_given, as_word, double
+from rigidmc.physics.dynamics.so3 import by_precision, opposite, root, select, select_each
+
+Define = Callable[..., Any]
+CODED: set[Callable[..., Any]] = set()  # functions with code of their own
+
+
+def coded(function: Callable[..., Any]) -> Callable[[Define], Define]:
+    """Decorator: give the compiler code of its own for a plain function.
+
+    It decorates define(typing_context, *types) -> (signature, generate), or None if the types do
+    not fit. An `overload` would do, but is a function more to compile, 10 to 20 ms each, wherever
+    it is called.
+    """
+
+    def register(define: Define) -> Define:
+        CODED.add(function)
+        known_by(make_intrinsic_template(function, define, function.__name__))
+        return define
+
+    return register
+
+
+def known_by(template: Any) -> None:
+    """Let the compiler know a function by a template of its types."""
+    infer(template)
+    infer_global(template.key, types.Function(template))
+
+
+def _first_argument(context, builder, sig, args):
+    return args[0]
+
+
+@coded(select)
+def _select(typing_context, condition, one, other):
+    if isinstance(condition, types.Boolean):
+        kind = typing_context.unify_types(one, other)
+        return kind and (
+            kind(condition, kind, kind),
+            lambda context, builder, sig, args: builder.select(*args),
+        )
+    if not isinstance(condition, Mask):
+        return None
+    vectors = [t for t in (one, other) if isinstance(t, (Vec, Mask))]
+    if any(t != vectors[0] for t in vectors):
+        return None
+    truths = isinstance(one, types.Boolean) and isinstance(other, types.Boolean)
+    kind = vectors[0] if vectors else (Mask if truths else Vec)(condition.dtype, condition.count)
+    return kind(condition, kind, kind), lambda context, builder, sig, args: builder.select(*args)
+
+
+@coded(select_each)
+def _select_each(typing_context, condition, one, other):
+    pairs = zip(one, other, strict=True)
+    definitions = [_select(typing_context, condition, a, b) for a, b in pairs]
+    if None in definitions:
+        return None
+    kinds = types.Tuple([signature.return_type for signature, _ in definitions])
+
+    def generate(context, builder, sig, args):
+        both = [
+            context.cast(builder, value, kind, kinds)
+            for value, kind in zip(args[1:], sig.args[1:], strict=True)
+        ]
+        each = [[builder.extract_value(x, i) for x in both] for i in range(len(kinds))]
+        return context.make_tuple(builder, kinds, [builder.select(args[0], a, b) for a, b in each])
+
+    return kinds(condition, one, other), generate
+
+
+@coded(opposite)
+def _opposite(typing_context, condition):
+    if isinstance(condition, types.Boolean):
+        return condition(condition), lambda context, builder, sig, args: builder.not_(args[0])
+    if isinstance(condition, Mask):
+        return condition(condition), lambda context, builder, sig, args: inverted(
+            builder, condition, args[0]
+        )
+    return None
+
+
+@coded(root)
+def _root(typing_context, x):
+    if isinstance(x, Vec):
+        return x(x), lambda context, builder, sig, args: of_llvm("sqrt")(builder, x, *args)
+    kind = x if isinstance(x, types.Float) else types.float64
+    return kind(kind), lambda context, builder, sig, args: builder.call(
+        builder.module.declare_intrinsic("llvm.sqrt", [args[0].type]), args
+    )
+
+
+@coded(by_precision)
+def _by_precision(typing_context, x, double, single):
+    place = 2 if isinstance(x, Vec) and x.dtype == types.float32 else 1
+    kind = types.unliteral((double, single)[place - 1])
+    return kind(x, double, single), lambda context, builder, sig, args: args[place]
+
+
+def any_of(mask):
+    """Whether a condition holds for any of the members that are worked on."""
+    return bool(mask)
+
+
+@coded(any_of)
+def _any_of(typing_context, mask):
+    def generate(context, builder, sig, args):
+        bits = builder.bitcast(args[0], ir.IntType(mask.count))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
+
+    return types.boolean(mask), generate
+
+
+def _reinterpreted(kind: Any) -> Define:
+    """The definition of a function that takes the bits of numbers for those of another kind."""
+
+    def define(typing_context, x):
+        other = Vec(kind, x.count) if isinstance(x, Vec) else kind
+        return other(x), lambda context, builder, sig, args: builder.bitcast(
+            args[0], context.get_value_type(other)
+        )
+
+    return define
+
+
+coded(as_float)(_reinterpreted(types.float64))
+coded(as_word)(_reinterpreted(types.uint64))
+
+
+def _converted(context: Any, builder: Any, x: Any, kind: Vec, value: Any) -> Any:
+    """A number of type x as one of type `kind`."""
+    if not isinstance(x, Vec):
+        return context.cast(builder, value, x, kind)
+    if x.dtype == kind.dtype:
+        return value
+    convert = builder.fptrunc if kind.dtype == types.float32 else builder.fpext
+    return convert(value, llvm_type(kind))
+
+
+def like(x, other):
+    """x as a number, or as rows have it: as many at once as `other`, in its precision."""
+    return x
+
+
+@coded(like)
+def _like(typing_context, x, other):
+    if not getattr(other, "count", 0):  # Vecs and Rows of vectors have one
+        return x(x, other), _first_argument
+    kind = Vec(other.dtype, other.count)
+    return kind(x, other), lambda context, builder, sig, args: _converted(
+        context, builder, x, kind, args[0]
+    )
+
+
+@coded(as_given)
+def _as_given(typing_context, x, other):
+    return _like(typing_context, x, other)
+
+
+def in_precision(values, other):
+    """A tuple of numbers as `like` has each."""
+    return tuple(values)
+
+
+@coded(in_precision)
+def _in_precision(typing_context, values, other):
+    if not getattr(other, "count", 0) or not len(values):
+        return values(values, other), _first_argument
+    kind = Vec(other.dtype, other.count)
+
+    def generate(context, builder, sig, args):
+        each = (
+            _converted(context, builder, x, kind, builder.extract_value(args[0], i))
+            for i, x in enumerate(values)
+        )
+        return context.make_tuple(builder, sig.return_type, list(each))
+
+    return types.UniTuple(kind, len(values))(values, other), generate
+
+
+@coded(double)
+def _double(typing_context, x):
+    if not (isinstance(x, Vec) and x.dtype == types.float32):
+        return x(x), _first_argument
+    kind = Vec(types.float64, x.count)
+    return kind(x), lambda context, builder, sig, args: builder.fpext(args[0], llvm_type(kind))
+
+
+@intrinsic
+def plain(typing_context, x):
+    """The number of a vector of one number."""
+    return x.dtype(x), lambda context, builder, sig, args: first_of(builder, x, args[0])

@@ -1,0 +1,273 @@
+"""Memory as a type of the compiler: rows of vectors. In Python, and uncompiled, rows are arrays."""
+
+import operator
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba.core import types
+from numba.core.datamodel.models import OpaqueModel
+from numba.core.datamodel.registry import register_default
+from numba.core.imputils import lower_builtin
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numpy.typing import DTypeLike, NDArray
+
+from rigidmc.engine.compiler.intrinsics import coded
+from rigidmc.engine.compiler.pipeline import LINE
+from rigidmc.engine.compiler.vector_types import ELEMENT, Vec, llvm_type
+
+_WORD = ir.IntType(64)
+
+
+def aligned(
+    count: int, dtype: DTypeLike, make: Callable[..., NDArray[Any]] = np.zeros
+) -> NDArray[Any]:
+    """An array that begins on a cache line.
+
+    Half of all arrays are 32 bytes off it, and every vector of 512 bits then takes two accesses.
+    """
+    whole = make(count + LINE // 4, dtype)
+    off = (-whole.ctypes.data % LINE) // whole.itemsize
+    return whole[off : off + count]
+
+
+class Rows(types.Type):
+    """Memory as vectors one after the other: rows[i] is a Vec, or a plain number if count is 0.
+
+    pitch : numbers from one row to the next, if rows are parts of longer rows
+    """
+
+    def __init__(self, dtype: Any, count: int, pitch: int | None = None) -> None:
+        self.dtype, self.count, self.pitch = dtype, count, pitch or count
+        super().__init__(name=f"rows of {dtype}x{count}" + (f" in {pitch}" if pitch else ""))
+
+    @property
+    def item(self) -> Any:
+        """The type of rows[i]."""
+        return Vec(self.dtype, self.count) if self.count else self.dtype
+
+
+register_default(Rows)(OpaqueModel)
+
+
+def _place(builder: Any, kind: Any, array: Any, index: Any, item: Any) -> Any:
+    """The address of array[index] of plain memory, as an address of LLVM's type `item`."""
+    numbers = builder.bitcast(array, ELEMENT[kind.dtype.name].as_pointer())
+    return builder.bitcast(builder.gep(numbers, [index]), item.as_pointer())
+
+
+def _align(kind: Any) -> int:
+    """Bytes that an address of numbers of this kind is a multiple of."""
+    return 4 if kind.dtype == types.float32 else 8
+
+
+def load(rows, array, index):
+    """array[index], array[index + 1], ... of a flat array, as many as a row has."""
+    return array[index]
+
+
+@coded(load)
+def _load(typing_context, rows, array, index):
+    kind = Vec(array.dtype, rows.count)
+
+    def generate(context, builder, sig, args):
+        return builder.load(
+            _place(builder, array, args[1], args[2], llvm_type(kind)), align=_align(kind)
+        )
+
+    return kind(rows, array, types.intp), generate
+
+
+def store(array, index, value):
+    """Write numbers to array[index], array[index + 1], ..."""
+    array[index] = value
+
+
+@coded(store)
+def _store(typing_context, array, index, value):
+    def generate(context, builder, sig, args):
+        builder.store(
+            args[2], _place(builder, array, args[0], args[1], llvm_type(value)), align=_align(value)
+        )
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, value), generate
+
+
+def memory(array, number):
+    """An array, in compiled code its address, as plain numbers of the kind of `number`.
+
+    There is no counting of references, which would cost more than the use of the numbers.
+    """
+    return array
+
+
+@coded(memory)
+def _memory(typing_context, address, number):
+    kind = Rows(types.unliteral(number), 0)
+    return kind(address, number), lambda context, builder, sig, args: builder.inttoptr(
+        args[0], context.get_value_type(kind)
+    )
+
+
+def stream(rows, marks, number):
+    """Part `number` of rows that are divided into as many parts as there are marks."""
+    return rows
+
+
+@coded(stream)
+def _stream(typing_context, rows, marks, number):
+    kind = Rows(rows.dtype, rows.count // len(marks), rows.count)
+
+    def generate(context, builder, sig, args):
+        at = builder.mul(args[2], ir.Constant(_WORD, kind.count))
+        place = _place(builder, rows, args[0], at, ELEMENT[rows.dtype.name])
+        return builder.bitcast(place, context.get_value_type(kind))
+
+    return kind(rows, marks, types.intp), generate
+
+
+def _row(builder: Any, kind: Any, rows: Any, index: Any) -> Any:
+    """The address of rows[index]."""
+    if not kind.count:
+        return _place(builder, kind, rows, index, ELEMENT[kind.dtype.name])
+    first = builder.mul(index, ir.Constant(_WORD, kind.pitch))
+    return _place(builder, kind, rows, first, llvm_type(kind.item))
+
+
+@infer_global(operator.getitem)
+class _GetRow(AbstractTemplate):
+    def generic(self, args, kws):
+        if isinstance(args[0], Rows) and isinstance(args[1], types.Integer):
+            return signature(args[0].item, args[0], types.intp)
+        return None
+
+
+@lower_builtin(operator.getitem, Rows, types.Integer)
+def get_row(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    """LLVM's code of rows[index]."""
+    return builder.load(_row(builder, sig.args[0], *args), align=_align(sig.args[0]))
+
+
+@infer_global(operator.setitem)
+class _SetRow(AbstractTemplate):
+    def generic(self, args, kws):
+        if isinstance(args[0], Rows) and isinstance(args[1], types.Integer):
+            return signature(types.none, args[0], types.intp, args[0].item)
+        return None
+
+
+@lower_builtin(operator.setitem, Rows, types.Integer, types.Any)
+def _set_row(context, builder, sig, args):
+    builder.store(args[2], _row(builder, sig.args[0], *args[:2]), align=_align(sig.args[0]))
+    return context.get_dummy_value()
+
+
+def three_at(rows, row):
+    """Three numbers from three rows."""
+    return rows[row], rows[row + 1], rows[row + 2]
+
+
+def four_at(rows, row):
+    """Four numbers from four rows."""
+    return rows[row], rows[row + 1], rows[row + 2], rows[row + 3]
+
+
+def tuple_at(marks, rows, row):
+    """As many numbers as there are marks, from as many rows."""
+    return tuple(rows[row + i] for i in range(len(marks)))
+
+
+def _following(count: int, *arguments: Any) -> tuple[Any, Callable[..., Any]]:
+    """(signature, code) of a function that reads `count` rows from row `arguments[-1]` on.
+
+    arguments : types; the last but one is that of the rows
+    """
+    rows = arguments[-2]
+
+    def generate(context, builder, sig, args):
+        at = [builder.add(args[-1], ir.Constant(_WORD, i)) for i in range(count)]
+        each = [builder.load(_row(builder, rows, args[-2], i), align=_align(rows)) for i in at]
+        return context.make_tuple(builder, sig.return_type, each)
+
+    return types.UniTuple(rows.item, count)(*arguments[:-1], types.intp), generate
+
+
+@coded(three_at)
+def _three_at(typing_context, rows, row):
+    return _following(3, rows, row)
+
+
+@coded(four_at)
+def _four_at(typing_context, rows, row):
+    return _following(4, rows, row)
+
+
+@coded(tuple_at)
+def _tuple_at(typing_context, marks, rows, row):
+    return _following(len(marks), marks, rows, row)
+
+
+def put(values, rows, row):
+    """Write a tuple to rows, and return the row after them."""
+    for i, value in enumerate(values):
+        rows[row + i] = value
+    return row + len(values)
+
+
+@coded(put)
+def _put(typing_context, values, rows, row):
+    def generate(context, builder, sig, args):
+        for i, kind in enumerate(values):
+            at, x = builder.add(args[2], ir.Constant(_WORD, i)), builder.extract_value(args[0], i)
+            builder.store(
+                context.cast(builder, x, kind, rows.item),
+                _row(builder, rows, args[1], at),
+                align=_align(rows),
+            )
+        return builder.add(args[2], ir.Constant(_WORD, len(values)))
+
+    return types.intp(values, rows, types.intp), generate
+
+
+def spread(values, rows, array, at, pitch, past):
+    """Write a tuple to a flat array, at `at`, at + pitch, ..., and return the place after them.
+
+    past : whether past the cache, which takes whole cache lines. Rows of a result lie 2^15 bytes
+        and more apart, which is one place for the cache: through it each value pushes out others
+    """
+    for i, value in enumerate(values):
+        store(array, at + i * pitch, value)
+    return at + len(values) * pitch
+
+
+@coded(spread)
+def _spread(typing_context, values, rows, array, at, pitch, past):
+    kind = rows.item
+
+    def generate(context, builder, sig, args):
+        places = [args[3]]
+        for _ in values:
+            places.append(builder.add(places[-1], args[4]))
+        each = [
+            context.cast(builder, builder.extract_value(args[0], i), known, kind)
+            for i, known in enumerate(values)
+        ]
+
+        def write(align):
+            vector = llvm_type(kind)
+            to = (_place(builder, array, args[2], place, vector) for place in places[:-1])
+            return [builder.store(x, p, align=align) for x, p in zip(each, to, strict=True)]
+
+        one = builder.module.add_metadata([ir.Constant(ir.IntType(32), 1)])
+        skips_cache = builder.icmp_signed("!=", args[5], ir.Constant(_WORD, 0))
+        with builder.if_else(skips_cache) as (then, otherwise):
+            with then:
+                for written in write(LINE):
+                    written.set_metadata("nontemporal", one)
+            with otherwise:
+                write(_align(array))
+        return places[-1]
+
+    return types.intp(values, rows, array, types.intp, types.intp, types.intp), generate

@@ -1,0 +1,63 @@
+"""What other packages teach Numba: an `overload` of a user's changes the code of functions that do
+not name it, so no stamp of `rigidmc.engine.compiler.user_stamps` tells it."""
+
+import contextlib
+from collections.abc import Iterator
+from types import FunctionType
+from typing import Any
+
+from numba.core import imputils
+from numba.core.registry import cpu_target
+from numba.core.typing import templates
+from numba.core.typing.typeof import typeof_impl
+
+# Where what Numba comes with is from; "None" is code that Numba generates.
+_TEACHERS = {
+    "builtins", "math", "numpy", "rigidmc", "numba", "operator", "_operator", "heapq", "random",
+    "None",
+}  # fmt: skip
+_scanned: dict[tuple[int, str], int] = {}  # {(id of a registry, its list): entries seen}
+_foreign: list[str] = []
+
+
+def extension() -> str:
+    """A module, neither Numba's nor of this package, that has taught Numba something; or ""."""
+    typing, target = cpu_target.typing_context, cpu_target.target_context
+    known: list[Any] = [templates.builtin_registry, imputils.builtin_registry]
+    for registry in {id(r): r for r in [*known, *typing._registries, *target._registries]}.values():
+        for name, entries in vars(registry).items():
+            if isinstance(entries, list):
+                key = id(registry), name
+                for entry in entries[_scanned.get(key, 0) :]:
+                    _foreign.extend(set(_teachers(name, entry)) - _TEACHERS)
+                _scanned[key] = len(entries)
+    others = {home for one in typeof_impl.registry.values() for home in _makers(one, 0)}
+    return next(iter([*_foreign, *(others - _TEACHERS)]), "")
+
+
+def _teachers(name: str, entry: Any) -> Iterator[str]:
+    """The first words of the modules that an entry of a list of a registry comes from."""
+    if name == "globals":  # (what is known by a type, the type)
+        made = [type(entry[1]), *getattr(entry[1], "templates", ())]
+    else:  # a template; or (code, what it is for, ...)
+        made = [entry[0] if isinstance(entry, tuple) else entry]
+    for one in made:
+        yield from _makers(one, 3)
+
+
+def _makers(thing: Any, depth: int) -> Iterator[str]:
+    """The first words of the modules of a function or class, and of the functions in it."""
+    home = str(getattr(thing, "__module__", None)).partition(".")[0]
+    by_function = isinstance(thing, type) and home == "abc"
+    if not by_function:
+        yield home
+    inner = [getattr(thing, word, None) for word in ("_overload_func", "_definition_func")]
+    if by_function:
+        inner += vars(thing).values()
+    for cell in getattr(thing, "__closure__", None) or ():
+        with contextlib.suppress(ValueError):  # an empty one
+            inner.append(cell.cell_contents)
+    for one in inner:
+        function = getattr(one, "__func__", one)
+        if depth and isinstance(function, FunctionType):
+            yield from _makers(function, depth - 1)

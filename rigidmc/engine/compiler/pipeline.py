@@ -1,0 +1,316 @@
+"""Numba's own steps of a compilation without what the package's functions do not need.
+
+Compilation is faster, and the code is the same.
+
+How everything is compiled: functions are inlined into the piece that calls them, and the piece
+is optimised once.
+"""
+
+import contextlib
+import operator
+from collections.abc import Collection, Iterator
+from typing import Any
+
+import llvmlite.binding as llvm
+from numba._dynfunc import make_function
+from numba.core import compiler, errors, ir, types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.lowering import Lower
+from numba.core.typed_passes import NativeLowering, NopythonTypeInference
+from numba.core.typeinfer import TypeInferer
+
+from rigidmc.engine.compiler.fma import fuse
+from rigidmc.engine.compiler.user_stamps import compare, tag_of
+from rigidmc.engine.machine import vector_bits
+
+_POWERS = operator.pow, operator.ipow  # of a constant exponent they have code of its own
+_signatures: dict[Any, Any] = {}  # of calls, by the types of function and arguments
+
+
+def _signature(context: Any, function: Any, arguments: Any) -> Any:
+    """The signature of a call, found once: Numba does so two or three times in each function."""
+    key = function, tuple(arguments)
+    if key not in _signatures:
+        _signatures[key] = context.resolve_function_type(function, key[1], {})
+    return _signatures[key]
+
+
+class LeanPasses(PassManager):
+    """Runs passes without events, and without checks of functions between them.
+
+    The passes that need the lifetimes of variables find them out by themselves.
+    """
+
+    @global_compiler_lock
+    def _runPass(self, index: int, pss: Any, internal_state: Any) -> None:
+        pss.analysis = self._analysis
+        pss.run_initialization(internal_state)
+        pss.run_pass(internal_state)
+        pss.run_finalizer(internal_state)
+
+
+class _Inference(TypeInferer):
+    """Finds the signature of a call once for all functions."""
+
+    def resolve_call(self, fnty: Any, pos_args: Any, kw_args: Any) -> Any:
+        if type(fnty) is types.Function and not kw_args:
+            return _signature(self.context, fnty, pos_args)
+        return super().resolve_call(fnty, pos_args, kw_args)
+
+
+class _Unfiltered(errors.WarningsFixer):  # type: ignore[misc, name-defined]
+    """Numba collects the warnings of each call by itself; the package's calls have none."""
+
+    def catch_warnings(self, filename: Any = None, lineno: Any = None) -> Any:
+        return self
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class LeanInference(NopythonTypeInference):
+    """Numba's own inference of types, for functions without arrays and without warnings."""
+
+    _name = "rigidmc_lean_inference"
+
+    def run_pass(self, state: Any) -> bool:
+        function, context = state.func_ir, state.typingctx
+        infer = _Inference(context, function, _Unfiltered(errors.NumbaWarning))
+        frame = context.callstack.register(state.targetctx.target, infer, state.func_id, state.args)
+        with frame:
+            for i, (name, kind) in enumerate(zip(function.arg_names, state.args, strict=True)):
+                infer.seed_argument(name, i, kind)
+            if state.return_type is not None:
+                infer.seed_return(state.return_type)
+            infer.build_constraint()
+            state.typing_errors = infer.propagate()
+            state.typemap, state.return_type, state.calltypes = infer.unify()
+        return True
+
+
+class LeanLower(Lower):
+    """Numba's own lowering of a function, without texts of instructions for messages of errors."""
+
+    def lower_block(self, block: Any) -> None:
+        self.pre_block(block)
+        for instruction in block.body:
+            self.loc = instruction.loc
+            self.lower_inst(instruction)
+        self.post_block(block)
+
+    def lower_inst(self, inst: Any) -> None:
+        if isinstance(inst, ir.Assign):
+            value = self.lower_assign(self.typeof(inst.target.name), inst)
+            argument = inst.value.index + 1 if isinstance(inst.value, ir.Arg) else None
+            self.storevar(value, inst.target.name, argidx=argument)
+        elif isinstance(inst, ir.Del):
+            self.delvar(inst.value)
+        else:
+            super().lower_inst(inst)
+
+    def lower_binop(self, resty: Any, expr: Any, op: Any) -> Any:
+        """Numba tries first whether a constant operand has code of its own: powers alone do."""
+        if op in _POWERS:
+            return super().lower_binop(resty, expr, op)
+        signature, builder = self.fndesc.calltypes[expr], self.builder
+        operands = [
+            self.context.cast(builder, self.loadvar(x.name), self.typeof(x.name), kind)
+            for x, kind in zip((expr.lhs, expr.rhs), signature.args, strict=True)
+        ]
+        typing = self.context.typing_context
+        kind = typing.resolve_value_type(op)  # since the inference it may know more types
+        called = _signature(typing, kind, signature.args)
+        result = self.context.get_function(kind, called)(builder, operands)
+        return self.context.cast(builder, result, signature.return_type, resty)
+
+
+LINE = (
+    64  # bytes of a cache line and of the widest vectors: across two lines they take two accesses
+)
+
+
+class Fusing:
+    """A lowering of a function, then `fuse`."""
+
+    module: Any
+
+    def lower_normal_function(self, fndesc: Any) -> None:
+        super().lower_normal_function(fndesc)  # type: ignore[misc]
+        for function in self.module.functions:
+            fuse(function)
+            if function.blocks:
+                function.attributes.add("nounwind")  # without it the next is not written
+                function.attributes.alignstack = LINE
+
+
+class FusingLower(Fusing, Lower):
+    """Numba's own lowering of a user's function, then `fuse`."""
+
+
+class FusingLeanLower(Fusing, LeanLower):
+    """The same for a function of the package."""
+
+
+class Inlined(JITCodeLibrary):
+    """Code that is inlined wherever it is called.
+
+    By itself it is neither linked, nor optimised, nor made into machine code.
+    """
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def finalize(self) -> None:
+        for function in self.get_defined_functions():
+            function.linkage = "linkonce_odr"
+        self._finalized = True
+
+    def _get_module_for_linking(self) -> Any:
+        return self._final_module
+
+
+@contextlib.contextmanager
+def in_written_order() -> Iterator[None]:
+    """Machine code keeps the order in which the physics is written.
+
+    LLVM's own order saves registers and costs time: with 512 bits splittings take longer by it.
+    With 256 bits there are half as many registers, and LLVM's order, which is faster there, is
+    kept. The bits are the same.
+    """
+    if vector_bits() < 512:
+        yield
+        return
+    llvm.set_option("rigidmc", "-enable-misched=0")
+    try:
+        yield
+    finally:
+        llvm.set_option("rigidmc", "-enable-misched=1")
+
+
+class Flat(JITCodeLibrary):
+    """A piece: all calls, and the calls in those, are inlined first; then it is optimised once."""
+
+    def _finalize_specific(self) -> None:
+        with in_written_order():
+            super()._finalize_specific()
+
+    def get_asm_str(self) -> str:
+        """The machine code that runs, for tests to read."""
+        with in_written_order():
+            return str(super().get_asm_str())
+
+    def finalize(self) -> None:
+        libraries, left = dict.fromkeys(self._linking_libraries), list(self._linking_libraries)
+        while left:
+            new = [library for library in left.pop()._linking_libraries if library not in libraries]
+            libraries.update(dict.fromkeys(new))
+            left += new
+        self._linking_libraries = list(libraries)
+        super().finalize()
+
+    def _optimize_final_module(self) -> None:
+        passes, builder = self._codegen._module_pass_manager(opt=0)
+        passes.add_always_inliner_pass()
+        passes.add_global_dead_code_eliminate_pass()
+        passes.run(self._final_module, builder)
+        passes, builder = self._codegen._module_pass_manager(
+            loop_vectorize=False, slp_vectorize=False
+        )
+        passes.run(self._final_module, builder)
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class FusingLowering(NativeLowering):
+    """Numba's own pass with `FusingLower`."""
+
+    _name = "rigidmc_fusing_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        context, name = state.targetctx, state.func_id.func_qualname
+        if not state.flags.forceinline:
+            identity = state.func_ir.func_id
+            identity.unique_id = f"{identity.unique_id}{tag_of(state.args)}"
+            state.library = Flat(context.codegen(), name)
+            state.library.enable_object_caching()
+            return bool(super().run_pass(state))
+        state.library, state.flags.no_compile = Inlined(context.codegen(), name), True
+        super().run_pass(state)
+        result = state.cr
+        module = result.fndesc.lookup_module()
+        # Numba wants an entry point; it is never called
+        entry = make_function(module, name, "inlined", 0, result.env, (state.library,))
+        context.insert_user_function(entry, result.fndesc, [state.library])
+        state.cr = result._replace(cfunc=entry)
+        return True
+
+    @property
+    def lowering_class(self) -> type:
+        return FusingLower
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class OwnFusingLowering(FusingLowering):
+    """The lowering of a user's own function, whose globals are compared with its stamp."""
+
+    _name = "rigidmc_own_fusing_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        compare(state.func_id.func, state.func_ir)
+        return super().run_pass(state)
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class LeanFusingLowering(FusingLowering):
+    """The same for a function of the package."""
+
+    _name = "rigidmc_lean_fusing_lowering"
+
+    @property
+    def lowering_class(self) -> type:
+        return FusingLeanLower
+
+
+# Passes for closures, `with`, arrays, exceptions and Numba's other ways to inline. The package's
+# functions use none of them: an eighth of the time.
+NEEDLESS = {
+    "WithLifting", "InlineClosureLikes", "RewriteDynamicRaises", "MakeFunctionToJitFunction",
+    "InlineInlinables", "FindLiterallyCalls", "LiteralUnroll", "LiteralPropagationSubPipelinePass",
+    "InlineOverloads", "NopythonRewrites",
+}  # fmt: skip
+
+
+class Pipeline(compiler.CompilerBase):
+    """Numba's own pipeline with `FusingLowering` in the place of its lowering.
+
+    For functions of the package it leaves out what they do not need, see
+    `rigidmc.engine.compiler.pipeline`.
+    """
+
+    def define_pipelines(self) -> list[Any]:
+        passes = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
+        others: dict[type, type] = {NativeLowering: OwnFusingLowering}
+        needless: Collection[str] = ()
+        if str(self.state.func_id.func.__module__).startswith("rigidmc."):
+            passes.__class__, needless = LeanPasses, NEEDLESS
+            self.state.targetctx.enable_nrt = False  # none of their values counts references
+            others = {NativeLowering: LeanFusingLowering, NopythonTypeInference: LeanInference}
+        passes.passes = [
+            (others.get(kind, kind), what)
+            for kind, what in passes.passes
+            if kind.__name__ not in needless
+        ]
+        passes.finalize()
+        return [passes]
+
+
+# No flag of fast arithmetic: "nnan" or "ninf" would delete the check for non-finite members,
+# "contract" would let bits depend on what is compiled beside them, "nsz" would let the sign of a
+# zero. Without debugging information a product stays in its register, where `fuse` finds it.
+FLAGS = {"error_model": "numpy", "debug": False, "pipeline_class": Pipeline}
+INLINE: Any = {**FLAGS, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}

@@ -1,0 +1,171 @@
+"""Nested NamedTuples as arguments of compiled code: their types are compiled, not their numbers.
+
+A Kinds has the types; the numbers come from flat memory (`parts_of`) or from rows (`filled`). A
+piece of code for one scene is thus called in the same way as that for any other.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+from numba import typeof
+from numba.core import types
+from numba.core.datamodel.models import OpaqueModel
+from numba.core.datamodel.registry import register_default
+from numba.extending import typeof_impl
+
+from rigidmc.engine.compiler.intrinsics import coded
+from rigidmc.engine.compiler.memory import get_row
+from rigidmc.physics.effects.protocol import takes_noise
+
+# as Any: the stubs of Numba tell neither the items of tuples nor their class
+_Tuple: Any = types.BaseTuple
+_NamedTuple: Any = types.BaseNamedTuple
+
+
+class Kinds:
+    """What a piece of code is compiled for: NamedTuples, and tuples of them, without their numbers.
+
+    In compiled code it takes no memory: its type has all that it tells.
+    """
+
+    def __init__(self, *parts: Any) -> None:
+        self.parts = parts
+
+
+class KindsType(types.Type):
+    """The type of Kinds."""
+
+    def __init__(self, parts: Any) -> None:
+        self.parts = parts
+        super().__init__(name=f"kinds of {parts}")
+
+    @property
+    def key(self) -> Any:
+        return self.parts
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.parts)
+
+
+register_default(KindsType)(OpaqueModel)
+
+
+@typeof_impl.register(Kinds)
+def _typeof_kinds(value: Kinds, context: Any) -> KindsType:
+    return KindsType(typeof(value.parts))
+
+
+def numbers_of(part: Any) -> list[float]:
+    """The numbers in nested tuples, one after the other: what `parts_of` reads."""
+    if isinstance(part, tuple):
+        return [number for one in part for number in numbers_of(one)]
+    return [float(part)]
+
+
+def parts_of(kinds, numbers):
+    """The parts of Kinds, with the numbers that `numbers_of` wrote to flat memory."""
+    return kinds.parts
+
+
+@coded(parts_of)
+def _parts_of(typing_context, kinds, numbers):
+    return _read(kinds.parts, numbers, kinds, numbers)
+
+
+def filled(part, rows, first):
+    """Nested tuples of the type of `part` whose numbers are rows[first], rows[first + 1], ..."""
+    left = iter(range(first, first + row_count(part)))
+
+    def like(one):
+        if not isinstance(one, tuple):
+            return rows[next(left)]
+        return type(one)(*map(like, one)) if hasattr(one, "_fields") else tuple(map(like, one))
+
+    return like(part)
+
+
+@coded(filled)
+def _filled(typing_context, part, rows, first):
+    return _read(part, rows, part, rows, first)
+
+
+def _read(part: Any, rows: Any, *arguments: Any) -> tuple[Any, Callable[..., Any]]:
+    """(signature, code) of an intrinsic that reads nested tuples like `part` from rows.
+
+    arguments : the types of its arguments; if there are three, the last is the first row, else 0
+    """
+    word = types.intp
+
+    def kind_of(one: Any) -> Any:
+        if not isinstance(one, _Tuple):
+            return rows.item
+        each = [kind_of(x) for x in one]
+        if not isinstance(one, _NamedTuple):
+            return types.Tuple(each)
+        if each and all(x == each[0] for x in each):
+            return types.NamedUniTuple(each[0], len(each), one.instance_class)
+        return types.NamedTuple(each, one.instance_class)
+
+    def generate(context: Any, builder: Any, sig: Any, values: Any) -> Any:
+        memory = values[sig.args.index(rows)]
+        first = values[-1] if len(values) > 2 else context.get_constant(word, 0)
+        read = partial(get_row, context, builder, rows.item(rows, word))
+        count = iter(range(_row_count(part)))
+
+        def like(one: Any) -> Any:
+            if not isinstance(one, _Tuple):
+                return read((memory, builder.add(first, context.get_constant(word, next(count)))))
+            return context.make_tuple(builder, kind_of(one), [like(x) for x in one])
+
+        return like(part)
+
+    return kind_of(part)(*arguments), generate
+
+
+def row_count(part):
+    """How many numbers nested tuples have, which is how many rows they take."""
+    return sum(map(row_count, part)) if isinstance(part, tuple) else 1
+
+
+@coded(row_count)
+def _constant_row_count(typing_context, part):
+    count = _row_count(part)
+    return types.intp(part), lambda context, builder, sig, args: context.get_constant(
+        types.intp, count
+    )
+
+
+def _row_count(kind: Any) -> int:
+    """How many numbers a type of nested tuples has."""
+    return sum(map(_row_count, kind)) if isinstance(kind, _Tuple) else 1
+
+
+def noise_of(effect):
+    """The normal deviates among an effect's numbers, new ones for each step; () if it has none."""
+    return effect.noise if takes_noise(effect) else ()
+
+
+@coded(noise_of)
+def _noise_of(typing_context, effect):
+    if not takes_noise(effect.instance_class):
+        return types.Tuple(())(effect), lambda context, builder, sig, args: context.make_tuple(
+            builder, sig.return_type, ()
+        )
+    place = effect.instance_class._fields.index("noise")
+    return effect[place](effect), lambda context, builder, sig, args: builder.extract_value(
+        args[0], place
+    )
+
+
+def with_noise(effect, deviates):
+    """An effect with other deviates."""
+    return effect._replace(noise=deviates)
+
+
+@coded(with_noise)
+def _with_noise(typing_context, effect, deviates):
+    place = effect.instance_class._fields.index("noise")
+    return effect(effect, deviates), lambda context, builder, sig, args: builder.insert_value(
+        args[0], args[1], place
+    )

@@ -1,0 +1,391 @@
+"""The stamp of a user's own part: a hash of all that its compiled code follows from.
+
+The disk cache keeps code by it. What is missing in a stamp would be stale physics, so it takes a
+short list of things and nothing else:
+
+- functions: bytecode, constants, defaults, closure, and every global that they read, recursively
+- plain numbers, strings, None, tuples and NamedTuples of these; numbers of NumPy
+- NamedTuples as classes: fields, defaults, and the methods that are compiled
+- functions of `numba.njit` with plain options
+- what builtins, math, numpy and rigidmc have under its own name; their versions are in the name of
+  the folder of the cache
+
+Whatever reads something else has no stamp and is compiled in every process. So is what reads
+something else than when it was first seen, as Numba keeps in memory what it has compiled from that.
+"""
+
+import builtins
+import dis
+import functools
+import hashlib
+import inspect
+import linecache
+import struct
+import sys
+import threading
+from collections.abc import Iterator
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.core import compiler, event, ir
+from numba.core.caching import NullCache
+from numba.core.registry import CPUDispatcher
+
+from rigidmc.engine.compiler.numba_extensions import extension
+from rigidmc.files.helpers import PACKAGE
+from rigidmc.physics.dynamics.methods import METHODS
+
+_LIBRARIES = {"builtins", "math", "numpy", "rigidmc"}
+_PLAIN = bool, int, str, type(None)
+_OPTIONS = {
+    "nopython", "nogil", "error_model", "fastmath", "inline", "boundscheck", "forceinline",
+    "no_cpython_wrapper", "no_cfunc_wrapper",
+}  # fmt: skip
+# What Numba refuses as well, or takes from elsewhere than globals
+_STRANGE = {
+    "IMPORT_NAME", "IMPORT_FROM", "LOAD_NAME", "STORE_GLOBAL", "DELETE_GLOBAL", "LOAD_BUILD_CLASS",
+    "LOAD_FROM_DICT_OR_GLOBALS", "LOAD_FROM_DICT_OR_DEREF", "LOAD_CLASSDEREF",
+}  # fmt: skip
+
+
+class Unknown(Exception):
+    """Something that no stamp tells."""
+
+
+class _Other(NamedTuple):
+    """A function or class that another one reads, which has words of its own."""
+
+    thing: Any
+
+
+Words = Iterator[str | _Other]
+_lock = threading.RLock()
+_first: dict[int, tuple[Any, Any]] = {}  # {id: (the thing, what it read when it was first seen)}
+_changed: set[int] = set()  # ids of those that have read something else since
+# {id of a function of njit: (it, the types for which it was compiled, all after it was seen)}
+_compiled: dict[int, tuple[Any, set[Any]]] = {}
+
+
+def stamp_of(kind: type[Any]) -> str | None:
+    """The stamp of a class of the user's own; None if it has none, see `why_unkept`."""
+    try:
+        return _stamp(kind)
+    except Unknown:
+        return None
+
+
+def why_unkept(kind: type[Any]) -> str:
+    """Why a class has no stamp, "" if it has one."""
+    try:
+        _stamp(kind)
+    except Unknown as error:
+        return str(error)
+    return ""
+
+
+def classes_of(signature: Any) -> list[type]:
+    """All the NamedTuples of a signature, those within tuples included."""
+    classes, pending = [], list(getattr(signature, "args", signature))  # a signature, or its types
+    while pending:
+        kind = pending.pop()
+        if hasattr(kind, "instance_class"):
+            classes.append(kind.instance_class)
+        if hasattr(kind, "__iter__"):
+            pending.extend(kind)
+    return classes
+
+
+def homes_of(signature: Any) -> list[str] | None:
+    """What tells the classes of a signature from others of the same names: a module of the package,
+    or a stamp. None if a class has no stamp.
+
+    signature : of a compiled function, or its types
+    """
+    homes = []
+    for kind in classes_of(signature):
+        own = not kind.__module__.startswith("rigidmc.")
+        home = stamp_of(kind) if own else kind.__module__
+        if home is None:
+            return None
+        homes.append(home)
+    return homes
+
+
+def tag_of(signature: Any) -> str:
+    """What the names of compiled functions end with.
+
+    Numba counts the functions of a process: by its number and types alone, code from the disk
+    would have the name of other code of this process, and one would be run for the other.
+    """
+    return hashlib.sha256(repr(homes_of(signature)).encode()).hexdigest()[:16]
+
+
+def note(thing: Any) -> None:
+    """See what a function or class of the user's reads, before it is compiled."""
+    with _lock:
+        _walk(thing)
+
+
+def compare(function: Any, code: Any) -> None:
+    """See whether Numba reads of a function what its stamp has of it.
+
+    code : Numba's form of the function
+    """
+    with _lock:
+        known = {id(value) for value in _values(function)}
+        for block in code.blocks.values():
+            for one in block.find_insts(ir.Assign):
+                if isinstance(one.value, (ir.Global, ir.FreeVar)):
+                    value = one.value.value
+                    # Numba itself adds `bool` and others
+                    if id(value) not in known and not _library_name(value):
+                        _changed.add(id(function))
+
+
+class _Listener(event.Listener):
+    """Sees what every function of the user's reads, before Numba compiles it."""
+
+    def on_start(self, event: Any) -> None:
+        if dispatcher := _own(event):
+            note(dispatcher.py_func)
+
+    def on_end(self, event: Any) -> None:
+        if (dispatcher := _own(event)) and event.data["return_type"] is None:
+            known = _compiled.setdefault(id(dispatcher), (dispatcher, set()))[1]
+            known.add(tuple(event.data["args"]))
+
+
+def _own(event: Any) -> Any:
+    """What compiles a function of the user's, None for others."""
+    dispatcher = event.data.get("dispatcher")
+    function = getattr(dispatcher, "py_func", None)
+    home = str(getattr(function, "__module__", "numba."))
+    return None if home.startswith(("rigidmc.", "numba.")) else dispatcher
+
+
+event.register("numba:compile", _Listener())
+
+
+def _stamp(kind: type[Any]) -> str:
+    """The stamp of a class; raises Unknown."""
+    with _lock:
+        things, words, unknown = _walk(kind)
+        if foreign := extension():
+            raise Unknown(f"{foreign} extends Numba")
+    if unknown:
+        raise unknown[0]
+    places = {id(thing): place for place, thing in enumerate(things)}
+    text = [
+        [f"part {places[id(word.thing)]}" if isinstance(word, _Other) else word for word in each]
+        for each in words
+    ]
+    return hashlib.sha256(repr(text).encode()).hexdigest()
+
+
+def _walk(thing: Any) -> tuple[list[Any], list[list[str | _Other]], list[Unknown]]:
+    """(a thing and all that it reads, the words of each, what is unknown among them).
+
+    It goes on behind what is unknown: each has to be seen before it is compiled.
+    """
+    things, words, unknown = [thing], list[list[str | _Other]](), list[Unknown]()
+    seen = {id(thing)}
+    for one in things:  # grows
+        mine = list[str | _Other]()
+        try:
+            for word in _words_of(one):
+                mine.append(word)
+                if isinstance(word, _Other) and id(word.thing) not in seen:
+                    seen.add(id(word.thing))
+                    things.append(word.thing)
+        except Unknown as error:
+            unknown.append(error)
+            mine.append(f"unknown: {error}")
+        words.append(mine)
+        read = [id(w.thing) if isinstance(w, _Other) else w for w in mine]
+        if _first.setdefault(id(one), ((one, mine), read))[1] != read:
+            _changed.add(id(one))
+        if id(one) in _changed:
+            unknown.append(Unknown(f"{_label(one)} has changed since it was compiled"))
+    return things, words, unknown
+
+
+def _words_of(thing: Any) -> Words:
+    """What a function or a class follows from."""
+    if isinstance(thing, FunctionType):
+        return _of_function(thing)
+    return _of_njit(thing) if type(thing) is CPUDispatcher else _of_class(thing)
+
+
+def _of_class(kind: Any) -> Words:
+    metaclass = type(kind)  # another one could have methods of its own
+    if metaclass is not type or not _is_named_tuple(kind):
+        raise Unknown(f"{_label(kind)} is no NamedTuple")
+    yield f"class {kind.__name__} {kind._fields}"
+    for parameter in inspect.signature(kind).parameters.values():  # as Numba makes an instance
+        yield f"{parameter.name} {parameter.kind} {parameter.default is parameter.empty}"
+        if parameter.default is not parameter.empty:
+            yield from _of_value(parameter.default, f"{kind.__name__}.{parameter.name}")
+    # the one fact that is compiled, see `rigidmc.physics.effects.protocol.takes_noise`
+    yield from _of_value(getattr(kind, "stochastic", False), f"{kind.__name__}.stochastic")
+    for name in sorted({call.__name__ for call in METHODS} - {*kind._fields}):
+        method = inspect.getattr_static(kind, name, None)
+        if method is not None:
+            if not isinstance(method, FunctionType):
+                raise Unknown(f"{kind.__name__}.{name} is no plain function")
+            yield f"method {name}"
+            yield from _of_value(method, f"{kind.__name__}.{name}")
+
+
+def _of_njit(function: Any) -> Words:
+    compile_, options = function._compiler, function.targetoptions
+    plain = (
+        type(function._cache) is NullCache  # Numba's own cache misses changes of other files
+        and compile_.pipeline_class is compiler.Compiler
+        and not compile_.locals
+        and function._can_compile  # for all types; signatures of the user's would convert numbers
+        and all(key in _OPTIONS and type(value) in _PLAIN for key, value in options.items())
+    )
+    if not plain:
+        raise Unknown(f"{_label(function)} has options of njit that no stamp tells")
+    if not {*function.overloads} <= _compiled.get(id(function), (None, set()))[1]:
+        raise Unknown(f"{_label(function)} was compiled before")
+    yield f"njit {sorted(options.items())}"
+    yield from _of_value(function.py_func, _label(function))
+
+
+def _of_function(function: FunctionType) -> Words:
+    if vars(function):  # as of `functools.wraps`, which hides another signature
+        raise Unknown(f"{_label(function)} has attributes")
+    if not linecache.getlines(function.__code__.co_filename, function.__globals__):
+        raise Unknown(f"{_label(function)} has no source")
+    yield "function"
+    yield from _of_code(function.__code__)
+    yield from _of_value(function.__defaults__, f"a default of {_label(function)}")
+    for name, value in sorted((function.__kwdefaults__ or {}).items()):
+        yield name
+        yield from _of_value(value, f"{_label(function)} reads {name}")
+    for name, path, value in _globals_of(function):
+        yield f"reads {name} {path}"
+        yield from _of_value(value, f"{_label(function)} reads {'.'.join([name, *path])}")
+    for name, value in _closure_of(function):
+        yield f"closure {name}"
+        yield from _of_value(value, f"{_label(function)} reads {name}")
+
+
+def _of_code(code: CodeType) -> Words:
+    counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
+    names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
+    yield f"{code.co_code.hex()} {code.co_exceptiontable.hex()} {counts} {names}"
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _of_code(constant)
+        else:
+            yield from _of_value(constant, f"{code.co_name} has a constant")
+
+
+def _of_value(value: Any, what: str) -> Words:
+    """The words of a value, numbers by their bits; what : for messages, "f reads K"."""
+    kind = type(value)
+    if kind in _PLAIN:
+        yield f"{kind.__name__} {value!r}"
+    elif kind is float:
+        yield f"float {struct.pack('>d', value).hex()}"
+    elif isinstance(value, np.generic) and value.dtype.kind in "biuf":
+        yield f"number {value.dtype.str} {value.tobytes().hex()}"
+    elif name := _library_name(value):
+        yield name
+    elif kind in (FunctionType, CPUDispatcher) or _is_named_tuple(value):
+        yield _Other(value)
+    elif kind is tuple or _is_named_tuple(kind):
+        yield f"tuple {len(value)}"
+        if kind is not tuple:
+            yield _Other(kind)
+        for one in value:
+            yield from _of_value(one, what)
+    else:
+        raise Unknown(f"{what}, {_article(kind.__name__)}")
+
+
+def _is_named_tuple(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields")
+
+
+def _library_name(value: Any) -> str:
+    """What a library has under its own name, by this name; "" for all else."""
+    for call in METHODS:
+        if value is call:
+            return f"method {call.__name__} {call.available}"
+    home = "numpy" if isinstance(value, np.ufunc) else getattr(value, "__module__", None)
+    name = getattr(value, "__qualname__", None) or getattr(value, "__name__", None)
+    if not isinstance(home, str) or home.partition(".")[0] not in _LIBRARIES:
+        return ""
+    ours = home.partition(".")[0] == "rigidmc" and isinstance(value, FunctionType)
+    if ours and not value.__code__.co_filename.startswith(PACKAGE):
+        return ""
+    found: Any = sys.modules.get(home)
+    for word in str(name).split("."):
+        found = getattr(found, word, None)
+    return f"{home} {name}" if found is value else ""
+
+
+@functools.cache
+def _reads(code: CodeType) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """(global, the attributes that are taken of it at once) that a function reads, nested ones
+    included."""
+    found = list[tuple[str, tuple[str, ...]]]()
+    steps = [one for one in dis.get_instructions(code) if one.opname != "EXTENDED_ARG"]
+    for place, one in enumerate(steps):
+        if one.opname in _STRANGE:
+            raise Unknown(f"{code.co_name} has {one.opname}")
+        if one.opname == "LOAD_GLOBAL":
+            path = list[str]()
+            for after in steps[place + 1 :]:
+                if after.opname not in ("LOAD_ATTR", "LOAD_METHOD"):
+                    break
+                path.append(after.argval)
+            found.append((one.argval, tuple(path)))
+    nested = [_reads(constant) for constant in code.co_consts if isinstance(constant, CodeType)]
+    return tuple(dict.fromkeys([*found, *(one for each in nested for one in each)]))
+
+
+def _globals_of(function: FunctionType) -> Iterator[tuple[str, list[str], Any]]:
+    """(global, attributes, value) of what a function reads; a module has to end in a value."""
+    for name, path in _reads(function.__code__):
+        names = function.__globals__ if name in function.__globals__ else vars(builtins)
+        value, taken = names.get(name, _first), list[str]()
+        if value is _first:
+            raise Unknown(f"{_label(function)} reads {name}, which is not there")
+        while isinstance(value, ModuleType):
+            if len(taken) == len(path) or path[len(taken)] not in vars(value):
+                words = ".".join([name, *taken])
+                raise Unknown(f"{_label(function)} reads {words}, a module")
+            taken.append(path[len(taken)])
+            value = vars(value)[taken[-1]]
+        yield name, taken, value
+
+
+def _closure_of(function: FunctionType) -> Iterator[tuple[str, Any]]:
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        try:
+            yield name, cell.cell_contents
+        except ValueError:
+            raise Unknown(f"{_label(function)} reads {name}, which is not there") from None
+
+
+def _values(function: FunctionType) -> Iterator[Any]:
+    """The values of the names that a function reads, modules as they are."""
+    try:
+        for name, _ in _reads(function.__code__):
+            yield function.__globals__.get(name, getattr(builtins, name, None))
+        yield from (value for _, value in _closure_of(function))
+    except Unknown:
+        return
+
+
+def _label(thing: Any) -> str:
+    return str(getattr(thing, "__qualname__", None) or getattr(thing, "__name__", thing))
+
+
+def _article(word: str) -> str:
+    return f"{'an' if word[:1] in 'aeiou' else 'a'} {word}"

@@ -1,0 +1,257 @@
+"""Vectors of numbers as types of the compiler: float64xN, float32xN, uint64xN, and masks.
+
+A function that is written for one number is compiled for N of them by calling it with these types:
+nothing is left to an optimiser's insight. They have + - * /, comparisons, & | ^ << >>, abs, sqrt,
+min, max and copysign; plain numbers are broadcast. Functions with code of their own for them are in
+`rigidmc.engine.compiler.intrinsics`. In Python, and uncompiled, a number is a float and a mask is a
+bool. A mask of one number is also a bool, and every function of the library takes a vector of one
+number: for a user's code that no vector can run.
+"""
+
+import math
+import operator
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba.core import types
+from numba.core.datamodel.models import PrimitiveModel
+from numba.core.datamodel.registry import register_default
+from numba.core.imputils import lower_builtin, lower_cast
+from numba.core.typeconv.castgraph import Conversion
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+
+ELEMENT = {
+    "float64": ir.DoubleType(),
+    "float32": ir.FloatType(),
+    "uint64": ir.IntType(64),
+    "int64": ir.IntType(64),
+}
+_PLAIN = (types.Float, types.Integer)
+_INDEX = ir.IntType(32)
+
+
+class Vec(types.Type):
+    """`count` numbers of one dtype side by side."""
+
+    def __init__(self, dtype: Any, count: int) -> None:
+        self.dtype, self.count = dtype, count
+        super().__init__(name=f"{dtype}x{count}")
+
+    @property
+    def real(self) -> bool:
+        """Whether the numbers are floats."""
+        return isinstance(self.dtype, types.Float)
+
+    def can_convert_from(self, typingctx: Any, other: Any) -> Conversion | None:
+        """Plain numbers are broadcast."""
+        return Conversion.safe if isinstance(other, _PLAIN) else None
+
+
+class Mask(types.Type):
+    """`count` truth values, from comparisons of numbers of one dtype."""
+
+    def __init__(self, dtype: Any, count: int) -> None:
+        self.dtype, self.count = dtype, count
+        super().__init__(name=f"mask of {dtype}x{count}")
+
+    def can_convert_from(self, typingctx: Any, other: Any) -> Conversion | None:
+        """Plain truth values are broadcast; a mask of other numbers is the same."""
+        same = isinstance(other, Mask) and other.count == self.count
+        return Conversion.safe if same or isinstance(other, types.Boolean) else None
+
+    def can_convert_to(self, typingctx: Any, other: Any) -> Conversion | None:
+        """A mask of one is a plain truth value."""
+        return Conversion.unsafe if self.count == 1 and isinstance(other, types.Boolean) else None
+
+
+def llvm_type(kind: "Vec | Mask") -> ir.VectorType:
+    """LLVM's type of a Vec or Mask."""
+    element = ELEMENT[kind.dtype.name] if isinstance(kind, Vec) else ir.IntType(1)
+    return ir.VectorType(element, kind.count)
+
+
+for _kind in (Vec, Mask):
+
+    @register_default(_kind)
+    class _Model(PrimitiveModel):
+        def __init__(self, manager: Any, kind: Any) -> None:
+            super().__init__(manager, kind, llvm_type(kind))
+
+
+def broadcast(builder: Any, kind: ir.VectorType, x: Any) -> Any:
+    """A vector of LLVM's type `kind` whose numbers are all x."""
+    none = ir.Constant(kind, ir.Undefined)
+    first = builder.insert_element(none, x, ir.Constant(_INDEX, 0))
+    places = ir.Constant(ir.VectorType(_INDEX, kind.count), [0] * kind.count)
+    return builder.shuffle_vector(first, none, places)
+
+
+@lower_cast(types.Float, Vec)
+@lower_cast(types.Integer, Vec)
+def _to_vec(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any:
+    return broadcast(builder, llvm_type(toty), context.cast(builder, value, fromty, toty.dtype))
+
+
+@lower_cast(types.Boolean, Mask)
+def _to_mask(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any:
+    bit = builder.trunc(value, ir.IntType(1)) if value.type.width > 1 else value
+    return broadcast(builder, llvm_type(toty), bit)
+
+
+@lower_cast(Mask, Mask)
+def _same_mask(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any:
+    return value
+
+
+@lower_cast(Mask, types.Boolean)
+def _from_mask(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any:
+    return builder.extract_element(value, ir.Constant(_INDEX, 0))
+
+
+Build = Callable[..., Any]  # build(builder, type, *values): LLVM's code of an operation
+
+
+def _common(args: Any, kind: type, plain: tuple[type, ...]) -> Any:
+    """The type of two arguments, one of which may be plain; None if there is none."""
+    one, two = args
+    if isinstance(one, kind) and (one == two or isinstance(two, plain)):
+        return one
+    if isinstance(two, kind) and isinstance(one, plain):
+        return two
+    return None
+
+
+def _define(
+    operation: Any,
+    arity: int,
+    build: Build,
+    result: Callable[[Any], Any] | None = None,
+    kind: type = Vec,
+    plain: tuple[type, ...] = _PLAIN,
+    only: Callable[[Any], bool] | None = None,
+) -> None:
+    """Give the compiler an operation on Vecs or Masks.
+
+    result : the type of the result from that of the arguments, by default the same
+    only : of which types it is defined, by default of all
+    """
+
+    @infer_global(operation)
+    class Template(AbstractTemplate):
+        def generic(self, args: Any, kws: Any) -> Any:
+            if len(args) != arity:
+                return None
+            operand = args[0] if isinstance(args[0], kind) else None
+            if arity == 2:
+                operand = _common(args, kind, plain)
+            if operand is None or (only is not None and not only(operand)):
+                return None
+            return signature(operand if result is None else result(operand), *[operand] * arity)
+
+    @lower_builtin(operation, *[kind] * arity)
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return build(builder, sig.args[0], *args)
+
+
+def _by(real: str, whole: str) -> Build:
+    """An operation that LLVM's builder calls `real` for floats and `whole` for words."""
+    return lambda b, t, *values: getattr(b, real if t.real else whole)(*values)
+
+
+def of_llvm(name: str) -> Build:
+    """An operation that is an intrinsic function of LLVM."""
+
+    def build(b: Any, t: Any, *values: Any) -> Any:
+        word = f"llvm.{name}.v{t.count}{'f64' if t.dtype.name == 'float64' else 'f32'}"
+        kind = llvm_type(t)
+        function = ir.FunctionType(kind, [kind] * len(values))
+        return b.call(b.module.declare_intrinsic(word, (), function), values)
+
+    return build
+
+
+def _compared(sign: str) -> Build:
+    """A comparison, of floats or of words."""
+
+    def build(b: Any, t: Any, x: Any, y: Any) -> Any:
+        if not t.real:
+            return b.icmp_unsigned(sign, x, y)
+        return (b.fcmp_unordered if sign == "!=" else b.fcmp_ordered)(sign, x, y)
+
+    return build
+
+
+def _masks_compared(sign: str) -> Build:
+    """A comparison of masks."""
+    return lambda b, t, x, y: b.icmp_unsigned(sign, x, y)
+
+
+def _mask_of(kind: Vec) -> Mask:
+    """The type of a comparison."""
+    return Mask(types.float64 if kind.dtype == types.uint64 else kind.dtype, kind.count)
+
+
+def inverted(b: Any, t: Mask, x: Any) -> Any:
+    """A mask with every truth value inverted."""
+    return b.xor(x, ir.Constant(llvm_type(t), [1] * t.count))
+
+
+def first_of(b: Any, t: Any, x: Any) -> Any:
+    """The first number of a vector, or the first truth value of a mask."""
+    return b.extract_element(x, ir.Constant(_INDEX, 0))
+
+
+def _words(kind: Any) -> bool:
+    return not kind.real
+
+
+def _floats(kind: Any) -> bool:
+    return bool(kind.real)
+
+
+_TRUTH = (types.Boolean,)
+for _operations, _real, _whole in (
+    ((operator.add, operator.iadd), "fadd", "add"),
+    ((operator.sub, operator.isub), "fsub", "sub"),
+    ((operator.mul, operator.imul), "fmul", "mul"),
+):
+    for _operation in _operations:
+        _define(_operation, 2, _by(_real, _whole))
+for _operation in (operator.truediv, operator.itruediv):
+    _define(_operation, 2, _by("fdiv", ""), only=_floats)
+for _operation, _name in ((operator.and_, "and_"), (operator.or_, "or_"), (operator.xor, "xor")):
+    _define(_operation, 2, _by("", _name), only=_words)
+    _define(
+        _operation,
+        2,
+        lambda b, t, x, y, name=_name: getattr(b, name)(x, y),
+        kind=Mask,
+        plain=_TRUTH,
+    )
+for _operation, _name in ((operator.lshift, "shl"), (operator.rshift, "lshr")):
+    _define(_operation, 2, _by("", _name), only=_words)
+for _operation, _sign in (
+    (operator.lt, "<"),
+    (operator.le, "<="),
+    (operator.gt, ">"),
+    (operator.ge, ">="),
+    (operator.eq, "=="),
+    (operator.ne, "!="),
+):
+    _define(_operation, 2, _compared(_sign), result=_mask_of)
+for _operation, _sign in ((operator.eq, "=="), (operator.ne, "!=")):
+    _define(_operation, 2, _masks_compared(_sign), kind=Mask, plain=_TRUTH)
+_define(operator.neg, 1, lambda b, t, x: b.fneg(x), only=_floats)
+_define(operator.pos, 1, lambda b, t, x: x)
+_define(abs, 1, of_llvm("fabs"), only=_floats)
+_define(math.fabs, 1, of_llvm("fabs"), only=_floats)
+for _rounding in (math.floor, math.ceil, math.trunc):
+    _define(_rounding, 1, of_llvm(_rounding.__name__), only=_floats)
+_define(math.isnan, 1, lambda b, t, x: b.fcmp_unordered("uno", x, x), result=_mask_of, only=_floats)
+_define(math.sqrt, 1, of_llvm("sqrt"), only=_floats)
+_define(math.copysign, 2, of_llvm("copysign"), only=_floats)
+# as Python's own: max(a, b) is b if b > a else a
+_define(max, 2, lambda b, t, x, y: b.select(b.fcmp_ordered(">", y, x), y, x), only=_floats)
+_define(min, 2, lambda b, t, x, y: b.select(b.fcmp_ordered("<", y, x), y, x), only=_floats)
+_define(bool, 1, first_of, lambda t: types.boolean, Mask, only=lambda t: t.count == 1)

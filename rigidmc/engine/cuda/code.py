@@ -1,0 +1,186 @@
+"""Code for a graphics processor: a thread lives the life of one member.
+
+The pieces of a program are compiled for one member, with `rigidmc.engine.kernel.block.live`, which
+calls them, and linked into one kernel. LLVM makes PTX of it, which a driver takes. The operations
+are those of the processor's code: a product and a sum are fused where `rigidmc.engine.compiler.fma`
+says so and nowhere else, and divisions and roots are those of IEEE 754. A member thus has the same
+bits.
+"""
+
+import re
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+import llvmlite.binding as llvm
+import numpy as np
+
+from rigidmc.engine.compiler.compose import inline_all
+from rigidmc.engine.compiler.kernels import Asked, code_of
+from rigidmc.engine.kernel.arguments import Shape, frame_type
+from rigidmc.engine.kernel.block import live
+from rigidmc.errors import OptionError
+
+TRIPLE = "nvptx64-nvidia-cuda"
+KERNEL = "members"
+# What a module says of the machine that it is for, and of the caller's stack.
+MACHINE = re.compile(r"^target .*\n|^source_filename.*\n| alignstack=\d+| alignstack\(\d+\)", re.M)
+# What LLVM has for a device, or for every processor
+_HAS = re.compile(
+    r"llvm\.(nvvm|fma|fabs|sqrt|copysign|floor|ceil|trunc|rint|round|min|max|mem|lifetime|assume"
+    r"|experimental\.noalias|[us](add|sub|mul|min|max)|abs|ct|bswap|fsh|vector|fptosi\.sat)"
+)
+# The number of a thread among all of a launch, in PTX's words; elsewhere there is one thread.
+_THREAD = """
+declare i32 @llvm.nvvm.read.ptx.sreg.tid.x()
+declare i32 @llvm.nvvm.read.ptx.sreg.ntid.x()
+declare i32 @llvm.nvvm.read.ptx.sreg.ctaid.x()
+define internal i64 @thread() alwaysinline {
+  %block = call i32 @llvm.nvvm.read.ptx.sreg.ctaid.x()
+  %size = call i32 @llvm.nvvm.read.ptx.sreg.ntid.x()
+  %place = call i32 @llvm.nvvm.read.ptx.sreg.tid.x()
+  %before = mul i32 %block, %size
+  %number = add i32 %before, %place
+  %index = zext i32 %number to i64
+  ret i64 %index
+}
+"""
+_ALONE = """
+define internal i64 @thread() alwaysinline {
+  ret i64 0
+}
+"""
+
+
+def member(kinds, numbers, frame, low):
+    """The life of one member of a block, see `rigidmc.engine.kernel.block.live`."""
+    return live(frame, low)
+
+
+inline_all(sys.modules[__name__])
+
+
+def kernel_of(
+    asked: Mapping[str, Asked | None], shape: Shape, room: Mapping[str, int], host: bool = False
+) -> llvm.ModuleRef:
+    """LLVM's code of members(frame, first, count), in which thread i < count takes the member at
+    place first + i.
+
+    asked : the pieces of a program for one member, by their names;  shape : of its members
+    room : bytes of the memory that a member works in, by the names of
+        `rigidmc.engine.kernel.arguments.Room`
+    host : for one thread of this processor, which tests run
+    """
+    dtype = next(one for one in asked.values() if one)[2]
+    pieces = {name: code_of(*one) for name, one in asked.items() if one and name != "advance"}
+    whole = code_of(member, (), dtype, 0, "ri")
+    names = {name: function for name, (function, _) in pieces.items()}
+    entry = _entry(whole[0], names, shape, room, frame_type(dtype))
+    module = llvm.parse_assembly(entry + (_ALONE if host else _THREAD))
+    for _, text in (whole, *pieces.values()):
+        module.link_in(llvm.parse_assembly(MACHINE.sub("", text)))
+    for variable in module.global_variables:
+        variable.linkage = "internal"  # Numba's, which nothing uses
+    # The pieces stay functions: inlined, those that watch leave `march` too few registers, and it
+    # would put numbers aside within its steps (strang in a bath 316 bytes).
+    called = {function: name for name, function in names.items()}
+    for function in module.functions:
+        if function.is_declaration or function.name == KERNEL:
+            continue
+        function.linkage = "internal"
+        function.add_function_attribute("noinline" if function.name in called else "alwaysinline")
+        function.name = called.get(function.name, function.name)
+    return module
+
+
+def _entry(
+    whole: str,
+    names: Mapping[str, str],
+    shape: Shape,
+    room: Mapping[str, int],
+    record: np.dtype[Any],
+) -> str:
+    """The kernel: a thread has memory and a frame of its own, whose pieces and shape the compiler
+    knows."""
+    fields: Any = record.fields
+    known = {name: f'ptrtoint (ptr @"{function}" to i64)' for name, function in names.items()}
+    known |= {name: str(number) for name, number in shape._asdict().items()}
+    known |= {name: f"%address.{name}" for name in room}
+    memory = [
+        f"""  %of.{name} = alloca [{size} x i8], align 16
+  %address.{name} = ptrtoint ptr %of.{name} to i64"""
+        for name, size in room.items()
+    ]
+    stores = [
+        f"""  %at.{name} = getelementptr i8, ptr %frame, i64 {fields[name][1]}
+  store i64 {value}, ptr %at.{name}, align 8"""
+        for name, value in known.items()
+    ]
+    declared = [f'declare i32 @"{function}"(...)' for function in names.values()]
+    return "\n".join(
+        [
+            *declared,
+            f"""
+declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
+declare i32 @"{whole}"(ptr, ptr, ptr, ptr, ptr, i64)
+define void @{KERNEL}(ptr %given, i64 %first, i64 %count) {{
+  %frame = alloca [{record.itemsize} x i8], align 16
+  %result = alloca i64
+  %error = alloca ptr""",
+            *memory,
+            f"""  %number = call i64 @thread()
+  %mine = icmp ult i64 %number, %count
+  br i1 %mine, label %live, label %end
+live:
+  call void @llvm.memcpy.p0.p0.i64(
+    ptr align 8 %frame, ptr align 8 %given, i64 {record.itemsize}, i1 false)""",
+            *stores,
+            f"""  %low = add i64 %first, %number
+  call i32 @"{whole}"(ptr %result, ptr %error, ptr null, ptr null, ptr %frame, i64 %low)
+  br label %end
+end:
+  ret void
+}}
+""",
+        ]
+    )
+
+
+def optimised(module: llvm.ModuleRef, machine: llvm.TargetMachine) -> llvm.ModuleRef:
+    """A module, optimised for a machine."""
+    module.triple = machine.triple
+    module.data_layout = str(machine.target_data)
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    options.loop_vectorization = options.slp_vectorization = False
+    builder = llvm.create_pass_builder(machine, options)
+    first = llvm.create_new_module_pass_manager()
+    first.add_always_inliner_pass()  # `live`, and what it calls
+    first.run(module, builder)
+    builder.getModulePassManager().run(module, builder)
+    return module
+
+
+def machine_for(capability: tuple[int, int]) -> llvm.TargetMachine:
+    """Devices of a compute capability, as LLVM compiles for them."""
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    target = llvm.Target.from_triple(TRIPLE)
+    return target.create_target_machine(cpu="sm_{}{}".format(*capability), opt=3)
+
+
+def ptx_of(module: llvm.ModuleRef, capability: tuple[int, int]) -> str:
+    """The PTX of a module for devices of a compute capability or a later one."""
+    machine = machine_for(capability)
+    text = str(module).replace(f"define void @{KERNEL}(", f"define ptx_kernel void @{KERNEL}(")
+    made = optimised(llvm.parse_assembly(text), machine)
+    lacking = [f.name for f in made.functions if f.is_declaration and not _HAS.match(f.name)]
+    if lacking:
+        names = ", ".join(_plain(name) for name in lacking)
+        rule = f"calls {names}, which no device has: write it with the functions of rigidmc"
+        raise OptionError("", "device", "cuda", f"code of your own {rule}")
+    return str(machine.emit_assembly(made))
+
+
+def _plain(name: str) -> str:
+    """What a function of LLVM is called in Python."""
+    return name.removeprefix("llvm.").partition(".")[0]

@@ -1,0 +1,319 @@
+"""Where the members of a run move: on this processor, or on graphics processors.
+
+No bit of a result depends on it.
+
+Graphics processors: the driver's answers, the devices, modules of code, and streams.
+"""
+
+import contextlib
+import ctypes
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.errors import NoDevice, OptionError, nearest
+
+WORDS = ("cpu", "cuda", "auto")
+_NOW = ContextVar("device", default="cpu")
+
+
+@contextlib.contextmanager
+def device(word: str | None) -> Iterator[str]:
+    """Let runs and studies in the body of a `with` move their members on a device.
+
+    The device is that of the thread that calls this, and no bit of a result depends on it. With
+    CUDA, a thread of a graphics processor takes each member through its steps; the package
+    `cuda-bindings` is needed, `pip install 'rigidmc[cuda]'`.
+
+    Parameters
+    ----------
+    word : str or None
+        "cpu", "cuda" for all graphics processors, "cuda:1" for one, "auto" for all of them if there
+        are any that can be used, else "cpu"; None for the device that runs take anyway
+
+    Yields
+    ------
+    str
+        "cpu", "cuda" or "cuda:1"
+
+    Raises
+    ------
+    OptionError
+        for another word
+    NoDevice
+        if there is no such device, or no driver
+
+    Examples
+    --------
+    >>> scene = rm.Scene.load("dzhanibekov").with_run(members=4, t_end=1.0)
+    >>> with rm.device("auto"):
+    ...     ds = rm.simulate(scene)
+    """
+    token = _NOW.set(device_now() if word is None else settled_device(word))
+    try:
+        yield _NOW.get()
+    finally:
+        _NOW.reset(token)
+
+
+def use(word: str) -> None:
+    """Let all runs and studies from here on move their members on a device, as `device`."""
+    _NOW.set(settled_device(word))
+
+
+def device_now() -> str:
+    """The device that runs take now: "cpu", "cuda" or "cuda:1"."""
+    return _NOW.get()
+
+
+def settled_device(word: str) -> str:
+    """The device of a word, which has to be there; raises as `device`."""
+    if word not in WORDS and not re.fullmatch(r"cuda:\d{1,3}", word):
+        rule = "expected cpu, cuda, cuda:NUMBER or auto"
+        raise OptionError("", "device", word, rule, nearest(word, WORDS))
+    if word == "auto":
+        try:
+            chosen(None)
+        except NoDevice:
+            return "cpu"
+        return "cuda"
+    if word != "cpu":
+        chosen(number_of(word))
+    return word
+
+
+def number_of(word: str) -> int | None:
+    """The number of the one device of a word, None for all."""
+    _, _, number = word.partition(":")
+    return int(number) if number else None
+
+
+Array = NDArray[Any]
+BLOCKING = 4  # CU_CTX_SCHED_BLOCKING_SYNC
+THREADS = 128, 64, 256, 32  # threads of a block of PTX, the best first if as many are at work
+TARGETS = (7, 0), (8, 0), (9, 0)  # compute capabilities that code is made for; later ones take it
+# Fused multiply-adds in float64 of a multiprocessor in a cycle, by compute capability; others 2
+FUSED = {(7, 0): 32, (8, 0): 32, (9, 0): 64, (10, 0): 64}
+
+
+class Device(NamedTuple):
+    """A device, by its number.
+
+    capability : of computing;  processors : how many;  clock : [Hz]
+    memory : bytes;  driver : the version of CUDA that the driver takes
+    """
+
+    number: int
+    name: str
+    capability: tuple[int, int]
+    processors: int
+    clock: float
+    memory: int
+    driver: tuple[int, int]
+
+    @property
+    def peak(self) -> float:
+        """Operations in float64 a second at most; a fused multiply-add is two.
+
+        Source: CUDA C++ Programming Guide, throughput of native arithmetic instructions.
+        """
+        return 2.0 * self.processors * self.clock * FUSED.get(self.capability, 2)
+
+
+def _library() -> Any:
+    """The functions of the driver; NoDevice if they or the driver are not there."""
+    try:
+        from cuda.bindings import driver
+    except ImportError:
+        raise NoDevice(
+            "cuda: needs the package cuda-bindings: pip install 'rigidmc[cuda]'"
+        ) from None
+    return driver
+
+
+def asked(name: str, *arguments: Any) -> Any:
+    """What a function of the driver answers; NoDevice with its reason if it fails."""
+    driver = _library()
+    try:
+        error, *answer = getattr(driver, name)(*arguments)
+    except RuntimeError as missing:  # the driver's library, or a function of it, is not there
+        raise NoDevice(
+            f"cuda: no driver of NVIDIA was found, or too old a one: {missing}"
+        ) from None
+    if int(error) != 0:
+        word = driver.cuGetErrorName(error)[1]
+        reason = driver.cuGetErrorString(error)[1]
+        text = f"cuda: {name} failed: {_text(word)}, {_text(reason)}"
+        raise NoDevice(text)
+    return answer[0] if len(answer) == 1 else answer
+
+
+def _text(word: bytes | None) -> str:
+    return (word or b"unknown").partition(b"\0")[0].decode(errors="replace").strip()
+
+
+@cache
+def devices() -> tuple[Device, ...]:
+    """The devices of this machine; NoDevice if there are none that can be used."""
+    asked("cuInit", 0)
+    version = asked("cuDriverGetVersion")
+    kind = _library().CUdevice_attribute
+    found = []
+    for number in range(asked("cuDeviceGetCount")):
+        one = asked("cuDeviceGet", number)
+
+        def told(word: str, one: Any = one) -> int:
+            return int(
+                asked("cuDeviceGetAttribute", getattr(kind, f"CU_DEVICE_ATTRIBUTE_{word}"), one)
+            )
+
+        found.append(
+            Device(
+                number,
+                _text(asked("cuDeviceGetName", 256, one)),
+                (told("COMPUTE_CAPABILITY_MAJOR"), told("COMPUTE_CAPABILITY_MINOR")),
+                told("MULTIPROCESSOR_COUNT"),
+                1e3 * told("CLOCK_RATE"),
+                int(asked("cuDeviceTotalMem", one)),
+                (version // 1000, version % 1000 // 10),
+            )
+        )
+    if not found:
+        raise NoDevice("cuda: the driver has no device")
+    return tuple(found)
+
+
+def chosen(number: int | None) -> tuple[Device, ...]:
+    """The devices that a run is to use: the one of a number, or all that are not too old.
+
+    NoDevice if there is none.
+    """
+    every = devices()
+    if number is not None and number >= len(every):
+        raise NoDevice(f"cuda:{number}: the devices are cuda:0 to cuda:{len(every) - 1}")
+    some = every if number is None else every[number : number + 1]
+    able = tuple(one for one in some if one.capability >= TARGETS[0])
+    if not able:
+        rule = "{}.{}, and code is made for {}.{} or later".format(*some[0].capability, *TARGETS[0])
+        raise NoDevice(f"cuda:{some[0].number}: {some[0].name} has compute capability {rule}")
+    return able
+
+
+class Module:
+    """A program's code and numbers on a device, loaded.
+
+    ptx, kernel : the code, and the name of the function that is launched
+    numbers : addresses of copies of arrays;  threads, resident : of a block of PTX, and how many a
+        multiprocessor has at work at once
+    """
+
+    def __init__(self, device: Device, ptx: str, kernel: str, arrays: Sequence[Array]) -> None:
+        one = asked("cuDeviceGet", device.number)
+        with suppress(NoDevice):  # a thread that waits leaves its core to others
+            asked("cuDevicePrimaryCtxSetFlags", one, BLOCKING)
+        self._context = asked("cuDevicePrimaryCtxRetain", one)
+        with self.entered():
+            self._handle = asked("cuModuleLoadData", ptx.encode() + b"\0")
+            self.kernel = asked("cuModuleGetFunction", self._handle, kernel.encode())
+            self.threads, self.resident = self._threads()
+            self._held = [asked("cuMemAlloc", one.nbytes) for one in arrays]
+            self.numbers = list(map(int, self._held))
+            for address, one in zip(self.numbers, arrays, strict=True):
+                asked("cuMemcpyHtoD", address, one.ctypes.data, one.nbytes)
+
+    @contextmanager
+    def entered(self) -> Iterator[None]:
+        """Let this thread use this device in the body of a `with`."""
+        asked("cuCtxPushCurrent", self._context)
+        try:
+            yield
+        finally:
+            asked("cuCtxPopCurrent")
+
+    def _threads(self) -> tuple[int, int]:
+        name = "cuOccupancyMaxActiveBlocksPerMultiprocessor"
+        at_work = {size: size * int(asked(name, self.kernel, size, 0)) for size in THREADS}
+        best = max(at_work, key=lambda size: at_work[size])
+        return best, at_work[best]
+
+    def __del__(self) -> None:
+        with suppress(Exception), self.entered():  # the driver may be gone at the end
+            for address in self._held:
+                asked("cuMemFree", address)
+            asked("cuModuleUnload", self._handle)
+
+
+class Stream:
+    """A stream of a device, and the memory that its work takes."""
+
+    def __init__(self, module: Module) -> None:
+        self.module, self._held = module, list[Any]()
+        self._pinned: tuple[Array, int] = (np.empty(0), 0)
+        with module.entered():
+            self._handle = asked("cuStreamCreate", 1)  # which waits for no other
+
+    def room(self, size: int) -> int:
+        """The address of so many bytes on the device, until `free`."""
+        self._held.append(asked("cuMemAlloc", max(1, size)))
+        return int(self._held[-1])
+
+    def put(self, array: Array) -> int:
+        """The address of a copy of an array on the device, until `free`."""
+        address = self.room(array.nbytes)
+        if array.nbytes:
+            self.write(address, array)
+        return address
+
+    def write(self, address: int, array: Array) -> None:
+        """Copy an array to the device."""
+        asked("cuMemcpyHtoDAsync", address, array.ctypes.data, array.nbytes, self._handle)
+        self.wait()
+
+    def read(self, array: Array, address: int) -> None:
+        """Copy from the device to an array."""
+        asked("cuMemcpyDtoHAsync", array.ctypes.data, address, array.nbytes, self._handle)
+        self.wait()
+
+    def pinned(self, count: int) -> Array:
+        """Memory of this machine for so many numbers, which a device writes to at full speed."""
+        if self._pinned[0].size < count:
+            self._unpin()
+            address = int(asked("cuMemAllocHost", 8 * count))
+            memory = (ctypes.c_double * count).from_address(address)
+            self._pinned = np.ctypeslib.as_array(memory), address
+        return self._pinned[0][:count]
+
+    def launch(self, frame: int, members: int) -> None:
+        """Let a thread for each member take it through the steps of a frame on the device."""
+        size = self.module.threads
+        given = (frame, 0, members), (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
+        grid = -(-members // size), 1, 1, size, 1, 1
+        asked("cuLaunchKernel", self.module.kernel, *grid, 0, self._handle, given, 0)
+
+    def wait(self) -> None:
+        """Until all that was asked of the device is done."""
+        asked("cuStreamSynchronize", self._handle)
+
+    def free(self) -> None:
+        """Give back the memory of `room` and `put`."""
+        while self._held:
+            with suppress(NoDevice):  # a device that is lost has said so before
+                asked("cuMemFree", self._held.pop())
+
+    def _unpin(self) -> None:
+        _, address = self._pinned
+        self._pinned = np.empty(0), 0
+        if address:
+            asked("cuMemFreeHost", address)
+
+    def __del__(self) -> None:
+        with suppress(Exception), self.module.entered():  # the driver may be gone at the end
+            self.free()
+            self._unpin()
+            asked("cuStreamDestroy", self._handle)

@@ -1,0 +1,207 @@
+"""Blocks of members on graphics processors, a thread a member, see `rigidmc.engine.cuda.code`.
+
+A block stays on the device from the first step of a run to the last. Launches are short, so that
+progress is told and a run can be called off between them. Each worker thread has a stream of its
+own: while one copies saves, or makes the next block ready, another's members move.
+"""
+
+import itertools
+import math
+import os
+import threading
+import time
+from collections.abc import Generator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.engine.compile_time import announced
+from rigidmc.engine.compiler.disk_cache import has_text, kept_text
+from rigidmc.engine.compiler.kernels import config, signature_of
+from rigidmc.engine.compiler.trees import numbers_of
+from rigidmc.engine.cuda.code import KERNEL, kernel_of, ptx_of
+from rigidmc.engine.cuda.devices import TARGETS, Device, Module, Stream, asked, chosen
+from rigidmc.engine.kernel.arguments import Noise, Piece, Pieces, Room, Run, Saves, frame_type
+from rigidmc.engine.program import NO_NOISE, NO_SAVES, Program, framed
+from rigidmc.errors import NoDevice, NoRoom
+
+Array = NDArray[Any]
+LAUNCH = 0.05  # seconds of a launch
+# Steps of the first launch of a block; the time of each tells how many the next one makes, at most
+# so many times as many.
+FIRST, GROWTH = 16, 8.0
+SAVED = 64 * 2**20  # bytes of saved values of a block on the device, at most
+
+
+class CudaProgram(Program):
+    """A Program whose members live on devices; `advance` and `through` as there.
+
+    number : of the device;  None for all of them, which take blocks in turn
+    """
+
+    def __init__(self, *arguments: Any, number: int | None = None, **named: Any) -> None:
+        if config.DISABLE_JIT:
+            raise NoDevice("cuda: runs compiled code only, and NUMBA_DISABLE_JIT is set")
+        self.devices = chosen(number)
+        first = os.getpid() % len(self.devices)  # processes side by side begin with several
+        self._turn = itertools.cycle(self.devices[first:] + self.devices[:first])
+        self._streams = threading.local()
+        self._loading, self._modules = threading.Lock(), dict[Device, Module]()
+        least = min(one.capability for one in self.devices)
+        self._capability = max(one for one in TARGETS if one <= least)
+        super().__init__(*arguments, **{**named, "lanes": 1})
+
+    def missing(self) -> list[str]:
+        """["kernel"] if it is neither in memory nor in the disk cache."""
+        return [] if has_text(*self._key(self._capability)) else ["kernel"]
+
+    def theirs(self) -> list[str]:
+        """None: one process makes the one kernel."""
+        return []
+
+    def _compile(self) -> None:
+        with announced(self.label, self.missing(), self.effects):
+            self._code = self.ptx(self._capability)
+        self._frame = np.zeros(1, frame_type(self.dtype))
+
+    def ptx(self, capability: tuple[int, int]) -> str:
+        """The code of its kernel for devices of a compute capability or a later one."""
+
+        def make() -> str:
+            return ptx_of(kernel_of(self.asked, self.shape, self._sizes()), capability)
+
+        return kept_text(*self._key(capability), make)
+
+    def _key(self, capability: tuple[int, int]) -> tuple[list[Any], str]:
+        """(types of the pieces, what else the code follows from)."""
+        types = [signature_of(*one[1:]) for one in self.asked.values() if one]
+        return types, f"{self.shape} {self._sizes()} {capability}"
+
+    def _sizes(self) -> dict[str, int]:
+        """{name in Room: bytes} of the memory that a member works in."""
+        return {
+            name: count * np.dtype(kind).itemsize
+            for name, (count, kind) in self.working_memory(self.rows).items()
+        }
+
+    def places(self, threads: int) -> tuple[str, str]:
+        """A device, and all of them with how many of their threads are at work at once."""
+        stream, (first, *others) = self._stream(), self.devices
+        each = f"{first.name} x {1 + len(others)}" if others else first.name
+        resident = f"{stream.module.resident} of them at work on each multiprocessor"
+        words = f"{each}, blocks of {stream.module.threads} threads, {resident}"
+        return "one device", words
+
+    def workers(self, threads: int, blocks: int, members: int, saves: int) -> int:
+        """As `Program.workers`; at least one for each device."""
+        threads = max(threads, len(self.devices))
+        blocks = min(threads, blocks)  # at once
+        count = self.shape.values * members
+        each = 8 * (self.rows * members + count + min(count * saves, max(count, SAVED // 8)))
+        need = each * -(-blocks // len(self.devices))
+        with self._stream().module.entered():
+            free, _ = asked("cuMemGetInfo")
+        if need > free:
+            rule = f"take {need / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free"
+            ways = "take smaller blocks or fewer threads"
+            raise NoRoom(f"cuda: {blocks} blocks of {members:,} members at once {rule}; {ways}")
+        return threads
+
+    def _stream(self) -> Stream:
+        """The stream of this thread."""
+        if not hasattr(self._streams, "mine"):
+            with self._loading:
+                device = next(self._turn)
+                if device not in self._modules:
+                    self._modules[device] = self._load(device)
+            self._streams.mine = Stream(self._modules[device])
+        stream: Stream = self._streams.mine
+        return stream
+
+    def _load(self, device: Device) -> Module:
+        """The code on a device, and the numbers of the pieces and of the parts of a step."""
+        parts = [one[1] if one else () for name, one in self.asked.items() if name != "advance"]
+        numbers = [np.array(numbers_of(part) or [0.0]) for part in parts]
+        return Module(device, self._code, KERNEL, [*numbers, self.parts])
+
+    def advance(
+        self, block: Array, steps: Run, noise: Noise | None = None, saves: Saves | None = None
+    ) -> None:
+        """As `Program.advance`."""
+        noise = noise or NO_NOISE._replace(members=np.arange(block.shape[1]))
+        for _ in self.through(block, steps, noise, saves or NO_SAVES):
+            pass
+
+    def through(
+        self, block: Array, steps: Run, noise: Noise, saves: Saves
+    ) -> Generator[int, bool | None, None]:
+        """As `Program.through`."""
+        stream = self._stream()
+        with stream.module.entered():
+            try:
+                yield from self._through(stream, block, steps, noise, saves)
+            finally:
+                stream.free()
+
+    def _through(
+        self, stream: Stream, block: Array, steps: Run, noise: Noise, saves: Saves
+    ) -> Generator[int, bool | None, None]:
+        members = block.shape[1]
+        count = self.shape.values * members if saves.columns else 0  # numbers of a save
+        most = min(-(-steps.total // steps.stride), max(1, SAVED // (8 * count or 1)))
+        frame, place = self._on_device(stream, block, noise)
+        order, frame_at = stream.put(saves.order), stream.room(frame.nbytes)
+        values = stream.room(8 * count * (most + 1))  # the start is a save more
+        first, length = steps.first, FIRST
+        while first < steps.last:
+            beyond = (first // steps.stride + most) * steps.stride
+            last = min(steps.last, first + length, beyond)
+            slots = saved_in(steps, first, last)
+            out = Saves(values - 8 * count * slots.start, members if count else 0, 0, order)
+            stream.write(frame_at, framed(frame, steps._replace(first=first, last=last), out))
+            began = time.perf_counter()
+            stream.launch(frame_at, members)
+            stream.wait()
+            took = time.perf_counter() - began
+            if count and slots:
+                self._keep(stream, values, slots, saves, members)
+            while (yield last):
+                stream.read(block, place)
+            length = int(max(1.0, (last - first) * min(GROWTH, LAUNCH / max(took, 1e-6))))
+            first = last
+        stream.read(block, place)
+
+    def _on_device(self, stream: Stream, block: Array, noise: Noise) -> tuple[Any, int]:
+        """(the frame of a block that is now on the device, the address of the block there)."""
+        *pieces, parts = stream.module.numbers
+        place, (rows, members) = stream.put(block), block.shape
+        room = Room(
+            parts=parts,
+            part_rows=self.parts.size // 4,
+            block=place,
+            rows=rows,
+            width=members,
+            past=0,
+            **dict.fromkeys(self.working_memory(rows), 0),  # each thread has its own
+        )
+        known = Pieces(*(Piece(0, 0, numbers) for numbers in pieces))
+        whose = Noise(noise.key, noise.other, stream.put(noise.streams), stream.put(noise.members))
+        return framed(self._frame, known, self.shape, whose, room), place
+
+    def _keep(self, stream: Stream, values: int, slots: range, saves: Saves, members: int) -> None:
+        """Bring the saves of a launch from the device to where they go."""
+        shape = len(slots), self.shape.values, members
+        got = stream.pinned(math.prod(shape))
+        stream.read(got, values)
+        size = self.shape.values * saves.columns
+        out = saves.out.reshape(-1)[size * slots.start : size * slots.stop]
+        wide = out.reshape(*shape[:2], saves.columns)
+        wide[:, :, saves.column : saves.column + members] = got.reshape(shape)
+
+
+def saved_in(steps: Run, first: int, last: int) -> range:
+    """The numbers of the saves that steps from `first` to `last` make."""
+    begin = 0 if first == 0 else first // steps.stride + 1
+    final = -(-steps.total // steps.stride) if last == steps.total else last // steps.stride
+    return range(begin, final + 1)

@@ -1,0 +1,321 @@
+"""What physics costs before it is run: floating-point operations, counted in LLVM's code.
+
+A user's own parts, compiled by themselves: integrators and what is recorded or watched.
+
+What cannot be compiled is refused with the name of its class, and what takes one number at a time
+is told.
+"""
+
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+from numba import njit, typeof
+from numba.core.registry import cpu_target
+
+from rigidmc.engine.compiler.compose import NumbaError, inline_all, reason
+from rigidmc.engine.compiler.disk_cache import kept_text
+from rigidmc.engine.compiler.kernels import WIDTH, config, dispatcher_of, kind_of, signature_of
+from rigidmc.engine.compiler.memory import four_at, put, three_at
+from rigidmc.engine.compiler.pipeline import FLAGS
+from rigidmc.engine.compiler.trees import filled, parts_of
+from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.dynamics.so3 import first_three, select
+from rigidmc.physics.dynamics.trials import RULE
+from rigidmc.physics.effects import EFFECTS
+from rigidmc.physics.effects.protocol import (
+    blank,
+    energy,
+    energy_scale,
+    kick,
+    shake,
+    torque,
+    torque_rate,
+)
+from rigidmc.physics.effects.sums import total_torque
+from rigidmc.physics.integrators.protocol import closed, constants, opened, step
+from rigidmc.physics.observables.protocol import (
+    armed,
+    averages,
+    begin,
+    level,
+    past,
+    reweighed,
+    sought,
+    steady,
+    stops,
+    turning,
+    update,
+    value,
+)
+
+_OPERATION = re.compile(
+    r"= .*?\b(?:f(add|sub|mul|div)|call [^@]*@(?:llvm\.)?(sqrt|fabs|minnum|maxnum|fma)\b\S*)\b"
+    r"[^<]*?(?:<(\d+) x )?double"
+)
+_CHOICE = re.compile(r"= (?:fcmp|select)\b[^<]*?(?:<(\d+) x )?double")
+DIVISION, ROOT = 10, 18  # in times of a product, in packed arithmetic (Zen 4, 512 bits)
+ONE_AT_A_TIME = "branches, or calls what takes one number at a time"
+_BODY, _AT, _SPIN = MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+
+
+class Operations(NamedTuple):
+    """Floating-point operations, and how many of them are divisions and square roots.
+
+    choices : comparisons and selections, which are not among them
+    """
+
+    all: int
+    divisions: int
+    roots: int
+    choices: int
+
+    @property
+    def slots(self) -> int:
+        """The time of all of them, in times of a product."""
+        return self.all + self.choices + (DIVISION - 1) * self.divisions + (ROOT - 1) * self.roots
+
+    def less(self, other: "Operations") -> "Operations":
+        """What is left without others."""
+        return Operations(*(a - b for a, b in zip(self, other, strict=True)))
+
+    def times(self, count: int) -> "Operations":
+        """All of them `count` times."""
+        return Operations(*(count * a for a in self))
+
+    def __str__(self) -> str:
+        parts = [
+            f"{count} {word}{'s' * (count != 1)}"
+            for count, word in ((self.divisions, "division"), (self.roots, "root"))
+            if count
+        ]
+        return f"{self.all} operations" + (f" ({', '.join(parts)})" if parts else "")
+
+
+def torque_operations(effect: Any) -> Operations:
+    """Operations of one evaluation of an effect's torque."""
+    return _counted(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN)
+
+
+def why_refused(effect: Any) -> str:
+    """Why the torque of a user's effect cannot go into a kernel: "takes memory", or ""."""
+    if config.DISABLE_JIT:
+        return ""
+    return "takes memory" if "NRT_" in _torque_code(effect) else ""
+
+
+def refuse_memory(effects: Iterable[Any]) -> None:
+    """Raise SceneError for a user's effect that takes memory."""
+    for effect in effects:
+        if type(effect) not in EFFECTS.values() and (wrong := why_refused(effect)):
+            raise SceneError("effects", f"{type(effect).__name__}.torque", None, f"{wrong}; {RULE}")
+
+
+def why_one_at_a_time(effect: Any) -> str:
+    """Why members cannot be worked on side by side with a user's effect, or ""."""
+    if type(effect) in EFFECTS.values():
+        return ""
+    if type(effect) not in _side_by_side:
+        signature = signature_of(blank((effect,)), "float64", WIDTH, "s")
+
+        def tried() -> str:
+            try:
+                dispatcher_of(_all_methods).compile(signature)
+            except NumbaError:
+                return ONE_AT_A_TIME
+            return ""
+
+        _side_by_side[type(effect)] = kept_text([signature], "why_one_at_a_time", tried)
+    return _side_by_side[type(effect)]
+
+
+def step_operations(form: Any, effects: Any, attitude: bool) -> Operations:
+    """Operations of one step of a Form with these effects, all its parts together."""
+    part, q = (0.0, 0.0, 0.0), _AT if attitude else (1.0, 0.0, 0.0, 0.0)
+    first = tuple(_STEP * x for x in form.parts[1, :3].tolist())
+    q, l = opened(form.integrator, _STILL, blank(effects), 0.0, first, q, _SPIN)
+    once = constants(form.integrator, _STILL, first, l)
+
+    def whole_state(integrator, effects, t, part, q, l):
+        return step(integrator, _STILL, effects, t, _STEP, part, q, l, once)
+
+    def momentum_alone(integrator, effects, t, part, q, l):
+        return step(integrator, _STILL, effects, t, _STEP, part, q, l, once)[1]
+
+    function = whole_state if attitude else momentum_alone
+    one_part = _counted(function, form.integrator, blank(effects), 0.0, part, q, l)
+    return one_part.times(len(form.parts) - 1)
+
+
+_codes: dict[type, str] = {}
+_side_by_side: dict[type, str] = {}
+
+
+def _torque_code(effect: Any) -> str:
+    """LLVM's code of an effect's torque, compiled once for each class."""
+    if type(effect) not in _codes:
+        given = *blank((effect,)), _BODY, 0.0, _AT, _SPIN
+        kinds = tuple(map(typeof, given))
+        machine = cpu_target.target_context.codegen().magic_tuple()
+        _codes[type(effect)] = kept_text(
+            [kinds], f"torque {machine}", lambda: _code(_torque, *given)
+        )
+    return _codes[type(effect)]
+
+
+def _torque(effect, body, t, q, l):
+    """What is compiled to count the operations of an effect."""
+    return total_torque((effect,), body, t, q, l)
+
+
+def _all_methods(kinds, numbers, at):
+    """What is compiled to see whether all methods of an effect run on vectors."""
+    (one,) = parts_of(kinds, numbers)
+    one = filled(one, at, 30)
+    body, q, l, t, h = filled(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
+    put(
+        torque(one, body, t, q, l)
+        + kick(one, body, t, h, q, l)
+        + torque_rate(one, body, t, q, l)
+        + shake(one, body, h, l),
+        at,
+        0,
+    )
+    put((energy(one, body, q), energy_scale(one, body)), at, 0)
+    return 0
+
+
+# Body and step stay the same from step to step. They are constants here, so that what is computed
+# from them alone does not count, as it takes no time before a loop.
+_STILL, _STEP = MassProperties.of((0.61, 0.83, 1.07), (0.053, -0.022, 0.31)), 0.013
+
+
+def _counted(function: Callable[..., Any], *arguments: Any) -> Operations:
+    """The operations of a function, compiled for the types of these arguments."""
+    code = _code(function, *arguments).splitlines()
+    matches = [m for line in code if (m := _OPERATION.search(line))]
+    counts = [(m[1] or m[2], (2 if m[2] == "fma" else 1) * int(m[3] or 1)) for m in matches]
+    choices = sum(int(m[1] or 1) for line in code if (m := _CHOICE.search(line)))
+    divisions, roots = (sum(n for kind, n in counts if kind == word) for word in ("div", "sqrt"))
+    return Operations(sum(n for _, n in counts), divisions, roots, choices)
+
+
+def _code(function: Callable[..., Any], *arguments: Any) -> str:
+    """LLVM's code of a function, compiled for the types of these arguments."""
+    flags: Any = FLAGS
+    compiled = njit(**flags)(function)
+    compiled.compile(tuple(map(typeof, arguments)))
+    (code,) = compiled.inspect_llvm().values()
+    return str(code)
+
+
+_UNIT_BODY = MassProperties(*[1.0] * 9)
+_found: dict[Any, str] = {}  # by the types of the part and of the effects
+
+
+def slow_parts(
+    integrator: Any, effects: Sequence[Any], watched: Iterable[Any]
+) -> list[tuple[str, str]]:
+    """[(class, why)] of the user's own parts with which members cannot be worked on side by side.
+
+    watched : observables, compiled events, running observables
+    Raises SceneError for an integrator or an observable that cannot be compiled.
+    """
+    if config.DISABLE_JIT:
+        return []
+    found = [(type(effect).__name__, why_one_at_a_time(effect)) for effect in effects]
+    kinds = [("run", integrator, _made), *(("observables", one, _seen) for one in watched)]
+    for table, part, probe in kinds:
+        for own in _own(part):
+            found.append((type(own).__name__, _why(table, own, part, effects, probe)))
+    return [(name, why) for name, why in found if why]
+
+
+def _own(part: Any) -> Iterator[Any]:
+    """The NamedTuples of the user's own among nested tuples."""
+    if isinstance(part, tuple):
+        if implements(part, "_fields") and not type(part).__module__.startswith("rigidmc."):
+            yield part
+        for one in part:
+            yield from _own(one)
+
+
+def _why(
+    table: str, own: Any, whole: Any, effects: Sequence[Any], probe: Callable[..., int]
+) -> str:
+    """Why members cannot be worked on side by side with a part, or ""; SceneError."""
+    parts = whole, tuple(effects)
+    key = probe, kind_of(parts)
+
+    def tried() -> str:
+        found = ""
+        try:
+            code = _compiled(probe, parts, WIDTH)
+        except NumbaError:
+            found = ONE_AT_A_TIME
+            try:
+                code = _compiled(probe, parts, 1)
+            except NumbaError as error:
+                rule = f"cannot be compiled: {reason(error)}; {RULE}"
+                raise SceneError(table, type(own).__name__, None, rule) from None
+        if "NRT_" in code:
+            raise SceneError(table, type(own).__name__, None, f"takes memory; {RULE}")
+        return found
+
+    if key not in _found:
+        signature = signature_of(parts, "float64", WIDTH, "s")
+        _found[key] = kept_text([signature], f"own_parts {probe.__name__}", tried)
+    return _found[key]
+
+
+def _compiled(probe: Callable[..., int], parts: Any, lanes: int) -> str:
+    """LLVM's code of a probe for so many members side by side."""
+    compiled = dispatcher_of(probe)
+    compiled.compile(signature_of(parts, "float64", lanes, "s"))
+    (code,) = compiled.inspect_llvm().values()
+    return str(code)
+
+
+def _seen(kinds, numbers, at):
+    """What is compiled to see whether all methods of an observable run on vectors."""
+    one, effects = parts_of(kinds, numbers)
+    present = filled(effects, at, 30)
+    body, q, l, t = filled(_UNIT_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7]
+    put(value(one, body, present, t, q, l, four_at(at, 8), ()), at, 0)
+    height = level(one, body, present, t, q, l)
+    waits = armed(one, body, q, l, height, height < 0.0)
+    put((select(waits, 1.0, 0.0), select(past(one, height), 1.0, 0.0)), at, 0)
+    kept = begin(one, body, present, t, q, l)
+    put(update(one, kept, body, present, t, q, l), at, 0)
+    put(turning(one, body, present, t, q, l), at, 0)
+    put_pairs(sought(one, kept), at)
+    put(reweighed(one, kept, t), at, 0)
+    return len(averages(one)) + len(steady(one)) + len(stops(one))
+
+
+def put_pairs(pairs, at):
+    """Write pairs of numbers."""
+    if len(pairs) == 0:
+        return 0
+    put(pairs[0], at, 0)
+    return put_pairs(pairs[1:], at)
+
+
+def _made(kinds, numbers, at):
+    """What is compiled to see whether a step runs on vectors."""
+    integrator, effects = parts_of(kinds, numbers)
+    present = filled(effects, at, 30)
+    body, q, l, t, h = filled(_UNIT_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
+    part = h, h, h
+    q, l = opened(integrator, body, present, t, part, q, l)
+    once = constants(integrator, body, part, l)
+    q, l = step(integrator, body, present, t, h, part, q, l, once)
+    q, l = closed(integrator, body, present, t, part, q, l)
+    put(q + first_three(l), at, 0)
+    return 0
+
+
+inline_all(sys.modules[__name__])

@@ -1,0 +1,168 @@
+"""What all pictures share: the palette, an empty figure, and the file that a figure becomes.
+
+A picture is a matplotlib Figure; pyplot and its global state are not used.
+
+How integrators look in pictures: derived from their registry, so that a new one has a style.
+"""
+
+import io
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from textwrap import fill
+from typing import NamedTuple, cast
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from numpy.typing import NDArray
+
+from rigidmc.files.opening import check_suffix
+from rigidmc.files.outputs import refuse_existing, write_bytes
+from rigidmc.physics.integrators import INTEGRATORS
+
+INK, GREY, LIGHT = "#222222", "#777777", "#c8c8c8"  # lines and text, from strong to faint
+PATH = "#d94801"  # single members and what stands out
+BAND, CORE, MEDIAN = "#c6dbef", "#6baed6", "#08306b"  # outer and inner quantiles, median
+ALARM = "#a61c00"  # limits and failures
+DENSITY, VALUES = "cividis_r", "cividis"  # colour maps, dark or bright at large values
+HALO = [withStroke(linewidth=2.0, foreground="white")]  # around text and lines over an image
+# Lines that must be told apart: by colour, and in grey by marker and dash.
+COLOURS = (
+    "#d94801", "#8c2d04", "#7a7a7a", "#9e7bb5", "#2a9d6f",
+    "#2171b5", "#08306b", "#000000", "#4a1486", "#6baed6",
+)  # fmt: skip
+MARKERS = ("o", "s", "^", "v", "<", "x", "P", "X", "D", ">", "p", "h", "d", "*", "H", "+")
+DASHES = ("-", "--", ":", "-.")
+
+# low, middle and high of three values, dark to light
+THREE = (MEDIAN, "#bbbbbb", "#fdd49e")
+# {part of a measure's name: (low, high, ticks)} of measures with a logarithmic scale
+LOGARITHMIC = {"megno": (1.5, 200.0, (2, 5, 10, 20, 50, 100, 200))}
+
+Ticks = tuple[list[float], list[str]]
+Scale = tuple[str | Colormap, Normalize, Ticks | None]  # colour map, norm, ticks
+
+
+class Picture(Figure):
+    """A figure that notebooks show, also where nothing has imported pyplot: that tells them how to
+    show a plain Figure."""
+
+    def _repr_png_(self) -> bytes:
+        data = io.BytesIO()
+        self.savefig(data, format="png", dpi=100)
+        return data.getvalue()
+
+
+def new_figure(title: str, size: tuple[float, float]) -> Figure:
+    """An empty figure with a heading; size in inches."""
+    figure = Picture(size, layout="constrained")
+    FigureCanvasAgg(figure)
+    # a scene's title is plain text, no formula
+    figure.suptitle(title, fontsize=11, parse_math=False)
+    return figure
+
+
+def figure_of(axes: Axes) -> Figure:
+    """The figure that axes belong to."""
+    return cast(Figure, axes.figure)
+
+
+def titled(axes: Axes, text: str, note: str = "", pad: float | None = None) -> None:
+    """Give axes a title; a note on what the picture does not show stands below it, in red."""
+    lines = [text, *([fill(note, 74)] if note else [])]
+    colour = ALARM if note else "black"
+    axes.set_title("\n".join(lines), fontsize=9 if note else 10, pad=pad, color=colour)
+
+
+def legend_above(axes: Axes, columns: int) -> None:
+    """A legend between the axes and their title."""
+    axes.legend(
+        loc="lower center",
+        bbox_to_anchor=(0.5, 0.99),
+        ncols=columns,
+        fontsize=8,
+        frameon=False,
+        columnspacing=1.2,
+    )
+
+
+def colour_scale(name: str, values: NDArray[np.float64], named: Mapping[float, str]) -> Scale:
+    """(colour map, norm, ticks) of a variable.
+
+    named : {value: word} of a variable that takes a few values
+    """
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return VALUES, Normalize(0.0, 1.0), None
+    if name.startswith("p("):  # a share
+        return DENSITY, Normalize(0.0, 1.0), None
+    if name.startswith("correlation("):
+        return VALUES, Normalize(-1.0, 1.0), None
+    if named:
+        places = sorted(named)
+        bounds = [places[0] - 0.5, *(place + 0.5 for place in places)]
+        colours = ListedColormap(list(THREE[: len(places)]))
+        words = [named[place] for place in places]
+        return colours, BoundaryNorm(bounds, len(places)), (places, words)
+    for part, (low, high, ticks) in LOGARITHMIC.items():
+        if part in name:
+            return VALUES, LogNorm(low, high), (list(ticks), [str(tick) for tick in ticks])
+    low, high = np.quantile(finite, [0.005, 0.995])
+    if high <= low:
+        # a scale of equal numbers; 1e-300 only keeps its ends apart, and is drawn as nothing
+        low, high = low - 0.01 * abs(low) - 1e-300, high + 0.01 * abs(high) + 1e-300
+    return VALUES, Normalize(low, high), None
+
+
+def save(figure: Figure, path: str | PathLike[str], force: bool = False) -> None:
+    """Write a picture in the format of its suffix, completely or not at all.
+
+    Raises OutputExists if the file exists and `force` is False, OptionError as `check_suffix`.
+    """
+    refuse_existing(path, force, "pictures")
+    write_bytes(path, drawn(figure, path), force)
+
+
+def drawn(figure: Figure, path: str | PathLike[str]) -> bytes:
+    """The bytes of a picture in the format of a path's suffix; OptionError as `check_suffix`."""
+    check_suffix(path, "pictures")
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=150, format=Path(path).suffix[1:].lower())
+    return buffer.getvalue()
+
+
+class Style(NamedTuple):
+    """How the line of an integrator looks."""
+
+    color: str
+    marker: str
+    dash: str
+
+
+def styles() -> dict[str, Style]:
+    """{integrator: Style} from the registry.
+
+    One colour for integrators of one family (the file that defines them) and order, dashes within
+    it; each integrator has its own marker, up to len(MARKERS) of them.
+    """
+    families: dict[tuple[str, float], int] = {}  # {(file, order): members so far}
+    table = {}
+    for place, (name, kind) in enumerate(INTEGRATORS.items()):
+        family = type(kind).__module__, kind.order
+        before = families.setdefault(family, 0)
+        colour = COLOURS[list(families).index(family) % len(COLOURS)]
+        table[name] = Style(colour, MARKERS[place % len(MARKERS)], DASHES[before % len(DASHES)])
+        families[family] += 1
+    return table
+
+
+STYLES = styles()
+
+
+def style_of(name: str) -> Style:
+    """The style of an integrator; those of the user's own share one."""
+    return STYLES.get(name, Style("0.15", "*", "-"))

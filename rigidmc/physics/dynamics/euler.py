@@ -1,0 +1,120 @@
+"""Euler's equations of a rigid body with a fixed point, for body angular momentum L and attitude q.
+
+dL/dt = L x omega + tau,   dq/dt = 1/2 q (0, omega),   omega_i = L_i / I_i          (TdC (3.35),
+(3.7))
+"""
+
+from typing import NamedTuple
+
+from rigidmc.physics.dynamics.vectors import first_three
+
+
+class MassProperties(NamedTuple):
+    """The constants of a body in its principal axes.
+
+    i1, i2, i3 : reciprocal principal moments 1/I [1/(kg m^2)]
+    a1, a2, a3 : (I2 - I3)/(I2 I3) and cyclic [1/(kg m^2)], from differences of moments, because
+        1/I3 - 1/I2 would cancel
+    p1, p2, p3 : mass times centre of mass, the static moment [kg m]
+    """
+
+    i1: float
+    i2: float
+    i3: float
+    a1: float
+    a2: float
+    a3: float
+    p1: float
+    p2: float
+    p3: float
+
+    @staticmethod
+    def of(moments, static_moment):
+        """From principal moments (I1, I2, I3) and static moment.
+
+        Numbers, or arrays with one entry per ensemble member.
+        """
+        return mass_properties(moments, static_moment)
+
+
+def mass_properties(moments, static_moment):
+    """The MassProperties of principal moments (I1, I2, I3) and a static moment."""
+    one, two, three = moments
+    # two divisions each: the product I2 I3 of a nano body would underflow
+    return MassProperties(
+        1.0 / one,
+        1.0 / two,
+        1.0 / three,
+        (two - three) / two / three,
+        (three - one) / three / one,
+        (one - two) / one / two,
+        static_moment[0],
+        static_moment[1],
+        static_moment[2],
+    )
+
+
+def angular_velocity(body, l):
+    """omega_i = L_i/I_i [rad/s]."""
+    return body.i1 * l[0], body.i2 * l[1], body.i3 * l[2]
+
+
+def kinetic_energy(body, l):
+    """T = 1/2 sum L_i^2/I_i [J], TdC (3.16)."""
+    return 0.5 * (body.i1 * l[0] * l[0] + body.i2 * l[1] * l[1] + body.i3 * l[2] * l[2])
+
+
+def free_rate(body, l):
+    """dL/dt = L x omega of a free body, TdC (3.35)."""
+    return body.a1 * l[1] * l[2], body.a2 * l[2] * l[0], body.a3 * l[0] * l[1]
+
+
+class Rates(NamedTuple):
+    """A body's coefficients over a time h.
+
+    w1, w2, w3 : h/(2 I_i), for the attitude;  a1, a2, a3 : h a_i, for the momentum
+    """
+
+    w1: float
+    w2: float
+    w3: float
+    a1: float
+    a2: float
+    a3: float
+
+
+def scaled(body, h):
+    """The Rates of a body over h."""
+    return Rates(
+        0.5 * h * body.i1,
+        0.5 * h * body.i2,
+        0.5 * h * body.i3,
+        h * body.a1,
+        h * body.a2,
+        h * body.a3,
+    )
+
+
+def twice(rates):
+    """The Rates over 2h, by additions."""
+    r = rates
+    return Rates(r.w1 + r.w1, r.w2 + r.w2, r.w3 + r.w3, r.a1 + r.a1, r.a2 + r.a2, r.a3 + r.a3)
+
+
+def half_rotation(rates, l):
+    """h omega/2, half the rotation vector of a time h."""
+    return rates.w1 * l[0], rates.w2 * l[1], rates.w3 * l[2]
+
+
+def spun(rates, onto, l):
+    """onto + h L x omega: `onto` plus the free change of the momentum at l.
+
+    Numbers that follow the three components of `onto` stay as they are.
+    """
+    if len(onto) > 3:
+        return spun(rates, first_three(onto), l) + onto[3:]
+    return (
+        onto[0] + rates.a1 * (l[1] * l[2]),
+        onto[1] + rates.a2 * (l[2] * l[0]),
+        onto[2] + rates.a3 * (l[0] * l[1]),
+    )

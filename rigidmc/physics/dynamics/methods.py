@@ -1,0 +1,136 @@
+"""Methods that take by name what they need: the convention of effects, integrators, observables.
+
+A class says what it depends on by the arguments of its methods: `torque(self, body, q)` depends on
+body and attitude, `torque(self, l)` on the angular momentum alone. Nothing is declared twice, so
+nothing can be declared wrongly.
+"""
+
+import inspect
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable
+from functools import lru_cache
+from typing import Any, Protocol, cast
+
+
+class Method(Protocol):
+    """A generic function made by `method`.
+
+    default : the function of a class without such a method;  available : names of the arguments
+        after `part`
+    """
+
+    __name__: str
+    default: Callable[..., Any]
+    available: tuple[str, ...]
+
+    def __call__(self, part: Any, /, *values: Any) -> Any: ...
+
+
+METHODS: list[Method] = []  # every one, for `rigidmc.engine.compiler.compose` to compile
+
+
+@lru_cache(maxsize=1024)
+def arguments(function: Callable[..., Any]) -> tuple[str, ...]:
+    """Names of a method's arguments after self."""
+    return tuple(inspect.signature(function).parameters)[1:]
+
+
+def method(default: Callable[..., Any]) -> Method:
+    """A generic function f(part, a, b, ...) that calls `part.f` with the arguments that it names.
+
+    For a part whose class has no such method the body of `default` runs.
+    """
+    name, available = default.__name__, arguments(default)
+
+    def call(part: Any, *values: Any) -> Any:
+        function = getattr(type(part), name, None)
+        if function is None:
+            return default(part, *values)
+        return function(
+            part, *(values[available.index(argument)] for argument in arguments(function))
+        )
+
+    call.__name__, call.__doc__ = name, default.__doc__
+    generic = cast(Method, call)
+    generic.default, generic.available = default, available
+    METHODS.append(generic)
+    return generic
+
+
+def word_of(kind: type) -> str:
+    """The word for a class in scene files: its name in snake_case, gravity_gradient or l2_drift."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", kind.__name__).lower()
+
+
+def numbered(words: Iterable[str]) -> list[str]:
+    """Words, each numbered from its second time on: ["rotor", "gravity", "rotor_2"]."""
+    count: Counter[str] = Counter()
+    labels = []
+    for word in words:
+        count[word] += 1
+        labels.append(word if count[word] == 1 else f"{word}_{count[word]}")
+    return labels
+
+
+def implements(part: object, name: str) -> bool:
+    """Whether a class, or the class of an instance, has a method or property of this name."""
+    return hasattr(part if isinstance(part, type) else type(part), name)
+
+
+def argument_names(part: Any, *methods: str) -> set[str]:
+    """All argument names of the given methods of a class or instance; a missing method has none."""
+    kind = part if isinstance(part, type) else type(part)
+    return {a for m in methods if implements(kind, m) for a in arguments(getattr(kind, m))}
+
+
+class Traced:
+    """A stand-in for a number that shows whether code uses its value.
+
+    Arithmetic on it gives a Traced again. `notes` gets an entry as soon as code branches on it or
+    passes it to a library.
+    """
+
+    def __init__(self, notes: list[bool]) -> None:
+        self.notes = notes
+
+    def _computed(self, *_: object) -> "Traced":
+        return self
+
+    def _used(self, *_: object) -> float:
+        self.notes.append(True)
+        return 1.0
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = _computed
+    __truediv__ = __rtruediv__ = __pow__ = __rpow__ = __neg__ = __pos__ = __abs__ = _computed
+    __lt__ = __le__ = __gt__ = __ge__ = _computed
+    __eq__ = __ne__ = _computed  # type: ignore[assignment]  # comparisons give a Traced, not a bool
+    __and__ = __or__ = __invert__ = __rand__ = __ror__ = _computed
+    __float__ = _used
+    __hash__ = None  # type: ignore[assignment]  # not hashable, as it equals nothing
+
+    def __bool__(self) -> bool:
+        return bool(self._used())
+
+
+def depends(call: Method, part: Any, **values: Any) -> bool:
+    """Whether the result of call(part, ...) depends on a value that is None.
+
+    call : made by `method`;  values : all its arguments, by name; a Traced stands in for each None,
+        also inside tuples
+
+    Code that fails with a Traced is taken to depend on it.
+    """
+    notes: list[bool] = []
+
+    def traced(value: Any) -> Any:
+        if type(value) is tuple:
+            return tuple(map(traced, value))
+        return Traced(notes) if value is None else value
+
+    try:
+        result = call(part, *(traced(values[name]) for name in call.available))
+    except Exception:  # a user's code may do anything with its numbers
+        return True
+    numbers = result if isinstance(result, tuple) else (result,)
+    return bool(notes) or any(isinstance(x, Traced) for x in numbers)

@@ -1,0 +1,210 @@
+"""Quaternions, and the rotations that unit quaternions stand for.
+
+Conventions as in `rigidmc.physics.dynamics.so3`.
+
+Changes of a momentum or an attitude that lose no digits.
+
+A compensated state is a pair (value, remainder) whose exact sum is the state. Every function here
+also takes the plain value, a 3-vector or a quaternion, and then rounds as usual.
+"""
+
+import math
+
+from rigidmc.physics.dynamics.functions import sincos
+from rigidmc.physics.dynamics.vectors import add, cross, dot, scale, select
+
+
+def add4(a, b):
+    """a + b of quaternions."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
+
+
+def difference4(a, b):
+    """a - b of quaternions."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
+
+
+def scale4(s, a):
+    """s*a of a number and a quaternion."""
+    return s * a[0], s * a[1], s * a[2], s * a[3]
+
+
+def axpy4(a, s, b):
+    """a + s*b of quaternions."""
+    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2], a[3] + s * b[3]
+
+
+def multiply(p, q):
+    """Hamilton product p q."""
+    return (
+        p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
+        p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
+        p[0] * q[2] + p[2] * q[0] + p[3] * q[1] - p[1] * q[3],
+        p[0] * q[3] + p[3] * q[0] + p[1] * q[2] - p[2] * q[1],
+    )
+
+
+def conjugate(q):
+    """The inverse of a unit quaternion."""
+    return q[0], -q[1], -q[2], -q[3]
+
+
+def exponential(u):
+    """exp(u/2) as a unit quaternion: the rotation by |u| about u.
+
+    Accurate to rounding for |u| < 1e6, 0 included.
+    """
+    angle = math.sqrt(dot(u, u))
+    s, c = sincos(0.5 * angle)
+    # an angle [rad]; what is divided by 1 is not taken
+    r = select(angle > 0.0, s / select(angle > 0.0, angle, 1.0), 0.5)
+    return c, r * u[0], r * u[1], r * u[2]
+
+
+def spin(p, w):
+    """p (0, w): the change of attitude over a time h if w = h omega/2."""
+    return (
+        -p[1] * w[0] - p[2] * w[1] - p[3] * w[2],
+        p[0] * w[0] + p[2] * w[2] - p[3] * w[1],
+        p[0] * w[1] + p[3] * w[0] - p[1] * w[2],
+        p[0] * w[2] + p[1] * w[1] - p[2] * w[0],
+    )
+
+
+def turned(q, p, w):
+    """q + p (0, w) by fused multiply-adds.
+
+    With w = h omega/2 this is q + h dq/dt, with the rate of the attitude p: dq/dt = 1/2 p (0,
+    omega).
+    """
+    return (
+        q[0] - p[1] * w[0] - p[2] * w[1] - p[3] * w[2],
+        q[1] + p[0] * w[0] + p[2] * w[2] - p[3] * w[1],
+        q[2] + p[0] * w[1] + p[3] * w[0] - p[1] * w[2],
+        q[3] + p[0] * w[2] + p[1] * w[1] - p[2] * w[0],
+    )
+
+
+def up(q):
+    """The space z axis in body components: the third row of A.
+
+    (2 (xz - wy), 2 (yz + wx), w^2 - x^2 - y^2 + z^2)
+    """
+    return (
+        2.0 * (q[1] * q[3] - q[0] * q[2]),
+        2.0 * (q[2] * q[3] + q[0] * q[1]),
+        q[0] * q[0] - q[1] * q[1] - q[2] * q[2] + q[3] * q[3],
+    )
+
+
+def into_body(q, v):
+    """The body components A^T v of a vector v in space components."""
+    r, w = (q[1], q[2], q[3]), 2.0 * q[0]
+    s = cross(r, v)
+    t = cross(r, s)
+    return v[0] - w * s[0] + 2.0 * t[0], v[1] - w * s[1] + 2.0 * t[1], v[2] - w * s[2] + 2.0 * t[2]
+
+
+def normalised(q):
+    """q/|q|."""
+    r = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return r * q[0], r * q[1], r * q[2], r * q[3]
+
+
+def touch_up(q):
+    """q (3 - |q|^2)/2: a Newton step to |q| = 1.
+
+    Exact to rounding if |q|^2 is within 1e-8 of 1 (tests/physics/dynamics/test_series.py).
+    """
+    r = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return r * q[0], r * q[1], r * q[2], r * q[3]
+
+
+def renewed(q):
+    """q/|q| by two Newton steps, without root or division.
+
+    Exact to rounding if |q| is within 1e-4 of 1; the error is 3.4e-12 at 1e-3
+    (tests/physics/dynamics/test_series.py).
+    """
+    n = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+    r = 1.5 - 0.5 * n
+    r = r * (1.5 - 0.5 * (n * r) * r)
+    return r * q[0], r * q[1], r * q[2], r * q[3]
+
+
+def third_of(q):
+    """1/|q| for a quaternion of norm about 3, by two Newton steps, without root or division.
+
+    Exact to rounding if | |q|/3 - 1 | < 1e-4 (tests/physics/dynamics/test_series.py).
+    """
+    s = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+    r = 1.5 - (1.0 / 18.0) * s
+    return r * (0.5 - ((1.0 / 54.0) * s) * (r * r))
+
+
+def third(q):
+    """q/|q| for a quaternion of norm about 3; see `third_of`."""
+    return scale4(third_of(q), q)
+
+
+def whole(x):
+    """The value of a state: of a pair (value, remainder) the value."""
+    if len(x) == 2:
+        return x[0]
+    return x
+
+
+def two_sum(a, b):
+    """(s, e): s is the rounded sum, and s + e = a + b exactly.
+
+    Source: Knuth, The Art of Computer Programming 2, 4.2.2.
+    """
+    s = a + b
+    c = s - a
+    return s, (a - (s - c)) + (b - c)
+
+
+def gain(l, dl):
+    """l + dl of 3-vectors.
+
+    Of a pair (value, remainder) the pair of the sum, which loses nothing of dl.
+    """
+    if len(l) == 2:
+        value, rest = l
+        x, dx = two_sum(value[0], dl[0] + rest[0])
+        y, dy = two_sum(value[1], dl[1] + rest[1])
+        z, dz = two_sum(value[2], dl[2] + rest[2])
+        return (x, y, z), (dx, dy, dz)
+    return add(l, dl)
+
+
+def gain4(q, dq):
+    """q + dq of quaternions, brought back to |q| = 1; of a pair (value, remainder) the pair."""
+    if len(q) == 2:
+        value, rest = q
+        a, da = two_sum(value[0], dq[0] + rest[0])
+        b, db = two_sum(value[1], dq[1] + rest[1])
+        c, dc = two_sum(value[2], dq[2] + rest[2])
+        d, dd = two_sum(value[3], dq[3] + rest[3])
+        # a change along q restores the norm and leaves the attitude as it is
+        r = 0.5 - 0.5 * (a * a + b * b + c * c + d * d)
+        r = r + 1.5 * r * r
+        a, da = two_sum(a, r * a + da)
+        b, db = two_sum(b, r * b + db)
+        c, dc = two_sum(c, r * c + dc)
+        d, dd = two_sum(d, r * d + dd)
+        return (a, b, c, d), (da, db, dc, dd)
+    return renewed(add4(q, dq))
+
+
+def moved(q, turn):
+    """q turn of unit quaternions, `turn` in body axes; of a pair (value, remainder) the pair."""
+    if len(q) == 2:
+        value, rest = q
+        # turn - 1 without cancellation; -turn is the same rotation, so the scalar part can be >= 0
+        sign = select(turn[0] < 0.0, -1.0, 1.0)
+        x, y, z = scale(sign, turn[1:])
+        # 1 + cos of half an angle: pure
+        less = -(x * x + y * y + z * z) / (1.0 + abs(turn[0])), x, y, z
+        return gain4(q, add4(multiply(value, less), multiply(rest, less)))
+    return touch_up(multiply(q, turn))

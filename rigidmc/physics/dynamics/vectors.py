@@ -1,0 +1,141 @@
+"""Algebra of 3-vectors.
+
+A momentum may be a longer tuple: after its three components follows the work that the effects have
+done (`rigidmc.physics.effects.protocol`). Sums and multiples apply to these further numbers too; a
+missing one is 0.
+
+Choices, roots and rounding of one number, without a branch.
+
+A "number" is a float, in Python also an array of floats, and in a kernel also a vector that holds
+one number of each of several ensemble members. Conditions are then arrays or masks, and both sides
+of a choice are evaluated.
+"""
+
+import numpy as np
+
+
+def dot(a, b):
+    """Scalar product of two 3-vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a, b):
+    """Vector product of two 3-vectors."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def first_three(a):
+    """The 3-vector at the start of a longer tuple."""
+    if len(a) == 3:
+        return a
+    return a[0], a[1], a[2]
+
+
+def joined(a, more):
+    """The tuple `a` followed by `more`."""
+    if len(more) == 0:
+        return a
+    return a + more
+
+
+def rest_scaled(s, a):
+    """s*a for a tuple of any length."""
+    if len(a) == 0:
+        return ()
+    return (s * a[0],) + rest_scaled(s, a[1:])
+
+
+def rest_axpy(a, s, b):
+    """a + s*b for tuples of any lengths."""
+    if len(b) == 0:
+        return a
+    if len(a) == 0:
+        return rest_scaled(s, b)
+    return (a[0] + s * b[0],) + rest_axpy(a[1:], s, b[1:])
+
+
+def add(a, b):
+    """a + b of 3-vectors and of what follows them."""
+    if len(a) > 3:
+        return (a[0] + b[0], a[1] + b[1], a[2] + b[2]) + rest_axpy(a[3:], 1.0, b[3:])
+    if len(b) > 3:
+        return (a[0] + b[0], a[1] + b[1], a[2] + b[2]) + b[3:]
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def difference(a, b):
+    """a - b of 3-vectors and of what follows `a`."""
+    if len(a) > 3:
+        return (a[0] - b[0], a[1] - b[1], a[2] - b[2]) + rest_axpy(a[3:], -1.0, b[3:])
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def scale(s, a):
+    """s*a of a number and a 3-vector with what follows it."""
+    if len(a) > 3:
+        return (s * a[0], s * a[1], s * a[2]) + rest_scaled(s, a[3:])
+    return s * a[0], s * a[1], s * a[2]
+
+
+def axpy(a, s, b):
+    """a + s*b of 3-vectors and of what follows them."""
+    if len(b) > 3:
+        return (a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]) + rest_axpy(a[3:], s, b[3:])
+    if len(a) > 3:
+        return (a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]) + a[3:]
+    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
+
+
+def select(condition, a, b):
+    """`a if condition else b` with both evaluated: a blend, never a branch.
+
+    Element by element for arrays.
+    """
+    if isinstance(condition, np.ndarray):
+        return np.where(condition, a, b)
+    return a if condition else b
+
+
+def select_each(condition, a, b):
+    """`select` of each number of two tuples."""
+    return tuple(select(condition, x, y) for x, y in zip(a, b, strict=True))
+
+
+def opposite(condition):
+    """`not condition`, also for a mask."""
+    return not condition
+
+
+def by_precision(x, double, single):
+    """One of two constants: `double`, or `single` if x is a float32 number."""
+    return double
+
+
+def rounded(x):
+    """The integer nearest to x as a float, |x| < 2^51 (2^22 in float32), without a library call.
+
+    x + 1.5 * 2^52 is so large that it has no digits after the point.
+    """
+    large = by_precision(x, 6755399441055744.0, 12582912.0)
+    return (x + large) - large
+
+
+def root(x):
+    """The square root of a number, or of each number of an array."""
+    return np.sqrt(x)
+
+
+def inverse(x):
+    """1/x, or 0 if x is 0: a share of nothing is none, in any unit."""
+    # what is divided by 1 is not taken
+    return select(x > 0.0, 1.0 / select(x > 0.0, x, 1.0), 0.0)
+
+
+def larger(a, b):
+    """The larger of two numbers, element by element for arrays."""
+    return select(b > a, b, a)
+
+
+def smaller(a, b):
+    """The smaller of two numbers, element by element for arrays."""
+    return select(b < a, b, a)

@@ -1,0 +1,91 @@
+"""What acts on a body: gravity, springs, damping, ...
+
+A new effect is one file in this folder and one line below. `rigidmc.physics.effects.protocol` says
+what an effect may have; docs/contributing.md has an example.
+"""
+
+# One line for each effect, in canonical order: whatever order a scene lists them in, effects act in
+# this one. An effect's word in scene files is the name of its class in snake_case.
+# isort: off
+from rigidmc.physics.effects.gravity import Gravity as Gravity
+from rigidmc.physics.effects.gravity_gradient import GravityGradient as GravityGradient
+from rigidmc.physics.effects.spring import Spring as Spring
+from rigidmc.physics.effects.field import UniformField as UniformField
+from rigidmc.physics.effects.field import RotatingField as RotatingField
+from rigidmc.physics.effects.potential import Potential as Potential
+from rigidmc.physics.effects.pivot import MovingPivot as MovingPivot
+from rigidmc.physics.effects.torques import BodyTorque as BodyTorque
+from rigidmc.physics.effects.torques import SpaceTorque as SpaceTorque
+from rigidmc.physics.effects.torques import PeriodicTorque as PeriodicTorque
+from rigidmc.physics.effects.rotor import Rotor as Rotor
+from rigidmc.physics.effects.damping import ViscousDamping as ViscousDamping
+from rigidmc.physics.effects.damping import AxialDamping as AxialDamping
+from rigidmc.physics.effects.damping import MatrixDamping as MatrixDamping
+from rigidmc.physics.effects.damping import QuadraticDrag as QuadraticDrag
+from rigidmc.physics.effects.damping import DryFriction as DryFriction
+from rigidmc.physics.effects.dissipation import EnergyDissipation as EnergyDissipation
+from rigidmc.physics.effects.internal import InternalDissipation as InternalDissipation
+from rigidmc.physics.effects.bath import Bath as Bath
+# isort: on
+
+from collections.abc import Iterable
+from typing import Any
+
+from rigidmc.physics.dynamics.methods import argument_names, implements, numbered, word_of
+from rigidmc.physics.effects.protocol import Effect, facts, given, shape
+
+_KINDS = [kind for kind in globals().values() if hasattr(kind, "_fields")]  # the lines above
+EFFECTS: dict[str, Any] = {word_of(kind): kind for kind in _KINDS}
+
+
+def name_of(effect: Effect | type[Effect]) -> str:
+    """The word for an effect or its class in a scene file; of a user's class its name."""
+    kind = effect if isinstance(effect, type) else type(effect)
+    return next((name for name, known in EFFECTS.items() if known is kind), kind.__name__)
+
+
+def description(kind: type[Effect]) -> tuple[str, str, str]:
+    """(law, parameters with units, facts) of a class of effects, in words."""
+    parameters = []
+    for field in given(kind):
+        unit, size = facts(kind).units[field], shape(kind, field)
+        words = [unit] * (unit != "1") + [f"{size} numbers"] * (size is not None)
+        parameters.append(field + (f" [{', '.join(words)}]" if words else ""))
+    used = argument_names(kind, "torque", "energy", "kick")
+    said = {
+        "needs the attitude": "q" in used,
+        # a shared parameter may: the momentum of a wheel with a motor
+        "depends on time": "t" in used and not facts(kind).shared,
+        "depends on L": "l" in used,
+        "is random": facts(kind).stochastic,
+        "has an energy": implements(kind, "energy"),
+        "keeps L_z": facts(kind).keeps_lz,
+    }
+    law = (kind.__doc__ or "").splitlines()[0]
+    return law, ", ".join(parameters), ", ".join(k for k, v in said.items() if v) or "constant"
+
+
+def labelled(effects: Iterable[Any]) -> list[tuple[str, Any]]:
+    """[(label, effect)]: the word of the effect, numbered from the second of a class on."""
+    known = tuple(effects)
+    return list(zip(numbered(map(name_of, known)), known, strict=True))
+
+
+def shared(effects: Iterable[Any]) -> dict[str, list[str]]:
+    """{parameter: those that it is the sum of}, as label_field, for each parameter that an effect
+    shares with another kind of effect that is there."""
+    known = labelled(effects)
+    found = {}
+    for label, effect in known:
+        for field, (kind, other) in facts(effect).shared.items():
+            if sources := [f"{where}_{other}" for where, one in known if name_of(one) == kind]:
+                found[f"{label}_{field}"] = sources
+    return found
+
+
+def canonical(effects: Iterable[Any]) -> tuple[Any, ...]:
+    """The effects in canonical order; those of a user's own come last, as given."""
+    order = list(EFFECTS.values())
+    return tuple(
+        sorted(effects, key=lambda e: order.index(type(e)) if type(e) in order else len(order))
+    )

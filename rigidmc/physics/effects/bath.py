@@ -1,0 +1,66 @@
+"""Thermal noise: the body in a bath."""
+
+import math
+from typing import NamedTuple
+
+from rigidmc.physics.dynamics.so3 import expm1, root
+from rigidmc.physics.effects.protocol import Number, Vector, effect
+
+
+@effect(
+    units={"gamma": "s-1", "kT": "J", "noise": "1"},
+    shapes={"noise": 3},
+    limits={"gamma": (0.0, math.inf), "kT": (0.0, math.inf), "noise": (0.0, 0.0)},
+    hidden=("noise",),
+    example=(1.0, 0.7),
+    stochastic=True,
+    isotropic=True,
+)
+class Bath(NamedTuple):
+    """Friction and noise of a bath of temperature T, which lead to Gibbs's law exp(-(T + V)/kT).
+
+    Change of the momentum::
+
+        dL = -gamma L dt + sqrt(2 gamma kT I) dW
+
+    Splittings of order 2 put it between two halves of the free motion (BAOAB). Its flow is exact:
+    L_i <- exp(-gamma h) L_i + sqrt(I_i kT (1 - exp(-2 gamma h))) n_i with normal deviates n_i.
+    Averages have an error of order h^2.
+    Source: Leimkuhler & Matthews, Appl. Math. Res. Express 2013, 34; Davidchack, Ouldridge &
+    Tretyakov, J. Chem. Phys. 142 (2015) 144114.
+
+    Parameters
+    ----------
+    gamma : quantity [1/s]
+        rate at which the momentum is forgotten
+    kT : quantity [J]
+        Boltzmann's constant times temperature
+    noise : floats (3,), optional
+        the normal deviates of a step: the engine fills them in, a scene leaves them out
+
+    Examples
+    --------
+    >>> bath = rm.Bath(gamma=1.0, kT=0.5)
+    >>> start = rm.Start(momentum=rm.GibbsMomentum(kT=0.5))
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), bath, start)
+    """
+
+    gamma: Number
+    kT: Number
+    noise: Vector = (0.0, 0.0, 0.0)  # normal deviates; the engine draws new ones for each step
+
+    def energy_scale(self, body):
+        # The spin of 4 standard deviations. Drifts prepared for it have errors of 5e-12 at
+        # 8 of them, where a member is flagged.
+        return 4.0 * self.kT
+
+    def shake(self, body, h, l):
+        less = expm1(-self.gamma * h)
+        spread = -self.kT * less * (2.0 + less)
+        one, two, three = body.i2 * body.i3, body.i3 * body.i1, body.i1 * body.i2
+        share = spread / (body.i1 * one)  # spread I_1 = share / (I_2 I_3): one division for three
+        return (
+            l[0] + less * l[0] + root(share * one) * self.noise[0],
+            l[1] + less * l[1] + root(share * two) * self.noise[1],
+            l[2] + less * l[2] + root(share * three) * self.noise[2],
+        )

@@ -1,0 +1,228 @@
+"""Damping: isotropic, of each axis, by a matrix, quadratic, and dry friction."""
+
+import math
+from typing import Any, NamedTuple
+
+from rigidmc.physics.dynamics.euler import angular_velocity
+from rigidmc.physics.dynamics.so3 import axpy, dot, expm1, root, scale
+from rigidmc.physics.effects.flows import faded, solved, symmetric_times
+from rigidmc.physics.effects.protocol import Number, Vector, effect
+
+
+@effect(
+    units={"rate": "s-1"},
+    limits={"rate": (-math.inf, math.inf)},
+    example=(0.3,),
+    damps=True,
+    isotropic=True,
+)
+class ViscousDamping(NamedTuple):
+    """Isotropic viscous damping of the angular momentum.
+
+    Torque::
+
+        tau = -rate L,   alone: L(t) = exp(-rate t) L(0)
+
+    A damped free body runs through its undamped motion, whose time is (1 - exp(-rate t))/rate.
+
+    Parameters
+    ----------
+    rate : quantity [1/s]
+        damping rate
+
+    Examples
+    --------
+    >>> rm.ViscousDamping(0.5).torque((1.0, 2.0, 4.0))
+    (-0.5, -1.0, -2.0)
+    """
+
+    rate: Number
+
+    def torque(self, l):
+        return scale(-self.rate, l)
+
+    def kick(self, h, l):
+        return axpy(l, expm1(-self.rate * h), l)
+
+
+@effect(
+    units={"rates": "s-1"},
+    shapes={"rates": 3},
+    limits={"rates": (-math.inf, math.inf)},
+    example=((0.3, 0.1, 0.6),),
+    damps=True,
+)
+class AxialDamping(NamedTuple):
+    """Viscous damping with a rate for each principal axis, as in a viscous fluid.
+
+    Torque::
+
+        tau_i = -rate_i L_i,   alone: L_i(t) = exp(-rate_i t) L_i(0)
+
+    Parameters
+    ----------
+    rates : quantities (3,) [1/s]
+        damping rates about the principal axes
+
+    Examples
+    --------
+    >>> rm.AxialDamping((0.5, 0.25, 1.0)).torque((1.0, 2.0, 4.0))
+    (-0.5, -0.5, -4.0)
+    """
+
+    rates: Vector
+
+    def torque(self, l):
+        return -self.rates[0] * l[0], -self.rates[1] * l[1], -self.rates[2] * l[2]
+
+    def kick(self, h, l):
+        return (
+            l[0] + expm1(-self.rates[0] * h) * l[0],
+            l[1] + expm1(-self.rates[1] * h) * l[1],
+            l[2] + expm1(-self.rates[2] * h) * l[2],
+        )
+
+
+@effect(
+    units={"matrix": "kg m2 s-1"},
+    shapes={"matrix": 6},
+    in_body=("matrix",),
+    limits={"matrix": (-math.inf, math.inf)},
+    example=((0.5, 0.4, 0.6, 0.1, -0.05, 0.15),),
+    kick_order=2,
+)
+class MatrixDamping(NamedTuple):
+    """Viscous damping by a full matrix, whose axes need not be the principal axes.
+
+    Torque::
+
+        tau = -C omega
+
+    Its kick is the trapezoidal rule, of order 2.
+
+    Parameters
+    ----------
+    matrix : quantities (6,) [N m s]
+        xx, yy, zz, yz, zx, xy of the symmetric C, in the principal axes
+
+    Examples
+    --------
+    >>> oil = rm.MatrixDamping((0.02, 0.03, 0.02, 0.0, 0.0, 0.01))
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), oil)
+    """
+
+    matrix: Vector
+
+    def drives(self) -> Any:
+        """Whether some spin is driven: a principal minor of C is negative beyond rounding.
+
+        C in units of its trace; arrays of matrices pass through.
+        """
+        size = abs(self.matrix[0]) + abs(self.matrix[1]) + abs(self.matrix[2])
+        # a matrix without a diagonal: any unit will do, its own elements then decide
+        x, y, z, yz, zx, xy = (m / (size + (size == 0)) for m in self.matrix)
+        pairs = (x * y - xy * xy < -1e-14) | (y * z - yz * yz < -1e-14) | (z * x - zx * zx < -1e-14)
+        whole = x * y * z + 2 * xy * yz * zx - x * yz * yz - y * zx * zx - z * xy * xy
+        return (x < 0) | (y < 0) | (z < 0) | pairs | (whole < -1e-14)
+
+    def torque(self, body, l):
+        return scale(-1.0, symmetric_times(self.matrix, angular_velocity(body, l)))
+
+    def kick(self, body, h, l):
+        x, y, z = 0.5 * h * body.i1, 0.5 * h * body.i2, 0.5 * h * body.i3
+        m = self.matrix
+        back = axpy(l, -1.0, symmetric_times(m, (x * l[0], y * l[1], z * l[2])))
+        return solved(
+            (1.0 + m[0] * x, m[5] * x, m[4] * x),
+            (m[5] * y, 1.0 + m[1] * y, m[3] * y),
+            (m[4] * z, m[3] * z, 1.0 + m[2] * z),
+            back,
+        )
+
+
+@effect(
+    units={"drag": "kg m2"},
+    limits={"drag": (-math.inf, math.inf)},
+    example=(0.3,),
+    damps=True,
+    isotropic=True,
+    kick_order=2,
+)
+class QuadraticDrag(NamedTuple):
+    """Drag that grows with the square of the spin, as in air.
+
+    Torque::
+
+        tau = -drag |omega| omega
+
+    Alone, about a principal axis, omega(t) = omega(0)/(1 + drag omega(0) t/I).
+    Its kick is a rule of order 2.
+
+    Parameters
+    ----------
+    drag : quantity [N m s^2]
+        coefficient
+
+    Examples
+    --------
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), rm.QuadraticDrag(0.01))
+    >>> scene.effects
+    (QuadraticDrag(drag=0.01),)
+    """
+
+    drag: Number
+
+    def torque(self, body, l):
+        w = angular_velocity(body, l)
+        return scale(-self.drag * root(dot(w, w)), w)
+
+    def kick(self, body, h, l):
+        w = angular_velocity(body, l)
+        w = angular_velocity(body, faded(body, 0.5 * h * self.drag * root(dot(w, w)), l))
+        return faded(body, h * self.drag * root(dot(w, w)), l)
+
+
+@effect(
+    units={"friction": "N m", "rest": "rad s-1"},
+    limits={"friction": (-math.inf, math.inf), "rest": (1e-300, math.inf)},  # rest: any above 0
+    example=(0.4, 0.1),
+    damps=True,
+    isotropic=True,
+    kick_order=2,
+)
+class DryFriction(NamedTuple):
+    """Coulomb friction of the pivot, smoothed at rest.
+
+    Torque::
+
+        tau = -friction omega / sqrt(|omega|^2 + rest^2)
+
+    Of constant size while `|omega|` is well above `rest`; below it viscous, with friction/rest. Dry
+    friction would hold a body against a small torque; here the body creeps, at most at `rest` under
+    a torque of 0.7 of the friction. Its kick is a rule of order 2.
+
+    Parameters
+    ----------
+    friction : quantity [N m]
+        torque of the sliding pivot
+    rest : quantity [rad/s]
+        spin below which the friction is smoothed
+
+    Examples
+    --------
+    >>> pivot = rm.DryFriction(friction=1e-3, rest=0.01)
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 1.0, 0.5)), pivot)
+    """
+
+    friction: Number
+    rest: Number
+
+    def torque(self, body, l):
+        w = angular_velocity(body, l)
+        return scale(-self.friction / root(dot(w, w) + self.rest * self.rest), w)
+
+    def kick(self, body, h, l):
+        w = angular_velocity(body, l)
+        half = 0.5 * h * self.friction / root(dot(w, w) + self.rest * self.rest)
+        w = angular_velocity(body, faded(body, half, l))
+        return faded(body, h * self.friction / root(dot(w, w) + self.rest * self.rest), l)

@@ -1,0 +1,85 @@
+"""Energy lost inside the body."""
+
+import math
+from typing import NamedTuple
+
+from rigidmc.physics.dynamics.euler import angular_velocity
+from rigidmc.physics.dynamics.so3 import add, axpy, cross, difference, dot, root, scale, select
+from rigidmc.physics.effects.flows import turned_vector
+from rigidmc.physics.effects.protocol import Number, Vector, effect
+
+_NONE = (0.0, 0.0, 0.0)
+
+
+@effect(
+    units={"loss": "1", "wheel": "kg m2 s-1", "motor": "N m"},
+    shapes={"wheel": 3, "motor": 3},
+    limits={"loss": (-math.inf, math.inf), "wheel": (0.0, 0.0), "motor": (0.0, 0.0)},
+    hidden=("wheel", "motor"),
+    in_body=("wheel", "motor"),
+    shared={"wheel": ("rotor", "momentum"), "motor": ("rotor", "motor")},
+    example=(0.05,),
+    damps=True,
+    keeps_l2=True,
+    isotropic=True,
+    kick_order=2,
+)
+class EnergyDissipation(NamedTuple):
+    """Internal dissipation: the energy falls, L keeps its size, the spin ends about the major axis.
+
+    Torque and power::
+
+        tau = loss G x (G x omega)/|G|,   dE/dt = -loss |G x omega|^2/|G|
+
+    G is the momentum of the whole: L, or L + H beside a `Rotor` that holds H. The direction of G in
+    space wanders by about `loss` rad in each turn; that of a real body with moving parts inside
+    stays: take `InternalDissipation` where the attitude matters. The kick is a rule of order 2 that
+    rotates G: the size of G stays to rounding.
+
+    A wobble about axis 3, with the spin w and a wheel along that axis, changes as exp(-t/T)::
+
+        1/T = (loss/2) (|G|/I_1 + |G|/I_2 - 2 w)
+
+    Without a wheel it dies away if I_3 is the largest moment, and a symmetric body with a quality
+    factor Q of its wobble has loss = 1/(2 Q). With one it dies away if `|G|/w` is larger than I_1
+    and I_2.
+    Source: the double bracket of Bloch, Krishnaprasad, Marsden & Ratiu, Commun. Math. Phys. 175
+    (1996) 1, section 4; Hughes, Spacecraft Attitude Dynamics (1986), 7, for gyrostats.
+
+    Parameters
+    ----------
+    loss : quantity
+        speed at which G drifts to the major axis, as a share of its free rate
+    wheel : quantities (3,) [kg m^2/s]
+        momentum of the rotors of the scene at t = 0: filled in, not given
+    motor : quantities (3,) [N m]
+        torque of their motors: filled in, not given
+
+    Examples
+    --------
+    >>> sloshing = rm.EnergyDissipation(loss=0.01)
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), sloshing)
+    """
+
+    loss: Number
+    wheel: Vector = _NONE
+    motor: Vector = _NONE
+
+    def torque(self, body, t, l):
+        g = add(l, axpy(self.wheel, t, self.motor))
+        return scale(self.loss / _size(g), cross(g, cross(g, angular_velocity(body, l))))
+
+    def kick(self, body, t, h, l):
+        wheel = axpy(self.wheel, t, self.motor)
+        g = add(l, wheel)
+        by = -h * self.loss / _size(g)
+        half = turned_vector(scale(0.5 * by, cross(g, angular_velocity(body, l))), g)
+        slope = cross(half, angular_velocity(body, difference(half, wheel)))
+        return difference(turned_vector(scale(by, slope), g), wheel)
+
+
+def _size(v):
+    """|v|, or 1 if v is 0: what is divided by it is then 0 in any unit."""
+    square = dot(v, v)
+    # of any unit, see above
+    return root(select(square > 0.0, square, 1.0))

@@ -1,0 +1,109 @@
+"""A potential that depends on the vertical in the body."""
+
+import math
+from typing import NamedTuple
+
+from rigidmc.physics.dynamics.so3 import add, cross, dot, root, up
+from rigidmc.physics.effects.flows import symmetric_times
+from rigidmc.physics.effects.protocol import Vector, effect
+
+_ANY = (-math.inf, math.inf)
+
+
+@effect(
+    units={"linear": "J", "quadratic": "J", "quartic": "J"},
+    shapes={"linear": 3, "quadratic": 6, "quartic": 3},
+    limits={"linear": _ANY, "quadratic": _ANY, "quartic": _ANY},
+    example=((0.3, -0.1, 0.5), (0.2, 0.5, -0.3, 0.1, 0.25, -0.15), (0.1, 0.3, -0.2)),
+    keeps_lz=True,
+)
+class Potential(NamedTuple):
+    """A polynomial of the vertical u = A^T e_z as the body sees it.
+
+    Potential energy and torque::
+
+        E = linear . u + 1/2 u . Q u + quartic . (u_1^4, u_2^4, u_3^4)
+        tau = u x dE/du
+
+    The linear part is gravity (linear = g m r). 1/2 u . Q u is the potential of Clebsch and Brun: a
+    quadratic field, or an induced dipole.
+
+    Parameters
+    ----------
+    linear : quantities (3,) [J]
+        coefficients of u in the principal axes
+    quadratic : quantities (6,), optional [J]
+        xx, yy, zz, yz, zx, xy of the symmetric Q, principal axes
+    quartic : quantities (3,), optional [J]
+        coefficients of u_1^4, u_2^4, u_3^4
+
+    Examples
+    --------
+    >>> clebsch = rm.Potential((0.0, 0.0, 0.0), quadratic=(1.0, 2.0, 3.0, 0.0, 0.0, 0.0))
+    >>> clebsch.energy((1.0, 0.0, 0.0, 0.0))
+    1.5
+    """
+
+    linear: Vector
+    quadratic: Vector = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    quartic: Vector = (0.0, 0.0, 0.0)
+
+    def torque(self, q):
+        u, k = up(q), self.quartic
+        slope = add(self.linear, symmetric_times(self.quadratic, u))
+        return cross(
+            u,
+            add(
+                slope,
+                (
+                    4.0 * k[0] * u[0] * u[0] * u[0],
+                    4.0 * k[1] * u[1] * u[1] * u[1],
+                    4.0 * k[2] * u[2] * u[2] * u[2],
+                ),
+            ),
+        )
+
+    def torque_rate(self, q, w):
+        u, k = up(q), self.quartic
+        du = cross(u, w)
+        slope = add(self.linear, symmetric_times(self.quadratic, u))
+        slope = add(
+            slope,
+            (
+                4.0 * k[0] * u[0] * u[0] * u[0],
+                4.0 * k[1] * u[1] * u[1] * u[1],
+                4.0 * k[2] * u[2] * u[2] * u[2],
+            ),
+        )
+        bend = symmetric_times(self.quadratic, du)
+        bend = add(
+            bend,
+            (
+                12.0 * k[0] * u[0] * u[0] * du[0],
+                12.0 * k[1] * u[1] * u[1] * du[1],
+                12.0 * k[2] * u[2] * u[2] * du[2],
+            ),
+        )
+        return add(cross(du, slope), cross(u, bend))
+
+    def energy(self, q):
+        u, k = up(q), self.quartic
+        square = (u[0] * u[0], u[1] * u[1], u[2] * u[2])
+        return (
+            dot(self.linear, u)
+            + 0.5 * dot(u, symmetric_times(self.quadratic, u))
+            + (
+                k[0] * square[0] * square[0]
+                + k[1] * square[1] * square[1]
+                + k[2] * square[2] * square[2]
+            )
+        )
+
+    def energy_scale(self):
+        m, k = self.quadratic, self.quartic
+        off = m[3] * m[3] + m[4] * m[4] + m[5] * m[5]
+        return (
+            root(dot(self.linear, self.linear))
+            + 0.5 * root(m[0] * m[0] + m[1] * m[1] + m[2] * m[2] + 2.0 * off)
+            + (abs(k[0]) + abs(k[1]) + abs(k[2]))
+        )

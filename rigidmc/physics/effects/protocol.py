@@ -1,0 +1,271 @@
+"""What an effect is: its methods and its facts, with a default for each that is missing.
+
+The parameters of effects as rows of numbers, in the order of the fields.
+
+A parameter is a number, or a vector if the class states its length in `shapes`. In a block each
+number is a row.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+from math import inf
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, TypeVar
+
+from rigidmc.physics.dynamics.methods import argument_names, implements, method
+from rigidmc.physics.dynamics.so3 import axpy
+
+# Of parameters: a float, or in a scene an array of one for each member, or a law such as
+# rigidmc.normal(mean, deviation); a vector is a tuple of those.
+Number: TypeAlias = Any
+Vector: TypeAlias = Any
+
+Kind = TypeVar("Kind", bound=type)
+
+
+class Effect(Protocol):
+    """A NamedTuple whose fields are its parameters, with one or more of these methods::
+
+        torque(self, [body, t, q, l])       torque on the body, principal axes [N m]
+        kick(self, [body, t, h, q, l])      L after its flow over h; splittings need it if the
+                                            torque depends on L
+        torque_rate(self, [body, t, q, w])  rate of change of the torque while the body turns with
+                                            w; chin4 needs it
+        shake(self, [body, h, l])           L after friction and noise over h; the field `noise`
+                                            holds three normal deviates, new ones for each step
+        energy(self, [body, q])             potential energy [J]
+        energy_scale(self, [body])          a bound on |potential energy| [J], or the energy that a
+                                            torque without a potential may bring
+        slip(self, [body, t, q, l])         angular velocity of the body beyond I^-1 L [rad/s], in
+                                            the principal axes: parts inside hold momentum; for
+                                            rk8 and cf4
+        impel(self, [body, t, q, l, by, onto])  onto + by * torque, if it can be had more cheaply
+
+    body, q, l : MassProperties, attitude, angular momentum in the principal axes [kg m^2/s]
+    t, h, w : time [s], time step [s], angular velocity in the principal axes [rad/s]
+
+    A method names the arguments that it depends on and no others
+    (`rigidmc.physics.dynamics.methods`). The decorator `effect` states its facts, see `Facts`. Two
+    more depend on the parameters: the property `conservative` says whether the energy of the body
+    is conserved (default: whether there is an `energy`), and `drives(self)` says whether a damping
+    drives the body instead.
+    """
+
+    _fields: ClassVar[tuple[str, ...]]
+    _field_defaults: ClassVar[dict[str, Any]]
+
+    def __init__(self, *parameters: Any, **named: Any) -> None: ...
+
+    def __iter__(self) -> Iterator[Any]: ...
+
+
+class Facts(NamedTuple):
+    """What a class of effects states in `@effect(...)` or as class attributes, with the defaults.
+
+    units : of each parameter, "1" if it has none
+    shapes : length of each parameter that is a vector
+    limits : (least, largest) of each parameter
+    in_body : parameters that are fixed in the body, vectors or symmetric tensors (xx, yy, zz, yz,
+        zx, xy): turned into the principal axes of each member if these differ
+    hidden : parameters that the engine fills in, not the user
+    shared : hidden parameters that are those of another kind of effect in the scene, as
+        {"wheel": ("rotor", "momentum")}; of several their sum, the default if there is none
+    example : parameters of a typical effect, with which the tests try it
+    stochastic : whether it needs noise
+    damps : whether it drives the body if its parameters are negative
+    keeps_l2 : whether it conserves |L|
+    keeps_lz : whether it conserves L_z
+    isotropic : whether it singles out no axis of the body, and no direction but the vertical
+    kick_order : order of the rule that `kick` is, inf if `kick` is the exact flow
+    """
+
+    units: dict[str, str] = {}
+    shapes: dict[str, int] = {}
+    limits: dict[str, tuple[float, float]] = {}
+    in_body: tuple[str, ...] = ()
+    hidden: tuple[str, ...] = ()
+    shared: dict[str, tuple[str, str]] = {}
+    example: tuple[Any, ...] = ()
+    stochastic: bool = False
+    damps: bool = False
+    keeps_l2: bool = False
+    keeps_lz: bool = False
+    isotropic: bool = False
+    kick_order: float = inf
+
+
+def effect(**stated: Any) -> Callable[[Kind], Kind]:
+    """Decorator: states some `Facts` of a class of effects, which become class attributes."""
+    Facts(**stated)  # raises TypeError for any other name
+
+    def put(kind: Kind) -> Kind:
+        for name, value in stated.items():
+            setattr(kind, name, value)
+        if stated.get("hidden"):
+            kind.__repr__ = _shown  # type: ignore[assignment, method-assign]
+        return kind
+
+    return put
+
+
+def _shown(effect: Any) -> str:
+    """An effect as a NamedTuple shows itself, without the parameters that the engine fills in."""
+    given = (name for name in effect._fields if name not in effect.hidden)
+    words = ", ".join(f"{name}={getattr(effect, name)!r}" for name in given)
+    return f"{type(effect).__name__}({words})"
+
+
+def facts(effect: Effect | type[Effect]) -> Facts:
+    """The facts of an effect or of its class, with the defaults of those that it leaves out."""
+    return _facts(effect if isinstance(effect, type) else type(effect))
+
+
+@cache
+def _facts(kind: type[Effect]) -> Facts:
+    # kept, because a run of few members asks 74 times: 0.2 ms of its 5 at 2.6 us each
+    stated = {name for name in Facts._fields if hasattr(kind, name)} - {*kind._fields}
+    return Facts(**{name: getattr(kind, name) for name in stated})
+
+
+def is_effect(value: object) -> TypeGuard[Effect]:
+    """Whether a value is an effect: a NamedTuple, not its class, with a method that acts on L."""
+    acts = any(implements(value, verb) for verb in ("torque", "kick", "shake"))
+    return acts and isinstance(value, tuple) and hasattr(value, "_fields")
+
+
+def is_random(effect: Effect | type[Effect]) -> bool:
+    """Whether an effect needs noise."""
+    return facts(effect).stochastic
+
+
+def takes_noise(effect: Effect | type[Effect]) -> bool:
+    """Whether the engine fills in the field `noise` of an effect; that of an effect which is not
+    random is a parameter as any other."""
+    kind = effect if isinstance(effect, type) else type(effect)
+    return "noise" in kind._fields and is_random(kind)
+
+
+def is_conservative(effect: Effect) -> bool:
+    """Whether kinetic plus potential energy are conserved under an effect."""
+    if implements(effect, "conservative"):
+        # the property is optional, so the Protocol does not have it
+        return bool(effect.conservative)  # type: ignore[attr-defined]
+    return implements(effect, "energy")
+
+
+def depends_on_momentum(effect: Effect | type[Effect]) -> bool:
+    """Whether the torque depends on L, or has its own `kick`: a kick is not L + h torque(q, t)."""
+    return "l" in argument_names(effect, "torque") or implements(effect, "kick")
+
+
+@method
+def torque(effect, body, t, q, l):
+    """Torque of an effect, principal axes [N m]."""
+    return 0.0, 0.0, 0.0
+
+
+@method
+def energy(effect, body, q):
+    """Potential energy of an effect [J]."""
+    return 0.0
+
+
+@method
+def energy_scale(effect, body):
+    """A bound on |potential energy| [J], by arithmetic alone: arrays pass through it too."""
+    return 0.0
+
+
+@method
+def kick(effect, body, t, h, q, l):
+    """L after the flow of an effect over h; exact by default if the torque depends on q alone."""
+    return axpy(l, h, torque(effect, body, t, q, l))
+
+
+@method
+def impel(effect, body, t, q, l, by, onto):
+    """onto + by * torque, component by component.
+
+    An effect with its own `impel` can multiply its parameters by `by` first: once, not every step.
+    """
+    x, y, z = torque(effect, body, t, q, l)
+    return onto[0] + by[0] * x, onto[1] + by[1] * y, onto[2] + by[2] * z
+
+
+@method
+def shake(effect, body, h, l):
+    """L after the friction and noise of an effect over h."""
+    return l
+
+
+@method
+def slip(effect, body, t, q, l):
+    """Angular velocity of the body beyond I^-1 L, principal axes [rad/s]; () if there is none."""
+    return ()
+
+
+@method
+def torque_rate(effect, body, t, q, w):
+    """Rate of change of the torque at fixed t while the body turns with w (principal axes)."""
+    return 0.0, 0.0, 0.0
+
+
+class Idle(NamedTuple):
+    """An effect that does nothing, in the place of one that is left out."""
+
+    def kick(self, l):
+        return l
+
+
+def idle_unless(mark, effect):
+    """The effect, or Idle if the mark is ()."""
+    if len(mark) == 0:
+        return Idle()
+    return effect
+
+
+def chosen(effects, which):
+    """The effects, with Idle in each place where `which` has ()."""
+    if len(effects) == 0:
+        return ()
+    return (idle_unless(which[0], effects[0]),) + chosen(effects[1:], which[1:])
+
+
+def shape(kind: Effect | type[Effect], field: str) -> int | None:
+    """The length of a parameter, None if it is a plain number."""
+    return facts(kind).shapes.get(field)
+
+
+def given(kind: Effect | type[Effect]) -> tuple[str, ...]:
+    """The parameters that a user gives; the engine fills in the hidden ones."""
+    return tuple(field for field in kind._fields if field not in facts(kind).hidden)
+
+
+def numbers(effect: Effect) -> list[tuple[str, int | None, Any]]:
+    """[(field, component, value)] of all numbers of an effect; component is None for plain ones."""
+    found: list[tuple[str, int | None, Any]] = []
+    for field, value in zip(effect._fields, effect, strict=True):
+        size = shape(effect, field)
+        found += (
+            [(field, None, value)] if size is None else [(field, i, value[i]) for i in range(size)]
+        )
+    return found
+
+
+def parameter_count(*effects: Effect) -> int:
+    """How many numbers some effects have together."""
+    return sum(shape(e, field) or 1 for e in effects for field in e._fields)
+
+
+def filled(kind: type[Effect], values: Iterable[Any]) -> Any:
+    """An effect of a class from its numbers in a row; each may be an array or any stand-in."""
+    left = iter(values)
+    fields = []
+    for field in kind._fields:
+        size = shape(kind, field)
+        fields.append(next(left) if size is None else tuple(next(left) for _ in range(size)))
+    return kind(*fields)
+
+
+def blank(effects: Iterable[Effect]) -> tuple[Any, ...]:
+    """The effects with all numbers 0: the types that a kernel is compiled for."""
+    return tuple(filled(type(e), [0.0] * parameter_count(e)) for e in effects)

@@ -1,0 +1,70 @@
+"""A flywheel in the body: the gyrostat."""
+
+import math
+from typing import NamedTuple
+
+from rigidmc.physics.dynamics.euler import angular_velocity
+from rigidmc.physics.dynamics.so3 import axpy, cross, root, select
+from rigidmc.physics.effects.flows import turned_vector
+from rigidmc.physics.effects.protocol import Vector, effect
+
+
+@effect(
+    units={"momentum": "kg m2 s-1", "motor": "N m"},
+    shapes={"momentum": 3, "motor": 3},
+    in_body=("momentum", "motor"),
+    limits={"momentum": (-math.inf, math.inf), "motor": (-math.inf, math.inf)},
+    example=((0.5, -0.3, 0.8), (0.05, 0.02, -0.04)),
+    kick_order=2,  # exact without a motor
+)
+class Rotor(NamedTuple):
+    """A flywheel that spins in the body: the gyrostat of Zhukovskii and Volterra.
+
+    Torque::
+
+        tau = H x omega - motor,   H = momentum + motor t
+
+    L = I omega is the momentum of the body with the flywheel locked, L + H that of the whole. With
+    motor = 0 the energy of the body is conserved. The kick is a rotation in the coordinates
+    L_i/sqrt(I_i), which is exact for constant H, between two halves of the motor's kick.
+    Source: Wittenburg, Dynamics of Systems of Rigid Bodies (1977), 4.6; Hughes, Spacecraft Attitude
+    Dynamics (1986), 6.
+
+    Parameters
+    ----------
+    momentum : quantities (3,) [kg m^2/s]
+        of the flywheel relative to the body, principal axes
+    motor : quantities (3,), optional [N m]
+        torque of the motor on the flywheel, principal axes
+
+    Examples
+    --------
+    >>> wheel = rm.Rotor(momentum=(0.0, 0.0, 0.3))
+    >>> wheel.motor
+    (0.0, 0.0, 0.0)
+    >>> satellite = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), wheel)
+    """
+
+    momentum: Vector
+    motor: Vector = (0.0, 0.0, 0.0)
+
+    @property
+    def conservative(self) -> bool:
+        return all(isinstance(m, float) and m == 0.0 for m in self.motor)
+
+    def torque(self, body, t, l):
+        return axpy(
+            cross(axpy(self.momentum, t, self.motor), angular_velocity(body, l)), -1.0, self.motor
+        )
+
+    def kick(self, body, t, h, l):
+        # with y_i = L_i sqrt(1/I_i):  dy/dt = g x y,  g_i = H_i / sqrt(I_j I_k)
+        one, two, three = root(body.i1), root(body.i2), root(body.i3)
+        wheel = axpy(self.momentum, t, self.motor)
+        x, y, z = axpy(l, -0.5 * h, self.motor)
+        x, y, z = turned_vector(
+            (h * two * three * wheel[0], h * three * one * wheel[1], h * one * two * wheel[2]),
+            (one * x, two * y, three * z),
+        )
+        # where 1/I1 is 0 so is x, and 0 by anything is 0
+        return axpy((x / select(one > 0.0, one, 1.0), y / two, z / three), -0.5 * h, self.motor)

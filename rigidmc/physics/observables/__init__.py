@@ -1,0 +1,248 @@
+"""What is recorded or watched. A new observable is one file here and one line below.
+
+Four kinds, see `rigidmc.physics.observables.protocol`:
+
+OBSERVABLES          recorded at save times; a class with `value`
+WITH_TABLE           recorded at save times, with numbers from a table [observables.NAME]
+WATCHED              over all steps, one result per member: events (`level`), running observables
+                     (`begin` and `update`), `megno`; over all members at save times: `histogram`
+WATCHED_STATISTICS   omega_min, omega_max, omega_mean, omega_variance, omega_last and so on: of each
+                     of OBSERVABLES that asks for neither start nor works
+
+A scene may have observables of the user's own, "given" below: their words are names beside these.
+"""
+
+# One line for each observable, in the order in which lists and results have them. The word of an
+# observable is the name of its class in snake_case.
+# isort: off
+from rigidmc.physics.observables.state import Omega as Omega
+from rigidmc.physics.observables.state import Momentum as Momentum
+from rigidmc.physics.observables.state import Attitude as Attitude
+from rigidmc.physics.observables.state import Energy as Energy
+from rigidmc.physics.observables.state import L2 as L2
+from rigidmc.physics.observables.state import EnergyDrift as EnergyDrift
+from rigidmc.physics.observables.state import L2Drift as L2Drift
+from rigidmc.physics.observables.state import Work as Work
+from rigidmc.physics.observables.flips import Flips as Flips
+from rigidmc.physics.observables.passage import Passage as Passage
+from rigidmc.physics.observables.pointing_angle import PointingAngle as PointingAngle
+from rigidmc.physics.observables.orbit_angles import OrbitAngles as OrbitAngles
+from rigidmc.physics.observables.nutation import Nutation as Nutation
+from rigidmc.physics.observables.nutation import Precession as Precession
+from rigidmc.physics.observables.chaos import Megno as Megno
+from rigidmc.physics.observables.histogram import Histogram as Histogram
+# isort: on
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.methods import argument_names, implements, numbered, word_of
+from rigidmc.physics.observables.protocol import (
+    Ensemble,
+    Event,
+    Neighbour,
+    Observable,
+    Outputs,
+    Running,
+    size,
+)
+from rigidmc.physics.observables.statistics import STATISTICS
+
+_KINDS = {word_of(kind): kind for kind in globals().values() if hasattr(kind, "_fields")}
+_AT_SAVES = {word: kind for word, kind in _KINDS.items() if implements(kind, "value")}
+OBSERVABLES: dict[str, Any] = {w: kind for w, kind in _AT_SAVES.items() if not kind._fields}
+WITH_TABLE: dict[str, Any] = {w: kind for w, kind in _AT_SAVES.items() if kind._fields}
+WATCHED: dict[str, Any] = {word: kind for word, kind in _KINDS.items() if word not in _AT_SAVES}
+# Variables that the steps decide, whatever is saved and watched; the last two not of all results.
+OUTCOMES = (
+    "energy_drift_max",
+    "l2_drift_max",
+    "drift_law",
+    "status",
+    "status_step",
+    "status_time",
+    "steps",
+    "followed_until",
+)
+Statistics = dict[str, tuple[str, Any]]  # {name: (name of the observable, statistic)}
+
+
+def _statistics(kinds: Mapping[str, Any]) -> Statistics:
+    """The running statistics of observables at save times, {name: class or instance}."""
+    return {
+        f"{name}_{word}": (name, statistic)
+        for name, kind in kinds.items()
+        for word, statistic in STATISTICS.items()
+        if not argument_names(kind, "value") & {"start", "works"}
+    }
+
+
+WATCHED_STATISTICS: Statistics = _statistics(OBSERVABLES)
+KNOWN = (*OBSERVABLES, *WITH_TABLE, *WATCHED, *WATCHED_STATISTICS)
+# Classes of values that were found to be observables. Python 3.11 takes 10 to 80 us to compare one
+# with all kinds, and a scene asks for each name that it saves.
+_of_observables: set[type] = set()
+
+
+def is_observable(value: Any) -> bool:
+    """Whether a value is an observable of any kind, such as Flips(): an instance, not its class."""
+    if type(value) not in _of_observables:
+        kinds = Observable, Event, Running, Neighbour, Ensemble
+        if not isinstance(value, tuple) or not (isinstance(value, kinds) or is_opaque(value)):
+            return False
+        _of_observables.add(type(value))
+    return True
+
+
+def is_opaque(value: Any) -> bool:
+    """Whether a value stands for an observable of the user's own whose code is not run."""
+    return implements(value, "stand_in")
+
+
+def is_own(value: Any) -> bool:
+    """Whether an observable is of a class of the user's own."""
+    shipped = (*OBSERVABLES.values(), *WITH_TABLE.values(), *WATCHED.values())
+    return all(known is not type(value) for known in shipped)
+
+
+def word_of_observable(value: Any) -> str:
+    """The name of an observable; SceneError for anything else."""
+    if not is_observable(value):
+        rule = "expected names of observables, or observables such as rigidmc.Flips()"
+        raise SceneError("run", "save", value, rule)
+    return word_of(type(value))
+
+
+def labelled(given: Iterable[Any]) -> list[tuple[str, Any]]:
+    """[(label, observable)]: the name of each, numbered from the second of a name on."""
+    known = tuple(given)
+    return list(zip(numbered(map(word_of_observable, known)), known, strict=True))
+
+
+def own(given: Iterable[Any]) -> dict[str, Any]:
+    """{label: observable} of those given that can be recorded at save times."""
+    return {
+        label: one
+        for label, one in labelled(given)
+        if isinstance(one, Observable) and not is_opaque(one)
+    }
+
+
+def named(given: Iterable[Any], name: str) -> Any:
+    """The observable at save times of this name or label."""
+    if name in alone(given):
+        return {**OBSERVABLES, **WITH_TABLE}[name]()
+    return dict(labelled(given))[name]
+
+
+def alone(given: Iterable[Any]) -> tuple[str, ...]:
+    """The names of shipped observables at save times of which none is given with its numbers."""
+    return (*OBSERVABLES, *(name for name in WITH_TABLE if name not in own(given)))
+
+
+def statistics(given: Iterable[Any]) -> Statistics:
+    """WATCHED_STATISTICS, and those of what is given."""
+    return {**WATCHED_STATISTICS, **_statistics(own(given))}
+
+
+def known(given: Iterable[Any]) -> tuple[str, ...]:
+    """All names that a scene may save."""
+    opaque = [word_of_observable(one) for one in given if is_opaque(one)]
+    perhaps = (f"{word}_{statistic}" for word in opaque for statistic in STATISTICS)
+    words = (*map(word_of_observable, given), *dict(labelled(given)))
+    more = dict.fromkeys((*words, *statistics(given), *perhaps))
+    return (*KNOWN, *(name for name in more if name not in KNOWN))
+
+
+def value_rows(observables: Mapping[str, Any], effects: int) -> dict[str, slice]:
+    """{observable: rows of its values} at one save, one after the other; {name: observable} of what
+    is recorded at save times, and the number of effects of the scene."""
+    rows, end = {}, 0
+    for name, one in observables.items():
+        rows[name] = slice(end, end := end + size(one.dims, effects))
+    return rows
+
+
+def saved(save: Iterable[str], given: Sequence[Any] = ()) -> tuple[str, ...]:
+    """The named observables that are recorded at save times, each by its label."""
+    labels = own(given)
+    names: dict[str, None] = {}
+    for name in save:
+        if name in alone(given):
+            names[name] = None
+        names |= {k: None for k, one in labels.items() if name in (k, word_of(type(one)))}
+    return tuple(names)
+
+
+def recorded(save: Sequence[str], given: Sequence[Any]) -> dict[str, Any]:
+    """{name: observable} of what a kernel records at save times: what is saved, then what only
+    histograms need."""
+    hidden = (one.name for _, one in watched(save, given) if isinstance(one, Ensemble))
+    return {name: named(given, name) for name in dict.fromkeys((*saved(save, given), *hidden))}
+
+
+def watched(save: Sequence[str], given: Sequence[Any]) -> list[tuple[str, Any]]:
+    """[(label, observable)] of the observables over all steps.
+
+    save : names; a name with numbers in `given` has those, a name without has its defaults
+    given : observables with their numbers; all of them are watched but those at save times
+    """
+    found: list[tuple[str, Any]] = []
+    at_times = own(given)
+    over = [(s, one) for s, one in labelled(given) if s not in at_times and not is_opaque(one)]
+    extra = statistics(given)
+    for name in dict.fromkeys((*save, *(word_of_observable(one) for _, one in over))):
+        if name in extra:
+            observable, statistic = extra[name]
+            found.append((name, statistic(named(given, observable))))
+            continue
+        same = [(label, one) for label, one in over if word_of_observable(one) == name]
+        found += same or ([(name, WATCHED[name]())] if name in WATCHED else [])
+    return found
+
+
+def outputs(label: str, one: Any) -> Outputs:
+    """{variable: (units, long_name, dims)} of an observable over all steps.
+
+    label : as `watched` has it; the ends of variables are those of labels: passage_2, passages_2
+    """
+    if type(one) in STATISTICS.values():
+        units = squared(one.of.units) if one.squares else one.of.units
+        return {label: (units, f"{one.word} {title(one.of)}, over the steps", one.of.dims)}
+    end, words = label.removeprefix(word_of_observable(one)), one.words()
+    return {
+        name + end: (units, text.format(**words), dims)
+        for name, (units, text, dims) in one.outputs.items()
+    }
+
+
+def title(one: Any) -> str:
+    """The long_name of an observable at save times, with its numbers where {field} names them."""
+    text: str = one.long_name
+    return text.format(**(one.words() if implements(one, "words") else one._asdict()))
+
+
+def under(one: Any, effects: Sequence[Any]) -> Any:
+    """An observable, or the statistic of one, as it is compiled under the effects of a scene."""
+    if type(one) in STATISTICS.values():
+        return one._replace(of=under(one.of, effects))
+    return one.under(effects) if implements(one, "under") else one
+
+
+def dimensions(recorded: Mapping[str, Any], watched: Iterable[tuple[str, Any]]) -> tuple[str, ...]:
+    """The dimensions of what is recorded and watched; for both see the functions above."""
+    dims = [one.dims for one in recorded.values()]
+    dims += [found[2] for pair in watched for found in outputs(*pair).values()]
+    return tuple(dict.fromkeys(name for each in dims for name in each))
+
+
+def squared(units: str) -> str:
+    """Units squared: "s-2" of "s-1", "kg2 m4 s-2" of "kg m2 s-1"."""
+    return " ".join(map(_squared, units.split()))
+
+
+def _squared(unit: str) -> str:
+    """A unit squared: "s-2" of "s-1", "rad2" of "rad"."""
+    base = unit.rstrip("-0123456789")
+    return f"{base}{2 * int(unit[len(base) :] or 1)}" if base else unit

@@ -1,0 +1,56 @@
+"""MEGNO and the largest Lyapunov exponent: how fast a neighbouring orbit moves away."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from rigidmc.physics.observables.protocol import Array, neighbour
+
+# Steps between two meetings with the neighbour, which is then brought back to NEAR: a meeting takes
+# as long as 3 steps of rk4.
+OFTEN = 8
+# Distance of the neighbour, relative to the size of the motion: the terms of second order are 1e-8,
+# and so is rounding.
+NEAR = 1e-8
+# Times of the run at which the torque on the body at the start is tried for the size of the motion.
+TRIED = 32
+
+
+@neighbour(
+    shadow=True,
+    outputs={
+        "megno": (
+            "1",
+            "mean exponential growth factor of nearby orbits: "
+            "2 for regular motion, lambda t/2 for chaotic",
+            (),
+        ),
+        "lyapunov": ("s-1", "largest Lyapunov exponent up to the end", ()),
+    },
+)
+class Megno(NamedTuple):
+    """The mean exponential growth factor of nearby orbits, and the largest Lyapunov exponent.
+
+        Y(t) = 2/t int_0^t (d'/d) s ds    megno = 1/t int_0^t Y ds    lyapunov = ln(d(t)/d(0))/t
+
+    d(s) is the distance to a neighbour that makes the same steps, in attitude and momentum:
+
+        d^2 = 4 |dq|^2 + |dL|^2/(2 I E)
+
+    with I the largest moment and E the energies in play: the kinetic energy at the start and the
+    largest of the potential ones, or the largest torque times 1 rad if that is more. megno is 2 for
+    regular motion and lambda t/2 for chaotic motion. The neighbour stands for the solution of the
+    variational equations: its distance is kept at 1e-8 of the motion, so that its direction is the
+    tangent to eight digits, whatever the effects and the integrator.
+
+    The integrals are sums over every 8 steps, at first over every step, and over what is left at
+    the end. The worst megno of six heavy tops after 1 to 100 steps of 0.1 s is 0.007 off
+    (tests/physics/observables/test_chaos.py).
+    Source: Cincotta & Simo, Astron. Astrophys. Suppl. 147 (2000) 205; Benettin, Galgani & Strelcyn,
+    Phys. Rev. A 14 (1976) 2338.
+    """
+
+    def results(self, kept: Array, steps: float, h: Array) -> dict[str, Array]:
+        """The outputs from three sums: ln of growth, and over steps of (d'/d) s and of Y."""
+        with np.errstate(all="ignore"):
+            return {"megno": kept[2] / steps, "lyapunov": kept[0] / (steps * h)}

@@ -1,0 +1,165 @@
+"""Directions in space that an axis of the body is compared with."""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from rigidmc.errors import SceneError, unknown
+from rigidmc.physics.dynamics.so3 import dot, first_three, into_body, up
+from rigidmc.physics.effects.field import RotatingField, UniformField, turned
+from rigidmc.physics.effects.gravity_gradient import GravityGradient, place
+
+Marks = tuple[float, ...]
+ORBIT = ("local_vertical", "along_track", "orbit_normal")
+WORDS = ("vertical", "momentum", "field", *ORBIT)
+RULE = (
+    f"expected {', '.join(map(repr, WORDS[:-1]))} or '{WORDS[-1]}', or a direction in space of"
+    " three numbers, such as [1, 0, 0]"
+)
+
+
+def check(table: str, key: str, about: Any) -> None:
+    """Raise SceneError for what is no direction."""
+    if isinstance(about, str):
+        if about not in WORDS:
+            raise unknown(table, key, about, "direction", WORDS)
+        return
+    if not is_vector(about):
+        raise SceneError(table, key, about, RULE)
+
+
+def is_vector(value: Any) -> bool:
+    """Whether a value is three numbers that have a direction."""
+    several = isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 3
+    return several and all(map(_is_finite, value)) and any(value)
+
+
+def unit(axis: int) -> tuple[float, float, float]:
+    """The unit vector of an axis 1, 2 or 3 of the body, or of its other end -1, -2 or -3."""
+    one, two, three = (math.copysign(abs(axis) == i, axis) for i in (1, 2, 3))
+    return one, two, three
+
+
+def _is_finite(x: Any) -> bool:
+    return isinstance(x, (int, float)) and not isinstance(x, bool) and math.isfinite(x)
+
+
+def source(table: str, key: str, about: str, effects: Sequence[Any]) -> int:
+    """The place of the effect that has the orbit or the field; SceneError if there is none."""
+    field = about == "field"
+    kinds = (UniformField, RotatingField) if field else (GravityGradient,)
+    found = [i for i, one in enumerate(effects) if isinstance(one, kinds)]
+    if not found:
+        names = "uniform_field] or [effects.rotating_field" if field else "gravity_gradient"
+        rule = f"there is no {'field' if field else 'orbit'}: it needs [effects.{names}]"
+        raise SceneError(table, key, about, rule)
+    if field and len(found) > 1:
+        raise SceneError(table, key, about, "expected one field; the scene has several")
+    return found[0]
+
+
+def words(about: Any) -> str:
+    """The direction in a long_name."""
+    if isinstance(about, str):
+        named = {"momentum": "angular momentum", "along_track": "direction along the track"}
+        return named.get(about, about.replace("_", " "))
+    return f"direction ({', '.join(f'{x:g}' for x in about)})"
+
+
+class Direction(NamedTuple):
+    """A direction as compiled code takes it; without any mark the vertical.
+
+    momentum, orbit, field : (0.0,) for the angular momentum, for one of the orbit, for the field
+    which : (0.0,) as often as there are effects before the one that has the orbit or the field
+    other : (0.0,) for the direction along the track, and for a field that rotates
+    vector : (x, y, z) of a fixed unit vector in space, else ()
+    """
+
+    momentum: Marks = ()
+    orbit: Marks = ()
+    field: Marks = ()
+    which: Marks = ()
+    other: Marks = ()
+    vector: Marks = ()
+
+
+def compiled(table: str, key: str, about: Any, effects: Sequence[Any]) -> Direction:
+    """The Direction that `about` means; SceneError without the orbit or the field it needs."""
+    mark: Marks = (0.0,)
+    if not isinstance(about, str):
+        size = math.hypot(*about)
+        return Direction(vector=tuple(x / size for x in about))
+    if about in (*ORBIT, "field"):
+        which = source(table, key, about, effects)
+        if about == "field":
+            turns = mark * isinstance(effects[which], RotatingField)
+            return Direction(field=mark, which=mark * which, other=turns)
+        if about != "orbit_normal":  # the space z axis
+            ahead = mark * (about == "along_track")
+            return Direction(orbit=mark, which=mark * which, other=ahead)
+    return Direction(momentum=mark * (about == "momentum"))
+
+
+def seen(direction, effects, t, q, l):
+    """A vector along a Direction, in body components."""
+    momentum, orbit, field, which, other, vector = direction
+    return marked(momentum, orbit, field, which, other, vector, effects, t, q, l)
+
+
+def marked(momentum, orbit, field, which, other, vector, effects, t, q, l):
+    """`seen` of the Direction with these marks."""
+    if len(momentum) > 0:
+        return first_three(l)
+    if len(orbit) > 0:
+        return into_body(q, on_orbit(effects, which, other, t))
+    if len(field) > 0:
+        return into_body(q, on_field(effects, which, other, t))
+    if len(vector) > 0:
+        return into_body(q, vector)
+    return up(q)
+
+
+def length(direction, v):
+    """The length of a vector along a Direction, 1 for all but momenta and fields."""
+    return length_of(direction.momentum, direction.field, v)
+
+
+def length_of(momentum, field, v):
+    """`length` of the Direction with these marks."""
+    if len(momentum) > 0:
+        return math.sqrt(dot(v, v))
+    if len(field) > 0:
+        return math.sqrt(dot(v, v))
+    return 1.0
+
+
+def on_orbit(effects, which, ahead, t):
+    """The unit vector from the central body outward, or that along the track.
+
+    which : (0.0,) as often as there are effects before the one that has the orbit
+    ahead : (0.0,) for the direction along the track, at a right angle to the other
+    """
+    cosine, sine = place_on(effects, which, t)
+    if len(ahead) > 0:
+        return -sine, cosine, 0.0
+    return cosine, sine, 0.0
+
+
+def place_on(effects, which, t):
+    """(cosine, sine) of the true anomaly; which : as of `on_orbit`."""
+    if len(which) > 0:
+        return place_on(effects[1:], which[1:], t)
+    return place(effects[0], t)
+
+
+def on_field(effects, which, turns, t):
+    """The field in space at time t, not of length 1.
+
+    which : (0.0,) as often as there are effects before the one that has the field
+    turns : (0.0,) for a field that rotates
+    """
+    if len(which) > 0:
+        return on_field(effects[1:], which[1:], turns, t)
+    if len(turns) > 0:
+        return turned(effects[0].field, effects[0].rate, t)
+    return effects[0].field

@@ -1,0 +1,172 @@
+"""Flips: how often a body turns over about its middle axis, when, and how long it waits between."""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.so3 import dot, select
+from rigidmc.physics.observables.protocol import Array, Record, event
+
+TABLE = "observables.flips"
+ALIKE = 1e-12  # two moments that differ by less, relative to the larger, are equal but for rounding
+_OUTPUTS = {
+    "flips": (
+        "1",
+        "how often the body turned over about the {axis}, "
+        "after it had come within {within:.4g} rad of it",
+        (),
+    ),
+    "flip_first": ("s", "time of the first flip; nan where there is none", ()),
+    "flip_last": ("s", "time of the last flip; nan where there is none", ()),
+    "flip_wait": ("s", "mean time between flips; nan where there are fewer than two", ()),
+    "flip_wait_deviation": (
+        "s",
+        "standard deviation of the times between flips, each by a straight line within its step; "
+        "nan where there are fewer than two",
+        (),
+    ),
+}
+
+
+@event(outputs=_OUTPUTS, event_times=("flip_first",))
+class Flips(NamedTuple):
+    """How often a body turns over about a principal axis, by default that of the middle moment.
+
+    A flip is a change of sign of the angular momentum about the axis after L has come within an
+    angle of either end of the axis. A free top that starts there flips every 2 K(m)/lambda
+    (flip_interval of `rigidmc exact`), TdC (3.35) in closed form; a free top that wobbles about
+    another axis never flips. A body with two equal moments has no middle axis: unless `axis` names
+    one, it never flips, however it precesses.
+
+    What comes and goes within a step counts too. With noise only the ends of steps are known.
+
+    Parameters
+    ----------
+    axis : int, optional
+        1, 2 or 3; 0 for the axis of the middle moment of each body
+    within : float, optional [rad]
+        that angle
+
+    Examples
+    --------
+    >>> start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0))
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start)
+    >>> ds = rm.simulate(scene, members=4, t_end=40.0, save=(rm.Flips(),))
+    >>> ds.flips.values.tolist()
+    [1.0, 2.0, 1.0, 1.0]
+    """
+
+    axis: int = 0
+    within: float = math.pi / 3.0
+
+    def check(self) -> None:
+        """Raise SceneError for an axis or an angle that is not allowed."""
+        if isinstance(self.axis, bool) or self.axis not in (0, 1, 2, 3):
+            rule = "expected 1, 2, 3, or 0 for the axis of the middle moment"
+            raise SceneError(TABLE, "axis", self.axis, rule)
+        real = isinstance(self.within, (int, float)) and not isinstance(self.within, bool)
+        if not real or not 0.0 < self.within <= 0.5 * math.pi:
+            rule = "expected an angle between 0 and pi/2 [rad]"
+            raise SceneError(TABLE, "within", self.within, rule)
+
+    def compiled(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "Component":
+        """The event for bodies of these moments (3, n); complete : whether these are all bodies."""
+        axes, some_alike = [self.axis - 1], False
+        if self.axis == 0:
+            order = np.argsort(moments, axis=0, kind="stable")
+            low, middle, high = np.take_along_axis(moments, order, axis=0)
+            different = (middle - low > ALIKE * middle) & (high - middle > ALIKE * high)
+            if not np.any(different):
+                rule = (
+                    "no body of the scene has three different moments, so that none has a middle "
+                    "axis; give axis = 1, 2 or 3"
+                )
+                raise SceneError(TABLE, "axis", self.axis, rule)
+            axes = sorted({int(i) for i in order[1]}) if complete else [0, 1, 2]
+            some_alike = not complete or not different.all()
+        one, two, three = (((0.0,) if i in axes else ()) for i in range(3))
+        alike = (0.0,) if some_alike else ()
+        return Component(one, two, three, math.cos(self.within) ** 2, alike)
+
+    def words(self) -> dict[str, Any]:
+        """The axis and the angle."""
+        axis = f"axis {self.axis}" if self.axis else "axis of the middle moment"
+        return {"axis": axis, "within": float(self.within)}
+
+    def results(self, record: Record) -> dict[str, Array]:
+        """The outputs."""
+        with np.errstate(all="ignore"):
+            waits = record.count - 1.0
+            mean = (record.last - record.first) / waits
+            mean_tau = (record.tau - record.first_tau) / waits
+            spread = np.sqrt(np.maximum(record.squares / waits - mean_tau**2, 0.0))
+        several = record.count > 1.0
+        return {
+            "flips": record.count,
+            "flip_first": record.first,
+            "flip_last": record.last,
+            "flip_wait": np.where(several, mean, np.nan),
+            "flip_wait_deviation": np.where(several, spread, np.nan),
+        }
+
+
+class Component(NamedTuple):
+    """A component of L, as an event.
+
+    one, two, three : (0.0,) if the axis of some body is this one, else (); if several are marked,
+        the axis of the middle moment counts
+    square : squared cosine of the angle within which the event arms
+    alike : (0.0,) if some bodies may have two equal moments, and then no flips, else ()
+    """
+
+    one: tuple[float, ...]
+    two: tuple[float, ...]
+    three: tuple[float, ...]
+    square: float
+    alike: tuple[float, ...]
+
+    def level(self, body, l):
+        return component((self.one, self.two, self.three), body, l)
+
+    def armed(self, body, l, level, armed):
+        near = armed | (level * level > self.square * dot(l, l))
+        return with_middle(self.alike, body, near)
+
+    def past(self):
+        return False
+
+
+def with_middle(alike, body, near):
+    """`near` for a body of three different moments; False for others, if there may be some."""
+    if len(alike) == 0:
+        return near
+    one, two, three = body.i1, body.i2, body.i3  # the inverse moments, as different as these
+    return near & unlike(one, two) & unlike(two, three) & unlike(three, one)
+
+
+def unlike(a, b):
+    """Whether two moments differ by more than rounding."""
+    return abs(a - b) > ALIKE * select(a > b, a, b)
+
+
+def component(marks, body, l):
+    """The component of L about the one marked axis, or about the axis of the middle moment."""
+    if len(marks[0]) + len(marks[1]) + len(marks[2]) > 1:
+        second = ((body.i1 >= body.i2) & (body.i2 >= body.i3)) | (
+            (body.i1 <= body.i2) & (body.i2 <= body.i3)
+        )
+        first = ((body.i2 >= body.i1) & (body.i1 >= body.i3)) | (
+            (body.i2 <= body.i1) & (body.i1 <= body.i3)
+        )
+        return select(second, l[1], select(first, l[0], l[2]))
+    return only(marks[0], l[0], only(marks[1], l[1], l[2]))
+
+
+def only(mark, this, other):
+    """`this` if there is a mark, else `other`."""
+    if len(mark) == 0:
+        return other
+    return this

@@ -1,0 +1,80 @@
+"""How a number is spread over the ensemble at every save, with no trajectory kept."""
+
+import math
+import re
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.errors import SceneError
+from rigidmc.physics.observables.protocol import Array, ensemble
+
+TABLE = "observables.histogram"
+
+
+@ensemble()
+class Histogram(NamedTuple):
+    """Counts of the members by an observable at every save time, in equal bins from low to high.
+
+    Values beyond the bins are counted below and above them. Flagged members are left out. The
+    observable itself is stored only if `save` names it.
+
+    Parameters
+    ----------
+    of : str
+        the name of an observable, with its component if it has several: "energy", "omega[3]"
+    low : float
+        the lower end of the first bin, in units of the observable
+    high : float
+        the upper end of the last bin, in units of the observable
+    bins : int, optional
+        number of bins
+
+    Examples
+    --------
+    >>> spins = rm.Histogram("omega[3]", low=-1.0, high=1.0, bins=4)
+    >>> spins.edges().tolist()
+    [-1.0, -0.5, 0.0, 0.5, 1.0]
+    """
+
+    of: str
+    low: float
+    high: float
+    bins: int = 100
+
+    def check(self) -> None:
+        """Raise SceneError for a text or a number that is not allowed."""
+        if not isinstance(self.of, str) or not re.fullmatch(r"[a-z0-9_]+(\[[1-4]\])?", self.of):
+            rule = 'expected the name of an observable, as in "energy" or "omega[3]"'
+            raise SceneError(TABLE, "of", self.of, rule)
+        for key, end in (("low", self.low), ("high", self.high)):
+            real = isinstance(end, (int, float)) and not isinstance(end, bool)
+            if not real or not math.isfinite(end):
+                raise SceneError(TABLE, key, end, "expected a finite number")
+        if not self.low < self.high:
+            raise SceneError(TABLE, "high", self.high, f"expected more than low = {self.low:g}")
+        whole = isinstance(self.bins, int) and not isinstance(self.bins, bool)
+        if not whole or not 1 <= self.bins <= 100_000:
+            rule = "expected a whole number between 1 and 100000"
+            raise SceneError(TABLE, "bins", self.bins, rule)
+
+    @property
+    def name(self) -> str:
+        """The observable's name."""
+        return self.of.split("[")[0]
+
+    @property
+    def component(self) -> int:
+        """Its component, from 0."""
+        return int(self.of[-2]) - 1 if self.of.endswith("]") else 0
+
+    def edges(self) -> Array:
+        """The ends of the bins (bins + 1)."""
+        return np.linspace(self.low, self.high, self.bins + 1)
+
+    def counts(self, values: Array) -> NDArray[np.intp]:
+        """Counts (times, bins + 2) of values (times, members): below, in each bin, above."""
+        share = np.floor((values - self.low) * (self.bins / (self.high - self.low)))
+        place = np.clip(np.nan_to_num(share, nan=-1.0), -1, self.bins).astype(np.intp) + 1
+        return np.stack([np.bincount(row, minlength=self.bins + 2) for row in place])

@@ -1,0 +1,98 @@
+"""How the symmetry axis of a top moves: the range of its nutation, and how far it has precessed."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rigidmc.physics.dynamics.functions import arcsine
+from rigidmc.physics.dynamics.so3 import arctan2, select
+from rigidmc.physics.observables.protocol import Array, running
+
+
+@running(
+    marks=2,
+    outputs={
+        "nutation_min": ("rad", "smallest angle between axis 3 and the vertical", ()),
+        "nutation_max": ("rad", "largest angle between axis 3 and the vertical", ()),
+    },
+)
+class Nutation(NamedTuple):
+    """The smallest and largest angle theta between axis 3 of the body and the vertical.
+
+    They are those of the whole motion, TdC (3.36), also within steps: of 1,000 heavy tops to t = 25
+    by rk8 in steps of 1.6 rad 999 have both angles within 9e-4 rad, and one, whose motion rk8 has
+    lost by then, within 6e-3 rad. With noise they are those at the ends of steps.
+
+    The numbers are sin^2(theta/2): near 0 it has all its digits, where a cosine has half of them.
+    """
+
+    def begin(self, q):
+        square = q[1] * q[1] + q[2] * q[2]
+        return square, square
+
+    def update(self, kept, q):
+        square = q[1] * q[1] + q[2] * q[2]
+        return select(square < kept[0], square, kept[0]), select(square > kept[1], square, kept[1])
+
+    def turning(self, q):
+        return (q[1] * q[1] + q[2] * q[2],)
+
+    def sought(self, kept):
+        return ((kept[0], kept[1]),)
+
+    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+        """The outputs from the numbers (2, n)."""
+        low, high = 2.0 * arcsine(np.sqrt(np.clip(kept, 0.0, 1.0)))
+        return {"nutation_min": low, "nutation_max": high}
+
+
+@running(
+    marks=5,
+    outputs={"precession": ("rad", "angle by which axis 3 has turned about the vertical", ())},
+)
+class Precession(NamedTuple):
+    """The angle phi by which axis 3 of the body has turned about the vertical, TdC (3.36).
+
+    Whole turns are counted. Between two states that are watched the axis is taken to go the shorter
+    way round; where it passes near the vertical within a step, it is watched there too. Of 400
+    heavy tops to t = 25 s by rk8 in steps of 1.6 rad none is off by a turn
+    (tests/physics/observables/test_watching.py).
+
+    The numbers are the horizontal components (x, y) of the axis, how often it has crossed y = 0,
+    with the sign of its sense, and (x, y) at the start.
+    """
+
+    def begin(self, q):
+        x, y = over_plane(q)
+        return x, y, 0.0 * x, x, y
+
+    def update(self, kept, q):
+        x, y = over_plane(q)
+        way = select(kept[0] * y - kept[1] * x > 0.0, 1.0, -1.0)
+        return x, y, kept[2] + select((kept[1] < 0.0) != (y < 0.0), way, 0.0), kept[3], kept[4]
+
+    def turning(self, q):
+        x, y = over_plane(q)
+        return (x * x + y * y,)
+
+    def sought(self):
+        return ((CLOSE, math.inf),)
+
+    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+        """The outputs from the numbers (5, n)."""
+        x, y, halves, x0, y0 = kept
+        # half -1 is y < 0 of turn 0, half 0 is y >= 0 of it
+        turns = 0.5 * (halves - (y0 < 0.0) + (y < 0.0))
+        # y + 0.0 turns -0.0 into 0.0, whose arctangent is the wanted one
+        return {"precession": 2.0 * math.pi * turns + arctan2(y + 0.0, x) - arctan2(y0 + 0.0, x0)}
+
+
+# Squared distance from the vertical within which axis 3 may pass it on either side between two
+# nodes, 0.8 rad apart, for all that these tell.
+CLOSE = 0.1
+
+
+def over_plane(q):
+    """The horizontal components of axis 3 of the body, (A13, A23)."""
+    return 2.0 * (q[1] * q[3] + q[0] * q[2]), 2.0 * (q[2] * q[3] - q[0] * q[1])

@@ -1,0 +1,238 @@
+"""How fast members may move, and how many steps of its own each member then makes.
+
+The times of a run: how many steps it makes, how long they are, and which of them end at a save.
+
+Saves are at 0, `every`, 2 `every`, ... and at t_end. If `every` does not divide t_end, the last
+interval is shorter than the others, and so are the steps in it.
+"""
+
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.engine.formulas import energies, torques
+from rigidmc.engine.kernel import layout
+from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
+from rigidmc.physics.dynamics.so3 import dot
+from rigidmc.physics.effects.protocol import filled, parameter_count
+from rigidmc.physics.effects.sums import total_energy_scale
+
+Array = NDArray[np.float64]
+MOST_OWN_STEPS = 2**24  # of a member in a round: no member stops a run, however fast it spins
+
+
+def physics(effects: Sequence[Any], block: Array) -> tuple[MassProperties, tuple[Any, ...]]:
+    """(body, effects) of the members of a block (rows, n), their fields as arrays (n,)."""
+    arrays, row = [], layout.EFFECTS
+    for effect in effects:
+        arrays.append(filled(type(effect), block[row : row + parameter_count(effect)]))
+        row += parameter_count(effect)
+    return MassProperties(*block[layout.BODY : layout.EFFECTS]), tuple(arrays)
+
+
+def rates(effects: Sequence[Any], block: Array) -> Array:
+    """How fast each member of a block may move [rad/s]:
+
+        sqrt(2 (E + V)/I) + sqrt(V/I)
+
+    with I the smallest moment, E the energy and V the largest potential energy. The first term
+    bounds |omega| for all times, the second is the rate at which torques act. The torque at the
+    start stands for V if it is larger, as for effects without an energy.
+    """
+    body, effects = physics(effects, block)
+    q = tuple(block[layout.ATTITUDE : layout.MOMENTUM])
+    l = tuple(block[layout.MOMENTUM : layout.REST])
+    with np.errstate(all="ignore"):
+        highest = total_energy_scale(effects, body)
+        smallest = 1.0 / np.max([body.i1, body.i2, body.i3], axis=0)
+        torque = torques(effects, body, q, l)
+        swing = np.maximum(highest, np.sqrt(dot(torque, torque)))
+        energy = kinetic_energy(body, l) + energies(effects, body, q) + highest
+        bound = np.sqrt(2.0 * np.maximum(energy, 0.0) / smallest) + np.sqrt(swing / smallest)
+        return np.asarray(bound)
+
+
+def own_steps(rate: Array, span: float, turn: float | None) -> Array:
+    """How many steps members that move at `rate` [rad/s] need in a time `span` [s] if none of the
+    steps may turn them by more than `turn` [rad], the setting of a scene."""
+    assert turn is not None, "members of this scene have no steps of their own"
+    with np.errstate(all="ignore"):
+        steps = np.ceil(span * rate / turn)
+    return np.clip(np.where(np.isfinite(steps), steps, 1.0), 1.0, MOST_OWN_STEPS)
+
+
+def by_steps(block: Array) -> NDArray[np.int64]:
+    """The order of a block's members by their number of steps: equal numbers lie side by side."""
+    steps = block[layout.STEPS]
+    # whole numbers of two bytes are sorted by radix, 15 times as fast
+    keys = steps.astype("u2") if steps.max(initial=0.0) < 2**16 else steps
+    return np.argsort(keys, kind="stable")
+
+
+MOST_STEPS = 10**15
+# Steps of one length are taken if they are no more than twice as many as dt asks for, or this many
+FEW = 1000
+# Rounds of members with steps of their own take as many steps in a short last round as in others.
+# This is how much longer than t_end whole rounds may be: 5 % more steps.
+WASTE = Fraction(1, 20)
+
+
+class Clock(NamedTuple):
+    """When steps end: the first `head` have the length dt [s], those after it last_dt [s].
+
+    Numbers, or arrays of members with steps of their own.
+    """
+
+    dt: Any
+    head: Any
+    last_dt: Any
+
+    def time(self, steps: Any) -> Any:
+        """The time after so many steps [s]."""
+        late = np.maximum(steps - self.head, 0.0)
+        return np.minimum(steps, self.head) * self.dt + late * self.last_dt
+
+    def position(self, steps: Any) -> Any:
+        """The time after so many steps, in steps of the first length."""
+        late = np.maximum(steps - self.head, 0.0)
+        return np.minimum(steps, self.head) + late * (self.last_dt / self.dt)
+
+    def steps(self, time: Any) -> Any:
+        """How many steps end by a time at which a step ends [s]."""
+        begun = self.head * self.dt
+        late = np.rint(np.maximum(time - begun, 0.0) / self.last_dt)
+        return np.rint(np.minimum(time, begun) / self.dt) + late
+
+    def weighed(self, steps: Any, made: Any) -> Any:
+        """The time after `steps` steps, in the last of the lengths that occur in `made` steps.
+
+        Sums over steps count the steps before the last interval by their length in this unit, see
+        `rigidmc.engine.kernel.last_interval`.
+        """
+        shorter = self.dt / self.last_dt
+        late = np.maximum(steps - self.head, 0.0)
+        return np.where(made > self.head, np.minimum(steps, self.head) * shorter + late, steps)
+
+    def of(self, each: Any) -> "Clock":
+        """The Clock of members that make `each` steps in a step of this one."""
+        return Clock(self.dt / each, self.head * each, self.last_dt / each)
+
+
+class Grid(NamedTuple):
+    """Steps of a run and its saves.
+
+    steps : to t_end;  dt : their length [s];  stride : steps between saves; step `steps` is saved
+    head, last_dt : steps before the last interval if that is shorter than others, and the length of
+        the steps in it [s]; else all steps, and dt
+    notes : on dt
+    """
+
+    steps: int
+    dt: float
+    stride: int
+    head: int
+    last_dt: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def clock(self) -> Clock:
+        """When steps end."""
+        return Clock(self.dt, self.head, self.last_dt)
+
+    @property
+    def is_shortened(self) -> bool:
+        """Whether the last interval, and the steps in it, are shorter than others."""
+        return self.head < self.steps
+
+
+def grid(t_end: float, dt: float, every: float | None) -> Grid:
+    """The Grid of a run, with a whole number of steps between saves and a step of at most dt.
+
+    Decimal numbers are taken as the fractions they are written as, so that `10 / 0.3` is 100/3. All
+    steps have one length if `every` and t_end have a common step that is not much shorter than dt.
+    Raises SceneError for more steps than a run may have.
+    """
+    end, step = Fraction(repr(t_end)), Fraction(repr(dt))
+    for key, length in (("dt", dt), ("every", every)):
+        if length is not None:
+            _refuse_many(end / Fraction(repr(length)), key, length, t_end)
+    found = _saved_once(end, step, t_end)
+    if every is not None and every < t_end:
+        found = _even(end, step, every, t_end) or _with_rest(end, step, every)
+    _refuse_many(found.steps, "dt", dt, t_end)
+    if abs(found.dt / dt - 1) < 1e-9:
+        return found
+    whole = "every" if found.is_shortened else "t_end and every"
+    note = f"dt reduced from {dt:g} to {found.dt:.10g} s, which divides {whole}"
+    return found._replace(notes=(note,))
+
+
+def _saved_once(end: Fraction, step: Fraction, t_end: float) -> Grid:
+    """The Grid of a run that is saved at its end."""
+    steps = _count(end / step)
+    return Grid(steps, t_end / steps, steps, steps, t_end / steps)
+
+
+def _even(end: Fraction, step: Fraction, every: float, t_end: float) -> Grid | None:
+    """The Grid with steps of one length, or None if they would be too many."""
+    # steps must be a multiple of p for stride = steps q/p to be whole, with p/q = t_end/every
+    ratio = end / Fraction(repr(every))
+    # numbers that are only written to 16 digits, such as t_end/7 or 2^-30 s
+    simple = ratio.limit_denominator(1000)
+    ratio = simple if abs(simple / ratio - 1) < Fraction(1, 10**14) else ratio
+    # a rest of 1e-9 of `every` is how somebody wrote t_end/7
+    ratio = Fraction(round(ratio)) if abs(round(ratio) - ratio) < Fraction(1, 10**9) else ratio
+    # the step that `_with_rest` would take: a result keeps that, and has to come to the same grid
+    shorter = Fraction(repr(every / _count(Fraction(repr(every)) / step)))
+    if ratio.numerator > max(FEW, 2 * math.ceil(end / shorter)):
+        return None
+    multiples = _count(end / step / ratio.numerator)
+    steps = multiples * ratio.numerator
+    return Grid(steps, t_end / steps, multiples * ratio.denominator, steps, t_end / steps)
+
+
+def _with_rest(end: Fraction, step: Fraction, every: float) -> Grid:
+    """The Grid with a last interval that is shorter than the others."""
+    between = Fraction(repr(every))
+    whole = end // between
+    stride = _count(between / step)
+    dt, rest = every / stride, end - whole * between
+    last = _count(rest / Fraction(repr(dt)))
+    return Grid(whole * stride + last, dt, stride, whole * stride, float(rest / last))
+
+
+def _count(steps: Fraction) -> int:
+    """Steps that are whole, or one more; at least one. 1e-9 is rounding of a step."""
+    return max(1, math.ceil(steps * (1 - Fraction(1, 10**9))))
+
+
+def _refuse_many(steps: int | Fraction, key: str, length: float, t_end: float) -> None:
+    """Raise SceneError for more steps, or saves, than a run may have."""
+    if steps > MOST_STEPS:
+        # a whole number of more than 309 digits is no float
+        count = f"{float(steps):.3g}" if steps < 10**300 else "over 1e+300"
+        rule = f"{count} steps to t_end = {t_end:g}, more than the limit of {MOST_STEPS:.3g}"
+        raise SceneError("run", key, length, rule)
+
+
+def rounds(t_end: float, every: float | None) -> Grid:
+    """The Grid of the longest times that divide `every`, and t_end if that is possible.
+
+    They are the rounds of members with steps of their own, which take as many steps in a last,
+    shorter round as in others.
+    """
+    if every is None or every >= t_end:
+        return Grid(1, t_end, 1, 1, t_end)
+    found = grid(t_end, every, every)
+    if not found.is_shortened:
+        return found._replace(notes=())
+    end, between = Fraction(repr(t_end)), Fraction(repr(every))
+    parts = next(
+        m for m in range(1, 21) if -(-end * m // between) * between / m <= end * (1 + WASTE)
+    )
+    return grid(t_end, every / parts, every)._replace(notes=())

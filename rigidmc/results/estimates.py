@@ -1,0 +1,162 @@
+"""Measures of a result that exists, of all its members or of groups of them.
+
+One number of the state over time: an observable, or a component of it, such as "omega[1]".
+"""
+
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.errors import OptionError, nearest
+from rigidmc.files.reading import toml
+from rigidmc.physics.dynamics.methods import argument_names
+from rigidmc.physics.observables import OBSERVABLES, own
+from rigidmc.physics.observables.protocol import DIMENSIONS
+from rigidmc.results.intervals import Estimate
+from rigidmc.results.measures import Measure, measure
+from rigidmc.scene.sampling import is_sample_of
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.toml.read import scene_text
+
+MOST_GROUPS = 10_000
+
+
+def why_no_interval(dataset: xr.Dataset) -> str:
+    """Why the spread of the members of a result does not tell how well a measure is known; "" if it
+    does, as that of members that are drawn independently."""
+    tables = toml(scene_text(dataset))
+    points = tables["run"].get("points", "independent")
+    if points != "independent":
+        return (
+            f"its members are {points} points, whose spread tells no interval: see"
+            " rigidmc.randomised"
+        )
+    if not is_sample_of(tables):
+        return "nothing is drawn: its members are all that there is, and no sample of more"
+    return ""
+
+
+def estimate(dataset: xr.Dataset, text: str, confidence: float = 0.95) -> Estimate:
+    """A measure of the good members with its confidence interval.
+
+    The ends are nan if the members are not independent draws, as on a grid. Raises OptionError if
+    the result lacks the measure, and for the mean of a time that has not come for all members.
+    """
+    asked = _asked(dataset, text)
+    who = asked.asks(dataset)
+    found = _interval(dataset, asked, asked.values(dataset), who, confidence).each(float)
+    asked.refuse_unknown(found)
+    return found
+
+
+def estimate_by(dataset: xr.Dataset, text: str, by: str, confidence: float = 0.95) -> xr.Dataset:
+    """A measure of each group of good members: those for which the result `by` is the same.
+
+    Returns a Dataset over `by` of value, low, high, members, and `without`, the share of these that
+    have no value. The mean of a time is nan in groups in which it has not come of all. Raises
+    OptionError for an unknown result, and for more than MOST_GROUPS groups.
+    """
+    asked, good = _asked(dataset, text), dataset.status.values == 0
+    labels, who = _labels(dataset, by), asked.asks(dataset)
+    some = (good | who) & (labels == labels)
+    groups, group = np.unique(labels[some], return_inverse=True)
+    if groups.size > MOST_GROUPS:
+        rule = f"takes {groups.size:,} values: at most {MOST_GROUPS:,} groups are told apart"
+        raise OptionError("", "by", by, rule)
+    order, counts = np.argsort(group, kind="stable"), np.bincount(group, minlength=groups.size)
+    values = np.full((groups.size, counts.max(initial=0)), np.nan, asked.dtype)
+    there = np.arange(values.shape[1]) < counts[:, None]
+    values[there] = asked.values(dataset)[some][order]
+    there[there] = who[some][order]
+    found = _interval(dataset, asked, values, there, confidence)
+    units = asked.units(dataset.data_vars)
+    attrs = {"long_name": text, "units": units, "confidence": confidence}
+    variables: dict[str, Any] = {
+        name: ((by,), numbers, attrs) for name, numbers in zip(found._fields, found, strict=True)
+    }
+    about = {"long_name": "share of the members asked that have no value", "units": "1"}
+    variables["without"] = ((by,), found.without, about)
+    counts = np.bincount(group[good[some]], minlength=groups.size)
+    members = ((by,), counts, {"long_name": "good members of the group"})
+    return xr.Dataset({**variables, "members": members}, {by: groups})
+
+
+def _asked(dataset: xr.Dataset, text: str) -> Measure:
+    return measure(text, dataset.data_vars, may_save_more=False)
+
+
+def _labels(dataset: xr.Dataset, by: str) -> NDArray[np.generic]:
+    known = [str(name) for name, v in dataset.variables.items() if v.dims == ("member",)]
+    if by not in known:
+        rule = f"no such number of the members; known: {', '.join(known)}"
+        raise OptionError("", "by", by, rule, nearest(by, known))
+    labels: NDArray[np.generic] = dataset[by].values
+    return labels
+
+
+def _interval(
+    dataset: xr.Dataset,
+    asked: Measure,
+    values: NDArray[Any],
+    who: NDArray[np.bool_],
+    confidence: float,
+) -> Estimate:
+    found = asked.interval(values, who, confidence)
+    if not why_no_interval(dataset):
+        return found
+    unknown = np.full(np.shape(found.value), np.nan)
+    return Estimate(found.value, unknown, unknown, found.without, found.until)
+
+
+Array = NDArray[np.float64]
+NAME = r"(?P<name>[A-Za-z_]\w*)(\[(?P<component>\w+)\])?"
+
+
+class Component(NamedTuple):
+    """An observable at save times, or a component of it.
+
+    row : of the component among the numbers of the observable
+    """
+
+    name: str
+    row: int
+
+    def values(self, result: xr.Dataset) -> Array:
+        """Its values (time, member) in a result."""
+        return rows(result, self.name)[:, self.row]
+
+
+def rows(result: xr.Dataset, name: str) -> Array:
+    """An observable of a result as (time, numbers, member)."""
+    values: Array = result[name].transpose("time", ..., "member").values
+    return values.reshape(values.shape[0], -1, values.shape[-1])
+
+
+def component_of(scene: Scene, text: str, key: str) -> Component:
+    """The Component of a text such as "omega[1]"; OptionError that names the option `key`."""
+    match = re.fullmatch(rf"\s*{NAME}\s*", text)
+    if match is None:
+        raise OptionError("", key, text, "expected an observable: NAME or NAME[3]")
+    name, component = match["name"], match["component"]
+    names = dict.fromkeys((*OBSERVABLES, *own(scene.observables), *scene.recorded()))
+    known = [word for word in names if of_the_state(scene, word)]
+    if name not in known:
+        rule = f"no such observable of the state at save times; known: {', '.join(known)}"
+        raise OptionError("", key, text, rule, nearest(name, known))
+    dims = scene.observable(name).dims
+    labels = [str(label) for label in DIMENSIONS[dims[0]].labels] if dims else []
+    if (component is None) == bool(labels) or (labels and component not in labels):
+        rule = f"has the components {', '.join(labels)}" if labels else "has no components"
+        example = f": expected one, as in {name}[{labels[0]}]" if labels else ""
+        raise OptionError("", key, text, f"{name} {rule}{example}")
+    return Component(name, labels.index(component) if labels else 0)
+
+
+def of_the_state(scene: Scene, name: str) -> bool:
+    """Whether an observable follows from the state and the time, and not from the start too."""
+    observable = scene.observable(name)
+    needs = argument_names(observable, "value")
+    return not needs & {"start", "works"} and "effect" not in observable.dims

@@ -1,0 +1,99 @@
+"""Results in the formats that others read: netCDF and zarr whole, and tables with a row per member.
+
+    .nc, .zarr       the Dataset, as `xarray.open_dataset` reads it
+    .csv, .parquet   `table`: what each member has one number of; saves over time are left out, and
+                     the last one stays
+
+All numbers keep their bits. `pandas.read_csv` before version 3.1 reads the last one only with
+float_precision="round_trip".
+"""
+
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from rigidmc.files.outputs import Part, Path, naming, refuse_existing, write_bytes
+from rigidmc.files.reading import harmless
+from rigidmc.results.writer import encoded
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TIMES = {"time": "", "thinned_time": "_thinned"}  # {dimension: end of the names of variables}
+
+
+def is_streamed(path: Path) -> bool:
+    """Whether a run writes this kind of file block by block."""
+    return _ending(path) == ".nc"
+
+
+def write(dataset: xr.Dataset, path: Path, force: bool = False) -> None:
+    """Write a result, whole or not at all, in the format that the ending of the path names.
+
+    Raises OptionError for another ending, or a missing package, and OutputExists.
+    """
+    refuse_existing(path, force)
+    ending = _ending(path)
+    if ending == ".nc":
+        write_bytes(path, encoded(dataset), force)
+        return
+    with Part(path, force, folder=ending == ".zarr") as part, naming(path, part):
+        if ending == ".zarr":
+            # version 2 is read everywhere; version 3 has no text of fixed length yet
+            plain = dataset.drop_encoding()
+            plain.to_zarr(part, mode="w", zarr_format=2, write_empty_chunks=True)
+        elif ending == ".csv":
+            rows = table(dataset)
+            for name in rows.select_dtypes(["object", "string"]):
+                rows[name] = rows[name].map(harmless)
+            rows.rename(columns=harmless).to_csv(part, index=False, lineterminator="\n")
+        else:
+            table(dataset).to_parquet(part, index=False)
+
+
+def table(dataset: xr.Dataset) -> "pd.DataFrame":
+    """A result as a table with one row per member.
+
+    Columns are the variables that have one number per member; of vectors one for each component,
+    such as start_omega_1 and attitude_final_w. Of what is saved over time the last save is there,
+    as omega_final_1. `attrs` has the attributes of the result, and the units of the columns.
+    """
+    import pandas as pd
+
+    columns: dict[str, Any] = {"member": dataset.member.values}
+    units = {"member": "1"}
+    for key, variable in dataset.data_vars.items():
+        name = str(key)
+        for time, ending in TIMES.items():
+            if time in variable.dims and "member" in variable.dims:
+                name = f"{name.removesuffix(ending)}_final"
+                variable = variable.isel({time: -1})
+        if "member" not in variable.dims or variable.ndim > 2:
+            continue
+        for label, part in _parts(name, variable):
+            columns[label] = part.values
+            units[label] = str(variable.attrs.get("units", "1"))
+    frame = pd.DataFrame(columns)
+    frame.attrs = {key: _plain(value) for key, value in dataset.attrs.items()} | {"units": units}
+    return frame
+
+
+def _parts(name: str, variable: xr.DataArray) -> list[tuple[str, xr.DataArray]]:
+    """(column, values) of a variable, or of each of its components."""
+    others = [dim for dim in variable.dims if dim != "member"]
+    if not others:
+        return [(name, variable)]
+    dim = others[0]
+    labels = variable[dim].values if dim in variable.coords else range(1, variable.sizes[dim] + 1)
+    return [(f"{name}_{label}", variable.isel({dim: i})) for i, label in enumerate(labels)]
+
+
+def _plain(value: Any) -> Any:
+    """A value of an attribute as JSON has it."""
+    return value.tolist() if isinstance(value, (np.generic, np.ndarray)) else value
+
+
+def _ending(path: Path) -> str:
+    return os.path.splitext(path)[1].lower()

@@ -1,0 +1,324 @@
+"""What an ensemble is asked: "p(flips >= 1)", "mean(flip_wait | flips >= 2)", and so on."""
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.errors import OptionError, nearest
+from rigidmc.physics.observables import WATCHED, WATCHED_STATISTICS, statistics, word_of_observable
+from rigidmc.physics.observables.event_times import FOLLOWED, is_event_time
+from rigidmc.results import censored, intervals
+from rigidmc.results.censored import RELATIONS
+from rigidmc.results.intervals import Estimate, Interval
+from rigidmc.scene.scene import Scene
+
+_NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
+
+
+def _variable(of: str = "") -> str:
+    return rf"(?P<{of}name>[A-Za-z_][A-Za-z0-9_]*)(\[(?P<{of}axis>[123])\])?"
+
+
+def _comparison(of: str = "") -> str:
+    return rf"{_variable(of)}\s*(?P<{of}relation>>=|<=|>|<|==)\s*(?P<{of}number>{_NUMBER})"
+
+
+_GIVEN = rf"(\|\s*{_comparison('given_')}\s*)?"
+_FORMS = {
+    "p": re.compile(rf"p\(\s*{_comparison()}\s*{_GIVEN}\)"),
+    "mean": re.compile(rf"mean\(\s*{_variable()}\s*{_GIVEN}\)"),
+    "quantile": re.compile(rf"quantile\(\s*{_variable()}\s*,\s*(?P<number>{_NUMBER})\s*{_GIVEN}\)"),
+    "median": re.compile(rf"median\(\s*{_variable()}\s*{_GIVEN}\)"),
+    "correlation": re.compile(
+        rf"correlation\(\s*{_variable()}\s*,\s*{_variable('other_')}\s*{_GIVEN}\)"
+    ),
+    "": re.compile(_variable()),
+}
+RULE = (
+    "expected p(NAME >= NUMBER), mean(NAME), median(NAME), quantile(NAME, SHARE),"
+    " correlation(NAME, NAME) or NAME,"
+    " of a result with one number per member; with a condition as in mean(NAME | OTHER >= NUMBER)"
+)
+
+
+class Result(NamedTuple):
+    """A result name[axis] with one number per member, or one of its three components.
+
+    timed : whether it is the time of an event, which may be later than the end of a member
+    """
+
+    name: str
+    axis: int | None = None
+    timed: bool = False
+
+    def values(self, dataset: xr.Dataset) -> NDArray[np.float64]:
+        """The numbers of the members (n,); signed times of events, see `censored`."""
+        result = dataset[self.name]
+        values: NDArray[np.float64] = (result.sel(axis=self.axis) if self.axis else result).values
+        return censored.signed(dataset, self.name, values) if self.timed else values
+
+
+class Condition(NamedTuple):
+    """A relation of a result and a number, such as flips >= 1."""
+
+    result: Result
+    relation: str
+    number: float
+
+    def answers(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """1 where it holds, 0 where not, nan for members that have no value, or whose event came
+        after their end: from the values of the result."""
+        if self.result.timed:
+            return censored.answers(values, self.relation, self.number)
+        holds = RELATIONS[self.relation](values, self.number)
+        return np.where(np.isnan(values), np.nan, holds)
+
+
+class Measure(NamedTuple):
+    """A question to the members about a result.
+
+    kind : "p" (with relation and number), "mean", "quantile" (with number), or "correlation" (with
+        other, the second result)
+    given : the members that are asked; None for all
+    """
+
+    text: str
+    kind: str
+    result: Result
+    relation: str = ""
+    number: float = 0.0
+    other: Result | None = None
+    given: Condition | None = None
+
+    def units(self, variables: "Variables") -> str:
+        """The units of the measure, of the variables of the members."""
+        pure = self.kind in ("p", "correlation")
+        return "1" if pure else str(variables[self.result.name].attrs.get("units", "1"))
+
+    @property
+    def results(self) -> tuple[Result, ...]:
+        """The results that are needed."""
+        more = self.other, self.given and self.given.result
+        return (self.result, *(one for one in more if one is not None))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The variables that are needed."""
+        ends = (FOLLOWED,) if any(one.timed for one in self.results) else ()
+        return (*(one.name for one in self.results), *ends)
+
+    @property
+    def dtype(self) -> str:
+        """Of `values`; 0, 1 and nan take a quarter of the memory of other numbers."""
+        if self.kind == "p" and not self.result.timed:
+            return "f2"
+        return "c16" if self.kind == "correlation" else "f8"
+
+    def values(self, dataset: xr.Dataset) -> NDArray[Any]:
+        """The numbers of the members (n,), from which `interval` tells the measure.
+
+        For p 1 if the relation holds, else 0; nan for members without a value. Of the time of an
+        event the signed times, see `rigidmc.results.censored`. For a correlation the two results
+        of a member as one complex number.
+
+        Raises OptionError for a probability beyond the time until which members were followed.
+        """
+        values: NDArray[Any] = self.result.values(dataset)
+        if self.kind == "p" and self.result.timed:
+            censored.refuse_beyond(self.text, values, self.number)
+        elif self.kind == "p":
+            values = Condition(self.result, self.relation, self.number).answers(values)
+        elif self.other is not None:
+            one, other = self._plain(values), self.other.values(dataset)
+            values = one + 1j * (censored.plain(other) if self.other.timed else other)
+        return values.astype(self.dtype)
+
+    def asks(self, dataset: xr.Dataset) -> NDArray[np.bool_]:
+        """Which members (n,) are asked: good ones for which the condition holds, and of the time of
+        an event also those that are flagged, until then."""
+        found: NDArray[np.bool_] = dataset.status.values == 0
+        if self.result.timed and self.kind in ("p", "quantile"):
+            found = ~np.isnan(censored.ends_of(dataset))
+        if self.given is not None:
+            found &= self.given.answers(self.given.result.values(dataset)) == 1.0
+        return found
+
+    def numbers(self, dataset: xr.Dataset) -> NDArray[np.float64]:
+        """The number of each member by itself (n,), nan for one that is flagged, that is not asked,
+        or that has no value: of p whether the relation holds, 1 or 0.
+
+        Raises OptionError as `values` and for the mean of a time that has not come of all members.
+        """
+        values, asked = self.values(dataset), self.asks(dataset) & (dataset.status.values == 0)
+        if self.result.timed and self.kind == "p":
+            values = censored.answers(values, self.relation, self.number)
+        elif self.result.timed:
+            share = float(censored.share(np.where(asked, values, np.nan)))
+            self._refuse(share, float(np.nanmax(np.abs(values), initial=0.0)))
+        return np.where(asked, values, np.nan).astype(float)
+
+    def interval(
+        self, values: NDArray[Any], asked: NDArray[np.bool_], confidence: float = 0.95
+    ) -> Estimate:
+        """The Estimate from the values (..., n) of the members that are asked.
+
+        nan if there is none; a mean or a correlation is nan too if the time of an event has not
+        come of all of them, because nobody knows the times that are left.
+        """
+        if self.result.timed and self.kind in ("p", "mean", "quantile"):
+            return self._timed(np.where(asked, values, np.nan), confidence)
+        there = asked & ~np.isnan(values)
+        with np.errstate(all="ignore"):
+            without = 1.0 - there.sum(-1) / asked.sum(-1)
+        if self.kind == "p":
+            successes = (there & (values == 1.0)).sum(-1)
+            found = intervals.probability(successes, there.sum(-1), confidence)
+        elif self.kind == "correlation":
+            values = np.where(there, values, np.nan)
+            found = intervals.correlation(values.real, values.imag, confidence)
+            if any(one.timed for one in self.results[:2]):
+                known = without == 0.0
+                found = Interval(*(np.where(known, x, np.nan) for x in found))
+        elif self.kind == "mean":
+            found = intervals.mean(np.where(there, values, np.nan), confidence=confidence)
+        else:
+            values = np.where(there, values, np.nan)
+            found = intervals.quantiles(values, self.number, confidence)
+        return Estimate(*found, without)
+
+    def _timed(self, times: NDArray[np.float64], confidence: float) -> Estimate:
+        """The Estimate of a time of an event, from signed times (..., n)."""
+        if self.kind == "p":
+            return censored.probability(times, self.relation, self.number, confidence)
+        if self.kind == "quantile":
+            return censored.quantile(times, self.number, confidence)
+        found = intervals.mean(times, confidence=confidence)
+        none = censored.is_censored(times).any(-1)
+        return censored.as_estimate(times, *(np.where(none, np.nan, x) for x in found))
+
+    def refuse_unknown(self, found: Estimate) -> None:
+        """OptionError for one Estimate of a mean or a correlation of the time of an event that has
+        not come of all members: the mean of those that had it is another number."""
+        if self.kind in ("mean", "correlation") and any(one.timed for one in self.results[:2]):
+            self._refuse(float(found.without), float(found.until))
+
+    def _refuse(self, without: float, until: float) -> None:
+        """The error of `refuse_unknown`."""
+        if not without > 0.0:
+            return
+        name = next(one.name for one in self.results if one.timed)
+        end, some = ("by the end", "T_END") if until != until else (f"by {until:g} s", f"{until:g}")
+        rule = (
+            f"{100.0 * without:.3g} % of the members had no {name} {end}, so it is not known: ask"
+            f" for median({name}), quantile({name}, SHARE) or p({name} <= NUMBER), or only those"
+            f" members that had one, by the condition `| {name} <= {some}`"
+        )
+        raise OptionError("", "measure", self.text, rule)
+
+    def _plain(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The numbers of the result, nan for times that have not come."""
+        return censored.plain(values) if self.result.timed else values
+
+
+def observing(scene: Scene, texts: Iterable[str]) -> Scene:
+    """The scene that also saves the observables over all steps that measures name.
+
+    Only observables without obligatory parameters are added.
+    """
+    observable = {name: name for name in statistics(scene.observables)}
+    for name, kind in WATCHED.items():
+        if len(kind._field_defaults) == len(kind._fields):
+            observable |= dict.fromkeys(kind.outputs, name)
+    words = [word for text in texts for word in re.findall(r"[A-Za-z_]\w*", text)]
+    present = {word_of_observable(one) for one in scene.observables} | set(scene.run.save)
+    named = dict.fromkeys(observable[word] for word in words if word in observable)
+    missing = [name for name in named if name not in present]
+    if not missing:
+        return scene
+    more: Scene = scene.with_run(save=(*scene.run.save, *missing))
+    return more
+
+
+class Known(Protocol):
+    """What is known of a variable: its dimensions and attributes."""
+
+    @property
+    def dims(self) -> tuple[Any, ...]: ...
+
+    @property
+    def attrs(self) -> dict[str, Any]: ...
+
+
+Variables = Mapping[Any, Known]  # by name: those of a scene, or a result that exists
+
+
+def measure(text: str, variables: Variables, may_save_more: bool = True) -> Measure:
+    """The Measure that a text asks for; OptionError if it asks for none.
+
+    variables : of a result;  may_save_more : whether it is still to be computed
+    """
+    matches = ((kind, form.fullmatch(text.strip())) for kind, form in _FORMS.items())
+    kind, match = next(((kind, m) for kind, m in matches if m), ("", None))
+    if match is None:
+        raise OptionError("", "measure", text, RULE)
+    parts = match.groupdict()
+    if any(math.isinf(float(x)) for key, x in parts.items() if x and key.endswith("number")):
+        raise OptionError("", "measure", text, "expected numbers below 1.8e308")
+    number = float(parts.get("number") or (0.5 if kind == "median" else 0.0))
+    if kind == "quantile" and not 0.0 < number < 1.0:
+        raise OptionError("", "measure", text, "a quantile has a share between 0 and 1")
+    results = {}
+    for of in ("", "other_", "given_"):
+        if name := parts.get(f"{of}name"):
+            axis = parts[f"{of}axis"]
+            _check_axis(text, name, axis, variables, may_save_more)
+            timed = is_event_time(name, variables[name].attrs)
+            results[of] = Result(name, int(axis) if axis else None, timed)
+    given = None
+    if "given_" in results:
+        than = float(parts["given_number"])
+        given = Condition(results["given_"], parts["given_relation"], than)
+    kind = {"median": "quantile", "": "mean"}.get(kind, kind)
+    relation, other = parts.get("relation") or "", results.get("other_")
+    return Measure(text.strip(), kind, results[""], relation, number, other, given)
+
+
+def _check_axis(
+    text: str,
+    name: str,
+    axis: str | None,
+    variables: Variables,
+    may_save_more: bool,
+) -> None:
+    """OptionError for a result that there is not, and for one without, or with too many axes."""
+    dims = _dims(text, name, variables, may_save_more)
+    if (dims == ("axis", "member")) != bool(axis):
+        rule = f"three components: give one, as in {name}[3]" if not axis else "no components"
+        raise OptionError("", "measure", text, f"{name} has {rule}")
+
+
+def _dims(text: str, name: str, variables: Variables, may_save_more: bool) -> tuple[str, ...]:
+    """The dimensions of a result with one number, or three components, per member; OptionError."""
+    shapes = (("member",), ("axis", "member"))
+    able = {str(name): tuple(map(str, one.dims)) for name, one in variables.items()}
+    able = {name: dims for name, dims in able.items() if dims in shapes}
+    if name in able:
+        return able[name]
+    known = [n for n in able if not n.startswith(("start_", "status"))]
+    if not may_save_more:
+        rule = f"the result has no such number of its members; known: {', '.join(known)}"
+        more = f"{rule}; `rigidmc run SCENE --save NAME` saves more"
+        raise OptionError("", "measure", text, more, nearest(name, known))
+    free = [k for k in WATCHED.values() if not k._fields or k._field_defaults]
+    known += [n for kind in free for n in kind.outputs]
+    known = list(dict.fromkeys([*known, *WATCHED_STATISTICS]))
+    rule = (
+        f"no result of that name with one number per member; known: {', '.join(known)};"
+        " passages of a scene with [observables.passage]"
+    )
+    raise OptionError("", "measure", text, rule, nearest(name, known))

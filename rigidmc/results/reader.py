@@ -1,0 +1,319 @@
+"""Results that are opened: netCDF files from outside, checked against the scene that they carry.
+
+Checks whether a file is a result: its variables, dimensions, types and units must be those that
+the scene in it demands.
+"""
+
+import os
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.engine.kernel.layout import STATUSES
+from rigidmc.errors import FileError, RigidmcError, SceneWarning
+from rigidmc.files.netcdf import open_undecoded
+from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects.protocol import shape
+from rigidmc.physics.observables import dimensions, is_opaque
+from rigidmc.physics.observables.event_times import CENSORED, FOLLOWED
+from rigidmc.physics.observables.protocol import DIMENSIONS
+from rigidmc.results.layout import Shape
+from rigidmc.results.schema import (
+    NEWER,
+    Variable,
+    coordinates,
+    ensemble_variables,
+    flagged_variables,
+    lengths,
+    member_variables,
+    parameter_variable,
+    saved_variables,
+)
+from rigidmc.scene.conservation import booked_labels
+from rigidmc.scene.scene import Scene, loads
+from rigidmc.scene.settings import Run
+from rigidmc.scene.toml.read import scene_text
+
+
+def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
+    """A result as a Dataset that is read lazily; FileError if the file is no result of rigidmc, see
+    `rigidmc.results.reader`. Variables that a user added are kept."""
+    path = os.fspath(path)
+    dataset = open_undecoded(path)
+    try:
+        scene_text(dataset)
+        if "status" not in dataset:
+            rule = (
+                "a map or a study, not a result with members; xarray.open_dataset reads it, and"
+                " `rigidmc map FILE` a map"
+            )
+            raise FileError("", "file", None, rule, file=path)
+        result, strange = as_result(dataset, path)
+    except BaseException:
+        dataset.close()
+        raise
+    left = []
+    for name in strange:
+        try:
+            result = result.assign({name: _added(dataset, name)})
+        except Exception:  # attributes of a file from outside may be anything
+            left.append(name)
+    if left:
+        more = f" and {len(left) - 5:,} more" if len(left) > 5 else ""
+        names = ", ".join(left[:5]) + more
+        warnings.warn(
+            f"{path}: left out variables whose attributes cannot be decoded: {names}",
+            SceneWarning,
+            stacklevel=3,
+        )
+    result.set_close(dataset.close)
+    result.encoding["source"] = dataset.encoding.get("source", os.path.abspath(path))
+    return result
+
+
+def _added(dataset: xr.Dataset, name: str) -> xr.Variable:
+    """A variable that a user added to a result, as xarray reads it."""
+    whole = xr.Dataset({name: dataset.variables[name]})
+    decoded = xr.decode_cf(whole, decode_timedelta=False)
+    variable: xr.Variable = decoded.variables[name]
+    return variable
+
+
+_OVER = ("time", "thinned_time", "member", "flagged")
+
+
+class _Bins(NamedTuple):
+    bins: tuple[tuple[str, NDArray[np.float64], str], ...]
+    dims: tuple[str, ...]
+
+
+class _Sizes(NamedTuple):
+    """The sizes of a result in a file, in the place of a plan; see
+    `rigidmc.results.layout.Shape`."""
+
+    times: NDArray[np.float64]
+    thinned: NDArray[np.int64]
+    labels: tuple[str, ...]
+    watch: _Bins
+    first: int = 0
+    members: int = 0
+
+
+Complaint = Callable[..., FileError]  # (key, rule, value=None) -> the error of a file
+
+
+def as_result(dataset: xr.Dataset, path: str) -> tuple[xr.Dataset, list[str]]:
+    """Check an undecoded Dataset. Returns it as results of its scene are laid out, and the names of
+    variables that no such result has. Raises FileError if it is not a result."""
+
+    def wrong(key: str, rule: str, value: Any = None) -> FileError:
+        return FileError("", key, value, rule, file=path)
+
+    scene = _scene_of(dataset, path)
+    for name in ("member", "time"):
+        if name not in dataset.variables or dataset.sizes.get(name, 0) < 1:
+            raise wrong(name, "a result has at least one")
+    sizes, known, needed = _layout(scene, dataset)
+    for name in needed:
+        if name not in dataset.variables:
+            raise wrong(name, "is missing, and every result of its scene has it")
+    for name, (dims, dtype, attrs) in known.items():
+        if name in dataset.variables:
+            _refuse_unlike(dataset[name], dims, np.dtype(dtype), attrs, sizes, wrong)
+    expected = coordinates(sizes)
+    for name, (dims, values, attrs) in expected.items():
+        if name in dataset.variables and values.dtype.kind != "U":
+            _refuse_unlike(dataset[name], dims, values.dtype, attrs, sizes, wrong)
+    _refuse_members(dataset, scene, wrong)
+    _refuse_attributes(dataset.attrs, scene.run, wrong)
+    strange = [
+        str(name) for name in dataset.variables if name not in known and name not in expected
+    ]
+    # the values of text coordinates are known, so no text is read from the file
+    words = [name for name, (_, values, _) in expected.items() if values.dtype.kind == "U"]
+    result = dataset.drop_vars([*strange, *(name for name in words if name in dataset.variables)])
+    result = result.assign_coords({name: expected[name] for name in words})
+    # in the order of the scene: zarr lists them by name
+    ordered = {name: result.variables[name] for name in known if name in result.variables}
+    result = xr.Dataset(ordered, result.coords, result.attrs)
+    for key, variable in result.variables.items():
+        name = str(key)
+        attrs = expected[name][2] if name in expected else known[name].attrs
+        trusted = ("units", "significant_digits")
+        variable.attrs = {k: variable.attrs[k] for k in trusted if k in variable.attrs} | attrs
+    return result, strange
+
+
+def _scene_of(dataset: xr.Dataset, path: str) -> Scene:
+    """The scene of a result, with the first of its rows; no code is run."""
+
+    def stored(name: str) -> NDArray[Any] | None:
+        if name not in dataset.variables or dataset[name].ndim not in (1, 2):
+            return None
+        return np.asarray(dataset[name][..., :32].values)
+
+    try:
+        return loads(dataset.attrs["scene"], path, stored=stored, allow_code=None)
+    except RigidmcError as error:
+        error.rule = f"of the scene in this result: {error.rule}"
+        raise
+
+
+def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[_Sizes, dict[str, Variable], list[str]]:
+    """(sizes of a result, {name: Variable} of all variables that results of a scene may have, the
+    names that they must have)."""
+    bins = tuple(
+        (f"{label}_bin", one.edges(), _units(scene, one.name, f"{label}_bin", dataset))
+        for label, one in scene.histograms()
+    )
+    sizes = _Sizes(
+        times=np.empty(dataset.sizes["time"]),
+        thinned=np.zeros(dataset.sizes.get("thinned_time", 0), int),
+        labels=booked_labels(scene),
+        watch=_Bins(bins, dimensions(scene.recorded(), scene.watched())),
+    )
+    always = member_variables(scene, False)
+    known = {
+        **always,
+        **member_variables(scene, True),
+        **saved_variables(scene),
+        **ensemble_variables(scene),
+        **flagged_variables(scene),
+    }
+    opaque = [
+        (label, effect) for label, effect in labelled(scene.effects) if hasattr(effect, "stand_in")
+    ]
+    if scene.body.given == "tensor":  # only the code tells which vectors are turned into each body
+        known = {
+            **{
+                f"{label}_{name}": parameter_variable(label, name, size, "1")
+                for label, effect in opaque
+                for name in effect._fields
+                if (size := shape(effect, name)) in (3, 6)
+            },
+            **known,
+        }
+    for name in {
+        f"{label}_{field}" for label, effect in opaque for field in effect._fields
+    } & known.keys():
+        # only the code tells the units
+        words = {"long_name": known[name].attrs["long_name"]}
+        known[name] = known[name]._replace(attrs=words)
+    if any(map(is_opaque, scene.observables)):  # only the code tells their variables
+        known |= _of_opaque(dataset, known)
+    # only the code tells whether an effect has an energy; if none has, mass and centre may be
+    # missing
+    free = (*("mass", "centre") * bool(opaque), *NEWER)
+    return sizes, known, [name for name in always if name not in free]
+
+
+def _units(scene: Scene, name: str, bins: str, dataset: xr.Dataset) -> str:
+    """The units of an observable, from the bins of its histogram if its code is not run."""
+    given = dataset[bins].attrs.get("units", "") if bins in dataset.variables else ""
+    return scene.observable(name).units or str(given)
+
+
+def _of_opaque(dataset: xr.Dataset, known: Mapping[str, Variable]) -> dict[str, Variable]:
+    """The variables by members that may be those of observables whose code is not run."""
+    more = {}
+    for name, variable in dataset.data_vars.items():
+        dims = tuple(map(str, variable.dims))
+        by_members = dims[-1:] in (("member",), ("flagged",)) and variable.dtype.kind == "f"
+        if name not in known and by_members and {*dims} <= {*DIMENSIONS, *_OVER}:
+            words = {k: str(variable.attrs.get(k, "")) for k in ("units", "long_name")}
+            if variable.attrs.get(CENSORED) == FOLLOWED:
+                words[CENSORED] = FOLLOWED
+            more[str(name)] = Variable(dims, "f8", words)
+    return more
+
+
+def _refuse_unlike(
+    variable: xr.DataArray,
+    dims: tuple[str, ...],
+    dtype: np.dtype[Any],
+    attrs: dict[str, Any],
+    sizes: Shape,
+    wrong: Complaint,
+) -> None:
+    """Raise FileError for a variable of other dimensions, another type or another unit than a scene
+    demands, or one that is packed."""
+    name = str(variable.name)
+    if variable.dims != tuple(dims):
+        given = ", ".join(map(str, variable.dims)) or "none"
+        raise wrong(name, f"has the dimensions {given}, expected {', '.join(dims)}")
+    known = lengths(sizes)
+    for dim in dims:
+        size = None if dim in ("member", "flagged") else known[dim]
+        if size is not None and variable.sizes[dim] != size:
+            raise wrong(name, f"is {variable.sizes[dim]:,} long along {dim}, expected {size:,}")
+    if variable.dtype.kind != dtype.kind:
+        raise wrong(name, f"is of type {variable.dtype}, expected {dtype}")
+    if packed := [word for word in ("scale_factor", "add_offset") if word in variable.attrs]:
+        raise wrong(name, f"is packed, by {' and '.join(packed)}: results are not")
+    units = variable.attrs.get("units", "")
+    if not isinstance(units, str) or ("units" in attrs and units not in ("", attrs["units"])):
+        raise wrong(name, f"is in units of {units!r}, expected {attrs.get('units', 'text')!r}")
+    digits = variable.attrs.get("significant_digits", 1)
+    if not isinstance(digits, (int, np.integer)) or not 1 <= digits <= 15:
+        raise wrong(name, "expected 1 to 15 significant digits", value=str(digits))
+
+
+def _refuse_members(dataset: xr.Dataset, scene: Scene, wrong: Complaint) -> None:
+    """Raise FileError for members that the scene lacks, disordered times and unknown statuses."""
+    run, members = scene.run, dataset.member.values
+    last = run.first + run.members - 1
+    if members.min() < run.first or members.max() > last:
+        raise wrong("member", f"its scene has the members {run.first:,} to {last:,}")
+    if not (np.diff(members) > 0).all() and np.unique(members).size < members.size:
+        raise wrong("member", "is there twice")
+    for name in ("time", "thinned_time"):
+        if dataset.sizes.get(name, 0) and name in dataset.variables:
+            _refuse_times(name, dataset[name].values, run.t_end, wrong)
+    if not np.isin(dataset.status.values, list(STATUSES.values())).all():
+        raise wrong("status", f"expected {min(STATUSES.values())} to {max(STATUSES.values())}")
+    if (
+        "flagged_member" in dataset.variables
+        and not np.isin(dataset.flagged_member.values, members).all()
+    ):
+        raise wrong("flagged_member", "is none of the members")
+
+
+def _refuse_times(name: str, times: NDArray[Any], t_end: float, wrong: Complaint) -> None:
+    ascending = np.isfinite(times).all() and (np.diff(times) > 0.0).all()
+    if not ascending or times[0] < 0.0 or times[-1] > t_end * (1 + 1e-9):
+        raise wrong(name, f"expected times that ascend from 0 to t_end = {t_end:g} s at most")
+
+
+def _refuse_attributes(attrs: dict[str, Any], run: Run, wrong: Complaint) -> None:
+    """Raise FileError for attributes that contradict the scene, and add those that are missing."""
+    demanded = {
+        "integrator": run.integrator,
+        "seed": run.seed,
+        "dtype": run.dtype,
+        "title": attrs.get("title", ""),
+    }
+    own_steps = run.turn is not None
+    demanded |= {"turn": run.turn} if own_steps and "turn" in attrs else {"dt": run.dt}
+    for name, value in demanded.items():
+        given = attrs.get(name, value)
+        if (
+            not isinstance(given, (str, int, float, np.number))
+            or isinstance(given, str) != isinstance(value, str)
+            or given != value
+        ):
+            raise wrong(name, f"contradicts the scene, which has {value!r}", value=str(given))
+    attrs |= demanded
+    steps = attrs.get("steps", 0)
+    whole = isinstance(steps, (int, np.integer))
+    if own_steps or run.integrator == "closed" or (whole and steps == 0):
+        return
+    # the last interval may be shorter, and its steps too: rounded up, they are as many
+    off = float(steps) * run.dt - run.t_end if whole else 0.0
+    most = run.dt if run.every is not None and run.every < run.t_end else 0.0
+    if not whole or not -1e-6 * run.t_end < off < most + 1e-6 * run.t_end:
+        rule = f"steps of {run.dt:g} s do not make t_end = {run.t_end:g} s"
+        raise wrong("steps", rule, value=str(steps))

@@ -1,0 +1,314 @@
+"""Where the results of blocks go as they are done: one Dataset in memory, which may be written at
+the end, or a netCDF file."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.engine.compiler.memory import aligned
+from rigidmc.engine.kernel.layout import whole_lanes
+from rigidmc.engine.threads import Keeper
+from rigidmc.files.netcdf import open_trusted
+from rigidmc.files.outputs import Path
+from rigidmc.results.export import write
+from rigidmc.results.layout import Block, Layout
+from rigidmc.results.schema import (
+    attributes,
+    coordinates,
+    ensemble_variables,
+    flagged_variables,
+    is_rounded,
+    lengths,
+    member_variables,
+    saved_variables,
+)
+from rigidmc.results.writer import Writer, rounded
+from rigidmc.scene.scene import Scene
+
+Arrays = dict[str, NDArray[Any]]
+Place = tuple[NDArray[np.float64], int, int]  # an array, its width, and the column of a block in it
+
+
+def _split(scene: Scene, values: NDArray[Any], saved: Mapping[str, slice]) -> Arrays:
+    """{name: view} of the rows of values (time, row, member) of each observable."""
+    return {
+        name: values[:, rows if scene.observable(name).dims else rows.start]
+        for name, rows in saved.items()
+    }
+
+
+def kept_values(scene: Scene, plan: Layout, parts: Arrays) -> Arrays:
+    """{variable: array, members last} of saved values by name, all their times first."""
+    kept = {}
+    for name, word in scene.kept().items():
+        if word == "full":
+            kept[name] = parts[name]
+        elif word == "thinned":
+            kept[f"{name}_thinned"] = parts[name][plan.thinned]
+        elif word == "final":
+            kept[f"{name}_final"] = parts[name][-1]
+    return kept
+
+
+def flagged_values(
+    scene: Scene, members: NDArray[np.int64], parts: Arrays, status: NDArray[Any]
+) -> Arrays:
+    """{variable: array, flagged members last} of the flagged members of a block, given by the
+    indices of all; {} if all values of all members are kept anyway."""
+    names = [name for name, word in scene.kept().items() if word != "full"]
+    if not names:
+        return {}
+    bad = np.flatnonzero(status)
+    return {
+        "flagged_member": members[bad],
+        **{f"{name}_flagged": parts[name][..., bad] for name in names},
+    }
+
+
+def joined(pieces: Iterable[Arrays]) -> Arrays:
+    """{variable: array} of pieces of flagged values, members in order."""
+    pieces = [piece for piece in pieces if piece]
+    if not pieces:
+        return {}
+    whole = {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in pieces[0]}
+    order = np.argsort(whole["flagged_member"])
+    return {name: values[..., order] for name, values in whole.items()}
+
+
+class Counts:
+    """The histograms of a scene, block by block."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.histograms = scene.histograms()
+        self.counts: Arrays = {}
+
+    def add(self, job: Block, parts: Arrays, status: NDArray[Any]) -> None:
+        """Count the healthy members of a block; parts : its values by name, at all times."""
+        healthy = status[: job.size] == 0
+        for label, one in self.histograms:
+            values = parts[one.name][..., : job.size]
+            values = values[:, one.component] if values.ndim == 3 else values
+            self.counts[label] = self.counts.get(label, 0) + one.counts(values[:, healthy])
+
+    def variables(self) -> Arrays:
+        """{name: counts} of the results."""
+        variables = {}
+        for label, _ in self.histograms:
+            counts = self.counts[label]
+            variables[label] = counts[:, 1:-1]
+            variables[f"{label}_below"], variables[f"{label}_above"] = counts[:, 0], counts[:, -1]
+        return variables
+
+
+class Whole:
+    """A result that is computed at once: no earlier run left anything of it."""
+
+    keeper: Keeper | None = None
+
+    def has(self, place: int) -> bool:
+        """Whether an earlier run left the results of the block at a place."""
+        return False
+
+    def resumed(self, job: Any) -> Any:
+        """A block where an earlier run left it: at its start."""
+        return job
+
+
+_ARRAY, _COUNTS, _FLAGGED = "array ", "counts ", "flagged "  # before the names in a part
+
+
+def _named(part: Mapping[str, NDArray[Any]], mark: str) -> Arrays:
+    """Copies of the arrays of a part whose names begin with a mark, by their names without it."""
+    return {n.removeprefix(mark): a.copy() for n, a in part.items() if n.startswith(mark)}
+
+
+class Memory(Whole):
+    """Collects blocks in one Dataset.
+
+    If all saved values are kept, the kernel writes them straight to their place.
+    """
+
+    def __init__(
+        self, scene: Scene, plan: Layout, more: Mapping[str, Any], direct: bool = True
+    ) -> None:
+        """more : further attributes;  direct : whether blocks may write to the result themselves"""
+        self.scene, self.plan, self.more = scene, plan, more
+        self.counts, self.flagged = Counts(scene), list[Arrays]()
+        all_kept = set(scene.kept().values()) <= {"full"}
+        self.direct = direct and tuple(scene.recorded()) == scene.saved() and all_kept
+        self.width = whole_lanes(plan.members)
+        size = plan.times.size * self.plan.values * self.width if self.direct else 0
+        self.out = aligned(size, float, np.empty)
+        self.variables = member_variables(scene, plan.carried)
+        sizes = lengths(plan)
+        saved = {} if self.direct else saved_variables(scene)
+        self.arrays = {
+            name: np.empty([sizes[dim] for dim in v.dims], v.dtype)
+            for name, v in {**self.variables, **saved}.items()
+            if name not in plan.constant
+        }
+
+    def room(self, low: int, count: int) -> Place:
+        """The place for the values of `count` members from index `low` of the result on."""
+        if self.direct:
+            return self.out, self.width if self.plan.values else 0, low
+        return buffer(self.plan, count)
+
+    def take(self, job: Block, results: Arrays) -> None:
+        """Take the results of a block that is done."""
+        low = job.first - self.plan.first
+        part = slice(low, low + job.size)
+        if self.plan.values and (self.counts.histograms or not self.direct):
+            values = job.out.reshape(self.plan.times.size, self.plan.values, -1)
+            values = values[..., job.column : job.column + job.size]
+            parts = _split(self.scene, values, self.plan.saved)
+            self.counts.add(job, parts, results["status"])
+            status = results["status"][: job.size]
+            self.flagged.append(flagged_values(self.scene, job.members, parts, status))
+            if not self.direct:
+                for name, kept in kept_values(self.scene, self.plan, parts).items():
+                    self.arrays[name][..., part] = kept
+        for name in self.variables:
+            if name not in self.arrays:  # the same for all members: one column serves
+                column = results[name][..., :1]
+                shape = (*column.shape[:-1], self.plan.members)
+                self.arrays[name] = np.broadcast_to(column.copy(), shape)
+            elif name not in self.plan.constant:
+                self.arrays[name][..., part] = results[name][..., : job.size]
+
+    def values(self) -> Arrays:
+        """{variable: array} of the result."""
+        arrays = {**self.arrays, **self.counts.variables(), **joined(self.flagged)}
+        if self.direct:
+            values = self.out.reshape(self.plan.times.size, self.plan.values, self.width)
+            values = values[..., : self.plan.members]
+            arrays |= _split(self.scene, values, self.plan.saved)
+        return arrays
+
+    def part(self) -> Arrays:
+        """What is there of a result of which members are missing, for `fill`."""
+        counts, flagged = self.counts.counts, joined(self.flagged)
+        return {
+            **{f"{_ARRAY}{name}": self.arrays[name] for name in self._own()},
+            **{f"{_COUNTS}{name}": values for name, values in counts.items()},
+            **{f"{_FLAGGED}{name}": values for name, values in flagged.items()},
+        }
+
+    def fill(self, part: Mapping[str, NDArray[Any]]) -> bool:
+        """Take the part of a result; False, and nothing changes, if it is not of this one."""
+        mine = {f"{_ARRAY}{name}": self.arrays[name] for name in self._own()}
+        there = {name: array for name, array in part.items() if name in mine}
+        fits = there.keys() == mine.keys() and all(
+            (array.shape, array.dtype) == (mine[name].shape, mine[name].dtype)
+            for name, array in there.items()
+        )
+        if not fits:
+            return False
+        for name, array in there.items():
+            mine[name][...] = array
+        self.counts.counts = _named(part, _COUNTS)
+        self.flagged = [flagged] if (flagged := _named(part, _FLAGGED)) else []
+        return True
+
+    def largest(self) -> int:
+        """The most bytes that `part` may have: of flagged members it has all saves."""
+        saves = self.plan.times.size * max(1, self.plan.values) * self.plan.members
+        counts = sum(values.nbytes for values in self.counts.counts.values())
+        return sum(self.arrays[name].nbytes for name in self._own()) + 16 * saves + counts + 2**20
+
+    def _own(self) -> list[str]:
+        """Names of the arrays that have a number for each member."""
+        return [name for name in self.arrays if name not in self.plan.constant]
+
+    def finish(self) -> xr.Dataset:
+        """The result."""
+        arrays = self.values()
+        variables = {
+            **self.variables,
+            **saved_variables(self.scene),
+            **ensemble_variables(self.scene),
+            **flagged_variables(self.scene),
+        }
+        return xr.Dataset(
+            {name: (v.dims, arrays[name], v.attrs) for name, v in variables.items()},
+            coordinates(self.plan, self.plan.indices(self.plan.first, self.plan.members)),
+            {**attributes(self.scene, self.plan), **self.more},
+        )
+
+    def discard(self) -> None:
+        """Let the memory go."""
+        self.out = np.empty(0)
+
+
+class Export(Memory):
+    """Collects blocks in one Dataset, and writes it as zarr or as a table when it is whole."""
+
+    def __init__(
+        self, path: Path, scene: Scene, plan: Layout, force: bool, more: Mapping[str, Any]
+    ) -> None:
+        super().__init__(scene, plan, more)
+        self.path, self.force = path, force
+
+    def finish(self) -> xr.Dataset:
+        """Write the result and return it, with as many digits as a netCDF file has."""
+        dataset, digits = super().finish(), self.scene.run.digits
+        for name, (dims, dtype, _) in saved_variables(self.scene).items():
+            if digits is not None and is_rounded(self.scene, dims, dtype):
+                variable = dataset[name]
+                variable.values = rounded(variable.values, digits)
+                variable.attrs["significant_digits"] = digits
+        write(dataset, self.path, self.force)
+        return dataset
+
+
+def buffer(plan: Layout, count: int) -> Place:
+    """The place for the values that a block of so many members saves."""
+    width = whole_lanes(count)
+    values = aligned(plan.times.size * plan.values * width, float, np.empty)
+    return values, width if plan.values else 0, 0
+
+
+class File(Whole):
+    """Writes blocks to a netCDF file as they are done."""
+
+    def __init__(
+        self,
+        path: Path,
+        scene: Scene,
+        plan: Layout,
+        force: bool,
+        more: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.scene, self.plan, self.path = scene, plan, path
+        self.counts, self.flagged = Counts(scene), list[Arrays]()
+        self.names = set(member_variables(scene, plan.carried))
+        self.writer = Writer(path, scene, plan, force, more)
+
+    def room(self, low: int, count: int) -> Place:
+        """The place for the values of `count` members."""
+        return buffer(self.plan, count)
+
+    def take(self, job: Block, results: Arrays) -> None:
+        """Write the results of a block that is done."""
+        values = {name: array for name, array in results.items() if name in self.names}
+        if self.plan.values:
+            saved = job.out.reshape(self.plan.times.size, self.plan.values, job.width)
+            parts = _split(self.scene, saved, self.plan.saved)
+            self.counts.add(job, parts, results["status"])
+            status = results["status"][: job.size]
+            self.flagged.append(flagged_values(self.scene, job.members, parts, status))
+            values |= kept_values(self.scene, self.plan, parts)
+        self.writer.write(job.first, job.size, values)
+
+    def finish(self) -> xr.Dataset:
+        """Finish the file and open it."""
+        self.writer.write_all({**self.counts.variables(), **joined(self.flagged)})
+        self.writer.finish()
+        return open_trusted(self.path)
+
+    def discard(self) -> None:
+        """Delete what was written."""
+        self.writer.discard()

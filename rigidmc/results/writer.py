@@ -1,0 +1,223 @@
+"""One netCDF4 file: written block by block under a temporary name, renamed when whole."""
+
+import contextlib
+import math
+import os
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import netCDF4
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.files.locks import refuse_lockless
+from rigidmc.files.netcdf import alone, close_once, naming_failures
+from rigidmc.files.outputs import Part, Path, refuse_existing
+from rigidmc.results.layout import Layout
+from rigidmc.results.schema import (
+    Variable,
+    attributes,
+    coordinates,
+    ensemble_variables,
+    flagged_variables,
+    is_rounded,
+    lengths,
+    member_variables,
+    saved_variables,
+)
+from rigidmc.scene.scene import Scene
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+def encoded(dataset: xr.Dataset) -> bytes:
+    """A Dataset as the bytes of a netCDF file: in memory, as a full disk crashes the C library."""
+    words = {name: {"dtype": "S1"} for name, v in dataset.variables.items() if v.dtype.kind in "UO"}
+    return bytes(dataset.to_netcdf(engine="netcdf4", encoding=words))
+
+
+def rounded(values: NDArray[Any], digits: int) -> NDArray[Any]:
+    """Values as they are stored if only some digits are wanted: the last bits are zeros, which
+    compress well. netCDF's own rounding makes -0 of inf."""
+    drop = 52 - math.ceil(digits * math.log2(10.0))
+    if drop < 1:
+        return values
+    bits = (np.ascontiguousarray(values).view("i8") + (1 << (drop - 1))) & -(1 << drop)
+    return np.where(np.isfinite(values) & np.isfinite(bits.view("f8")), bits.view("f8"), values)
+
+
+class Writer:
+    """A result file that grows by blocks of members; memory does not grow with it."""
+
+    def __init__(
+        self,
+        path: Path,
+        scene: Scene,
+        plan: Layout,
+        force: bool = False,
+        more: Mapping[str, Any] | None = None,
+        attrs: Mapping[str, Any] | None = None,
+        named: Callable[[str], str] | None = None,
+    ) -> None:
+        """more : further attributes;  attrs : these instead of the attributes of a result
+
+        named : for shards, gives the path that a finished file must have. Each of its chunks then
+            has a checksum, so that reading a flipped bit is an error.
+        """
+        if named is None:
+            refuse_existing(path, force, "netCDF files")
+        # without locks the C library only says "Permission denied"
+        refuse_lockless(os.path.dirname(os.path.abspath(path)))
+        self.path, self._named = path, named
+        self._file: Any = None
+        self._plan, self._digits = plan, dict[str, int]()
+        attrs = attributes(scene, plan) if attrs is None else attrs
+        self._part = Part(path, force)
+        try:
+            with naming_failures(self.path):
+                alone(self._begin, scene, plan, attrs, more or {})
+        except BaseException:
+            self.discard()
+            raise
+
+    def _begin(
+        self, scene: Scene, plan: Layout, attrs: Mapping[str, Any], more: Mapping[str, Any]
+    ) -> None:
+        self._file = netCDF4.Dataset(self._part.path, "w", format="NETCDF4", clobber=True)
+        self._file.set_fill_off()
+        self.variables = variables = {
+            **member_variables(scene, plan.carried),
+            **saved_variables(scene),
+            **ensemble_variables(scene),
+            **flagged_variables(scene),
+        }
+        # the indices are written with the members, so that memory does not grow with them
+        known = coordinates(plan)
+        sizes = lengths(plan)
+        used = [*known, *(dim for v in variables.values() for dim in v.dims)]
+        for dim in dict.fromkeys(used):
+            self._file.createDimension(dim, sizes[dim])
+        for name, (dims, values, about) in known.items():
+            self._define_coordinate(name, dims, values, about)
+        for name, variable in variables.items():
+            self._define(name, variable, scene, plan)
+        self._file.setncatts(attrs)
+        self._file.setncatts(more)
+
+    def _define_coordinate(
+        self, name: str, dims: tuple[str, ...], values: NDArray[Any], attrs: dict[str, Any]
+    ) -> None:
+        file = self._file
+        if values.dtype.kind == "U":
+            # as characters: netCDF 4.10.1 crashes when it opens a file with strings once more
+            letters = np.char.encode(values, "utf-8")
+            size = letters.itemsize
+            dims, attrs = (*dims, f"string{size}"), {**attrs, "_Encoding": "utf-8"}
+            if dims[-1] not in file.dimensions:
+                file.createDimension(dims[-1], size)
+            variable = file.createVariable(name, "S1", dims)
+            variable.set_auto_chartostring(False)
+            values = netCDF4.stringtochar(letters)
+        else:
+            variable = file.createVariable(name, values.dtype, dims)
+        variable.setncatts(attrs)
+        if name != "member":
+            variable[:] = values
+
+    def _define(self, name: str, of: Variable, scene: Scene, plan: Layout) -> None:
+        dims, dtype, attrs = of
+        # a chunk holds a block of members and up to 128 times: cheap to write and to read both ways
+        sizes = lengths(plan)
+        chunks = [min(sizes[dim] or 32, plan.block if dim == "member" else 128) for dim in dims]
+        same = name in plan.constant
+        # equal values compress faster with their bytes unsorted: 0.6 against 0.4 GB/s
+        packed: dict[str, Any] = {"compression": "zlib", "complevel": 1, "shuffle": not same}
+        if not (scene.run.compress or scene.run.digits is not None or same):
+            packed = {}
+        if (digits := scene.run.digits) is not None and is_rounded(scene, dims, dtype):
+            self._digits[name] = digits
+            attrs = {**attrs, "significant_digits": digits}
+        variable = self._file.createVariable(
+            name, dtype, dims, chunksizes=chunks, fletcher32=self._named is not None, **packed
+        )
+        variable.setncatts(attrs)
+        variable.set_auto_maskandscale(False)  # a third of the time of a write
+
+    def write(self, first: int, count: int, values: Arrays) -> None:
+        """Write {name: array, members last} for `count` members from place `first` on."""
+        low = first - self._plan.first
+        part = slice(low, low + count)
+
+        def put() -> None:
+            self._file.variables["member"][part] = self._plan.indices(first, count)
+            for name, array in values.items():
+                self._file.variables[name][..., part] = self._rounded(name, array[..., :count])
+
+        with naming_failures(self.path):
+            alone(put)
+
+    def write_all(self, values: Arrays) -> None:
+        """Write {name: array} of variables that are not by members."""
+
+        def put() -> None:
+            for name, array in values.items():
+                self._file.variables[name][:] = self._rounded(name, array)
+
+        with naming_failures(self.path):
+            alone(put)
+
+    def _rounded(self, name: str, values: NDArray[Any]) -> NDArray[Any]:
+        digits = self._digits.get(name)
+        return values if digits is None else rounded(values, digits)
+
+    def finish(self) -> None:
+        """Close the file, make it durable and give it its name."""
+        with naming_failures(self.path):
+            alone(self._close)
+        self._part.finish(None if self._named is None else self._named(self._part.path))
+
+    def discard(self) -> None:
+        """Leave nothing behind."""
+        with contextlib.suppress(RuntimeError):
+            alone(self._close)
+        self._part.discard()
+
+    def _close(self) -> None:
+        file, self._file = self._file, None
+        if file is not None:
+            close_once(file)
+
+
+def write_columns(
+    path: Path,
+    columns: Arrays,
+    attrs: Mapping[str, str] = {},
+    named: Callable[[str], str] | None = None,
+) -> None:
+    """Write {name: array} as a small file of its own; dimensions are named by their lengths.
+
+    named : the final path, from that of the written file
+    """
+
+    def write_to(part: str) -> None:
+        file = netCDF4.Dataset(part, "w", format="NETCDF4")
+        try:
+            file.setncatts(attrs)
+            for name, values in columns.items():
+                dims = [f"{size}" for size in values.shape]
+                for dim, size in zip(dims, values.shape, strict=True):
+                    if dim not in file.dimensions:
+                        file.createDimension(dim, size)
+                file.createVariable(name, values.dtype, dims)[:] = values
+        finally:
+            close_once(file)
+
+    part = Part(path)
+    try:
+        with naming_failures(path):
+            alone(write_to, part.path)
+        part.finish(named and named(part.path))
+    except BaseException:
+        part.discard()
+        raise

@@ -1,0 +1,143 @@
+"""What a run directory has of its unfinished shards: the states of blocks that are on their way,
+and the results of those that are done.
+
+Both are written every EVERY seconds, and when a run is called off, so that a kill loses half a
+minute of each thread. No result depends on them: a block goes on from a state to the same bits, and
+what is damaged, or of another run or version, is ignored. They are deleted when their shard is
+written.
+"""
+
+import contextlib
+import hashlib
+import json
+import os
+import re
+import time
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.engine.machine import this_machine
+from rigidmc.planning.job import Job
+from rigidmc.planning.plan import Plan
+from rigidmc.results.checkpoint import read_checkpoint, write_checkpoint
+from rigidmc.results.run_directory import RunDirectory
+from rigidmc.results.sinks import Memory
+
+EVERY = 20.0  # seconds between two checkpoints of a block or of a shard
+COSTS = 20.0  # times that a checkpoint takes are spent on the run before the next
+_NAMES = re.compile(r"([0-9]{8})(-[0-9]{1,16})?")  # a shard, and the place of a block in it
+
+
+class Checkpoints:
+    """The checkpoints of a run, a Keeper of `rigidmc.engine.threads` for its blocks.
+
+    directory : whose lock this process holds;  plan : of the whole run
+    """
+
+    def __init__(self, directory: RunDirectory, plan: Plan) -> None:
+        self.directory, self._folder = directory, directory.unfinished
+        # another version may have other rows in a block
+        versions, _ = this_machine("scipy")
+        about = [directory.mark, versions, plan.block, plan.steps, plan.dt, plan.times.size]
+        self._key = hashlib.sha256(json.dumps(about).encode()).hexdigest()
+        self._due, self._size = dict[str, float](), plan.block
+
+    def is_due(self, job: Job) -> bool:
+        """Whether the state of a block is to be kept again."""
+        return self._is_due(self._block(job))
+
+    def keep(self, job: Job) -> None:
+        """Keep the state of a block after `job.done` steps, and what it has saved by then."""
+        done = np.array(job.done)
+        state = {"done": done, "block": job.block, "out": job.out[: _saved(job, job.done)]}
+        self._write(self._block(job), self._key_of(job), state)
+
+    def resumed(self, job: Job) -> Job:
+        """A block where its checkpoint left it; the block itself if there is none."""
+        name = self._block(job)
+        self._due.setdefault(name, time.monotonic() + EVERY)
+        most = job.block.nbytes + job.out.nbytes
+        found = self._read(name, self._key_of(job), most)
+        if found is None or not _fits(job, found):
+            return job
+        job.block[...], out = found["block"], found["out"]
+        job.out[: out.size] = out
+        return job._replace(done=int(found["done"]))
+
+    def _key_of(self, job: Job) -> str:
+        steps = job.h, job.slots, job.stride, job.total, job.head, job.last_h
+        return f"{self._key} {job.first} {job.size} {job.block.shape} {job.out.size} {steps}"
+
+    def keep_shard(self, i: int, shard: Memory, there: Collection[int], called_off: bool) -> None:
+        """Keep the results of the blocks of a shard that are done, if that is due.
+
+        there : places of the first members of these
+        """
+        name = f"{i:08d}"
+        if there and (called_off or self._is_due(name)):
+            blocks = np.array(sorted(there), np.int64)
+            self._write(name, self._key_of_shard(shard), {"blocks": blocks, **shard.part()})
+
+    def fill(self, i: int, shard: Memory) -> set[int]:
+        """Give a shard the results of the blocks that were done; the places of these."""
+        name = f"{i:08d}"
+        self._due.setdefault(name, time.monotonic() + EVERY)
+        found = self._read(name, self._key_of_shard(shard), shard.largest())
+        known = range(shard.plan.first, shard.plan.first + shard.plan.members, self._size)
+        blocks = [] if found is None else found.get("blocks", np.empty(0)).tolist()
+        some = 0 < len(blocks) < len(known) and all(place in known for place in blocks)
+        if found is None or not some or not shard.fill(found):
+            return set()
+        return set(blocks)
+
+    def _key_of_shard(self, shard: Memory) -> str:
+        return f"{self._key} {shard.plan.first} {shard.plan.members}"
+
+    def drop(self, shards: Collection[int]) -> None:
+        """Delete the checkpoints of shards that are written."""
+        with contextlib.suppress(OSError), os.scandir(self._folder) as entries:
+            for entry in entries:
+                name = _NAMES.fullmatch(entry.name)
+                if name and int(name[1]) in shards:
+                    with contextlib.suppress(OSError):
+                        os.unlink(entry.path)
+
+    def end(self) -> None:
+        """Delete the folder if there is nothing left in it."""
+        with contextlib.suppress(OSError):
+            os.rmdir(self._folder)
+
+    def _block(self, job: Job) -> str:
+        facts = self.directory.facts
+        return f"{(job.first - facts['first']) // facts['shard']:08d}-{job.first}"
+
+    def _is_due(self, name: str) -> bool:
+        return time.monotonic() >= self._due.setdefault(name, time.monotonic() + EVERY)
+
+    def _write(self, name: str, key: str, arrays: dict[str, NDArray[Any]]) -> None:
+        began = time.monotonic()
+        write_checkpoint(os.path.join(self._folder, name), key, arrays)
+        now = time.monotonic()
+        self._due[name] = now + max(EVERY, COSTS * (now - began))
+
+    def _read(self, name: str, key: str, most: int) -> dict[str, NDArray[Any]] | None:
+        return read_checkpoint(os.path.join(self._folder, name), key, most)
+
+
+def _saved(job: Job, done: int) -> int:
+    """How many numbers a block has saved after `done` steps."""
+    return (done // job.stride + 1) * (job.out.size // (-(-job.total // job.stride) + 1))
+
+
+def _fits(job: Job, found: Mapping[str, NDArray[Any]]) -> bool:
+    """Whether arrays are a state of a block: compiled code trusts them."""
+    done = found.get("done", np.array(0))
+    if found.keys() != {"done", "block", "out"} or done.shape != () or done.dtype.kind != "i":
+        return False
+    shapes = job.block.shape, (_saved(job, int(done)),)
+    numbers = {job.block.dtype, job.out.dtype} == {found["block"].dtype, found["out"].dtype}
+    there = found["block"].shape, found["out"].shape
+    return 0 < int(done) < job.total and numbers and shapes == there

@@ -1,0 +1,269 @@
+"""A new run directory for a scene: scene.toml, columns.nc and run.json, and no shard yet."""
+
+import contextlib
+import errno
+import math
+import os
+import tomllib
+import warnings
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.engine.machine import this_machine, threads_available
+from rigidmc.errors import OptionError, OutputExists, SceneWarning
+from rigidmc.files.locks import refuse_lockless
+from rigidmc.files.opening import refuse_unnamed
+from rigidmc.files.outputs import (
+    Path,
+    folder_beside,
+    make_durable,
+    refuse_unwritable,
+    write_bytes,
+)
+from rigidmc.files.user_code import sources_of
+from rigidmc.planning.block_size import BLOCK, block_in
+from rigidmc.planning.initial import stage
+from rigidmc.planning.notes import notes
+from rigidmc.results.run_directory import (
+    CHOSEN,
+    FORMAT,
+    MOST,
+    RunDirectory,
+    facts_of_chosen,
+    hash_of,
+    hash_of_file,
+    rendered,
+)
+from rigidmc.results.schema import attributes
+from rigidmc.results.sinks import Arrays
+from rigidmc.results.writer import write_columns
+from rigidmc.runs.capacity import refuse_hopeless
+from rigidmc.runs.directory.load import Ready, of_members, ready, scene_in
+from rigidmc.runs.directory.shards import SHARD, TIME, members_of, memory_of_shards, shortened
+from rigidmc.scene.amounts import seconds
+from rigidmc.scene.quantities import rows
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.user_parts.registry import own_parts
+
+
+class Chosen(NamedTuple):
+    """Members that a run begins with; `rigidmc.runs.directory.resume.grow` adds more.
+
+    members : their indices, in whole shards of `shard` members, a multiple of LANES
+    level : of these members, which is noted in run.json for who finds the next
+    """
+
+    members: NDArray[np.int64]
+    shard: int
+    level: int
+
+
+def create(
+    scene: Scene,
+    path: Path,
+    size: float | None = None,
+    only: range | None = None,
+    threads: int | None = None,
+    about: Mapping[str, str] = {},
+    chosen: Chosen | None = None,
+    limit: float | None = None,
+) -> RunDirectory:
+    """Make a run directory for a scene.
+
+    size : approximate bytes of a shard, which has at least one block of members, by default SHARD
+    limit : seconds of one thread for a shard, by a rate that is measured: by default TIME, and none
+        if `size` is given or a range of shards, so that each machine makes the same shards. The
+        bits of members depend on neither
+    only : the range of shards that will be computed
+    threads : how many will compute, which decides how much memory is needed
+    about : more attributes of the result
+    chosen : the members that the run has, if it has chosen ones
+
+    Raises OutputExists if the folder contains anything, OptionError if the run has no shard in
+    `only`, NoRoom if memory or disk is too small.
+    """
+    limit = _limit(size, limit, only)
+    size = SHARD if size is None else size
+    if not isinstance(size, (int, float)) or not 0.0 < size < math.inf:
+        raise OptionError("", "size", size, "expected the bytes of a shard")
+    path = free_place(path)
+    if scene.run.points == "latin_hypercube" and scene.run.strata is None:
+        scene = scene.with_run(strata=scene.run.first + scene.run.members)
+    run = ready(scene)
+    for note in notes(scene, run.plan, run.units):
+        warnings.warn(note, SceneWarning, stacklevel=2)
+    if chosen is not None:
+        run = of_members(run, chosen.members)
+    block, shard = members_of(run.original, run.shown, size)
+    if chosen is not None:
+        shard = chosen.shard
+        block = block_in(shard, block)
+    elif limit < math.inf:
+        block, shard = shortened(run.scene, run.plan, block, shard, limit)
+    members = run.shown.members
+    count = -(-members // shard)
+    refuse_beyond(only, count)
+    refuse_many(count)
+    threads = threads or threads_available()
+    more = memory_of_shards(run.original, run.shown, min(shard, members), threads)
+    refuse_hopeless(run.original, run.shown, threads, path, more)
+    return written(path, run, shard, block, about, chosen)
+
+
+def _limit(size: float | None, limit: float | None, only: range | None) -> float:
+    """The seconds of a shard, inf for any; OptionError."""
+    if limit is None:
+        return TIME if size is None and only is None else math.inf
+    if only is not None:
+        rule = "every task of a job array would measure a rate of its own: give --shard-size"
+        raise OptionError("", "--shard-time", limit, rule)
+    return seconds(limit, "--shard-time")
+
+
+def written(
+    path: str, run: Ready, shard: int, block: int, about: Mapping[str, str], chosen: Chosen | None
+) -> RunDirectory:
+    """Write the files of a new run at a free place; about, chosen : as of `create`."""
+    facts = _facts(run, shard, block, about)
+    if chosen is not None:
+        facts |= {"first": 0, **facts_of_chosen(chosen.members), "growing": chosen.level}
+    with new_directory(path) as folder:
+        if chosen is not None:
+            write_bytes(os.path.join(folder, CHOSEN), chosen.members.astype("<i8").tobytes())
+        _write(folder, run, facts)
+    return RunDirectory(path)
+
+
+def _facts(run: Ready, shard: int, block: int, about: Mapping[str, str]) -> dict[str, Any]:
+    """The facts of run.json, with the hashes of scene and columns still empty."""
+    scene = run.original
+    versions, machine = this_machine(*["scipy"] * bool(scene.drawn_through()))
+    sources = [file for part in own_parts(scene) for file in sources_of(type(part))]
+    return {
+        "format": FORMAT,
+        "scene": "",
+        "columns": "",
+        "code": {file: hash_of_file(file) for file in sources},
+        "attributes": {
+            # a run opens without the user's code, which alone tells these
+            **(_told(scene, run) if sources else {}),
+            **({} if run.chosen is None else run.chosen.attributes()),
+            **about,
+        },
+        "seed": scene.run.seed,
+        "first": scene.run.first,
+        "members": scene.run.members,
+        "shard": shard,
+        "block": block,
+        "versions": versions,
+        "machine": machine,
+    }
+
+
+def _told(scene: Scene, run: Ready) -> dict[str, Any]:
+    """The attributes of a result but for its scene, which scene.toml has."""
+    told = attributes(scene, run.shown)
+    return {name: value for name, value in told.items() if name != "scene"}
+
+
+def _write(folder: str, run: Ready, facts: dict[str, Any]) -> None:
+    """Write the files of a new run; run.json comes last and has the hashes of the others."""
+    scene = run.original
+    text = attributes(scene, run.shown)["scene"]
+    write_bytes(os.path.join(folder, "scene.toml"), text.encode())
+    if (count := rows(*scene.quantities())) is not None:
+        file = os.path.join(folder, "columns.nc")
+        write_columns(file, _columns(scene, count))
+        facts["columns"] = hash_of_file(file)
+    facts["scene"] = hash_of(scene_in(folder, facts, True))
+    write_bytes(os.path.join(folder, "run.json"), rendered(facts).encode())
+
+
+def _columns(scene: Scene, count: int) -> Arrays:
+    """{name: rows} of the quantities with one row per member, by their names in scene.toml."""
+
+    def stored(value: Any) -> list[str]:
+        if isinstance(value, dict):
+            if "stored" in value:
+                return [value["stored"]]
+            value = list(value.values())
+        return [name for v in value for name in stored(v)] if isinstance(value, list) else []
+
+    names = sorted(set(stored(tomllib.loads(scene.dumps()))))
+    pieces = [stage(scene, low, min(BLOCK, count - low), True)[1] for low in range(0, count, BLOCK)]
+    return {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in names}
+
+
+@contextlib.contextmanager
+def new_directory(path: str) -> Iterator[str]:
+    """A folder for a new run, with an empty folder of shards. It is made beside its place and moved
+    there when it is whole, so a killed process leaves nothing under that name.
+
+    Raises OutputExists if something appeared at that place.
+    """
+    with folder_beside(path) as folder:
+        os.mkdir(os.path.join(folder, "shards"))
+        yield folder
+        if os.name == "nt":  # Windows puts a folder in the place of no other, not even an empty one
+            with contextlib.suppress(OSError):
+                os.rmdir(path)
+        try:
+            os.replace(folder, path)
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+                raise
+            raise OutputExists(f"{path} appeared meanwhile; nothing was overwritten") from None
+        make_durable(os.path.dirname(os.path.abspath(path)))
+
+
+def free_place(path: Path) -> str:
+    """The path of a new run directory; OutputExists if anything is there, OSError if the folder
+    cannot be used."""
+    path = place_of(path)
+    refuse_unnamed(path)
+    if not is_free(path):
+        hint = ""
+        if os.path.isfile(os.path.join(path, "run.json")):
+            hint = "; `rigidmc resume` goes on with it"
+        raise OutputExists(f"{path} exists; nothing was written{hint}")
+    refuse_unusable(path)
+    return path
+
+
+def place_of(path: Path) -> str:
+    """The path of a new run directory; a link to a folder stands for that folder."""
+    path = os.path.normpath(os.fspath(path))
+    return os.path.realpath(path) if os.path.islink(path) else path
+
+
+def is_free(path: str) -> bool:
+    """Whether a new run directory may take this path: nothing is there, or an empty folder."""
+    return not os.path.lexists(path) or (os.path.isdir(path) and not os.listdir(path))
+
+
+def refuse_unusable(path: str) -> None:
+    """Raise OSError if the folder of a new run directory is not writable or has no locks."""
+    folder = os.path.dirname(os.path.abspath(path))
+    refuse_unwritable(folder)
+    refuse_lockless(folder)
+
+
+def refuse_many(count: int, what: str = "shards") -> None:
+    """Raise OptionError if a run would have too many shards, each of which may be a task."""
+    if count > MOST:
+        cure = "make them larger" if what == "shards" else "take fewer"
+        rule = f"{count:,} {what} are too many, {MOST:,} is the most of a run: {cure}"
+        raise OptionError("", "--shard-size" if what == "shards" else "-o", None, rule)
+
+
+def refuse_beyond(only: range | None, count: int) -> None:
+    """Raise OptionError if a range does not begin among the `count` shards of a run."""
+    if only is None:
+        return
+    if not isinstance(only, range) or only.step != 1 or not only or not 0 <= only[0] < count:
+        given = f"{only.start}:{only.stop}" if isinstance(only, range) else only
+        rule = f"expected a range of shards; the run has 0 to {count - 1}"
+        raise OptionError("", "--shards", given, rule)

@@ -1,0 +1,203 @@
+"""A run directory as one Dataset, which dask reads from the shards."""
+
+import hashlib
+import os
+import warnings
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.errors import FileError, SceneWarning
+from rigidmc.files.netcdf import open_undecoded, read
+from rigidmc.files.outputs import Path
+from rigidmc.results.reader import as_result
+from rigidmc.results.run_directory import RunDirectory, flagged_of
+from rigidmc.results.schema import (
+    NEWER,
+    Variable,
+    attributes,
+    coordinates,
+    ensemble_variables,
+    flagged_variables,
+    is_rounded,
+    lengths,
+    member_variables,
+    saved_variables,
+)
+from rigidmc.runs.directory.load import Ready, planned, scene_of_run, text_of_run
+
+
+def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
+    """A run as one Dataset of the members that exist. No shard is opened now; values are read when
+    they are asked for.
+
+    Needs dask, which comes with rigidmc[cluster]; without it `consolidate` makes one file.
+    Histograms are sums over the shards. Without `allow_code` a run with parts of a user's own opens
+    too: its layout is then that of its first shard, and no code is run.
+    """
+    try:
+        import dask.array  # noqa: F401
+    except ImportError as error:
+        rule = f"is read through dask: pip install 'rigidmc[cluster]', or consolidate it ({error})"
+        raise FileError("", "run", os.fspath(path), rule) from None
+    directory = RunDirectory(path)
+    own = bool(directory.facts["code"]) and not allow_code
+    run = None if own else planned(directory, allow_code)
+    directory.refuse_strays()
+    shards = _Chunks(directory)
+    if not shards.paths:
+        raise FileError("", "run", directory.path, "no shard is there yet: resume it first")
+    if len(shards.paths) < directory.count:
+        there = sum(len(members) for members in shards.members)
+        warnings.warn(
+            f"{directory.path}: {there:,} of {directory.facts['members']:,} members are there",
+            SceneWarning,
+            stacklevel=3,
+        )
+    members = np.concatenate([np.asarray(members) for members in shards.members])
+    layout = _of_shard(directory, shards.paths[0]) if run is None else _of_plan(run, members)
+    layout.coordinates["member"] = (("member",), members, layout.coordinates["member"][2])
+    variables = {
+        name: (shards.joined if {*variable.dims} & {*_GROW} else shards.summed)(
+            name, variable, layout.sizes
+        )
+        for name, variable in layout.variables.items()
+    }
+    attrs = {**layout.attributes, **directory.facts["attributes"]}
+    dataset = xr.Dataset(variables, layout.coordinates, attrs)
+    dataset.encoding |= {"source": os.path.abspath(directory.path), "allow_code": allow_code}
+    return dataset
+
+
+_GROW = ("member", "flagged")  # the dimensions that grow with the shards
+
+
+class _Layout(NamedTuple):
+    """The variables of a run, the sizes of their dimensions, its coordinates and attributes."""
+
+    variables: dict[str, Variable]
+    sizes: Mapping[Any, Any]
+    coordinates: dict[str, Any]
+    attributes: dict[str, Any]
+
+
+def _of_plan(run: Ready, members: NDArray[np.int64]) -> _Layout:
+    scene, plan = run.original, run.shown
+    variables = {
+        **member_variables(scene, plan.carried),
+        **saved_variables(scene),
+        **flagged_variables(scene),
+        **ensemble_variables(scene),
+    }
+    for name, (dims, dtype, attrs) in variables.items():
+        if is_rounded(scene, dims, dtype):
+            more = {**attrs, "significant_digits": scene.run.digits}
+            variables[name] = Variable(dims, dtype, more)
+    known = coordinates(plan, members)
+    return _Layout(variables, lengths(plan), known, attributes(scene, plan))
+
+
+def _of_shard(directory: RunDirectory, path: str) -> _Layout:
+    """The layout of a run whose code is not run, from one of its shards."""
+    scene = scene_of_run(directory, None)  # which checks it
+    names = ("members", "first") if directory.chosen is None else ()
+    text = text_of_run(directory, **{name: int(directory.facts[name]) for name in names})
+    with open_undecoded(path) as shard:
+        result, _ = as_result(shard.assign_attrs(scene=text), path)
+        variables = {
+            str(name): Variable(tuple(map(str, v.dims)), v.dtype.str[1:], dict(v.attrs))
+            for name, v in result.data_vars.items()
+        }
+        known = {str(k): (v.dims, v.values, dict(v.attrs)) for k, v in result.coords.items()}
+        told = {name: value for name, value in result.attrs.items() if name != "run"}
+        told["title"] = scene.title
+        return _Layout(variables, dict(result.sizes), known, told)
+
+
+_Chunked = tuple[tuple[str, ...], Any, dict[str, Any]]  # dims, array, attrs
+
+
+class _Chunks:
+    """The shards that exist as the chunks of dask arrays.
+
+    paths, members : of each shard, in the order of their members
+    """
+
+    def __init__(self, directory: RunDirectory) -> None:
+        shards = directory.shards()
+        self.paths = [os.path.abspath(shards[i]) for i in sorted(shards)]
+        self.members = [directory.members(i) for i in sorted(shards)]
+        self._counts = {
+            "member": [len(members) for members in self.members],
+            "flagged": [flagged_of(path) for path in self.paths],
+        }
+        self._mark = directory.mark
+        # the names of shards tell contents, so arrays of other contents have other labels in dask
+        self._contents = hashlib.sha256("\n".join(self.paths).encode()).hexdigest()[:16]
+
+    def joined(self, name: str, variable: Variable, lengths: Mapping[Any, Any]) -> _Chunked:
+        """(dims, array, attrs) of a variable by members or flagged members, joined over shards."""
+        import dask.array as da
+
+        dims, dtype, attrs = variable
+        counts = self._counts
+        along = next(dim for dim in dims if dim in counts)
+        sizes = tuple(tuple(counts[dim]) if dim in counts else (lengths[dim],) for dim in dims)
+        label, graph = f"{name}-{self._contents}", {}
+        for j, count in enumerate(counts[along]):
+            key = (label, *[j if dim == along else 0 for dim in dims])
+            shape = [s[j if dim == along else 0] for dim, s in zip(dims, sizes, strict=True)]
+            task = (_read, *self._shard(j, name), shape, dtype)
+            graph[key] = task if count else (np.empty, shape, dtype)
+        return dims, da.Array(graph, label, sizes, np.dtype(dtype)), attrs
+
+    def summed(self, name: str, variable: Variable, lengths: Mapping[Any, Any]) -> _Chunked:
+        """(dims, array, attrs) of a variable that is summed over the shards."""
+        import dask.array as da
+
+        dims, dtype, attrs = variable
+        shape = [lengths[dim] for dim in dims]
+        label, count = f"{name}-{self._contents}", len(self.paths)
+        graph = {
+            (label, j, *[0] * len(shape)): (_read_one, *self._shard(j, name), shape, dtype)
+            for j in range(count)
+        }
+        sizes = ((1,) * count, *((size,) for size in shape))
+        stacked = da.Array(graph, label, sizes, np.dtype(dtype))
+        return dims, stacked.sum(0, dtype=dtype), attrs
+
+    def _shard(self, j: int, name: str) -> tuple[str, str, str, int]:
+        """The first arguments of `_read`."""
+        return self.paths[j], self._mark, name, int(self.members[j][0])
+
+
+def _read(
+    path: str, mark: str, name: str, first: int, shape: list[int], dtype: str
+) -> NDArray[Any]:
+    """A variable of a shard, whose mark, first member, shape and type are checked."""
+    try:
+        values = read(path, "member", name, mark=mark, newer=NEWER)
+    except OSError as error:  # the file is gone
+        rule = f"cannot be read: {error}; `rigidmc verify` tells more"
+        raise FileError("", name, None, rule, file=path) from None
+    except FileError as error:
+        # a chunk with a wrong checksum, a file that is not netCDF, or a shard of another run
+        error.rule = f"cannot be read: {error.rule}; `rigidmc verify` tells more"
+        raise
+    array = values[name]
+    # ravel: a hostile shard may have one number for all members
+    members_agree = values["member"].ravel()[:1].tolist() == [first]
+    if not members_agree or (array.shape, array.dtype) != (tuple(shape), np.dtype(dtype)):
+        rule = "has the members of another shard; `rigidmc verify` tells more"
+        raise FileError("", name, None, rule, file=path)
+    return array
+
+
+def _read_one(
+    path: str, mark: str, name: str, first: int, shape: list[int], dtype: str
+) -> NDArray[Any]:
+    """A variable of a shard, as one of a stack."""
+    return _read(path, mark, name, first, shape, dtype)[None]

@@ -1,0 +1,204 @@
+"""The shards of a run directory gathered: checked, repaired, merged with those of other parts, and
+made one file."""
+
+import os
+import random
+import tempfile
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from rigidmc.errors import FileError, OptionError, SceneWarning
+from rigidmc.files.netcdf import open_trusted, read
+from rigidmc.files.opening import copy
+from rigidmc.files.outputs import Part, Path, content_of, naming, refuse_existing, write_bytes
+from rigidmc.results.run_directory import CHOSEN, RunDirectory, flagged_of
+from rigidmc.results.schema import (
+    NEWER,
+    ensemble_variables,
+    flagged_variables,
+    member_variables,
+    saved_variables,
+)
+from rigidmc.results.sinks import Arrays, joined
+from rigidmc.results.writer import Writer
+from rigidmc.runs.capacity import refuse_hopeless
+from rigidmc.runs.directory.create import is_free, new_directory, place_of, refuse_unusable
+from rigidmc.runs.directory.load import Ready, planned, scene_of_run
+from rigidmc.runs.directory.shards import fault_of
+from rigidmc.runs.simulate import simulate
+from rigidmc.scene.amounts import counted
+from rigidmc.scene.scene import Scene
+
+
+def verify(
+    path: Path, spot: int = 3, allow_code: bool = False, threads: int | None = None
+) -> list[str]:
+    """What is wrong with a run, in words; [] if nothing is.
+
+    Checks the checksum of every shard, the number of flagged members in its name, and the scene.
+    Of `spot` random shards, three members are computed again, to the bit: the first, the last and
+    a random one. Without any, parts of a user's own need no `allow_code`.
+    """
+    spot = counted(spot, "spot", 0)
+    directory = RunDirectory(path)
+    scene = scene_of_run(directory, allow_code if spot or allow_code else None)
+    shards, strays = directory.listed()
+    bad = {i: fault for i, shard in shards.items() if (fault := fault_of(directory, i, shard))}
+    faults = [*bad.values(), *(f"{path}: is no shard of this run" for path in strays)]
+    sound = sorted(set(shards) - set(bad))
+    for i in sorted(random.sample(sound, min(spot, len(sound)))):
+        members = directory.members(i)
+        some = members[0], members[random.randrange(len(members))], members[-1]
+        for member in sorted(set(map(int, some))):
+            if fault := _unlike(scene, shards[i], member, threads):
+                faults.append(fault)
+                break
+    return faults
+
+
+def _unlike(scene: Scene, path: str, member: int, threads: int | None) -> str:
+    """Which values of a member differ if it is computed again, in words; "" if none do."""
+    stored = read(path)
+    at = (stored["member"] == member).argmax()
+    with tempfile.TemporaryDirectory() as folder:
+        file = os.path.join(folder, "again.nc")  # a file, because files may keep fewer digits
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SceneWarning)
+            again = simulate(scene, members=range(member, member + 1), threads=threads, output=file)
+        with again:
+            names = [str(name) for name in again.data_vars if "member" in again[name].dims]
+        values = read(file, *names)
+    wrong = [
+        name
+        for name in names
+        if (name not in stored and name not in NEWER)
+        or (name in stored and values[name].tobytes() != stored[name][..., [at]].tobytes())
+    ]
+    if not wrong:
+        return ""
+    cure = "delete the file and resume, if this is the machine that computed it"
+    return f"{path}: member {member} differs if it is computed again: {', '.join(wrong)}; {cure}"
+
+
+def repair(path: Path) -> int:
+    """Delete shards that are damaged, misnamed or of another run, and files that are no shards; how
+    many there were. The next resume computes the missing shards."""
+    directory = RunDirectory(path)
+    with directory.locked():
+        shards, strays = directory.listed()
+        bad = [shard for i, shard in shards.items() if fault_of(directory, i, shard)]
+        bad += [stray for stray in strays if not os.path.isdir(stray) or os.path.islink(stray)]
+        for file in bad:
+            os.unlink(file)
+        directory.note(event="repaired", shards=[os.path.basename(file) for file in bad])
+    return len(bad)
+
+
+def merge(path: Path, others: Sequence[Path]) -> tuple[RunDirectory, int]:
+    """Copy the shards of other directories of the same run, such as those of a job array;
+    (RunDirectory, how many were copied).
+
+    A `path` that does not exist becomes such a directory. Raises FileError if a directory is of
+    another run, or has a shard that is damaged or differs from the one in `path`. What was copied
+    before stays, and is not copied again.
+    """
+    if isinstance(others, (str, os.PathLike)) or not others:
+        raise OptionError("", "others", others, "expected a list of run directories")
+    path = place_of(path)
+    parts = [RunDirectory(other) for other in others]
+    for part in parts[1:]:
+        _refuse_unlike(parts[0], part)
+    if is_free(path):
+        refuse_unusable(path)
+        with new_directory(path) as folder:
+            for name in ("columns.nc", CHOSEN, "scene.toml", "run.json"):
+                if os.path.isfile(os.path.join(parts[0].path, name)):
+                    write_bytes(os.path.join(folder, name), content_of(parts[0].path, name))
+    directory = RunDirectory(path)
+    for part in parts:
+        _refuse_unlike(directory, part)
+    with directory.locked():
+        copied = sum(_copy_shards(part, directory) for part in parts)
+        directory.note(event="merged", shards=copied, others=[part.path for part in parts])
+    return directory, copied
+
+
+def _copy_shards(source: RunDirectory, target: RunDirectory) -> int:
+    """Copy the shards that a run directory lacks; how many. The names of shards tell contents."""
+    copied, have = 0, target.shards()
+    for i, shard in source.shards().items():
+        if i in have:
+            if os.path.basename(have[i]) != os.path.basename(shard):
+                rule = (
+                    f"has another shard {i} than {target.path};"
+                    " `rigidmc verify` tells which is right"
+                )
+                raise FileError("", "run", source.path, rule)
+            continue
+        if fault := fault_of(source, i, shard):
+            raise FileError("", "run", source.path, fault)
+        final = os.path.join(target.path, "shards", os.path.basename(shard))
+        with Part(final, True) as unfinished, naming(final, unfinished):
+            copy(shard, unfinished)
+        copied += 1
+    return copied
+
+
+def _refuse_unlike(one: RunDirectory, other: RunDirectory) -> None:
+    """Raise FileError if two directories are not of the same run."""
+    keys = {**one.facts, **other.facts}
+    apart = [key for key in keys if one.facts.get(key) != other.facts.get(key)]
+    apart += [
+        name
+        for name in ("scene.toml", "columns.nc")
+        if content_of(one.path, name) != content_of(other.path, name)
+    ]
+    if apart:
+        rule = f"is of another run than {one.path}: {', '.join(apart)} differ"
+        raise FileError("", "run", other.path, rule)
+
+
+def consolidate(
+    path: Path, output: Path, force: bool = False, allow_code: bool = False
+) -> xr.Dataset:
+    """Write a whole run as one file, equal to that of a run to a file; FileError if shards are
+    missing."""
+    directory, output = RunDirectory(path), os.fspath(output)
+    refuse_existing(output, force, "netCDF files")
+    run = planned(directory, allow_code)
+    if (missing := directory.missing()).size:
+        rule = f"{missing.size:,} of {directory.count:,} shards are missing: resume it first"
+        raise FileError("", "run", directory.path, rule)
+    refuse_hopeless(run.original, run.shown, 1, output)
+    directory.refuse_strays()
+    writer = Writer(output, run.original, run.shown, force, directory.facts["attributes"])
+    try:
+        _write_shards(writer, directory, run)
+        writer.finish()
+    except BaseException:
+        writer.discard()
+        raise
+    return open_trusted(output)
+
+
+def _write_shards(writer: Writer, directory: RunDirectory, run: Ready) -> None:
+    """Write the shards of a whole run, and what is summed or joined over them."""
+    scene, plan, shards = run.original, run.shown, directory.shards()
+    by_member = [*member_variables(scene, plan.carried), *saved_variables(scene)]
+    summed, of_flagged = ensemble_variables(scene), flagged_variables(scene)
+    sums, pieces = dict[str, np.ndarray](), list[Arrays]()
+    for i in range(directory.count):
+        places = directory.places(i)
+        if fault := fault_of(directory, i, shards[i]):
+            rule = f"{fault}; `rigidmc resume --repair` computes it again"
+            raise FileError("", "run", directory.path, rule)
+        of_members = read(shards[i], *by_member, newer=NEWER)
+        writer.write(places.start, len(places), of_members)
+        for name, values in (read(shards[i], *summed) if summed else {}).items():
+            sums[name] = sums.get(name, 0) + values
+        if of_flagged and flagged_of(shards[i]):
+            pieces.append(read(shards[i], *of_flagged))
+    writer.write_all({**sums, **joined(pieces)})

@@ -1,0 +1,158 @@
+"""A run directory opened again: its scene and its plan, checked against those of its start."""
+
+import hashlib
+import os
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+
+from rigidmc.engine.machine import UNCOMPILED, this_machine
+from rigidmc.errors import FileError, SceneError
+from rigidmc.files.netcdf import read
+from rigidmc.files.opening import plain
+from rigidmc.files.reading import text_of, toml
+from rigidmc.planning.block_size import block_of_shard
+from rigidmc.planning.plan import Plan
+from rigidmc.planning.settle import settled
+from rigidmc.planning.tolerance.choose import Chosen
+from rigidmc.planning.units import Internal, in_user_units
+from rigidmc.results.run_directory import RunDirectory, hash_of, hash_of_file
+from rigidmc.scene.scene import Scene, loads
+
+STUDY = "study"  # the attribute that tells which study, and what it asks: its name, then JSON
+
+
+class Ready(NamedTuple):
+    """A run that is ready for its first step.
+
+    scene, plan : in the units in which the scene is integrated
+    units : how the scene was rescaled; None if nothing was rescaled
+    original, shown : scene and plan in the units of the user
+    chosen : what a tolerance chose; None if the scene names its integrator
+    """
+
+    scene: Scene
+    plan: Plan
+    units: Internal | None
+    original: Scene
+    shown: Plan
+    chosen: Chosen | None
+
+
+def ready(scene: Scene, threads: int = 1, block: int | None = None) -> Ready:
+    """Settle everything about a run to files before its first step; SceneError."""
+    scene, plan, units, chosen = settled(scene, threads, True, block)
+    return Ready(scene, plan, units, *in_user_units(scene, plan, units), chosen)
+
+
+def of_members(run: Ready, members: NDArray[np.int64]) -> Ready:
+    """The run of some of its members, by their indices."""
+    return run._replace(plan=run.plan.of(members), shown=run.shown.of(members))
+
+
+def planned(
+    directory: RunDirectory, allow_code: bool = False, threads: int = 1, block: int | None = None
+) -> Ready:
+    """The run of a directory, ready for its first step.
+
+    block : members of a block, by default those of run.json, on graphics processors all of a shard
+    Raises FileError for a scene that was changed, SceneError for a block that does not divide the
+    members of a shard.
+    """
+    refuse_study(directory)
+    scene = scene_of_run(directory, allow_code)
+    run = ready(scene, threads, block or directory.facts["block"])
+    if block is None and run.plan.device != "cpu":
+        run = ready(scene, threads, block_of_shard(run.plan, directory.facts["shard"]))
+    if directory.chosen is not None:
+        run = of_members(run, directory.chosen)
+    if directory.facts["shard"] % run.plan.block:
+        rule = f"has to divide the {directory.facts['shard']:,} members of a shard"
+        raise SceneError("run", "block", run.plan.block, rule)
+    return run
+
+
+def refuse_study(directory: RunDirectory) -> None:
+    """FileError for a run whose shards are tasks of a study, see `rigidmc.runs.directory.tasks`."""
+    if STUDY in directory.facts["attributes"]:
+        name = directory.facts["attributes"][STUDY].partition(" ")[0]
+        rule = (
+            f"has no members but the tasks of a study: `rigidmc {name} {directory.path}` tells it"
+        )
+        raise FileError("", "run", None, rule, file=directory.path)
+
+
+def scene_of_run(directory: RunDirectory, allow_code: bool | None = False) -> Scene:
+    """The scene of a run; FileError if scene.toml or a Python file of the user has changed since
+    the run was started.
+
+    allow_code : as for `rigidmc.scene.scene.loads`
+    """
+    facts = directory.facts
+    if allow_code:
+        code: dict[str, str] = facts["code"]
+        changed = [
+            name
+            for name, known in code.items()
+            if not os.path.isfile(name) or hash_of_file(name) != known
+        ]
+        if changed:
+            rule = "is not the file that the run was started with"
+            raise FileError("", "code", ", ".join(changed), rule, file=directory.path)
+    scene = scene_in(directory.path, facts, allow_code)
+    known = hash_of(scene)
+    if allow_code is None:  # what stands in for code has no file that its text could name
+        text = text_of_run(directory, members=1, first=0)
+        known = hashlib.sha256(text.encode()).hexdigest()
+    if known != facts["scene"]:
+        rule = "is not the scene that the run was started with and its shards were computed from"
+        raise FileError("", "scene.toml", None, rule, file=directory.path)
+    if not facts.get("chosen"):  # scene.toml has the members before the run was extended
+        scene = scene.with_run(members=facts["members"], first=facts["first"])
+    return scene
+
+
+def text_of_run(directory: RunDirectory, **settings: int) -> str:
+    """The text of the scene of a run with other settings of [run], without a look at its parts."""
+    tables = toml(text_of(os.path.join(directory.path, "scene.toml"), links=False))
+    tables["run"] = {**tables.get("run", {}), **settings}
+    return tomli_w.dumps(tables)
+
+
+def scene_in(folder: str, facts: dict[str, Any], allow_code: bool | None) -> Scene:
+    """The scene in a folder, with its rows from columns.nc; `facts` are those of run.json."""
+    stored: Callable[[str], Any] | None = None
+    if facts["columns"]:
+        file = os.path.join(folder, "columns.nc")
+        if not os.path.isfile(file) or hash_of_file(file, plain) != facts["columns"]:
+            rule = "is missing or was changed: the rows of the members are lost"
+            raise FileError("", "columns.nc", None, rule, file=folder)
+        stored = read(file).get
+    name = os.path.join(folder, "scene.toml")
+    scene: Scene = loads(text_of(name, links=False), name, stored=stored, allow_code=allow_code)
+    return scene
+
+
+def refuse_others(directory: RunDirectory, accept: bool) -> None:
+    """Raise FileError if this machine has other versions than the run was started with.
+
+    accept : go on nevertheless
+    """
+    known = directory.facts["versions"]
+    versions, _ = this_machine(*["scipy"] * ("scipy" in known))
+    compiled = dict.fromkeys(UNCOMPILED, "yes")
+    there, here = {**compiled, **known}, {**compiled, **versions}
+    other = [
+        f"{name} {there.get(name)} there, {here.get(name)} here"
+        for name in {**here, **there}
+        if there.get(name) != here.get(name)
+    ]
+    if other and not accept:
+        rule = (
+            f"was started with other versions: {'; '.join(other)}. The bits of new members may "
+            "differ from those of old ones; --accept goes on nevertheless"
+        )
+        raise FileError("", "run", directory.path, rule)

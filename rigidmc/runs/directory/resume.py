@@ -1,0 +1,193 @@
+"""Runs that survive: resumed after whatever ended them, and extended by more members."""
+
+import os
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.engine.machine import threads_available
+from rigidmc.errors import OptionError
+from rigidmc.files.outputs import Path, make_durable, write_bytes
+from rigidmc.planning.job import program_of
+from rigidmc.progress import Progress, announcing
+from rigidmc.results.run_directory import CHOSEN, RunDirectory, facts_of_chosen, rendered
+from rigidmc.runs.capacity import refuse_hopeless
+from rigidmc.runs.directory.cluster import checked, compute_on
+from rigidmc.runs.directory.create import refuse_beyond, refuse_many
+from rigidmc.runs.directory.load import Ready, planned, refuse_others, refuse_study, scene_of_run
+from rigidmc.runs.directory.shards import compute_shards, memory_of_shards
+from rigidmc.scene.amounts import counted, seconds
+from rigidmc.scene.quantities import rows
+
+
+def resume(
+    path: Path | RunDirectory,
+    threads: int | None = None,
+    progress: Progress = False,
+    accept: bool = False,
+    max_wall: float | str | None = None,
+    only: range | None = None,
+    block: int | None = None,
+    allow_code: bool = False,
+    cluster: str | None = None,
+) -> tuple[RunDirectory, dict[str, int]]:
+    """Compute the missing shards of a run; (RunDirectory, {status: members} of what was computed).
+
+    accept : go on even if versions differ from those of the start, which may change last bits;
+        another type of processor makes the same bits
+    max_wall : time limit ("3h", or seconds), after which what is unfinished is kept: the next
+        resume goes on there. On a cluster no shard begins that would end later
+    only : a range of shards, as in a job array whose directories are merged; it may end beyond the
+        last shard
+    block : members computed at once; no result depends on it
+    cluster : "tcp://host:8786" of a dask scheduler, or "local:4" for four processes on this
+        machine, see `rigidmc.runs.directory.cluster`
+
+    Raises FileError for a directory that is no run, is damaged or was changed, OutputExists if
+    another process writes to it, NoRoom if memory or disk is too small.
+    """
+    directory = path if isinstance(path, RunDirectory) else RunDirectory(path)
+    began = time.monotonic()
+    refuse_others(directory, accept)
+    refuse_beyond(only, directory.count)
+    threads = None if threads is None else counted(threads, "threads")
+    block = None if block is None else counted(block, "block")
+    stop = None if max_wall is None else began + seconds(max_wall, "max_wall")
+    if cluster is not None:
+        checked(cluster)
+    with directory.locked():
+        numbers = missing_of(directory, only)
+        run = planned(directory, allow_code, threads or 1, block)
+        many = threads or threads_available()
+        if numbers.size:
+            _refuse_hopeless(directory, run, numbers, many, cluster)
+        started = time.monotonic()
+        with announcing(progress):
+            # also for the workers of a cluster, which find it in the cache
+            program = program_of(run.scene, run.plan) if numbers.size else None
+        directory.note(
+            event="begun",
+            shards=len(numbers),
+            threads=threads,
+            cluster=cluster,
+            compile_seconds=round(time.monotonic() - started, 3),
+        )
+
+        def compute() -> dict[str, int]:
+            if cluster is None:
+                return compute_shards(directory, run, program, numbers, many, progress, stop)
+            return compute_on(cluster, directory, numbers, progress, stop, allow_code, accept)
+
+        return directory, noted(directory, compute)
+
+
+def missing_of(directory: RunDirectory, only: range | None) -> NDArray[np.int64]:
+    """The numbers of the missing shards, or of those in a range."""
+    return directory.missing() if only is None else directory.missing_in(only)
+
+
+def _refuse_hopeless(
+    directory: RunDirectory,
+    run: Ready,
+    numbers: NDArray[np.int64],
+    threads: int,
+    cluster: str | None,
+) -> None:
+    """Raise NoRoom if some shards of a run need more memory or disk than is free here. Workers on
+    other computers have their own memory, so nothing is refused for them."""
+    if cluster is not None:
+        if not cluster.startswith("local:"):
+            return
+        threads = int(cluster.partition(":")[2])
+    left = directory.members_of(numbers)
+    shard = min(directory.facts["shard"], left)
+    more = memory_of_shards(run.original, run.shown, shard, threads)
+    place = os.path.join(directory.path, "shards")
+    refuse_hopeless(run.original, run.shown._replace(members=left), threads, place, more)
+
+
+def noted(directory: RunDirectory, compute: Callable[[], dict[str, int]]) -> dict[str, int]:
+    """Call a function that computes shards, and note in the journal how it ended."""
+    started = time.monotonic()
+    try:
+        flagged = compute()
+    except BaseException as error:
+        taken = round(time.monotonic() - started, 3)
+        directory.note(event="stopped", reason=type(error).__name__, seconds=taken)
+        raise
+    taken = round(time.monotonic() - started, 3)
+    directory.note(
+        event="ended",
+        left=len(directory.missing()),
+        members=sum(flagged.values()),
+        flagged=flagged,
+        seconds=taken,
+    )
+    return flagged
+
+
+def grow(directory: RunDirectory, members: NDArray[np.int64], level: int) -> RunDirectory:
+    """Give a run of chosen members more of them, by their indices; at level 0 it is whole.
+
+    All shards must be whole before. The longer list of members is on disk before run.json tells
+    that there are more, and holds the old one.
+    """
+    facts, chosen = directory.facts, directory.chosen
+    assert chosen is not None and (not members.size or facts["members"] % facts["shard"] == 0)
+    more = np.concatenate([chosen, members])
+    with directory.locked():
+        if members.size:
+            name = os.path.join(directory.path, CHOSEN)
+            write_bytes(name, more.astype("<i8").tobytes(), force=True)
+        text = rendered({**facts, **facts_of_chosen(more), "growing": level})
+        write_bytes(os.path.join(directory.path, "run.json"), text.encode(), force=True)
+        directory.note(event="extended", members=more.size)
+    return RunDirectory(directory.path)
+
+
+def extend(
+    path: Path, members: int, accept: bool = False, allow_code: bool = False
+) -> RunDirectory:
+    """Give a run more members; the RunDirectory, to be resumed.
+
+    Existing shards stay, except the last one if it is shorter than the others.
+    accept, allow_code : as of `resume`. Whatever is wrong is raised before anything changes.
+    """
+    directory = RunDirectory(path)
+    refuse_study(directory)
+    facts, members = directory.facts, counted(members, "members")
+    refuse_others(directory, accept)
+    if directory.chosen is not None:
+        rule = "the members were chosen by what others of them say: start a new run"
+        raise OptionError("run", "members", members, rule)
+    if members <= facts["members"]:
+        raise OptionError("run", "members", members, f"the run has {facts['members']:,} already")
+    if facts["first"] + members > 2**53:
+        rule = "are more than 2^53, and could not be told apart"
+        raise OptionError("run", "members", members, rule)
+    directory.refuse_strays()
+    refuse_many(-(-members // facts["shard"]))
+    scene = scene_of_run(directory, allow_code)
+    if scene.run.points == "latin_hypercube":
+        rule = "a Latin hypercube has as many members as strata: start a new run"
+        raise OptionError("run", "members", members, rule)
+    if (most := rows(*scene.quantities())) is not None and members + facts["first"] > most:
+        raise OptionError("run", "members", members, f"the scene has rows for {most:,} members")
+    run = planned(directory, allow_code)
+    more = run.shown._replace(members=members - facts["members"])
+    name = os.path.join(directory.path, "run.json")
+    refuse_hopeless(run.original, more, threads_available(), name)
+    with directory.locked():
+        last = directory.shards().get(directory.count - 1)
+
+        def delete_short_shard() -> None:
+            if facts["members"] % facts["shard"] and last is not None:
+                os.unlink(last)
+                make_durable(os.path.dirname(last))  # before run.json says that it is longer
+
+        text = rendered({**facts, "members": members})
+        write_bytes(name, text.encode(), force=True, before=delete_short_shard)
+        directory.note(event="extended", members=members)
+    return RunDirectory(path)

@@ -1,0 +1,253 @@
+"""The shards of a run directory: computed from its scene, and written in the order of their members
+by one thread."""
+
+import math
+import os
+import time
+from collections.abc import Sequence
+from queue import SimpleQueue
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.engine.kernel.layout import LANES
+from rigidmc.engine.program import Program
+from rigidmc.errors import FileError, RigidmcError
+from rigidmc.files.netcdf import read
+from rigidmc.planning.block_size import BLOCK, SLAB, WAVE, fitting
+from rigidmc.planning.job import Job
+from rigidmc.planning.plan import Plan
+from rigidmc.planning.tolerance.costs import cost_per_step
+from rigidmc.progress import Progress, say
+from rigidmc.results.run_directory import RunDirectory, damaged, flagged_of
+from rigidmc.results.schema import bytes_of_a_member
+from rigidmc.results.sinks import Arrays, Memory, Place, buffer
+from rigidmc.results.writer import Writer
+from rigidmc.runs.blocks import compute
+from rigidmc.runs.directory.checkpoints import Checkpoints
+from rigidmc.runs.directory.load import Ready
+from rigidmc.scene.scene import Scene
+from rigidmc.threads import Task, Threads, drop, ending, is_late
+
+SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
+TIME = 120.0  # seconds of one thread for a shard
+SLOW = 1e-6  # seconds of a member-step that takes long: of the package's own few take as much
+MANY = 10**5  # shards that a run has at most because of TIME
+
+Numbers = Sequence[int] | NDArray[np.int64]  # of shards
+
+
+def members_of(scene: Scene, plan: Plan, size: float = SHARD) -> tuple[int, int]:
+    """(members of a block, members of a shard) of a run with shards of about `size` bytes; neither
+    depends on the number of threads or on the machine."""
+    block = min(BLOCK, fitting(plan, SLAB))
+    return block, block * max(1, int(size / sum(bytes_of_a_member(scene, plan)) / block))
+
+
+def shortened(
+    scene: Scene, plan: Plan, block: int, shard: int, limit: float = TIME
+) -> tuple[int, int]:
+    """(members of a block, members of a shard) so that one thread needs `limit` seconds for a shard
+    at most, by the rate that is measured here.
+
+    A shard has a power of 2 times the members of a block, or of LANES, so that a rate that is a
+    little different does not change it. Short runs are not measured.
+    """
+    if plan.form is None or min(shard, plan.members) * plan.mean_steps * SLOW < limit:
+        return block, shard
+    each = 1e-9 * cost_per_step(scene, plan) * plan.mean_steps
+    most = max(limit / each, plan.members / MANY)
+    if plan.device != "cpu":  # which needs as long for a member as for so many
+        most = max(most, WAVE)
+    if most >= min(shard, plan.members):
+        return block, shard
+    unit = block if most >= block else LANES
+    few = unit * 2 ** int(math.log2(max(1.0, most / unit)))
+    return min(block, few), few
+
+
+def memory_of_shards(scene: Scene, plan: Plan, shard: int, threads: int) -> int:
+    """Bytes of the shards that are in memory at once: shards being filled, of which one may be
+    on its way to a checkpoint, one queued, and one being written, which is held twice.
+
+    shard : members of a shard
+    """
+    filled = math.ceil((threads + 2) * plan.block / shard)
+    return (5 + filled) * shard * sum(bytes_of_a_member(scene, plan))
+
+
+def fault_of(directory: RunDirectory, i: int, path: str) -> str:
+    """What is wrong with shard i, in words, "" if nothing is: its checksum, its run, its members,
+    or how many of them are flagged."""
+    if damaged(path):
+        return f"{path}: is not what was written: its sum is not that of its name"
+    members = directory.members(i)
+    try:
+        shard = read(path, "member", "status", mark=directory.mark)
+    except RigidmcError as error:
+        return str(error)
+    shape = (len(members),)
+    if (
+        shard["member"].shape != shape
+        or shard["status"].shape != shape
+        or not np.array_equal(shard["member"], np.asarray(members))
+    ):
+        return f"{path}: is not shard {i} of this run: it has other members"
+    count = np.count_nonzero(shard["status"])
+    if count != flagged_of(path):
+        return f"{path}: its name says {flagged_of(path):,} flagged members, its content {count:,}"
+    return ""
+
+
+def compute_shards(
+    directory: RunDirectory,
+    run: Ready,
+    program: Program | None,
+    numbers: Numbers,
+    threads: int,
+    progress: Progress = False,
+    stop: float | None = None,
+) -> dict[str, int]:
+    """Compute the shards of these numbers, from where they were left; {status: members}, of those
+    that were finished now.
+
+    stop : time limit on the clock of time.monotonic(): what is unfinished then is kept
+    """
+    plan = run.plan
+    size = directory.facts["shard"] // plan.block  # blocks of a shard
+    count = math.ceil(plan.members / plan.block)
+    sink = Shards(directory, run.original, run.shown)
+    blocks = (b for i in map(int, numbers) for b in range(i * size, min((i + 1) * size, count)))
+    members = directory.members_of(numbers)
+    try:
+        with ending(stop):
+            if is_late():
+                say("the time limit was over before the first step")
+            flagged = compute(
+                run.scene, plan, program, threads, sink, progress, run.units, blocks, members
+            )
+        sink.finish()
+    except BaseException:
+        sink.discard()
+        raise
+    return flagged
+
+
+class Shards:
+    """Collects blocks to shards of a run directory, which one thread writes.
+
+    The files do not depend on threads, blocks or their order. Only the kept values of a block wait
+    for the disk; its memory serves the next block at once.
+
+    directory : RunDirectory, whose lock this process holds;  plan : of the whole run
+    """
+
+    def __init__(self, directory: RunDirectory, scene: Scene, plan: Plan) -> None:
+        self.directory, self.scene, self.plan = directory, scene, plan
+        # one place: if the disk is slow, the computing threads wait and memory does not grow
+        self._queue = SimpleQueue[tuple[int, Memory] | None]()
+        self._open: dict[int, Memory] = {}  # shards that are being filled
+        self._there: dict[int, set[int]] = {}  # the places of their blocks that are there
+        self.keeper = Checkpoints(directory, plan)
+        self.keeper.drop(directory.shards().keys())  # of shards that were written before a kill
+        self._dropped = False
+        self._thread, self._writing = Threads(1), Task(self._work)
+        self._thread.begin(self._writing)
+
+    def room(self, low: int, count: int) -> Place:
+        """The place for the values of `count` members."""
+        return buffer(self.plan, count)
+
+    def has(self, place: int) -> bool:
+        """Whether the results of the block at a place are there, which a checkpoint may have."""
+        return place in self._opened(self._shard_of(place))
+
+    def resumed(self, job: Job) -> Job:
+        """A block where its checkpoint left it."""
+        return self.keeper.resumed(job)
+
+    def take(self, job: Job, results: Arrays) -> None:
+        """Add a finished block to its shard; a whole shard goes to the writing thread."""
+        i = self._shard_of(job.first)
+        there, places = self._opened(i), self.directory.places(i)
+        self._open[i].take(job, results)
+        there.add(job.first)
+        if len(there) == -(-len(places) // self.plan.block):
+            del self._there[i]
+            self._put((i, self._open.pop(i)))
+        else:
+            self.keeper.keep_shard(i, self._open[i], there, False)
+
+    def _shard_of(self, place: int) -> int:
+        facts = self.directory.facts
+        return int((place - facts["first"]) // facts["shard"])
+
+    def _opened(self, i: int) -> set[int]:
+        """The places of the blocks of shard i that are there."""
+        if i not in self._open:
+            places, block = self.directory.places(i), self.directory.facts["block"]
+            plan = self.plan._replace(first=places.start, members=len(places), block=block)
+            self._open[i] = Memory(self.scene, plan, {}, False)
+            self._there[i] = self.keeper.fill(i, self._open[i])
+        return self._there[i]
+
+    def _keep(self) -> None:
+        """Keep what there is of shards that are not whole."""
+        for i, there in self._there.items():
+            self.keeper.keep_shard(i, self._open[i], there, True)
+
+    def _put(self, item: tuple[int, Memory] | None) -> None:
+        """Hand a shard to the writing thread. An error of that thread is raised here, because the
+        queue would stay full for ever."""
+        while not self._writing.done:
+            if self._queue.empty():
+                self._queue.put(item)
+                return
+            time.sleep(0.005)
+        self._writing.result()
+
+    def finish(self) -> None:
+        """Wait until all shards are written; what is there of others is kept."""
+        self._keep()
+        self._put(None)
+        self._writing.wait()
+        self._thread.end()
+        self.keeper.end()
+
+    def discard(self) -> None:
+        """Drop the whole shards that are not written yet, and keep what there is of others."""
+        self._dropped = True
+        self._queue.put(None)
+        drop([self._writing])
+        self._thread.end()
+        self._keep()
+        self._open.clear()
+
+    def _work(self) -> None:
+        while (item := self._queue.get()) is not None and not self._dropped:
+            self._write(*item)
+            del item  # frees the memory of this shard before the wait for the next
+
+    def _write(self, i: int, shard: Memory) -> None:
+        """Write a shard at once and in one order: its bytes do not depend on the order of blocks,
+        and it takes half the time."""
+        values, flagged = shard.values(), int(np.count_nonzero(shard.arrays["status"]))
+
+        def named(file: str) -> str:
+            path = self.directory.shard_path(i, flagged, file)
+            if os.path.isdir(path) and not os.path.islink(path):
+                raise FileError("", "shard", i, "a folder has its name; take it away", file=path)
+            return path
+
+        path, attrs = self.directory.temporary(i), {"run": self.directory.mark}
+        writer = Writer(path, self.scene, shard.plan, force=True, attrs=attrs, named=named)
+        try:
+            by_member = [name for name, v in writer.variables.items() if "member" in v.dims]
+            first, count = shard.plan.first, shard.plan.members
+            writer.write(first, count, {name: values[name] for name in by_member})
+            writer.write_all({name: v for name, v in values.items() if name not in by_member})
+            writer.finish()
+            self.keeper.drop([i])
+        except BaseException:
+            writer.discard()
+            raise

@@ -1,0 +1,157 @@
+"""Run directories whose shards are the tasks of a study: numbers that are a function of scene,
+request and number of the task alone. Tasks stand in run.json in place of members."""
+
+import json
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.engine.kernel.layout import STATUSES
+from rigidmc.engine.machine import threads_available
+from rigidmc.errors import FileError
+from rigidmc.files.netcdf import read
+from rigidmc.files.outputs import Path
+from rigidmc.files.reading import json_of
+from rigidmc.progress import Progress, reporter
+from rigidmc.results.run_directory import RunDirectory
+from rigidmc.results.writer import write_columns
+from rigidmc.runs.directory.cluster import Work, checked, compute_on
+from rigidmc.runs.directory.create import Chosen, free_place, refuse_many, written
+from rigidmc.runs.directory.load import STUDY, ready, refuse_others
+from rigidmc.runs.directory.resume import missing_of, noted
+from rigidmc.runs.directory.shards import Numbers
+from rigidmc.scene.amounts import counted, seconds
+from rigidmc.scene.scene import Scene
+from rigidmc.threads import Late, ending, is_late
+
+Request = Mapping[str, Any]  # what a study asks, as JSON has it
+Found = dict[str, NDArray[Any]]  # the numbers of a task
+Task = Callable[[Sequence[int], int], list[Found]]  # (numbers of tasks, threads)
+
+
+def create_tasks(
+    scene: Scene, path: Path, name: str, request: Request, tasks: Sequence[int], level: int
+) -> RunDirectory:
+    """Make a run directory for a study.
+
+    name : of the study;  tasks : the first ones;  level : 0 if these are all, see `Chosen`
+    Raises OutputExists if the folder contains anything.
+    """
+    place = free_place(path)
+    refuse_many(len(tasks), "tasks")
+    chosen = Chosen(np.asarray(tasks, np.int64), 1, level)
+    about = {STUDY: f"{name} {json.dumps(request, sort_keys=True)}"}
+    return written(place, ready(scene), 1, 1, about, chosen)
+
+
+def study_of(directory: RunDirectory) -> tuple[str, dict[str, Any]] | None:
+    """(name of the study, what it asks) of a run directory; None if it has members."""
+    text = str(directory.facts["attributes"].get(STUDY, ""))
+    if not text:
+        return None
+    name, _, request = text.partition(" ")
+    asked: Any = json_of(request)
+    return name, asked
+
+
+def compute_tasks(
+    directory: RunDirectory,
+    task: Task,
+    numbers: Numbers,
+    threads: int,
+    progress: Progress = False,
+    stop: float | None = None,
+    together: int = 1,
+) -> dict[str, int]:
+    """Compute the shards of these numbers and write them; {status: tasks}.
+
+    stop : time limit on the clock of time.monotonic(), at which tasks are called off
+    together : how many are computed at once
+    """
+    done = 0
+    with reporter(progress, len(numbers), 1) as report, ending(stop), suppress(Late):
+        for first in range(0, len(numbers), together):
+            if is_late():
+                break
+            group = [int(i) for i in numbers[first : first + together]]
+            places = [int(directory.members(i)[0]) for i in group]
+            for i, number, found in zip(group, places, task(places, threads), strict=True):
+                _write(directory, i, number, found)
+            done += len(group)
+            report.step(len(group))
+            report.poll()
+    return {**dict.fromkeys(STATUSES, 0), "ok": done}
+
+
+def _write(directory: RunDirectory, i: int, number: int, found: Found) -> None:
+    """Write the numbers of a task as shard i."""
+
+    def named(file: str) -> str:
+        return directory.shard_path(i, 0, file)
+
+    columns = {"member": np.array([number]), "status": np.zeros(1, "i1"), **found}
+    write_columns(directory.temporary(i), columns, {"run": directory.mark}, named)
+
+
+def resume_tasks(
+    directory: RunDirectory,
+    task: Task,
+    work: Work,
+    threads: int | None = None,
+    progress: Progress = False,
+    accept: bool = False,
+    max_wall: float | str | None = None,
+    only: range | None = None,
+    allow_code: bool = False,
+    cluster: str | None = None,
+    together: int = 1,
+) -> dict[str, int]:
+    """Compute the missing tasks of a study; {status: tasks}. Arguments as of
+    `rigidmc.runs.directory.resume.resume`.
+
+    work : what a worker of a cluster does;  together : as of `compute_tasks`
+    """
+    began = time.monotonic()
+    refuse_others(directory, accept)
+    many = threads_available() if threads is None else counted(threads, "threads")
+    stop = None if max_wall is None else began + seconds(max_wall, "max_wall")
+    if cluster is not None:
+        checked(cluster)
+    with directory.locked():
+        numbers = missing_of(directory, only)
+        directory.note(event="begun", shards=len(numbers), threads=threads, cluster=cluster)
+
+        def compute() -> dict[str, int]:
+            if cluster is None:
+                return compute_tasks(directory, task, numbers, many, progress, stop, together)
+            return compute_on(cluster, directory, numbers, progress, stop, allow_code, accept, work)
+
+        return noted(directory, compute)
+
+
+def found_in(directory: RunDirectory) -> dict[int, Found]:
+    """{number: numbers} of the tasks that are done; FileError for shards of another run."""
+    directory.refuse_strays()
+    found: dict[int, Found] = {}
+    for i, shard in sorted(directory.shards().items()):
+        values = read(shard, mark=directory.mark)
+        number = int(directory.members(i)[0])
+        if values.get("member", np.empty(0)).tolist() != [number]:
+            rule = "has another task; `rigidmc verify` tells more"
+            raise FileError("", "shard", i, rule, file=shard)
+        found[number] = {k: v for k, v in values.items() if k not in ("member", "status")}
+    return found
+
+
+def unlike(directory: RunDirectory, i: int, task: Task, threads: int) -> str:
+    """Which numbers of task i differ if it is computed again, in words; "" if none do."""
+    path = directory.shards()[i]
+    stored, (again,) = read(path), task([int(directory.members(i)[0])], threads)
+    wrong = [name for name, x in again.items() if stored[name].tobytes() != x.tobytes()]
+    differs = f"differs if it is computed again: {', '.join(wrong)}"
+    return f"{os.path.basename(path)}: {differs}" if wrong else ""

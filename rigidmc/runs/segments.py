@@ -1,0 +1,119 @@
+"""Members that are moved a part of the run at a time. Between the parts a study may look at them,
+copy them, and let the copies go on with noise of their own."""
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.engine.kernel import layout
+from rigidmc.engine.kernel.arguments import Run
+from rigidmc.engine.kernel.layout import LANES, whole_lanes
+from rigidmc.engine.program import NO_SAVES
+from rigidmc.errors import SceneError
+from rigidmc.planning import monitors
+from rigidmc.planning.initial import Source, noise, staged
+from rigidmc.planning.job import program_of
+from rigidmc.planning.settle import settled
+from rigidmc.planning.units import in_user_units
+from rigidmc.results.schema import member_variables
+from rigidmc.scene.quantities import of_members
+from rigidmc.scene.scene import Scene
+from rigidmc.threads import Late, Task, end_of_work, threads_of
+
+Array = NDArray[np.float64]
+SHARE = 8 * LANES  # members that are worth a thread
+
+
+class Moving:
+    """The members of a scene on their way, as blocks of rows, see `rigidmc.engine.kernel.layout`.
+
+    A block is the whole state of its members: columns of it may be copied to go on from there. A
+    member's bits depend on its column, its index and the steps alone, not on the parts.
+
+    parts : of the run, as even as its steps allow; no more than there are steps
+    ends : the steps at which parts begin and end
+    """
+
+    def __init__(self, scene: Scene, parts: int, threads: int) -> None:
+        """Raises SceneError for closed forms and for steps of members' own (`turn`)."""
+        if scene.run.turn is not None:
+            rule = "the members of such a study make the same steps: give dt"
+            raise SceneError("run", "turn", scene.run.turn, rule)
+        ready = settled(scene, threads)
+        program = program_of(ready.scene, ready.plan)
+        if program is None:
+            rule = "is told at its ends only: such a study follows members, so take exact"
+            raise SceneError("run", "integrator", scene.run.integrator, rule)
+        self.scene, self.plan, self._units = ready.scene, ready.plan, ready.units
+        self._program, self._threads = program, threads
+        self.ends = np.unique(np.linspace(0, self.plan.steps, parts + 1).astype(int))
+        original, shown = in_user_units(self.scene, self.plan, self._units)
+        self._known = member_variables(original, shown.carried)
+
+    def start(self, source: Source, count: int, rows: NDArray[np.int64] | None = None) -> Array:
+        """The block of `count` members, drawn from `source`, and more to fill lanes.
+
+        rows : the members of the scene whose numbers they have of its grids and tables; by default
+            those of the first
+        """
+        scene: Scene = self.scene
+        if rows is not None:
+            scene = scene.mapped(lambda quantity: of_members(quantity, rows))
+        block, _ = staged(scene, source, count, self.plan.carried, self.plan.watch.rows)
+        return widened(block)
+
+    def moved(self, block: Array, members: NDArray[np.int64], part: int) -> Array:
+        """A block after a part of the run, from its state before. Raises Late if the work has to
+        end before that, see `rigidmc.threads.ending`.
+
+        members : the index of each, which decides its noise
+        """
+        plan, count = self.plan, members.size
+        first, last = map(int, self.ends[part : part + 2])
+        lengths = plan.head, plan.last_dt
+        run = Run(plan.dt, 1, plan.stride, plan.steps, 0, first, last, *lengths)
+        size, end = max(SHARE, whole_lanes(-(-count // self._threads))), end_of_work()
+
+        def advance(low: int) -> Array:
+            mine = widened(block[:, low : low + size])
+            indices = np.resize(members[low : low + size], mine.shape[1])
+            for _ in self._program.through(mine, run, noise(self.scene, indices), NO_SAVES):
+                if time.monotonic() >= end:
+                    raise Late
+            return mine[:, : min(size, count - low)]
+
+        tasks = [Task(advance, low) for low in range(0, count, size)]
+        if len(tasks) == 1:
+            return advance(0)
+        threads_of("parts", self._threads).run(tasks)
+        return np.concatenate([task.result() for task in tasks], axis=1)
+
+    def results(self, block: Array, part: int) -> dict[str, Array]:
+        """{variable: values of each member} of what is watched, after a part; nan if flagged."""
+        plan, steps = self.plan, int(self.ends[part + 1])
+        found = monitors.results(self.scene, plan.watch, block, plan.grid.clock, steps, plan.nodes)
+        if self._units is None:
+            return found
+        units = {name: self._known[name].attrs.get("units", "1") for name in found}
+        return {name: x * self._units.factor(units[name]) for name, x in found.items()}
+
+    def event(self, i: int, block: Array) -> tuple[Array, Array]:
+        """(count, level) of the event i of the scene for each member; the level is 0 while it
+        cannot happen next."""
+        at = monitors.places_of(self.scene, self.plan.watch).events + layout.EVENT * i
+        return block[at + layout.COUNT], block[at + layout.LEVEL]
+
+    def events(self) -> Sequence[tuple[str, Any]]:
+        """(label, event) of each, in the order of `event`."""
+        return self.plan.watch.of_events
+
+
+def widened(block: Array) -> Array:
+    """A block of whole lanes of its own memory: after its members come copies of the first."""
+    count = block.shape[1]
+    wide = np.empty((block.shape[0], whole_lanes(count)))
+    wide[:, :count], wide[:, count:] = block, block[:, :1]
+    return wide

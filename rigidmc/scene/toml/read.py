@@ -1,0 +1,352 @@
+"""Scene files as the parts of scenes. They hold data and execute nothing.
+
+The tables of a scene file as the parts of a scene: body, effects, observables, start.
+
+The scene that a result carries: its text, and the rows that this text refers to.
+"""
+
+import inspect
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from rigidmc.errors import FileError, SceneError, unknown
+from rigidmc.files.opening import is_zarr
+from rigidmc.files.reading import toml
+from rigidmc.mechanics.solids import SOLIDS
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.effects import EFFECTS
+from rigidmc.physics.effects.protocol import Effect, given
+from rigidmc.physics.integrators import INTEGRATORS
+from rigidmc.physics.observables import WATCHED, WITH_TABLE
+from rigidmc.scene.body import Body
+from rigidmc.scene.settings import Run, Table, changed, complaint
+from rigidmc.scene.shape import shape_of
+from rigidmc.scene.start import Start
+from rigidmc.scene.toml.values import Columns, numbers, only, parse
+from rigidmc.scene.user_parts.registry import Code, own_class, stand_in
+
+Settings = Sequence[tuple[str, str]]  # (dotted key, value as TOML or as a plain word)
+
+
+class _File(Table):
+    """The tables of a scene file. Body, effects and start check what is inside their tables."""
+
+    title: str = ""
+    summary: str = ""
+    source: str = ""
+    body: dict[str, Any]
+    effects: dict[str, Any] = {}
+    observables: dict[str, Any] = {}
+    integrators: dict[str, Any] = {}
+    start: dict[str, Any]
+    run: dict[str, Any] = {}
+
+
+def located(source: str | os.PathLike[str]) -> str:
+    """The path of a scene file, the name of a shipped scene, or the path of a result (.nc, .zarr),
+    of the source that a user names; FileError for a folder that is no run directory."""
+    source = os.fspath(source)
+    if not os.path.isdir(source) or is_zarr(source):
+        return source
+    if not os.path.isfile(os.path.join(source, "scene.toml")):
+        raise FileError("", "scene", None, "is a folder, and no run directory", file=source)
+    return os.path.join(source, "scene.toml")
+
+
+def parts_of(
+    text: str,
+    file: str,
+    settings: Settings,
+    stored: Callable[[str], np.ndarray | None] | None,
+    title: str,
+    allow_code: bool | None,
+) -> dict[str, Any]:
+    """The fields of the scene in a TOML text, for the arguments see `rigidmc.scene.scene.loads`."""
+    data = toml(text)
+    for key, value in settings:
+        _set(data, key, value)
+    overridden = {key.split(".")[1] for key, _ in settings if key.startswith("run.")}
+    folder = os.path.dirname(file)
+    columns = Columns(stored, folder, folder if allow_code else allow_code)
+    try:
+        tables = _File(**data)
+    except ValidationError as error:
+        raise complaint(error, "", _File, data) from None
+    return {
+        "effects": effects_of(tables.effects, columns),
+        "observables": observables_of(tables.observables, columns.code),
+        "integrators": integrators_of(tables.integrators, columns.code),
+        "run": _run(tables.run, overridden, stored is not None),
+        "start": start_of(tables.start, columns),
+        "body": body_of(tables.body, columns),
+        "title": tables.title or title,
+        "summary": tables.summary,
+        "source": tables.source,
+    }
+
+
+def _run(table: dict[str, Any], overridden: set[str], of_result: bool) -> Run:
+    """The settings of the table [run]. overridden : keys whose values do not come from the file"""
+    settings = {k: tuple(v) if isinstance(v, list) else v for k, v in table.items()}
+    if of_result and settings.get("integrator", "auto") != "auto":
+        # results of version 0.1 have the tolerance for which their integrator was chosen
+        settings.pop("tolerance", None)
+    try:
+        run = Run.model_validate({k: v for k, v in settings.items() if k not in overridden})
+    except ValidationError as error:
+        raise complaint(error, "run", Run, table) from None
+    return changed(run, {k: v for k, v in settings.items() if k in overridden})
+
+
+def _put(components: list[Any], dotted: str, value: Any) -> None:
+    """The component that the last word of a key names, as start.omega.3; SceneError."""
+    word = dotted.split(".")[-1]
+    if not word.isdigit() or not 1 <= int(word) <= len(components):
+        rule = f"expected a component from 1 to {len(components)}"
+        raise SceneError("", dotted, value, rule)
+    components[int(word) - 1] = value
+
+
+def _value(text: Any) -> Any:
+    """The value that a text stands for: TOML, also with numbers as .5 and 1., or a plain word; in
+    Python other values stand for themselves."""
+    tried = [text]
+    if isinstance(text, str) and not {'"', "'"} & {*text}:
+        whole = re.sub(r"(?<![\w.])\.(?=\d)", "0.", text)
+        tried.append(re.sub(r"(?<=\d)\.(?!\d)(?=e|\W|$)", ".0", whole))
+    for one in tried:
+        try:
+            return toml(f"value = {one}")["value"]
+        except SceneError as error:
+            if "not valid" not in error.rule:
+                raise
+    return text
+
+
+def _set(data: dict[str, Any], dotted: str, value: str) -> None:
+    """data[a][b] = value for the key a.b, or a component for a.b.3; the value is TOML, or else a
+    plain word."""
+    *tables, key = dotted.split(".")
+    given = _value(value)
+    for table in tables:
+        data = data.setdefault(table, {})
+        if isinstance(data, list) and table == tables[-1]:
+            _put(data, dotted, given)
+            return
+        if not isinstance(data, dict):
+            raise SceneError("", dotted, value, f"'{table}' is not a table")
+    data[key] = given
+    if tables[-1:] == ["body"] and key in (*BODIES, "mass", "centre"):
+        # another body than the one that has this shape
+        for other in {"shape", *(BODIES if key in BODIES else ())} - {key}:
+            data.pop(other, None)
+
+
+# tables of effects, and of observables: one kernel is compiled for all of them, 100 springs take
+# a minute
+MOST = 100
+
+# ways to give a body by plain numbers: {key: (keys of its own table, maker)}
+SHAPES: dict[str, tuple[tuple[str, ...], Callable[..., Body]]] = {
+    **{
+        name: (tuple(inspect.signature(make).parameters), partial(Body.solid, name))
+        for name, make in SOLIDS.items()
+    },
+    "particles": (("masses", "positions"), Body.from_particles),
+}
+BODIES = ("moments", "tensor", *SHAPES)  # a body has exactly one of these keys
+
+
+def body_of(table: dict[str, Any], stored: Columns) -> Body:
+    """The body of the table [body]."""
+    only(table, (*BODIES, "mass", "centre", "axes", "pivot", "shape"), "body")
+    keys = [key for key in BODIES if key in table]
+    if len(keys) != 1:
+        rule = f"give exactly one of these, not {len(keys)}"
+        raise SceneError("body", " | ".join(BODIES), None, rule)
+    key = keys[0]
+    if key in SHAPES:
+        body = _shaped(table, key)
+    else:
+        more = {k: parse(table[k], "body", k, stored) for k in ("mass", "centre") if k in table}
+        if key == "moments":
+            body = Body.from_moments(parse(table[key], "body", key, stored), **more)
+        elif isinstance(table[key], dict):
+            body = Body.from_tensor(parse(table[key], "body", key, stored), **more)
+        else:
+            body = Body.from_tensor(numbers(table[key], "body", key), **more)
+    if "axes" in table:
+        axes = numbers(table["axes"], "body", "axes")
+        body = replace(body, axes=tuple(map(tuple, axes)))
+    if "shape" in table:
+        body = replace(body, shape=shape_of(table["shape"]))
+    if "pivot" not in table:
+        return body
+    pivot = table["pivot"]
+    return body.about_centre() if pivot == "centre" else body.pivoted_at(pivot)
+
+
+def _shaped(table: dict[str, Any], key: str) -> Body:
+    """A solid, or a body of particles, from its own table within [body]."""
+    keys, make = SHAPES[key]
+    for extra in ("mass", "centre"):
+        if extra in table:
+            rule = f"a {key} has its mass and centre inside its own table: {', '.join(keys)}"
+            raise SceneError("body", extra, table[extra], rule)
+    only(table[key], keys, f"body.{key}", required=keys)
+    return make(**{k: numbers(table[key][k], f"body.{key}", k) for k in keys})
+
+
+def start_of(table: dict[str, Any], stored: Columns) -> Start:
+    """The start of the table [start]."""
+    only(table, ("omega", "momentum", "attitude"), "start")
+    return Start(**{key: parse(value, "start", key, stored) for key, value in table.items()})
+
+
+def effects_of(tables: dict[str, Any], stored: Columns) -> tuple[Effect, ...]:
+    """The effects of the tables [effects.NAME]."""
+    effects = []
+    for name, table in _each(tables, "effects"):
+        kind, where = _kind("effects", name, table, EFFECTS, stored.code), f"effects.{name}"
+        fields = given(kind)
+        required = [field for field in fields if field not in kind._field_defaults]
+        more = () if name in EFFECTS else ("module",)
+        only(table, (*fields, *more), where, required)
+        values = {k: parse(v, where, k, stored) for k, v in table.items() if k not in more}
+        effects.append(kind(**values))
+    return tuple(effects)
+
+
+def observables_of(tables: dict[str, Any], code: Code) -> tuple[Any, ...]:
+    """The observables of the tables [observables.NAME]; code : see
+    `rigidmc.scene.user_parts.registry`."""
+    return tuple(
+        _built("observables", name, table, {**WITH_TABLE, **WATCHED}, code)
+        for name, table in _each(tables, "observables")
+    )
+
+
+def integrators_of(tables: dict[str, Any], code: Code) -> tuple[Any, ...]:
+    """The integrators of the user's own, of the tables [integrators.NAME]."""
+    return tuple(
+        _built("integrators", name, table, {}, code) for name, table in _each(tables, "integrators")
+    )
+
+
+def _built(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code) -> Any:
+    """What a table [kind.NAME] of plain numbers makes."""
+    made = _kind(kind, name, table, shipped, code)
+    more = () if name in shipped else ("module",)
+    required = [field for field in made._fields if field not in made._field_defaults]
+    only(table, (*made._fields, *more), f"{kind}.{name}", required)
+    # compiled code takes tuples
+    return made(**{key: _tuple(value) for key, value in table.items() if key not in more})
+
+
+def _tuple(value: Any) -> Any:
+    """A value with tuples in the place of lists."""
+    return tuple(map(_tuple, value)) if isinstance(value, list) else value
+
+
+def _each(tables: dict[str, Any], key: str) -> Iterator[tuple[str, Any]]:
+    """(name, table) of [effects.spring], or of each [[effects.spring]]; SceneError for too many."""
+    every = [
+        (name, one)
+        for name, table in tables.items()
+        for one in (table if isinstance(table, list) else [table])
+    ]
+    if len(every) > MOST:
+        rule = f"has more than {MOST} tables, the limit for one kernel"
+        raise SceneError("", key, None, rule)
+    return iter(every)
+
+
+def _kind(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code) -> Any:
+    """The class of a table [kind.NAME], by its word or from the Python file that defines it."""
+    if name in shipped:
+        return shipped[name]
+    one = {"effects": "effect", "observables": "observable over all steps"}.get(kind, "integrator")
+    if not isinstance(table, dict) or "module" not in table:
+        error = unknown(kind, name, None, one, shipped or INTEGRATORS)
+        error.rule += f'; an {one.split()[0]} of your own needs module = "file.py"'
+        raise error
+    where = f"{kind}.{name}"
+    found = own_class(name, table["module"], where, code)
+    if found is None:
+        return stand_in(kind, name, table)
+    if not implements(found, "_fields"):
+        rule = f"{found.__name__} is no NamedTuple, as an {one.split()[0]} has to be"
+        raise SceneError(where, "module", table["module"], rule)
+    return found
+
+
+ROWS = (
+    10_000_000  # below this many members a selection is spread out to all indices: 80 MB a column
+)
+
+
+def scene_text(dataset: xr.Dataset) -> str:
+    """The TOML text of the scene of a result; FileError if the Dataset is no result."""
+    text = dataset.attrs.get("scene")
+    if not isinstance(text, str):
+        rule = "not a result of rigidmc: it has no attribute 'scene' with the text of one"
+        raise FileError("", "scene", None, rule, file=dataset.encoding.get("source"))
+    return text
+
+
+def stored_rows(dataset: xr.Dataset, file: str) -> Callable[[str], NDArray[Any] | None]:
+    """A function that gives the rows (..., members) of a variable of a result, None if it has none.
+
+    The members may be any selection, in any order: members between them have no rows and need none.
+    """
+
+    def stored(name: str) -> NDArray[Any] | None:
+        if name not in dataset.variables or dataset[name].dims[-1:] != ("member",):
+            return None
+        members, rows = _members(dataset, file), dataset[name].values
+        if rows.dtype.kind not in "iuf" or "scale_factor" in dataset[name].attrs:
+            rule = "has no rows of plain numbers"
+            raise FileError("", name, None, rule, file=file)
+        count = int(members.max()) + 1
+        if count > max(ROWS, 100 * members.size):
+            rule = (
+                f"has the rows of {members.size:,} members only, up to member {count - 1:,}: "
+                "open the whole result"
+            )
+            raise FileError("", "member", None, rule, file=file)
+        whole = np.repeat(rows[..., :1], count, axis=-1)
+        whole[..., members] = rows
+        return whole
+
+    return stored
+
+
+def _members(dataset: xr.Dataset, file: str) -> NDArray[Any]:
+    """The indices of the members; FileError if a result cannot have them."""
+    if "member" not in dataset.variables or dataset.sizes["member"] < 1:
+        raise FileError("", "member", None, "a result has at least one", file=file)
+    members = dataset["member"].values
+    if members.ndim != 1 or members.dtype.kind not in "iu" or members.min() < 0:
+        raise FileError("", "member", None, "expected indices of members", file=file)
+    refuse_twice(members, file)
+    return np.asarray(members)
+
+
+def refuse_twice(members: NDArray[Any], file: str) -> None:
+    """FileError if a result has a member more than once, as two results put together have."""
+    known, times = np.unique(members, return_counts=True)
+    if (times > 1).any():
+        rule = (
+            f"has member {known[times > 1][0]} more than once: these are members of several runs"
+            " put together; take the result of one run"
+        )
+        raise FileError("", "member", None, rule, file=file)

@@ -1,0 +1,80 @@
+"""A scene as TOML text, from which `rigidmc.scene.toml.read.loads` makes the same scene again."""
+
+from typing import Any
+
+import tomli_w
+
+from rigidmc.physics.dynamics.methods import word_of
+from rigidmc.physics.effects import EFFECTS, labelled, name_of
+from rigidmc.physics.effects.protocol import given
+from rigidmc.physics.observables import is_own, word_of_observable
+from rigidmc.scene.mass_distribution import IDENTITY
+from rigidmc.scene.parts import Parts
+from rigidmc.scene.toml.values import plain
+from rigidmc.scene.user_parts.registry import module_of
+
+
+def dumps(scene: Parts) -> str:
+    """The scene as TOML text; arrays with one row per member become references to the variables of
+    the result."""
+    texts = {"title": scene.title, "summary": scene.summary, "source": scene.source}
+    tables: dict[str, Any] = {key: text for key, text in texts.items() if text != ""}
+    tables |= {"body": _body(scene), "effects": _effects(scene)}
+    if scene.observables:
+        pairs = [
+            (word_of_observable(one), {**(module_of(one) if is_own(one) else {}), **one._asdict()})
+            for one in scene.observables
+        ]
+        tables["observables"] = _grouped(pairs)
+    if scene.integrators:
+        tables["integrators"] = {
+            word_of(type(one)): {**module_of(one), **one._asdict()} for one in scene.integrators
+        }
+    tables |= {"start": _start(scene), "run": _run(scene)}
+    return tomli_w.dumps(tables)
+
+
+def _body(scene: Parts) -> dict[str, Any]:
+    body = scene.body
+    table = {body.given: plain(body.moments, "moments")}
+    table |= {key: plain(getattr(body, key), key) for key in ("mass", "centre")}
+    if body.given == "moments" and body.axes != IDENTITY:
+        table["axes"] = [list(row) for row in body.axes]
+    if body.shape:
+        table["shape"] = [part.as_table() for part in body.shape]
+    return table
+
+
+def _effects(scene: Parts) -> dict[str, Any]:
+    pairs = []
+    for label, effect in labelled(scene.effects):
+        table = {} if type(effect) in EFFECTS.values() else module_of(effect)
+        table |= {k: plain(getattr(effect, k), f"{label}_{k}") for k in given(effect)}
+        pairs.append((name_of(effect), table))
+    return _grouped(pairs)
+
+
+def _start(scene: Parts) -> dict[str, Any]:
+    start, which = scene.start, scene.start.which
+    attitude = "start_euler" if start.by_euler_angles else "start_attitude"
+    return {
+        which: plain(getattr(start, which), f"start_{which}"),
+        "attitude": plain(start.attitude, attitude),
+    }
+
+
+def _run(scene: Parts) -> dict[str, Any]:
+    settings = scene.run.model_dump(exclude={"dt"} if scene.run.turn else None)
+    return {
+        key: list(value) if isinstance(value, tuple) else value
+        for key, value in settings.items()
+        if value is not None
+    }
+
+
+def _grouped(pairs: list[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
+    """{name: table}, or {name: [table, ...]} if there are several of one name."""
+    tables: dict[str, list[dict[str, Any]]] = {}
+    for name, table in pairs:
+        tables.setdefault(name, []).append(table)
+    return {name: many if len(many) > 1 else many[0] for name, many in tables.items()}

@@ -1,0 +1,100 @@
+"""A user's effect, checked before it is compiled.
+
+What its methods ask for, what they return, and whether the torque is that of the energy.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.dynamics.methods import Method, implements
+from rigidmc.physics.dynamics.so3 import exponential, multiply
+from rigidmc.physics.dynamics.trials import State, Trial, states
+from rigidmc.physics.effects import EFFECTS
+from rigidmc.physics.effects.protocol import (
+    energy,
+    energy_scale,
+    filled,
+    is_random,
+    kick,
+    numbers,
+    shake,
+    shape,
+    slip,
+    takes_noise,
+    torque,
+    torque_rate,
+)
+
+_VECTORS, _SCALARS = (torque, kick, shake, slip, torque_rate), (energy, energy_scale)
+BODY = MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3))
+
+
+def check_user_effect(effect: Any) -> None:
+    """Raise SceneError, with class, line and rule, for a user's effect that no kernel could use."""
+    kind = type(effect)
+    if kind in EFFECTS.values():
+        return
+    trial = Trial("effects", sample(effect))
+    trial.read(*_VECTORS, *_SCALARS)
+    if implements(kind, "shake") and not takes_noise(kind) and shape(kind, "noise") == 3:
+        rule = "the field `noise` is drawn for effects that are random: @effect(stochastic=True)"
+        raise trial.complaint("noise", rule)
+    if is_random(kind) and not (takes_noise(kind) and shape(kind, "noise") == 3):
+        rule = (
+            "is random, so that it needs a field for the normal deviates of a step: noise: Vector ="
+            ' (0.0, 0.0, 0.0), with shapes={"noise": 3} and hidden=("noise",) in @effect(...)'
+        )
+        raise trial.complaint("shake", rule)
+    for state in states():
+        values = _values(state)
+        for method in _given(kind, _VECTORS):
+            trial.numbers(method, values, 3)
+        for method in _given(kind, _SCALARS):
+            trial.number(method, values)
+        if implements(kind, "energy") and implements(kind, "torque"):
+            _check_gradient(trial, state)
+
+
+def sample(effect: Any) -> Any:
+    """An effect with plain numbers, with which methods are tried."""
+    return filled(type(effect), [_number(value) for _, _, value in numbers(effect)])
+
+
+def _given(kind: type, methods: tuple[Method, ...]) -> list[Method]:
+    return [method for method in methods if implements(kind, method.__name__)]
+
+
+def _number(value: Any) -> float:
+    """A number that stands for a parameter: its first value, or 0.1 for a law."""
+    return float(np.ravel(value)[0]) if isinstance(value, (float, np.ndarray)) else 0.1
+
+
+def _values(state: State) -> dict[str, Any]:
+    return {"body": BODY, "t": state.t, "h": 0.1, "q": state.q, "l": state.l, "w": state.l}
+
+
+def _check_gradient(trial: Trial, state: State, step: float = 1e-5) -> None:
+    """The torque has to be minus the change of the energy as the body turns."""
+    given, slopes = np.array(trial.called(torque, _values(state))), []
+    for axis in np.eye(3):
+        turned = (
+            state._replace(q=multiply(state.q, exponential(tuple(sign * step * axis))))
+            for sign in (1.0, -1.0)
+        )
+        ahead, behind = (trial.called(energy, _values(there)) for there in turned)
+        slopes.append((ahead - behind) / (2.0 * step))
+    size = max(np.abs(given).max(), np.abs(slopes).max())
+    if not np.abs(given + slopes).max() > 1e-6 * size:
+        return
+    opposite = np.abs(given - slopes).max() <= 1e-6 * size
+    hint = ", but the opposite of it" if opposite else ""
+    found, wanted = (", ".join(f"{x:.6g}" for x in v) for v in (given, [-s for s in slopes]))
+    at = ", ".join(f"{x:.4g}" for x in state.q)
+    raise trial.complaint(
+        "torque",
+        f"({found}) is not that of its energy, ({wanted}){hint}, "
+        f"at the attitude {at}; it has to be minus the change of energy as the body turns about "
+        "its axes",
+    )

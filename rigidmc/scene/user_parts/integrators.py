@@ -1,0 +1,171 @@
+"""A user's integrator, checked before it is compiled.
+
+Its facts, what its methods ask for and return, and whether a step has the order that it claims.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.dynamics.so3 import conjugate, dot, into_body
+from rigidmc.physics.dynamics.trials import State, Trial, states
+from rigidmc.physics.effects.gravity import Gravity
+from rigidmc.physics.integrators import INTEGRATORS
+from rigidmc.physics.integrators.protocol import (
+    Integrator,
+    closed,
+    completed,
+    constants,
+    group_count,
+    keeps,
+    opened,
+    step,
+)
+
+_BODY = MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3))
+_STEP = 0.2  # [s], by which a body turns by about 0.4 rad
+_SLACK = 0.6  # of the measured order; of the shipped ones it is off by 0.3 at most
+_SMALL = 1e-9  # beyond what a step of 0.2 s rounds: 1e-15
+_KEPT: dict[str, Callable[[Any, Any], Any]] = {  # what `conserves` may name, of a free body
+    "|q|": lambda q, l: sum(x * x for x in q),
+    "|L|^2": lambda q, l: dot(l, l),
+    "T": lambda q, l: kinetic_energy(_BODY, l),
+    "L in space": lambda q, l: into_body(conjugate(q), l),
+}
+_FACTS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "order": (lambda x: _is_real(x) and x >= 1, "a number of 1 or more"),
+    "evaluations": (lambda x: isinstance(x, int) and x >= 0, "torques a step, a whole number"),
+    "reversible": (lambda x: isinstance(x, bool), "True or False"),
+    "conserves": (
+        lambda x: isinstance(x, tuple) and set(x) <= _KEPT.keys(),
+        f"a tuple of some of {', '.join(_KEPT)}",
+    ),
+    "accepts": (lambda x: x in ("any torque", "no torque"), "'any torque' or 'no torque'"),
+    "compensated": (lambda x: isinstance(x, bool), "True or False"),
+}
+
+
+class _Counted(NamedTuple):
+    """An effect that counts how often its torque is asked for."""
+
+    times: Any
+
+    def torque(self, q: Any) -> tuple[float, float, float]:
+        self.times.append(1)
+        return 0.0, 0.0, 0.0
+
+
+def is_integrator(value: Any) -> bool:
+    """Whether a value is an integrator: a NamedTuple, not its class, with a way to make steps."""
+    ways = any(implements(value, way) for way in ("step", "form", "prepared"))
+    return ways and isinstance(value, tuple)
+
+
+def known_facts(value: Any, word: str) -> Integrator:
+    """A user's integrator with the defaults of the facts that it leaves out; SceneError.
+
+    word : its name in a scene
+    """
+    table, name = f"integrators.{word}", getattr(value, "__name__", type(value).__name__)
+    if not is_integrator(value):
+        rule = "expected a name, or an integrator such as Kutta38(): a NamedTuple with `step`"
+        raise SceneError(table, name, None, rule)
+    if word in (*INTEGRATORS, "auto"):
+        rule = f"'{word}' is an integrator of the package: give the class another name"
+        raise SceneError(table, name, None, rule)
+    for fact, (right, expected) in _FACTS.items():
+        if not implements(value, fact):
+            raise SceneError(table, f"{name}.{fact}", None, f"is missing: {expected}")
+        free = fact == "accepts" and implements(value, "splitting")  # in other words
+        if not free and not right(getattr(value, fact)):
+            rule = f"is {getattr(value, fact)!r}, expected {expected}"
+            raise SceneError(table, f"{name}.{fact}", None, rule)
+    return completed(value)
+
+
+def check_user_integrator(one: Any, word: str) -> None:
+    """Raise SceneError, with class, line and rule, for a user's integrator that no kernel could
+    use, or that is not what its facts say."""
+    if not implements(one, "step"):  # its steps are made by a form
+        return
+    trial = Trial(f"integrators.{word}", one)
+    trial.read(group_count, keeps, constants, opened, step, closed)
+    some = list(states())
+    for state in some:
+        _step(trial, (), state, _STEP)
+    _check_kept(trial, some)
+    if one.accepts == "any torque":
+        asked: list[int] = []
+        _step(trial, (_Counted(asked),), some[0], _STEP)
+        if len(asked) != one.evaluations:
+            rule = f"is {one.evaluations}, but a step asks for {len(asked)} torques"
+            raise trial.complaint("evaluations", rule)
+    _check_order(trial, some)
+
+
+def _check_kept(trial: Trial, some: list[State]) -> None:
+    """What the facts say of a free body has to hold in a step."""
+    for state in some:
+        after = _step(trial, (), state, _STEP)
+        for name in trial.part.conserves:
+            before, now = (np.array(_KEPT[name](s.q, s.l)) for s in (state, after))
+            if (change := float(np.abs(now - before).max())) > _SMALL:
+                rule = f"names {name}, which a step of a free body changes by {change:.1e}"
+                raise trial.complaint("conserves", rule)
+        back = _apart(state, _step(trial, (), after, -_STEP))
+        if trial.part.reversible and back > _SMALL:
+            rule = f"is True, but a step of -h after one of h ends {back:.1e} from the start"
+            raise trial.complaint("reversible", rule)
+
+
+def _check_order(trial: Trial, some: list[State]) -> None:
+    """The error of a step has to fall as h^(order + 1)."""
+    effects = (Gravity(1.0),) if trial.part.accepts == "any torque" else ()
+    truth = trial._replace(part=INTEGRATORS["rk8"])
+    errors = []
+    for h in (_STEP, 0.5 * _STEP):
+        error = 0.0
+        for state in some:
+            true = state
+            for _ in range(8):
+                true = _step(truth, effects, true, h / 8.0)
+            error += _apart(true, _step(trial, effects, state, h))
+        errors.append(error)
+    if errors[1] < 1e-12 or not errors[0] > 0.0:  # as exact as the truth
+        return
+    order = math.log2(errors[0] / errors[1]) - 1.0
+    if order < trial.part.order - _SLACK:
+        rule = f"is {trial.part.order:g}, but the error of a step falls as for order {order:.1f}"
+        raise trial.complaint("order", rule)
+
+
+def _step(trial: Trial, effects: tuple[Any, ...], state: State, h: float) -> State:
+    """The state after a step; SceneError unless that is a quaternion and a vector."""
+    one, part, t = trial.part, (h, h, 0.0), state.t
+    values: dict[str, Any] = {"body": _BODY, "effects": effects, "t": t, "h": h, "part": part}
+    q, l = state.q, state.l + tuple(keeps(one))
+    q, l = opened(one, _BODY, effects, t, (0.0, 0.0, 0.0), q, l)
+    values |= {"q": q, "l": l, "constants": constants(one, _BODY, part, l)}
+    found = trial.called(step, values)
+    pair = isinstance(found, tuple) and [len(x) for x in found if isinstance(x, tuple)]
+    if pair != [len(q), len(l)]:
+        rule = f"gives {found!r}, expected (q, L): tuples of {len(q)} and {len(l)} numbers"
+        raise trial.complaint("step", rule)
+    q, l = closed(one, _BODY, effects, t + h, (0.0, 0.0, 0.0), *found)
+    if not np.isfinite(np.array(q + l[:3], dtype=float)).all():
+        raise trial.complaint("step", f"gives {found!r}, which is not finite")
+    return State(t + h, q, l[:3])
+
+
+def _apart(one: State, other: State) -> float:
+    """The largest difference of two states."""
+    return float(np.abs(np.subtract(one.q + one.l, other.q + other.l)).max())
+
+
+def _is_real(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)

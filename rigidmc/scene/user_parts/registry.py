@@ -1,0 +1,95 @@
+"""Parts of a user's own in a scene: their classes from Python files, and what stands in for them.
+
+A table names its class by its own name, as in [effects.Wind], and the file by module = "wind.py".
+"""
+
+from collections import namedtuple
+from collections.abc import Iterator
+from dataclasses import make_dataclass
+from typing import TYPE_CHECKING, Any
+
+from rigidmc.errors import SceneError
+from rigidmc.files.user_code import class_of, source_of
+from rigidmc.physics.effects import EFFECTS
+from rigidmc.physics.observables import is_own
+from rigidmc.scene.vector_distributions import LAWS
+from rigidmc.scene.vector_distributions.protocol import Law
+
+if TYPE_CHECKING:
+    from rigidmc.scene.parts import Parts
+
+Code = str | bool | None
+# What opening a result asks of a part whose code is not run: nothing of it is compiled.
+_FACTS: dict[str, dict[str, Any]] = {
+    "effects": {"torque": lambda self: 0.0, "energy": lambda self: 0.0},
+    "observables": {"check": lambda self: None, "units": "", "long_name": "", "dims": ()},
+    "integrators": {
+        "step": lambda self: 0.0,
+        "order": 1,
+        "evaluations": 1,
+        "reversible": False,
+        "conserves": (),
+        "accepts": "any torque",
+        "compensated": True,
+    },
+}
+
+
+def own_class(name: str, module: Any, where: str, code: Code) -> type[Any] | None:
+    """The class of a part from the Python file that defines it; SceneError.
+
+    where : the table, such as effects.Wind
+    code : folder of the Python files that may be run; False if none may be run; None if stand-ins
+        without physics stand for their classes, which are then None
+    """
+    if not isinstance(module, str):
+        raise SceneError(where, "module", module, "expected the name of a Python file")
+    if code is None:
+        return None
+    if not isinstance(code, str):
+        rule = (
+            "is code, and scene files execute nothing; look at it, then allow it with --allow-code"
+            " (in Python allow_code=True)"
+        )
+        raise SceneError(where, "module", module, rule)
+    return class_of(code, module, name, where)
+
+
+def stand_in(kind: str, name: str, table: dict[str, Any]) -> type[Any]:
+    """A class with the parameters of a table [kind.name] and without physics, in place of code that
+    is not run."""
+    fields = [key for key in table if key != "module"]
+    make: Any = namedtuple  # its fields are known at run time
+    try:
+        made = make(name, fields)
+    except ValueError as error:
+        rule = f"cannot be a class with these parameters: {error}"
+        raise SceneError(kind, name, None, rule) from None
+    made.shapes = {key: len(value) for key, value in table.items() if isinstance(value, list)}
+    for fact, value in {**_FACTS[kind], "stand_in": True}.items():
+        setattr(made, fact, value)
+    whole: type[Any] = made
+    return whole
+
+
+def law_stand_in(name: str, table: Any, key: str) -> type[Law]:
+    """The same for a law of a key such as omega."""
+    if not isinstance(table, dict) or not all(map(str.isidentifier, (name, *table))):
+        raise SceneError("start", key, table, "expected the parameters of a law")
+    facts = {"of": (key,), "checked": lambda self, where: self, "stand_in": True}
+    made: type[Law] = make_dataclass(name, list(table), bases=(Law,), namespace=facts, frozen=True)
+    return made
+
+
+def own_parts(scene: "Parts") -> Iterator[Any]:
+    """The effects, observables, integrators and laws of a scene that are of the user's own."""
+    yield from (e for e in scene.effects if type(e) not in EFFECTS.values())
+    yield from filter(is_own, scene.observables)
+    yield from scene.integrators
+    yield from (q for q in scene.quantities() if isinstance(q, Law) and type(q) not in LAWS)
+
+
+def module_of(part: Any) -> dict[str, str]:
+    """{"module": file} of a part of the user's own; {} if it is in no file."""
+    file = source_of(type(part))
+    return {} if file is None else {"module": file}

@@ -1,0 +1,164 @@
+"""What a user gives as parts of a scene: effects, observables and integrators, checked.
+
+The limits of parameters, and of what a histogram may count.
+"""
+
+from collections.abc import Iterable, Sequence
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from rigidmc.arrays import placed
+from rigidmc.errors import SceneError, unknown
+from rigidmc.physics.dynamics.methods import implements, word_of
+from rigidmc.physics.effects import EFFECTS, name_of
+from rigidmc.physics.effects.protocol import Effect, facts, is_effect, shape
+from rigidmc.physics.integrators.protocol import Integrator
+from rigidmc.physics.observables import (
+    KNOWN,
+    OBSERVABLES,
+    WATCHED,
+    WITH_TABLE,
+    is_observable,
+    is_opaque,
+    is_own,
+    known,
+    named,
+    own,
+    word_of_observable,
+)
+from rigidmc.physics.observables.histogram import Histogram
+from rigidmc.physics.observables.protocol import Observable, OverSteps, size
+from rigidmc.scene.quantities import is_open, quantity, vector
+from rigidmc.scene.user_parts.integrators import known_facts
+
+
+def named_integrators(given: Iterable[Any]) -> dict[str, Integrator]:
+    """{name: integrator} of integrators of the user's own; SceneError."""
+    pairs = ((word_of(one if isinstance(one, type) else type(one)), one) for one in given)
+    return {word: known_facts(one, word) for word, one in pairs}
+
+
+def checked_effect(effect: Any, driven: bool) -> Effect:
+    """An effect with its parameters checked; SceneError. driven : whether damping may be
+    negative"""
+    if not is_effect(effect):
+        known = ", ".join(kind.__name__ for kind in EFFECTS.values())
+        rule = f"expected an effect with its parameters, one of {known}"
+        raise SceneError("effects", "effect", effect, rule)
+    table, values = f"effects.{name_of(effect)}", []
+    for name, value in zip(effect._fields, effect, strict=True):
+        size, (low, high) = shape(effect, name), limits(effect, name, driven)
+        value = placed(value, table, name)
+        if isinstance(value, str) or (size is None and isinstance(value, (tuple, list))):
+            raise SceneError(table, name, value, _one_number(effect, name, value))
+        one = quantity(value, table, name) if size is None else vector(value, table, name, size)
+        for part in (one,) if size is None else one:
+            if not is_open(part) and not (low <= np.min(part) and np.max(part) <= high):
+                wrong = float(np.min(part) if np.min(part) < low else np.max(part))
+                raise SceneError(table, name, wrong, outside(effect, low, high))
+        values.append(one)
+    return type(effect)(*values)
+
+
+def _one_number(effect: Any, name: str, value: Any) -> str:
+    """The rule that text, or several numbers in place of one, break."""
+    kind, unit = type(effect), facts(effect).units.get(name, "1")
+    if kind not in EFFECTS.values() and not isinstance(value, str):
+        how = f'@effect(shapes={{"{name}": {len(value)}}})'
+        return f"a field that is a tuple needs its length: {how}"
+    size, unit = shape(effect, name), "" if unit == "1" else f" in {unit}"
+    what = "one number" if size is None else f"{size} numbers"
+    summary = (kind.__doc__ or "").splitlines()[0].rstrip(".")
+    return f"expected {what}{unit}, without a unit; {kind.__name__}: {summary}"
+
+
+def place(observable: Any) -> int:
+    """The place of an observable in the order of KNOWN; those of the user's own come last."""
+    word = word_of_observable(observable)
+    return KNOWN.index(word) if word in KNOWN else len(KNOWN)
+
+
+def checked_observable(observable: Any) -> OverSteps | Observable:
+    """An observable with its parameters checked; SceneError."""
+    if not is_observable(observable) or type(observable) in OBSERVABLES.values():
+        kinds = (*WITH_TABLE.values(), *WATCHED.values())
+        shipped = ", ".join(kind.__name__ for kind in kinds)
+        rule = f"expected one of {shipped}, or one of your own, with its parameters"
+        raise SceneError("observables", "observable", observable, rule)
+    word = word_of_observable(observable)
+    if is_own(observable) and word in KNOWN:
+        rule = f"'{word}' is an observable of the package: give the class another name"
+        raise SceneError("observables", type(observable).__name__, None, rule)
+    whole = {}  # 1e2 bins are 100 bins
+    for name, kind in type(observable).__annotations__.items():
+        value = placed(getattr(observable, name), f"observables.{word}", name)
+        real = isinstance(value, Real) and not isinstance(value, bool)
+        if kind is int and real and float(value) == float(value) // 1:
+            whole[name] = int(value)
+    checked: OverSteps | Observable = observable._replace(**whole)
+    if not isinstance(checked, Observable) or implements(checked, "check"):
+        checked.check()  # type: ignore[union-attr]
+    return checked
+
+
+def check_saved(names: Iterable[str], observables: Sequence[Any]) -> None:
+    """SceneError for unknown names, for observables whose parameters are missing, and for two
+    classes of one name."""
+    given: dict[str, type] = {}
+    for one in observables:
+        word, kind = word_of_observable(one), type(one)
+        if given.setdefault(word, kind) is not kind:
+            rule = f"there are two classes whose name is '{word}': give one of them another name"
+            raise SceneError("observables", kind.__name__, None, rule)
+    for name in names:
+        if name not in (names_known := known(observables)):
+            raise unknown("run", "save", name, "observable", names_known)
+        shipped = {**WITH_TABLE, **WATCHED}.get(name)
+        if shipped is not None and name not in given:
+            missing = [f for f in shipped._fields if f not in shipped._field_defaults]
+            if missing:
+                rule = f"needs a table [observables.{name}] with {', '.join(missing)}"
+                raise SceneError("run", "save", name, rule)
+
+
+# members whose sampled values are checked before a run; always the first ones, so that no result
+# depends on the number of members
+PILOT = 4096
+ALLOWED = "needs anti_damping = true under [run]"
+
+
+def check_histogram(one: Histogram, given: Sequence[Any]) -> None:
+    """Raise SceneError if a histogram names no observable, or a wrong component.
+
+    given : the observables of the scene, with their numbers
+    """
+    table = "observables.histogram"
+    if any(is_opaque(x) and word_of_observable(x) == one.name for x in given):
+        return
+    known = [name for name in (*OBSERVABLES, *own(given)) if name != "work"]
+    if one.name not in known:
+        raise unknown(table, "of", one.name, "observable", known)
+    count = size(named(given, one.name).dims)
+    if (count > 1) != one.of.endswith("]") or one.component >= count:
+        rule = f"{one.name} has no components"
+        if count > 1:
+            rule = f"{one.name} has {count} components: give one, as in {one.name}[{count}]"
+        raise SceneError(table, "of", one.of, rule)
+
+
+def limits(effect: Effect | type[Effect], name: str, driven: bool) -> tuple[float, float]:
+    """(least, largest) value of a parameter. driven : whether damping may be negative"""
+    low, high = facts(effect).limits.get(name, (-np.inf, np.inf))
+    return (0.0 if low == -np.inf and facts(effect).damps and not driven else low), high
+
+
+def outside(effect: Effect, low: float, high: float) -> str:
+    """The rule that a parameter outside its limits breaks."""
+    if low == high:  # of a hidden parameter
+        return "is filled in, not given"
+    more = ""
+    if low == 0.0 and facts(effect).damps:
+        more = f"; below 0 it drives the body, which {ALLOWED}"
+    return f"must lie between {low:g} and {high:g}{more}"

@@ -1,0 +1,142 @@
+"""Laws of the attitude: about a mean attitude, and about a direction of space."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from rigidmc.mechanics.rotation import product, quaternion, quaternion_from_euler
+from rigidmc.physics.dynamics.functions import (
+    arcsine,
+    cosine,
+    exponential_of,
+    hyperbolic_sine,
+    hypotenuse,
+    logarithm_of,
+    logarithm_of_one_and,
+    sine,
+)
+from rigidmc.physics.dynamics.so3 import arctan2, expm1
+from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.quantities import Source, draw
+from rigidmc.scene.vector_distributions.protocol import Array, Facts, Law, concentration, plain
+from rigidmc.scene.vector_distributions.vectors import directions
+
+
+@dataclass(frozen=True)
+class Fisher(Law):
+    """Attitudes about a mean attitude: Fisher's law of rotation matrices.
+
+    Density (Mardia & Jupp, Directional Statistics, 13.2.3)::
+
+        density ~ exp(kappa tr(M^T R)) = exp(kappa (1 + 2 cos angle))
+
+    For large kappa each of the three small angles is normal with variance 1/(2 kappa).
+
+    Parameters
+    ----------
+    attitude : array_like (4,)
+        the mean M as a quaternion (w, x, y, z)
+    kappa : float
+        concentration, 0 (uniform) or more
+
+    Examples
+    --------
+    >>> law = rm.Fisher(attitude=(1.0, 0.0, 0.0, 0.0), kappa=5000.0)
+    >>> q = rm.Start(omega=(0.0, 0.0, 1.0), attitude=law).quaternions(0, 0, 1000)
+    >>> bool((2.0 * np.arccos(abs(q[0])) < 0.06).all())  # rad from the mean
+    True
+    """
+
+    attitude: Any
+    kappa: float
+
+    word = "fisher"
+    of = ("attitude",)
+    by_scipy = True  # scipy integrates its distribution function
+
+    def checked(self, where: str) -> "Fisher":
+        mean = plain(self.attitude, where, "attitude", 4)
+        return Fisher(mean, concentration(self.kappa, where))
+
+    def sample(
+        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+    ) -> Array:
+        whole = (Distribution("uniform", (0.0, 1.0)),)
+        u = draw(whole, source, f"{name}.angle", first, count)[0]
+        half = 0.5 * np.interp(u, *_rotation_angles(self.kappa))
+        axis = directions(source, name, first, count)
+        rotation = np.stack([cosine(half), *(sine(half) * axis)], axis=-1)
+        return product(quaternion(self.attitude), rotation).T
+
+
+@dataclass(frozen=True)
+class Pointing(Law):
+    """Attitudes whose axis 3 lies about a direction of space: the law of von Mises and Fisher.
+
+    Density (Mardia & Jupp, Directional Statistics, 9.3.2)::
+
+        density ~ exp(kappa cos angle)
+
+    The cosine c has the distribution function
+    (exp(kappa c) - exp(-kappa)) / (exp(kappa) - exp(-kappa)). The rotation about axis 3 is uniform.
+
+    Parameters
+    ----------
+    direction : array_like (3,)
+        (x, y, z) in space
+    kappa : float
+        concentration, 0 (uniform) or more
+
+    Examples
+    --------
+    >>> law = rm.Pointing(direction=(0.0, 0.0, 1.0), kappa=500.0)
+    >>> q = rm.Start(omega=(0.0, 0.0, 1.0), attitude=law).quaternions(0, 0, 1000)
+    >>> bool((q[0] ** 2 + q[3] ** 2 - q[1] ** 2 - q[2] ** 2 > 0.9).all())  # z of axis 3
+    True
+    """
+
+    direction: Any
+    kappa: float
+
+    word = "pointing"
+    of = ("attitude",)
+
+    def checked(self, where: str) -> "Pointing":
+        direction = plain(self.direction, where, "direction", 3)
+        return Pointing(direction, concentration(self.kappa, where))
+
+    def sample(
+        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+    ) -> Array:
+        whole = Distribution("uniform", (0.0, 2.0 * math.pi))
+        laws = (Distribution("uniform", (0.0, 1.0)), whole, whole)
+        u, azimuth, psi = draw(laws, source, f"{name}.pointing", first, count)
+        k = self.kappa
+        one_less_cosine = 2.0 * (1.0 - u)
+        if k > 0.0:
+            one_less_cosine = -logarithm_of_one_and((1.0 - u) * expm1(-2.0 * k)) / k
+        theta = 2.0 * arcsine(np.sqrt(np.clip(0.5 * one_less_cosine, 0.0, 1.0)))
+        x, y, z = self.direction
+        tip = quaternion_from_euler(arctan2(x, -y), arctan2(hypotenuse(x, y), z), np.zeros(()))
+        return product(tip, quaternion_from_euler(azimuth, theta, psi).T).T
+
+
+@lru_cache(maxsize=64)
+def _rotation_angles(kappa: float) -> tuple[Array, Array]:
+    """(distribution function, angle) of Fisher's law at 20,001 angles, dense where the density is
+    large.
+
+        density ~ (1 - cos angle) exp(2 kappa cos angle)
+    """
+    from scipy.integrate import cumulative_simpson
+
+    width = min(1.0, 1.0 / math.sqrt(2.0 * kappa + 1.0))
+    s = np.linspace(0.0, 1.0, 20_001)
+    end = logarithm_of(1.0 / width + math.sqrt(1.0 / (width * width) + 1.0))  # arsinh(1/width)
+    angle = np.pi * hyperbolic_sine(s * end) * width
+    density = (1.0 - cosine(angle)) * exponential_of(2.0 * kappa * (cosine(angle) - 1.0))
+    total = cumulative_simpson(density, x=angle, initial=0.0)
+    return total / total[-1], angle

@@ -1,0 +1,148 @@
+"""The ensembles of statistical mechanics: a shell of given energy, and thermal equilibrium."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rigidmc.engine.streams import uniforms
+from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.functions import exponential_of
+from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.quantities import Source, draw, is_seed
+from rigidmc.scene.vector_distributions.protocol import (
+    Array,
+    Density,
+    Ensemble,
+    Facts,
+    number,
+    plain,
+)
+from rigidmc.scene.vector_distributions.vectors import directions, uniform_attitudes
+
+# uniform attitudes tried for each member: if one in a hundred is accepted, none of 1e17 members
+# is left without
+TRIES = 4096
+
+
+@dataclass(frozen=True)
+class Shell(Ensemble):
+    """The angular momentum of a given energy.
+
+    On the energy shell::
+
+        E = 1/2 L . I^-1 L + V(q)
+
+    A member with V(q) > E is flagged invalid_input.
+
+    Parameters
+    ----------
+    energy : quantity [J]
+        E
+    direction : array_like (3,), optional
+        direction of L in the body; without one L is uniform on the shell (microcanonical
+        ensemble), L = sqrt(2 (E - V) I) n with n uniform on the sphere
+
+    Examples
+    --------
+    >>> start = rm.Start(momentum=rm.Shell(energy=2.0), attitude="ensemble")
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), start=start)
+    """
+
+    energy: Any
+    direction: Any = None
+
+    word = "shell"
+    of = ("momentum",)
+    sized = {"energy": "energy"}
+
+    def checked(self, where: str) -> "Shell":
+        energy = number(self.energy, where, "energy")
+        if self.direction is None:
+            return Shell(energy)
+        return Shell(energy, plain(self.direction, where, "direction", 3))
+
+    def share(self, seed: int, first: int, count: int, facts: Facts) -> Density:
+        """sqrt(E - V(q)), the part of the shell that an attitude leaves to momenta, divided by its
+        bound."""
+        (energy,) = draw((self.energy,), seed, "start.momentum.energy", first, count)
+        with np.errstate(all="ignore"):
+            most = np.where(energy + facts.bound > 0.0, energy + facts.bound, np.nan)
+        free = facts.bound == 0.0
+        return lambda q: np.where(
+            free, 1.0, np.sqrt(np.clip((energy - facts.potential(q)) / most, 0.0, 1.0))
+        )
+
+    def sample(
+        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+    ) -> Array:
+        (energy,) = draw((self.energy,), source, f"{name}.energy", first, count)
+        assert facts is not None
+        twice = 2.0 * (energy - facts.potential(facts.attitude))
+        if self.direction is None:
+            v = np.sqrt(facts.moments) * directions(source, name, first, count)
+        else:
+            v = np.broadcast_to(np.array(self.direction, float)[:, None], (3, count))
+            v = v / np.sqrt((v * v / facts.moments).sum(0))
+        with np.errstate(invalid="ignore"):
+            momenta: Array = np.sqrt(twice) * v  # nan if V(q) > E
+        return momenta
+
+
+@dataclass(frozen=True)
+class GibbsMomentum(Ensemble):
+    """The angular momentum in thermal equilibrium: density exp(-T/kT).
+
+    L_i is normal with variance I_i kT.
+
+    Parameters
+    ----------
+    kT : quantity [J]
+        Boltzmann's constant times temperature
+
+    Examples
+    --------
+    >>> start = rm.Start(momentum=rm.GibbsMomentum(kT=0.5), attitude="ensemble")
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), start=start)
+    """
+
+    kT: Any
+
+    word = "gibbs"
+    of = ("momentum",)
+    sized = {"kT": "energy"}
+
+    def checked(self, where: str) -> "GibbsMomentum":
+        return GibbsMomentum(number(self.kT, where, "kT", least=0.0))
+
+    def share(self, seed: int, first: int, count: int, facts: Facts) -> Density:
+        """exp(-V(q)/kT), divided by its bound."""
+        (kT,) = draw((self.kT,), seed, "start.momentum.kT", first, count)
+        return lambda q: exponential_of(-(facts.potential(q) + facts.bound) / kT)
+
+    def sample(
+        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+    ) -> Array:
+        assert facts is not None
+        (kT,) = draw((self.kT,), source, f"{name}.kT", first, count)
+        kT = np.where(kT >= 0.0, kT, np.nan)
+        normal = (Distribution("normal", (0.0, 1.0)),) * 3
+        return np.sqrt(facts.moments * kT) * draw(normal, source, f"{name}.normal", first, count)
+
+
+def attitudes_of_ensemble(share: Density, seed: Source, first: int, count: int) -> Array:
+    """Unit quaternions (4, count) of density proportional to share(q) <= 1, by rejection: the first
+    uniform attitude of a member that is accepted; nan if none of TRIES is."""
+    if not is_seed(seed):
+        rule = "attitudes of an ensemble are drawn by rejection, which takes independent points"
+        raise SceneError("run", "points", None, rule)
+    q, left = np.full((4, count), np.nan), np.ones(count, bool)
+    for i in range(TRIES):
+        u, v, w, x = uniforms(seed, "start.attitude.ensemble", first, count, i)
+        tried = uniform_attitudes(u, v, w)
+        accepted = left & (x < share(tried))
+        q[:, accepted] = tried[:, accepted]
+        left &= ~accepted
+        if not left.any():
+            break
+    return q

@@ -1,0 +1,176 @@
+"""What the package asks of a law, and the checks of parameters that laws share."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, dataclass, fields, replace
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.arrays import floats, placed
+from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.methods import word_of
+from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.quantities import Source, quantity
+
+Array = NDArray[np.float64]
+Density = Callable[[Array], Array]  # of attitudes (4, n)
+
+
+class Facts(NamedTuple):
+    """What a law may depend on.
+
+    moments : principal moments (3, n) [kg m^2]
+    potential : function of attitudes (4, n) that returns potential energies (n,) [J]
+    bound : bounds on the size of the potential energies (n,) [J]
+    attitude : attitudes (4, n) of the members
+    """
+
+    moments: Array
+    potential: Callable[[Array], Array]
+    bound: Array
+    attitude: Any = None
+
+
+@dataclass(frozen=True)
+class Law:
+    """A vector drawn as a whole. The fields of a law are numbers, distributions and grids.
+
+    What its class states::
+
+        word : its name in a scene file, by default that of the class in snake_case, as in
+            omega = { cone = { axis = 2, size = 1.0, angle = 0.01 } }
+        of : the keys of a scene that take it, of omega, momentum, moments and attitude
+        sized : {field: power}, how a field scales with the vector; "energy" for a field in joules
+        by_scipy : whether scipy computes it, whose versions may round differently
+    """
+
+    word: ClassVar[str]
+    of: ClassVar[tuple[str, ...]]
+    sized: ClassVar[dict[str, Any]] = {}
+    by_scipy: ClassVar[bool] = False
+
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        if "word" not in vars(cls):
+            cls.word = word_of(cls)
+
+    def checked(self, where: str) -> Self:
+        """The law with its parameters checked; SceneError that names the table `where`.
+
+        By default each is a number, a distribution or a grid, or several of them.
+        """
+        parts = {
+            name: numbers(value, where, name, len(value))
+            if isinstance(value, (list, tuple))
+            else number(value, where, name)
+            for name, value in self.as_dict().items()
+        }
+        return replace(self, **parts)
+
+    def sample(
+        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+    ) -> Array:
+        """Vectors (3, count), or quaternions (4, count), of members first ... first + count - 1.
+
+        source : what the numbers are drawn from, a seed or points
+        name : of the random stream
+        facts : Facts of the members; None for laws of moments and attitudes
+        """
+        raise NotImplementedError
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """The names of the fields."""
+        return tuple(field.name for field in fields(cls))
+
+    @classmethod
+    def required(cls) -> tuple[str, ...]:
+        """The names of the fields that have no default."""
+        return tuple(field.name for field in fields(cls) if field.default is MISSING)
+
+    def as_dict(self) -> dict[str, Any]:
+        """{field: value}."""
+        return {name: getattr(self, name) for name in self.names()}
+
+
+class Ensemble(Law):
+    """A law of the momentum that is part of a statistical ensemble, and tells its attitudes too."""
+
+    direction: Any = None
+
+    def share(self, seed: int, first: int, count: int, facts: Facts) -> Density:
+        """The density of attitudes, divided by its bound."""
+        raise NotImplementedError
+
+
+def numbers_of(law: Law) -> tuple[Any, ...]:
+    """All parameters of a law, distributions and grids among them, in one flat tuple."""
+    flat: list[Any] = []
+    for value in law.as_dict().values():
+        several = isinstance(value, (tuple, list))
+        flat += list(np.ravel(np.array(value, object))) if several else [value]
+    return tuple(x for x in flat if x is not None)
+
+
+def number(value: Any, where: str, name: str, least: float = -np.inf) -> Any:
+    """A number, a distribution or a grid whose values are at least `least`; SceneError.
+
+    Of a distribution the 1e-9 quantile counts. A normal distribution is taken as meant.
+    """
+    value = quantity(value, where, name)
+    if isinstance(value, np.ndarray):
+        raise SceneError(where, name, None, "expected a number, a distribution or a grid")
+    if isinstance(value, Distribution):
+        low = 0.0 if value.name == "normal" else value.least()
+    else:
+        low = value if isinstance(value, float) else value.low
+    if low < least:
+        raise SceneError(where, name, low, f"has to be {least:g} or more")
+    return value
+
+
+def numbers(values: Any, where: str, name: str, size: int) -> tuple[Any, ...]:
+    """`size` numbers, distributions or grids; SceneError."""
+    values = placed(values, where, name)
+    if isinstance(values, str) or not hasattr(values, "__len__") or len(values) != size:
+        raise SceneError(where, name, values, f"expected {size} numbers")
+    return tuple(number(x, where, name) for x in values)
+
+
+def matrix(value: Any, where: str, name: str, sizes: Sequence[int]) -> tuple[Any, ...]:
+    """A symmetric matrix without negative eigenvalues, of one of these sizes, as a tuple of rows;
+    SceneError."""
+    wanted = " or ".join(f"{size}x{size}" for size in sizes)
+    rule = f"expected a symmetric matrix of {wanted} finite numbers without negative eigenvalues"
+    array = floats(value, name, table=where, rule=rule)
+    if array.shape not in {(size, size) for size in sizes} or not np.isfinite(array).all():
+        raise SceneError(where, name, array.tolist(), rule)
+    scale = np.sqrt(np.abs(array.diagonal()))
+    scale = np.outer(scale, scale)
+    if (np.abs(array - array.T) > 1e-9 * scale).any():
+        raise SceneError(where, name, array.tolist(), rule)
+    # what is divided by 1 is not taken
+    ones = np.where(scale > 0.0, array / np.where(scale > 0.0, scale, 1.0), 0.0)
+    if np.linalg.eigvalsh(ones).min() < -1e-9 or (array[scale == 0.0] != 0.0).any():
+        raise SceneError(where, name, array.tolist(), rule)
+    return tuple(map(tuple, (0.5 * (array + array.T)).tolist()))
+
+
+def plain(values: Any, where: str, name: str, size: int) -> tuple[float, ...]:
+    """A vector of `size` plain numbers that has a direction; SceneError."""
+    vector = numbers(values, where, name, size)
+    if not all(isinstance(x, float) for x in vector):
+        raise SceneError(where, name, None, "expected plain numbers")
+    if not any(vector):
+        raise SceneError(where, name, list(vector), "a vector of length 0 has no direction")
+    return vector
+
+
+def concentration(value: Any, where: str) -> float:
+    """The concentration kappa of a law of directions; SceneError."""
+    kappa = number(value, where, "kappa")
+    if not isinstance(kappa, float) or not 0.0 <= kappa <= 1e12:
+        shown = value if isinstance(value, (int, float)) else None
+        raise SceneError(where, "kappa", shown, "expected a number between 0 and 1e12")
+    return kappa

@@ -1,0 +1,200 @@
+"""Laws of any vector: cones, spheres and correlated normal vectors.
+
+Uniform directions and uniform attitudes.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rigidmc.arrays import floats
+from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.functions import cosine, sine
+from rigidmc.physics.dynamics.so3 import sincos
+from rigidmc.scene.distributions import Distribution, uniform
+from rigidmc.scene.quantities import Source, draw
+from rigidmc.scene.vector_distributions.protocol import Array, Facts, Law, number, numbers
+
+AROUND = Distribution("uniform", (0.0, 2.0 * math.pi))
+
+
+@dataclass(frozen=True)
+class Cone(Law):
+    """A vector of given size at a given angle from a principal axis.
+
+    Components along the axis, the next axis, and the one after it::
+
+        size (cos angle, sin angle cos azimuth, sin angle sin azimuth)
+
+    Parameters
+    ----------
+    axis : int
+        1, 2, 3, or -1, -2, -3 for the other end of the axis
+    size : quantity [rad/s or kg m^2/s]
+        of the vector, an angular velocity or an angular momentum
+    angle : quantity [rad]
+        from the axis
+    azimuth : quantity, optional [rad]
+        angle about the axis, from the next axis on; by default uniform
+
+    Examples
+    --------
+    >>> start = rm.Start(omega=rm.Cone(axis=3, size=10.0, angle=rm.uniform(0.0, 0.1)))
+    >>> start.which
+    'omega'
+    """
+
+    axis: int
+    size: Any
+    angle: Any
+    azimuth: Any = AROUND
+
+    word = "cone"
+    of = ("omega", "momentum")
+    sized = {"size": 1}
+
+    def checked(self, where: str) -> "Cone":
+        if isinstance(self.axis, bool) or self.axis not in (1, 2, 3, -1, -2, -3):
+            rule = "expected 1, 2 or 3, or -1, -2, -3 for the other end of the axis"
+            raise SceneError(where, "axis", self.axis, rule)
+        return Cone(
+            int(self.axis),
+            number(self.size, where, "size", least=0.0),
+            number(self.angle, where, "angle"),
+            number(self.azimuth, where, "azimuth"),
+        )
+
+    def sample(
+        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+    ) -> Array:
+        quantities = (self.size, self.angle, self.azimuth)
+        size, angle, azimuth = draw(quantities, source, f"{name}.cone", first, count)
+        i, v = abs(self.axis) - 1, np.empty((3, count))
+        v[i] = math.copysign(1.0, self.axis) * size * cosine(angle)
+        v[(i + 1) % 3] = size * sine(angle) * cosine(azimuth)
+        v[(i + 2) % 3] = size * sine(angle) * sine(azimuth)
+        return v
+
+
+@dataclass(frozen=True)
+class Sphere(Law):
+    """A vector of given size in a uniform random direction.
+
+    For `momentum` it is the momentum sphere `|L|` = size.
+
+    Parameters
+    ----------
+    size : quantity [rad/s or kg m^2/s]
+        of the vector, an angular velocity or an angular momentum
+
+    Examples
+    --------
+    >>> start = rm.Start(momentum=rm.Sphere(2.0))
+    >>> name, l = start.spin(0, 0, 5, None)
+    >>> np.linalg.norm(l, axis=0).round(12).tolist()
+    [2.0, 2.0, 2.0, 2.0, 2.0]
+    """
+
+    size: Any
+
+    word = "sphere"
+    of = ("omega", "momentum")
+    sized = {"size": 1}
+
+    def checked(self, where: str) -> "Sphere":
+        return Sphere(number(self.size, where, "size", least=0.0))
+
+    def sample(
+        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+    ) -> Array:
+        size = draw((self.size,), source, f"{name}.size", first, count)
+        return size * directions(source, name, first, count)
+
+
+@dataclass(frozen=True)
+class Correlated(Law):
+    """A normal vector of given mean and covariance.
+
+    With z standard normal::
+
+        v = mean + C z,  C C^T = covariance, C lower triangular (Cholesky)
+
+    For moments: a measured inertia with its covariance. A member whose moments no body can have is
+    flagged invalid_input, and a note counts these members.
+
+    Parameters
+    ----------
+    mean : array_like (3,) [rad/s, kg m^2/s or kg m^2]
+        of the vector, or of the moments
+    covariance : array_like (3, 3) [square of that unit]
+        symmetric and positive definite
+
+    Examples
+    --------
+    >>> covariance = [[1e-4, 5e-5, 0.0], [5e-5, 1e-4, 0.0], [0.0, 0.0, 1e-4]]
+    >>> body = rm.Body.from_moments(rm.Correlated((2.0, 2.5, 3.0), covariance))
+    """
+
+    mean: Any
+    covariance: Any
+
+    word = "correlated"
+    of = ("omega", "momentum", "moments")
+    sized = {"mean": 1, "covariance": 2}
+
+    def checked(self, where: str) -> "Correlated":
+        return Correlated(numbers(self.mean, where, "mean", 3), _covariance(self.covariance, where))
+
+    def sample(
+        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+    ) -> Array:
+        normal = (Distribution("normal", (0.0, 1.0)),) * 3
+        z = draw(normal, source, f"{name}.normal", first, count)
+        factor = lower_factor(self.covariance)
+        return np.stack(
+            [self.mean[i] + sum(factor[i][j] * z[j] for j in range(i + 1)) for i in range(3)]
+        )
+
+
+def lower_factor(c: Any) -> tuple[tuple[float, ...], ...]:
+    """The rows of the lower Cholesky factor of a symmetric 3x3 matrix."""
+    a = math.sqrt(c[0][0])
+    b, d = c[1][0] / a, c[2][0] / a
+    e = math.sqrt(c[1][1] - b * b)
+    f = (c[2][1] - d * b) / e
+    return (a,), (b, e), (d, f, math.sqrt(c[2][2] - d * d - f * f))
+
+
+def _covariance(value: Any, where: str) -> tuple[tuple[float, ...], ...]:
+    """A symmetric positive definite 3x3 matrix as a tuple of rows; SceneError."""
+    rule = "expected a symmetric matrix of 3x3 finite numbers"
+    matrix = floats(value, "covariance", table=where, rule=rule)
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+        raise SceneError(where, "covariance", matrix.tolist(), rule)
+    if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
+        raise SceneError(where, "covariance", matrix.tolist(), rule)
+    if np.linalg.eigvalsh(matrix).min() <= 0.0:
+        rule = "expected a positive definite matrix: all variances are positive"
+        raise SceneError(where, "covariance", matrix.tolist(), rule)
+    return tuple(map(tuple, matrix.tolist()))
+
+
+def uniform_attitudes(u: Array, v: Array, w: Array) -> Array:
+    """Unit quaternions (4, n), uniform on SO(3), from numbers (n,) uniform in (0, 1).
+
+    Source: Shoemake, Graphics Gems III (1992) 124.
+    """
+    a, b = np.sqrt(1.0 - u), np.sqrt(u)
+    (sine_v, cosine_v), (sine_w, cosine_w) = sincos(2.0 * np.pi * v), sincos(2.0 * np.pi * w)
+    return np.stack([b * cosine_w, a * sine_v, a * cosine_v, b * sine_w])
+
+
+def directions(source: Source, name: str, first: int, count: int) -> Array:
+    """Unit vectors (3, n), uniform on the sphere: the cosine of the polar angle and the azimuth are
+    uniform."""
+    laws = (uniform(-1.0, 1.0), uniform(0.0, 2.0 * math.pi))
+    z, phi = draw(laws, source, f"{name}.direction", first, count)
+    r, (y, x) = np.sqrt((1.0 - z) * (1.0 + z)), sincos(phi)
+    return np.stack([r * x, r * y, z])

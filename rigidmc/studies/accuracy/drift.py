@@ -1,0 +1,121 @@
+"""Drift of constants of the motion over very many steps, and the law by which it grows."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.engine.kernel import layout
+from rigidmc.errors import OptionError, unknown
+from rigidmc.physics.integrators import accepting, refusal
+from rigidmc.planning.tolerance.choose import check_pilot
+from rigidmc.planning.tolerance.deviation import drift_along
+from rigidmc.planning.tolerance.pilot import ROUNDING, pilot
+from rigidmc.runs.capacity import refuse_count
+from rigidmc.scene.amounts import counted, seconds
+from rigidmc.scene.conservation import conservation
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.validation import named_integrators
+from rigidmc.studies.accuracy.study import WORDS
+
+# one integrator of each kind
+LONG = ("rk4", "rk8", "midpoint", "strang", "rotations", "chin4", "srkn11", "aba1064")
+SYMBOLS = {"energy": "energy", "l2": "|L|^2", "lz": "L_z"}
+
+
+def long_drift(
+    scene: Scene,
+    integrators: Sequence[str] | None = None,
+    steps: int = 1_000_000,
+    dt: float | None = None,
+    members: int = 64,
+    progress: Callable[[str], object] | None = None,
+) -> xr.Dataset:
+    """Drift of energy, |L|^2 and L_z over very many steps: a Dataset over `integrator` and `step`.
+
+    integrators : names or integrators, default those of LONG and of the scene that take it
+    dt : step [s], default the scene's;  members : the first of the scene
+    `step` : powers of two up to `steps`
+
+    Variables: energy_drift, l2_drift, lz_drift, the largest drift so far of the worst member,
+    relative to the sizes in play; energy_law, l2_law, lz_law, the law by which each grows with the
+    steps ("bounded", "sqrt" or "linear"), and energy_power, ..., the fitted exponent.
+    Raises SceneError as `accuracy`.
+    """
+    scene, given = scene.with_integrators(integrators or ())
+    known = scene.known_integrators()
+    able = accepting(scene.effects, known=known)
+    own = named_integrators(scene.integrators)
+    names = given or [name for name in (*LONG, *own) if name in able]
+    for name in names:
+        if name not in known:
+            raise unknown("", "integrators", name, "integrator", known, OptionError)
+        if why := refusal(name, scene.effects, known=known):
+            raise OptionError("", "integrators", name, why)
+    dt = seconds(dt or scene.run.dt, "dt")
+    steps, members = counted(steps, "steps"), counted(members, "members")
+    refuse_count(members, "members of a pilot", 8 * layout.EFFECTS)
+    at = np.unique(np.append(2 ** np.arange(4, int(math.log2(steps)) + 1), steps))
+    first = pilot(scene.with_run(t_end=dt * steps, every=None), members)
+    check_pilot(scene, first)
+    drifts = {}
+    for name in names:
+        drifts[name] = drift_along(first, name, steps, at, dt)
+        if progress:
+            ends = [f"{s} {drifts[name][key][-1]:.1e}" for key, s in SYMBOLS.items()]
+            progress(f"{name:9s} {', '.join(ends)}")
+    variables: dict[str, Any] = {}
+    for key in SYMBOLS:
+        values = np.array([drifts[name][key] for name in names])
+        laws, powers = zip(*(growth_law(at, row) for row in values), strict=True)
+        attrs = {"units": "1", "long_name": f"largest drift so far: {WORDS[key]}"}
+        variables[f"{key}_drift"] = ("integrator", "step"), values, attrs
+        variables[f"{key}_law"] = "integrator", np.array(laws, dtype=object)
+        variables[f"{key}_power"] = "integrator", np.array(powers)
+    conserved = conservation(scene)
+    facts = {
+        "title": scene.title,
+        "scene": scene.dumps(),
+        "dt": dt,
+        "members": first.members,
+        "lz_conserved": conserved["lz"] if first.carried else "no: no attitude",
+        "energy_conserved": conserved["energy"],
+        "l2_conserved": conserved["l2"],
+    }
+    return xr.Dataset(variables, {"integrator": np.array(names, dtype=object), "step": at}, facts)
+
+
+def growth_law(steps: NDArray[np.int_], drift: NDArray[np.float64]) -> tuple[str, float]:
+    """(law, power): drift ~ steps^power, fitted over the later half of the decades.
+
+    "bounded" below 0.2 or if the drift stays below 20 roundings, "sqrt" below 0.75, "linear" below
+    1.5, else "faster than linear"; "failed" if the drift is not finite.
+    """
+    later = steps >= np.sqrt(steps[0] * steps[-1])
+    values = np.maximum(drift[later], ROUNDING)
+    if not np.isfinite(values).all():
+        return "failed", math.nan
+    power = float(np.polyfit(np.log(steps[later]), np.log(values), 1)[0])
+    if power < 0.2 or drift[-1] < 20 * ROUNDING:
+        return "bounded", power
+    return ("sqrt" if power < 0.75 else "linear" if power < 1.5 else "faster than linear"), power
+
+
+def long_table(study: xr.Dataset) -> list[str]:
+    """Lines of text: the final drift and its law for each integrator and conserved quantity."""
+    a = study.attrs
+    steps = f"{study.step.values[-1]:,} steps of {a['dt']:.6g} s"
+    lines = [f"drift over {steps}, worst of {a['members']} members"]
+    for i, name in enumerate(study.integrator.values):
+        parts = []
+        for key, symbol in SYMBOLS.items():
+            if a[f"{key}_conserved"] == "yes":
+                law = (
+                    f"{study[f'{key}_law'].values[i]}, power {study[f'{key}_power'].values[i]:.2f}"
+                )
+                parts.append(f"{symbol} {study[f'{key}_drift'].values[i, -1]:.1e} ({law})")
+        lines.append(f"{name:10s} {'; '.join(parts)}")
+    return lines

@@ -1,0 +1,70 @@
+"""The picture of a study of basins: where starts end, and how many end otherwise nearby."""
+
+from textwrap import fill
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rigidmc.figures import CORE, INK, LIGHT, MARKERS, MEDIAN, PATH, legend_above, new_figure
+from rigidmc.studies.basins.study import basin_names, line
+
+BASINS = (MEDIAN, "#fdd49e", PATH, CORE, "#777777", "#2a9d6f")  # dark and light by turns
+
+
+def basins_and_shares(study: xr.Dataset, figure: Figure | None = None) -> Figure:
+    """The share of uncertain starts by their distance, with the line whose slope is alpha; of a
+    scene with two uncertain numbers also the basins in their plane.
+
+    study : the Dataset of `rigidmc.basins`
+    """
+    plane = study.sizes["number"] == 2 and bool(np.isfinite(study.start.values).any(axis=0).all())
+    title = f"{study.attrs['title']}: where starts end, and how surely"
+    figure = figure or new_figure(title, (11.5, 5.2) if plane else (6.6, 5.2))
+    panels = figure.subplots(1, 1 + plane, squeeze=False)[0]
+    if plane:
+        _plane(panels[0], study)
+    _shares(panels[-1], study)
+    return figure
+
+
+def _plane(axes: Axes, study: xr.Dataset) -> None:
+    """The starts, coloured by where they end."""
+    basin, start = study.basin.values, study.start.values
+    size = float(np.clip(60000.0 / max(1, basin.size), 1.0, 40.0))  # [pt2] of 130,000
+    for i, (one, text) in enumerate(basin_names(study).items()):
+        there = basin == one
+        axes.scatter(
+            start[there, 0], start[there, 1], s=size, marker="s", linewidths=0.0,
+            color=BASINS[i % len(BASINS)], rasterized=True,
+            label=fill(f"{text}: {there.mean():.1%}", 50),
+        )  # fmt: skip
+    names = [f"{n} [{u}]" for n, u in zip(study.number.values, study.units.values, strict=True)]
+    axes.set_xlabel(names[0])
+    axes.set_ylabel(names[1])
+    legend_above(axes, 1)
+
+
+def _shares(axes: Axes, study: xr.Dataset) -> None:
+    """The shares of uncertain starts against their distance."""
+    there = study.uncertain.values > 0.0
+    distance, share = study.distance.values[there], study.uncertain.values[there]
+    ends = [np.abs(study[f"uncertain_{end}"].values[there] - share) for end in ("low", "high")]
+    axes.errorbar(
+        distance, share, yerr=ends, fmt=MARKERS[0], ms=5.0, color=MEDIAN, ecolor=INK, lw=1.0,
+        capsize=2.0, label="share of starts",
+    )  # fmt: skip
+    alpha = float(study.alpha)
+    if np.isfinite(alpha):
+        half = 0.5 * float(study.alpha_high - study.alpha_low)
+        words = rf"$\epsilon^\alpha$, $\alpha$ = {alpha:.3f} $\pm$ {half:.3f}"
+        axes.plot(distance, line(study)[there], color=PATH, lw=1.6, label=words)
+    axes.axhline(study.attrs["largest"], color=INK, ls="--", lw=1.0, label="of independent ends")
+    axes.set(xscale="log", yscale="log")
+    axes.set_ylim(top=1.2 * study.attrs["largest"])
+    axes.set_xlabel(r"distance $\epsilon$ between two starts, in probability")
+    axes.set_ylabel("share that ends otherwise")
+    axes.grid(True, which="both", lw=0.3, color=LIGHT)
+    axes.set_axisbelow(True)
+    legend_above(axes, 3)

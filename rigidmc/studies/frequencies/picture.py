@@ -1,0 +1,78 @@
+"""The picture of a frequency analysis: a frequency map, or the diffusion over two parameters."""
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rigidmc.errors import OptionError, nearest
+from rigidmc.figures import LIGHT, VALUES, figure_of, new_figure
+
+LOWEST = 1e-14  # change that is drawn as none: rounding
+FREQUENCY = "frequency[1]"
+
+
+def frequency_map(
+    study: xr.Dataset, x: str | None = None, y: str | None = None, figure: Figure | None = None
+) -> Figure:
+    """Members in the plane of two of their numbers, coloured by how much their frequency changes.
+
+    study : the Dataset of `rigidmc.frequencies`
+    x, y : such as "start_omega[3]", "frequency[2]" or "amplitude[1]"; by default the number of the
+        start that differs most between members, and the first frequency
+
+    Dark members are regular, bright ones chaotic. Raises OptionError for what the study has not.
+    """
+    known = _known(study)
+    spread = {
+        # numbers that are all 0 do not differ, by anything
+        name: np.ptp(v) / (np.abs(v).max() or 1.0)
+        for name, v in known.items()
+        if name.startswith("start_")
+    }
+    names = x or max(spread, key=lambda name: spread[name], default=FREQUENCY), y or FREQUENCY
+    for name in names:
+        if name not in known:
+            rule = f"the study has no such number of its members; known: {', '.join(known)}"
+            raise OptionError("", "x and y", name, rule, nearest(name, known))
+    good = study.status.values == 0
+    title = f"{study.attrs['title']}: frequencies of {study.attrs['of']}"
+    figure = figure or new_figure(title, (7.4, 5.4))
+    axes = figure.add_subplot()
+    change = np.log10(np.maximum(study.change.values[good], LOWEST))
+    order = np.argsort(change)
+    across, up = (known[name][good][order] for name in names)
+    size = float(np.clip(60000.0 / max(1, good.sum()), 1.0, 40.0))  # [pt2] of 130,000
+    dots = axes.scatter(
+        across, up, s=size, c=change[order], marker="s", cmap=VALUES, vmin=-12.0, vmax=0.0,
+        linewidths=0.0, rasterized=True,
+    )  # fmt: skip
+    axes.set_xlabel(_label(study, names[0]))
+    axes.set_ylabel(_label(study, names[1]))
+    axes.grid(True, lw=0.3, color=LIGHT)
+    axes.set_axisbelow(True)
+    bar = figure.colorbar(dots, ax=axes, extend="min")
+    bar.set_label("change of the first frequency, half to half, log10")
+    return figure_of(axes)
+
+
+def _known(study: xr.Dataset) -> dict[str, NDArray[np.float64]]:
+    """{name: values} of all numbers of the members."""
+    found: dict[str, NDArray[np.float64]] = {}
+    for name, one in study.data_vars.items():
+        if name in ("status", "change", "why") or one.ndim > 2:
+            continue
+        dim = next((d for d in one.dims if d != "member"), None)
+        if "member" not in one.dims:
+            one = one.broadcast_like(study.status)
+        if dim is None:
+            found[str(name)] = one.values
+        else:
+            found |= {f"{name}[{v.item()}]": one.sel({dim: v}).values for v in one[dim].values}
+    return found
+
+
+def _label(study: xr.Dataset, text: str) -> str:
+    """A name with its unit."""
+    units = study[text.partition("[")[0]].attrs.get("units", "1")
+    return text if units == "1" else f"{text} [{units}]"

@@ -1,0 +1,323 @@
+"""Frequency analysis: the fundamental frequencies of members, and how far they wander."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.optimize import elementwise
+
+from rigidmc.errors import OptionError, nearest
+from rigidmc.progress import Progress
+from rigidmc.results.estimates import component_of
+from rigidmc.results.intervals import ULPS, resolution, resolution_of
+from rigidmc.runs.capacity import refuse_count
+from rigidmc.scene.amounts import counted
+from rigidmc.scene.scene import Scene, scene_of, takes_scene
+from rigidmc.studies.framework.members import chunks, pieces, saves_of
+
+Array = NDArray[np.float64]
+TERMS = 3
+POWER = 3  # of the window: a line at a distance of n samples of the spectrum is n^-8 off
+NOTHING = 1e-12  # of the signal: what is left is rounding
+WIDTH = POWER + 1.0  # of a line, in periods of the whole time, to the first zero of the window
+DOUBLE = 0.5  # of a line: one as strong within its width is another line, not its artefact
+WHY = ("resolved", "nothing", "slow", "fast", "close", "flagged")
+WORDS = {  # reasons of WHY that a table shows
+    "nothing": "is constant to rounding",
+    "slow": f"has fewer than {WIDTH:g} periods in the time",
+    "fast": "is folded, or nearly: saves have to be less than half a period apart",
+    "close": f"is one of two that are nearer than {WIDTH:g} periods of the time",
+}
+LEAST = 64  # saves of which a spectrum is made
+NUMBERS = 2**23  # of exponentials at once: 128 MB
+
+
+@takes_scene
+def frequencies(
+    scene: Scene,
+    of: str,
+    terms: int = TERMS,
+    threads: int | None = None,
+    progress: Progress = None,
+    **settings: Any,
+) -> xr.Dataset:
+    """Tell of which frequencies the motion of each member is made.
+
+    The signal x(t) of a member, its saves less their mean, is written as a sum of oscillations::
+
+        x(t) = sum_k a_k cos(nu_k t + phase_k)
+
+    nu_1 is where ``|<x, exp(i nu t)>|`` is largest under the window (1 + cos)^3, to rounding; its
+    oscillation is taken away, and the next is sought. A regular motion keeps its frequencies, a
+    chaotic one does not: `change` compares nu_1 of both halves of the time.
+    Source: Laskar, Icarus 88 (1990) 266; Physica D 67 (1993) 257.
+
+    Parameters
+    ----------
+    scene : Scene or path_like
+        what is run; also its file, or the name of a shipped one
+    of : str
+        what oscillates, such as "omega[1]": an observable at save times, or a component of it
+    terms : int, optional
+        how many oscillations
+    threads : int, optional
+        as of `simulate`
+    progress : bool or callable, optional
+        True for what the study will cost, told before the first member, and a bar; or a function
+        of (members done, all)
+    **settings : object
+        of `simulate`; saves have to be less than half a period apart
+
+    Returns
+    -------
+    xarray.Dataset
+        over term and member: `frequency` [rad/s], `amplitude` and `phase` [rad]; over member
+        `change`, the relative change of the first frequency from one half of the time to the other,
+        the start, and `status`. All are nan for flagged members, and for what a window of that
+        length does not resolve; `why`, over term and member, tells the reason: nothing but rounding
+        is left; fewer than 4 periods (of `change`, in each half); less than half a period between
+        saves, or nearly; another line nearer than 4 periods of the time
+
+    Raises
+    ------
+    OptionError
+        for what is not known at save times, or with fewer than 64 saves
+
+    Examples
+    --------
+    A disc that is thrown wobbles at (I3/I1 - 1) omega3:
+
+    >>> start = rm.Start(omega=(0.1, 0.0, 2.0))
+    >>> scene = rm.Scene(rm.Body((1.0, 1.0, 1.8)), start=start)
+    >>> run = {"integrator": "exact", "members": 1, "dt": 0.5, "every": 0.5, "t_end": 200.0}
+    >>> found = rm.frequencies(scene, "omega[1]", **run)
+    >>> found.frequency[0].values.round(12).tolist()
+    [1.6]
+    """
+    scene = designed(scene, of, terms, **settings)
+
+    def joined(parts: Iterable[xr.Dataset]) -> xr.Dataset:
+        return _joined(scene, of, terms, parts)
+
+    size = _size(saves_of(scene))
+    return joined(chunks(scene, size, threads, progress, lambda part: joined([part])))
+
+
+def designed(scene: Scene, of: str, terms: int = TERMS, **settings: Any) -> Scene:
+    """The scene whose members are those of a study; arguments as of `frequencies`."""
+    scene = scene.with_run(**settings)
+    counted(terms, "terms")
+    refuse_count(scene.run.members, "members with frequencies", 8 * (3 * terms + 8))
+    found = component_of(scene, of, "of")
+    more: Scene = scene.with_run(save=(found.name,), keep="full")
+    return more
+
+
+def frequencies_of(
+    result: xr.Dataset, of: str, terms: int = TERMS, allow_code: bool = False
+) -> xr.Dataset:
+    """Tell what `frequencies` tells, of a result.
+
+    allow_code : whether to run the Python files of a user's own parts
+
+    Raises OptionError if the result lacks what is asked, and as `frequencies`.
+    """
+    scene = scene_of(result, allow_code=allow_code)
+    name = component_of(scene, of, "of").name
+    if name not in result or "time" not in result[name].dims:
+        rule = f"the result has no {name} at save times; `rigidmc run SCENE --save {name}`"
+        raise OptionError("", "of", of, rule, nearest(name, map(str, result)))
+    return _joined(scene, of, terms, pieces(result, _size(result.sizes["time"])))
+
+
+def _size(saves: int) -> int:
+    """How many members are analysed at once."""
+    return max(1, NUMBERS // saves)
+
+
+def _joined(scene: Scene, of: str, terms: int, parts: Iterable[xr.Dataset]) -> xr.Dataset:
+    """The study of some results, one after the other."""
+    asked, found = component_of(scene, of, "of"), []
+    for part in parts:
+        if part.sizes["time"] < LEAST:
+            rule = f"a spectrum needs {LEAST} saves or more, and there are {part.sizes['time']}"
+            raise OptionError("run", "every", scene.run.every, rule)
+        signal = np.where(part.status.values == 0, asked.values(part), np.nan)
+        found.append(_studied(part, signal, terms, resolution_of(scene)))
+    study: xr.Dataset = xr.concat(found, "member", data_vars="minimal")
+    units = part[asked.name].attrs.get("units", "1")
+    study["amplitude"].attrs["units"] = units
+    study.attrs = {"title": scene.title, "of": of.strip(), "scene": scene.dumps()}
+    return study
+
+
+def _studied(part: xr.Dataset, signal: Array, terms: int, resolved: float) -> xr.Dataset:
+    """The study of signals (time, member), of a relative resolution."""
+    times = part.time.values
+    # the last save may lie nearer to the one before: a spectrum is of evenly spaced ones
+    if times[-1] - times[-2] < (times[1] - times[0]) * (1.0 - 1e-6):
+        times, signal = times[:-1], signal[:-1]
+    found = oscillations(signal, times, terms, resolved)
+    half = times.size // 2
+    ends = [
+        oscillations(piece, times[: len(piece)], 1, resolved).frequency[0]
+        for piece in (signal[:half], signal[-half:])
+    ]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        change = np.abs(ends[1] - ends[0]) / found.sought[0]
+    words = {
+        "frequency": {"long_name": "frequency of the oscillation", "units": "rad s-1"},
+        "amplitude": {"long_name": "amplitude of the oscillation"},
+        "phase": {"long_name": "phase of the oscillation at t = 0", "units": "rad"},
+    }
+    variables: dict[str, Any] = {
+        name: (("term", "member"), values, words[name])
+        for name, values in zip(words, found[:3], strict=True)
+    }
+    about = {"flag_values": list(range(len(WHY))), "flag_meanings": " ".join(WHY)}
+    why = np.where(np.isnan(signal).any(axis=0), WHY.index("flagged"), found.why).astype("i1")
+    variables["why"] = ("term", "member"), why, {"long_name": "why there is none", **about}
+    text = "relative change of the first frequency between both halves of the time"
+    variables["change"] = "member", change, {"long_name": text, "units": "1"}
+    starts = [str(n) for n in part.data_vars if str(n).startswith("start_") or n == "status"]
+    return xr.Dataset(
+        variables, {"term": np.arange(1, terms + 1), "member": part.member.values}
+    ).merge(part[starts].drop_vars("time", errors="ignore"))
+
+
+class Oscillations(NamedTuple):
+    """Frequencies [rad/s], amplitudes and phases of signals, each (terms, n), in the order found;
+    nan for what the window cannot resolve.
+
+    why : the place in WHY of the reason;  sought : the frequencies with those that are not resolved
+    """
+
+    frequency: Array
+    amplitude: Array
+    phase: Array
+    why: NDArray[np.int64]
+    sought: Array
+
+
+def oscillations(
+    signal: Array, times: Array, terms: int, resolved: float | None = None
+) -> Oscillations:
+    """The Oscillations of signals.
+
+    A line of a signal of length T is as wide as WIDTH 2 pi/T: one nearer to 0, where the mean and
+    its own mirror image are, or to the highest frequency of the saves, has errors of up to its own
+    size. Of two that are nearer to each other the weaker is an artefact of the stronger, and if it
+    is nearly as strong, neither is known.
+
+    signal : (saves, n);  times : evenly spaced [s];  resolved : the relative resolution of signals
+    """
+    step = (times[-1] - times[0]) / (times.size - 1)
+    weight = window(times.size)[:, None]
+    found: list[Array] = []
+    shares, left = _fitted(_waves(found, times, signal.shape[1]), signal, weight)
+    eps = resolution(signal.dtype) if resolved is None else resolved
+    noise = ULPS * eps * np.abs(signal).max(axis=0) * np.sqrt(times.size)
+    least = np.maximum(NOTHING * np.sqrt((weight * left**2).sum(axis=0)), noise)
+    for _ in range(terms):
+        rest = np.sqrt((weight * left**2).sum(axis=0))
+        frequency = _strongest(left * weight, step)
+        found.append(np.where(rest > least, frequency, np.nan))
+        shares, left = _fitted(_waves(found, times, signal.shape[1]), signal, weight)
+    frequency, values = np.array(found), shares[1::2] - 1j * shares[2::2]
+    why = _unresolved(frequency, np.abs(values), step, times.size)
+    values[why > 0] = np.nan
+    known = np.where(why > 0, np.nan, frequency)
+    return Oscillations(known, np.abs(values), np.angle(values), why, frequency)
+
+
+def _unresolved(frequency: Array, size: Array, step: float, saves: int) -> NDArray[np.int64]:
+    """The places in WHY of the reasons why oscillations (terms, n) are not resolved."""
+    width = WIDTH * 2.0 * np.pi / ((saves - 1) * step)
+    why = np.zeros(frequency.shape, np.int64)
+    with np.errstate(invalid="ignore"):
+        for k in range(1, len(frequency)):
+            near = np.abs(frequency[:k] - frequency[k]) < width
+            alike = near & (size[k] > DOUBLE * size[:k])
+            why[k, near.any(axis=0)] = WHY.index("close")
+            why[:k][alike] = WHY.index("close")
+        why[frequency < width] = WHY.index("slow")
+        why[frequency > np.pi / step - width] = WHY.index("fast")
+    why[np.isnan(frequency)] = WHY.index("nothing")
+    return why
+
+
+def window(count: int) -> Array:
+    """(1 + cos)^POWER over `count` saves, of mean 1."""
+    shape = (1.0 + np.cos(np.linspace(-np.pi, np.pi, count))) ** POWER
+    whole: Array = shape / shape.mean()
+    return whole
+
+
+def _strongest(signal: Array, step: float) -> Array:
+    """The frequencies (n,) at which the spectra of weighted signals (saves, n) are largest."""
+    saves, members = signal.shape
+    spectrum = np.abs(np.fft.rfft(np.nan_to_num(signal), 2 * saves, axis=0))
+    at = np.clip(spectrum[1:-1].argmax(axis=0) + 1, 1, saves - 1)
+    apart = np.pi / (saves * step)
+    moments = np.arange(saves) - 0.5 * (saves - 1)  # the middle, where the phase turns least
+
+    def slope(frequency: Array, which: Array) -> Array:
+        waves = np.exp(-1j * np.outer(moments * step, frequency))
+        chosen = np.nan_to_num(signal[:, which.astype(int)])
+        value = (chosen * waves).sum(axis=0)
+        change = (chosen * waves * (-1j * moments * step)[:, None]).sum(axis=0)
+        rise: Array = (np.conj(value) * change).real
+        return rise
+
+    ends = (at - 1.0) * apart, (at + 1.0) * apart
+    root = elementwise.find_root(slope, ends, args=(np.arange(float(members)),), maxiter=60)
+    bad = ~np.isfinite(signal).all(axis=0)
+    return np.where(bad | ~root.success, np.nan, root.x)
+
+
+def _waves(found: Sequence[Array], times: Array, count: int) -> Array:
+    """1, then cos and sin of each frequency, (1 + 2 terms, saves, n); 0 for those that are nan."""
+    rows = [np.ones((times.size, count))]
+    for frequency in found:
+        angles = times[:, None] * frequency
+        rows += [np.nan_to_num(np.cos(angles)), np.nan_to_num(np.sin(angles))]
+    return np.array(rows)
+
+
+def _fitted(waves: Array, signal: Array, weight: Array) -> tuple[Array, Array]:
+    """(shares of the waves (waves, n), what is left of the signal): least squares with a weight."""
+    weighted = waves * weight
+    products = np.einsum("itn,jtn->nij", weighted, waves)
+    right = np.einsum("itn,tn->ni", weighted, np.nan_to_num(signal))
+    inverse = np.linalg.pinv(products, rcond=1e-12, hermitian=True)
+    shares = np.einsum("nij,nj->in", inverse, right)
+    return shares, signal - np.einsum("itn,in->tn", waves, shares)
+
+
+def table(study: xr.Dataset) -> list[str]:
+    """The study in lines of text."""
+    good = study.status.values == 0
+    lines = [f"{study.attrs['title']}: {study.attrs['of']} of {good.sum():,} members"]
+    if not good.any():
+        return lines
+    few = study.isel(member=np.flatnonzero(good)[:5])
+    lines += [f"  member {'':5s}" + "".join(f"{f'nu_{k} [rad/s]':>20s}" for k in few.term.values)]
+    for one in few.member.values:
+        row = few.sel(member=one)
+        lines.append(f"  {one:<12d}" + "".join(f"{x:20.12g}" for x in row.frequency.values))
+    why = study.why.values[0, good]
+    for word, text in WORDS.items():
+        if count := int((why == WHY.index(word)).sum()):
+            lines.append(f"  nu_1 is not resolved, for {count:,} members: it {text}")
+    change = study.change.values[good]
+    change = change[np.isfinite(change)]
+    if change.size:
+        shares = [f"{(change > 10.0**-k).mean():.1%} by more than 1e-{k}" for k in (3, 6, 9)]
+        lines.append(f"  nu_1 changes from half to half: {', '.join(shares)}")
+    if unknown := int(good.sum()) - change.size:
+        lines.append(f"  members whose halves are too short to tell a change: {unknown:,}")
+    if not good.all():
+        lines.append(f"  flagged members, which have no frequencies: {(~good).sum():,}")
+    return lines

@@ -1,0 +1,76 @@
+"""The picture of finite-time Lyapunov exponents: the field over two numbers of the start."""
+
+import math
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from rigidmc.errors import OptionError, nearest
+from rigidmc.figures import VALUES, figure_of, new_figure
+
+Array = NDArray[np.float64]
+PIXELS = 500  # a side at most
+
+
+def ftle_field(
+    study: xr.Dataset, x: str | None = None, y: str | None = None, figure: Figure | None = None
+) -> Figure:
+    """The field over two numbers of the start, bright where a change grows most: lines of light are
+    stable manifolds. A pixel has the value of the start nearest to it. A scene with one number has
+    a curve, one of three and more has dots.
+
+    study : the Dataset of `rigidmc.ftle`
+    x, y : names of numbers, such as "start.omega.1"; by default the first two
+
+    Raises OptionError for what the study has not.
+    """
+    known = [str(n) for n in study.number.values if study.start.sel(number=n).notnull().any()]
+    names = [n for n in (x or "".join(known[:1]), y or "".join(known[1:2])) if n]
+    for name in names:
+        if name not in known:
+            rule = f"the study has no such number of a start; known: {', '.join(known)}"
+            raise OptionError("", "x and y", name, rule, nearest(name, known))
+    if not names:
+        raise OptionError("", "x and y", None, "the start is a law of several numbers at once")
+    time = f"{study.attrs['t_end']:g} s"
+    title = f"{study.attrs['title']}: how much a change of the start has grown after {time}"
+    figure = figure or new_figure(title, (8.2, 6.2))
+    axes, values = figure.add_subplot(), study.ftle.values
+    order = np.argsort(values)[: int(np.isfinite(values).sum())]
+    places = [study.start.sel(number=name).values[order] for name in names]
+    labels = [f"{n} [{study.units.sel(number=n).item()}]" for n in names]
+    words = f"finite-time Lyapunov exponent over {time} [1/s]"
+    axes.set_xlabel(labels[0])
+    if len(names) == 1:
+        axes.plot(places[0], values[order], ".", ms=2.0, rasterized=True)
+        axes.set_ylabel(words)
+        return figure_of(axes)
+    low, high = np.quantile(values[order], [0.01, 0.995]) if order.size else (0.0, 1.0)
+    colours: dict[str, Any] = {"cmap": VALUES, "vmin": low, "vmax": high, "rasterized": True}
+    if study.attrs["numbers"] == 2 and order.size:
+        edges, nearby = _nearest(places)
+        dots: Any = axes.pcolormesh(*edges, values[order][nearby], **colours)
+    else:
+        size = float(np.clip(200000.0 / max(1, order.size), 0.5, 60.0))  # [pt2] of 130,000
+        style: dict[str, Any] = {"marker": "s", "linewidths": 0.0, "s": size}
+        dots = axes.scatter(places[0], places[1], c=values[order], **style, **colours)
+    axes.set_ylabel(labels[1])
+    axes.margins(0.0)
+    figure.colorbar(dots, ax=axes, extend="both").set_label(words)
+    return figure_of(axes)
+
+
+def _nearest(places: list[Array]) -> tuple[list[Array], NDArray[np.intp]]:
+    """(edges of pixels across and up, the start nearest to each), of starts all over a plane."""
+    side = int(np.clip(math.sqrt(2.0 * places[0].size), 16, PIXELS))
+    edges = [np.linspace(x.min(), x.max(), side + 1) for x in places]
+    # a side of no length is drawn as one
+    long = [max(float(np.ptp(x)), 1e-300) for x in places]
+    centres = [0.5 * (e[1:] + e[:-1]) / w for e, w in zip(edges, long, strict=True)]
+    grid = np.stack(np.meshgrid(*centres), axis=-1)
+    tree = cKDTree(np.stack([x / w for x, w in zip(places, long, strict=True)], axis=-1))
+    return edges, np.asarray(tree.query(grid)[1], np.intp)

@@ -1,0 +1,261 @@
+"""Finite-time Lyapunov exponents: how much a change of the start has grown at the end."""
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.errors import OptionError, SceneError
+from rigidmc.planning.initial import groups
+from rigidmc.progress import Progress
+from rigidmc.results.intervals import resolution_of
+from rigidmc.scene.scene import Scene, takes_scene
+from rigidmc.studies.framework.members import (
+    chunks,
+    made,
+    pieces,
+    refuse_noise,
+    size,
+    started,
+    stored,
+)
+
+Array = NDArray[np.float64]
+FAMILIES = 16384
+CHUNK = 2**17  # members at once
+FAR = 0.1  # rad: neighbours that end farther apart tell no tangent
+RESOLVED = 30.0  # resolutions: growth is then known to 3 %
+CURE = (
+    "wider distributions, float64 or a shorter time have neighbours that can be told apart; an"
+    " exponent does not depend on the width"
+)
+ALIKE = 1e-8  # of the squares of two displacements: directions that differ by rounding alone
+STATE = "attitude_last", "omega_last"
+
+
+@takes_scene
+def ftle(
+    scene: Scene,
+    families: int = FAMILIES,
+    unit: float | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+    **settings: Any,
+) -> xr.Dataset:
+    """Tell how much a small change of each start has grown at the end: the field of finite-time
+    Lyapunov exponents, whose ridges are the stable manifolds of what is unstable.
+
+    With the flow Phi over the time T and all changes x of the d numbers that a start draws::
+
+        ftle = 1/T ln max |D Phi x|/|x|,   |x|^2 = angle^2 + unit^2 |change of omega|^2
+
+    The maximum is the root of the largest eigenvalue of the Cauchy-Green tensor of the changes at
+    the end relative to that of the changes at the start. They are the differences to d neighbours,
+    see `rigidmc.scene.sampling.Tangents`: of six numbers they span all changes of attitude and
+    angular velocity, of fewer a part. Another unit changes ftle by a term of size 1/T.
+    Source: Haller, Physica D 149 (2001) 248; Shadden, Lekien & Marsden, Physica D 212 (2005) 271.
+
+    Parameters
+    ----------
+    scene : Scene or path_like
+        what is run; the numbers of its start that are distributions are those that change
+    families : int, optional
+        how many starts, evenly spread; each has a neighbour for every number
+    unit : float, optional
+        time [s] in which a change of angular velocity is as large as one of the attitude; by
+        default 1 over the root mean square of angular velocities at start and end
+    threads : int, optional
+        as of `simulate`
+    progress : bool or callable, optional
+        True for what the study will cost, told before the first member, and a bar; or a function
+        of (members done, all)
+    **settings : object
+        of `simulate`
+
+    Returns
+    -------
+    xarray.Dataset
+        over family: `ftle` [1/s], nan where a member is flagged, the changes are not independent,
+        or a neighbour is nearer than rounding; and `start`, over number
+
+    Raises
+    ------
+    SceneError
+        if nothing or more than six numbers are drawn, if other numbers than those of the start are,
+        or if an effect is random
+
+    Examples
+    --------
+    The angular velocity about the axis of a disc stays, and the angle grows by t:
+
+    >>> start = rm.Start(omega=(0.0, 0.0, rm.uniform(1.0, 2.0)))
+    >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
+    >>> found = rm.ftle(scene, 8, unit=1.0, integrator="exact", t_end=10.0)
+    >>> bool(abs(found.ftle - np.log(101.0) / 20.0).max() < 1e-6)
+    True
+    """
+    scene = designed(scene, families, **settings)
+    return _dataset(scene, chunks(scene, CHUNK, threads, progress), unit)
+
+
+def designed(scene: Scene, families: int, **settings: Any) -> Scene:
+    """The scene whose members are those of a study; arguments as of `ftle`."""
+    refuse_noise(scene)
+    scene = made(scene, STATE, "tangents", families, **settings)[0]
+    names, dimensions = groups(scene)
+    for name in names:
+        if not name.startswith("start."):
+            rule = "is uncertain, and no number of the start: give it one value"
+            raise SceneError("", name, None, rule)
+    if len(dimensions) > 6:
+        rule = f"{len(dimensions)} numbers are drawn, and a state has six: give some one value"
+        raise SceneError("start", scene.start.which, None, rule)
+    return scene
+
+
+def ftle_of(result: xr.Dataset, unit: float | None = None, allow_code: bool = False) -> xr.Dataset:
+    """Tell what `ftle` tells, of a result whose scene has points = "tangents".
+
+    allow_code : whether to run the Python files of a user's own parts
+
+    Raises OptionError for another result, SceneError for code that is not allowed, and as `ftle`.
+    """
+    scene, _, variables = stored(result, STATE, "tangents", "ftle", allow_code)
+    for name in STATE:
+        if name not in variables:
+            rule = f"the result has no {name}; `rigidmc run SCENE --save {','.join(STATE)}`"
+            raise OptionError("run", "save", list(scene.run.save), rule)
+    return _dataset(scene, pieces(result, CHUNK), unit)
+
+
+def exponents(start: Array, end: Array, unit: float, time: float) -> tuple[Array, Array]:
+    """(ftle [1/s], how far the farthest neighbour is at the end) of families.
+
+    start, end : (families, 1 + d, 7) attitudes and angular velocities of the members
+    """
+    before, after = _changes(start, unit), _changes(end, unit)
+    with np.errstate(all="ignore"):
+        long = np.sqrt((before * before).sum(axis=-1, keepdims=True))
+        before, apart = before / long, np.sqrt((after * after).sum(axis=-1)).max(axis=-1)
+        after = after / long
+    first, last = (x @ np.swapaxes(x, -1, -2) for x in (before, after))
+    first = np.where(np.isfinite(first), first, 0.0)
+    values, vectors = np.linalg.eigh(first)
+    with np.errstate(all="ignore"):
+        roots = vectors / np.sqrt(values)[:, None, :]
+        grown = np.swapaxes(roots, -1, -2) @ last @ roots
+        good = np.isfinite(grown).all(axis=(1, 2)) & (values[:, 0] > ALIKE)
+        largest = np.linalg.eigvalsh(np.where(good[:, None, None], grown, 0.0))[:, -1]
+        found = np.where(good, 0.5 * np.log(largest) / time, np.nan)
+    return found, apart
+
+
+def resolved(start: Array, end: Array, unit: float, eps: float) -> NDArray[np.bool_]:
+    """Whether the differences of families are more than rounding: all at the start, and the largest
+    at the end, RESOLVED times the resolution of their states.
+
+    eps : the relative resolution of these;  others as of `exponents`
+    """
+    sure = np.ones(start.shape[0], bool)
+    for states, least in ((start, np.min), (end, np.max)):
+        spin = unit * np.sqrt((states[:, 0, 4:] ** 2).sum(axis=-1))
+        long = np.sqrt((_changes(states, unit) ** 2).sum(axis=-1))
+        with np.errstate(invalid="ignore"):
+            sure &= ~(least(long, axis=-1) < RESOLVED * eps * np.hypot(1.0, spin))
+    return sure
+
+
+def _changes(states: Array, unit: float) -> Array:
+    """(families, d, 7): angles and angles of angular velocity between neighbours and their member,
+    of states (families, 1 + d, 7)."""
+    own, others = states[:, :1], states[:, 1:]
+    same = np.where((own[..., :4] * others[..., :4]).sum(-1, keepdims=True) < 0.0, -1.0, 1.0)
+    turned = 2.0 * (same * others[..., :4] - own[..., :4])
+    return np.concatenate([turned, unit * (others[..., 4:] - own[..., 4:])], axis=-1)
+
+
+def _states(part: xr.Dataset) -> tuple[Array, Array]:
+    """(start, end) of members, (n, 7) each; the end is nan for flagged members."""
+    spin = part["start_omega"] if "start_omega" in part else part["start_momentum"] / part.moments
+    end = np.concatenate([part[name].transpose(..., "member").values for name in STATE])
+    start = [x.transpose(..., "member").values for x in (part["start_attitude"], spin)]
+    return np.concatenate(start).T, np.where(part.status.values == 0, end, np.nan).T
+
+
+def _dataset(scene: Scene, parts: Iterable[xr.Dataset], unit: float | None) -> xr.Dataset:
+    """The Dataset of a study of members that come in parts."""
+    names, many = groups(scene)[0], size(scene)
+    count = -(-(scene.run.first + scene.run.members) // many)
+    states = np.full((2, count * many, 7), np.nan)
+    numbers, units = np.full((count, len(names)), np.nan), ["1"] * len(names)
+    for part in parts:
+        member = part.member.values
+        states[:, member] = _states(part)
+        own = member % many == 0
+        for i, name in enumerate(names):
+            values, units[i] = started(part, name)
+            numbers[member[own] // many, i] = values[own]
+    if unit is None:
+        with np.errstate(all="ignore"):
+            square = float(np.nanmean((states[..., 4:] ** 2).sum(axis=-1)))
+        # seconds: if nothing turns, no unit of angular velocities counts
+        unit = 1.0 / math.sqrt(square) if square > 0.0 else 1.0
+    elif not 0.0 < unit < math.inf:
+        raise OptionError("", "unit", unit, "expected a time above 0 s")
+    start, end = states.reshape(2, count, many, 7)
+    found, apart = exponents(start, end, unit, scene.run.t_end)
+    sure = resolved(start, end, unit, resolution_of(scene))
+    flat, found = np.isnan(found), np.where(sure, found, np.nan)
+    about = {"long_name": "finite-time Lyapunov exponent", "units": "s-1"}
+    variables: dict[str, Any] = {
+        "ftle": ("family", found, about),
+        "start": (("family", "number"), numbers, {"long_name": "number of the first member"}),
+    }
+    attrs = {
+        "title": scene.title,
+        "t_end": float(scene.run.t_end),
+        "unit": unit,
+        "numbers": many - 1,
+        "far": int((apart > FAR).sum()),
+        "left_out": int((flat & sure).sum()),
+        "unresolved": int((~sure).sum()),
+        "scene": scene.dumps(),
+    }
+    return xr.Dataset(variables, {"number": names, "units": ("number", units)}, attrs)
+
+
+def table(study: xr.Dataset) -> list[str]:
+    """The study in lines of text."""
+    a, good = study.attrs, study.ftle.values[np.isfinite(study.ftle.values)]
+    lines = [
+        f"{a['title']}: {good.size:,} starts, each with a neighbour for each of its numbers"
+        f" ({a['numbers']}), to t = {a['t_end']:g} s; angular velocities times {a['unit']:.4g} s"
+    ]
+    if good.size:
+        ends = np.quantile(good, [0.0, 0.05, 0.5, 0.95, 1.0])
+        lines += [
+            f"  {word:28s} {value:10.4g} 1/s, growth by {math.exp(value * a['t_end']):.3g}"
+            for word, value in zip(
+                ("least", "5 % are below", "half are below", "95 % are below", "largest"),
+                ends,
+                strict=True,
+            )
+        ]
+    if far := a["far"]:
+        lines.append(
+            f"  starts whose neighbours end more than {FAR} rad apart, where the growth may be"
+            f" more: {far:,}"
+        )
+    if rounded := a["unresolved"]:
+        lines.append(
+            f"  starts left out, whose neighbours differ by little more than rounding: {rounded:,};"
+            f" {CURE}"
+        )
+    if left := a["left_out"]:
+        lines.append(
+            f"  starts left out, with a flagged member or changes that are alike: {left:,}"
+        )
+    return lines

@@ -1,0 +1,48 @@
+"""The picture of a study of a rare event: how the probability falls towards the event."""
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from rigidmc.figures import CORE, INK, LIGHT, figure_of, legend_above, new_figure
+
+
+def rare_curve(study: xr.Dataset, figure: Figure | None = None) -> Figure:
+    """The probability to pass each level, repetition by repetition, down to the event with its
+    interval.
+
+    study : the Dataset of `rigidmc.rare`
+    """
+    of, graded = study.attrs["of"], study.attrs["graded"]
+    figure = figure or new_figure(f"{study.attrs['title']}: {of}", (7.0, 5.0))
+    axes = figure.add_subplot()
+    goal = float(study.attrs["goal"])
+    for row in range(study.sizes["repetition"]):
+        score, share = study.score.values[row], study.share.values[row]
+        p = float(study.probability.values[row])
+        there = np.isfinite(score)
+        x, y = score[there], share[there]
+        if p > 0.0:
+            x, y = np.append(x, goal), np.append(y, p)
+        label = "repetitions" if row == 0 else None
+        axes.plot(x, y, color=CORE, lw=0.7, alpha=0.6, label=label)
+    p, low, high = (float(study[name]) for name in ("p", "p_low", "p_high"))
+    if p > 0.0:
+        ends = [[p - max(low, 0.01 * p)], [high - p]]
+        axes.errorbar(
+            [goal], [p], yerr=ends, fmt="o", color=INK, ms=4.0, capsize=3.0, zorder=5,
+            label=f"{of} = {p:.3g}",
+        )  # fmt: skip
+    axes.set_yscale("log")
+    axes.set_xlabel(_named(graded, goal))
+    axes.set_ylabel("probability to pass the level")
+    axes.grid(True, lw=0.3, color=LIGHT)
+    legend_above(axes, 2)
+    return figure_of(axes)
+
+
+def _named(graded: str, goal: float) -> str:
+    """What the levels are of."""
+    if graded == "score":
+        return f"score: events so far, and 1/(1 + distance of the next); the event is at {goal:g}"
+    return f"{graded} that members have to pass"

@@ -1,0 +1,339 @@
+"""How likely something is that almost never happens, with an interval."""
+
+import math
+import warnings
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy import stats
+
+from rigidmc.engine.kernel import layout
+from rigidmc.engine.machine import threads_available
+from rigidmc.errors import OptionError, SceneWarning
+from rigidmc.files.outputs import Path
+from rigidmc.planning.initial import drawn
+from rigidmc.planning.notes import notes
+from rigidmc.planning.settle import settled
+from rigidmc.progress import Progress
+from rigidmc.results.intervals import mean_of_skew, probability
+from rigidmc.results.schema import member_variables
+from rigidmc.runs.capacity import refuse_count
+from rigidmc.runs.directory.tasks import Found, Request
+from rigidmc.scene.amounts import counted
+from rigidmc.scene.sampling import is_indexed
+from rigidmc.scene.scene import Scene, takes_scene
+from rigidmc.studies.framework import tasks
+from rigidmc.studies.rare.score import Score, is_noisy, scored
+from rigidmc.studies.rare.splitting import FEWER, KILLED, PARTS, split
+from rigidmc.studies.rare.subsets import KEPT, descend
+
+TARGET, MEMBERS, REPETITIONS = 1e-9, 1000, 16
+WIDE = 1.0  # spread of the repetitions, of their mean, beyond which the interval covers less
+LEAST = 20  # members of a repetition: two of them go on from a level
+REPETITION = 4096  # bytes of what one has found, with its levels
+METHODS = {True: "adaptive multilevel splitting", False: "subset simulation"}  # by is_noisy
+
+
+@takes_scene
+def rare(
+    scene: Scene,
+    of: str,
+    target: float = TARGET,
+    members: int = MEMBERS,
+    repetitions: int = REPETITIONS,
+    threads: int | None = None,
+    confidence: float = 0.95,
+    progress: Progress = False,
+    **settings: Any,
+) -> xr.Dataset:
+    """Tell how likely something is that almost never happens.
+
+    Members are led towards the event level by level, so that a probability p takes some
+    ln(1/p) times as many members as a common event, not 1/p times as many.
+
+    Noisy scenes: adaptive multilevel splitting. The members that have come least near are given up
+    and others branched; the estimate has no bias. Source: Cerou & Guyader, Stoch. Anal. Appl. 25
+    (2007) 417; Brehier et al., Ann. Appl. Probab. 26 (2016) 3559.
+
+    Scenes whose members differ by their starts, bodies and effects alone: subset simulation. The
+    random numbers of members walk towards the event; the estimate has a bias of the order
+    1/members, a few per cent of its interval. Source: Au & Beck, Probab. Eng. Mech. 16 (2001) 263.
+
+    Members of grids and tables take the row of a random member of the scene, and walk or branch
+    with it; p is the mean over all rows.
+
+    Both are repeated with the next seeds from the scene's on. The interval is that of the mean of a
+    skew law over the repetitions, see `rigidmc.results.intervals.mean_of_skew`. If no member came
+    to the event, p is 0 and the upper end that of as many plain members without it.
+
+    Parameters
+    ----------
+    scene : Scene or path_like
+        what is run; also its file, or the name of a shipped one
+    of : str
+        the event: p(NAME >= NUMBER) or p(NAME <= NUMBER) of what is watched over the steps, such as
+        "p(nutation_max >= 2)", "p(passage_first < 60)", "p(flips >= 1)"; of a noisy scene what
+        only grows
+    target : float, optional
+        the smallest probability that matters: a repetition looks no deeper
+    members : int, optional
+        of each repetition
+    repetitions : int, optional
+        how many
+    threads : int, optional
+        as of `simulate`; no bit depends on it
+    confidence : float, optional
+        of the interval
+    progress : bool or callable, optional
+        True for what the study will cost, told beforehand, and a bar; or a function of
+        (repetitions done, all)
+    **settings : object
+        of `simulate`
+
+    Returns
+    -------
+    xarray.Dataset
+        `p` with the ends `p_low` and `p_high` of its interval; over repetition `probability`,
+        `member_steps`, `flagged`, whether it is `below_target`, and whether it is `stuck`; over
+        repetition and level `score` and `share`, the probability to score more; `gain`: how many
+        times as many member-steps plain sampling takes for the same interval
+
+    Raises
+    ------
+    OptionError
+        for what is no event, has no score, or is impossible to count
+
+    Warns
+    -----
+    SceneWarning
+        as `simulate`, and if no way to the event was found
+
+    Examples
+    --------
+    A disc thrown with a normal spin is 5 standard deviations fast with p = 2.9e-7:
+
+    >>> start = rm.Start(omega=(0.0, 0.0, rm.normal(0.0, 1.0)))
+    >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
+    >>> run = {"dt": 0.1, "t_end": 0.1, "members": 200, "repetitions": 8}
+    >>> found = rm.rare(scene, "p(omega_max[3] >= 5)", **run)
+    >>> bool(found.p_low < 2.87e-7 < found.p_high), bool(found.gain > 300)
+    (True, True)
+    """
+    scene, request = asked(scene.with_run(**settings), of, target, members, repetitions)
+    many = threads_available() if threads is None else counted(threads, "threads")
+    ready = settled(scene, many)
+    for note in notes(ready.scene, ready.plan, ready.units):
+        warnings.warn(note, SceneWarning, stacklevel=2)
+    found = dataset(
+        scene, request, tasks.computed(KIND, scene, request, many, progress), confidence
+    )
+    if float(found.p) == 0.0:
+        for why in _stuck(found):
+            warnings.warn(f"{of}: {why}", SceneWarning, stacklevel=2)
+    return found
+
+
+def asked(
+    scene: Scene, of: str, target: float, members: int, repetitions: int
+) -> tuple[Scene, dict[str, Any]]:
+    """(the scene of a study, its request); arguments and errors as of `rare`."""
+    if not 0.0 < target < 1.0:
+        raise OptionError("", "target", target, "expected a probability between 0 and 1")
+    members, repetitions = (
+        counted(members, "members", LEAST),
+        counted(repetitions, "repetitions", 2),
+    )
+    refuse_count(repetitions, "repetitions", REPETITION)
+    refuse_count(members, "members", 4 * 8 * layout.EFFECTS, FEWER)
+    moved, _ = scored(scene, of)
+    if not is_noisy(moved) and not drawn(moved):
+        rule = "nothing is random: no effect has noise, and all numbers of the scene are given"
+        raise OptionError("", "scene", None, rule)
+    request: dict[str, Any] = {
+        "of": of,
+        "target": target,
+        "members": members,
+        "repetitions": repetitions,
+    }
+    if is_indexed(moved):  # members walk and branch with a row, of which there may be fewer
+        rows: int = moved.rows_to_run() or moved.run.members
+        request["rows"], members = rows, min(members, rows)
+    return moved.with_run(members=members), request
+
+
+def _cost(scene: Scene, request: Request, numbers: Sequence[int]) -> float:
+    """The member-steps of repetitions if the event has the probability `target`, to a factor of 2:
+    of the levels of splitting half a run each, of those of subsets a whole one."""
+    members, depth = request["members"], -math.log(request["target"])
+    killed, part = (KILLED, 0.5 * KILLED) if is_noisy(scene) else (1.0 - KEPT, 1.0 - KEPT)
+    levels = depth / -math.log(1.0 - killed)
+    steps = settled(scene).plan.steps
+    return float(len(numbers) * members * (1.0 + part * levels) * steps)
+
+
+def _tasks(scene: Scene, request: Request, numbers: Sequence[int], threads: int) -> list[Found]:
+    """What repetitions find; see `rigidmc.studies.framework.tasks.Kind`."""
+    moved, score = scored(scene, request["of"])
+    given = moved, score, request["members"], request["target"], threads, request.get("rows")
+    way = split if is_noisy(moved) else partial(descend, parts=_parts(score))
+    return [way(*given, seed=scene.run.seed + number).numbers() for number in numbers]
+
+
+def _parts(score: Score) -> int:
+    """How often the score of a member without noise is taken: of an event as it moves."""
+    return 1 if score.event is None else PARTS
+
+
+def _more(scene: Scene, request: Request, found: dict[int, Found]) -> list[int]:
+    """The repetitions that are left; see `rigidmc.studies.framework.tasks.Kind`."""
+    return [i for i in range(request["repetitions"]) if i not in found]
+
+
+KIND = tasks.Kind("rare", False, 1, _tasks, _more, _cost)
+
+
+def rare_of(path: Path, confidence: float = 0.95, allow_code: bool = False) -> xr.Dataset:
+    """What `rare` tells, of a run directory of such a study: of the repetitions that are done.
+
+    allow_code : whether to run the Python files of a user's own parts
+    Raises FileError for anything else.
+    """
+    scene, request, found = tasks.found(path, KIND.name, allow_code)
+    return dataset(scene, request, found, confidence)
+
+
+def dataset(
+    scene: Scene, request: Request, found: dict[int, Found], confidence: float
+) -> xr.Dataset:
+    """The Dataset of a study, see `rare`."""
+    numbers = sorted(found)
+    p = np.array([float(found[i]["p"]) for i in numbers])
+    steps = np.array([float(found[i]["steps"]) for i in numbers])
+    deep = np.array([bool(found[i]["deep"]) for i in numbers])
+    value, low, high = _interval(p, deep, request, confidence)
+    depth = max(found[i]["levels"].size for i in numbers)
+    over = "repetition", "level"
+    moved, score = scored(scene, request["of"])
+    columns = {
+        name: _padded([found[i][name] for i in numbers], depth) for name in ("levels", "shares")
+    }
+    words = {
+        "p": ((), value, f"probability of {request['of']}"),
+        "p_low": ((), low, "lower end of its interval"),
+        "p_high": ((), high, "upper end of its interval"),
+        "gain": ((), _gain(scene, value, 0.5 * (high - low), steps.sum(), confidence),
+                 "member-steps of plain sampling for the same interval, by those of this study"),
+        "probability": (over[:1], p, "estimate of the repetition"),
+        "member_steps": (over[:1], steps, "steps of all members of the repetition"),
+        "flagged": (over[:1], [int(found[i]["flagged"]) for i in numbers], "flagged members"),
+        "below_target": (over[:1], deep, "whether it ended above the event, at the target"),
+        "stuck": (over[:1], (p == 0.0) & ~deep,
+                  "whether it ended above the event and the target: no member came nearer"),
+        "score": (over, score.sign * columns["levels"], "level that members have to pass"),
+        "share": (over, columns["shares"], "probability to pass the level"),
+    }  # fmt: skip
+    variables = {
+        name: (dims, values, {"long_name": text, "units": "1"})
+        for name, (dims, values, text) in words.items()
+    }
+    if score.event is None:  # a score is then a number of the motion
+        known = member_variables(moved, False)[score.result.name].attrs
+        variables["score"][2]["units"] = known.get("units", "1")
+    attrs = {
+        "title": scene.title,
+        "of": request["of"],
+        "method": METHODS[is_noisy(scene)],
+        "target": request["target"],
+        "members": request["members"],
+        "wanted": request["repetitions"],
+        "goal": score.sign * score.goal,
+        "graded": "score" if score.event is not None else score.result.name,
+        "confidence": confidence,
+        "scene": scene.dumps(),
+    }
+    return xr.Dataset(variables, {"repetition": numbers}, attrs)
+
+
+def _interval(
+    p: NDArray[np.float64], deep: NDArray[np.bool_], request: Request, confidence: float
+) -> tuple[float, float, float]:
+    """(the mean of what repetitions found, ends of its interval).
+
+    Repetitions that stopped at the target count as 0 in the mean, and as the target in the upper
+    end. If no member of any came to the event, the upper end is no less than that of as many plain
+    members without it: one level at most says more, and by that of the target.
+    """
+    value, low, high = mean_of_skew(p, confidence)
+    high += float(deep.mean()) * request["target"]
+    if value == 0.0 and not deep.all():
+        members = request["members"] * p.size
+        high = max(high, float(probability(0, members, confidence, "clopper-pearson").high))
+    return value, max(low, 0.0), min(high, 1.0)
+
+
+def _padded(rows: list[NDArray[np.float64]], size: int) -> NDArray[np.float64]:
+    """Rows of different lengths as an array, nan where a row has ended."""
+    whole = np.full((len(rows), size), np.nan)
+    for row, values in zip(whole, rows, strict=True):
+        row[: values.size] = values
+    return whole
+
+
+def _gain(scene: Scene, p: float, half: float, steps: float, confidence: float) -> float:
+    """How many times as many member-steps plain sampling takes for the same interval: of n members
+    it has half the width z (p (1 - p)/n)^(1/2)."""
+    if not (p > 0.0 and half > 0.0 and math.isfinite(half)):
+        return math.nan
+    z = float(stats.norm.ppf(0.5 + 0.5 * confidence))
+    plain = p * (1.0 - p) * (z / half) ** 2
+    return plain * settled(scene).plan.steps / float(steps)
+
+
+def _stuck(study: xr.Dataset) -> list[str]:
+    """Why repetitions found no way to the event; [] if all did, or came to the target."""
+    stuck, done = int(study.stuck.sum()), study.sizes["repetition"]
+    if not stuck:
+        return []
+    if float(study.p) > 0.0:
+        return [f"{stuck:,} of {done:,} repetitions found no way to the event and count as 0"]
+    levels = int(np.isfinite(study.score.values).any(axis=0).sum())
+    why = "their members came no nearer" if levels else "all members score the same"
+    return [
+        f"no way to the event was found: {why}, and the interval is that of plain members; take"
+        " more members, or a number that tells better how near they are"
+    ]
+
+
+def table(study: xr.Dataset) -> list[str]:
+    """The study in lines of text."""
+    p, low, high = (float(study[name]) for name in ("p", "p_low", "p_high"))
+    done, wanted = study.sizes["repetition"], int(study.attrs["wanted"])
+    lines = [study.attrs["title"]]
+    if study.below_target.values.all():
+        lines.append(f"  {study.attrs['of']} is less than {study.attrs['target']:.3g}, the target")
+    else:
+        lines.append(f"  {study.attrs['of']} = {p:.4g} ({low:.3g} to {high:.3g})")
+        lines += [f"  {why}" for why in _stuck(study)]
+    steps = float(study.member_steps.sum())
+    lines.append(
+        f"  {study.attrs['method']}: {done:,} repetitions of {study.attrs['members']:,} members,"
+        f" {study.sizes['level']:,} levels at most, {steps:.3g} member-steps"
+    )
+    if math.isfinite(gain := float(study.gain)):
+        lines.append(f"  plain sampling would take {gain:,.3g} times as many for this interval")
+    if p > 0.0 and done > 1 and float(study.probability.std(ddof=1)) > WIDE * p:
+        lines.append(
+            "  the repetitions spread by more than their mean, and few of them carry it: take more"
+            " members, or a number that tells better how near they are"
+        )
+    if done < wanted:
+        lines.append(f"  {wanted - done:,} repetitions are missing: `rigidmc resume` goes on")
+    if not study.below_target.values.all() and (deep := int(study.below_target.sum())):
+        lines.append(f"  {deep:,} repetitions ended at the target and count as 0")
+    if flagged := int(study.flagged.sum()):
+        lines.append(f"  members that were flagged, and count as far from the event: {flagged:,}")
+    return lines

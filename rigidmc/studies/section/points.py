@@ -1,0 +1,164 @@
+"""What a section asks for: "omega[1] = 0", or "every orbit".
+
+The points of a section, from the states that a run has saved.
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.optimize import elementwise
+
+from rigidmc.errors import OptionError, SceneError, nearest
+from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects.protocol import is_random
+from rigidmc.physics.observables.protocol import size
+from rigidmc.results.estimates import Component, component_of, rows
+from rigidmc.scene.scene import Scene
+from rigidmc.studies.section.paths import Paths
+
+Array = NDArray[np.float64]
+WAYS = ("rises", "falls", "both")
+_CROSSING = re.compile(r"\s*(?P<of>[^=<>]+)=\s*(?P<value>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*")
+_PERIOD = re.compile(r"\s*every\s+(?P<period>orbit|(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*(s\s*)?")
+RULE = 'expected "NAME = NUMBER" or "NAME[3] = NUMBER", "every NUMBER" [s] or "every orbit"'
+
+
+class Crossing(NamedTuple):
+    """Where an observable, or a component of it, passes a value.  way : of WAYS"""
+
+    of: Component
+    value: float
+    way: str
+
+    def happens(self, before: Array, after: Array) -> NDArray[np.bool_]:
+        """Whether levels, values less `value`, pass 0 between two saves."""
+        up, down = (before < 0.0) & (after >= 0.0), (before > 0.0) & (after <= 0.0)
+        found: NDArray[np.bool_] = {"rises": up, "falls": down, "both": up | down}[self.way]
+        return found
+
+
+def crossing_of(scene: Scene, at: str, way: str) -> Crossing:
+    """The Crossing of a text; OptionError."""
+    if way not in WAYS:
+        raise OptionError("", "way", way, f"expected {', '.join(WAYS)}", nearest(way, WAYS))
+    match = _CROSSING.fullmatch(at)
+    if match is None or math.isinf(float(match["value"])):
+        raise OptionError("", "at", at, RULE)
+    if noisy := [label for label, effect in labelled(scene.effects) if is_random(effect)]:
+        rule = "a path with noise is not known between saves: no section"
+        raise SceneError("effects", noisy[0], None, rule)
+    return Crossing(component_of(scene, match["of"], "at"), float(match["value"]), way)
+
+
+def period_of(scene: Scene, at: str) -> float | None:
+    """The time between two points of "every NUMBER" [s]; None for a crossing, or OptionError."""
+    if (match := _PERIOD.fullmatch(at)) is None:
+        return None
+    word = match["period"]
+    if word != "orbit":
+        period = float(word)
+        if not 0.0 < period < math.inf:
+            raise OptionError("", "at", at, RULE)
+        return period
+    for label, effect in labelled(scene.effects):
+        if label == "gravity_gradient":
+            mu, distance = effect.mu, effect.distance
+            if isinstance(mu, float) and isinstance(distance, float):
+                return 2.0 * math.pi * math.sqrt(distance**3 / mu)
+            rule = "members have orbits of their own: give a time"
+            raise OptionError("", "at", at, rule)
+    rule = "the scene has no gravity_gradient, and so no orbit"
+    raise OptionError("", "at", at, rule)
+
+
+STATE = ("attitude", "momentum")
+JUMP = 1e-3  # a level that is still this share of its ends has jumped, as an angle by 2 pi
+UNIT = 1e-9  # |q|^2 of a point is that of the save before it, to this: see `Paths`
+
+
+def periodic(part: xr.Dataset, observed: Mapping[str, Any]) -> dict[str, Array]:
+    """The points of a result once in each period: its saves until the last good one."""
+    times, members = part.time.values, part.member.values
+    there = _good(part)
+    m, k = np.nonzero(there.T)
+    columns = {name: rows(part, name)[k, :, m].T for name in observed if name in part}
+    return {"member": members[m], "time": times[k], **columns}
+
+
+def _good(part: xr.Dataset) -> NDArray[np.bool_]:
+    """Whether a save (time, member) is before the fault of its member, if it has one."""
+    ends = np.where(part.status.values == 0, np.inf, part.status_time.values)
+    there: NDArray[np.bool_] = part.time.values[:, None] < ends
+    return there
+
+
+def crossed(
+    scene: Scene,
+    part: xr.Dataset,
+    crossing: Crossing,
+    observed: Mapping[str, Any],
+    threads: int | None,
+) -> tuple[dict[str, Array], int]:
+    """(the points of a result where an observable passes a value, how many were not found).
+
+    Those are not found whose states between the saves do not follow: see `Paths.sure`.
+    """
+    level = crossing.of.values(part) - crossing.value
+    good = _good(part)
+    found = crossing.happens(level[:-1], level[1:]) & good[1:]
+    m, k = np.nonzero(found.T)
+    times, members = part.time.values, part.member.values
+    start = np.concatenate([rows(part, name)[k, :, m].T for name in STATE])
+    spans = times[k + 1] - times[k]
+    dt = float(part.attrs.get("dt", np.inf))
+    paths = Paths(scene, members, observed, start, m, times[k], spans, dt, threads)
+    at = 7 + _place(observed, crossing)
+    ends = np.abs(level[k, m]) + np.abs(level[k + 1, m])
+    share, still, missed = _sought(paths, at, crossing.value)
+    # The run has passed the value, and the better steps from its last save have not quite: by less
+    # than the error of the run, which is where it passes.
+    missed &= still > JUMP * ends
+    whole = ~missed & (still <= JUMP * ends)  # an angle that jumps from pi to -pi has not passed 0
+    values = paths.after((share * spans)[whole], np.flatnonzero(whole))
+    off = np.abs((values[:4] ** 2).sum(axis=0) - (start[:4, whole] ** 2).sum(axis=0))
+    sure = (off < UNIT) & paths.sure[whole]
+    lost = int(missed.sum()) + int((~sure).sum())
+    values, which = values[:, sure], np.flatnonzero(whole)[sure]
+    columns, row = {}, 7
+    for name, one in observed.items():
+        columns[name] = values[row : row + size(one.dims)]
+        row += size(one.dims)
+    time = (times[k] + share * spans)[which]
+    return {"member": members[m[which]], "time": time, **columns}, lost
+
+
+def _sought(paths: Paths, at: int, value: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Where the number in row `at` passes a value on each path: (share of the time between the
+    saves, how far the number is from the value there, whether it does not pass it)."""
+
+    def remaining(share: Array, number: Array) -> Array:
+        which = number.astype(np.intp)
+        level: Array = paths.after(share * paths.spans[which], which)[at] - value
+        return level
+
+    if paths.spans.size == 0:
+        return np.empty(0), np.empty(0), np.empty(0, bool)
+    numbers = np.arange(float(paths.spans.size))
+    root = elementwise.find_root(remaining, (0.0, 1.0), args=(numbers,), maxiter=100)
+    missed = ~root.success
+    share = np.where(missed, 1.0, root.x)
+    last = np.abs(remaining(np.ones(share.size), numbers)) if missed.any() else root.f_x
+    still = np.where(missed, last, np.abs(root.f_x))
+    return share, still, missed
+
+
+def _place(observed: Mapping[str, Any], crossing: Crossing) -> int:
+    """The row of the quantity among those of all observables."""
+    names = list(observed)
+    before = names[: names.index(crossing.of.name)]
+    return sum(size(observed[name].dims) for name in before) + crossing.of.row

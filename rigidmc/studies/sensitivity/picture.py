@@ -1,0 +1,39 @@
+"""The picture of a sensitivity study: which uncertain number matters."""
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from rigidmc.figures import CORE, INK, LIGHT, MEDIAN, figure_of, legend_above, new_figure
+
+
+def sensitivity_bars(study: xr.Dataset, figure: Figure | None = None) -> Figure:
+    """The shares of the variance of each measure that a number causes alone, and in which it takes
+    part, with their intervals; the number that matters most at the top.
+
+    study : the Dataset of `rigidmc.sensitivity`
+    """
+    count, numbers = study.sizes["measure"], study.sizes["number"]
+    title = f"{study.attrs['title']}: which uncertain number matters"
+    size = 8.0, count * (1.2 + 0.5 * numbers) + 0.8
+    figure = figure or new_figure(title, size)
+    for i, text in enumerate(study.measure.values):
+        one = study.sel(measure=text)
+        one = one.isel(number=np.argsort(one.total.values, kind="stable"))
+        axes = figure.add_subplot(count, 1, i + 1)
+        for name, shift, colour, label in (
+            ("first", 0.2, MEDIAN, "alone"),
+            ("total", -0.2, CORE, "together with others"),
+        ):
+            value = one[name].values
+            ends = np.abs(np.stack([one[f"{name}_low"] - value, one[f"{name}_high"] - value]))
+            places = np.arange(numbers) + shift
+            axes.barh(places, np.maximum(value, 0.0), 0.36, color=colour, label=label)
+            axes.errorbar(value, places, xerr=ends, fmt="none", ecolor=INK, lw=1.0, capsize=2.0)
+        axes.set_yticks(np.arange(numbers), one.number.values)
+        axes.set_xlim(0.0, max(1.0, 1.05 * float(one.total_high.max())))
+        axes.set_xlabel(f"{text}: share of the variance between members")
+        axes.grid(True, axis="x", lw=0.3, color=LIGHT)
+        axes.set_axisbelow(True)
+        legend_above(axes, 2)
+    return figure_of(axes)

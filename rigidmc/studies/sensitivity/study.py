@@ -1,0 +1,320 @@
+"""Which uncertain number of a scene matters: Sobol indices of a measure, with intervals."""
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy import stats
+
+from rigidmc.errors import OptionError
+from rigidmc.planning.initial import groups
+from rigidmc.progress import Progress
+from rigidmc.results.intervals import Interval, is_constant, resolution_of
+from rigidmc.results.measures import Measure, Variables, measure
+from rigidmc.scene.scene import Scene, takes_scene
+from rigidmc.studies.framework.members import chunks, made, stored
+
+Array = NDArray[np.float64]
+FAMILIES = 4096
+CHUNK = 2**17  # members at once
+FEW = 10  # families that have to differ; and for each control, below which its slope is not known
+KINDS = ("p", "mean")  # measures that are means over members
+WORDS = {
+    "first": "share of the variance that the number causes alone",
+    "total": "share of the variance in which the number takes part",
+}
+ENDS = {"value": "", "low": ": lower end", "high": ": upper end"}
+
+
+@takes_scene
+def sensitivity(
+    scene: Scene,
+    of: str | Sequence[str],
+    families: int = FAMILIES,
+    threads: int | None = None,
+    confidence: float = 0.95,
+    progress: Progress = None,
+    **settings: Any,
+) -> xr.Dataset:
+    """Tell which uncertain numbers of a scene a measure depends on, by Sobol indices.
+
+    With X_k one of d independent uncertain numbers and Y what a member shows::
+
+        first_k = Var(E(Y | X_k)) / Var(Y),   total_k = 1 - Var(E(Y | all X but X_k)) / Var(Y)
+
+    The first is the share of the variance that X_k causes alone, the second the share in which it
+    takes part. From families of d + 2 members, see `rigidmc.scene.sampling.Saltelli`, with a and b
+    the first two values of a family and c_k that of member 2 + k::
+
+        first_k = <b (c_k - a)> / V,   total_k = <(a - c_k)^2> / (2 V),   V = <a^2 + b^2> / 2
+
+    where a, b, c_k are less their mean. Each of these means is corrected by those that are known to
+    be 0, <a b>, <b^2 - a^2> and <c_j^2 - a^2>, which takes the errors of large indices down to a
+    seventh. The intervals are Fieller's of ratios of two means, whose errors are the jackknife's;
+    those of 95 % cover the index in 93.5 to 96 % of studies from 512 families on. Noise of random
+    effects counts as one more uncertain number, which takes part in every total index.
+    Source: Saltelli et al., Comput. Phys. Commun. 181 (2010) 259, table 2 (b) and (f); Lavenberg &
+    Welch, Manage. Sci. 27 (1981) 322; MacKinnon & White, J. Econometrics 29 (1985) 305; Fieller,
+    J. R. Stat. Soc. B 16 (1954) 175.
+
+    Parameters
+    ----------
+    scene : Scene or path_like
+        what is run; its distributions and laws are the uncertain numbers
+    of : str or sequence of str
+        one measure or several, a mean or a probability, such as "p(flips >= 1)"
+    families : int, optional
+        how many; a family has two members more than there are uncertain numbers
+    threads : int, optional
+        as of `simulate`
+    confidence : float, optional
+        of the intervals
+    progress : bool or callable, optional
+        True for what the study will cost, told before the first member, and a bar; or a function
+        of (members done, all)
+    **settings : object
+        of `simulate`
+
+    Returns
+    -------
+    xarray.Dataset
+        over measure and number: `first` and `total`, with the ends `_low` and `_high` of their
+        intervals; over measure its `units`, its mean, its variance, and how many families count:
+        those without a flagged member and without a member that has no value
+
+    Raises
+    ------
+    OptionError
+        for measures that are no means, or that the scene does not have
+    SceneError
+        if nothing in the scene is drawn
+
+    Examples
+    --------
+    A constant torque N about axis 3 turns a disc for 2 s; its mean spin is omega + N/I:
+
+    >>> torque = rm.BodyTorque((0.0, 0.0, rm.normal(0.0, 0.4)))
+    >>> start = rm.Start(omega=(0.0, 0.0, rm.normal(1.0, 0.6)))
+    >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), torque, start)
+    >>> found = rm.sensitivity(scene, "mean(omega_mean[3])", 2000, t_end=2.0, dt=0.1)
+    >>> found.number.values.tolist()
+    ['effects.body_torque.size.3', 'start.omega.3']
+    >>> bool(found.total[0, 1] > found.total[0, 0])  # shares 0.9 and 0.1
+    True
+    """
+    scene, asked, variables = designed(scene, of, families, **settings)
+    parts = chunks(scene, CHUNK, threads, progress)
+    values = np.concatenate([_values(part, asked) for part in parts], axis=1)
+    values, units = values.reshape(len(asked), families, -1), _units(asked, variables)
+    return _dataset(scene, asked, units, values, confidence)
+
+
+def designed(
+    scene: Scene, of: str | Sequence[str], families: int, **settings: Any
+) -> tuple[Scene, list[Measure], Variables]:
+    """(the scene whose members are those of a study, its measures, the variables of the members);
+    arguments as `sensitivity`."""
+    scene, texts, variables = made(scene, of, "saltelli", families, **settings)
+    return scene, [_mean_of(text, variables) for text in texts], variables
+
+
+def sensitivity_of(
+    result: xr.Dataset,
+    of: str | Sequence[str],
+    confidence: float = 0.95,
+    allow_code: bool = False,
+) -> xr.Dataset:
+    """Tell what `sensitivity` tells, of a result whose scene has points = "saltelli".
+
+    allow_code : whether to run the Python files of a user's own parts
+
+    The families of which some members are not there, in a run that has not ended, are left out.
+    Raises OptionError for another result, SceneError for code that is not allowed, and as
+    `sensitivity`.
+    """
+    scene, texts, variables = stored(result, of, "saltelli", "sensitivity", allow_code)
+    asked = [_mean_of(text, variables, may_save_more=False) for text in texts]
+    size, members = 2 + len(groups(scene)[0]), result.member.values
+    values = np.full((len(asked), int(members.max()) // size + 1, size), np.nan)
+    values.reshape(len(asked), -1)[:, members] = _values(result, asked)
+    return _dataset(scene, asked, _units(asked, variables), values, confidence)
+
+
+def indices(
+    values: Array,
+    confidence: float = 0.95,
+    controls: bool = True,
+    resolved: float | None = None,
+) -> tuple[Interval, Interval]:
+    """(first, total): the Sobol indices of d numbers as Intervals of arrays (d,).
+
+    They are nan if fewer than FEW families have members that differ. What seldom differs, n of
+    them with n < FEW k^2, k = <y^4>/<y^2>^2 (1/p of a small probability p), has no controls: <a b>
+    is then the mean of a few pairs of which both differ, or of none. And the interval of the first
+    index is wider by what may not have been seen, -ln((1 - confidence)/2) of the largest products,
+    as the rule of three has it.
+
+    values : (families, d + 2), see `sensitivity`; families with a nan are left out
+    controls : False for the means as they are
+    resolved : as of `rigidmc.results.intervals.is_constant`
+    """
+    y = values[np.isfinite(values).all(axis=1)]
+    if differing(values, resolved) < FEW:
+        none = Interval(*np.full((3, values.shape[1] - 2), np.nan))
+        return none, none
+    with np.errstate(all="ignore"):
+        y = y - y[:, :2].mean()
+        a, b, c = y[:, :1], y[:, 1:2], y[:, 2:]
+        zero = np.concatenate([a * b, b * b - a * a, c * c - a * a], axis=1)
+        n, squares = y.shape[0], y[:, :2] ** 2
+        seldom = n < FEW * (squares**2).mean() ** 2 / squares.mean() ** 4
+        if not controls or seldom or n < FEW * zero.shape[1]:
+            zero = zero[:, :0]
+        size = 0.5 * (a * a + b * b)
+        alone = _means(np.concatenate([size, b * (c - a)], axis=1), zero)
+        shared = _means(np.concatenate([size, 0.5 * (a - c) ** 2], axis=1), zero)
+        factor = stats.t.ppf(0.5 + 0.5 * confidence, max(n - 1 - zero.shape[1], 1)) ** 2
+        first, total = _ratios(*alone, factor), _ratios(*shared, factor)
+        unseen = -np.log(0.5 - 0.5 * confidence) * squares.max() / (n * squares.mean())
+        if seldom:
+            first = Interval(first.value, first.low - unseen, first.high + unseen)
+        return first, total
+
+
+def differing(values: Array, resolved: float | None = None) -> int:
+    """How many families have members that differ by more than rounding; see `indices`."""
+    y = values[np.isfinite(values).all(axis=1)]
+    return int((~is_constant(y, resolved=resolved)).sum())
+
+
+def _means(x: Array, zero: Array) -> tuple[Array, Array]:
+    """(means of columns, covariance of their errors): the means without what the columns of `zero`,
+    whose own means are known to be 0, tell of them by least squares.
+
+    The covariance is the jackknife's, from leaving out one row at a time. That of a normal law is
+    too small for rows of skew numbers.
+
+    Source: Lavenberg & Welch, Manage. Sci. 27 (1981) 322; MacKinnon & White, J. Econometrics 29
+    (1985) 305.
+    """
+    z = np.insert(zero, 0, 1.0, axis=1)
+    inverse = np.linalg.pinv(z.T @ z)
+    slopes = inverse @ (z.T @ x)
+    pull = ((z @ inverse) * z).sum(axis=1)  # of a row on its own value
+    errors = (x - z @ slopes) * ((z @ inverse[0]) / (1.0 - pull))[:, None]
+    n = x.shape[0]
+    return slopes[0], (n - 1) / n * (errors.T @ errors)
+
+
+def _ratios(means: Array, errors: Array, factor: float) -> Interval:
+    """The ratios of all means to the first, with Fieller's intervals: the ratios theta for which
+    Student's test takes mean - theta first for 0. Their ends are nan if these are all.
+
+    factor : Student's quantile, squared
+    Source: Fieller, J. R. Stat. Soc. B 16 (1954) 175.
+    """
+    size, above = means[0], means[1:]
+    known = size**2 - factor * errors[0, 0]
+    known = np.where(known > 0.0, known, np.nan)
+    middle = (above * size - factor * errors[0, 1:]) / known
+    least = (above**2 - factor * np.diag(errors)[1:]) / known
+    half = np.sqrt(middle**2 - least)
+    return Interval(above / size, middle - half, middle + half)
+
+
+def _mean_of(text: str, variables: Variables, may_save_more: bool = True) -> Measure:
+    """The Measure of a text; OptionError unless it is a mean over members."""
+    asked = measure(text, variables, may_save_more)
+    if asked.kind not in KINDS:
+        rule = "has no variance over members to share: take mean(NAME) or p(NAME >= NUMBER)"
+        raise OptionError("", "of", text, rule)
+    return asked
+
+
+def _values(result: xr.Dataset, asked: Sequence[Measure]) -> Array:
+    """The values of the measures (measures, members), nan for flagged members."""
+    return np.stack([one.numbers(result) for one in asked])
+
+
+def _units(asked: Sequence[Measure], variables: Variables) -> list[str]:
+    return [one.units(variables) for one in asked]
+
+
+def _dataset(
+    scene: Scene, asked: Sequence[Measure], units: list[str], values: Array, confidence: float
+) -> xr.Dataset:
+    """The Dataset of values (measures, families, members of a family) in the units of measures."""
+    over, resolved = ("measure", "number"), resolution_of(scene)
+    found = [indices(one, confidence, resolved=resolved) for one in values]
+    variables: dict[str, Any] = {}
+    for i, (name, words) in enumerate(WORDS.items()):
+        for key, (end, more) in zip(_keys(name), ENDS.items(), strict=True):
+            numbers = np.stack([getattr(one[i], end) for one in found])
+            variables[key] = over, numbers, {"long_name": words + more, "units": "1"}
+    counts = np.logical_and.reduce(np.isfinite(values), axis=2)
+    kept = [one[there][:, :2] for one, there in zip(values, counts, strict=True)]
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        means, variances = ([f(one) for one in kept] for f in (np.mean, np.var))
+    variables["mean"] = ("measure", means, {"long_name": "the measure, in its units"})
+    about = {"long_name": "its variance over members, in its units squared"}
+    variables["variance"] = ("measure", variances, about)
+    differ = [differing(one, resolved) for one in values]
+    about = {"long_name": "families that count and whose members differ", "units": "1"}
+    variables["differing"] = "measure", differ, about
+    about = {"long_name": "families that count", "units": "1"}
+    variables["families"] = "measure", counts.sum(axis=1), about
+    texts = [one.text for one in asked]
+    attrs = {
+        "title": scene.title,
+        "confidence": confidence,
+        "members": values[0].size,
+        "left_out": int((~counts).sum(axis=1).max()),
+        "scene": scene.dumps(),
+    }
+    coordinates = {"measure": texts, "number": groups(scene)[0], "units": ("measure", units)}
+    return xr.Dataset(variables, coordinates, attrs)
+
+
+def _shares(one: xr.Dataset) -> list[str]:
+    """The shares of a measure in lines of text, the largest first."""
+    if one.differing < FEW:
+        often = f"in {int(one.differing):,} families" if one.differing else "in no family"
+        return [
+            f"  its members differ by more than rounding {often}, and shares of a variance need"
+            f" {FEW}: add families, or ask for a number that differs more often"
+        ]
+    lines = [f"  {'':32s} {'alone':>22s} {'with others':>22s}"]
+    for i in np.argsort(-one.total.values, kind="stable"):
+        cells = []
+        for name in WORDS:
+            value, low, high = (f"{float(one[key][i]):.3f}" for key in _keys(name))
+            cells.append(f"{value} ({low} to {high})".replace("-0.000", "0.000"))
+        lines.append(f"  {one.number.values[i]!s:32s} {cells[0]:>22s} {cells[1]:>22s}")
+    if (one["first"] > one["total"]).any():
+        lines.append("  a share alone above that with others is noise of sampling: add families")
+    return lines
+
+
+def _keys(name: str) -> list[str]:
+    """The variables of an index: its value, and the ends of its interval."""
+    return [name if end == "value" else f"{name}_{end}" for end in ENDS]
+
+
+def table(study: xr.Dataset) -> list[str]:
+    """The study in lines of text, the number that matters most first."""
+    lines = [study.attrs["title"]]
+    for text in study.measure.values:
+        one = study.sel(measure=text)
+        members = f"{int(one.families):,} families of {2 + study.sizes['number']} members"
+        if not one.families:
+            lines.append(f"  {text}: no family has a value")
+            continue
+        lines.append(f"  {text} = {float(one['mean']):.6g}, {members}")
+        lines += _shares(one)
+    if left := study.attrs["left_out"]:
+        lines.append(f"  families with a member that is flagged or has no value: {left:,}")
+    return lines

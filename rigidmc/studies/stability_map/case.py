@@ -1,0 +1,121 @@
+"""What a map of the package consists of.
+
+The maps of the package. A new map is one file in `cases` and one line below.
+"""
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.errors import OptionError, unknown
+from rigidmc.scene.scene import Scene
+from rigidmc.studies.stability_map.question import Borders, Resolution, Side, adapted, question
+from rigidmc.studies.stability_map.study import Prepared, Progress, mapped, prepared
+
+Derived = dict[str, tuple[NDArray[Any], dict[str, str]]]  # {name: (values, attributes)}
+
+
+def nothing(ds: xr.Dataset) -> Derived:
+    """No variables beside the measures."""
+    return {}
+
+
+class MapCase(NamedTuple):
+    """A map: its scene and settings, x and y, the measures, and what theory says.
+
+    x, y : (parameter, low, high[, log]), see `question`
+    of : the measures, see `rigidmc.results.measures`;  members : per pixel
+    settings : of the run;  source : of the theory
+    derived : function of the Dataset that returns more variables: theory, and combined measures
+    shown : the variable that the picture shows as colours
+    contours : (variable, levels, legend) of the lines drawn over it
+    labels : of the x axis, the y axis, and of the colours if the long name of `shown` is too long
+    ticks : {value: word} if `shown` takes a few values only
+    borders : between the classes of an adaptive map, see `rigidmc.studies.stability_map.refine`
+    """
+
+    title: str
+    scene: Scene
+    x: Side
+    y: Side
+    of: tuple[str, ...]
+    members: int
+    shown: str
+    labels: tuple[str, ...]
+    settings: dict[str, Any]
+    source: str = ""
+    derived: Callable[[xr.Dataset], Derived] = nothing
+    contours: tuple[str, tuple[float, ...], str] | None = None
+    ticks: Mapping[float, str] = {}
+    borders: Borders = ()
+
+
+_FILES = (  # in `cases`; each has a function of the same name that returns its MapCase
+    "intermediate_axis",
+    "growth",
+    "disturbance",
+    "damped_axis",
+    "sleeping_top",
+    "heavy_chaos",
+    "chaos_share",
+    "kovalevskaya",
+    "kapitza",
+)
+RESOLUTION = 256  # pixels per side
+MAPS: dict[str, Callable[[], MapCase]] = {
+    name: getattr(import_module(f"rigidmc.studies.stability_map.cases.{name}"), name)
+    for name in _FILES
+}
+
+
+def case_map(
+    name: str,
+    resolution: Resolution = RESOLUTION,
+    members: int | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    adaptive: bool | Borders = False,
+    **settings: Any,
+) -> xr.Dataset:
+    """The Dataset of one of MAPS, with the variables of theory.
+
+    settings : of the run, which replace those of the map if not None;  others : see `stability_map`
+    """
+    ready = prepared_case(name, resolution, members, threads, adaptive, **settings)
+    return with_theory(mapped(ready, threads, progress), name)
+
+
+def prepared_case(
+    name: str,
+    resolution: Resolution = RESOLUTION,
+    members: int | None = None,
+    threads: int | None = None,
+    adaptive: bool | Borders = False,
+    **settings: Any,
+) -> Prepared:
+    """One of MAPS before its first step; the arguments are those of `case_map`."""
+    if name not in MAPS:
+        raise unknown("", "map", name, "map", MAPS, OptionError)
+    case = MAPS[name]()
+    given = {key: value for key, value in settings.items() if value is not None}
+    standard = {
+        key: value for key, value in case.settings.items() if key != "dt" or "turn" not in given
+    }
+    members = case.members if members is None else members
+    asked = question(case.x, case.y, case.of, resolution, members, name=name)
+    asked = adapted(asked, case.borders if adaptive is True else adaptive)
+    return prepared(asked, case.scene, threads, **standard | given)
+
+
+def with_theory(ds: xr.Dataset, name: str) -> xr.Dataset:
+    """A map of the package with its theory and title; the map itself if its name is "" or none."""
+    if name not in MAPS:
+        return ds
+    case = MAPS[name]()
+    for key, (values, attrs) in case.derived(ds).items():
+        ds[key] = (("y", "x"), values, attrs)
+    ds.attrs |= {"title": case.title, "map": name, "theory": case.source}
+    return ds

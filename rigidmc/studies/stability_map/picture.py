@@ -1,0 +1,218 @@
+"""Pictures of maps."""
+
+import math
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import ListedColormap
+from matplotlib.contour import QuadContourSet
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from rigidmc.figures import ALARM, GREY, MEDIAN, Scale, colour_scale, new_figure
+from rigidmc.physics.observables.event_times import CENSORED
+from rigidmc.results.labels import count_text
+from rigidmc.studies.stability_map.case import MAPS, MapCase
+
+BLANK = "#dddddd"  # pixels in which the measure has no value
+Edges = list[NDArray[np.float64]]  # of the pixels, along x and along y
+
+
+def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | None = None) -> Figure:
+    """A map: one variable as an image, theory as lines over it.
+
+    Pixels without a body are hatched, pixels in which members failed are red. A stack of maps has a
+    panel for each layer; an adaptive map has another with the pixels that were computed.
+    ds : of `rigidmc.stability_map`
+    shown : the variable to draw; default the first, or that of a map of the package
+    """
+    case = MAPS[ds.attrs["map"]]() if ds.attrs.get("map") in MAPS else None
+    name = shown or (case.shown if case else str(next(iter(ds.data_vars))))
+    if name not in ds:
+        known = ", ".join(map(str, ds.data_vars))
+        raise ValueError(f"{name}: the map has no such variable; it has {known}")
+    parts = [ds.isel(z=k) for k in range(ds.sizes["z"])] if "z" in ds.dims else [ds]
+    marked = "computed" in ds and len(parts) == 1
+    count = len(parts) + marked
+    columns = count if count < 4 else math.ceil(math.sqrt(count))
+    rows = -(-count // columns)
+    width, height = (7.6, 7.2) if rows == 1 else (4.6, 4.2 + 1.0 / rows)
+    size = width * columns + 1.4, height * rows
+    figure = figure or new_figure(fill(_title(ds, case), 95), size)
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    scale = colour_scale(name, ds[name].values, case.ticks if case and name == case.shown else {})
+    handles: list[Any] = []
+    for axes, part in zip(panels.flat, parts, strict=False):
+        image, more = _panel(axes, part, name, case, scale)
+        handles += [one for one in more if one.get_label() not in {h.get_label() for h in handles}]
+        if "z" in ds.dims:
+            axes.set_title(f"{part.z.attrs['long_name']} = {float(part.z):.4g}", fontsize=9)
+    if marked:
+        _mark(panels.flat[1], ds)
+    for axes in panels.flat[count:]:
+        axes.set_axis_off()
+    for axes in panels[-1]:
+        axes.set_xlabel(case.labels[0] if case else label(ds.x))
+    for axes in panels[:, 0]:
+        axes.set_ylabel(case.labels[1] if case else label(ds.y))
+    ticks = scale[2]
+    where = panels if len(parts) > 1 else panels.flat[0]
+    bar = figure.colorbar(image, ax=where, pad=0.02, ticks=ticks[0] if ticks else None)
+    bar.set_label(_bar_label(ds[name], case))
+    if ticks:
+        bar.ax.set_yticklabels(ticks[1])
+    if handles:
+        words: dict[str, Any] = {"handles": handles, "ncols": len(handles), "frameon": False}
+        if count > 1:
+            figure.legend(loc="outside lower center", **words)
+        else:
+            panels.flat[0].legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), **words)
+    return figure
+
+
+def _panel(
+    axes: Axes, ds: xr.Dataset, name: str, case: MapCase | None, scale: Scale
+) -> tuple[QuadMesh, list[Any]]:
+    """Draw a map; its image, and the handles for the legend."""
+    values, edges = ds[name].values, [_edges(ds[key]) for key in ("x", "y")]
+    axes.set(**{f"{key}scale": "log" for key in ("x", "y") if ds[key].attrs["log"]})
+    image = axes.pcolormesh(*edges, values, cmap=scale[0], norm=scale[1], rasterized=True)
+    axes.set_facecolor(BLANK)
+    handles: list[Any] = []
+    unknown = ~np.isfinite(values) & (ds.good.values > 0)
+    if unknown.any():
+        some = "not by the end" if ds.attrs["members"] == 1 else "not of all members by the end"
+        words = some if CENSORED in ds[name].attrs else "no value"
+        handles.append(Patch(facecolor=BLANK, edgecolor=GREY, label=words))
+    for mask, face, hatch, words in (
+        ((ds.good == 0) & (ds.failed == 0), "white", "////", "no such body or start"),
+        (ds.failed > 0, ALARM, "xx", "members failed"),
+    ):
+        if mask.values.any():
+            handles.append(_hatched(axes, edges, mask.values, face, hatch, words))
+    if case and case.contours and min(ds.sizes["x"], ds.sizes["y"]) > 1:
+        handles.append(_contours(axes, ds, *case.contours))
+    elif not case and name.startswith("p("):
+        handles += _half(axes, ds, name)
+    return image, handles
+
+
+def _mark(axes: Axes, ds: xr.Dataset) -> None:
+    """Draw the pixels that were computed."""
+    edges, computed = [_edges(ds[key]) for key in ("x", "y")], ds["computed"].values
+    axes.pcolormesh(*edges, computed, cmap=ListedColormap(["white", MEDIAN]), rasterized=True)
+    axes.set_title(f"computed: {100 * computed.mean():.3g} % of the pixels", fontsize=10)
+
+
+def label(coordinate: xr.DataArray) -> str:
+    """The label of an axis: the parameter and its units."""
+    return f"{coordinate.attrs['long_name']} [{coordinate.attrs['units']}]"
+
+
+def _title(ds: xr.Dataset, case: MapCase | None) -> str:
+    """The title of a map, with the facts of its run unless it is a map of the package."""
+    title: str = ds.attrs["title"]
+    if case:
+        return title
+    a = ds.attrs
+    members = count_text(a["members"], "member")
+    return f"{title}: {members} to a pixel, to {a['t_end']:g} s with {a['integrator']}"
+
+
+def _bar_label(variable: xr.DataArray, case: MapCase | None) -> str:
+    """What the colours mean, with units."""
+    if case and len(case.labels) > 2 and variable.name == case.shown:
+        return case.labels[2]
+    units = variable.attrs["units"]
+    words = "" if units == "1" else f" [{units}]".replace(" ", "\N{NO-BREAK SPACE}")
+    return fill(variable.attrs["long_name"].split(";")[0] + words, 75)
+
+
+def _hatched(
+    axes: Axes, edges: Edges, mask: NDArray[np.bool_], face: str, hatch: str, words: str
+) -> Patch:
+    """Colour and hatch the pixels of a mask; returns the handle for the legend."""
+    grid = np.where(mask, 1.0, np.nan)
+    axes.pcolormesh(*edges, grid, cmap=ListedColormap([face]), vmin=0.0, vmax=2.0, rasterized=True)
+    # each pixel by its four corners, so that the hatching ends at its edge
+    corners = [np.repeat(e, 2)[1:-1] for e in edges]
+    each = np.repeat(np.repeat(mask.astype(float), 2, axis=0), 2, axis=1)
+    axes.contourf(*corners, each, levels=[0.5, 1.5], colors="none", hatches=[hatch])
+    return Patch(facecolor=face, edgecolor=GREY, hatch=hatch, label=words)
+
+
+def _contours(
+    axes: Axes, ds: xr.Dataset, variable: str, levels: tuple[float, ...], words: str
+) -> Line2D:
+    """Lines of a variable, with their levels if there are several; the handle for the legend."""
+    lines = axes.contour(
+        ds.x.values, ds.y.values, ds[variable].values,
+        levels=levels, colors="black", linewidths=1.4,
+    )  # fmt: skip
+    lines.set(path_effects=[withStroke(linewidth=2.6, foreground="white")])
+    if len(levels) > 1:
+        axes.clabel(lines, fontsize=9, fmt="%g", manual=_middles(lines, axes))
+        for text in axes.texts:
+            text.set_path_effects([withStroke(linewidth=3.0, foreground="white")])
+    return Line2D([], [], color="black", lw=1.4, label=words)
+
+
+def _half(axes: Axes, ds: xr.Dataset, name: str) -> list[Line2D]:
+    """A line on which half of the members do; the handle for the legend.
+
+    The shares are averaged over 3 x 3 pixels, so that the line follows the border, not single
+    pixels.
+    """
+    values = ds[name].values
+    known = np.isfinite(values)
+    weights = uniform_filter(known.astype(float), 3, mode="nearest")
+    sums = uniform_filter(np.where(known, values, 0.0), 3, mode="nearest")
+    smooth = np.divide(sums, weights, out=np.full(values.shape, np.nan), where=known)
+    if min(values.shape) < 2 or not np.nanmin(smooth) < 0.5 < np.nanmax(smooth):
+        return []
+    lines = axes.contour(
+        ds.x.values,
+        ds.y.values,
+        np.ma.masked_invalid(smooth),
+        [0.5],
+        colors="black",
+        linewidths=1.4,
+    )
+    lines.set(path_effects=[withStroke(linewidth=2.6, foreground="white")])
+    return [Line2D([], [], color="black", lw=1.4, label="half of the members")]
+
+
+def _middles(lines: QuadContourSet, axes: Axes) -> list[tuple[float, float]]:
+    """The middle of the longest piece of each line on the screen.
+
+    Labels there do not crowd where the lines meet.
+    """
+    middles = []
+    for pieces in lines.allsegs:
+        lengths = [
+            (piece, np.hypot(*np.diff(axes.transData.transform(piece), axis=0).T))
+            for piece in pieces
+            if len(piece) > 1
+        ]
+        if lengths:
+            piece, steps = max(lengths, key=lambda one: one[1].sum())
+            middles.append(tuple(piece[np.searchsorted(np.cumsum(steps), 0.5 * steps.sum())]))
+    return middles
+
+
+def _edges(coordinate: xr.DataArray) -> NDArray[np.float64]:
+    """The edges of pixels, halfway between their centres; by ratio if the scale is logarithmic."""
+    x = np.log(coordinate.values) if coordinate.attrs["log"] else coordinate.values
+    # a single pixel is as wide as its number, or a factor of e
+    alone = 1.0 if coordinate.attrs["log"] else abs(x[0]) or 1.0
+    step = x[1] - x[0] if x.size > 1 else alone
+    edges = np.concatenate([[x[0] - 0.5 * step], x + 0.5 * step])
+    return np.exp(edges) if coordinate.attrs["log"] else edges

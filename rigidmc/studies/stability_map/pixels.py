@@ -1,0 +1,162 @@
+"""The pixels of a map: from numbers of the members to intervals, and to a Dataset."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.engine.kernel.layout import STATUSES
+from rigidmc.physics.observables.event_times import CENSORED, FOLLOWED
+from rigidmc.results.measures import Measure
+from rigidmc.results.schema import Variable
+from rigidmc.scene.sampling import is_sample
+from rigidmc.scene.scene import Scene
+from rigidmc.studies.stability_map.question import Question, units_of
+from rigidmc.version import VERSION
+
+ASKED = "asked"  # the attribute of a map with its question
+COUNTS = {  # of the members of a pixel
+    "good": "good members",
+    "failed": "members that failed",
+    "none": "members for which there is no such body or start",
+}
+COMPUTED = "computed"  # the variable of an adaptive map
+_NOT_THERE = -1  # the status of a member that has not been computed
+_AT_ONCE = 2**17  # numbers whose intervals are taken at once: a sorted copy of them is 1 MB
+
+
+class Pixels(NamedTuple):
+    """What the members of pixels say.
+
+    intervals : {measure: (4, pixels)}: value, low, high, and the share of the members asked that
+        have no value
+    counts : (3, pixels): members that are good, that failed, that have no body or start
+    """
+
+    intervals: dict[str, NDArray[np.float64]]
+    counts: NDArray[np.int32]
+
+    def at(self, source: NDArray[np.int64]) -> "Pixels":
+        """Of each pixel the values of the one in its place in `source`."""
+        intervals = {text: values[:, source] for text, values in self.intervals.items()}
+        return Pixels(intervals, self.counts[:, source])
+
+
+class Collected:
+    """The numbers of the members of a range of pixels, (replicas, pixels)."""
+
+    def __init__(
+        self, question: Question, measures: Sequence[Measure], pixels: range | None = None
+    ) -> None:
+        self.question, self.measures = question, measures
+        self.pixels = range(question.pixels) if pixels is None else pixels
+        shape = question.replicas, len(self.pixels)
+        self._status = np.full(shape, _NOT_THERE, "i1")
+        self._values = {one.text: np.zeros(shape, one.dtype) for one in measures}
+        self._asked = {one.text: np.zeros(shape, bool) for one in measures}
+
+    def take(self, dataset: xr.Dataset) -> None:
+        """Take the numbers of members."""
+        replica, pixel = np.divmod(dataset.member.values, self.question.pixels)
+        place = replica * len(self.pixels) + pixel - self.pixels.start
+        self._status.reshape(-1)[place] = dataset.status.values
+        for one in self.measures:
+            self._values[one.text].reshape(-1)[place] = one.values(dataset)
+            self._asked[one.text].reshape(-1)[place] = one.asks(dataset)
+
+    def missing(self) -> int:
+        """How many members have not been computed."""
+        return int(np.count_nonzero(self._status == _NOT_THERE))
+
+    def pixel_values(self) -> Pixels:
+        """The intervals and counts of the pixels."""
+        size = len(self.pixels)
+        intervals = {one.text: np.full((4, size), np.nan) for one in self.measures}
+        counts, step = np.zeros((3, size), "i4"), max(1, _AT_ONCE // self.question.replicas)
+        for low in range(0, size, step):
+            part = slice(low, low + step)
+            status = self._status[:, part].T
+            none, good = status == STATUSES["invalid_input"], status == 0
+            failed = ~good & ~none & (status != _NOT_THERE)
+            counts[:, part] = good.sum(1), failed.sum(1), none.sum(1)
+            for one in self.measures:
+                values, asked = (x[one.text][:, part].T for x in (self._values, self._asked))
+                found = one.interval(values, asked, self.question.confidence)
+                intervals[one.text][:, part] = *found, found.without
+        return Pixels(intervals, counts)
+
+
+def joined(parts: Sequence[Pixels]) -> Pixels:
+    """The Pixels of ranges that follow one another."""
+    intervals = {
+        text: np.concatenate([part.intervals[text] for part in parts], axis=1)
+        for text in parts[0].intervals
+    }
+    return Pixels(intervals, np.concatenate([part.counts for part in parts], axis=1))
+
+
+def names_of(measure: Measure) -> tuple[str, str, str, str]:
+    """The variables of a measure: its value, the ends of its interval, and the share of the members
+    without a value, which a map has if there are some."""
+    name = measure.text.replace(" ", "")
+    return name, f"{name}_low", f"{name}_high", f"{name}_without"
+
+
+def map_dataset(
+    question: Question,
+    scene: Scene,
+    known: Mapping[str, Variable],
+    measures: Sequence[Measure],
+    pixels: Pixels,
+    computed: NDArray[np.bool_] | None = None,
+) -> xr.Dataset:
+    """The Dataset of a map.
+
+    known : the variables of the members of the scene;  computed : whether a pixel was computed, of
+        an adaptive map
+    """
+    shape, dims, variables = question.shape, tuple(question.sides), dict[str, Any]()
+    for one in measures:
+        attrs = known[one.result.name].attrs
+        text = f"{one.text}: {attrs.get('long_name', '')}"
+        share = f"of its interval of {100 * question.confidence:g} %"
+        ends = "", f", low end {share}", f", high end {share}"
+        *names, lacking = names_of(one)
+        *numbers, without = pixels.intervals[one.text]
+        if not is_sample(scene):  # the members of a pixel are one, whose number has no interval
+            numbers[1:] = np.full((2, without.size), np.nan)
+        for name, values, end in zip(names, numbers, ends, strict=True):
+            about = {"units": one.units(known), "long_name": text + end}
+            about |= {CENSORED: FOLLOWED} if one.result.timed else {}
+            variables[name] = (dims, values.reshape(shape), about)
+        if (without > 0.0).any():
+            about = {"units": "1", "long_name": f"{one.text}: share of the members without a value"}
+            variables[lacking] = (dims, without.reshape(shape), about)
+    for (name, text), count in zip(COUNTS.items(), pixels.counts, strict=True):
+        about = {"units": "1", "long_name": text}
+        variables[name] = (dims, count.reshape(shape), about)
+    if computed is not None:
+        about = {"long_name": "1 if the pixel was computed, 0 if it shows one nearby that was"}
+        variables[COMPUTED] = (dims, computed.astype("i1").reshape(shape), about)
+    facts = {
+        "title": scene.title,
+        "source": f"rigidmc {VERSION}",
+        "scene": scene.dumps(),
+        "members": question.replicas,
+        "confidence": question.confidence,
+        "integrator": scene.run.integrator,
+        "t_end": scene.run.t_end,
+        ASKED: question.text(),
+    }
+    return xr.Dataset(variables, _coordinates(question, scene), facts)
+
+
+def _coordinates(question: Question, scene: Scene) -> dict[str, Any]:
+    found = {}
+    for key, grid in question.grids().items():
+        name, *_, log = question.sides[key]
+        attrs = {"long_name": name, "units": units_of(scene, name), "log": int(log)}
+        found[key] = ((key,), grid.values(), attrs)
+    return found

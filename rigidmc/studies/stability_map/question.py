@@ -1,0 +1,196 @@
+"""What a map asks: two parameters of a scene, the measures, and which members belong to a pixel."""
+
+import json
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from pydantic import TypeAdapter
+
+from rigidmc.errors import FileError, OptionError, RigidmcError
+from rigidmc.physics.effects import labelled
+from rigidmc.scene.amounts import counted
+from rigidmc.scene.parameters import with_parameter
+from rigidmc.scene.quantities import Grid, grid
+from rigidmc.scene.scene import Scene
+
+MOST = 4096  # pixels per side
+LAYERS, MOST_LAYERS = 6, 64
+
+Side = tuple[str, float, float] | tuple[str, float, float, bool]  # parameter, low, high[, log]
+Whole = tuple[str, float, float, bool]  # a side with all its parts
+Resolution = int | tuple[int, int]
+Borders = tuple[tuple[str, tuple[float, ...]], ...]  # (measure, values between its classes)
+
+
+class Question(NamedTuple):
+    """What is mapped.
+
+    Pixel (i, j) has the number p = i columns + j, or p = (k rows + i) columns + j in layer k of
+    several, and its member r is member r pixels + p of the scene: the members of a run that has not
+    ended are spread over all pixels, and more members are more replicas of each.
+
+    x, y : (parameter, low, high, whether in even ratios);  z : of the layers, None if there is one
+    of : the measures, see `rigidmc.results.measures`
+    columns, rows, layers : pixels along x, y and z;  replicas : members of a pixel
+    confidence : of the intervals
+    name : of the map of the package, or ""
+    borders : of an adaptive map, see `rigidmc.studies.stability_map.refine`; None if all pixels are
+        computed
+    """
+
+    x: Whole
+    y: Whole
+    of: tuple[str, ...]
+    columns: int
+    rows: int
+    replicas: int
+    confidence: float = 0.95
+    name: str = ""
+    z: Whole | None = None
+    layers: int = 1
+    borders: Borders | None = None
+
+    @property
+    def sides(self) -> dict[str, Whole]:
+        """The sides by their dimensions, the slowest first."""
+        return {**({} if self.z is None else {"z": self.z}), "y": self.y, "x": self.x}
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Pixels along the sides, in that order."""
+        return (self.layers,) * (self.z is not None) + (self.rows, self.columns)
+
+    @property
+    def pixels(self) -> int:
+        return self.columns * self.rows * self.layers
+
+    @property
+    def members(self) -> int:
+        return self.pixels * self.replicas
+
+    def grids(self) -> dict[str, Grid]:
+        """The values of the sides of the members; OptionError for ends that are not in order."""
+        strides = {"x": 1, "y": self.columns, "z": self.columns * self.rows}
+        counts = zip(self.sides.items(), self.shape, strict=True)
+        return {key: _grid(key, side, count, strides[key]) for (key, side), count in counts}
+
+    def of_scene(self, scene: Scene) -> Scene:
+        """The scene whose members are those of the map; OptionError for unknown parameters."""
+        grids = self.grids()
+        for key in reversed(grids):
+            scene = with_parameter(scene, self.sides[key][0], grids[key], key)
+        whole: Scene = scene.with_run(members=self.members, first=0)
+        return whole
+
+    def text(self) -> str:
+        """The question as JSON, for the facts of a run directory."""
+        return json.dumps(self._asdict())
+
+
+_QUESTION = TypeAdapter(Question)
+
+
+def question(
+    x: Side,
+    y: Side,
+    of: str | Sequence[str],
+    resolution: Resolution,
+    replicas: int,
+    z: Side | None = None,
+    layers: int | None = None,
+    **more: Any,
+) -> Question:
+    """The Question of a user; OptionError for sides, measures and sizes that are none."""
+    texts = (of,) if isinstance(of, str) else tuple(of)
+    if not texts or not all(isinstance(text, str) for text in texts):
+        raise OptionError("", "of", texts, 'expected measures, such as "p(flips >= 1)"')
+    across, upwards = _whole_side("x", x), _whole_side("y", y)
+    if x[0] == y[0]:
+        raise OptionError("", "y", y[0], "is already the parameter of x")
+    if z is None and layers is not None:
+        raise OptionError("", "layers", layers, "are those of a third parameter: give z")
+    if z is not None:
+        more["z"] = _whole_side("z", z)
+        more["layers"] = counted(LAYERS if layers is None else layers, "layers", 1, MOST_LAYERS)
+        if z[0] in (x[0], y[0]):
+            raise OptionError("", "z", z[0], "is already the parameter of x or y")
+    columns, rows = columns_and_rows(resolution)
+    return Question(across, upwards, texts, columns, rows, counted(replicas, "members"), **more)
+
+
+def columns_and_rows(resolution: Resolution) -> tuple[int, int]:
+    """Pixels across and upwards of a resolution; OptionError."""
+    shape = resolution if isinstance(resolution, (list, tuple)) else (resolution, resolution)
+    if len(shape) != 2:
+        rule = "expected pixels per side, or (columns, rows)"
+        raise OptionError("", "resolution", resolution, rule)
+    columns, rows = (counted(side, "resolution", 1, MOST) for side in shape)
+    return columns, rows
+
+
+def adapted(asked: Question, adaptive: bool | Borders) -> Question:
+    """The question of an adaptive map, with borders if they are given, or of one that is none."""
+    if isinstance(adaptive, bool):
+        return asked._replace(borders=() if adaptive else None)
+    return asked._replace(borders=adaptive)
+
+
+def _whole_side(key: str, side: Side) -> Whole:
+    """A side with all its parts; OptionError."""
+    if isinstance(side, str) or len(side) not in (3, 4) or not isinstance(side[0], str):
+        rule = "expected (parameter, low, high) or (parameter, low, high, True)"
+        example = 'such as ("body.moments.1", 0.1, 0.9)'
+        raise OptionError("", key, side, f"{rule}, {example}")
+    name, low, high, *log = side
+    return name, low, high, bool(log and log[0])
+
+
+def stored_question(text: str, path: str) -> Question:
+    """The Question in the facts of a run directory; FileError if it is none."""
+    try:
+        found = _QUESTION.validate_json(text)
+        least = min(found.columns, found.rows, found.layers, found.replicas)
+        if found.pixels > MOST**2 or least < 1 or (found.z is None and found.layers != 1):
+            raise ValueError("impossible sizes")
+    except ValueError:  # also of pydantic
+        rule = "there is no map that can be read"
+        raise FileError("", "map", None, rule, file=path) from None
+    return found
+
+
+def _grid(key: str, side: Whole, count: int, stride: int) -> Grid:
+    """The values of a parameter along a side; OptionError for ends that are not in order."""
+    name, low, high, log = side
+    try:
+        values: Grid = grid(low, high, count, stride, log)
+    except RigidmcError as error:
+        rule = f"expected low < high{', both above 0 for even ratios' if log else ''}"
+        rule = error.rule if "whole number" in error.rule else rule
+        raise OptionError("", key, f"{name} from {low} to {high}", rule) from None
+    return values
+
+
+_UNITS = {
+    "angle": "rad",
+    "azimuth": "rad",
+    "phi": "rad",
+    "theta": "rad",
+    "psi": "rad",
+    "energy": "J",
+    "kT": "J",
+    "mass": "kg",
+    "centre": "m",
+    "moments": "kg m2",
+    "omega": "rad s-1",
+    "momentum": "kg m2 s-1",
+}
+
+
+def units_of(scene: Scene, name: str) -> str:
+    """The units of a scene parameter."""
+    table, first, *rest = name.split(".")
+    if table == "effects":
+        effect = dict(labelled(scene.effects))[first]
+        units: dict[str, str] = getattr(effect, "units", {})  # a user's effect may have none
+        return units.get(rest[0], "1")
+    return _UNITS.get(rest[-1] if rest else first) or _UNITS.get(first, "1")

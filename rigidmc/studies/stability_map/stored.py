@@ -1,0 +1,348 @@
+"""Maps that are stored: in a run directory, which loses nothing when it is killed, or in a file.
+
+Adaptive maps in run directories: resumed until what is there asks for no more pixels.
+
+A part of a map, drawn anew.
+"""
+
+import os
+import time
+import warnings
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.errors import FileError, OptionError, SceneWarning
+from rigidmc.files.netcdf import open_undecoded, read
+from rigidmc.files.outputs import Path
+from rigidmc.results.run_directory import RunDirectory
+from rigidmc.results.schema import NEWER, lengths
+from rigidmc.runs.directory.create import Chosen, create
+from rigidmc.runs.directory.load import planned, scene_of_run
+from rigidmc.runs.directory.resume import grow, resume
+from rigidmc.scene.amounts import seconds
+from rigidmc.scene.scene import Scene, scene_of
+from rigidmc.studies.stability_map.case import with_theory
+from rigidmc.studies.stability_map.pixels import (
+    ASKED,
+    COMPUTED,
+    COUNTS,
+    Collected,
+    Pixels,
+    names_of,
+)
+from rigidmc.studies.stability_map.question import (
+    MOST,
+    Question,
+    Resolution,
+    Whole,
+    columns_and_rows,
+    stored_question,
+)
+from rigidmc.studies.stability_map.refine import BEGUN, members_of, refined, unit
+from rigidmc.studies.stability_map.study import (
+    Prepared,
+    Progress,
+    described,
+    finished,
+    mapped,
+    prepared,
+)
+
+MAP = "map"  # of the question, among the attributes in run.json
+
+
+def create_map(
+    ready: Prepared,
+    path: Path,
+    size: float | None = None,
+    only: range | None = None,
+    threads: int | None = None,
+    limit: float | None = None,
+) -> RunDirectory:
+    """Make a run directory for a map; the arguments and errors are those of `create`."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)  # `prepared` gave the notes
+        asked, about = ready.question, {MAP: ready.question.text()}
+        if asked.borders is None:
+            return create(ready.scene, path, size, only, threads, about, None, limit)
+        nothing = Collected(asked, ready.measures).pixel_values()
+        first = refined(asked, nothing, BEGUN)
+        shard = unit(asked) * asked.replicas
+        chosen = Chosen(members_of(asked, first.wanted), shard, first.level)
+        return create(ready.scene, path, size, None, threads, about, chosen)
+
+
+def is_map(path: Path) -> bool:
+    """Whether a path is a map: a netCDF file, or a run directory."""
+    if os.path.isdir(path):
+        run = os.path.isfile(os.path.join(path, "run.json"))
+        return run and MAP in RunDirectory(path).facts["attributes"]
+    if not (os.path.isfile(path) and os.fspath(path).lower().endswith(".nc")):
+        return False
+    with open_undecoded(os.fspath(path)) as file:
+        return ASKED in file.attrs
+
+
+def open_map(path: Path, allow_code: bool = False) -> xr.Dataset:
+    """Open a map.
+
+    Parameters
+    ----------
+    path : path_like
+        a netCDF file of a map, or the run directory of one, also of one that has not ended
+    allow_code : bool, optional
+        whether to run the Python files of a user's own effects
+
+    Returns
+    -------
+    xarray.Dataset
+        as of `stability_map`. If members of a run directory are missing, pixels have the others,
+        and `missing` in the attributes counts them
+
+    Raises
+    ------
+    FileError
+        for anything else, and for a run directory without a shard
+
+    Examples
+    --------
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)))
+    >>> sides = ("body.moments.1", 1.0, 3.0), ("start.omega.2", 0.1, 1.0)
+    >>> rm.stability_map(scene, *sides, "p(flips >= 1)", 2, t_end=1.0).to_netcdf("map.nc")
+    >>> dict(rm.open_map("map.nc").sizes)
+    {'y': 2, 'x': 2}
+    """
+    if os.path.isdir(path):
+        return map_of_run(path, allow_code)
+    return _map_in_file(os.fspath(path), allow_code)
+
+
+def asked_of(source: Path | xr.Dataset, allow_code: bool = False) -> tuple[Question, Scene]:
+    """What a map asks, and of which scene: a file, a run directory or a Dataset; FileError."""
+    if isinstance(source, xr.Dataset):
+        name = str(source.encoding.get("source", "the Dataset"))
+        asked = stored_question(str(source.attrs.get(ASKED, "")), name)
+        return asked, scene_of(source, allow_code=allow_code)
+    if os.path.isdir(source):
+        directory = RunDirectory(source)
+        return question_of(directory), scene_of_run(directory, allow_code)
+    with open_undecoded(os.fspath(source)) as file:
+        return asked_of(file, allow_code)
+
+
+def _map_in_file(path: str, allow_code: bool) -> xr.Dataset:
+    """The map in a file: its numbers, laid out as what it asks of its scene demands."""
+    with open_undecoded(path) as file:
+        asked, scene = asked_of(file, allow_code)
+        ready = described(asked, scene, False)
+        shape = asked.shape
+
+        def numbers(name: str, kinds: str) -> NDArray[Any]:
+            variable = file.variables.get(name)
+            if variable is None or variable.shape != shape or variable.dtype.kind not in kinds:
+                raise FileError("", name, None, f"expected {shape} numbers", file=path)
+            return np.asarray(variable.values).reshape(-1)
+
+        intervals = {}
+        for one in ready.measures:
+            *names, lacking = names_of(one)
+            found = [numbers(name, "f") for name in names]
+            none = np.where(np.isnan(found[0]), np.nan, 0.0)
+            found.append(numbers(lacking, "f") if lacking in file.variables else none)
+            intervals[one.text] = np.stack(found)
+        counts = np.stack([numbers(name, "iu") for name in COUNTS]).astype("i4")
+        computed = None if asked.borders is None else numbers(COMPUTED, "iu") > 0
+        more = {key: file.attrs[key] for key in ("seconds", "missing") if key in file.attrs}
+        sound = all(isinstance(value, (float, int, np.number)) for value in more.values())
+    if not sound:
+        raise FileError("", "seconds", None, "expected a number", file=path)
+    whole = finished(ready, Pixels(intervals, counts), computed)
+    return with_theory(whole, asked.name).assign_attrs(more)
+
+
+def question_of(directory: RunDirectory) -> Question:
+    """What the map of a run directory asks; FileError if it is no map."""
+    text = directory.facts["attributes"].get(MAP)
+    if text is None:
+        raise FileError("", "map", None, "is the run of a scene, and no map", file=directory.path)
+    asked = stored_question(str(text), directory.path)
+    if asked.borders is not None:
+        return asked
+    return asked._replace(replicas=-(-int(directory.facts["members"]) // asked.pixels))
+
+
+def members_of_pixels(path: Path, replicas: int) -> int:
+    """How many members a map has with so many in each pixel."""
+    if replicas > (most := 2**53 // MOST**2):
+        raise OptionError("", "members", replicas, f"a pixel has at most {most:,} members")
+    asked = question_of(RunDirectory(path))
+    if asked.borders is not None:
+        rule = "an adaptive map chose its pixels by the members that these have: start a new map"
+        raise OptionError("", "members", replicas, rule)
+    return replicas * asked.pixels
+
+
+def map_of_run(path: Path, allow_code: bool = False) -> xr.Dataset:
+    """The Dataset of a map from the shards that exist, see `rigidmc.stability_map`.
+
+    A pixel has the members that are there; `missing` in the attributes counts the others, if any.
+    Raises FileError for a directory that is no map, or has no shard yet.
+    """
+    directory = RunDirectory(path)
+    directory.refuse_strays()
+    ready, collected = there(directory, allow_code)
+    if not directory.shards():
+        raise FileError("", "run", directory.path, "no shard is there yet: resume it first")
+    asked, pixels = ready.question, collected.pixel_values()
+    found = with_theory(finished(ready, pixels), asked.name)
+    missing = collected.missing()
+    if asked.borders is not None:
+        missing -= asked.members - int(directory.facts["members"])
+        if not missing and (level := directory.facts.get("growing")):
+            missing = refined(asked, pixels, level).wanted.size * asked.replicas
+    return found.assign_attrs(missing=missing) if missing else found
+
+
+def there(directory: RunDirectory, allow_code: bool = False) -> tuple[Prepared, Collected]:
+    """The map of a run directory, and the numbers of its members from the shards that exist."""
+    asked, run = question_of(directory), planned(directory, allow_code)
+    ready = described(asked, run.original, run.shown.carried)
+    collected = Collected(asked, ready.measures)
+    names = {name: ready.known[name] for one in ready.measures for name in one.names}
+    sizes = lengths(run.shown)
+    for i, shard in sorted(directory.shards().items()):
+        members = np.asarray(directory.members(i))
+        values = read(shard, "member", "status", *names, mark=directory.mark, newer=NEWER)
+        variables: dict[str, Any] = {"status": (("member",), values["status"])}
+        variables |= {name: (v.dims, values[name], v.attrs) for name, v in names.items()}
+        wanted = {**sizes, "member": len(members)}
+        fits = all(
+            np.shape(one) == tuple(wanted[dim] for dim in dims)
+            for dims, one, *_ in variables.values()
+        )
+        if not fits or not np.array_equal(values["member"], members):
+            rule = "has the members of another shard; `rigidmc verify` tells more"
+            raise FileError("", "shard", i, rule, file=shard)
+        t_end = {"t_end": ready.scene.run.t_end}
+        collected.take(xr.Dataset(variables, {"member": members, "axis": [1, 2, 3]}, t_end))
+    return ready, collected
+
+
+def resume_growing(
+    directory: RunDirectory,
+    max_wall: float | str | None = None,
+    only: range | None = None,
+    allow_code: bool = False,
+    **options: Any,
+) -> tuple[RunDirectory, dict[str, int]]:
+    """`rigidmc.runs.directory.resume.resume`, of an adaptive map again and again: when all shards
+    are there, what they say asks for more members, whose shards come next.
+
+    Raises OptionError for a range of shards of an adaptive map.
+    """
+    if only is not None and directory.chosen is not None:
+        rule = "all shards of an adaptive map must be there before the next are known: leave it out"
+        raise OptionError("", "--shards", f"{only.start}:{only.stop}", rule)
+    stop = None if max_wall is None else time.monotonic() + seconds(max_wall, "max_wall")
+    options |= {"only": only, "allow_code": allow_code}
+    directory, flagged = resume(directory, max_wall=max_wall, **options)
+    while (level := directory.facts.get("growing")) and not directory.missing().size:
+        ready, collected = there(directory, allow_code)
+        state = refined(ready.question, collected.pixel_values(), level)
+        directory = grow(directory, members_of(ready.question, state.wanted), state.level)
+        left = None if stop is None else stop - time.monotonic()
+        if not state.level or (left is not None and left <= 0.0):
+            break
+        directory, more = resume(directory, max_wall=left, **options)
+        flagged = {word: count + more[word] for word, count in flagged.items()}
+    return directory, flagged
+
+
+Ends = tuple[float, float]
+
+
+def zoom_map(
+    source: Path | xr.Dataset,
+    x: Ends,
+    y: Ends,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    allow_code: bool = False,
+    resolution: Resolution | None = None,
+) -> xr.Dataset:
+    """Draw a part of a map anew: other ends of its sides, and the same scene, settings, measures
+    and members of a pixel.
+
+    Parameters
+    ----------
+    source : path_like or xarray.Dataset
+        a map: a netCDF file, a run directory or a Dataset
+    x : tuple of float
+        (low, high) in the units of the map
+    y : tuple of float
+        the same for the other side
+    threads : int, optional
+        number of threads; by default one for each core that the process may use
+    progress : callable, optional
+        a function of (members done, all)
+    allow_code : bool, optional
+        whether to run the Python files of a user's own effects
+    resolution : int or tuple of int, optional
+        pixels per side, or (columns, rows); by default those of the map
+
+    Returns
+    -------
+    xarray.Dataset
+        as of `stability_map`
+
+    Raises
+    ------
+    OptionError
+        for ends that are not in order, that lie outside the map, or of which the scene can have
+        none
+    FileError
+        for a source that is no map
+
+    Examples
+    --------
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)))
+    >>> sides = ("body.moments.1", 1.0, 3.0), ("start.omega.2", 0.1, 1.0)
+    >>> whole = rm.stability_map(scene, *sides, "p(flips >= 1)", 2, t_end=1.0)
+    >>> rm.zoom_map(whole, (1.0, 1.5), (0.5, 1.0)).x.values.tolist()
+    [1.125, 1.375]
+    """
+    ready = zoomed(source, x, y, threads, allow_code, resolution)
+    return with_theory(mapped(ready, threads, progress), ready.question.name)
+
+
+def zoomed(
+    source: Path | xr.Dataset,
+    x: Ends,
+    y: Ends,
+    threads: int | None = None,
+    allow_code: bool = False,
+    resolution: Resolution | None = None,
+) -> Prepared:
+    """A part of a map before its first step; the arguments and errors are those of `zoom_map`."""
+    asked, scene = asked_of(source, allow_code)
+    across, upwards = _side("x", asked.x, x), _side("y", asked.y, y)
+    asked = asked._replace(x=across, y=upwards)
+    if resolution is not None:
+        columns, rows = columns_and_rows(resolution)
+        asked = asked._replace(columns=columns, rows=rows)
+    return prepared(asked, scene, threads, save=scene.run.save)
+
+
+def _side(key: str, side: Whole, ends: Ends) -> Whole:
+    """A side with other ends; OptionError if they are no two numbers of the side."""
+    try:
+        low, high = map(float, ends)
+    except (TypeError, ValueError):
+        raise OptionError("", key, ends, f"expected (low, high) of {side[0]}") from None
+    if low < side[1] or high > side[2]:
+        rule = f"is no part of the map, whose {side[0]} goes from {side[1]:g} to {side[2]:g}"
+        raise OptionError("", key, f"{low:g} to {high:g}", rule)
+    return side[0], low, high, side[3]

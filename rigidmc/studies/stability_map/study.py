@@ -1,0 +1,253 @@
+"""Maps: two parameters of a scene against measures, with replicas and an interval per pixel."""
+
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.errors import OptionError, SceneError, SceneWarning
+from rigidmc.planning.notes import notes
+from rigidmc.planning.plan import prepare
+from rigidmc.planning.tolerance.choose import resolved
+from rigidmc.results.measures import Measure, measure, observing
+from rigidmc.results.schema import Variable, member_variables
+from rigidmc.runs.simulate import simulate
+from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.scene import Scene, takes_scene
+from rigidmc.scene.vector_distributions.protocol import Law
+from rigidmc.studies.stability_map.pixels import Collected, Pixels, joined, map_dataset
+from rigidmc.studies.stability_map.question import (
+    Borders,
+    Question,
+    Resolution,
+    Side,
+    adapted,
+    question,
+)
+from rigidmc.studies.stability_map.refine import BEGUN, borders_of, members_of, refined
+
+CHUNK = 2**17  # members at once: 20 to 40 MB, and 40 waits for the last block in a map of 4e6
+REPLICAS = 16  # members per pixel
+RESOLUTION = 128  # pixels per side: 262,144 members with REPLICAS
+
+Progress = Callable[[int, int], object]
+
+
+@takes_scene
+def stability_map(
+    scene: Scene,
+    x: Side,
+    y: Side,
+    of: str | Sequence[str],
+    resolution: Resolution = RESOLUTION,
+    members: int | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    confidence: float = 0.95,
+    z: Side | None = None,
+    layers: int | None = None,
+    adaptive: bool | Borders = False,
+    **settings: Any,
+) -> xr.Dataset:
+    """Map a measure over two parameters of a scene.
+
+    Pixel (i, j) has the number p = i columns + j, and its member r is member r pixels + p of the
+    scene in the attributes, to the bit.
+
+    Parameters
+    ----------
+    scene : Scene or path_like
+        what is run; also its file, or the name of a shipped one
+    x : tuple
+        (parameter, low, high), or (parameter, low, high, True) for even ratios
+    y : tuple
+        the same for the other side
+    of : str or sequence of str
+        one measure or several, such as "p(flips >= 1)", see `rigidmc.results.measures`
+    resolution : int or tuple of int, optional
+        pixels per side, or (columns, rows)
+    members : int, optional
+        per pixel; default REPLICAS, or 1 if only x and y differ between members
+    threads : int, optional
+        number of threads; by default one for each core that the process may use
+    progress : callable, optional
+        a function of (members done, all)
+    confidence : float, optional
+        of the intervals
+    z : tuple, optional
+        a third parameter, as x and y: a stack of maps
+    layers : int, optional
+        how many, 6 by default
+    adaptive : bool or tuple, optional
+        True to compute the pixels near borders between classes alone, and a coarse grid: the others
+        show one nearby that is computed, and `computed` in the result tells which are. Classes are
+        those of the first measure, divided at 0.5 for a share and at 4 for a MEGNO, else eight
+        equal parts of its range; or of the measures in a tuple of (measure, values that divide its
+        classes)
+    **settings : object
+        of `simulate`
+
+    Returns
+    -------
+    xarray.Dataset
+        over y and x: each measure with the ends `_low` and `_high` of its confidence interval;
+        `good` members per pixel, `failed` ones, which are flagged in `status` and left out, and
+        `none`, for which the body or the start does not exist. A measure is nan in pixels without a
+        good member
+
+    Raises
+    ------
+    OptionError
+        for parameters and measures that the scene does not have
+
+    Examples
+    --------
+    The spin about axis 2 is unstable while I1 < I2 < I3:
+
+    >>> start = rm.Start(omega=(0.01, 1.0, 0.01))
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start)
+    >>> sides = ("body.moments.1", 1.0, 3.0), ("start.omega.1", 0.01, 0.1)
+    >>> flips = rm.stability_map(scene, *sides, "p(flips >= 1)", (2, 1), t_end=40.0, dt=0.1)
+    >>> flips["p(flips>=1)"].values.tolist()
+    [[1.0, 0.0]]
+    """
+    if members is None:
+        members = replicas_of(scene, x, y)
+    asked = question(x, y, of, resolution, members, z, layers, confidence=confidence)
+    return mapped(prepared(adapted(asked, adaptive), scene, threads, **settings), threads, progress)
+
+
+class Prepared(NamedTuple):
+    """A map before its first step.
+
+    scene : whose members are those of the map, with integrator and step
+    known : {name: Variable} of the members
+    """
+
+    question: Question
+    scene: Scene
+    measures: list[Measure]
+    known: dict[str, Variable]
+
+
+def replicas_of(scene: Scene, x: Side, y: Side) -> int:
+    """REPLICAS if the members of a pixel differ: a quantity or the attitude is random; else 1."""
+    one = question(x, y, "status", 1, 1).of_scene(scene)
+    drawn = any(isinstance(q, (Distribution, Law)) for q in one.quantities())
+    return REPLICAS if drawn or isinstance(one.start.attitude, str) else 1
+
+
+def prepared(
+    asked: Question, scene: Scene, threads: int | None = None, **settings: Any
+) -> Prepared:
+    """Settle everything about a map before its first step.
+
+    settings : of the run. Raises OptionError for parameters and measures that the scene lacks.
+    """
+    scene = asked.of_scene(scene).with_run(save=settings.pop("save", ()), **settings)
+    if scene.run.points != "independent":
+        rule = "the interval of a pixel needs independent members"
+        raise SceneError("run", "points", scene.run.points, rule)
+    scene = observing(scene, asked.of)
+    whole = _with_integrator(scene, threads)
+    plan = prepare(whole, threads or 1)
+    # the plan's own notes warn of large steps, which maps take on purpose
+    for note in notes(scene, plan._replace(notes=())):
+        warnings.warn(note, SceneWarning, stacklevel=3)
+    return described(asked, whole, plan.carried)
+
+
+def described(asked: Question, scene: Scene, carried: bool) -> Prepared:
+    """The Prepared map of a scene that has its integrator.
+
+    carried : whether the attitude is followed
+    """
+    measures = [measure(text, member_variables(scene, False)) for text in asked.of]
+    if asked.borders is not None:
+        asked = asked._replace(borders=borders_of(measures, asked.borders))
+    return Prepared(asked, scene, measures, member_variables(scene, carried))
+
+
+def mapped(
+    ready: Prepared, threads: int | None = None, progress: Progress | None = None
+) -> xr.Dataset:
+    """The Dataset of a map, computed in memory."""
+    began = time.perf_counter()
+    if ready.question.borders is not None:
+        found = finished(ready, _refined(ready, threads, progress))
+    else:
+        found = finished(ready, joined(list(_computed(ready, threads, progress))))
+    return found.assign_attrs(seconds=time.perf_counter() - began)
+
+
+def finished(
+    ready: Prepared, pixels: Pixels, computed: NDArray[np.bool_] | None = None
+) -> xr.Dataset:
+    """The Dataset of the pixels; OptionError if none has a body and a start.
+
+    computed : whether a pixel of an adaptive map was, if the others show their neighbours already
+    """
+    asked = ready.question
+    if not pixels.counts[:2].any():
+        (x, *ends), (y, *others) = asked.x[:3], asked.y[:3]
+        between = f"between {ends[0]:g} and {ends[1]:g}, and {others[0]:g} and {others[1]:g} of {y}"
+        rule = f"{between} no pixel has a body and a start: moments must obey I_i <= I_j + I_k"
+        raise OptionError("", "x", x, rule)
+    if asked.borders is not None and computed is None:
+        state = refined(asked, pixels)
+        pixels, computed = pixels.at(state.source), state.known
+    return map_dataset(asked, ready.scene, ready.known, ready.measures, pixels, computed)
+
+
+def _with_integrator(scene: Scene, threads: int | None) -> Scene:
+    """The scene with an integrator and a step for its tolerance, chosen over the whole map."""
+    if scene.run.integrator != "auto":
+        return scene
+    run = resolved(scene.coarse(), threads)[0].run
+    step = {"dt": run.dt} if run.turn is None else {"turn": run.turn}
+    chosen: Scene = scene.with_run(integrator=run.integrator, dtype=run.dtype, **step)
+    return chosen
+
+
+def _refined(ready: Prepared, threads: int | None, progress: Progress | None) -> Pixels:
+    """The pixels of an adaptive map, integrated level by level."""
+    asked, done = ready.question, 0
+    collected, level = Collected(asked, ready.measures), BEGUN
+    while True:
+        state = refined(asked, pixels := collected.pixel_values(), level)
+        if not (level := state.level):
+            return pixels
+        members = members_of(asked, state.wanted)
+        for low in range(0, members.size, CHUNK):
+            part = members[low : low + CHUNK]
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", SceneWarning)  # the notes were given before
+                collected.take(simulate(ready.scene, members=part, threads=threads))
+            done += part.size
+            if progress is not None:
+                progress(done, done + members.size - low - part.size)
+
+
+def _computed(ready: Prepared, threads: int | None, progress: Progress | None) -> Iterator[Pixels]:
+    """Integrate the members, CHUNK at a time: all replicas of some pixels, then of the next."""
+    asked, done = ready.question, 0
+    width = min(asked.pixels, CHUNK)
+    together = CHUNK // asked.pixels if width == asked.pixels else 1  # replicas
+    for low in range(0, asked.pixels, width):
+        here = range(low, min(low + width, asked.pixels))
+        collected = Collected(asked, ready.measures, here)
+        for replica in range(0, asked.replicas, together):
+            more = min(together, asked.replicas - replica) - 1
+            first = replica * asked.pixels + low
+            members = range(first, first + more * asked.pixels + len(here))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", SceneWarning)  # the notes were given before
+                collected.take(simulate(ready.scene, members=members, threads=threads))
+            done += len(members)
+            if progress is not None:
+                progress(done, asked.members)
+        yield collected.pixel_values()

@@ -1,0 +1,394 @@
+"""A scene in lines of text, and what a run of it would take.
+
+A body in lines of text: mass, centre, tensor, principal axes, and which rotations are stable.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.engine.compile_time import listed, rounded, seconds
+from rigidmc.engine.inspection import torque_operations, why_one_at_a_time
+from rigidmc.engine.program import Program
+from rigidmc.errors import OptionError, SceneError
+from rigidmc.files.reading import MESHES
+from rigidmc.mechanics import inertia
+from rigidmc.physics.effects import EFFECTS, labelled
+from rigidmc.physics.effects.protocol import given
+from rigidmc.physics.integrators.protocol import keeps_its_own
+from rigidmc.physics.observables import OBSERVABLES
+from rigidmc.physics.observables.protocol import Ensemble
+from rigidmc.planning.job import program_of
+from rigidmc.planning.limits import Limits
+from rigidmc.planning.notes import notes
+from rigidmc.planning.plan import Plan, prepare
+from rigidmc.planning.tolerance.choose import resolved
+from rigidmc.planning.tolerance.costs import cost_per_step, prices, some_of
+from rigidmc.planning.turns import sparse_saves
+from rigidmc.runs.capacity import BASE, free_memory, in_words, sizes
+from rigidmc.runs.directory.shards import members_of, shortened
+from rigidmc.scene.body import Body
+from rigidmc.scene.conservation import conservation
+from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.mass_distribution import IDENTITY, MassDistribution
+from rigidmc.scene.parameters import parameters
+from rigidmc.scene.quantities import Grid, is_shared
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.vector_distributions.protocol import Law
+
+
+def describe_scene(scene: Scene, threads: int) -> str:
+    """What a scene is, what is compiled for it, and what a run of it would take."""
+    asked = scene
+    scene, chosen = resolved(asked, threads)
+    plan = prepare(scene, threads=threads)
+    lines = [
+        *_physics(scene),
+        *_compiled(scene, plan),
+        *_steps(scene, plan),
+        *_room(scene, plan, threads),
+        *(chosen.lines(plan.members) if chosen else []),
+    ]
+    if plan.form is None:
+        return "\n".join([*lines, "cost         closed form at every save"])
+    lines += _cost(scene, plan, threads)
+    lines.append(f"parameters   {', '.join(parameters(scene))}")
+    lines += [f"note         {note}" for note in notes(asked, plan)]
+    return "\n".join(lines)
+
+
+def outline(scene: Scene) -> list[str]:
+    """What a scene is, without what must be measured: its first line is the title."""
+    lines = _physics(scene)
+    if scene.run.integrator == "auto":  # chosen by measuring
+        return lines
+    plan = prepare(scene)
+    prices = [
+        f"{label} {torque_operations(effect)}"
+        for label, effect in labelled(scene.effects)
+        if type(effect) in EFFECTS.values()
+    ]
+    price = [f"price        {'; '.join(prices)}"] if prices else []
+    members = [f"members      {plan.members:,}, seed {scene.run.seed}"]
+    return [*lines, *_compiled(scene, plan), *price, *_steps(scene, plan), *members]
+
+
+def body_lines(body: MassDistribution) -> list[str]:
+    """Moments, mass, centre and principal axes."""
+    lines = [
+        f"body         moments {_words(body.moments)} kg m2, mass {_words(body.mass)} kg,"
+        f" centre {_words(body.centre)} m"
+    ]
+    if body.axes != IDENTITY:
+        rows = "; ".join(" ".join(f"{x:.4g}" for x in row) for row in body.axes)
+        lines.append(f"             principal axes (columns) {rows}")
+    return lines
+
+
+def _physics(scene: Scene) -> list[str]:
+    """Title, source, body and start."""
+    lines, start = [f"{scene.title}: {scene.summary}".rstrip(": ")], scene.start
+    if scene.source:
+        lines.append(f"source       {scene.source}")
+    lines += body_lines(scene.body)
+    name = "omega" if start.momentum is None else "momentum"
+    spin = f"{name} {_words(getattr(start, name))} {OBSERVABLES[name].units}"
+    named = {"uniform": "uniform on SO(3)", "ensemble": "of the momentum's ensemble"}
+    attitude = start.attitude
+    attitude = named[attitude] if isinstance(attitude, str) else _words(attitude)
+    lines.append(f"start        {spin}; attitude {attitude}")
+    if through := scene.drawn_through():
+        lines.append(f"drawn        {through}")
+    return lines
+
+
+def _compiled(scene: Scene, plan: Plan) -> list[str]:
+    """The integrator, the effects, and what they conserve."""
+    effects = [
+        f"{label}({', '.join(f'{k} = {_words(getattr(e, k))}' for k in given(e))})"
+        for label, e in labelled(scene.effects)
+    ]
+    words = ", ".join(effects) or "none (free body)"
+    attitude = "with" if plan.carried else "no"
+    lines = [f"compiled     {scene.run.integrator}; effects: {words}; {attitude} attitude"]
+    for effect in scene.effects:
+        if type(effect) not in EFFECTS.values():
+            why = why_one_at_a_time(effect)
+            how = f"not packed: {why}" if why else "packed: members side by side, as built-in ones"
+            operations = torque_operations(effect)
+            lines.append(f"own effect   {type(effect).__name__}: {operations}, {how}")
+    facts = conservation(scene)
+    booked = ", but its work is booked" if facts["energy"] != facts["energy_drift"] else ""
+    lines.append(f"conserved    energy: {facts['energy']}{booked}; |L|^2: {facts['l2']}")
+    return lines
+
+
+def _steps(scene: Scene, plan: Plan) -> list[str]:
+    """What flags a member, the steps, and what is saved."""
+    run = scene.run
+    lines = [f"flagged      {_limits(plan.limits)}"] if plan.limits else []
+    parts = len(plan.form.parts) - 1 if plan.form else 1
+    pieces = f" of {parts} parts each" if parts > 1 else ""
+    end = f"t_end = {run.t_end:g} s, omega dt <= {plan.angle:.2g} rad"
+    if plan.member_steps:
+        own = f"its own for each member, {plan.mean_steps:,.1f} in the mean of the pilot"
+        lines.append(f"steps        {f'{pieces.strip()}, ' if pieces else ''}{own}, {end}")
+    else:
+        less = ""
+        if plan.grid.is_shortened and plan.form:
+            less = f" (the last {plan.steps - plan.head:,}: {plan.last_dt:.6g} s)"
+        lines.append(f"steps        {plan.steps:,}{pieces}, dt = {plan.dt:.6g} s{less}, {end}")
+    if plan.dtype == "float32":
+        lines.append(f"float32      {single_precision(plan)}")
+    keep = [f"{word} of {name}" for name, word in scene.kept().items() if word != "full"]
+    less = f"; kept: {', '.join(keep)}, and all of flagged members" if keep else ""
+    saved = ", ".join(run.save) or "nothing"
+    lines.append(f"saves        {plan.times.size:,} times of {saved}{less}")
+    if (found := sparse_saves(scene)) is not None:
+        name, one = found
+        lines.append(
+            f"             {name} {one.who()} between saves: lines through them show another"
+            f" motion; use every <= {one.every:g} s"
+        )
+    return lines
+
+
+def _room(scene: Scene, plan: Plan, threads: int) -> list[str]:
+    """Members, blocks, memory and files."""
+    memory, with_file, file = sizes(scene, plan, threads)
+    free = free_memory()
+    has = f"; {in_words(free)} are free" if free is not None else ""
+    packed = scene.run.compress or scene.run.digits is not None
+    block, shard = members_of(scene, plan)
+    few = shortened(scene, plan, block, shard)[1]
+    shards = f"{-(-plan.members // few):,} shards of {few:,} members with -o RUN/"
+    if few != shard:
+        shards += f", by their time; {-(-plan.members // shard):,} of {shard:,} with --shards"
+    return [
+        f"members      {plan.members:,} in blocks of {plan.block:,} on {threads} threads",
+        f"memory       {in_words(memory)} as a Dataset in memory, {in_words(with_file)} with"
+        f" -o FILE, {in_words(BASE)} of it for interpreter and libraries{has}",
+        f"file         {in_words(file)}{' before it is compressed' if packed else ''}",
+        f"directory    {shards}",
+    ]
+
+
+def _cost(scene: Scene, plan: Plan, threads: int) -> list[str]:
+    """What is to be compiled, the time of a step, and what observables and effects add to it."""
+    program = program_of(scene, plan, ask=True)
+    assert program is not None  # closed forms are told apart before
+    lines = [f"code         {to_compile(program)}"]
+    cost = cost_per_step(scene, plan)
+    total = cost * 1e-9 * plan.moved_at_once(threads) * plan.mean_steps
+    made = program_of(scene, plan)
+    assert made is not None
+    one, every = made.places(threads)
+    digits = ".2f" if plan.device == "cpu" else ".3g"
+    lines.append(
+        f"cost         {cost:{digits}} ns per member-step on {one} (measured now);"
+        f" about {total:.2g} s for the steps on {every}"
+    )
+    works, quiet = "work" in scene.run.save, cost
+    if plan.watch.rows or works:
+        quiet = cost_per_step(*some_of(scene, plan, range(len(scene.effects))))
+    watched = [label for label, one in scene.watched() if not isinstance(one, Ensemble)]
+    if watched:
+        more = " and the ledger of work" if works else ""
+        names = ", ".join(watched)
+        lines.append(f"watched      {names}{more}: {cost - quiet:.2f} ns of it")
+    if scene.effects:
+        free, none, added, noise, predicted = prices(scene, plan)
+        each = "".join(f", {label} {operations}" for label, operations in added.items())
+        each += f", noise {noise:.2f} ns" if noise else ""
+        each += f", ledger of work {cost - quiet:.2f} ns" if works and not watched else ""
+        lines.append(
+            f"price        {free:.2f} ns without effects ({none}){each}:"
+            f" {predicted:.2f} ns predicted, {quiet / predicted:.2f} of that measured"
+        )
+    return lines
+
+
+def to_compile(program: Program) -> str:
+    """What is still to be compiled of a program, and how long that takes, in words."""
+    missing = program.missing()
+    if not missing:
+        return "nothing to compile"
+    pieces = listed(program.label, missing)
+    time = rounded(seconds(program.label, missing, program.effects, program.theirs()))
+    return f"to be compiled, on first use: {pieces}: about {time} s (done now, to measure the cost)"
+
+
+def single_precision(plan: Plan) -> str:
+    """What float32 costs in accuracy, in words."""
+    angle = plan.angle * plan.mean_steps
+    # median of 64 heavy tops by rk4: 9.6e-7, 4.0e-6, 2.0e-5 after 16, 63, 250 rad at any step
+    error = 6e-8 * angle
+    words = (
+        f"rounding a body's numbers to 6e-8 misplaces it by {error:.1e} rad"
+        f" in a turn of {angle:.3g} rad, whatever the step"
+    )
+    if not plan.compensated and not (plan.form and keeps_its_own(plan.form.integrator)):
+        # rk4 over 10 s without remainders: 7.2e-6 in 512 steps, 1.9e-3 in 131,072
+        drift = 1.5e-8 * plan.mean_steps
+        error = max(error, drift)
+        words += (
+            "; sums cannot keep their remainders here: about 1.5e-8 more for each step,"
+            f" {drift:.1e} in all"
+        )
+    digits = max(0.0, -np.log10(max(error, 6e-8)))
+    return f"about {digits:.0f} digits at t_end in regular motion: {words}"
+
+
+def _limits(limits: Limits) -> str:
+    """What flags a member, in words."""
+    words = {
+        "energy drifts by": (limits.energy, ""),
+        "|L|^2 drifts by": (limits.l2, ""),
+        "L_z drifts by": (limits.lz, ""),
+        "|omega| dt is": (limits.turn, " rad"),
+    }
+    parts = [
+        f"{word} more than {limit:.2g}{unit}"
+        for word, (limit, unit) in words.items()
+        if limit < np.inf
+    ]
+    bounds = f"its {', '.join(parts)}, or " if parts else ""
+    return f"a member if {bounds}it turns non-finite"
+
+
+def _words(value: Any) -> str:
+    """A quantity or a tuple of quantities in words."""
+    if isinstance(value, Law):
+        fields = {k: v for k, v in value.as_dict().items() if v is not None}
+        words = [f"{k} = {v if isinstance(v, int) else _words(v)}" for k, v in fields.items()]
+        return f"{value.word}({', '.join(words)})"
+    if isinstance(value, tuple):
+        return f"({', '.join(_words(v) for v in value)})"
+    if isinstance(value, Grid):
+        return f"grid({value.low:g} to {value.high:g}, {value.count})"
+    if isinstance(value, Distribution):
+        return value.words()
+    return f"{value:.6g}" if isinstance(value, float) else f"one of {value.size:,} rows"
+
+
+SAME = 1e-12  # relative difference below which moments count as equal
+
+
+def body_of(
+    source: str, density: float | None = None, mass: float | None = None, scale: float = 1.0
+) -> tuple[Body, str]:
+    """(Body, title) of a mesh file, a scene file or a shipped scene.
+
+    A mesh without density and mass has density 1.
+    """
+    if source.lower().endswith(MESHES):
+        density = 1.0 if density is None and mass is None else density
+        return Body.from_mesh(source, density, mass, scale), source
+    from rigidmc.scene.scene import Scene
+
+    if density is not None or mass is not None or scale != 1.0:
+        rule = "are for meshes; a scene has its mass in its [body]"
+        raise OptionError("", "--density, --mass, --scale", None, rule)
+    scene = Scene.load(source)
+    if not is_shared(*scene.body.quantities()):
+        rule = "the body differs from member to member; give plain numbers to see one"
+        raise SceneError("body", "moments", None, f"{rule}, e.g. in a copy of the scene")
+    return scene.body, scene.title
+
+
+def facts(body: Body) -> dict[str, Any]:
+    """The facts of a body of plain numbers, as lists and numbers (SI)."""
+    moments = np.array(body.moments)
+    order = np.argsort(moments, kind="stable")
+    about_centre = inertia.about_centre(body.tensor, body.mass, body.centre)
+    return {
+        "mass": float(body.mass),
+        "centre": list(body.centre),
+        "tensor": body.tensor.tolist(),
+        "moments": moments.tolist(),
+        "axes": np.array(body.axes).tolist(),
+        "tensor_about_centre": about_centre.tolist(),
+        "order": (order + 1).tolist(),
+        "growth_per_turn_rate": float(inertia.growth_rate(moments)),
+        "shape": shape_of(moments),
+        "exists": not bool(inertia.too_far(moments, body.mass, body.to_principal(body.centre))),
+    }
+
+
+def shape_of(moments: NDArray[np.float64]) -> str:
+    """Spherical, symmetric (oblate or prolate) or asymmetric, and flat if I3 = I1 + I2."""
+    low, middle, high = np.sort(moments)
+    if high - low <= SAME * high:
+        word = "spherical: all moments equal"
+    elif middle - low <= SAME * high:
+        word = "symmetric, oblate: two equal moments below the third"
+    elif high - middle <= SAME * high:
+        word = "symmetric, prolate: two equal moments above the third"
+    else:
+        word = "asymmetric"
+    return word + (", flat (I3 = I1 + I2)" if abs(high - low - middle) <= SAME * high else "")
+
+
+def describe_body(body: Body, title: str) -> list[str]:
+    """Lines of text about a body."""
+    known = facts(body)
+    moments, axes, centre = (np.array(known[key]) for key in ("moments", "axes", "centre"))
+    size = np.sqrt(moments.max() / known["mass"])  # m
+    lines = [
+        f"{title}: {known['shape']}",
+        f"mass         {known['mass']:.12g} kg",
+        f"centre       ({_row(centre, size)}) m from the fixed point, in the body's own axes",
+        "tensor       about the fixed point, in the body's own axes [kg m2]",
+    ]
+    largest = np.abs(known["tensor"]).max()
+    clean = [[0.0 if abs(x) < 1e-15 * largest else x for x in row] for row in known["tensor"]]
+    lines += ["             " + " ".join(f"{x:18.10g}" for x in row) for row in clean]
+    lines.append("principal    moment [kg m2]       axis in the body's own axes")
+    names = dict(zip(known["order"], ("smallest", "middle", "largest"), strict=True))
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        if abs(moments[a] - moments[b]) <= SAME * moments[a]:
+            names[a + 1] = names[b + 1] = "equal"
+    for k in range(3):
+        axis = f"({_row(axes[:, k])})"
+        lines.append(f"  axis {k + 1}     {moments[k]:<18.12g}  {axis}   {names[k + 1]}")
+    if np.linalg.norm(centre) > SAME * size:
+        principal = inertia.survives(axes.T, centre)
+        words = ", ".join(str(k + 1) for k in range(3) if principal[k]) or "none"
+        lines.append(f"axes that are principal about the centre of mass too: {words}")
+    lines += _stability(moments, known)
+    if not known["exists"]:
+        lines.append(f"note         such a body cannot exist: {inertia.TOO_FAR}")
+    return lines
+
+
+def _stability(moments: NDArray[np.float64], known: dict[str, Any]) -> list[str]:
+    """Which rotations are stable without torque, and how fast a disturbance grows."""
+    low, middle, high = known["order"]
+    growth, shape = known["growth_per_turn_rate"], known["shape"]
+    if growth > 1e-6:
+        turns = np.log(10.0) / growth / (2.0 * np.pi)
+        return [
+            f"rotations    without torque: about axes {low} and {high} stable, about axis {middle}"
+            f" unstable: a disturbance grows as exp({growth:.6g} omega t),",
+            f"             by ten every {turns:.3g} turns",
+        ]
+    if shape.startswith("spherical"):
+        return [
+            "rotations    without torque: about any axis steady, and a disturbance does not grow"
+        ]
+    if shape.startswith("symmetric"):
+        oblate = moments[middle - 1] - moments[low - 1] < moments[high - 1] - moments[middle - 1]
+        return [
+            f"rotations    without torque: about axis {high if oblate else low} stable; about any"
+            " axis across it steady, but a disturbance moves on at a constant rate"
+        ]
+    return [
+        f"rotations    without torque: two moments all but equal: the growth about axis {middle},"
+        f" {growth:.2g} omega, is slow"
+    ]
+
+
+def _row(values: NDArray[np.float64], size: float = 1.0) -> str:
+    """Numbers in words, those that are rounding of their size 0."""
+    return ", ".join(f"{0.0 if abs(x) < 1e-15 * size else x:.10g}" for x in values)

@@ -1,0 +1,520 @@
+"""What users write and read: counts, times, idle settings, mistakes, file endings, names."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc.cli import app
+from rigidmc.physics.effects import EFFECTS
+from rigidmc.physics.integrators import INTEGRATORS
+from rigidmc.physics.observables import KNOWN
+from rigidmc.planning.notes import notes
+from rigidmc.planning.plan import prepare
+from rigidmc.scene.amounts import counted, counted_text, seconds
+from rigidmc.scene.library import shipped
+from rigidmc.scene.parameters import parameters
+from rigidmc.scene.settings import Run, idle
+from rigidmc.studies.stability_map.case import MAPS
+from rigidmc.studies.stability_map.question import question
+
+BODY = rm.Body.from_moments((1.0, 2.0, 2.5))
+HEAVY = rm.Body.from_moments((1.0, 2.0, 2.5), mass=2.0, centre=(0.0, 0.0, 0.1))
+SPUN = rm.Start(omega=(0.0, 1.0, 0.0))
+TEXT = "[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\nomega = [0.0, 1.0, 0.0]\n[run]\n"
+
+
+def noted(scene):
+    return notes(scene, prepare(scene))
+
+
+def invoke(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+# counts and times
+
+
+@pytest.mark.parametrize(("given", "wanted"), [
+    ("3h", 10800.0), ("1h30m", 5400.0), ("90m", 5400.0), ("2 min", 120.0), ("90 s", 90.0),
+    ("250 ms", 0.25), ("3ms", 0.003), ("1 d 1 s", 86401.0),
+    ("2.5", 2.5), ("1e-9s", 1e-9), ("1e3", 1e3), ("5us", 5e-6), (7, 7.0), (np.float32(0.5), 0.5),
+    (np.int64(3), 3.0),
+])  # fmt: skip
+def test_times_are_read_to_the_bit(given, wanted):
+    assert seconds(given, "t_end") == wanted
+
+
+@pytest.mark.parametrize(
+    "bad",
+    ["soon", "", "1m1h", "1h30", "1 m s", "inf", "1e400", np.nan, 10**400, True, None, "-1h", 0],
+)
+def test_what_is_no_time_is_told(bad):
+    with pytest.raises(rm.OptionError, match=r"t_end.*(number of seconds|greater than 0)"):
+        seconds(bad, "t_end")
+
+
+def test_whole_floats_are_counts_and_others_are_refused():
+    assert [counted(v, "n") for v in (1e6, 3, np.int8(3), np.float64(1e3))] == [
+        1_000_000,
+        3,
+        3,
+        1000,
+    ]
+    assert [counted_text(v, "n") for v in ("1e6", "20_000", "9007199254740993")] == [
+        1_000_000,
+        20_000,
+        9007199254740993,
+    ]
+    for bad in (1.5, True, np.True_, None, "3", 0, np.inf):
+        with pytest.raises(rm.OptionError, match="expected a whole number of at least 1"):
+            counted(bad, "n")
+    with pytest.raises(rm.OptionError, match="64 bits"):
+        counted(1e300, "n")
+
+
+def test_counts_and_times_are_taken_in_files_in_python_and_on_the_command_line():
+    scene = rm.Scene.loads(
+        TEXT + 'members = 1e3\nt_end = "1h30m"\nevery = "2 min"\ndt = "250 ms"\nseed = 7.0'
+    )
+    assert (scene.run.members, scene.run.t_end, scene.run.every, scene.run.dt, scene.run.seed) == (
+        1000,
+        5400.0,
+        120.0,
+        0.25,
+        7,
+    )
+    assert Run(members=2e3, t_end="1 min").members == 2000
+    assert scene.with_run(members=np.float64(64.0), t_end="90 s").run.t_end == 90.0
+    sides = ("body.moments.1", 0.8, 1.0), ("body.moments.2", 1.8, 2.0)
+    assert question(*sides, "p(flips >= 1)", 8.0, 1e0).of_scene(scene).run.members == 64
+    assert (
+        rm.Scene(BODY, observables=(rm.Histogram("energy", 0.0, 1.0, bins=1e2),))
+        .observables[0]
+        .bins
+        == 100
+    )
+    ds = rm.simulate(scene, members=4e0, dt="10 ms", t_end="0.1 s", every="50ms")
+    assert ds.sizes["member"] == 4 and ds.time.values.tolist() == [0.0, 0.05, 0.1]
+    assert (
+        "valid, 2,000 members x 6,000 steps"
+        in invoke(
+            "check", "dzhanibekov", "--set", "run.members=2e3", "--set", "run.t_end=1 min"
+        ).stdout
+    )
+    assert (
+        "1,000,000 in blocks"
+        in invoke("show", "dzhanibekov", "--members", "1e6", "--t-end", "1 min").stdout
+    )
+    assert "member 0" in invoke("exact", "dzhanibekov", "--at", "-1s", "--members", "1e1").stdout
+    for words in (
+        ("--members", "1.5"),
+        ("--t-end", "soon"),
+        ("--seed", "-1"),
+        ("--every", "0 s"),
+        ("--threads", "0"),
+    ):
+        made = invoke("run", "dzhanibekov", *words)
+        assert (
+            made.exit_code == 3 and words[0] in made.stderr and "expected" in made.stderr
+        ) or "greater" in made.stderr
+    with pytest.raises(rm.SceneError, match=r"\[run\] members = 1.5: expected a whole number"):
+        rm.simulate(scene, members=1.5)
+
+
+# settings without effect
+
+
+def test_a_tolerance_without_an_integrator_means_auto():
+    file, python = (
+        rm.Scene.loads(TEXT + "tolerance = 1e-6"),
+        rm.Scene(BODY, start=SPUN, run=Run(tolerance=1e-6)),
+    )
+    top = rm.Scene.load("heavy_top")
+    made = [
+        file,
+        python,
+        top.with_run(tolerance=1e-6),
+        rm.Scene.load("heavy_top", [("run.tolerance", "1e-6")]),
+    ]
+    for scene in made:
+        assert (scene.run.integrator, scene.run.dt, scene.run.tolerance) == (
+            "auto",
+            0.01,
+            1e-6,
+        ) and idle(scene.run) == {}
+    assert top.with_run(tolerance=1e-6).with_run(integrator="rk4").run.tolerance is None
+    assert rm.Scene.loads(file.dumps()).run.integrator == "auto"
+
+
+def test_a_tolerance_that_no_integrator_keeps_is_refused():
+    with pytest.raises(
+        rm.SceneError, match=r'tolerance = 1e-06: integrator = "rk4" keeps no tolerance'
+    ):
+        rm.Scene.loads(TEXT + 'integrator = "rk4"\ntolerance = 1e-6').check()
+    assert invoke("run", "heavy_top", "--integrator", "rk4", "--tolerance", "1e-6").exit_code == 3
+    for both in ("dt = 0.1\nturn = 0.1", 'turn = 0.2\ndt = "1 s"'):
+        with pytest.raises(rm.SceneError, match="give dt or turn, not both"):
+            rm.Scene.loads(TEXT + both)
+
+
+@pytest.mark.parametrize(("settings", "effects", "key"), [
+    ({"integrator": "auto", "tolerance": 1e-6, "dt": 0.1}, (), "dt"),
+    ({"integrator": "auto", "tolerance": 1e-6, "turn": 0.1}, (), "turn"),
+    ({"integrator": "auto", "tolerance": 1e-6, "dtype": "float32"}, (), "dtype"),
+    ({"integrator": "closed", "turn": 0.1}, (), "turn"),
+    ({"integrator": "closed", "energy_limit": 0.1}, (), "energy_limit"),
+    ({"turn_rate": 1.0}, (), "turn_rate"), ({"strata": 8}, (), "strata"),
+    ({"checks": False, "turn_limit": 1.0}, (), "turn_limit"), ({"thin": 3}, (), "thin"),
+    ({"keep": {"energy": "final"}}, (), "keep.energy"),
+    ({"every": 20.0}, (), "every"), ({"anti_damping": True}, (), "anti_damping"),
+    ({"energy_limit": 1e-3}, (rm.ViscousDamping(0.1),), "energy_limit"),
+    ({"momentum_limit": 1e-3}, (rm.ViscousDamping(0.1),), "momentum_limit"),
+])  # fmt: skip
+def test_settings_without_effect_are_noted(settings, effects, key):
+    scene = rm.Scene(BODY, effects, SPUN, Run(**settings))
+    plan = prepare(scene if scene.run.integrator != "auto" else scene.with_run(integrator="rk8"))
+    found = [note for note in notes(scene, plan) if note.startswith(f"[run] {key} = ")]
+    assert len(found) == 1
+    stored = rm.Scene.loads(scene.dumps())  # with all keys
+    assert idle(stored.run) == idle(scene.run)
+
+
+def test_an_override_drops_settings_that_it_makes_idle():
+    scene = rm.Scene(
+        BODY, start=SPUN, run=Run(turn=0.2, energy_limit=0.01, keep={"omega": "thinned"}, thin=5)
+    )
+    assert (
+        scene.with_run(integrator="closed").run.energy_limit is None
+        and scene.with_run(integrator="closed").run.turn is None
+    )
+    assert (
+        scene.with_run(checks=False).run.energy_limit is None
+        and scene.with_run(keep="full").run.thin == 10
+    )
+    assert (
+        scene.with_run(save=("energy",)).run.keep == {} and scene.with_run(dt=0.1).run.turn is None
+    )
+    # all of it still has an effect
+    assert scene.with_run(integrator="rk8").run == scene.run.model_copy(
+        update={"integrator": "rk8"}
+    )
+    # the user asked for both: a note says so
+    assert scene.with_run(checks=False, energy_limit=0.1).run.energy_limit == 0.1
+
+
+def test_good_scenes_give_no_note(tmp_path):
+    for name in shipped():
+        scene = rm.Scene.load(name)
+        assert noted(scene) == () and noted(rm.Scene.loads(scene.dumps())) == (), name
+    for name, make in MAPS.items():
+        case = make()
+        asked = question(case.x, case.y, case.of, 64, 1)
+        scene = asked.of_scene(case.scene).with_run(**case.settings)
+        assert notes(scene, prepare(scene)._replace(notes=())) == (), name
+    # warnings are errors here: neither the run nor any of its other members warns
+    path = str(tmp_path / "a.nc")
+    scene = rm.Scene(HEAVY, (rm.Gravity(9.81),), SPUN).with_run(members=32, t_end=0.1, every=0.05)
+    rm.simulate(scene, output=path).close()
+    assert rm.Scene.load(path).check().run.every == 0.05
+    assert rm.rerun(path, 7.0).attrs["rerun"].startswith("equal to the bit")
+
+
+# mistakes that run all the same
+
+
+def _scene(body=BODY, effects=(), **start):
+    return rm.Scene(body, effects, rm.Start(**{"omega": (0.0, 1.0, 0.0), **start}))
+
+
+@pytest.mark.parametrize(("bad", "good", "words"), [
+    (_scene(attitude=(0.0, 90.0, 0.0)), _scene(attitude=(0.0, 6.28, 0.0)),
+    r"\[start\] attitude: an Euler angle of 90 is more than 2 pi"),
+    (_scene(attitude=(1.0, 0.0, 0.0, 2e-3)), _scene(attitude=(1.0, 0.0, 0.0, 1e-4)),
+    r"\[start\] attitude: a quaternion of length 1.000002"),
+    (_scene(omega=rm.Cone(2, 1.0, 5.0)), _scene(omega=rm.Cone(2, 1.0, 3.0)),
+    r"\[start\] omega.angle = 5 is more than pi"),
+    (_scene(HEAVY, (rm.Gravity(-9.81),)), _scene(HEAVY, (rm.Gravity(9.81),)),
+    r"\[effects.gravity\] g = -9.81 pulls upwards"),
+    (_scene(BODY, (rm.Gravity(9.81),)), _scene(HEAVY, (rm.Gravity(1e-9),)),
+    r"\[effects.gravity\] has no effect.*centre of mass is on the fixed"),
+    (_scene(BODY, (rm.Spring(1.0, (0.0,) * 3, (0.0, 0.0, 1.0)),)),
+    _scene(BODY, (rm.Spring(1.0, (0.1, 0.0, 0.0), (0.0, 0.0, 1.0)),)),
+     r"\[effects.spring\] has no effect.*torque is 0"),
+    (_scene(BODY, (rm.GravityGradient(3.986e14, 6778.0),)),
+    _scene(BODY, (rm.GravityGradient(3.986e14, 6.778e6),)), "inside the Earth"),
+    (_scene(BODY, (rm.GravityGradient(3.986e14, 8e6, 0.1, 45.0),)),
+    _scene(BODY, (rm.GravityGradient(3.986e14, 8e6, 0.1, 3.0),)), "anomaly = 45"),
+    (_scene(rm.Body.box(0.5, (200.0,) * 3)), _scene(rm.Body.box(0.5, (0.2,) * 3)),
+    r"\[body\] mass: 0.5 kg .* 258 m and 5.5e-08 kg/m3, far less"),
+    (_scene(rm.Body.solid("ball", mass=200.0, radius=0.02)),
+    _scene(rm.Body.solid("ball", mass=0.2, radius=0.02)), "more than osmium"),
+    (_scene(rm.Body.from_moments((1.0, 2.0, 3.0), centre=(0.0, 0.0, 0.1))), _scene(HEAVY),
+    r"\[body\] centre: the body cannot"),
+])  # fmt: skip
+def test_mistakes_that_run_are_noted(bad, good, words):
+    with pytest.warns(rm.SceneWarning, match=words):
+        rm.simulate(bad, members=32, t_end=0.02, dt=0.01)
+    assert not any(
+        note
+        for note in noted(good.with_run(dt=0.01))
+        if "[body]" in note or "[start]" in note or "[effects" in note
+    )
+
+
+def test_a_map_notes_centres_too_far_for_the_moments():
+    sides = ("start.omega.2", 1.0, 2.0), ("body.centre.3", 0.0, 1.0)
+    scene = question(*sides, "status", 64, 1).of_scene(_scene(HEAVY, (rm.Gravity(9.81),)))
+    # c^2 <= S_3/m = (1 + 2 - 2.5)/2/2 = 0.125: of 64 rows those above 0.354, 41 of 64, cannot exist
+    (note,) = (note for note in noted(scene) if "[body]" in note)
+    assert note.startswith("[body] centre: 2,624 of 4,096 bodies spread over the grid cannot exist")
+
+
+def test_kelvin_are_no_joules():
+    grain = rm.Body.solid("ball", mass=1e-15, radius=5e-7)
+    for kT, count in ((300.0, 1), (4.14e-21, 0)):
+        scene = rm.Scene(grain, (rm.Bath(1e3, kT),), rm.Start(omega=(0.0, 0.0, 0.0))).with_run(
+            integrator="strang", dt=1e-6, t_end=1e-5
+        )
+        assert [note[:21] for note in noted(scene)] == ["[effects.bath] kT = 3"] * count
+
+
+def test_run_show_and_check_print_the_same_notes(tmp_path):
+    file = tmp_path / "a.toml"
+    file.write_text(
+        TEXT + "members = 32\nt_end = 0.1\nevery = 3.0\nthin = 4\n[effects.gravity]\ng = -9.81\n"
+    )
+    told = [invoke(command, file) for command in ("run", "show", "check")]
+    lines = [
+        sorted(
+            line.split("note")[-1].strip(": ")
+            for line in (t.stdout + t.stderr).splitlines()
+            if "note" in line[:14]
+        )
+        for t in told
+    ]
+    assert len(lines[0]) == 4 and lines[0] == lines[1] == lines[2], lines
+
+
+# files and names
+
+
+def test_a_scene_in_the_place_of_a_result_is_told(tmp_path):
+    file = tmp_path / "a.toml"
+    file.write_text(TEXT)
+    for words in (("animate", file, "-o", "x.gif", "--member", 0), ("summary", "dzhanibekov")):
+        told = invoke(*words)
+        assert told.exit_code == 3 and "is a scene, no result" in told.stderr
+        assert f"rigidmc view {words[1]}" in told.stderr
+
+
+@pytest.mark.parametrize("words", [
+    ("run", "dzhanibekov", "-o", "x.txt"), ("run", "dzhanibekov", "-o", "x.h5"),
+    ("run", "dzhanibekov", "-o", "x"), ("run", "dzhanibekov", "--plot", "x.jpg"),
+    ("map", "kapitza", "-o", "x.h5"), ("accuracy", "dzhanibekov", "-o", "x.csv"),
+    ("stress", "-o", "x.txt"), ("stress", "--write-bounds", "x.txt"),
+    ("rerun", "no.nc", "--member", "1", "-o", "x.txt"), ("map", "kapitza", "-o", "x.zarr"),
+    ("plot", "no.nc", "-o", "x.gif"),
+    ("animate", "no.nc", "--member", "1", "-o", "x.avi"),
+    ("exact", "dzhanibekov", "--plot", "x.txt"),
+])  # fmt: skip
+def test_files_with_other_endings_are_refused_before_the_work(words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    made = invoke(*words)
+    assert made.exit_code == 3 and "ends in ." in made.stderr and not list(tmp_path.iterdir()), (
+        made.output
+    )
+
+
+def test_files_with_other_endings_are_refused_in_python(tmp_path):
+    for make in (
+        rm.simulate,
+        lambda scene, output: rm.simulate_until(scene, "p(flips >= 1) +- 0.1", output=output),
+    ):
+        with pytest.raises(rm.OptionError, match=r"results ends in .nc, .* not in '.txt'"):
+            make(rm.Scene.load("dzhanibekov"), output=tmp_path / "x.txt")
+
+
+@pytest.mark.parametrize("code", [
+    ("import rigidmc, sys; assert 'xarray' not in sys.modules and 'numpy' not in "
+        "sys.modules; import xarray as xr"),
+    "import xarray as xr, rigidmc",
+    "import rigidmc; import xarray.core.dataset; import xarray as xr",
+])  # fmt: skip
+def test_the_accessor_is_there_on_import_in_either_order(code):
+    more = (
+        "; xr.Dataset().rigid; import sys; assert not any('rigidmc' in repr(f) for f in "
+        "sys.meta_path), sys.meta_path; assert 'matplotlib' not in sys.modules"
+    )
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code + more], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_missing_files_are_reported_without_error_numbers(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "dzhani.nc").touch()
+    for words in (
+        ("plot", "dzhan.nc", "-o", "x.png"),
+        ("summary", "dzhan.nc"),
+        ("rerun", "dzhan.nc", "--member", "1"),
+        ("show", "dzhan.nc"),
+    ):
+        made = invoke(*words)
+        assert (
+            made.exit_code == 74
+            and "dzhan.nc: no such file" in made.stderr
+            and "did you mean 'dzhani.nc'" in made.stderr
+        ), made.stderr
+        assert "Errno" not in made.stderr
+
+
+def test_unknown_names_get_a_hint():
+    for name, words in (
+        ("cone", r"Body.solid\('cone', mass=..., radius=..., height=...\)"),
+        ("coen", "cone"),
+        ("from_mseh", "Body.from_mesh"),
+    ):
+        with pytest.raises(AttributeError, match=words):
+            getattr(rm.Body, name)
+    with pytest.raises(AttributeError, match="did you mean 'simulate'"):
+        rm.simluate  # noqa: B018
+    assert not hasattr(rm.Body, "__wrapped__") and not hasattr(rm, "__wrapped__")
+
+
+def test_every_name_is_explained():
+    """`effects rotor` and `effects potential`, whose defaults are vectors, once ended in a
+    traceback."""
+    words = [("effects", name) for name in EFFECTS]
+    words += [("integrators", name) for name in INTEGRATORS]
+    words += [("observables", name) for name in KNOWN]
+    for command, name in words:
+        made = invoke(command, name)
+        assert made.exit_code == 0 and "in a scene" in made.stdout, (name, made.exception)
+        assert ">>>" not in made.stdout and "----" not in made.stdout  # of numpydoc
+    assert "motor = [0, 0, 0]" in invoke("effects", "rotor").stdout
+
+
+@pytest.mark.parametrize(("words", "parts"), [
+    (("effects", "gravity"),
+    ("tau = -g m r x u(q)", "[effects.gravity] with g", "g [m s-2]", "TdC Example 3.7")),
+    (("observables", "passage"),
+    ("angle : half the opening", "[observables.passage] axis, angle, way = leaves",
+    "passage_first [s]")),
+    (("observables", "omega_max"), ("over all steps of omega", "[rad s-1]")),
+    (("observables", "omega"), ("omega_i = L_i/I_i", "[rad s-1]")),
+    (("integrators", "rk8"), ("Dormand & Prince", "order 8, 12 torques a step")),
+    (("map", "list", "kapitza"), ("Kapitza 1951", "[effects.moving_pivot]")),
+])  # fmt: skip
+def test_listing_one_name_explains_it(words, parts):
+    made = invoke(*words)
+    assert made.exit_code == 0 and all(part in made.stdout for part in parts), made.output
+    wrong = invoke(*words[:-1], words[-1][:-1])
+    assert wrong.exit_code == 3 and f"did you mean '{words[-1]}'" in wrong.stderr
+
+
+# measured inertia
+
+
+def test_correlated_moments_have_their_covariance_and_tails_are_flagged(tmp_path):
+    covariance = np.array([[0.01, 0.004, 0.0], [0.004, 0.02, 0.0], [0.0, 0.0, 0.01]])
+    start = (
+        "[start]\nomega = [0.0, 1.0, 0.0]\n[run]\nmembers = 4096\nt_end = 0.1\n"
+        "integrator = 'exact'\ndt = 0.05\n"
+    )
+    scene = rm.Scene.loads(
+        (
+            f"[body]\nmoments = {{ correlated = {{ mean = [1.0, 2.0, 2.7], covariance = "
+            f"{covariance.tolist()} }} }}\n"
+        )
+        + start
+    )
+    assert rm.Scene.loads(scene.dumps()).dumps() == scene.dumps()
+    assert parameters(scene)[:3] == [f"body.moments.mean.{i}" for i in (1, 2, 3)]
+    with pytest.warns(
+        rm.SceneWarning, match=r"\[body\] moments: 347 of the first 4,096 bodies cannot exist"
+    ):
+        ds = rm.simulate(scene, output=str(tmp_path / "a.nc"))
+    moments = ds.moments.values
+    none = (2.0 * moments.max(0) > moments.sum(0)) | (moments.min(0) <= 0.0)
+    assert (
+        none.sum() == 347
+        and np.array_equal(ds.status.values == 2, none)
+        and (ds.status.values[~none] == 0).all()
+    )
+    # 4 sigma of the largest: 0.02 sqrt(2/4096) = 4.4e-4
+    assert np.abs(np.cov(moments) - covariance).max() < 1.5e-3
+    told = invoke("show", tmp_path / "a.nc").stdout
+    assert "correlated(mean = (1, 2, 2.7)" in told and "body.moments.mean.1" in told
+    few = rm.Scene(
+        rm.Body.from_moments(rm.Correlated((1.0, 2.0, 4.0), covariance.tolist())), start=SPUN
+    )
+    with pytest.raises(rm.SceneError, match="sampled bodies are impossible"):
+        few.check()
+
+
+def test_a_covariance_is_checked_relative_to_its_size():
+    even = np.array([[1.0, 0.1, 0.0], [0.1, 1.0, 0.0], [0.0, 0.0, 1.0]]) * 1e-14
+    rm.Body.from_moments(rm.Correlated((1e-6, 2e-6, 2.5e-6), even.tolist()))
+    even[0, 1] = 0.0
+    with pytest.raises(rm.SceneError, match="symmetric matrix"):
+        rm.Body.from_moments(rm.Correlated((1e-6, 2e-6, 2.5e-6), even.tolist()))
+
+
+# results
+
+
+def test_the_summary_of_a_driven_body_has_the_note_of_its_run():
+    scene = rm.Scene(BODY, (rm.ViscousDamping(0.1),), SPUN).with_run(members=40, t_end=1.0)
+    ds = rm.simulate(
+        rm.Scene(BODY, scene.effects, rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, 0.0)), scene.run)
+    )
+    line = next(line for line in ds.rigid.summary().splitlines() if "energy_drift_max" in line)
+    assert line.endswith("(not conserved: viscous_damping changes the energy)")
+
+
+def test_a_rerun_saves_at_the_nearest_whole_number_of_steps(tmp_path):
+    path = str(tmp_path / "a.nc")
+    scene = rm.Scene(HEAVY, (rm.Gravity(1.0),), SPUN).with_run(members=40, t_end=2.0)
+    with pytest.warns(rm.SceneWarning, match="dt reduced"):
+        rm.simulate(scene, dt=0.03, output=path).close()  # 67 steps of 0.029850746
+    with pytest.warns(
+        rm.SceneWarning,
+        match=(
+            r"every = 0.3 s is no whole number of steps of 0.02985074627 s: saves are "
+            r"0.2985074627 s apart, 10 steps"
+        ),
+    ):
+        made = rm.rerun(path, 17, every=0.3)
+    assert (
+        made.sizes["time"] == 8
+        and abs(made.time.values[1] - 20.0 / 67.0) < 1e-15
+        and made.attrs["rerun"].startswith("equal to the bit")
+    )
+    # a whole number: no note
+    assert rm.rerun(path, 17, every="29.850746268656717 ms").sizes["time"] == 68
+
+
+def test_a_run_that_is_too_large_names_memory_or_disk():
+    scene = rm.Scene.load("dzhanibekov")
+    with pytest.raises(
+        OSError, match=r"GB of memory.*\(-o FILE\), which needs .*B of memory and .* GB of disk"
+    ):
+        rm.simulate(scene, members=2e9, every=None, save=("omega",), keep="final")
+
+
+def test_body_says_that_a_body_cannot_exist(tmp_path):
+    """A tensor about the centre of mass, as CAD gives it, beside the place of that centre."""
+    text = "[body]\ntensor = [[0.4, 0, 0], [0, 0.2, 0], [0, 0, 0.4]]\nmass = 20.0\n"
+    text += "centre = [C, 0, 0]\n"
+    for c, words in (("0.16", 1), ("0.05", 0)):
+        (tmp_path / "leg.toml").write_text(text.replace("C", c) + "[start]\nomega = [0, 0, 0]\n")
+        told = CliRunner().invoke(app, ["body", str(tmp_path / "leg.toml")])
+        assert told.exit_code == 0 and told.output.count("such a body cannot exist") == words
+        told = CliRunner().invoke(app, ["body", str(tmp_path / "leg.toml"), "--json"])
+        assert json.loads(told.stdout)["exists"] == (words == 0)

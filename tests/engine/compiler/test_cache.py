@@ -1,0 +1,303 @@
+"""The disk cache of kernels: fast the second time, void after any change of the sources, safe.
+
+Each test runs a copy of the package in separate processes, with a separate cache folder.
+"""
+
+import errno
+import hashlib
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import numba
+import pytest
+
+import rigidmc
+from rigidmc.engine import compile_time
+from rigidmc.engine.compiler import disk_cache
+from rigidmc.engine.compiler.disk_cache import cached
+from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.integrators.protocol import step
+from rigidmc.physics.integrators.rk4 import RK4
+
+pytestmark = pytest.mark.skipif(
+    not hasattr(os, "getuid"), reason="folder permissions are those of POSIX"
+)
+
+RUN = """
+import json, logging, os, sys
+logging.basicConfig(format="%(name)s %(levelname)s %(message)s")
+from typing import NamedTuple
+import numpy as np
+from numba import njit
+from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.effects import ViscousDamping
+from rigidmc.engine import compile_helper, program
+from rigidmc.engine.compiler import kernels
+from rigidmc.engine.kernel import arguments, block as one_block
+from rigidmc.engine.kernel import layout as K
+from rigidmc.engine.compiler.disk_cache import cached
+from rigidmc.physics.integrators import form
+from rigidmc.physics.integrators.rk4 import RK4
+
+if sys.argv[1] == "import only":
+    print(json.dumps({"home": os.path.dirname(one_block.__file__)}))
+    sys.exit()
+if sys.argv[1] == "small":
+    made = cached(njit(lambda x: 2.0 * x))
+    made(1.5)
+    hits = sum(made.stats.cache_hits.values())
+    print(json.dumps({"hits": hits, "home": os.path.dirname(one_block.__file__)}))
+    sys.exit()
+
+class Own(NamedTuple):
+    size: float
+    def torque(self, t, l):
+        return self.size * SIGN, t * l[1], 0.0
+
+effect = {"damping": ViscousDamping(2.0), "own": Own(0.5), "none": None}[sys.argv[1]]
+effects = (effect,) if effect else ()
+block = np.zeros((K.EFFECTS + len(effects), K.LANES))
+block[:K.REST] = np.array([0.6, 0.0, 0.8, 0.0, 1.0, 2.0, 3.0])[:, None]
+block[K.BODY:K.EFFECTS] = np.array(MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3)))[:, None]
+block[K.EFFECTS:] = effect[0] if effect else 0.0
+compile_helper.threads_available = lambda: 1  # no second process: what is counted is compiled here
+program.Program(form(RK4()), effects).advance(block, arguments.Run(0.01, 1, 4, 4, 0, 0, 4))
+known = kernels._dispatchers.values()
+hits = sum(sum(d.stats.cache_hits.values()) for d in known)
+misses = sum(sum(d.stats.cache_misses.values()) for d in known)
+state, home = block[:K.REST, 0].tolist(), os.path.dirname(one_block.__file__)
+print(json.dumps({"state": state, "hits": hits, "misses": misses, "home": home}))
+"""
+
+
+@pytest.fixture
+def place(tmp_path):
+    """A folder with a copy of the package and nothing else."""
+    shutil.copytree(
+        Path(rigidmc.__file__).parent,
+        tmp_path / "rigidmc",
+        ignore=shutil.ignore_patterns("__pycache__"),
+    )
+    return tmp_path
+
+
+def ran(place, effect="damping", cache=None, sign=1):
+    """(the output of a process with that effect, its log)."""
+    cache = cache or place / "cache"
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA")}
+    environment |= {
+        "RIGIDMC_CACHE_DIR": str(cache),
+        "PYTHONPATH": str(place),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", RUN.replace("SIGN", str(sign)), effect],
+        cwd=place,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert Path(found["home"]).is_relative_to(place)
+    return found, done.stderr
+
+
+PIECES = 6  # enter, leave, begin, march, look, and the loop over members
+
+
+def kernels_in(folder):
+    return sorted(folder.rglob("*.nbc"))
+
+
+def test_a_changed_source_changes_the_kernel(place):
+    first, log = ran(place)
+    assert (first["hits"], first["misses"], log) == (0, PIECES, "")
+    assert len(kernels_in(place / "cache")) == PIECES
+    again, _ = ran(place)
+    assert (again["hits"], again["misses"]) == (PIECES, 0)  # loaded, not compiled
+    assert again["state"] == first["state"]
+
+    source = place / "rigidmc" / "physics" / "effects" / "damping.py"
+    text, stamp = source.read_text(), source.stat()
+    assert "return scale(-self.rate, l)" in text
+    source.write_text(text.replace("return scale(-self.rate, l)", "return scale(+self.rate, l)"))
+    os.utime(source, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))  # not even its date differs
+    changed, _ = ran(place)
+    assert (changed["hits"], changed["misses"]) == (0, PIECES)
+    assert changed["state"] != first["state"]
+
+    # back again, and the old kernel is still there; but what is very old is deleted
+    source.write_text(text)
+    ours = place / "cache" / "rigidmc-kernels"
+    forgotten, young, unmarked, linked = (ours / (digit * 32) for digit in "0123")
+    kept = [ours / "thesis", place / "cache" / "thesis", place / "cache" / ("4" * 32), unmarked]
+    for folder in (forgotten, young, *kept):
+        folder.mkdir()
+        if folder != unmarked:
+            (folder / "made-by-rigidmc").touch()
+    linked.symlink_to(kept[1])
+    for folder in (forgotten, *kept):
+        os.utime(folder, (0, 0))
+    back, _ = ran(place)
+    assert (back["hits"], back["misses"]) == (PIECES, 0)
+    assert back["state"] == first["state"]
+    assert all(folder.exists() for folder in (young, linked, *kept))
+    assert not forgotten.exists()
+
+
+@pytest.mark.slow
+def test_a_torn_kernel_file_is_compiled_again(place):
+    first, _ = ran(place, "none")
+    for kernel in kernels_in(place / "cache"):
+        kernel.write_bytes(kernel.read_bytes()[:100])
+    again, _ = ran(place, "none")
+    assert again["state"] == first["state"]
+
+
+WARNING = "rigidmc WARNING kernels are compiled anew in every process"
+
+
+def test_without_a_folder_there_is_a_warning_and_no_cache(place):
+    (place / "file").write_text("")
+    found, log = ran(place, "small", place / "file" / "cache")
+    assert found["hits"] == 0
+    assert log.count("\n") == 1
+    assert WARNING in log
+    assert not kernels_in(place)
+
+
+@pytest.mark.parametrize("mode", [0o500, 0o770, 0o707])
+def test_a_folder_that_is_read_only_or_not_private_is_refused(place, mode):
+    if mode == 0o500 and os.getuid() == 0:
+        pytest.skip("root may write anywhere")
+    (place / "cache").mkdir(mode=0o700)
+    (place / "cache").chmod(mode)
+    _, log = ran(place, "small")
+    assert WARNING in log
+    assert mode == 0o500 or "not private" in log
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes")
+def test_a_folder_that_is_not_private_is_not_touched(tmp_path, monkeypatch):
+    """Before: a pipe named pace blocked each run, and a link pace.NUMBER emptied its target."""
+    shared, mine = tmp_path / "shared", tmp_path / "mine"
+    monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(shared))
+    monkeypatch.setattr(disk_cache, "_TOLD", set())
+    for place in (shared, shared / "rigidmc-kernels"):
+        place.mkdir()
+        os.mkfifo(place / "pace")
+        mine.write_text("mine")
+        (place / f"pace.{os.getpid()}").symlink_to(mine)
+        place.chmod(0o777)
+    there = sorted(map(str, tmp_path.rglob("*")))
+    assert compile_time._pace() == 1.0
+    compile_time._learn(2.0)
+    with pytest.raises(PermissionError, match="not private"):
+        disk_cache.kernels()
+    assert cached(numba.njit(lambda x: 2.0 * x))(1.5) == 3.0
+    assert sorted(map(str, tmp_path.rglob("*"))) == there and mine.read_text() == "mine"
+
+
+def test_a_private_folder_is_accepted_silently(place):
+    (place / "cache").mkdir(mode=0o700)
+    assert ran(place, "small")[1] == ""
+    assert len(kernels_in(place / "cache")) == 1
+
+
+def test_a_user_effect_works_and_is_never_taken_from_the_cache(place):
+    """Two classes of one name, defined in two scripts, have different physics."""
+    first, log = ran(place, "own", sign=1)
+    assert log == ""
+    other, _ = ran(place, "own", sign=-1)
+    assert (first["hits"], other["hits"]) == (0, 3)
+    # code without effects: enter, leave, and the loop over members
+    assert len(kernels_in(place / "cache")) == 3
+    assert first["state"] != other["state"]
+
+    class Own(NamedTuple):
+        size: float
+
+        def torque(self, t, l):
+            return self.size, t * l[1], 0.0
+
+    q, l = (0.6, 0.0, 0.8, 0.0), (1.0, 2.0, 3.0)
+    for i in range(4):
+        l = step(
+            RK4(),
+            MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3)),
+            (Own(0.5),),
+            0.01 * i,
+            0.01,
+            (),
+            q,
+            l,
+            (),
+        )[1]
+    assert max(abs(a - b) for a, b in zip(l, first["state"][4:], strict=True)) < 4e-15  # measured 0
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch):
+    """(a small function with the cache of kernels, its key, its file there)."""
+    monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(disk_cache, "_TOLD", set())
+    made = cached(numba.njit(lambda x: 2.0 * x))
+    assert made(1.5) == 3.0
+    (file,) = kernels_in(tmp_path / "cache")
+    return made, made._cache._index_key((numba.float64,), made.targetctx.codegen()), file
+
+
+def test_a_kernel_with_any_flipped_bit_is_not_loaded(kept, caplog):
+    """Without the checksum at its end 269 of 300 such files were loaded, and one run in seven
+    crashed.
+    """
+    made, key, file = kept
+    data, some = file.read_bytes(), random.Random(5)
+    bad = [data[:cut] for cut in (0, 1, 31, 32, 33, len(data) // 2, len(data) - 1)] + [
+        data + b"x",
+        b"\0" * len(data),
+        data[32:],
+    ]
+    for _ in range(300):
+        torn = bytearray(data)
+        torn[some.randrange(len(data))] ^= 1 << some.randrange(8)
+        bad.append(bytes(torn))
+    for torn in bad:
+        file.write_bytes(torn)
+        assert made._cache._cache_file.load(key) is None and not file.exists()
+    again = cached(numba.njit(made.py_func))
+    assert (
+        again(1.5) == 3.0
+        and file.read_bytes()[-32:] == hashlib.sha256(file.read_bytes()[:-32]).digest()
+    )
+    assert made._cache._cache_file.load(key) is not None and not caplog.records
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EIO, errno.EROFS])
+@pytest.mark.parametrize("what", ["written", "read"])
+def test_a_cache_that_fails_costs_one_line(kept, caplog, monkeypatch, code, what):
+    made, _, file = kept
+    real, failed = open, []
+
+    def failing(path, *mode, **named):
+        if str(file.parent) in str(path) and (what == "written") == (mode[:1] == ("wb",)):
+            failed.append(path)
+            raise OSError(code, os.strerror(code), path)
+        return real(path, *mode, **named)
+
+    monkeypatch.setattr("builtins.open", failing)
+    for factor in (3.0, 5.0):
+        other = cached(
+            numba.njit(made.py_func if what == "read" else lambda x, factor=factor: factor * x)
+        )
+        assert other(1.0) in (2.0, factor)
+    assert len(failed) == 2 and len(caplog.records) == 1
+    assert str(file.parent.parent) in caplog.text and os.strerror(code) in caplog.text
+    assert not [name for name in os.listdir(file.parent) if ".tmp." in name]

@@ -1,0 +1,91 @@
+"""How much code is compiled: LLVM instructions of each piece, which set the compile time.
+
+Bounds are a tenth above the measured numbers. LLVM unrolls more where a processor has a loop
+buffer: numbers in brackets are measured on a Zen 4 ("znver4" to LLVM), the others on a Xeon.
+"""
+
+import pytest
+
+import rigidmc as rm
+from rigidmc.engine.compiler.kernels import config, dispatcher_of, signature_of
+from rigidmc.planning.job import program_of
+from rigidmc.planning.plan import prepare
+
+pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
+
+# (integrator, with gravity, what is saved): {piece: instructions}; `advance` is the loop over
+# members, compiled once for all scenes
+BOUNDS = {
+    ("rk4", False, "omega,attitude"): {
+        "enter": 173, "leave": 431, "begin": 227, "march": 567, "look": 412, "record": 80,
+        "advance": 3950,
+        # measured 98 (157), 143 (392), 211, 515 (433), 375, 73, 2908 (3594)
+    },
+    # measured 229, 729, 375
+    ("rk4", True, "omega,attitude"): {"begin": 252, "march": 802, "look": 412},
+    # measured 216, 2079, 359
+    ("rk8", True, "omega,attitude"): {"begin": 238, "march": 2290, "look": 395},
+    # measured 239, 1014, 393
+    ("strang", True, "omega,attitude"): {"begin": 263, "march": 1115, "look": 432},
+    # measured 216, 1515, 359
+    ("midpoint", True, "omega,attitude"): {"begin": 238, "march": 1667, "look": 395},
+    # measured 100, 259, 165
+    # measured 104, 832, 171
+    ("rk4", True, "flips"): {"begin_watch": 114, "watch": 915, "seek": 188},
+    ("rk4", True, "omega_max"): {"watch": 744},  # measured 676
+    ("rk4", True, "energy_mean"): {"begin_watch": 102, "watch": 158},  # measured 92, 143
+    ("rk4", True, "megno"): {"begin_near": 180, "meet": 233},  # measured 163, 212
+}  # fmt: skip
+
+
+def asked(integrator, heavy, save, effects=()):
+    """{piece: what it is compiled for} for a small scene."""
+    body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
+    effects = (rm.Gravity(9.81),) if heavy else effects
+    scene = rm.Scene(body, effects, rm.Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0)))
+    scene = scene.with_run(integrator=integrator, dt=0.1, t_end=1.0, save=tuple(save.split(",")))
+    return program_of(scene, prepare(scene), ask=True).asked
+
+
+def compiled(function, *kinds):
+    """The library of a piece, compiled here, because code from the disk cache has none to read."""
+    dispatcher = dispatcher_of(function)
+    dispatcher.compile(signature_of(*kinds))
+    (made,) = dispatcher.overloads.values()
+    return made.library
+
+
+def instructions(*piece):
+    """The number of LLVM instructions of a piece after optimisation."""
+    lines = compiled(*piece).get_llvm_str().splitlines()
+    return sum(line.startswith("  ") and line[2] != " " for line in lines)
+
+
+@pytest.mark.parametrize(
+    "case", BOUNDS, ids=lambda case: f"{case[0]}-{'heavy' if case[1] else 'free'}-{case[2]}"
+)
+def test_a_piece_has_no_more_code_than_it_had(case):
+    pieces, bounds = asked(*case), BOUNDS[case]
+    found = {name: instructions(*pieces[name]) for name in bounds}
+    assert {name: count for name, count in found.items() if not 0 < count <= bounds[name]} == {}, (
+        found
+    )
+
+
+def test_more_physics_is_more_code():
+    """The count sees what is compiled; otherwise no bound could fail."""
+    free, heavy = (
+        instructions(*asked("rk4", heavy, "omega,attitude")["march"]) for heavy in (False, True)
+    )
+    assert heavy > BOUNDS["rk4", False, "omega,attitude"]["march"] > free
+
+
+def test_deviates_are_compiled_for_random_effects_alone():
+    """What the optimiser removes again takes its time: `march` with gravity took 1.8 s, not 1.2."""
+
+    def called(effects):
+        libraries = compiled(*asked("strang", False, "omega", effects)["march"])._linking_libraries
+        return {library.name for library in libraries}
+
+    assert "philox" not in called((rm.Gravity(9.81), rm.ViscousDamping(0.1)))
+    assert "philox" in called((rm.Gravity(9.81), rm.Bath(1.0, 0.1)))

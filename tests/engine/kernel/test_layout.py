@@ -1,0 +1,43 @@
+"""Places of numbers: the table of rows is what a scene is staged and watched by."""
+
+import pytest
+
+import rigidmc as rm
+from rigidmc.engine.kernel import layout
+from rigidmc.physics.effects.protocol import parameter_count
+from rigidmc.planning.initial import block_rows, ledger
+from rigidmc.planning.monitors import watch
+
+SAVES = ((), ("work",), ("flips",), ("energy_mean", "omega_max", "nutation"), ("megno", "work"))
+
+
+def test_rows_follow_each_other_without_gaps():
+    block = ("ATTITUDE", 4), ("MOMENTUM", 3), ("REST", 7), ("START", 8), ("DRIFT", 2), ("STATUS", 1)
+    row = 0
+    for name, count in block:
+        assert getattr(layout, name) == row
+        row += count
+    assert len(layout.MassProperties._fields) == layout.EFFECTS - layout.BODY
+    assert layout.START == layout.REST + 7 and layout.GOOD + 7 == layout.STEPS
+    assert layout.RECORDS + 2 * layout.RECORD == layout.EVENT
+    assert layout.RECORD == 5 + 7  # time, two states and levels, attitude and momentum
+
+
+@pytest.mark.parametrize("save", SAVES)
+def test_a_scene_is_staged_by_the_table_of_rows(save):
+    scene = rm.Scene(
+        rm.Body.from_moments((1.0, 2.0, 3.0), centre=(0.0, 0.0, 0.1)),
+        (rm.Gravity(1.0), rm.ViscousDamping(0.1)),
+        rm.Start(omega=(0.1, 1.0, 0.1)),
+    ).with_run(save=save)
+    watched = watch(scene)
+    rows = layout.places(
+        parameter_count(*scene.effects),
+        len(ledger(scene)),
+        len(watched.events),
+        [len(marks) for _, marks in watched.running],
+        bool(watched.shadow),
+    )
+    assert rows.events == block_rows(scene) and rows.end == rows.events + watched.rows
+    assert rows.works == layout.EFFECTS + 2
+    assert rows.in_state(layout.EFFECTS) == layout.EFFECTS_AT

@@ -1,0 +1,109 @@
+"""Pieces compiled by a second process: the same code, through the cache.
+
+If that process fails, this one compiles.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+import rigidmc as rm
+from rigidmc.engine import compile_helper as module
+from rigidmc.engine import compile_time
+from rigidmc.engine.compile_helper import _named, _read, _written, beside, helped
+from rigidmc.engine.compile_time import divided, seconds
+from rigidmc.engine.compiler.kernels import config, kind_of
+from rigidmc.planning.job import program_of
+from rigidmc.planning.plan import prepare
+
+EVERY = ["enter", "leave", "begin", "march", "look", "record", "advance"]
+
+
+def asked(scene="heavy_top", **settings):
+    scene = rm.Scene.load(scene).with_run(**settings)
+    return {
+        name: one for name, one in program_of(scene, prepare(scene), ask=True).asked.items() if one
+    }
+
+
+def test_a_request_reaches_the_other_process_unchanged():
+    for settings in (
+        {"integrator": "srkn11"},
+        {"integrator": "rk8", "dtype": "float32"},
+        {"save": ("energy_mean", "megno", "work")},
+    ):
+        for one in asked(**settings).values():
+            parts = _read(json.loads(json.dumps(_written(one[1]))))
+            assert parts == one[1] and kind_of(parts) == kind_of(one[1])
+
+
+def test_nothing_but_the_package_is_imported():
+    with pytest.raises(ImportError, match="not of this package"):
+        _named("os:system")
+
+
+SCRIPT = """
+import rigidmc as rm
+from rigidmc.engine.compile_helper import beside
+from rigidmc.engine.compiler.kernels import is_ready
+from rigidmc.planning.job import program_of
+from rigidmc.planning.plan import prepare
+scene = rm.Scene.load("nasa_brick").with_run(integrator="rk4", members=4, t_end=1.0)
+asked = program_of(scene, prepare(scene), ask=True).asked
+some = [asked["enter"], asked["advance"]]
+print([is_ready(*one) for one in some])
+with beside(some):
+    pass
+print([is_ready(*one) for one in (*some, asked["march"])])
+"""
+
+
+@pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
+def test_another_process_fills_the_cache(tmp_path):
+    environment = {**os.environ, "RIGIDMC_CACHE_DIR": str(tmp_path / "cache")}
+    found = subprocess.run(
+        [sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=True
+    ).stdout
+    assert found.splitlines() == ["[False, False]", "[True, True, False]"]
+
+
+@pytest.mark.parametrize("script", ["#!/bin/sh\nexit 1\n", "#!/bin/sh\nexec sleep 30\n", None])
+@pytest.mark.skipif(os.name != "posix", reason="the false Pythons are shell scripts")
+def test_a_process_that_fails_or_hangs_is_abandoned(script, tmp_path, monkeypatch):
+    path = tmp_path / "python"
+    if script:
+        path.write_text(script)
+        path.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(path))
+    monkeypatch.setattr(module, "PATIENCE", 0.2)
+    began = time.perf_counter()
+    with beside([asked()["advance"]]):
+        pass
+    assert time.perf_counter() - began < 10.0
+
+
+def test_user_effects_are_compiled_in_this_process(monkeypatch):
+    class Push(rm.Gravity):
+        pass
+
+    monkeypatch.setattr(module, "threads_available", lambda: 2)
+    own = (asked()["march"][0], (Push(1.0),), "float64", 8, "psw")
+    assert "march" not in helped({"march": own})
+    assert config.DISABLE_JIT or "march" in helped(asked())
+    monkeypatch.setattr(module, "threads_available", lambda: 1)
+    assert helped(asked()) == []
+
+
+def test_work_is_divided_if_that_saves_time(tmp_path, monkeypatch):
+    monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(compile_time, "compiled", [])
+    theirs = divided("rk4", EVERY, (), EVERY)
+    assert "advance" in theirs and "march" not in theirs
+    assert seconds("rk4", EVERY, (), theirs) < 0.75 * seconds("rk4", EVERY)
+    assert divided("rk4", EVERY, (), []) == [] == divided("rk4", ["record"], (), EVERY)
+    compile_time.compiled.append("rk4")
+    assert divided("rk4", ["march", "look"], (), EVERY) == []

@@ -1,0 +1,402 @@
+"""One loop over EFFECTS: torque against energy and an independent formula in space, kick against a
+fine integration, facts.
+
+A new effect is tested by its class attribute `example` and by what it has. It needs no edit here; a
+second formula of its torque can go to tests/physics/effects/laws.py.
+"""
+
+import math
+import re
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc.physics.dynamics.euler import MassProperties, angular_velocity
+from rigidmc.physics.dynamics.methods import argument_names, implements
+from rigidmc.physics.dynamics.so3 import cross, dot, exponential, multiply, up
+from rigidmc.physics.effects import (  # fmt: skip
+    EFFECTS,
+    Gravity,
+    MatrixDamping,
+    Rotor,
+    Spring,
+    ViscousDamping,
+    canonical,
+    labelled,
+    name_of,
+)
+from rigidmc.physics.effects.protocol import (
+    blank,
+    depends_on_momentum,
+    energy,
+    energy_scale,
+    facts,
+    filled,
+    given,
+    is_random,
+    kick,
+    numbers,
+    parameter_count,
+    slip,
+    torque,
+    torque_rate,
+)
+from rigidmc.physics.effects.sums import kick_all, kick_all_back, push, total_energy, total_torque
+from tests.physics.effects.laws import REFERENCE, Known, symmetric
+from tests.reference import rotation, unit
+
+MOMENTS, STATIC = (0.6, 0.8, 1.0), (0.05, -0.02, 0.3)
+BODY, KNOWN = MassProperties.of(MOMENTS, STATIC), Known(MOMENTS, STATIC)
+EXAMPLES = {  # random ones: test_bath.py
+    name: kind(*kind.example) for name, kind in EFFECTS.items() if not is_random(kind)
+}
+EVERY = pytest.mark.parametrize("name", EXAMPLES)
+
+
+def some_states(count=50):
+    some = np.random.default_rng(1)
+    return [(unit(some.normal(size=4)), tuple(some.normal(size=3))) for _ in range(count)]
+
+
+def reference_error(effect, name):
+    """Largest |torque - that of the law in space|."""
+    worst = 0.0
+    for i, (q, l) in enumerate(some_states()):
+        a, t = np.array(rotation(q)), 0.3 * i
+        w = a @ (np.array(l) / MOMENTS)
+        worst = max(
+            worst,
+            np.abs(
+                a @ torque(effect, BODY, t, q, l) - REFERENCE[name](effect, t, a, w, KNOWN)
+            ).max(),
+        )
+    return worst
+
+
+def gradient_error(effect, body=BODY, step=1e-5):
+    """Largest |torque + dE/d(rotation)|, by central differences along the body axes."""
+    worst = 0.0
+    for q, l in some_states():
+        for axis in range(3):
+            turn = [step * (i == axis) for i in range(3)]
+            ahead, behind = (
+                multiply(q, exponential([sign * x for x in turn])) for sign in (1.0, -1.0)
+            )
+            slope = (energy(effect, body, ahead) - energy(effect, body, behind)) / (2.0 * step)
+            worst = max(worst, abs(torque(effect, body, 0.0, q, l)[axis] + slope))
+    return worst
+
+
+def kick_error(effect, h=0.7, steps=600, parts=1):
+    """Largest |kicks - fine Runge-Kutta of dL/dt = torque at fixed attitude and time|."""
+    worst = 0.0
+    for q, start in some_states(10):
+        l, d = np.array(start), h / steps
+
+        def rate(l, q=q):
+            return np.array(torque(effect, BODY, 0.0, q, tuple(l)))
+
+        for _ in range(steps):
+            k1 = rate(l)
+            k2 = rate(l + d / 2 * k1)
+            k3 = rate(l + d / 2 * k2)
+            l = l + d / 6 * (k1 + 2 * k2 + 2 * k3 + rate(l + d * k3))
+        made = start
+        for _ in range(parts):
+            made = kick(effect, BODY, 0.0, h / parts, q, made)
+        worst = max(worst, np.abs(l - made).max())
+    return worst
+
+
+def test_every_effect_has_an_example_of_all_its_parameters():
+    for kind in EFFECTS.values():
+        assert len(kind.example) == len(given(kind))
+    assert REFERENCE.keys() <= EXAMPLES.keys()
+
+
+@pytest.mark.parametrize("name", REFERENCE)
+def test_torque_is_that_of_the_law_in_space(name):
+    assert reference_error(EXAMPLES[name], name) < 5e-14  # measured 1.2e-14
+
+
+@EVERY
+def test_each_number_of_an_effect_changes_its_torque(name):
+    effect, values = EXAMPLES[name], [value for _, _, value in numbers(EXAMPLES[name])]
+    for i, value in enumerate(values):
+        other = filled(EFFECTS[name], [*values[:i], value * 1.01 or 0.01, *values[i + 1 :]])
+        change = [
+            np.subtract(torque(other, BODY, 0.3 * k, q, l), torque(effect, BODY, 0.3 * k, q, l))
+            for k, (q, l) in enumerate(some_states())
+        ]
+        assert np.abs(change).max() > 1e-5
+
+
+@EVERY
+def test_torque_is_minus_the_gradient_of_energy(name):
+    effect = EXAMPLES[name]
+    if implements(effect, "energy"):
+        assert gradient_error(effect) < 1e-9  # measured 1.6e-10: differences of 1e-5
+    if facts(effect).damps:
+        assert all(
+            dot(torque(effect, BODY, 0.0, q, l), angular_velocity(BODY, l)) < 0.0
+            for q, l in some_states()
+        )
+
+
+@EVERY
+def test_torque_rate_is_the_rate_of_the_torque_as_the_body_turns(name):
+    if not implements(EFFECTS[name], "torque_rate"):
+        return
+    effect, h = EXAMPLES[name], 1e-5
+    for q, w in some_states():
+        ahead, behind = (multiply(q, exponential([s * h * x for x in w])) for s in (1.0, -1.0))
+        slope = (
+            np.array(torque(effect, BODY, 0.4, ahead, w)) - torque(effect, BODY, 0.4, behind, w)
+        ) / (2.0 * h)
+        assert np.abs(slope - torque_rate(effect, BODY, 0.4, q, w)).max() < 4e-8  # measured 4.2e-9
+
+
+def assert_exact(effect):
+    """A kick is the flow of the torque, and kicks add up and go back."""
+    assert kick_error(effect) < 4e-13  # measured 9e-14
+    for q, l in some_states(10):
+        first = kick(effect, BODY, 0.0, 0.4, q, l)
+        twice, back = (kick(effect, BODY, 0.0, h, q, first) for h in (0.3, -0.4))
+        assert np.allclose(twice, kick(effect, BODY, 0.0, 0.7, q, l), rtol=0, atol=4e-15)
+        assert np.allclose(back, l, rtol=0, atol=4e-15)
+
+
+@EVERY
+def test_kick_is_the_flow_of_the_torque(name):
+    effect, order = EXAMPLES[name], facts(EFFECTS[name]).kick_order
+    if depends_on_momentum(effect) and not implements(effect, "kick"):
+        return  # no splitting takes it
+    if order == math.inf:
+        assert_exact(effect)
+    else:
+        coarse, fine = kick_error(effect, parts=10), kick_error(effect, parts=20)
+        assert abs(math.log2(coarse / fine) - order) < 0.15  # measured 1.96 to 2.08
+
+
+def test_the_kick_of_a_rotor_without_a_motor_is_exact():
+    assert_exact(Rotor((0.5, -0.3, 0.8)))
+
+
+@EVERY
+def test_energy_scale_bounds_the_energy_closely(name):
+    effect = EXAMPLES[name]
+    if not implements(effect, "energy"):
+        return
+    largest = max(abs(energy(effect, BODY, q)) for q, _ in some_states(2000))
+    scale = energy_scale(effect, BODY)
+    assert largest <= scale * (1.0 + 1e-15)
+    assert largest >= 0.4 * scale  # measured 0.55 (potential) to 1.0
+
+
+@EVERY
+def test_energy_scale_bounds_the_energy_of_each_number_alone(name):
+    """A bound that confuses two numbers holds for all together (a mutant)."""
+    effect = EXAMPLES[name]
+    if not implements(effect, "energy"):
+        return
+    vectors = {k: v for k, v in effect._asdict().items() if isinstance(v, tuple)}
+    zeros = {k: (0.0,) * len(v) for k, v in vectors.items()}
+    for field, values in vectors.items():
+        for i, value in enumerate(values):
+            alone = tuple(value * (i == j) for j in range(len(values)))
+            one = effect._replace(**{**zeros, field: alone})
+            largest = max(abs(energy(one, BODY, q)) for q, _ in some_states(200))
+            assert largest <= energy_scale(one, BODY) * (1.0 + 1e-15), (field, i)
+
+
+@EVERY
+def test_energy_scale_of_an_effect_without_energy_bounds_its_torque(name):
+    """It is what a drift of the energy ledger is divided by: torque times one radian."""
+    effect = EXAMPLES[name]
+    if implements(effect, "energy") or not implements(effect, "energy_scale"):
+        return
+    # one component of one vector is left at a time: each has to be in the scale
+    alone = [
+        effect._replace(**{field: tuple(v * (i == j) for j, v in enumerate(values))})
+        for field, values in effect._asdict().items()
+        if isinstance(values, tuple)
+        for i in range(len(values))
+    ]
+    for one in [effect, *alone]:
+        largest = max(
+            math.hypot(*torque(one, BODY, t, q, l))
+            for t in (0.0, 0.01, 0.4)
+            for q, l in some_states(100)
+        )
+        assert largest <= energy_scale(one, BODY) * (1.0 + 1e-15), one
+        if one is effect:
+            # measured 0.22 (rotating field), 0.58 (gravity gradient), 0.66 (moving pivot)
+            assert largest >= 0.15 * energy_scale(one, BODY)
+
+
+def broken_facts(effect):
+    """{fact: by how much the torque of an effect breaks it}."""
+    roll, about_z = (0.5, -0.5, -0.5, -0.5), (math.cos(0.4), 0.0, 0.0, math.sin(0.4))
+    rolled = MassProperties.of(np.roll(MOMENTS, 1).tolist(), np.roll(STATIC, 1).tolist())
+    worst = dict.fromkeys(("keeps_l2", "keeps_lz", "isotropic"), 0.0)
+    for q, l in some_states():
+        tau = torque(effect, BODY, 0.3, q, l)
+        # axis 1 becomes axis 2, and so on; and the body turns about the vertical
+        other = torque(effect, rolled, 0.3, multiply(q, roll), tuple(np.roll(l, 1)))
+        turned = torque(effect, BODY, 0.3, multiply(about_z, q), l)
+        differences = [*np.subtract(other, np.roll(tau, 1)), *np.subtract(turned, tau)]
+        # the vertical turns in the body with what the effect adds to the angular velocity
+        about = np.add(tau, np.cross(slip(effect, BODY, 0.3, q, l) or (0.0, 0.0, 0.0), l))
+        errors = abs(dot(tau, l)), abs(dot(about, up(q))), max(map(abs, differences))
+        worst = {fact: max(worst[fact], e) for fact, e in zip(worst, errors, strict=True)}
+    return worst
+
+
+@EVERY
+def test_facts_are_true(name):
+    for fact, error in broken_facts(EXAMPLES[name]).items():
+        claimed = getattr(facts(EFFECTS[name]), fact)
+        assert (error < 1e-14) == claimed, fact  # measured 9e-16 at most, or 0.05 at least
+
+
+@EVERY
+def test_facts_name_the_fields(name):
+    kind = EFFECTS[name]
+    assert set(kind.units) == set(kind.limits) == set(kind._fields)
+    # the user gives no hidden one: it has to be 0
+    assert all((low < high) != (k in facts(kind).hidden) for k, (low, high) in kind.limits.items())
+    assert argument_names(kind, "torque", "energy", "kick") <= {"body", "t", "h", "q", "l"}
+    for field in kind._fields:
+        assert re.search(rf"^ *{field} : ", kind.__doc__, re.MULTILINE), field
+    # every parameter has its unit in the docstring
+    assert kind.__doc__.count("[") >= sum(unit != "1" for unit in kind.units.values())
+    assert name_of(kind) == name_of(EXAMPLES[name]) == name
+
+
+def test_parameters_go_to_rows_and_back():
+    spring = EXAMPLES["spring"]
+    assert parameter_count(spring, Gravity(1.0)) == 9
+    assert filled(Spring, [value for _, _, value in numbers(spring)]) == spring
+    assert blank((spring,)) == (Spring(0.0, (0.0,) * 3, (0.0,) * 3, 0.0),)
+    assert [label for label, _ in labelled((spring, Gravity(1.0), spring))] == [
+        "spring",
+        "gravity",
+        "spring_2",
+    ]
+
+
+class Backwards(NamedTuple):
+    """Gravity with the wrong sign of the torque."""
+
+    g: float
+
+    def torque(self, body, q):
+        return cross((self.g * body.p1, self.g * body.p2, self.g * body.p3), up(q))
+
+    def energy(self, body, q):
+        return Gravity.energy(self, body, q)
+
+
+class Speeding(NamedTuple):
+    """Damping whose flow has the wrong sign."""
+
+    rate: float
+
+    def torque(self, l):
+        return ViscousDamping.torque(self, l)
+
+    def kick(self, h, l):
+        return ViscousDamping.kick(self, -h, l)
+
+
+def test_wrong_signs_are_caught():
+    assert gradient_error(Backwards(9.81)) > 1.0  # measured 6
+    assert kick_error(Speeding(0.3)) > 0.1  # measured 0.7
+    # heavier above: more energy
+    assert energy(Gravity(9.81), BODY, (1.0, 0.0, 0.0, 0.0)) == pytest.approx(9.81 * 0.3)
+
+
+def test_gravity_is_weight_times_arm_in_space():
+    for q, l in some_states():
+        a = rotation(q)
+        arm, weight = a @ BODY[6:], np.array([0.0, 0.0, -9.81])
+        assert np.allclose(
+            a @ torque(Gravity(9.81), BODY, 0.0, q, l), np.cross(arm, weight), rtol=0, atol=1e-14
+        )
+        assert math.isclose(energy(Gravity(9.81), BODY, q), 9.81 * arm[2], abs_tol=1e-14)
+
+
+def test_several_effects_act_together():
+    effects = EXAMPLES["gravity"], EXAMPLES["viscous_damping"]
+    q, l = some_states(1)[0]
+    together = total_torque(effects, BODY, 0.0, q, l)
+    assert np.allclose(
+        together, np.sum([torque(e, BODY, 0.0, q, l) for e in effects], axis=0), rtol=0, atol=1e-15
+    )
+    assert total_torque((), BODY, 0.0, q, l) == (0.0, 0.0, 0.0)
+    assert np.allclose(
+        push(effects, BODY, 0.0, 0.2, q, l, l),
+        np.add(l, np.multiply(0.2, together)),
+        rtol=0,
+        atol=1e-15,
+    )
+    assert push((), BODY, 0.0, 0.2, q, l, l) is l
+    assert total_energy(effects, BODY, q) == energy(effects[0], BODY, q)
+    there = kick_all(effects, BODY, 0.0, 0.2, q, l)
+    # one is the mirror image of the other
+    assert np.allclose(kick_all_back(effects, BODY, 0.2, -0.2, q, there), l, rtol=0, atol=1e-15)
+    # and no flow commutes with it
+    assert not np.allclose(kick_all(effects, BODY, 0.2, -0.2, q, there), l, rtol=0, atol=1e-3)
+    assert kick_all((), BODY, 0.0, 0.2, q, l) == kick_all_back((), BODY, 0.0, 0.2, q, l) == l
+
+
+def test_the_order_in_which_effects_are_listed_does_not_matter():
+    class Own(NamedTuple):
+        size: float
+
+    gravity, damping, own = Gravity(9.81), ViscousDamping(0.1), Own(1.0)
+    assert (
+        canonical((own, damping, gravity))
+        == canonical((gravity, own, damping))
+        == (gravity, damping, own)
+    )
+    assert name_of(own) == "Own"
+
+
+def test_a_matrix_that_drives_some_spin_is_refused():
+    def checked(matrix, **settings):
+        body, start = rm.Body.from_moments(MOMENTS), rm.Start(omega=(0.1, 0.2, 0.3))
+        return rm.Scene(body, (MatrixDamping(matrix),), start, rm.Run(**settings)).check()
+
+    for matrix in (
+        (1.0, 1.0, 1.0, 0.0, 0.0, 1.5),
+        (-1e-6, 1.0, 1.0, 0.0, 0.0, 0.0),
+        (1.0, 1.0, 1.0, 0.9, -0.9, 0.9),
+    ):
+        assert np.linalg.eigvalsh(symmetric(matrix))[0] < 0.0
+        with pytest.raises(
+            rm.SceneError,
+            match=r"matrix: \(.*\) drives some rotations, which needs anti_damping = true",
+        ):
+            checked(matrix)
+        checked(matrix, anti_damping=True)
+    for matrix in ((1.0, 1.0, 1.0, 0.0, 0.0, 1.0), (0.0,) * 6, (1.0, 1.0, 1.0, 0.9, 0.9, 0.9)):
+        assert np.linalg.eigvalsh(symmetric(matrix))[0] > -1e-12
+        checked(matrix)
+    with pytest.raises(rm.SceneError, match="drives some rotations"):
+        checked((1.0, 1.0, 1.0, 0.0, 0.0, rm.uniform(0.5, 1.1)))
+    some = np.random.default_rng(5)
+    for size in (1.0, 1e-100, 1e100):
+        for rank in (1, 2, 3):  # damping about skew axes
+            for _ in range(300):
+                c = sum(np.outer(v, v) for v in some.normal(size=(rank, 3))) * size
+                assert not MatrixDamping(
+                    (c[0, 0], c[1, 1], c[2, 2], c[1, 2], c[2, 0], c[0, 1])
+                ).drives()
+                c -= 1e-6 * np.trace(c) * np.eye(3)  # one of rank 3 may still damp
+                driven = MatrixDamping(
+                    (c[0, 0], c[1, 1], c[2, 2], c[1, 2], c[2, 0], c[0, 1])
+                ).drives()
+                assert driven == (np.linalg.eigvalsh(c)[0] < 0.0)

@@ -1,0 +1,424 @@
+"""A user's own effect: checked before compilation, then run like the built-in ones.
+
+The message of a failed check names the class, the line and the rule.
+"""
+
+import math
+import sys
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc.cli import app
+from rigidmc.engine.inspection import why_one_at_a_time
+from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.dynamics.so3 import up
+from rigidmc.physics.integrators import INTEGRATORS
+from rigidmc.planning.tolerance import choose
+from rigidmc.studies.stress.trust import trust
+from tests.kernels import one_step, prepare
+
+BODY = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
+START = rm.Start(omega=(0.1, 1.0, 0.2), attitude="uniform")
+
+
+def scene(effect):
+    return rm.Scene(BODY, (effect,), START).with_run(
+        dt=0.01, t_end=1.0, members=64, save=("momentum", "attitude")
+    )
+
+
+class Weight(NamedTuple):
+    """Gravity, written again."""
+
+    g: float
+
+    def torque(self, body, q):
+        u, p = up(q), (self.g * body.p1, self.g * body.p2, self.g * body.p3)
+        return u[1] * p[2] - u[2] * p[1], u[2] * p[0] - u[0] * p[2], u[0] * p[1] - u[1] * p[0]
+
+    def energy(self, body, q):
+        u = up(q)
+        return self.g * (body.p1 * u[0] + body.p2 * u[1] + body.p3 * u[2])
+
+
+class Upside(NamedTuple):
+    g: float
+
+    def torque(self, body, q):
+        x, y, z = Weight(self.g).torque(body, q)
+        return -x, -y, -z
+
+    def energy(self, body, q):
+        return Weight(self.g).energy(body, q)
+
+
+class Raises(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        return math.sqrt(-1.0 - l[0] * l[0]), 0.0, 0.0
+
+
+class Array(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        return np.array([self.size, 0.0, 0.0])
+
+
+class Short(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        return self.size, 0.0
+
+
+class Asks(NamedTuple):
+    size: float
+
+    def torque(self, speed):
+        return speed, 0.0, 0.0
+
+
+class Infinite(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        return 1e308 * 10.0 * self.size, 0.0, 0.0
+
+
+class Lists(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        return float(sum([x > 0.0 for x in l])), 0.0, 0.0
+
+
+class Words(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        return math.comb(3, 2) * l[0], 0.0, 0.0
+
+
+class Halving(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        x = self.size * l[0]
+        while abs(x) > 1e-3:
+            x = 0.5 * x
+        return x, 0.0, 0.0
+
+
+class Counting(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        x = l[1]
+        for _ in range(int(l[0])):
+            x = 0.5 * x
+        return x, 0.0, 0.0
+
+
+class Sine(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        return self.size * math.sin(l[0]), 0.0, 0.0
+
+
+class Gamma(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        return self.size * math.gamma(1.5 + 0.1 * math.sin(l[0])), 0.0, 0.0
+
+
+@pytest.mark.parametrize(("effect", "words"), [
+    (Upside(9.81), r"Upside.torque.*is not that of its energy"),
+    (Raises(1.0), r"Raises.torque.*line \d+: return math.sqrt.*ValueError"),
+    (Array(1.0), r"Array.torque.*gives ndarray, expected a tuple of 3 numbers.*no arrays"),
+    (Short(1.0), r"Short.torque.*expected a tuple of 3 numbers"),
+    (Asks(1.0), r"Asks.torque.*asks for 'speed'; it may name body, t, q, l"),
+    (Infinite(1.0), r"Infinite.torque.*not finite"),
+    (Lists(1.0), r"Lists.torque.*takes memory.*no lists"),
+    (Halving(1.0), r"Halving.torque.*line \d+: while abs\(x\) > 1e-3:: a loop whose length"),
+    (Counting(1.0), r"Counting.torque.*line \d+: for _ in range\(int\(l\[0\]\)\):: a loop whose"),
+    (Words(1.0), r"Words.*cannot be compiled.*no calls but of math"),
+])  # fmt: skip
+def test_effects_that_a_kernel_cannot_use_are_refused(effect, words):
+    with pytest.raises(rm.SceneError, match=words):
+        rm.simulate(scene(effect))
+
+
+class Five(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        x = self.size
+        for _ in range(5):
+            x = 0.5 * x * x + l[1]
+        return (x, 0.0, 0.0) if l[0] > 0.3 else (0.0, x, 0.0)
+
+
+class Switch(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        if l[0] > 0.3:
+            return -self.size, 0.0, 0.0
+        return self.size, 0.0, self.size * l[1]
+
+
+class Wall(NamedTuple):
+    """A torque that works for any vector, and a flow of its own that branches."""
+
+    size: float
+
+    def torque(self, l):
+        return -self.size * l[0], 0.0, 0.0
+
+    def kick(self, h, l):
+        if l[0] > 0.3:
+            return l[0] * (1.0 - self.size * h), l[1], l[2]
+        return l[0] / (1.0 + self.size * h), l[1], l[2]
+
+
+def test_a_message_says_whether_an_effect_is_packed_and_why_not():
+    assert why_one_at_a_time(Sine(1.0)) == why_one_at_a_time(Weight(9.81)) == ""
+    assert all(
+        "takes one number at a time" in why_one_at_a_time(kind(1.0))
+        for kind in (Five, Gamma, Halving, Switch, Wall)
+    )
+
+
+def test_studies_take_an_effect_that_runs_one_member_at_a_time(monkeypatch):
+    """Each of them makes programs of its own."""
+    monkeypatch.setattr(choose, "CONTENDERS", ("rk4",))  # one contender tells as much as six
+    branching = scene(Switch(0.01)).with_run(t_end=0.2, dt=0.05, members=32, save=("omega",))
+    with pytest.warns(rm.SceneWarning, match="not worked on side by side"):
+        chosen = rm.simulate(branching, tolerance=1e-3)
+    assert chosen.attrs["tolerance"] == 1e-3
+    rows = rm.accuracy(branching, integrators=("rk4",), members=8)
+    assert rows.error_state_median.min() < 1e-10  # measured 3e-14
+    assert trust(branching, quick=True).attrs["digits"] >= 10  # measured 12
+
+
+FILE = """
+from typing import NamedTuple
+print("code of the user's runs")
+
+class Vane(NamedTuple):
+    size: float
+    speed: float = 1.0
+
+    def torque(self, body, l):
+        return self.size * (self.speed - body.i1 * l[0]), -self.size * body.i2 * l[1], 0.0
+"""
+TABLES = """
+[body]
+moments = [1.0, 1.4, 2.0]
+[start]
+omega = [0.1, 1.0, 0.2]
+[effects.Vane]
+module = "vane.py"
+size = 0.3
+[run]
+members = 64
+save = ["momentum"]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "vane.py").write_text(FILE)
+    (tmp_path / "scene.toml").write_text(TABLES)
+    return tmp_path
+
+
+def test_code_from_a_scene_file_runs_only_where_it_is_allowed(folder, capfd):
+    path = str(folder / "scene.toml")
+    with pytest.raises(
+        rm.SceneError,
+        match=(
+            r"\[effects.Vane\] module = 'vane.py': is code, and scene files execute "
+            r"nothing.*--allow-code"
+        ),
+    ):
+        rm.Scene.load(path)
+    for command in ("run", "show", "check", "stress", "accuracy"):
+        result = CliRunner().invoke(app, [command, path])
+        assert result.exit_code == 3
+    assert "user's" not in capfd.readouterr().out
+    scene = rm.Scene.load(path, allow_code=True)
+    assert "user's" in capfd.readouterr().out
+    output = str(folder / "a.nc")
+    ds = rm.simulate(scene, t_end=1.0, output=output)
+    assert np.abs(ds.momentum - rm.simulate(scene, t_end=1.0).momentum).max() == 0.0
+    assert np.ptp(ds.momentum.values[-1, 0]) == 0.0
+    assert float(ds.momentum[-1, 0, 0]) > 0.2
+    with pytest.raises(rm.SceneError, match="is code"):
+        rm.Scene.load(output)
+    assert rm.Scene.load(output, allow_code=True).effects == scene.effects
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("vane.py", "vain.py", "there is no file .*vain.py"),
+    ("vane.py", "scene.toml", "is no Python file"),
+    ("effects.Vane", "effects.Vain",
+     r"has no class Vain; it has Vane \(did you mean 'Vane'\?\)"),
+    ("size =", "sice =",
+     r"\[effects.Vane\] sice: no such key; known: size, speed, module \(did you mean 'size'"),
+    ('module = "vane.py"\n', "",
+    r"\[effects\] Vane: no such effect; known: gravity.*effect of your own needs module"),
+    ('"vane.py"', '"bad.py"',
+    "bad.py.*raises NameError \\(line 1\\): name 'nothing' is not defined"),
+])  # fmt: skip
+def test_bad_references_to_code(folder, old, new, words):
+    (folder / "bad.py").write_text("nothing()")
+    (folder / "scene.toml").write_text(TABLES.replace(old, new))
+    with pytest.raises(rm.SceneError, match=words):
+        rm.Scene.load(str(folder / "scene.toml"), allow_code=True)
+
+
+def test_a_users_effect_runs_like_a_built_in_one():
+    own, known = rm.simulate(scene(Weight(9.81))), rm.simulate(scene(rm.Gravity(9.81)))
+    assert np.abs(own.momentum - known.momentum).max() < 1e-12
+    assert own.energy_drift_max.attrs["conserved"] == "yes"
+    for kind, integrator in ((Gamma, "rk4"), (Switch, "rk4"), (Wall, "strang")):
+        with pytest.warns(
+            rm.SceneWarning,
+            match=(
+                f"{kind.__name__}.*takes one number at a time.*members are not worked on side "
+                "by side"
+            ),
+        ):
+            alone = rm.simulate(scene(kind(0.1)), integrator=integrator)
+        q, l = (
+            tuple(alone[name].isel(time=0, member=0).values.tolist())
+            for name in ("attitude", "momentum")
+        )
+        body, made = (
+            MassProperties.of((1.0, 1.4, 2.0), (0.1, 0.2, 0.3)),
+            prepare(INTEGRATORS[integrator], 0.1, (kind(0.1),)),
+        )
+        for i in range(100):
+            q, l = one_step(made, body, (kind(0.1),), 0.01 * i, 0.01, q, l)
+        # measured 1.2e-14
+        assert np.abs(alone.momentum.isel(time=-1, member=0).values - l).max() < 1e-13
+
+
+class Analysis(NamedTuple):
+    """A torque of many functions of the library."""
+
+    size: float
+
+    def torque(self, l):
+        x, y, z = l
+        first = math.exp(-x) + math.log(2.0 + y * y) + math.sin(z) * math.cos(x)
+        second = math.tanh(y) + math.atan2(x, 2.0 + z) + math.hypot(x, y) + math.expm1(0.1 * x)
+        return (
+            self.size * first,
+            self.size * second,
+            self.size * (math.pow(2.0 + z * z, 0.3) + math.sinh(0.5 * y) + math.tan(0.3 * x)),
+        )
+
+
+def test_functions_of_the_library_in_float32():
+    """These functions use the bits of float64; the result is then rounded."""
+    double, single = (
+        rm.simulate(scene(Analysis(0.3)), dtype=dtype) for dtype in ("float64", "float32")
+    )
+    error = np.abs(double.momentum - single.momentum).max()
+    assert 1e-9 < error < 3e-7  # measured 3.4e-8, of 2.5: and it is not float64
+
+
+def test_a_tuple_without_its_length_is_told_how_to_give_it():
+    with pytest.raises(rm.SceneError, match=r"g = .*@effect\(shapes=\{\"g\": 3\}\)"):
+        scene(Weight((1.0, 2.0, 3.0)))
+
+
+OWN = """
+from typing import NamedTuple
+
+import helper
+from helper import along
+
+class Hum(NamedTuple):
+    noise: float
+
+    def torque(self, l):
+        return along(self.noise)
+
+class Tug(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        return helper.along(helper.scaled(self.size))
+"""
+HELPER = """
+def scaled(x):
+    return FACTOR * x
+
+def along(x):
+    return (x, 0.0, 0.0)
+"""
+BOTH = """
+[body]
+moments = [1.0, 1.4, 2.0]
+[effects.Hum]
+module = "own.py"
+noise = 0.5
+[effects.Tug]
+module = "own.py"
+size = 0.25
+[start]
+omega = [0.1, 1.0, 0.2]
+"""
+
+
+def test_a_field_named_noise_and_helpers_in_another_file(tmp_path):
+    """Files of the same name in two folders are two files, and hide no library."""
+    for factor in (2.0, 4.0):
+        folder = tmp_path / str(factor)
+        folder.mkdir()
+        (folder / "own.py").write_text(OWN)
+        (folder / "math.py").write_text("raise RuntimeError('hides a library')")
+        (folder / "helper.py").write_text("import math\n" + HELPER.replace("FACTOR", str(factor)))
+        (folder / "s.toml").write_text(BOTH)
+        own = rm.Scene.load(folder / "s.toml", allow_code=True)
+        torque = rm.BodyTorque((0.5 + factor * 0.25, 0.0, 0.0))
+        shipped = rm.Scene(own.body, torque, own.start)
+        run = {"integrator": "rk4", "dt": 0.01, "t_end": 1.0, "members": 2}
+        ends = [rm.simulate(one, **run).omega.values[-1] for one in (own, shipped)]
+        assert np.abs(ends[0] - ends[1]).max() < 1e-14  # measured 4.4e-16
+    assert not {"helper", "own"} & {*sys.modules}
+
+
+class Shaken(NamedTuple):
+    noise: tuple = (0.0, 0.0, 0.0)
+
+    shapes = {"noise": 3}
+
+    def shake(self, l):
+        return l
+
+
+class Random(NamedTuple):
+    size: float
+
+    stochastic = True
+
+    def shake(self, l):
+        return l
+
+
+@pytest.mark.parametrize("effect", [Shaken(), Random(1.0)])
+def test_noise_is_drawn_for_effects_that_say_so(effect):
+    with pytest.raises(rm.SceneError, match=r"stochastic=True|needs a field for the normal"):
+        scene(effect).with_run(integrator="strang").check()

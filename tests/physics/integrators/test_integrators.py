@@ -1,0 +1,241 @@
+"""One loop over INTEGRATORS: order, reversibility, conservation, agreement with naive NumPy.
+
+A new integrator is tested according to its facts.
+"""
+
+import math
+from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from rigidmc.engine.kernel import layout as K
+from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
+from rigidmc.physics.effects import Gravity, ViscousDamping
+from rigidmc.physics.integrators import INTEGRATORS, accepting
+from rigidmc.physics.observables import Attitude, Energy, Momentum
+from rigidmc.studies.stress.problems import PROBLEMS
+from tests.kernels import block_of, make_block, march, prepare, run, turn, turn_rate_of
+from tests.reference import NAIVE, attitude_error, naive_rk4, rotation, true_end
+
+FREE, HEAVY = PROBLEMS["hairer_free"], PROBLEMS["hairer_heavy"]
+DAMPING = 0.1
+# it makes no steps: see tests/planning/test_closed_form.py
+EVERY = pytest.mark.parametrize("name", [n for n in INTEGRATORS if n != "closed"])
+HEAVY_ONES = pytest.mark.parametrize(
+    "name", [n for n in accepting((Gravity(1.0),)) if n != "closed"]
+)
+
+
+def end_error(name, problem, steps, effects=None, end=None):
+    """Largest final error of momentum (relative) and attitude [rad]; one kernel for all steps."""
+    q, l = end or (problem.end_attitude, problem.end_momentum)
+    kind, effects = INTEGRATORS[name], problem.effects if effects is None else effects
+    made = prepare(kind, turn(problem, problem.time / 50), effects)
+    at, momentum = march(kind, [problem], problem.time / steps, steps, effects, made)
+    return max(np.abs(momentum[:, 0] - l).max() / np.linalg.norm(l), attitude_error(at[:, 0], q))
+
+
+@EVERY
+def test_order_for_a_free_body(name):
+    kind = INTEGRATORS[name]
+    if {"T", "L in space"} <= set(kind.conserves):  # the free motion itself, at any step
+        assert max(end_error(name, FREE, n) for n in (50, 200, 800)) < 2e-13
+    else:
+        known = {2: (400, 800), 4: (400, 800), 8: (32, 128)}
+        other = (800, 3200) if kind.order < 4 else (400, 800) if kind.order < 6 else (64, 128)
+        few, many = known.get(kind.order, other)
+        coarse, fine = end_error(name, FREE, few), end_error(name, FREE, many)
+        # measured 6.4e-14 for rk8; less is rounding
+        assert fine > 1e-14, "at rounding: give `known` fewer steps for this order"
+        assert abs(math.log(coarse / fine, many / few) - kind.order) < 0.15
+
+
+class Ensemble(NamedTuple):
+    """Different heavy tops, and where they are after 4 s."""
+
+    block: np.ndarray
+    effects: tuple
+    turn_rate: float
+    end: np.ndarray
+
+
+@cache
+def ensemble():
+    some = np.random.default_rng(3)
+    second = some.uniform(0.2, 1.0, (3, 32))
+    moments, attitude = second.sum(0) - second, some.normal(size=(4, 32))
+    momentum = some.normal(size=(3, 32)) * moments
+    body = MassProperties.of(moments, some.normal(0.0, 0.3, (3, 32)))
+    block, effects = (
+        make_block(body, (Gravity(1.0),), attitude / np.linalg.norm(attitude, axis=0), momentum),
+        (Gravity(1.0),),
+    )
+    rate = max(turn_rate_of(i, l) for i, l in zip(moments.T, momentum.T, strict=True))
+    found = Ensemble(block, effects, 2.0 * rate, np.zeros((7, 32)))
+    ends = [after(found, "rk8", 400), after(found, "srkn11", 500)]
+    assert np.abs(ends[0] - ends[1]).max() < 1e-12
+    return found._replace(end=ends[0])
+
+
+def after(tops, name, steps):
+    """The states of an ensemble after 4 s."""
+    block, h = tops.block.copy(), 4.0 / steps
+    run(block, prepare(INTEGRATORS[name], tops.turn_rate * h, tops.effects), tops.effects, h, steps)
+    return block[: K.REST]
+
+
+def typical_error(name, steps):
+    """Geometric mean over the ensemble of the error of the state."""
+    tops = ensemble()
+    return np.exp(np.mean(np.log(np.linalg.norm(after(tops, name, steps) - tops.end, axis=0))))
+
+
+@HEAVY_ONES
+def test_order_for_heavy_bodies(name):
+    order = INTEGRATORS[name].order
+    few = 40 if name.startswith("aba") else {2: 100, 6: 14, 8: 10}.get(order, 80)
+    coarse, fine = typical_error(name, few), typical_error(name, 2 * few)
+    assert fine > 1e-13  # above rounding
+    assert abs(math.log2(coarse / fine) - order) < 0.15
+
+
+@cache
+def damped_end():
+    return true_end(HEAVY, HEAVY.time, DAMPING)
+
+
+DAMPED = Gravity(HEAVY.gravity), ViscousDamping(DAMPING)
+
+
+@pytest.mark.parametrize("name", [n for n in accepting(DAMPED) if n != "closed"])
+def test_order_with_damping(name):
+    order = INTEGRATORS[name].order
+    few, many = {8: (45, 181)}.get(order, (400, 800))
+    coarse, fine = (end_error(name, HEAVY, n, DAMPED, damped_end()) for n in (few, many))
+    assert abs(math.log(coarse / fine, many / few) - order) < 0.15
+
+
+@EVERY
+def test_there_and_back(name):
+    kind = INTEGRATORS[name]
+    problem = FREE if kind.accepts == "no torque" else HEAVY
+    h, steps = 0.2, 50
+    made = prepare(kind, turn(problem, h), problem.effects)
+    block = block_of([problem])
+    start = block[: K.REST].copy()
+    for way in (h, -h):
+        run(block, made, problem.effects, way, steps)
+    error = np.abs(block[: K.REST] - start).max()
+    if kind.reversible:
+        assert error < 3e-13
+    else:
+        assert error > 1e-8
+
+
+def drifts(name, problem, h, steps):
+    """Relative drift of what a free body keeps, and of |q|."""
+    block = block_of([problem])
+    q0, l0 = block[:4, 0].copy(), block[4:7, 0].copy()
+    run(block, prepare(INTEGRATORS[name], turn(problem, h)), (), h, steps)
+    q, l = block[:4, 0], block[4:7, 0]
+    return {
+        "|q|": abs(q @ q - 1.0),
+        "|L|^2": abs(l @ l / (l0 @ l0) - 1.0),
+        "T": abs(kinetic_energy(problem.body, l) / kinetic_energy(problem.body, l0) - 1.0),
+        "L in space": np.linalg.norm(rotation(q) @ l - rotation(q0) @ l0) / np.linalg.norm(l0),
+    }
+
+
+@EVERY
+def test_conserves_what_it_says_and_nothing_else(name):
+    for keep, drift in drifts(name, FREE, 0.15, 2000).items():
+        if keep in INTEGRATORS[name].conserves:
+            assert drift < 8e-14  # measured 8e-15
+        elif keep != "|q|":  # rk4 does not conserve |q| but restores it
+            assert drift > 1e-12
+    assert set(INTEGRATORS[name].conserves) <= set(drifts(name, FREE, 0.15, 1))
+
+
+@EVERY
+def test_the_attitude_stays_on_the_sphere(name):
+    assert drifts(name, FREE, 0.15, 2000)["|q|"] < 2e-15  # measured 2e-16
+
+
+def test_rk4_without_its_normalisation_leaves_the_sphere():
+    a, _ = naive_rk4(FREE, 0.15, 2000, normalised=False)
+    assert abs(np.linalg.det(a) - 1.0) > 1e-3  # measured 0.015
+
+
+def heavy_errors(name, h, seconds, saves):
+    """Largest |E - E0| in each of `saves` equal spans, and of L_z over all, of the heavy body."""
+    made = prepare(INTEGRATORS[name], turn(HEAVY, h), HEAVY.effects)
+    block = block_of([HEAVY])
+    rows = run(
+        block, made, HEAVY.effects, h, round(seconds / h), (Energy(), Attitude(), Momentum()), 4
+    )[:, :, 0]
+    energy = np.abs(rows[:, 0] - HEAVY.more["energy"])
+    up = np.array([rotation(q)[2] for q in rows[:, 1:5]])
+    lz = np.sum(up * rows[:, 5:], axis=1)
+    return [max(part) for part in np.array_split(energy, saves)], np.abs(lz - lz[0]).max()
+
+
+def test_a_splitting_keeps_lz_and_its_energy_error_does_not_grow():
+    energy, lz = heavy_errors("strang", 0.1, 2000.0, 4)
+    assert lz < 4e-13  # measured 8e-14 after 20,000 steps
+    assert max(energy) < 1.05 * energy[0]  # measured 1.001: 0.0211 in each quarter of the time
+    half = heavy_errors("strang", 0.05, 500.0, 1)[0][0]
+    assert abs(math.log2(max(energy) / half) - 2.0) < 0.15  # measured 2.001
+
+
+@pytest.mark.parametrize("name", ["rk4", "rkmk4"])
+def test_runge_kutta_loses_energy_and_lz_with_time(name):
+    energy, lz = heavy_errors(name, 0.1, 2000.0, 4)
+    assert energy[3] > 3.0 * energy[0]  # measured 4.0: 0.002 in each quarter of the time
+    assert lz > 1e-4  # measured 7e-3 and 1e-3
+
+
+def naive_error(name, problem, h, steps, damping=0.0, **twin):
+    """Largest difference of attitude matrix and relative momentum from naive NumPy."""
+    effects = (*problem.effects, ViscousDamping(damping)) if damping else None
+    q, l = march(INTEGRATORS[name], [problem], h, steps, effects)
+    a, momentum = NAIVE[name](problem, h, steps, damping, **twin)
+    return max(
+        np.abs(rotation(q[:, 0]) - a).max(),
+        np.abs(l[:, 0] - momentum).max() / np.linalg.norm(momentum),
+    )
+
+
+@pytest.mark.parametrize("name", NAIVE)
+def test_agrees_with_naive_numpy_on_a_free_body(name):
+    assert naive_error(name, FREE, 0.15, 20) < 5e-14  # measured 8e-15
+
+
+@pytest.mark.parametrize("name", [name for name in NAIVE if name != "exact"])
+def test_agrees_with_naive_numpy_on_heavy_bodies(name):
+    assert naive_error(name, HEAVY, 0.15, 20) < 1.5e-13  # measured 1.6e-14
+    assert naive_error(name, PROBLEMS["simo_wong_top"], 0.004, 30) < 5e-14  # measured 9e-15
+    if name in accepting(DAMPED):
+        assert naive_error(name, HEAVY, 0.15, 20, DAMPING) < 1.5e-13  # measured 1.4e-14
+
+
+def test_a_wrong_sign_in_the_commutator_is_caught():
+    assert naive_error("rkmk4", HEAVY, 0.15, 20, half=-0.5) > 1e-3  # measured 0.011
+
+
+def test_a_damped_free_top_is_a_free_top_at_another_time():
+    """L(t) = exp(-rate t) L_free(s), s = (1 - exp(-rate t))/rate; the attitude is that of s."""
+    time = 5.0
+    other = (1.0 - math.exp(-DAMPING * time)) / DAMPING
+    end = true_end(FREE, other)
+    end = end[0], math.exp(-DAMPING * time) * end[1]
+    errors = {
+        n: end_error(n, replace(FREE, time=time), 400, (Gravity(0.0), ViscousDamping(DAMPING)), end)
+        for n in ("rk4", "rkmk4", "strang")
+    }
+    assert errors["rk4"] < 2e-8  # measured 4e-9
+    assert errors["rkmk4"] < 5e-9  # measured 1e-9
+    assert errors["strang"] < 2e-6  # measured 4e-7
+    assert attitude_error(end[0], true_end(FREE, time)[0]) > 0.1  # at its own time it is elsewhere

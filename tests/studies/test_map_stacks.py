@@ -1,0 +1,85 @@
+"""Maps over three parameters: a stack, whose layers are maps."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc.cli import app
+from rigidmc.runs.directory import resume
+from rigidmc.scene.parameters import with_parameter
+from rigidmc.studies.stability_map.picture import stability_map
+from rigidmc.studies.stability_map.question import question
+from rigidmc.studies.stability_map.stored import create_map
+from rigidmc.studies.stability_map.study import prepared
+
+pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
+SCENE = rm.Scene(rm.Body.from_moments((0.5, 1.0, 1.4)), start=rm.Start(omega=(1e-3, 1.0, 1e-3)))
+SIDES = ("body.moments.1", 0.2, 2.6), ("start.omega.2", 0.2, 1.5)
+Z, LAYERS, OF = ("body.moments.3", 1.0, 1.45), 3, ("p(flips >= 1)",)
+RUN = {"integrator": "rk8", "dt": 0.5, "t_end": 30.0}
+
+
+@pytest.fixture(scope="module")
+def stack():
+    return rm.stability_map(SCENE, *SIDES, OF, (40, 24), 1, z=Z, layers=LAYERS, **RUN)
+
+
+def test_a_layer_is_the_map_of_its_value(stack):
+    assert dict(stack.sizes) == {"z": LAYERS, "y": 24, "x": 40}
+    for k in range(LAYERS):
+        scene = with_parameter(SCENE, Z[0], float(stack.z[k]))
+        layer = rm.stability_map(scene, *SIDES, OF, (40, 24), 1, **RUN)
+        assert layer.drop_attrs().identical(stack.isel(z=k, drop=True).drop_attrs())
+    assert not stack.isel(z=0, drop=True).equals(stack.isel(z=1, drop=True))
+
+
+def test_a_stack_is_stored_and_zoomed(stack, tmp_path):
+    asked = question(*SIDES, OF, (40, 24), 1, Z, LAYERS)
+    create_map(prepared(asked, SCENE, **RUN), tmp_path / "map")
+    resume.resume(tmp_path / "map")
+    stack.to_netcdf(tmp_path / "map.nc")
+    for name in ("map", "map.nc"):
+        found = rm.open_map(tmp_path / name)
+        assert found.drop_attrs().identical(stack.drop_attrs())
+    part = rm.zoom_map(tmp_path / "map.nc", (0.5, 0.9), (0.3, 0.6))
+    assert part.sizes == stack.sizes and np.array_equal(part.z, stack.z)
+    told = CliRunner().invoke(app, ["view", str(tmp_path / "map.nc"), "-o", f"{tmp_path}/a.html"])
+    assert told.exit_code == 3 and "no page" in told.stderr
+
+
+def test_a_stack_may_be_adaptive(stack):
+    found = rm.stability_map(
+        SCENE, *SIDES, OF, (40, 24), 1, z=Z, layers=LAYERS, adaptive=True, **RUN
+    )
+    computed = found.computed.values > 0
+    name = "p(flips>=1)"
+    assert np.array_equal(found[name].values[computed], stack[name].values[computed], True)
+    assert 0.2 < computed.mean() < 0.8  # measured 0.41
+
+
+def test_a_stack_has_a_panel_for_each_layer(stack):
+    *panels, bar = stability_map(stack).axes
+    assert [panel.get_title() for panel in panels] == [
+        f"body.moments.3 = {z:.4g}" for z in stack.z.values
+    ]
+    assert "p(flips >= 1)" in bar.get_ylabel()
+    one = stack.isel(z=0).drop_vars("z").assign(computed=stack.good.isel(z=0, drop=True))
+    assert "computed: " in stability_map(one).axes[1].get_title()
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"layers": 3}, "give z"),
+        ({"z": SIDES[0]}, "is already the parameter"),
+        ({"z": ("body.moments.3", 2.0, 1.0)}, "low < high"),
+        ({"z": Z, "layers": 65}, "layers"),
+        ({"z": ("body.moment.3", 1.0, 2.0)}, "body.moments.3"),
+    ],
+)
+def test_stacks_that_are_none_are_refused(given, words):
+    with pytest.raises(rm.RigidmcError, match=words):
+        rm.stability_map(SCENE, *SIDES, OF, 4, 1, **given, **RUN)
+    words = ["map", "growth", "--z", "body.mass=1:2"]
+    assert "two sides" in CliRunner().invoke(app, words).stderr

@@ -1,0 +1,485 @@
+"""One of each kind is added to a copy of the package: one file and one line, and the generic tests,
+the command line and scene files know it. And one of each kind of a user's own, as the documentation
+shows them: a script and a scene file take them without a change of the package."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc.runs.directory.gather import verify
+from rigidmc.runs.directory.resume import resume
+
+ROOT = Path(__file__).parents[2]
+
+# kind: (file, its text, file of the registry, line there before which the new line goes, new line)
+NEW = {
+    "effect": (
+        "physics/effects/torsion.py",
+        '''
+"""A torsion spring."""
+
+import math
+from typing import NamedTuple
+
+from rigidmc.physics.dynamics.so3 import cross, dot, into_body, scale
+from rigidmc.physics.effects.protocol import Number, effect
+
+_ONE = (1.0, 0.0, 0.0)
+
+
+@effect(units={"stiffness": "N m"}, limits={"stiffness": (0.0, math.inf)}, example=(3.0,))
+class TorsionSpring(NamedTuple):
+    """A spring that turns the body axis 1 towards the space axis x.
+
+    stiffness : [N m]
+    """
+
+    stiffness: Number
+
+    def torque(self, q):
+        return scale(self.stiffness, cross(_ONE, into_body(q, _ONE)))
+
+    def energy(self, q):
+        return self.stiffness * (1.0 - dot(_ONE, into_body(q, _ONE)))
+
+    def energy_scale(self):
+        return 2.0 * self.stiffness
+''',
+        "physics/effects/__init__.py",
+        "from rigidmc.physics.effects.field import UniformField",
+        "from rigidmc.physics.effects.torsion import TorsionSpring as TorsionSpring",
+    ),
+    "integrator": (
+        "physics/integrators/cash_karp.py",
+        '''
+"""The fifth-order part of Cash and Karp's pair."""
+
+from typing import NamedTuple
+
+from rigidmc.physics.dynamics.euler import scaled
+from rigidmc.physics.dynamics.so3 import gain, gain4, whole
+from rigidmc.physics.integrators.rk8 import changes, combined
+
+_START = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+
+
+class CashKarp(NamedTuple):
+    """Explicit Runge-Kutta of order 5 with six stages. Source: Cash & Karp 1990."""
+
+    order = 5
+    evaluations = 6
+    reversible = False
+    conserves = ()
+    accepts = "any torque"
+    compensated = True
+    largest_turn = 3.0
+
+    def step(self, body, effects, t, h, q, l):
+        y, rates = (whole(q), whole(l)), scaled(body, h)
+        k1 = changes(rates, effects, body, t, h, y[0], y[1])
+        z = combined(y, (1 / 5,), (k1,))
+        k2 = changes(rates, effects, body, t + h / 5, h, z[0], z[1])
+        z = combined(y, (3 / 40, 9 / 40), (k1, k2))
+        k3 = changes(rates, effects, body, t + 3 * h / 10, h, z[0], z[1])
+        z = combined(y, (3 / 10, -9 / 10, 6 / 5), (k1, k2, k3))
+        k4 = changes(rates, effects, body, t + 3 * h / 5, h, z[0], z[1])
+        z = combined(y, (-11 / 54, 5 / 2, -70 / 27, 35 / 27), (k1, k2, k3, k4))
+        k5 = changes(rates, effects, body, t + h, h, z[0], z[1])
+        a6 = (1631 / 55296, 175 / 512, 575 / 13824, 44275 / 110592, 253 / 4096)
+        z = combined(y, a6, (k1, k2, k3, k4, k5))
+        k6 = changes(rates, effects, body, t + 7 * h / 8, h, z[0], z[1])
+        b = (37 / 378, 250 / 621, 125 / 594, 512 / 1771)
+        dq, dl = combined(_START, b, (k1, k3, k4, k6))
+        return gain4(q, dq), gain(l, dl)
+
+
+INTEGRATORS = {"cash_karp": CashKarp()}
+''',
+        "physics/integrators/__init__.py",
+        '    "lie",',
+        '    "cash_karp",',
+    ),
+    "observable": (
+        "physics/observables/vertical.py",
+        '''
+"""The angular momentum about the vertical."""
+
+from typing import NamedTuple
+
+from rigidmc.physics.dynamics.so3 import dot, up
+from rigidmc.physics.observables.protocol import observable
+
+
+@observable(units="kg m2 s-1", long_name="angular momentum about the vertical", dims=())
+class VerticalMomentum(NamedTuple):
+    """Angular momentum about the vertical, L . A^T e_z."""
+
+    def value(self, q, l):
+        return (dot(up(q), l),)
+''',
+        "physics/observables/__init__.py",
+        "from rigidmc.physics.observables.state import Work",
+        "from rigidmc.physics.observables.vertical import VerticalMomentum as VerticalMomentum",
+    ),
+    "event": (
+        "physics/observables/horizontal.py",
+        '''
+"""How often axis 3 comes up through the horizontal."""
+
+from typing import NamedTuple
+
+from rigidmc.physics.dynamics.so3 import up
+from rigidmc.physics.observables.protocol import event
+
+
+@event(outputs={"rises": ("1", "how often axis 3 came up through the horizontal", ())})
+class Horizontal(NamedTuple):
+    """How often axis 3 comes up through the horizontal plane."""
+
+    def level(self, q):
+        return up(q)[2]
+
+    def results(self, record):
+        return {"rises": record.count}
+''',
+        "physics/observables/__init__.py",
+        "from rigidmc.physics.observables.passage import Passage",
+        "from rigidmc.physics.observables.horizontal import Horizontal as Horizontal",
+    ),
+    "law": (
+        "scene/laws/ring.py",
+        '''
+"""Vectors in a plane."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rigidmc.physics.dynamics.functions import cosine, sine
+from rigidmc.scene.vector_distributions.protocol import Law, number
+from rigidmc.scene.vector_distributions.vectors import AROUND
+from rigidmc.scene.quantities import draw
+
+
+@dataclass(frozen=True)
+class Ring(Law):
+    """A vector of given size in the plane of the axes 1 and 2, in any direction."""
+
+    size: Any
+
+    word = "ring"
+    of = ("omega", "momentum")
+    sized = {"size": 1}
+
+    def checked(self, where):
+        return Ring(number(self.size, where, "size", least=0.0))
+
+    def sample(self, source, name, first, count, facts):
+        size, angle = draw((self.size, AROUND), source, f"{name}.ring", first, count)
+        return np.stack([size * cosine(angle), size * sine(angle), np.zeros(count)])
+''',
+        "scene/laws/__init__.py",
+        "from rigidmc.scene.vector_distributions.attitudes import Fisher",
+        "from rigidmc.scene.vector_distributions.ring import Ring as Ring",
+    ),
+    "study": (
+        "studies/stress/groups/new_group.py",
+        '''
+"""A new group of hard cases."""
+
+from rigidmc.studies.stress.case import Case
+from rigidmc.studies.stress.motions import constant, conserved
+from rigidmc.studies.stress.motions import tops
+
+TITLE = "a new group"
+
+
+def cases():
+    scene = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7))
+    error = constant(scene, 10.0, conserved)
+    yield Case("a new case", "to show how", "conservation laws", error, 1e-3)
+''',
+        "studies/stress/catalogue.py",
+        '    "H15": "published",',
+        '    "H16": "new_group",',
+    ),
+    "map": (
+        "studies/stability_map/cases/new_map.py",
+        '''
+"""A new map."""
+
+from rigidmc.scene.body import Body
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.start import Start
+from rigidmc.studies.stability_map.case import MapCase
+
+
+def new_map():
+    scene = Scene(Body.from_moments((1.0, 2.0, 3.0)), start=Start(omega=(0.0, 1.0, 0.01)))
+    return MapCase(
+        title="A new map",
+        scene=scene,
+        x=("body.moments.1", 0.9, 1.1),
+        y=("body.moments.2", 1.9, 2.1),
+        of=("p(flips >= 1)",),
+        members=1,
+        shown="p(flips>=1)",
+        labels=("I1", "I2", "share that flips"),
+        settings={"integrator": "exact", "dt": 0.1, "t_end": 20.0},
+    )
+''',
+        "studies/stability_map/case.py",
+        '    "growth",',
+        '    "new_map",',
+    ),
+    "subcommand": (
+        "cli/hello.py",
+        '''
+"""rigidmc hello."""
+
+from typing import Any
+
+from rigidmc.cli.common import app
+from rigidmc.cli.options import takes_settings
+
+
+@app.command()
+@takes_settings("dt")
+def hello(run: dict[str, Any]) -> None:
+    """Say hello."""
+    print(f"hello, {run}")
+''',
+        "cli/__init__.py",
+        "    maps,",
+        "    hello,",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def extended(tmp_path_factory):
+    """A copy of package and tests with one of each kind added."""
+    folder = tmp_path_factory.mktemp("extended")
+    for name in ("rigidmc", "tests"):
+        skipped = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / name, folder / name, ignore=skipped)
+    shutil.copy(ROOT / "pyproject.toml", folder)
+    for file, text, registry, before, line in NEW.values():
+        (folder / "rigidmc" / file).write_text(text.lstrip())
+        path = folder / "rigidmc" / registry
+        lines = path.read_text().split("\n")
+        (at,) = (i for i, known in enumerate(lines) if known.startswith(before))
+        lines.insert(at, line)
+        path.write_text("\n".join(lines))
+    return folder
+
+
+def run(folder, *arguments, jit=False):
+    environment = {**os.environ, "PYTHONPATH": str(folder), "RIGIDMC_CACHE_DIR": str(folder / "c")}
+    environment |= {} if jit else {"NUMBA_DISABLE_JIT": "1"}
+    command = [sys.executable, *arguments]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+COMMANDS = """
+import json, sys
+from typer.testing import CliRunner
+from rigidmc.cli import app
+ended = [CliRunner().invoke(app, words) for words in json.loads(sys.argv[1])]
+assert all(one.exit_code == 0 for one in ended), [one.output for one in ended]
+print(json.dumps([one.output for one in ended]))
+"""
+
+
+def test_the_generic_tests_take_what_is_new(extended):
+    files = [
+        "tests/physics/effects/test_effects.py", "tests/physics/integrators/test_steps.py",
+        "tests/physics/integrators/test_tables.py", "tests/physics/observables/test_observables.py",
+    ]  # fmt: skip
+    new = "torsion_spring or cash_karp or vertical_momentum or horizontal"
+    ended = run(
+        extended, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "-k", new, *files
+    )
+    assert ended.returncode == 0, ended.stdout[-3000:]
+    name, only = "tests/physics/integrators/test_integrators.py", "cash_karp and free_body"
+    compiled = run(extended, "-m", "pytest", "-q", "-n", "0", "-k", only, name, jit=True)
+    assert compiled.returncode == 0, compiled.stdout[-3000:]
+    passed = int(ended.stdout.split(" passed")[0].split()[-1])
+    assert passed >= 12, ended.stdout  # measured 18
+
+
+def test_scene_files_and_python_take_what_is_new(extended):
+    (extended / "new.toml").write_text(
+        "[body]\nmoments = [1.0, 1.4, 2.0]\n[effects.torsion_spring]\nstiffness = 3.0\n"
+        "[start]\nmomentum = { ring = 0.5 }\n[run]\nintegrator = 'cash_karp'\ndt = 0.05\n"
+        "t_end = 0.5\nevery = 0.1\nmembers = 4\n"
+        "save = ['vertical_momentum', 'horizontal', 'energy']\n"
+    )
+    code = (
+        "import numpy as np, rigidmc as rm\n"
+        "rm.TorsionSpring, rm.Ring\n"
+        "ds = rm.simulate(rm.Scene.load('new.toml'))\n"
+        "assert ds.vertical_momentum.shape == (6, 4) and ds.rises.shape == (4,)\n"
+        "assert (ds.start_momentum.values[2] == 0.0).all()\n"
+        "assert ds.status.values.tolist() == [0] * 4\n"
+        "print(ds.energy_drift_max.values.max())\n"
+    )
+    ended = run(extended, "-c", code)
+    assert ended.returncode == 0, ended.stderr
+    assert 0.0 < float(ended.stdout) < 2e-9  # measured 4.0e-10: it is integrated
+
+
+def test_the_command_line_takes_what_is_new(extended):
+    expected = {
+        "effects": "torsion_spring",
+        "effects torsion_spring": "torsion_spring",
+        "integrators": "cash_karp",
+        "integrators cash_karp": "cash_karp",
+        "observables": "vertical_momentum",
+        "observables vertical_momentum": "vertical_momentum",
+        "observables horizontal": "horizontal",
+        "map list": "A new map",
+        "hello --dt 500ms": "hello, {'dt': 0.5}",
+        "--help": "hello",
+        "stress --group H16 --integrator cash_karp --threads 1": "a new case",
+        "map new_map --resolution 2 --members 1": "2 x 2 pixels",
+    }
+    ended = run(extended, "-c", COMMANDS, json.dumps([words.split() for words in expected]))
+    assert ended.returncode == 0, ended.stderr
+    told = dict(zip(expected, json.loads(ended.stdout.splitlines()[-1]), strict=True))
+    for words, word in expected.items():
+        assert word in told[words], words
+    assert "horizontal" in told["observables"]
+    assert "1 good" in told["stress --group H16 --integrator cash_karp --threads 1"]
+
+
+def blocks(language):
+    """The blocks of a language on the page about parts of one's own."""
+    page = (ROOT / "docs/how_to/own_parts.md").read_text("utf-8")
+    return re.findall(rf"```{language}\n(.*?)```", page, re.S)
+
+
+@pytest.fixture
+def own(tmp_path):
+    """A folder with mine.py and scene.toml as the page has them."""
+    *parts, _ = blocks("python")
+    (tmp_path / "mine.py").write_text("\n\n".join(parts))
+    (scene,) = blocks("toml")
+    (tmp_path / "scene.toml").write_text(scene)
+    return tmp_path
+
+
+def test_each_part_of_ones_own_takes_fifteen_lines_and_five_of_a_scene_file():
+    _, *parts, _ = blocks("python")
+    assert len(parts) == 8 and max(len(part.splitlines()) for part in parts) <= 15
+    tables = blocks("toml")[0].split("\n\n")
+    assert max(len(table.splitlines()) for table in tables) <= 8
+
+
+def test_a_script_and_a_scene_file_run_the_same_parts(own, monkeypatch):
+    """One of each kind: compiled from the script, uncompiled from the file and the command line."""
+    monkeypatch.chdir(own)
+    names = {"__name__": "mine"}
+    code = "\n\n".join(blocks("python"))
+    (own / "script.py").write_text(code)
+    exec(compile(code, str(own / "script.py"), "exec"), names)
+    ds = names["ds"]
+    ends = names["TorsionSpring"](3.0)
+    assert ds.energy_drift_max.max() < 1e-9  # measured 2.5e-10: torque and energy are of one effect
+    assert type(names["scene"].effects[0]) is type(ends)
+    assert (ds.height.values <= 2.0).all() and ds.height.attrs["units"] == "m"
+    assert (ds.fastest.values >= np.abs(ds.omega.sel(axis=1)).max("time").values).all()
+    assert np.abs((ds.start_omega**2).sum("axis") - 0.25).max() < 1e-15  # measured 5.6e-17
+
+    captured = names["Captured"](stay=1.0)
+    kept, seen = captured.begin(), []
+    # too short a stay, a fall that does not count, a stay, a tilt that is no fall, and a fall
+    for t, tilt in ((0.5, 0.0), (1.0, 2.0), (1.5, 0.2), (2.5, 0.2), (3.0, 1.0), (3.5, 2.0)):
+        kept = captured.update(kept, t, (np.cos(0.5 * tilt), np.sin(0.5 * tilt), 0.0, 0.0))
+        seen.append(kept[2:])
+    assert seen == [(-1.0, 0.0)] * 3 + [(2.5, 0.0)] * 2 + [(2.5, 1.0)]
+    assert ds.lost.dims == ("member",)
+
+    commands = (
+        "run scene.toml --allow-code -o own.nc",
+        "run scene.toml --allow-code -o own/ --members 1 --t-end 0.02 --every 0.02",
+        "integrators --scene scene.toml --allow-code",
+    )
+    ended = run_in(own, *commands)
+    assert ended.returncode == 0, ended.stderr
+    assert "kutta38" in json.loads(ended.stdout.splitlines()[-1])[2]
+    with rm.open(own / "own.nc") as again:  # without the code
+        for name in ("omega", "height", "height_max", "rises", "fastest"):
+            assert again[name].dims == ds[name].dims
+            assert np.abs(again[name] - ds[name]).max() < 5e-15, name  # measured 1.2e-15
+        assert again.height.attrs == ds.height.attrs
+        with pytest.raises(rm.SceneError, match="is code, and scene files execute nothing"):
+            rm.rerun(again, 2)
+        told = rm.open(own / "own", allow_code=True)
+        assert told.rigid.scene().known_integrators()["kutta38"].order == 4  # asks no second time
+        (own / "mine.py").write_text((own / "mine.py").read_text() + "# changed\n")
+        with rm.open(own / "own") as bare:
+            for name in told.variables:
+                assert bare[name].dims == told[name].dims and bare[name].dtype == told[name].dtype
+                assert bare[name].values.tobytes() == told[name].values.tobytes(), name
+                assert bare[name].attrs.get("units") == told[name].attrs.get("units"), name
+            assert bare.attrs == told.attrs
+            assert "fastest" in bare.rigid.summary()
+            with pytest.raises(rm.SceneError, match="is code, and scene files execute nothing"):
+                bare.rigid.scene()
+        assert verify(own / "own", spot=0) == []
+        with pytest.raises(rm.FileError, match="is not the file that the run was started with"):
+            resume(own / "own", allow_code=True, accept=True)  # it was not compiled there
+        (own / "mine.py").unlink()
+        with pytest.raises(rm.SceneError, match=r"there is no file .*mine\.py"):
+            rm.rerun(again, 2, allow_code=True)
+
+
+def run_in(folder, *commands):
+    """Commands of rigidmc in a folder, uncompiled."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_DISABLE_JIT": "1"}
+    words = json.dumps([command.split() for command in commands])
+    command = [sys.executable, "-c", COMMANDS, words]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("[integrators.kutta38]\nmodule", "[integrators.kutta83]\nmodule",
+     r"\[integrators.kutta83\] module = 'mine.py': has no class kutta83.*did you mean 'Kutta38'"),
+    ('[observables.rises]\nmodule = "mine.py"', "[observables.rises]",
+     "rises: no such observable.*an observable of your own needs module"),
+    ("at = 2.0", "to = 2.0", r"\[observables.height\] to: no such key; known: at, module"),
+    ('integrator = "kutta38"', 'integrator = "kutta39"', "no such integrator.*'kutta38'"),
+    ("ring = {", "rings = {", "has no class rings.*did you mean 'Ring'"),
+    ('{ size = 0.5 }, module = "mine.py" }', "{ size = 0.5 } }", "a law of your own needs module"),
+    ('"rises", ', '"risen", ', r"save = 'risen': no such observable.*did you mean 'rises'"),
+    ("[observables.rises]", "[observables.kutta38]", "Kutta38.*or one of your own, with its param"),
+    ("[integrators.kutta38]", "[integrators.ring]", "Ring is no NamedTuple, as an integrator has"),
+    ("ring = { size", "fastest = { size", "Fastest is no law: a frozen dataclass"),
+])  # fmt: skip
+def test_mistakes_about_parts_of_ones_own_are_named(own, old, new, words):
+    text = (own / "scene.toml").read_text()
+    assert old in text
+    (own / "scene.toml").write_text(text.replace(old, new))
+    with pytest.raises(rm.SceneError, match=words):
+        rm.Scene.load(own / "scene.toml", allow_code=True)
+
+
+def test_no_part_of_ones_own_runs_unless_it_is_allowed(own):
+    for table in ("effects", "observables", "integrators", "start"):
+        text = (own / "scene.toml").read_text()
+        others = re.sub(rf"\[(?!{table})(effects|observables|integrators)\.[^[]*", "", text)
+        if table != "start":
+            others = re.sub("omega = .*", "omega = [0.0, 0.5, 0.0]", others)
+        others = re.sub(r"\[run\].*", "", others, flags=re.S)
+        with pytest.raises(rm.SceneError, match=rf"{table}.*is code.*--allow-code"):
+            rm.Scene.loads(others)
