@@ -18,7 +18,7 @@ _CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2
 
 class RigidmcError(ValueError):
     """A mistake in what the user gave, whatever it is; the command line ends with exit code 3, see
-    `rigidmc.cli.codes`.
+    `rigidmc.cli.app`.
 
     The text names file, table, key, value, rule and the nearest right word, and each is an
     attribute.

@@ -1,5 +1,14 @@
-"""The command line: a file per group of commands, listed below. Nothing heavy is imported before a
-command needs it."""
+"""The command line: options in, words and exit codes out.
+
+A command reads its options, calls one function of a lower room inside `with reported():`, and
+prints what the function returns; it computes nothing itself. Every error becomes one message and an
+exit code there. Reading order: `app` (the app, exit codes, panels, scenes and results opened),
+`reporting` (errors, signals, files written, streams), `options` (what commands share), then a file
+for each group of commands, in the list below.
+
+Help pages, messages and exit codes are what scripts rely on: they change only with a line in the
+changelog. A command imports heavy libraries inside its function, so that `--help` loads none.
+"""
 
 import sys
 from typing import Any
@@ -24,9 +33,8 @@ from rigidmc.cli import (  # noqa: F401
     stress,
     vocabulary,
 )
-from rigidmc.cli.apart import keep_apart
-from rigidmc.cli.common import FLAGGED, INCOMPLETE, INTERRUPTED, IO, OK, app
-from rigidmc.cli.streams import guard
+from rigidmc.cli.app import FLAGGED, INCOMPLETE, INTERRUPTED, IO, OK, app, keep_apart
+from rigidmc.cli.reporting import guard
 
 
 def main() -> None:

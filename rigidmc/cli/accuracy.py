@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigidmc.cli.common import about, app, keep, load_scene, refuse_outputs, reported
+from rigidmc.cli.app import STUDY, about, app, load_scene
 from rigidmc.cli.options import (
     AllowCode,
     Force,
@@ -18,7 +18,7 @@ from rigidmc.cli.options import (
     time_option,
     words_of,
 )
-from rigidmc.cli.panels import STUDY
+from rigidmc.cli.reporting import keep, refuse_outputs, reported
 from rigidmc.errors import OptionError
 
 if TYPE_CHECKING:

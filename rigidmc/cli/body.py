@@ -5,15 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import (
-    about,
-    app,
-    load_scene,
-    refuse_outputs,
-    reported,
-    save_picture,
-    written,
-)
+from rigidmc.cli.app import START, STUDY, about, app, load_scene
 from rigidmc.cli.options import (
     AllowCode,
     Force,
@@ -23,7 +15,7 @@ from rigidmc.cli.options import (
     takes_settings,
     time_option,
 )
-from rigidmc.cli.panels import START, STUDY
+from rigidmc.cli.reporting import refuse_outputs, reported, save_picture, written
 
 Source = Annotated[
     str,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from rigidmc.cli.common import FLAGGED, INCOMPLETE, INVALID, OK, app, fail, reported, written
+from rigidmc.cli.app import FLAGGED, INCOMPLETE, INVALID, LONG_RUNS, OK, app
 from rigidmc.cli.options import (
     Accept,
     AllowCode,
@@ -24,7 +24,7 @@ from rigidmc.cli.options import (
     count_option,
     gathering,
 )
-from rigidmc.cli.panels import LONG_RUNS
+from rigidmc.cli.reporting import fail, reported, written
 from rigidmc.errors import OptionError
 
 if TYPE_CHECKING:

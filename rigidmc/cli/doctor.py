@@ -8,17 +8,16 @@ import os
 import platform
 import sys
 from importlib.metadata import PackageNotFoundError, version
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigidmc.cli.common import FLAGGED, app, reported
-from rigidmc.cli.panels import REFERENCE
-from rigidmc.engine.compiler.disk_cache import cache_folder
-from rigidmc.engine.cuda.devices import Device, devices
-from rigidmc.engine.machine import this_machine, threads_available, vector_bits
-from rigidmc.engine.program import lanes_for
+from rigidmc.cli.app import FLAGGED, REFERENCE, app
+from rigidmc.cli.reporting import reported
 from rigidmc.errors import NoDevice
+
+if TYPE_CHECKING:
+    from rigidmc.engine.cuda.devices import Device
 
 
 @app.command(rich_help_panel=REFERENCE)
@@ -77,6 +76,11 @@ PACKAGES = (
 
 def machine_facts() -> dict[str, str | int]:
     """{fact: value} of processor, kernel cache, Python and packages."""
+    # these import Numba, which may read no settings here: only after `keep_apart`
+    from rigidmc.engine.compiler.disk_cache import cache_folder
+    from rigidmc.engine.machine import this_machine, threads_available, vector_bits
+    from rigidmc.engine.program import lanes_for
+
     folder, bits = cache_folder(), vector_bits()
     kernels = [
         os.path.join(top, file)
@@ -107,6 +111,8 @@ def machine_facts() -> dict[str, str | int]:
 
 def _devices() -> dict[str, str]:
     """{device: what it is} of graphics processors, or why there are none."""
+    from rigidmc.engine.cuda.devices import devices
+
     try:
         found = devices()
     except NoDevice as error:
@@ -114,7 +120,7 @@ def _devices() -> dict[str, str]:
     return {f"cuda:{one.number}": _in_words(one) for one in found}
 
 
-def _in_words(one: Device) -> str:
+def _in_words(one: "Device") -> str:
     """What a graphics processor is."""
     capability, driver = (".".join(map(str, pair)) for pair in (one.capability, one.driver))
     return (

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from rigidmc.cli.common import load_scene
+from rigidmc.cli.app import load_scene
 from rigidmc.cli.directories import Ways
 from rigidmc.cli.options import count_option
 from rigidmc.errors import OptionError, unknown

@@ -5,17 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from rigidmc.cli.common import (
-    FLAGGED,
-    INCOMPLETE,
-    OK,
-    about,
-    app,
-    keep,
-    refuse_outputs,
-    reported,
-    show_done,
-)
+from rigidmc.cli.app import FLAGGED, INCOMPLETE, OK, STUDY, about, app
 from rigidmc.cli.directories import (
     Ways,
     begun,
@@ -49,7 +39,7 @@ from rigidmc.cli.options import (
     Threads,
     takes_settings,
 )
-from rigidmc.cli.panels import STUDY
+from rigidmc.cli.reporting import keep, refuse_outputs, reported, show_done
 from rigidmc.errors import OptionError, unknown
 
 if TYPE_CHECKING:

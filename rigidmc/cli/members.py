@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from rigidmc.cli.common import keep, load_scene, opened, refuse_outputs
+from rigidmc.cli.app import load_scene, open_result
 from rigidmc.cli.directories import Make, Ways, begun, names_a_run, refuse_force, refuse_ways
 from rigidmc.cli.options import (
     AllowCode,
@@ -23,6 +23,7 @@ from rigidmc.cli.options import (
     Threads,
     gathering,
 )
+from rigidmc.cli.reporting import keep, refuse_outputs
 from rigidmc.errors import OptionError
 
 if TYPE_CHECKING:
@@ -118,7 +119,7 @@ def of_members(
 
         return make
 
-    return Study(computed, maker, lambda path: of(opened(path, where.allow_code)))
+    return Study(computed, maker, lambda path: of(open_result(path, where.allow_code)))
 
 
 def of_tasks(

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import INTERRUPTED, app, fail, refuse_outputs, reported
+from rigidmc.cli.app import INTERRUPTED, START, app
 from rigidmc.cli.options import Force, count_option, time_option
-from rigidmc.cli.panels import START
+from rigidmc.cli.reporting import fail, refuse_outputs, reported
 from rigidmc.errors import OptionError, RigidmcError, unknown
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.scene.amounts import counted_text

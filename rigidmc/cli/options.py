@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import INVALID, IO, fail
+from rigidmc.cli.app import INVALID, IO
+from rigidmc.cli.reporting import fail
 from rigidmc.engine.cuda.devices import use
 from rigidmc.errors import NoDevice, RigidmcError
 from rigidmc.scene.amounts import counted_text, seconds

@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import about, app, reported
+from rigidmc.cli.app import STUDY, about, app
 from rigidmc.cli.members import Where, of_tasks, shown, studied, takes_members
 from rigidmc.cli.options import count_option, takes_settings
-from rigidmc.cli.panels import STUDY
+from rigidmc.cli.reporting import reported
 from rigidmc.errors import OptionError
 
 if TYPE_CHECKING:

@@ -11,19 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import (
-    INVALID,
-    about,
-    app,
-    fail,
-    load_scene,
-    opened,
-    plots_module,
-    refuse_outputs,
-    reported,
-    save_picture,
-    written,
-)
+from rigidmc.cli.app import INVALID, LOOK, about, app, load_scene, open_result
 from rigidmc.cli.options import (
     FORMATS,
     AllowCode,
@@ -37,7 +25,14 @@ from rigidmc.cli.options import (
     takes_settings,
     time_option,
 )
-from rigidmc.cli.panels import LOOK
+from rigidmc.cli.reporting import (
+    fail,
+    plots_module,
+    refuse_outputs,
+    reported,
+    save_picture,
+    written,
+)
 from rigidmc.errors import OptionError, unknown
 from rigidmc.files.outputs import refuse_existing
 from rigidmc.scene.library import shipped
@@ -104,7 +99,7 @@ def summary(file: ResultArgument, of: Of = []) -> None:  # noqa: B006
         from rigidmc.views.summary import summary as lines
 
         try:
-            with opened(file) as dataset:
+            with open_result(file) as dataset:
                 print(lines(dataset, of=of))
         except OptionError as error:
             error.key, error.file = "--of", file
@@ -132,7 +127,7 @@ def plot(
             raise unknown("", "--picture", picture, "picture", (*PICTURES, "gibbs"), OptionError)
         refuse_outputs(force, plot=output)
         try:
-            with opened(file, allow_code) as dataset:
+            with open_result(file, allow_code) as dataset:
                 if picture == "gibbs":
                     from rigidmc.views.gibbs import gibbs
 
@@ -157,7 +152,7 @@ def export(
         from rigidmc.results.export import write
 
         refuse_outputs(force, output)
-        with opened(file, allow_code) as dataset:
+        with open_result(file, allow_code) as dataset:
             write(dataset, output, force)
         print(*written([output]))
 
@@ -194,7 +189,7 @@ def animate(
         except ValueError as error:
             fail(error, INVALID)
         steps = max(2, round(seconds * fps) - 1) * SMOOTH
-        dataset = frames(opened(file, allow_code), member, steps, allow_code, until)
+        dataset = frames(open_result(file, allow_code), member, steps, allow_code, until)
         if int(dataset.status.values[0]) == 2:
             fail(f"{file}: member {member} never started: it has no such body or start", INVALID)
         count = -(-dataset.sizes["time"] // SMOOTH)
@@ -277,7 +272,7 @@ def _indices(text: str | None) -> list[int] | None:
 
 
 def _map(source: str) -> "xr.Dataset | None":
-    """The map in a file or a run directory; None for everything else, which `opened` tries."""
+    """The map in a file or a run directory; None for everything else, which `open_result` tries."""
     from rigidmc.studies.stability_map.stored import is_map, open_map
 
     return open_map(source) if is_map(source) else None
@@ -289,7 +284,7 @@ def _result(source: str, settings: list[str], allow_code: bool) -> "xr.Dataset":
         if settings:
             raise OptionError("", "--set", settings[0], "is for scenes; a result has been computed")
         found = _map(source)
-        return found if found is not None else opened(source, allow_code)
+        return found if found is not None else open_result(source, allow_code)
     from rigidmc.runs.simulate import simulate
 
     scene = load_scene(source, settings, allow_code)

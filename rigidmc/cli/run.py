@@ -8,19 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import (
-    FLAGGED,
-    INCOMPLETE,
-    OK,
-    about,
-    app,
-    load_scene,
-    plots_module,
-    refuse_outputs,
-    reported,
-    save_picture,
-    written,
-)
+from rigidmc.cli.app import FLAGGED, INCOMPLETE, OK, START, about, app, load_scene
 from rigidmc.cli.directories import (
     Ways,
     begun,
@@ -41,7 +29,7 @@ from rigidmc.cli.options import (
     count_option,
     takes_settings,
 )
-from rigidmc.cli.panels import START
+from rigidmc.cli.reporting import plots_module, refuse_outputs, reported, save_picture, written
 from rigidmc.errors import OptionError
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import about, app, load_scene, reported
+from rigidmc.cli.app import REFERENCE, START, about, app, load_scene
 from rigidmc.cli.options import AllowCode, Device, SceneArgument, Set, Threads, takes_settings
-from rigidmc.cli.panels import REFERENCE, START
+from rigidmc.cli.reporting import reported
 from rigidmc.scene import library
 
 

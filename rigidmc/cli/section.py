@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import about, app, reported, show_done
+from rigidmc.cli.app import STUDY, about, app
 from rigidmc.cli.members import Where, of_members, shown, studied, takes_members
 from rigidmc.cli.options import takes_settings
-from rigidmc.cli.panels import STUDY
+from rigidmc.cli.reporting import reported, show_done
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -6,17 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from rigidmc.cli.common import (
-    FLAGGED,
-    OK,
-    about,
-    app,
-    keep,
-    load_scene,
-    refuse_outputs,
-    reported,
-    written,
-)
+from rigidmc.cli.app import FLAGGED, OK, STUDY, about, app, load_scene
 from rigidmc.cli.options import (
     AllowCode,
     Force,
@@ -26,7 +16,7 @@ from rigidmc.cli.options import (
     Threads,
     words_of,
 )
-from rigidmc.cli.panels import STUDY
+from rigidmc.cli.reporting import keep, refuse_outputs, reported, written
 
 if TYPE_CHECKING:
     import xarray as xr

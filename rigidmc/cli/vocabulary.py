@@ -12,9 +12,9 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import app, load_scene, reported
+from rigidmc.cli.app import REFERENCE, app, load_scene
 from rigidmc.cli.options import AllowCode
-from rigidmc.cli.panels import REFERENCE
+from rigidmc.cli.reporting import reported
 from rigidmc.errors import OptionError, unknown
 
 Name = Annotated[

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
-from rigidmc.cli.panels import PANELS
+from rigidmc.cli.app import PANELS
 from rigidmc.version import VERSION
 
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
-from rigidmc.cli.streams import Stream
+from rigidmc.cli.reporting import Stream
 from rigidmc.errors import FileError, OptionError, SceneError, shown
 from rigidmc.files.reading import harmless
 from rigidmc.planning.steps import grid

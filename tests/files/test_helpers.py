@@ -17,7 +17,7 @@ from tests.faulty import LINUX
 
 ROOT = Path(rm.__file__).parent
 COMMAND = os.path.join(os.path.dirname(sys.executable), "rigidmc")
-HELPERS = ("files.trial", "engine.beside", "planning.tolerance.compile_ahead",
+HELPERS = ("files.trial", "engine.compile_helper", "planning.tolerance.choose",
            "studies.stress.processes")  # fmt: skip
 
 
@@ -84,7 +84,7 @@ def test_a_helper_executes_nothing_of_the_folder(planted, module, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", f":{planted}")
     task = {
         "files.trial": json.dumps(["netCDF", str(planted / "a.nc")]),
-        "engine.beside": "[]",
+        "engine.compile_helper": "[]",
     }.get(module, "")
     with helpers.start(f"rigidmc.{module}") as helper:
         out, _ = helper.communicate(task, timeout=100)
@@ -103,7 +103,7 @@ def test_settings_in_the_folder_are_not_obeyed(planted, library):
         "matplotlib": "import matplotlib as m; print(m.rcParams['animation.ffmpeg_path'])",
         "numba": "import numba as n; n.core.config.reload_config(); print(n.config.DISABLE_JIT)",
     }[library]
-    apart = "from rigidmc.cli.apart import keep_apart; keep_apart(); "
+    apart = "from rigidmc.cli.app import keep_apart; keep_apart(); "
     told = [
         subprocess.run(
             [sys.executable, "-P", "-c", first + asked], cwd=planted, capture_output=True, text=True

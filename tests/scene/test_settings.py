@@ -10,7 +10,7 @@ import pytest
 from typer.main import get_command
 
 import rigidmc as rm
-from rigidmc.cli.common import app
+from rigidmc.cli.app import app
 from rigidmc.scene.settings import Run, types
 
 COMMANDS = get_command(app).commands

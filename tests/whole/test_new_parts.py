@@ -155,7 +155,7 @@ class Horizontal(NamedTuple):
         "from rigidmc.physics.observables.horizontal import Horizontal as Horizontal",
     ),
     "law": (
-        "scene/laws/ring.py",
+        "scene/vector_distributions/ring.py",
         '''
 """Vectors in a plane."""
 
@@ -187,7 +187,7 @@ class Ring(Law):
         size, angle = draw((self.size, AROUND), source, f"{name}.ring", first, count)
         return np.stack([size * cosine(angle), size * sine(angle), np.zeros(count)])
 ''',
-        "scene/laws/__init__.py",
+        "scene/vector_distributions/__init__.py",
         "from rigidmc.scene.vector_distributions.attitudes import Fisher",
         "from rigidmc.scene.vector_distributions.ring import Ring as Ring",
     ),
@@ -208,7 +208,7 @@ def cases():
     error = constant(scene, 10.0, conserved)
     yield Case("a new case", "to show how", "conservation laws", error, 1e-3)
 ''',
-        "studies/stress/catalogue.py",
+        "studies/stress/case.py",
         '    "H15": "published",',
         '    "H16": "new_group",',
     ),
@@ -248,7 +248,7 @@ def new_map():
 
 from typing import Any
 
-from rigidmc.cli.common import app
+from rigidmc.cli.app import app
 from rigidmc.cli.options import takes_settings
 
 

@@ -1,69 +1,35 @@
-"""What all commands share: the app, exit codes, errors in words, and outputs."""
+"""What a command says and writes: errors and signals in words with an exit code, notes, the lines
+on its files, and standard streams that never fail."""
 
+import contextlib
 import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType, ModuleType
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
 
 import typer
 
-from rigidmc.cli.codes import FLAGGED as FLAGGED
-from rigidmc.cli.codes import INCOMPLETE as INCOMPLETE
-from rigidmc.cli.codes import INTERRUPTED as INTERRUPTED
-from rigidmc.cli.codes import INVALID as INVALID
-from rigidmc.cli.codes import IO as IO
-from rigidmc.cli.codes import OK as OK
-from rigidmc.cli.codes import REFUSED, TERMINATED, in_short
-from rigidmc.cli.panels import Commands
+from rigidmc.cli.app import INCOMPLETE, INTERRUPTED, INVALID, IO, REFUSED, TERMINATED
 from rigidmc.engine.cuda.devices import use
 from rigidmc.errors import (
-    FileError,
     NoRoom,
     NoSuchScene,
-    OptionError,
     OutputExists,
     RigidmcError,
     SceneWarning,
     nearest,
+    shown,
 )
-from rigidmc.version import VERSION
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    from rigidmc.scene.scene import Scene
-
 LEFT = "no incomplete file bears a final name, and `rigidmc resume` goes on with a run directory"
-
-app = typer.Typer(
-    cls=Commands,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    no_args_is_help=True,
-    rich_markup_mode="rich",
-    pretty_exceptions_enable=False,
-    epilog=in_short(),
-)
-
-
-def _version(asked: bool) -> None:
-    """Print the version, and end."""
-    if asked:
-        print(f"rigidmc {VERSION}")
-        raise typer.Exit(OK)
-
-
-@app.callback()
-def common(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
-    ] = False,
-) -> None:
-    """Monte Carlo ensembles of rigid bodies with a fixed point: millions of tops in parallel."""
 
 
 class Terminated(BaseException):
@@ -151,16 +117,6 @@ def _no_parts_left(numbers: list[int]) -> Iterator[None]:
         raise
 
 
-@contextmanager
-def about(file: str) -> Iterator[None]:
-    """Name the file in each error that names none."""
-    try:
-        yield
-    except RigidmcError as error:
-        error.file = error.file or file
-        raise
-
-
 def _in_words(error: Exception) -> str:
     """An error of the system without its number: the file, and what is wrong with it."""
     if not isinstance(error, OSError) or error.strerror is None or error.filename is None:
@@ -200,49 +156,6 @@ def fail(message: object, code: int) -> NoReturn:
     """Print a message and end the command with an exit code."""
     print(f"rigidmc: {message}", file=sys.stderr)
     raise typer.Exit(code)
-
-
-def load_scene(
-    source: str,
-    settings: Sequence[str] = (),
-    allow_code: bool = False,
-    run: Mapping[str, Any] | None = None,
-) -> "Scene":
-    """A scene with the --set options and the run settings of the command line."""
-    from rigidmc.files.opening import is_zarr
-    from rigidmc.scene.scene import Scene, scene_of
-
-    pairs = []
-    for setting in settings:
-        key, equals, value = setting.partition("=")
-        if not equals or "." not in key:
-            rule = "expected table.key=value, e.g. body.moments=[1,2,3] or effects.gravity.g=1.62"
-            raise OptionError("", "--set", setting, rule)
-        pairs.append((key.strip(), value.strip()))
-    with about(source):
-        file = source.lower().endswith(".nc") and not os.path.isdir(source)
-        if file or is_zarr(source):
-            # this checks the whole result, Scene.load only its scene
-            with opened(source) as result:
-                scene = scene_of(result, pairs, allow_code)
-        else:
-            scene = Scene.load(source, pairs, allow_code)
-        return scene.with_run(**run or {})
-
-
-def opened(path: str, allow_code: bool = False) -> "xr.Dataset":
-    """A result as a Dataset: a file or a run directory; FileError that helps for a scene."""
-    import rigidmc
-    from rigidmc.scene.library import shipped
-
-    there = os.path.exists(path)
-    if (there and path.lower().endswith(".toml")) or (not there and path in shipped()):
-        rule = (
-            f"is a scene, no result: run it first, `rigidmc run {path} -o RESULT.nc`, or see it"
-            f" turn by `rigidmc view {path}`"
-        )
-        raise FileError("", "result", path, rule)
-    return rigidmc.open(path, allow_code)
 
 
 def plots_module() -> ModuleType:
@@ -329,3 +242,60 @@ def written(paths: Iterable[str | None]) -> list[str]:
     from rigidmc.files.outputs import size_of
 
     return [f"  wrote {path} ({size_of(path) / 1e6:,.1f} MB)" for path in paths if path is not None]
+
+
+class Stream:
+    """A standard stream that may be closed, without a reader, or on a full disk, and never fails.
+
+    Files and exit codes do not depend on it, except the exit code that reports a failed write.
+
+    fault : the OSError that ended its output; None if only its reader has gone
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self._gone = stream, False
+        self.fault: OSError | None = None
+        with contextlib.suppress(AttributeError):
+            # an encoding that lacks a character, such as that of |L|², is no reason to fail
+            # (a stream without `reconfigure` is left as it is)
+            stream.reconfigure(errors="backslashreplace")  # type: ignore[attr-defined]
+
+    def write(self, text: str) -> int:
+        """Write a text without what controls a terminal, unless rich writes: that draws help and
+        progress, of words that are our own."""
+        rich = sys._getframe(1).f_globals.get("__name__", "").startswith("rich.")
+        return self.draw(text if rich else shown(text))
+
+    def draw(self, text: str) -> int:
+        """Write a text as it is."""
+        self._tried(self._stream.write, text)
+        return len(text)
+
+    def flush(self) -> None:
+        self._tried(self._stream.flush)
+
+    def _tried(self, work: Callable[..., object], *given: str) -> None:
+        if not self._gone:
+            try:
+                work(*given)
+            except OSError as error:
+                self._gone, self.fault = True, None if isinstance(error, BrokenPipeError) else error
+                with contextlib.suppress(OSError):  # its buffer and what libraries print is dropped
+                    os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def guard() -> Stream:
+    """Give this process standard streams that never fail; return its standard output."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:  # a closed one: the next file opened would receive what is printed
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+    sys.stdin = sys.stdin or os.fdopen(0, closefd=False)
+    out = Stream(sys.stdout or os.fdopen(1, "w", closefd=False))
+    error = Stream(sys.stderr or os.fdopen(2, "w", closefd=False))
+    sys.stdout, sys.stderr = cast(TextIO, out), cast(TextIO, error)
+    return out
