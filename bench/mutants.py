@@ -353,8 +353,8 @@ def judge():
     from rigidmc.engine.kernel import layout
 
     layout.LANES = 1
+    from rigidmc.studies.stress import catalogue
     from rigidmc.studies.stress import study as run
-    from rigidmc.studies.stress.case import catalogue
     from rigidmc.studies.stress.processes import carried_out
 
     known = run.shipped_bounds()

@@ -174,7 +174,7 @@ def _sheet(study: "xr.Dataset", ratio: np.ndarray) -> "Table":
     from rich.table import Table
     from rich.text import Text
 
-    from rigidmc.studies.stress.case import GROUPS
+    from rigidmc.studies.stress import GROUPS
     from rigidmc.studies.stress.study import VERDICTS
 
     sheet = Table(

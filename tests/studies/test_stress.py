@@ -3,8 +3,8 @@
 Also wrong words and wrong bounds.
 """
 
+import inspect
 import math
-import pkgutil
 from functools import cache
 
 import numpy as np
@@ -12,9 +12,17 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.studies.stress import groups, picture, processes
+from rigidmc.studies.stress import (
+    GROUPS,
+    catalogue,
+    free_cases,
+    heavy_cases,
+    numerical_cases,
+    picture,
+    processes,
+)
 from rigidmc.studies.stress import study as H
-from rigidmc.studies.stress.case import GROUPS, MODULES, Case, catalogue
+from rigidmc.studies.stress.case import Case
 from rigidmc.studies.stress.motions import (
     conserved,
     constant,
@@ -36,9 +44,13 @@ def cases():
     return catalogue()
 
 
-def test_every_file_of_cases_is_in_the_catalogue():
-    names = {module.__name__.rpartition(".")[2] for module in MODULES.values()}
-    assert names == {found.name for found in pkgutil.iter_modules(groups.__path__)}
+def test_every_group_has_one_title_and_one_function():
+    files = (free_cases, heavy_cases, numerical_cases)
+    groups = [group for file in files for group in file.CASES]
+    assert sorted(groups) == sorted(GROUPS)
+    for file in files:  # no function that yields cases is left out
+        makers = {f for f in vars(file).values() if inspect.isgeneratorfunction(f)}
+        assert {f for f in makers if not f.__name__.startswith("_")} == set(file.CASES.values())
 
 
 def test_the_catalogue_is_complete():

@@ -191,27 +191,6 @@ class Ring(Law):
         "from rigidmc.scene.vector_distributions.attitudes import Fisher",
         "from rigidmc.scene.vector_distributions.ring import Ring as Ring",
     ),
-    "study": (
-        "studies/stress/groups/new_group.py",
-        '''
-"""A new group of hard cases."""
-
-from rigidmc.studies.stress.case import Case
-from rigidmc.studies.stress.motions import constant, conserved
-from rigidmc.studies.stress.motions import tops
-
-TITLE = "a new group"
-
-
-def cases():
-    scene = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7))
-    error = constant(scene, 10.0, conserved)
-    yield Case("a new case", "to show how", "conservation laws", error, 1e-3)
-''',
-        "studies/stress/case.py",
-        '    "H15": "published",',
-        '    "H16": "new_group",',
-    ),
     "map": (
         "studies/stability_map/cases/new_map.py",
         '''
@@ -265,6 +244,33 @@ def hello(run: dict[str, Any]) -> None:
 }
 
 
+# a group of hard cases is no file: (file, line that the new text comes before, new text)
+GROUP = (
+    (
+        "studies/stress/free_cases.py",
+        "CASES = {",
+        """
+def new_group():
+    scene = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7))
+    error = constant(scene, 10.0, conserved)
+    yield Case("a new case", "to show how", "conservation laws", error, 1e-3)
+
+
+""",
+    ),
+    ("studies/stress/free_cases.py", '    "H6": fast_spin,', '    "H16": new_group,'),
+    ("studies/stress/__init__.py", '    "H15": "published ends",', '    "H16": "a new group",'),
+)
+
+
+def insert(path, before, text):
+    """Write a text before the one line that begins so."""
+    lines = path.read_text().split("\n")
+    (at,) = (i for i, known in enumerate(lines) if known.startswith(before))
+    lines.insert(at, text)
+    path.write_text("\n".join(lines))
+
+
 @pytest.fixture(scope="module")
 def extended(tmp_path_factory):
     """A copy of package and tests with one of each kind added."""
@@ -275,11 +281,9 @@ def extended(tmp_path_factory):
     shutil.copy(ROOT / "pyproject.toml", folder)
     for file, text, registry, before, line in NEW.values():
         (folder / "rigidmc" / file).write_text(text.lstrip())
-        path = folder / "rigidmc" / registry
-        lines = path.read_text().split("\n")
-        (at,) = (i for i, known in enumerate(lines) if known.startswith(before))
-        lines.insert(at, line)
-        path.write_text("\n".join(lines))
+        insert(folder / "rigidmc" / registry, before, line)
+    for file, before, text in GROUP:
+        insert(folder / "rigidmc" / file, before, text)
     return folder
 
 

@@ -1,1 +1,43 @@
-"""Hard cases: how far each integrator is from the truth in them."""
+"""Hard cases: how far each integrator is from the truth, and how far a scene can be trusted.
+
+A `Case` (`case`) is one motion, why it is hard, the truth, and a function that returns the error of
+an integrator. The cases lie in three catalogues, `free_cases`, `heavy_cases` and `numerical_cases`;
+`motions` and `truths` make the errors, `problems` has published ends. `study` compares each error
+with its bound in bounds.csv, through worker processes (`processes`); `picture` draws both studies.
+`trust` puts one scene of a user to the checks in `checks`.
+
+A measured bound is four times an error on one machine: it grows by a measurement alone, never
+because a change of code needs it.
+"""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rigidmc.studies.stress.case import Case
+
+GROUPS = {  # {group: its title}
+    "H1": "principal axes",
+    "H2": "Dzhanibekov",
+    "H3": "separatrix",
+    "H4": "symmetric limits",
+    "H5": "plates and needles",
+    "H6": "fast spin",
+    "H7": "heavy symmetric tops",
+    "H8": "scale",
+    "H9": "very many steps",
+    "H10": "integrable and steady heavy tops",
+    "H11": "chaos",
+    "H12": "refused",
+    "H13": "attitude errors",
+    "H14": "damping",
+    "H15": "published ends",
+}
+
+
+def catalogue() -> "list[Case]":
+    """All cases, group by group."""
+    from rigidmc.studies.stress import free_cases, heavy_cases, numerical_cases
+
+    cases = {**free_cases.CASES, **heavy_cases.CASES, **numerical_cases.CASES}
+    return [replace(case, group=group) for group in GROUPS for case in cases[group]()]

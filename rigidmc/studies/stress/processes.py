@@ -14,7 +14,8 @@ from rigidmc.errors import RigidmcError
 from rigidmc.files.helpers import start
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.progress import reporter
-from rigidmc.studies.stress.case import Case, catalogue
+from rigidmc.studies.stress import catalogue
+from rigidmc.studies.stress.case import Case
 
 Outcome = tuple[float, float, str]  # error, seconds, reason; see `carried_out`
 Worker = subprocess.Popen[str]

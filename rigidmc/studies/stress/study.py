@@ -16,7 +16,8 @@ from rigidmc.errors import FileError, OptionError, RigidmcError, unknown
 from rigidmc.files.outputs import write_bytes
 from rigidmc.files.reading import harmless, text_of
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.studies.stress.case import GROUPS, Case, catalogue
+from rigidmc.studies.stress import GROUPS, catalogue
+from rigidmc.studies.stress.case import Case
 from rigidmc.studies.stress.processes import Outcome, carry_out
 from rigidmc.version import VERSION
 
@@ -103,7 +104,7 @@ def bound_of(
 
 def shipped_bounds() -> dict[Key, tuple[float, float]]:
     """{(case, integrator): (bound, measured)} of `bounds.csv`."""
-    text = resources.files("rigidmc.studies").joinpath("bounds.csv").read_text("utf-8")
+    text = resources.files("rigidmc.studies.stress").joinpath("bounds.csv").read_text("utf-8")
     return _read(text, "bounds.csv")
 
 

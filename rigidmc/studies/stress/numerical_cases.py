@@ -1,0 +1,362 @@
+"""Hard cases of the numbers themselves: groups H8, H9 and H12 to H15.
+
+A group is a function that yields its `Case`s, and an entry of CASES at the end of the file.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from rigidmc.mechanics.rotation import attitude_error
+from rigidmc.physics.dynamics.so3 import multiply
+from rigidmc.physics.effects.damping import ViscousDamping
+from rigidmc.physics.effects.gravity import Gravity
+from rigidmc.physics.integrators import INTEGRATORS
+from rigidmc.runs.simulate import simulate
+from rigidmc.scene.body import Body
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.start import Start
+from rigidmc.studies.stress.case import (
+    Case,
+    keeps_free_invariants,
+    loses_free_invariants,
+    makes_steps,
+    only,
+    reversible,
+)
+from rigidmc.studies.stress.motions import (
+    GRAVITY,
+    conserved,
+    constant,
+    direction,
+    leaning,
+    random_tops,
+    tops,
+    walk,
+)
+from rigidmc.studies.stress.problems import PROBLEMS
+from rigidmc.studies.stress.truths import (
+    against_closed,
+    against_end,
+    against_turn,
+    refused,
+    scaled_alike,
+    there_and_back,
+)
+
+MOMENTS, MOMENTUM = np.array((1.0, 1.4, 2.0)), np.array((0.3, 0.9, 0.7))
+CENTRE = (0.1, 0.2, 0.3)
+# moments [kg m2], momentum [kg m2/s], why
+SCALED_BODIES = {
+    "a molecule": (
+        np.array((1.0, 1.9, 2.9)) * 1e-47,
+        np.array((1.0, 2.0, -1.0)) * 1e-34,
+        "water: moments 1e-47 kg m2, 1e13 rad/s",
+    ),
+    "a dust grain": (
+        np.array((1.0, 1.4, 2.0)) * 1e-28,
+        np.array((0.3, 0.9, 0.7)) * 1e-24,
+        "a tenth of a micrometre: 1e-28 kg m2",
+    ),
+    "the Earth": (
+        np.array((8.008, 8.010, 8.036)) * 1e37,
+        np.array((1e27, 0.0, 5.86e33)),
+        "8e37 kg m2, moments equal to 3e-4, almost on its axis",
+    ),
+}
+
+
+def scale() -> Iterator[Case]:
+    """Very large and very small numbers, other units, zeros, denormal numbers, steps backwards."""
+    yield from _sizes()
+    yield from _zeros()
+    yield from _backwards()
+    yield from _units()
+
+
+def _sizes() -> Iterator[Case]:
+    for exponent in (-300, -150, 150, 300):
+        size = 10.0**exponent
+        yield Case(
+            f"|L| = 1e{exponent}",
+            "squares of the momentum overflow or vanish",
+            "closed form",
+            against_closed(tops(MOMENTS, MOMENTUM * size), 10.0 / size),
+            quick=exponent == -300,
+        )
+    for word, (i, l, why) in SCALED_BODIES.items():
+        end = 100.0 * float(np.min(i) / np.linalg.norm(l))
+        error = against_closed(tops(i, l), end)
+        yield Case(word, why, "closed form", error, quick=word == "a molecule")
+    i, l, _ = SCALED_BODIES["a molecule"]
+    end = 100.0 * float(np.min(i) / np.linalg.norm(l))
+    yield Case(
+        "a molecule in float32",
+        "moments of 1e-47 kg m2 are 0 in single precision",
+        "closed form",
+        against_closed(tops(i, l), end, turn=0.05, dtype="float32"),
+        claims=only("rk4", "exact", "strang", "rotations"),
+    )
+
+
+def _zeros() -> Iterator[Case]:
+    signs = np.array([(a, 1.0, b) for a in (1.0, -1.0) for b in (1.0, -1.0)])
+    yield Case(
+        "1e-165 off the middle axis",
+        "the squares that decide about which axis L circles are 0: decided anew at each end"
+        " of a step, they would turn the body over",
+        "a rotation at constant rate",
+        against_turn(tops((0.3, 1.0, 1.3), signs * (1e-165, 1.0, 1e-175)), 20.0, 1.0),
+        quick=True,
+    )
+    yield Case(
+        "at rest",
+        "L = 0: formulas must not divide by |L|",
+        "L = 0 to the bit",
+        constant(tops(MOMENTS, (0.0, 0.0, 0.0)), 10.0, direction),
+        asked=0.0,
+    )
+    body = Body.from_moments(tuple(MOMENTS), centre=CENTRE)
+    weightless = Scene(body, (Gravity(0.0),), Start(momentum=tuple(MOMENTUM)))
+    yield Case(
+        "g = 0",
+        "gravity is compiled in and must change nothing",
+        "closed form",
+        against_closed(weightless, 10.0),
+        effects=GRAVITY,
+    )
+
+
+def _backwards() -> Iterator[Case]:
+    free = tops(tuple(MOMENTS), tuple(MOMENTUM))
+    yield Case(
+        "there and back",
+        "the same steps with h < 0",
+        "its own start",
+        there_and_back(free, 20.0),
+        asked=1e-13,
+        claims=reversible,
+        quick=True,
+    )
+    yield Case(
+        "there and back, heavy",
+        "the same steps with h < 0",
+        "its own start",
+        there_and_back(_leaning_top(), 20.0),
+        asked=1e-12,
+        effects=GRAVITY,
+        claims=reversible,
+    )
+    half = math.sqrt(0.5)
+    attitude = (0.0, -half, 1e-311, half)
+    swinging = tops((0.3, 1.0, 1.3), (0.0, 0.0, 0.0), attitude, (0.0, 0.0, 1.0))
+    yield Case(
+        "a pendulum 1e-311 off its plane",
+        "components of the attitude that are denormal numbers",
+        "its own start",
+        there_and_back(swinging, 20.0),
+        effects=GRAVITY,
+        claims=reversible,
+    )
+
+
+def _units() -> Iterator[Case]:
+    for power_of_two, word in ((True, "powers of 2"), (False, "powers of 10")):
+        mass, length, time = (2.0**-90, 2.0**-30, 2.0**-20) if power_of_two else (1e-27, 1e-9, 1e-6)
+        unit = mass * length**2
+        centre = (0.1 * length, 0.2 * length, 0.3 * length)
+        small = Scene(
+            Body.from_moments(tuple(MOMENTS * unit), mass=mass, centre=centre),
+            (Gravity(1.0 * length / time**2),),
+            Start(momentum=tuple(MOMENTUM * unit / time), attitude=leaning(1.0)),
+        )
+        yield Case(
+            f"units by {word}",
+            "mass, length and time in other units: a dust grain moves as a wheel does",
+            "the same scene in the first units",
+            scaled_alike(_leaning_top(), small, 10.0, time, unit / time, power_of_two),
+            asked=0.0 if power_of_two else 1e-12,
+            effects=GRAVITY,
+            claims=makes_steps,
+        )
+
+
+def _leaning_top() -> Scene:
+    return tops(tuple(MOMENTS), tuple(MOMENTUM), leaning(1.0), CENTRE)
+
+
+STEPS = 1_000_000
+
+
+def many_steps() -> Iterator[Case]:
+    """Drift of invariants over a million steps and more: rounding, and how it grows."""
+    scene = tops(*random_tops())
+    yield Case(
+        "free invariants, 1e6 steps",
+        "rounding alone: a bias of 1e-17 per step would show",
+        "invariants",
+        constant(scene, 0.1 * 1e6, conserved, saves=16, steps=STEPS),
+        claims=keeps_free_invariants,
+    )
+    yield Case(
+        "free invariants, 1e6 steps, compensated",
+        "compensated sums remove the rounding of the state and leave that of the increments",
+        "invariants",
+        constant(scene, 0.1 * 1e6, conserved, saves=16, steps=STEPS, compensated=True),
+        claims=only("exact", "midpoint", "strang", "srkn6"),
+    )
+    yield Case(
+        "rounding walks, it does not march",
+        "32 tops over 1e6 steps: the rms drift grows as sqrt(n), not as n",
+        "random walk",
+        walk(scene, 0.1, STEPS),
+        asked=3.0,
+        claims=only("exact", "midpoint", "strang"),
+    )
+    yield Case(
+        "rounding over 1e7 steps",
+        "ten times as long",
+        "random walk",
+        walk(scene, 0.1, 10 * STEPS),
+        asked=3.0,
+        claims=only("exact"),
+    )
+    yield Case(
+        "drift of Runge-Kutta methods, 1e6 steps",
+        "1e6 steps of 0.02 rad: energy and |L|^2 drift as h^(order + 1) t",
+        "invariants",
+        constant(scene, 0.02 * 1e6 / 3.0, conserved, saves=16, steps=STEPS),
+        claims=loses_free_invariants,
+    )
+
+
+Refusal = tuple[Callable[[str], object], str, Callable[[str], bool]]  # call, text, claims
+
+
+def _heavy_scene(*effects: Any) -> Scene:
+    body = Body.from_moments((1.0, 1.4, 2.0), centre=(0.0, 0.0, 1.0))
+    start = Start(momentum=(1.0, 0.0, 0.0))
+    one: Scene = Scene(body, effects, start).with_run(members=1, t_end=1.0)
+    return one
+
+
+def _steps_backwards(name: str) -> bool:
+    """Splittings of order above 2: they have steps backwards."""
+    return INTEGRATORS[name].splitting and INTEGRATORS[name].order > 2
+
+
+REFUSED_CALLS: dict[str, Refusal] = {
+    "backward steps and damping": (
+        lambda name: simulate(_heavy_scene(Gravity(1.0), ViscousDamping(0.1)), integrator=name),
+        "depends on L",
+        _steps_backwards,
+    ),
+    "a torque on free motion": (
+        lambda name: simulate(_heavy_scene(Gravity(1.0)), integrator=name),
+        "takes no torque",
+        only("exact"),
+    ),
+    "h = 0": (lambda name: simulate(_heavy_scene(), integrator=name, dt=0.0), "dt", makes_steps),
+    "a start that is no number": (
+        lambda name: tops((1.0, 1.4, 2.0), (math.nan, 0.0, 0.0)),
+        "finite",
+        makes_steps,
+    ),
+    "the triangle inequality": (
+        lambda name: Body.from_moments((1.0, 1.0, 2.1)),
+        "triangle",
+        makes_steps,
+    ),
+    "a moment of zero": (
+        lambda name: Body.from_moments((0.0, 1.0, 1.0)),
+        "positive",
+        makes_steps,
+    ),
+    "a quaternion of norm 0": (
+        lambda name: tops((1.0, 1.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)),
+        "norm 0",
+        makes_steps,
+    ),
+}
+
+
+def refusals() -> Iterator[Case]:
+    """What must be refused with a reason, not run."""
+    for word, (call, rule, claims) in REFUSED_CALLS.items():
+        yield Case(
+            word,
+            "must be refused with the reason, not run",
+            "an error that says so",
+            refused(call, rule),
+            asked=0.0,
+            claims=claims,
+        )
+
+
+def _error_of_small_angles(integrator: str, share: float) -> float:
+    """Largest error of the angle between q and q rotated by 0.1 to 1e-15 rad, with either sign."""
+    q, angles = np.array((0.1, -0.5, 0.7, 0.5)), 10.0 ** -np.arange(1.0, 16.0)
+    q /= np.linalg.norm(q)
+    half = [(math.cos(0.5 * a), 0.0, math.sin(0.5 * a), 0.0) for a in angles]
+    rotated = np.array([multiply(tuple(q), step) for step in half])
+    measured = attitude_error(np.concatenate([rotated, -rotated]), q)
+    return float(np.abs(measured - np.tile(angles, 2)).max())
+
+
+def attitude_errors() -> Iterator[Case]:
+    """The measure of attitude errors itself, at very small angles."""
+    yield Case(
+        "angles of 0.1 to 1e-15 rad",
+        "2 arccos |p.q| is 0 for all angles below 1e-8; q and -q are one attitude",
+        "the angle of the rotation",
+        _error_of_small_angles,
+        asked=1e-15,
+        claims=only("exact"),
+        quick=True,
+    )
+
+
+def damping() -> Iterator[Case]:
+    """Damped free bodies, whose closed form is the undamped motion at another time."""
+    slow = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7), damping=0.2)
+    yield Case(
+        "damped asymmetric body",
+        "L' = L x omega - rate L: every integrator must place the damping right within its step",
+        "closed form at another time",
+        against_closed(slow, 20.0),
+        effects=slow.effects,
+    )
+    fast = tops((1.0, 1.4, 2.0), (3.0, 9.0, 7.0), damping=5.0)
+    yield Case(
+        "to rest in 30 e-foldings",
+        "the step is short against the first spin and long against the last",
+        "closed form at another time",
+        against_closed(fast, 6.0),
+        effects=fast.effects,
+    )
+
+
+def published() -> Iterator[Case]:
+    """Published ends of named problems, see `rigidmc.studies.stress.problems`."""
+    for word in ("nasa_brick", "toms903_step", "hairer_free", "hairer_heavy", "cardona_top"):
+        problem = PROBLEMS[word]
+        yield Case(
+            word.replace("_", " "),
+            "a published result, at 34 digits where sources agree",
+            problem.source.split(";")[0],
+            against_end(problem),
+            effects=problem.effects,
+            quick=word in ("hairer_heavy", "nasa_brick"),
+        )
+
+
+CASES = {
+    "H8": scale,
+    "H9": many_steps,
+    "H12": refusals,
+    "H13": attitude_errors,
+    "H14": damping,
+    "H15": published,
+}
