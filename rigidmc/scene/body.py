@@ -1,554 +1,389 @@
-"""Bodies from moments, tensors, particles, solids, densities and meshes, and of other bodies."""
+"""What a body is: mass, centre of mass, principal moments about the fixed point, and their axes."""
 
-import inspect
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NoReturn
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import floats, placed
-from rigidmc.errors import SceneError, nearest, unknown
-from rigidmc.mechanics import inertia, rotation, solids
-from rigidmc.scene import shape
-from rigidmc.scene.mass_distribution import MassDistribution
-from rigidmc.scene.quantities import is_shared, quantity, vector
+from rigidmc.arrays import floats
+from rigidmc.errors import SceneError
+from rigidmc.mechanics import inertia, rotation
+from rigidmc.scene.body_changes import BodyChanges
+from rigidmc.scene.quantities import Source, draw, is_open, is_shared, quantity, vector
+from rigidmc.scene.shape import Shape
+from rigidmc.scene.vector_distributions import checked
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+from rigidmc.scene.vector_distributions.protocol import Law, numbers_of
 
-if TYPE_CHECKING:
-    from trimesh import Trimesh
+Array = NDArray[np.float64]
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+_Turn = TypeVar("_Turn", bound=Callable[..., Array])
 
 
-class _Hints(type):
-    """Hints for attributes that Body does not have: Body.cone is Body.solid("cone", ...)."""
+def _between_axes(source: str, target: str, example: str) -> Callable[[_Turn], _Turn]:
+    """Complete the docstring of a method that takes a vector or an attitude from the one axes to
+    the other ones."""
 
-    def __getattr__(cls, name: str) -> NoReturn:
-        words = f"type object 'Body' has no attribute '{name}'"
-        if name in solids.SOLIDS:
-            names = inspect.signature(solids.SOLIDS[name]).parameters
-            sizes = ", ".join(f"{key}=..." for key in names)
-            words += f"; Body.solid('{name}', {sizes}) makes one"
-        elif not name.startswith("_"):
-            public = (word for word in dir(cls) if not word.startswith("_"))
-            close = nearest(name, (*solids.SOLIDS, *public))
-            if close in solids.SOLIDS and close not in cls.__dict__:
-                close = f"solid('{close}', ...)"
-            words += f"; did you mean Body.{close}?" if close else ""
-        raise AttributeError(words)
+    def completed(method: _Turn) -> _Turn:
+        (name,) = (word for word in method.__annotations__ if word != "return")
+        many, size = ("components in", 3) if name == "vector" else ("quaternions of", 4)
+        method.__doc__ = f"""{method.__doc__}
+
+        Parameters
+        ----------
+        {name} : array_like (..., {size})
+            {many} the {source} axes
+
+        Returns
+        -------
+        numpy.ndarray (..., {size})
+            {many} the {target} axes
+
+        Examples
+        --------
+        {example}
+        """
+        return method
+
+    return completed
 
 
 @dataclass(frozen=True, eq=False)
-class Body(MassDistribution, metaclass=_Hints):
-    __doc__ = MassDistribution.__doc__
+class Body(BodyChanges):
+    """A rigid body that turns about a fixed point, the origin of the axes in which it is described.
 
-    @classmethod
-    def from_moments(cls, moments: Any, mass: Any = 1.0, centre: Any = (0.0, 0.0, 0.0)) -> "Body":
-        """Make a body from its principal moments; the described axes are the principal axes.
+    A quantity is a number, a distribution, a grid, or an array with one row per member.
 
-        Parameters
-        ----------
-        moments : quantities (3,), array_like (members, 3) or law [kg m^2]
-            (I1, I2, I3) about the fixed point
-        mass : quantity, optional [kg]
-            of the body
-        centre : quantities (3,), optional [m]
-            centre of mass from the fixed point
+    Parameters
+    ----------
+    moments : quantities (3,), array_like (members, 3) or law [kg m^2]
+        principal moments (I1, I2, I3) about the fixed point. The laws are SecondMoments, whose
+        bodies always exist, Correlated, measured moments with their covariance, and
+        UncertainInertia, a measured tensor with its covariance
+    mass : quantity, optional [kg]
+        of the body
+    centre : quantities (3,), optional [m]
+        centre of mass from the fixed point, in the described axes
+    axes : tuple (3, 3), optional
+        its columns are the principal axes in the described axes, right-handed; the identity unless
+        the body was given by a tensor, by particles or by a shift
+    shape : tuple of Part, optional
+        the solids that pictures draw; makers of bodies know them, no motion depends on them
 
-        Returns
-        -------
-        Body
-            the body
+    Raises
+    ------
+    SceneError
+        for moments that are not positive or break the triangle inequality I_i <= I_j + I_k
 
-        Examples
-        --------
-        >>> rm.Body.from_moments((1.0, 2.0, 2.5)).moments
-        (1.0, 2.0, 2.5)
-        """
-        return cls(moments, mass, centre)
+    Examples
+    --------
+    >>> body = rm.Body((1.0, 2.0, rm.normal(2.5, 0.01)), mass=3.0, centre=(0.0, 0.0, 0.1))
+    >>> rm.Body((1.0, 2.0, 4.0))  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    rigidmc.errors.SceneError: [body] moments = [1.0, 2.0, 4.0]: the triangle inequality is...
+    """
 
-    @classmethod
-    def from_tensor(
-        cls, tensor: ArrayLike | UncertainInertia, mass: Any = 1.0, centre: Any = (0.0, 0.0, 0.0)
-    ) -> "Body":
-        """Make a body from its inertia tensor, turned to principal axes, TdC (3.19)-(3.23).
+    moments: Any
+    mass: Any = 1.0
+    centre: Any = (0.0, 0.0, 0.0)
+    axes: tuple[tuple[float, ...], ...] = IDENTITY
+    shape: Shape = ()
 
-        A diagonal tensor keeps its axes and their order. Otherwise the moments ascend, the largest
-        components of the first two axes are positive, and the third axis completes a
-        right-handed set.
-
-        Parameters
-        ----------
-        tensor : array_like (3, 3) or UncertainInertia [kg m^2]
-            about the fixed point, symmetric
-        mass : float, optional [kg]
-            of the body
-        centre : array_like (3,), optional [m]
-            centre of mass from the fixed point, in the axes of the tensor
-
-        Returns
-        -------
-        Body
-            the body, which remembers the axes of the tensor
-
-        Raises
-        ------
-        SceneError
-            for a tensor that no body can have
-
-        Examples
-        --------
-        >>> body = rm.Body.from_tensor([[2.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 3.0]])
-        >>> [round(moment, 12) for moment in body.moments]
-        [1.5, 2.5, 3.0]
-        """
-        if isinstance(tensor, UncertainInertia):
-            return cls(tensor, mass, centre)
-        wanted, cure = (
-            "expected 3x3 finite numbers, not",
-            ("; bodies that differ are given by moments, or by rm.UncertainInertia"),
-        )
-        matrix = floats(tensor, "tensor", table="body", rule=f"{wanted} laws or words{cure}")
-        if matrix.shape != (3, 3):
-            rule = f"{wanted} {matrix.shape or 'one number'}{cure}"
-            raise SceneError("body", "tensor", None, rule)
-        try:
-            moments, axes = inertia.principal_axes(matrix)
-        except SceneError as error:
-            raise SceneError("body", "tensor", matrix.tolist(), error.rule) from None
-        return cls(tuple(moments.tolist()), mass, centre, tuple(map(tuple, axes.tolist())))
-
-    @classmethod
-    def from_particles(cls, masses: ArrayLike, positions: ArrayLike) -> "Body":
-        """Make a body of N point particles, TdC (3.15).
-
-        Its inertia tensor::
-
-            I_ij = sum m (r^2 delta_ij - x_i x_j)
-
-        Parameters
-        ----------
-        masses : array_like (N,) [kg]
-            of the particles
-        positions : array_like (N, 3) [m]
-            from the fixed point
-
-        Returns
-        -------
-        Body
-            the body
-
-        Raises
-        ------
-        SceneError
-            for negative or non-finite masses, and particles that are no body, such as those on
-            a line
-
-        Examples
-        --------
-        >>> corners = [[1, 0, 0], [-1, 0, 0], [0, 2, 0], [0, -2, 0]]
-        >>> rm.Body.from_particles([1, 1, 1, 1], corners).moments
-        (8.0, 2.0, 10.0)
-        """
-        m = floats(masses, "masses", table="body.particles")
-        x = floats(positions, "positions", table="body.particles")
-        if m.ndim != 1 or x.shape != (m.size, 3):
-            rule = f"{m.size} masses need positions of shape ({m.size}, 3), not {x.shape}"
-            raise SceneError("body", "particles", None, rule)
-        finite = np.isfinite(m).all() and np.isfinite(x).all()
-        if not (finite and (m >= 0).all() and m.sum() > 0):
-            rule = "masses and positions must be finite, no mass negative, and some mass positive"
-            raise SceneError("body", "particles", None, rule)
-        mass = float(m.sum())
-        centre = tuple((m @ x / mass).tolist())
-        body = cls.from_tensor(inertia.of_particles(m, x), mass, centre)
-        return replace(body, shape=shape.of_particles(m, x))
-
-    @classmethod
-    def solid(cls, name: str, **sizes: Any) -> "Body":
-        """Make a solid of uniform density by its name in `rigidmc.mechanics.solids.SOLIDS`.
-
-        It turns about the point that the docstring there names; axis 3 is its own axis.
-
-        Parameters
-        ----------
-        name : str
-            such as "hollow_cylinder"
-        **sizes : float [kg, m]
-            the arguments of the solid, all positive
-
-        Returns
-        -------
-        Body
-            the body
-
-        Raises
-        ------
-        SceneError
-            for an unknown name, a size that is missing or unknown, and one that is not positive
-
-        Examples
-        --------
-        >>> ring = rm.Body.solid("hollow_cylinder", mass=1.0, inner=0.1, outer=0.2, height=0.3)
-        >>> round(ring.moments[2], 12)  # M/2 (inner^2 + outer^2)
-        0.025
-        """
-        if name not in solids.SOLIDS:
-            raise unknown("body", name, None, "solid", solids.SOLIDS)
-        make, table = solids.SOLIDS[name], f"body.{name}"
-        wanted = tuple(inspect.signature(make).parameters)
-        for key in sizes:
-            if key not in wanted:
-                raise unknown(table, key, None, "key", wanted)
-        given: dict[str, Any] = {}
-        for key in wanted:
-            if key not in sizes:
-                raise SceneError(table, key, None, "is missing")
-            count = solids.COMPONENTS.get((name, key))
-            if count is None:
-                given[key] = _positive(sizes[key], key, table)
-            else:
-                parts = vector(sizes[key], table, key, count)
-                given[key] = tuple(_positive(part, key, table) for part in parts)
-        mass, centre, tensor = make(**given)
-        sizes = {key: given[key] for key in shape.sizes_of(name)}
-        parts = (shape.Part(name, sizes),)
-        return cls(tuple(np.diag(tensor).tolist()), mass, centre, shape=parts)
-
-    @classmethod
-    def cylinder(cls, mass: float, radius: float, height: float) -> "Body":
-        """Make a solid cylinder about its centre, axis 3 along it, TdC Example 3.1.
-
-        Its inertia tensor::
-
-            I = M/12 diag(3a^2 + h^2, 3a^2 + h^2, 6a^2)
-
-        Parameters
-        ----------
-        mass : float [kg]
-            M
-        radius : float [m]
-            a
-        height : float [m]
-            h
-
-        Returns
-        -------
-        Body
-            the body
-
-        Examples
-        --------
-        >>> rm.Body.cylinder(mass=12.0, radius=1.0, height=3.0).moments
-        (12.0, 12.0, 6.0)
-        """
-        return cls.solid("cylinder", mass=mass, radius=radius, height=height)
-
-    @classmethod
-    def box(cls, mass: float, size: tuple[float, float, float]) -> "Body":
-        """Make a solid box about its centre.
-
-        Its inertia tensor::
-
-            I = M/12 diag(y^2 + z^2, z^2 + x^2, x^2 + y^2)
-
-        Parameters
-        ----------
-        mass : float [kg]
-            M
-        size : array_like (3,) [m]
-            edges (x, y, z)
-
-        Returns
-        -------
-        Body
-            the body
-
-        Examples
-        --------
-        >>> rm.Body.box(mass=12.0, size=(1.0, 2.0, 3.0)).moments
-        (13.0, 10.0, 5.0)
-        """
-        return cls.solid("box", mass=mass, size=size)
-
-    @classmethod
-    def from_density(
-        cls, density: float | Callable[..., Any], region: Any, tolerance: float = 1e-10
-    ) -> "Body":
-        """Make a body from a density over a region, TdC (3.17); it turns about the origin.
-
-        Gauss-Legendre rules have 24 and 40 points per dimension. A smooth density is integrated to
-        rounding, also if limits meet like roots, as at the rim of a ball; a density with edges
-        inside is refused.
-
-        Parameters
-        ----------
-        density : float or callable [kg/m^3]
-            a number, or a function rho(x, y, z) of arrays
-        region : tuple [m]
-            ("box", (x0, x1), (y0, y1), (z0, z1)), or ("cylinder", radius, (z0, z1)), or
-            ((x0, x1), y of x, z of x and y) with functions of arrays that give pairs of limits
-        tolerance : float, optional
-            by how much the two rules may differ, relative
-
-        Returns
-        -------
-        Body
-            the body
-
-        Raises
-        ------
-        SceneError
-            with the estimate if the two rules differ by more, and for a mass that is not positive
-
-        Examples
-        --------
-        >>> box = ("box", (-0.5, 0.5), (-1.0, 1.0), (-1.5, 1.5))
-        >>> [round(moment, 12) for moment in rm.Body.from_density(2.0, box).moments]
-        [13.0, 10.0, 5.0]
-        """
-        region = placed(region, "body", "region")
-        coarse, fine = (inertia.moments_of_density(density, region, points) for points in (24, 40))
-        mass, first, second = fine[0], fine[1:4], fine[4:].reshape(3, 3)
-        if not mass > 0:
-            rule = f"the mass is {mass:.3g}; it must be positive"
-            raise SceneError("body", "density", None, rule)
-        # mass and second moments differ in units: their geometric mean measures first moments
-        scale = np.array([mass, *[np.sqrt(mass * np.trace(second))] * 3, *[np.trace(second)] * 9])
-        error = (np.abs(fine - coarse) / scale).max()
-        if not error <= tolerance:
-            rule = (
-                f"the integral has not converged: two rules differ by {error:.1e} of it, more than"
-                f" {tolerance:g}; cut the region where the density jumps"
-            )
-            raise SceneError("body", "density", None, rule)
-        tensor, centre = np.trace(second) * np.eye(3) - second, first / mass
-        body = cls.from_tensor(tensor, float(mass), tuple(centre.tolist()))
-        return replace(body, shape=shape.of_region(region))
-
-    @classmethod
-    def from_mesh(
-        cls,
-        path: "str | Trimesh",
-        density: float | None = None,
-        mass: float | None = None,
-        scale: float = 1.0,
-    ) -> "Body":
-        """Make a body from a closed triangle mesh of uniform density.
-
-        It turns about the origin of the mesh.
-
-        Parameters
-        ----------
-        path : str or trimesh.Trimesh
-            STL or OBJ file (extra `mesh`), or a mesh
-        density : float, optional [kg/m^3]
-            either this
-        mass : float, optional [kg]
-            or this
-        scale : float, optional [m]
-            metres per unit of the file
-
-        Returns
-        -------
-        Body
-            the body
-
-        Raises
-        ------
-        SceneError
-            for a mesh that is not watertight, and for both or neither of density and mass
-
-        Examples
-        --------
-        >>> rm.Body.from_mesh("part.stl")
-        Traceback (most recent call last):
-        rigidmc.errors.SceneError: [body.mesh] density: give either density or mass, one of them
-        """
-        from rigidmc.mechanics import mesh
-
-        table = "body.mesh"
-        if (density is None) == (mass is None):
-            raise SceneError(table, "density", density, "give either density or mass, one of them")
-        loaded = mesh.load(path, _positive(scale, "scale", table))
-        volume, centre, tensor = mesh.mass_properties(loaded, 1.0)
-        if mass is None:
-            by = _positive(density, "density", table)
+    def __post_init__(self) -> None:
+        whole = isinstance(self.moments, Law)
+        uncertain = isinstance(self.moments, UncertainInertia)
+        check = checked if whole else vector
+        object.__setattr__(self, "moments", check(self.moments, "body", self.given))
+        object.__setattr__(self, "mass", quantity(self.mass, "body", "mass"))
+        object.__setattr__(self, "centre", vector(self.centre, "body", "centre"))
+        if isinstance(self.moments, UncertainInertia):
+            self._check_uncertain(self.moments)
         else:
-            by = _positive(mass, "mass", table) / volume
-        body = cls.from_tensor(by * tensor, float(by * volume), tuple(centre.tolist()))
-        return replace(body, shape=(shape.of_mesh(loaded),))
+            object.__setattr__(self, "axes", _checked_axes(self.axes))
+        if not uncertain and self.axes != IDENTITY and not is_shared(self.centre):
+            rule = "a body given by a tensor takes plain numbers; give principal moments instead"
+            raise SceneError("body", "centre", None, rule)
+        if not is_open(self.mass) and not np.min(self.mass) > 0:
+            shown = self.mass if is_shared(self.mass) else None
+            raise SceneError("body", "mass", shown, "the mass must be positive")
+        if not whole:
+            self._check_moments()
 
-    def pivoted_at(self, point: Any) -> "Body":
-        """Move the fixed point to another point of the body, by the parallel axes theorem.
+    @property
+    def given(self) -> str:
+        """The key of a scene file by which its inertia is given, "moments" or "tensor".
 
-        TdC (3.26), (3.27), with d from the centre of mass to the fixed point::
+        Examples
+        --------
+        >>> rm.Body((1.0, 2.0, 2.5)).given
+        'moments'
+        """
+        return "tensor" if isinstance(self.moments, UncertainInertia) else "moments"
 
-            I = I_centre + M (d^2 delta_ij - d_i d_j)
+    def _check_uncertain(self, law: UncertainInertia) -> None:
+        """Take the axes of the mean tensor; SceneError for a mean body that cannot be."""
+        for key in ("mass", "centre"):
+            if not is_shared(getattr(self, key)):
+                rule = "beside an uncertain tensor it is a plain number, the mean"
+                raise SceneError("body", key, None, rule)
+        if law.centre is not None and any(self.centre):
+            rule = "the tensor has a centre of its own, about which the body turns: leave this out"
+            raise SceneError("body", "centre", list(self.centre), rule)
+        law.bodies(0, "body.tensor", 0, 1, self.mass, self.centre)
+        _, axes = inertia.principal_axes(law.mean_tensor(self.mass))
+        object.__setattr__(self, "axes", tuple(map(tuple, axes.tolist())))
+
+    def _check_moments(self) -> None:
+        """SceneError for moments that no body can have; distributions are checked when drawn."""
+        shown = list(self.moments) if is_shared(self.moments) else None
+        known = [m for m in self.moments if not is_open(m)]
+        if not all(np.min(m) > 0 for m in known):
+            raise SceneError("body", "moments", shown, "principal moments must be positive")
+        if len(known) < 3:
+            return
+        moments = np.array(np.broadcast_arrays(*self.moments)).reshape(3, -1)
+        bad = np.flatnonzero(inertia.broken(moments))
+        if bad.size:
+            values = moments[:, bad[0]].tolist()
+            large, rest = max(values), sum(values) - max(values)
+            row = "" if is_shared(self.moments) else f"row {bad[0]}: "
+            rule = (
+                f"{row}the triangle inequality is broken: {large:g} exceeds the sum of the other"
+                f" two, {rest:g}; no rigid body has these moments"
+            )
+            raise SceneError("body", "moments", shown, rule)
+
+    @_between_axes(
+        "described",
+        "principal",
+        """>>> body = rm.Body.from_tensor([[2.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 3.0]])
+        >>> body.to_principal((0.0, 0.0, 1.0)).round(12).tolist()
+        [0.0, 0.0, 1.0]""",
+    )
+    def to_principal(self, vector: ArrayLike) -> Array:
+        """Resolve vectors in the principal axes, as in results."""
+        components: Array = floats(vector, "vector", 3) @ np.array(self.axes)
+        return components
+
+    @_between_axes(
+        "principal",
+        "described",
+        """>>> body = rm.Body.from_tensor([[2.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 3.0]])
+        >>> body.to_own((0.0, 0.0, 1.0)).round(12).tolist()
+        [0.0, 0.0, 1.0]""",
+    )
+    def to_own(self, vector: ArrayLike) -> Array:
+        """Resolve vectors, such as omega and momentum of a result, in the described axes."""
+        components: Array = floats(vector, "vector", 3) @ np.array(self.axes).T
+        return components
+
+    @_between_axes(
+        "principal",
+        "described",
+        """>>> rm.Body((1.0, 2.0, 2.5)).own_attitude((0.6, 0.8, 0.0, 0.0)).round(12).tolist()
+        [0.6, 0.8, 0.0, 0.0]""",
+    )
+    def own_attitude(self, attitude: ArrayLike) -> Array:
+        """Turn attitudes of the principal axes, as in results, into those of the described axes."""
+        inverse = rotation.quaternion(np.array(self.axes)) * np.array([1.0, -1.0, -1.0, -1.0])
+        return rotation.product(rotation.quaternion(attitude), inverse)
+
+    @_between_axes(
+        "described",
+        "principal",
+        """>>> rm.Body((1.0, 2.0, 2.5)).principal_attitude((0.6, 0.8, 0.0, 0.0)).round(12).tolist()
+        [0.6, 0.8, 0.0, 0.0]""",
+    )
+    def principal_attitude(self, attitude: ArrayLike) -> Array:
+        """Turn attitudes of the described axes into those of the principal axes, for `Start`."""
+        axes = rotation.quaternion(np.array(self.axes))
+        return rotation.product(rotation.quaternion(attitude), axes)
+
+    def angular_momentum(self, omega: ArrayLike) -> Array:
+        """Angular momentum, TdC (3.25).
+
+        In the described axes::
+
+            L = I omega
 
         Parameters
         ----------
-        point : array_like (3,) [m]
-            the new fixed point, in the described axes
+        omega : array_like (..., 3) [rad/s]
+            angular velocity in the described axes
 
         Returns
         -------
-        Body
-            the same body turning about it
-
-        Raises
-        ------
-        SceneError
-            for a body that differs from member to member
+        numpy.ndarray (..., 3) [kg m^2/s]
+            angular momentum in the described axes
 
         Examples
         --------
-        >>> rod = rm.Body.cylinder(mass=12.0, radius=1.0, height=3.0)
-        >>> rod.pivoted_at((0.0, 0.0, -1.5)).moments
-        (39.0, 39.0, 6.0)
+        >>> rm.Body((1.0, 2.0, 2.5)).angular_momentum((1.0, 1.0, 2.0)).tolist()
+        [1.0, 2.0, 5.0]
         """
-        if isinstance(point, str):
-            raise SceneError(
-                "body", "pivot", point, 'expected three numbers, or "centre"', "centre"
-            )
-        point = vector(point, "body", "pivot")
-        if not is_shared(self.moments, self.mass, self.centre, point):
-            rule = (
-                "only a body given by plain numbers can be moved; give moments about the new point"
-                " instead"
-            )
-            raise SceneError("body", "pivot", None, rule)
-        new = np.array(self.centre) - np.array(point)
-        bare = inertia.about_centre(self.tensor, self.mass, self.centre)
-        tensor = inertia.about_point(bare, self.mass, new)
-        parts = tuple(part.placed(-np.array(point)) for part in self.shape)
-        body = Body.from_tensor(tensor, self.mass, tuple(new.tolist()))
-        return replace(body, shape=parts)
+        return inertia.angular_momentum(self.tensor, omega)
 
-    def about_centre(self) -> "Body":
-        """Move the fixed point to the centre of mass, TdC (3.28): a satellite turns about it.
+    def kinetic_energy(self, omega: ArrayLike) -> Array:
+        """Kinetic energy, TdC (3.16).
+
+        In the described axes::
+
+            T = 1/2 omega . I omega
+
+        Parameters
+        ----------
+        omega : array_like (..., 3) [rad/s]
+            angular velocity in the described axes
 
         Returns
         -------
-        Body
-            the same body turning about its centre of mass; if the tensor is uncertain, each draw
-            about its own
-
-        Raises
-        ------
-        SceneError
-            for a body of other laws or arrays
+        numpy.ndarray (...) [J]
+            T
 
         Examples
         --------
-        >>> rod = rm.Body.cylinder(mass=12.0, radius=1.0, height=3.0)
-        >>> rod.pivoted_at((0.0, 0.0, -1.5)).about_centre().moments
-        (12.0, 12.0, 6.0)
+        >>> float(rm.Body((1.0, 2.0, 2.5)).kinetic_energy((1.0, 1.0, 2.0)))
+        6.5
+        """
+        return inertia.kinetic_energy(self.tensor, omega)
+
+    @property
+    def tensor(self) -> Array:
+        """Inertia tensor (3, 3) about the fixed point in the described axes [kg m^2].
+
+        Raises
+        ------
+        ValueError
+            unless the moments are plain numbers
+
+        Examples
+        --------
+        >>> rm.Body((1.0, 2.0, 2.5)).tensor.diagonal().tolist()
+        [1.0, 2.0, 2.5]
+        """
+        if not is_shared(self.moments):
+            raise ValueError("a body that differs from member to member has no single tensor")
+        axes = np.array(self.axes)
+        tensor: Array = (axes * np.array(self.moments)) @ axes.T
+        return tensor
+
+    def quantities(self) -> tuple[Any, ...]:
+        """All quantities of the body, in one flat tuple.
+
+        Returns
+        -------
+        tuple
+            moments (before the numbers of a law the law), mass, components of the centre
+
+        Examples
+        --------
+        >>> rm.Body((1.0, 2.0, 2.5)).quantities()
+        (1.0, 2.0, 2.5, 1.0, 0.0, 0.0, 0.0)
+        """
+        moments = self.moments
+        if isinstance(moments, Law):
+            moments = (moments, *numbers_of(moments))
+        return (*moments, self.mass, *self.centre)
+
+    def sample(self, source: Source, first: int, count: int) -> tuple[Array, Array, Array]:
+        """Moments, mass and centre of mass of members first ... first + count - 1.
+
+        Parameters
+        ----------
+        source : int or point set
+            the seed, or the points from which numbers are drawn
+        first : int
+            index of the first member
+        count : int
+            number of members
+
+        Returns
+        -------
+        moments : numpy.ndarray (3, count) [kg m^2]
+            principal moments
+        mass : numpy.ndarray (count,) [kg]
+            masses
+        centre : numpy.ndarray (3, count) [m]
+            centres of mass in principal axes
+
+        Examples
+        --------
+        >>> moments, mass, centre = rm.Body((1.0, 2.0, rm.uniform(2.0, 3.0))).sample(0, 0, 5)
+        >>> moments.shape, mass.shape, centre.shape
+        ((3, 5), (5,), (3, 5))
+        """
+        return self.sample_turned(source, first, count)[:3]
+
+    def sample_turned(
+        self, source: Source, first: int, count: int
+    ) -> tuple[Array, Array, Array, Array | None]:
+        """Moments, mass, centre of mass, and principal axes of members first ... first + count - 1.
+
+        Parameters
+        ----------
+        source : int or point set
+            the seed, or the points from which numbers are drawn
+        first : int
+            index of the first member
+        count : int
+            number of members
+
+        Returns
+        -------
+        moments, mass, centre : numpy.ndarray
+            as of `sample`
+        turn : numpy.ndarray (3, 3, count) or None
+            its columns are the principal axes in those of the mean tensor; None if all members
+            have the same axes
+
+        Examples
+        --------
+        >>> rm.Body((1.0, 2.0, 2.5)).sample_turned(0, 0, 5)[3] is None
+        True
         """
         if isinstance(self.moments, UncertainInertia):
-            law = self.moments
-            law = law if law.centre is not None else replace(law, centre=self.centre)
-            return replace(self, moments=law, centre=(0.0, 0.0, 0.0))
-        return self.pivoted_at(self.centre)
+            return self._turned(self.moments, source, first, count)
+        if isinstance(self.moments, Law):
+            moments = self.moments.sample(source, "body.moments", first, count, None)
+        else:
+            moments = draw(self.moments, source, "body.moments", first, count)
+        mass = draw((self.mass,), source, "body.mass", first, count)[0]
+        centre = draw(self.centre, source, "body.centre", first, count)
+        if self.axes != IDENTITY:
+            centre = self._along_axes(centre)
+        return moments, mass, centre, None
 
-    def joined(
-        self, other: "Body", at: Any = (0.0, 0.0, 0.0), turned: Any = (1.0, 0.0, 0.0, 0.0)
-    ) -> "Body":
-        """Make one body of this one and another, about the fixed point of this body.
+    def _along_axes(self, vectors: Array) -> Array:
+        """Vectors (3, n) of the described axes, along the principal ones."""
+        # written out: a BLAS product may round differently with the number of members
+        return np.stack([sum(self.axes[j][i] * vectors[j] for j in range(3)) for i in range(3)])
 
-        Mass counts twice where the bodies overlap.
-
-        Parameters
-        ----------
-        other : Body
-            the body to add
-        at : array_like (3,), optional [m]
-            origin of the other body in the described axes of this one
-        turned : array_like (4,), (3, 3) or scipy Rotation, optional
-            attitude of the other body's described axes in those of this body
-
-        Returns
-        -------
-        Body
-            the whole
-
-        Raises
-        ------
-        SceneError
-            for bodies that differ from member to member
-
-        Examples
-        --------
-        >>> box = rm.Body.box(mass=12.0, size=(1.0, 2.0, 3.0))
-        >>> two = box.joined(box, at=(0.0, 0.0, 3.0))
-        >>> two.mass, two.centre
-        (24.0, (0.0, 0.0, 1.5))
-        """
-        return self._with(other, at, turned, 1.0)
-
-    def without(
-        self, other: "Body", at: Any = (0.0, 0.0, 0.0), turned: Any = (1.0, 0.0, 0.0, 0.0)
-    ) -> "Body":
-        """Take away from this body another that lies within it, placed as in `joined`.
-
-        Parameters
-        ----------
-        other : Body
-            the body to take away
-        at : array_like (3,), optional [m]
-            origin of the other body in the described axes of this one
-        turned : array_like (4,), (3, 3) or scipy Rotation, optional
-            attitude of the other body's described axes in those of this body
-
-        Returns
-        -------
-        Body
-            the remainder
-
-        Raises
-        ------
-        SceneError
-            if the remainder is no body, and for bodies that differ from member to member
-
-        Examples
-        --------
-        >>> whole = rm.Body.cylinder(mass=4.0, radius=2.0, height=1.0)
-        >>> tube = whole.without(rm.Body.cylinder(mass=1.0, radius=1.0, height=1.0))
-        >>> tube.mass, tube.moments[2]
-        (3.0, 7.5)
-        """
-        return self._with(other, at, turned, -1.0)
-
-    def _with(self, other: "Body", at: Any, turned: Any, sign: float) -> "Body":
-        for body in (self, other):
-            if not isinstance(body, Body) or not is_shared(body.moments, body.mass, body.centre):
-                rule = "only bodies given by plain numbers can be joined"
-                raise SceneError("body", "join", None, rule)
-        place = vector(at, "body", "at")
-        if not is_shared(place):
-            raise SceneError("body", "at", None, "expected plain numbers")
-        a, origin = rotation.matrix(turned), np.array(place)
-        centre = a @ np.array(other.centre)
-        bare = inertia.about_centre(a @ other.tensor @ a.T, other.mass, centre)
-        tensor = self.tensor + sign * inertia.about_point(bare, other.mass, origin + centre)
-        mass = self.mass + sign * other.mass
-        if not mass > 0:
-            rule = "nothing remains: the part taken away is not lighter than the body"
-            raise SceneError("body", "mass", mass, rule)
-        middle = (self.mass * np.array(self.centre) + sign * other.mass * (origin + centre)) / mass
-        # a remainder must be a body about its own centre of mass too
-        inertia.principal_axes(inertia.about_centre(tensor, mass, middle))
-        parts = (part.placed(place, turned) for part in other.shape)
-        body = Body.from_tensor(tensor, mass, tuple(middle.tolist()))
-        return replace(body, shape=shape.joined(self.shape, parts, sign < 0.0))
+    def _turned(
+        self, law: UncertainInertia, source: Source, first: int, count: int
+    ) -> tuple[Array, Array, Array, Array]:
+        """`sample_turned` of a law of tensors."""
+        *six, x, y, z, mass = law.bodies(
+            source, "body.tensor", first, count, self.mass, self.centre
+        )
+        moments, axes = inertia.principal_axes(inertia.symmetric(six))
+        moments, turn = inertia.named(moments, axes, self.axes)
+        centre = self._along_axes(np.stack([x, y, z]))
+        return moments, mass, inertia.vectors_into(turn, centre), turn
 
 
-def _positive(value: Any, key: str, table: str = "body") -> float:
-    """A positive plain number; SceneError."""
-    number = quantity(value, table, key)
-    if not isinstance(number, float):
-        rule = "shapes take plain numbers; for bodies that differ give moments instead"
-        raise SceneError(table, key, None, rule)
-    if not number > 0:
-        raise SceneError(table, key, number, "must be positive")
-    return number
+def _checked_axes(axes: Any) -> tuple[tuple[float, ...], ...]:
+    """Axes as a tuple of rows; SceneError unless they are a right-handed set of unit vectors."""
+    if isinstance(axes, tuple) and axes == IDENTITY:
+        return IDENTITY
+    columns = floats(axes, "axes", 3, "body")
+    square = columns.shape == (3, 3) and np.isfinite(columns).all()
+    # as of `rotation.quaternion_from_matrix`, without an import of scipy
+    if not square or np.abs(columns @ columns.T - np.eye(3)).max() > 1e-9:
+        rule = "expected 3x3 numbers whose columns are unit vectors at right angles"
+        raise SceneError("body", "axes", None, rule)
+    if np.linalg.det(columns) < 0.0:
+        raise SceneError("body", "axes", None, "are left-handed: turn one of them round")
+    return tuple(map(tuple, columns.tolist()))

@@ -28,10 +28,9 @@ from rigidmc.planning.tolerance.costs import cost_per_step, prices, some_of
 from rigidmc.planning.turns import sparse_saves
 from rigidmc.runs.capacity import BASE, free_memory, in_words, sizes
 from rigidmc.runs.directory.shards import members_of, shortened
-from rigidmc.scene.body import Body
+from rigidmc.scene.body import IDENTITY, Body
 from rigidmc.scene.conservation import conservation
 from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.mass_distribution import IDENTITY, MassDistribution
 from rigidmc.scene.parameters import parameters
 from rigidmc.scene.quantities import Grid, is_shared
 from rigidmc.scene.scene import Scene
@@ -74,7 +73,7 @@ def outline(scene: Scene) -> list[str]:
     return [*lines, *_compiled(scene, plan), *price, *_steps(scene, plan), *members]
 
 
-def body_lines(body: MassDistribution) -> list[str]:
+def body_lines(body: Body) -> list[str]:
     """Moments, mass, centre and principal axes."""
     lines = [
         f"body         moments {_words(body.moments)} kg m2, mass {_words(body.mass)} kg,"

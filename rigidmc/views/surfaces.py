@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.mechanics import inertia, rotation
-from rigidmc.scene.mass_distribution import MassDistribution
+from rigidmc.scene.body import Body
 from rigidmc.scene.shape import Part
 
 # light and dark of what faces along axes 1, 2 and 3 of a box; quarters of the sides (SIDE) and of
@@ -32,7 +32,7 @@ class Surface(NamedTuple):
     tones: NDArray[np.int_]
 
 
-def body_surface(ds: xr.Dataset, body: MassDistribution) -> Surface:
+def body_surface(ds: xr.Dataset, body: Body) -> Surface:
     """The surface of the first member of a result, in its principal axes.
 
     The shape of the body, if it has one; otherwise the ellipsoid of uniform density with the
@@ -42,7 +42,7 @@ def body_surface(ds: xr.Dataset, body: MassDistribution) -> Surface:
     return surface._replace(corners=surface.corners @ form[:, :3].T + form[:, 3])
 
 
-def surface_of(body: MassDistribution) -> Surface:
+def surface_of(body: Body) -> Surface:
     """The shape of a body in its principal axes; the unit ball if it has none."""
     if not body.shape:
         return ball(1.0)
@@ -55,7 +55,7 @@ def size_of(surface: Surface) -> float:
     return float(np.linalg.norm(surface.corners, axis=1).max())
 
 
-def form_of(ds: xr.Dataset, body: MassDistribution) -> Floats:
+def form_of(ds: xr.Dataset, body: Body) -> Floats:
     """The (3, 4) by which the first member's body is made of `surface_of`: x -> F x + shift.
 
     For a body without shape the unit ball becomes its ellipsoid.
@@ -65,7 +65,7 @@ def form_of(ds: xr.Dataset, body: MassDistribution) -> Floats:
     return _ellipsoid(*member_body(ds, body))
 
 
-def member_body(ds: xr.Dataset, body: MassDistribution) -> tuple[Floats, float, Floats]:
+def member_body(ds: xr.Dataset, body: Body) -> tuple[Floats, float, Floats]:
     """(moments (3,), mass, centre of mass (3,) in principal axes) of the first member."""
     one = ds.isel(member=0)
     moments = np.asarray(one.moments.values, dtype=float)

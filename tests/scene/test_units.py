@@ -6,6 +6,8 @@ import pytest
 import rigidmc as rm
 from rigidmc.planning.initial import stage
 from rigidmc.results.schema import member_variables
+from rigidmc.scene.body_changes import BodyChanges
+from rigidmc.scene.body_makers import BodyMakers
 from rigidmc.scene.quantities import draw
 from rigidmc.scene.vector_distributions import LAWS
 from tests.units import OTHERS, PLAIN, in_units
@@ -82,7 +84,8 @@ def bodies(m):
 @pytest.mark.parametrize("mass", [1e-20, 1e20])
 def test_bodies_have_the_same_pure_numbers(mass):
     plain = bodies(1.0)
-    makers = {name for name in vars(rm.Body) if not name.startswith("_")}
+    kinds = vars(BodyMakers) | vars(BodyChanges)
+    makers = {name for name in kinds if not name.startswith("_")}
     assert makers - plain.keys() == {"from_mesh"}  # tests/mechanics/test_mesh.py
     for name, body in bodies(mass).items():
         one, two = pure(plain[name], 1.0), pure(body, mass)

@@ -159,9 +159,9 @@ def test_nothing_is_executed_but_what_was_allowed():
             if names & NEVER:
                 found.add((path.relative_to(PACKAGE).as_posix(), *(names & NEVER)))
     assert sorted(found) == [
-        ("engine/cache_files.py", "pickle"),
-        ("files/code.py", "exec_module"),
+        ("engine/compiler/disk_cache.py", "pickle"),
         ("files/helper_main.py", "exec_module"),
+        ("files/user_code.py", "exec_module"),
         ("import_hook.py", "exec_module"),
     ]
 

@@ -8,7 +8,7 @@ from rigidmc.physics.dynamics.methods import word_of
 from rigidmc.physics.effects import EFFECTS, labelled, name_of
 from rigidmc.physics.effects.protocol import given
 from rigidmc.physics.observables import is_own, word_of_observable
-from rigidmc.scene.mass_distribution import IDENTITY
+from rigidmc.scene.body import IDENTITY
 from rigidmc.scene.parts import Parts
 from rigidmc.scene.toml.values import plain
 from rigidmc.scene.user_parts.registry import module_of

@@ -1,0 +1,195 @@
+"""Bodies made of bodies: with another fixed point, joined with a second one, or cut by it.
+
+A mixin of `rigidmc.scene.body.Body`, as `rigidmc.scene.body_makers` is.
+"""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.errors import SceneError
+from rigidmc.mechanics import inertia, rotation
+from rigidmc.scene import shape
+from rigidmc.scene.body_makers import BodyMakers
+from rigidmc.scene.quantities import is_shared, vector
+from rigidmc.scene.shape import Shape
+from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+
+
+class BodyChanges(BodyMakers):
+    """The methods of Body that return another one; `self` stays as it is."""
+
+    if TYPE_CHECKING:  # what Body has
+        moments: Any
+        mass: Any
+        centre: Any
+        shape: Shape
+
+        @property
+        def tensor(self) -> NDArray[np.float64]: ...
+
+    def pivoted_at(self, point: Any) -> Self:
+        """Move the fixed point to another point of the body, by the parallel axes theorem.
+
+        TdC (3.26), (3.27), with d from the centre of mass to the fixed point::
+
+            I = I_centre + M (d^2 delta_ij - d_i d_j)
+
+        Parameters
+        ----------
+        point : array_like (3,) [m]
+            the new fixed point, in the described axes
+
+        Returns
+        -------
+        Body
+            the same body turning about it
+
+        Raises
+        ------
+        SceneError
+            for a body that differs from member to member
+
+        Examples
+        --------
+        >>> rod = rm.Body.cylinder(mass=12.0, radius=1.0, height=3.0)
+        >>> rod.pivoted_at((0.0, 0.0, -1.5)).moments
+        (39.0, 39.0, 6.0)
+        """
+        if isinstance(point, str):
+            raise SceneError(
+                "body", "pivot", point, 'expected three numbers, or "centre"', "centre"
+            )
+        point = vector(point, "body", "pivot")
+        if not is_shared(self.moments, self.mass, self.centre, point):
+            rule = (
+                "only a body given by plain numbers can be moved; give moments about the new point"
+                " instead"
+            )
+            raise SceneError("body", "pivot", None, rule)
+        new = np.array(self.centre) - np.array(point)
+        bare = inertia.about_centre(self.tensor, self.mass, self.centre)
+        tensor = inertia.about_point(bare, self.mass, new)
+        parts = tuple(part.placed(-np.array(point)) for part in self.shape)
+        return self._of_tensor(tensor, self.mass, tuple(new.tolist()), parts)
+
+    def about_centre(self) -> Self:
+        """Move the fixed point to the centre of mass, TdC (3.28): a satellite turns about it.
+
+        Returns
+        -------
+        Body
+            the same body turning about its centre of mass; if the tensor is uncertain, each draw
+            about its own
+
+        Raises
+        ------
+        SceneError
+            for a body of other laws or arrays
+
+        Examples
+        --------
+        >>> rod = rm.Body.cylinder(mass=12.0, radius=1.0, height=3.0)
+        >>> rod.pivoted_at((0.0, 0.0, -1.5)).about_centre().moments
+        (12.0, 12.0, 6.0)
+        """
+        if isinstance(self.moments, UncertainInertia):
+            law = self.moments
+            law = law if law.centre is not None else replace(law, centre=self.centre)
+            return type(self)(law, self.mass, shape=self.shape)
+        return self.pivoted_at(self.centre)
+
+    def joined(
+        self, other: Self, at: Any = (0.0, 0.0, 0.0), turned: Any = (1.0, 0.0, 0.0, 0.0)
+    ) -> Self:
+        """Make one body of this one and another, about the fixed point of this body.
+
+        Mass counts twice where the bodies overlap.
+
+        Parameters
+        ----------
+        other : Body
+            the body to add
+        at : array_like (3,), optional [m]
+            origin of the other body in the described axes of this one
+        turned : array_like (4,), (3, 3) or scipy Rotation, optional
+            attitude of the other body's described axes in those of this body
+
+        Returns
+        -------
+        Body
+            the whole
+
+        Raises
+        ------
+        SceneError
+            for bodies that differ from member to member
+
+        Examples
+        --------
+        >>> box = rm.Body.box(mass=12.0, size=(1.0, 2.0, 3.0))
+        >>> two = box.joined(box, at=(0.0, 0.0, 3.0))
+        >>> two.mass, two.centre
+        (24.0, (0.0, 0.0, 1.5))
+        """
+        return self._with(other, at, turned, 1.0)
+
+    def without(
+        self, other: Self, at: Any = (0.0, 0.0, 0.0), turned: Any = (1.0, 0.0, 0.0, 0.0)
+    ) -> Self:
+        """Take away from this body another that lies within it, placed as in `joined`.
+
+        Parameters
+        ----------
+        other : Body
+            the body to take away
+        at : array_like (3,), optional [m]
+            origin of the other body in the described axes of this one
+        turned : array_like (4,), (3, 3) or scipy Rotation, optional
+            attitude of the other body's described axes in those of this body
+
+        Returns
+        -------
+        Body
+            the remainder
+
+        Raises
+        ------
+        SceneError
+            if the remainder is no body, and for bodies that differ from member to member
+
+        Examples
+        --------
+        >>> whole = rm.Body.cylinder(mass=4.0, radius=2.0, height=1.0)
+        >>> tube = whole.without(rm.Body.cylinder(mass=1.0, radius=1.0, height=1.0))
+        >>> tube.mass, tube.moments[2]
+        (3.0, 7.5)
+        """
+        return self._with(other, at, turned, -1.0)
+
+    def _with(self, other: Self, at: Any, turned: Any, sign: float) -> Self:
+        for body in (self, other):
+            if not isinstance(body, BodyMakers) or not is_shared(
+                body.moments, body.mass, body.centre
+            ):
+                rule = "only bodies given by plain numbers can be joined"
+                raise SceneError("body", "join", None, rule)
+        place = vector(at, "body", "at")
+        if not is_shared(place):
+            raise SceneError("body", "at", None, "expected plain numbers")
+        a, origin = rotation.matrix(turned), np.array(place)
+        centre = a @ np.array(other.centre)
+        bare = inertia.about_centre(a @ other.tensor @ a.T, other.mass, centre)
+        tensor = self.tensor + sign * inertia.about_point(bare, other.mass, origin + centre)
+        mass = self.mass + sign * other.mass
+        if not mass > 0:
+            rule = "nothing remains: the part taken away is not lighter than the body"
+            raise SceneError("body", "mass", mass, rule)
+        middle = (self.mass * np.array(self.centre) + sign * other.mass * (origin + centre)) / mass
+        # a remainder must be a body about its own centre of mass too
+        inertia.principal_axes(inertia.about_centre(tensor, mass, middle))
+        parts = (part.placed(place, turned) for part in other.shape)
+        whole = shape.joined(self.shape, parts, sign < 0.0)
+        return self._of_tensor(tensor, mass, tuple(middle.tolist()), whole)

@@ -1,0 +1,400 @@
+"""Makers of bodies: of moments, a tensor, particles, a solid by its name, a density, a mesh.
+
+They are a mixin of `rigidmc.scene.body.Body`, so that this file does not import it. A maker works
+out mass, centre of mass and the inertia tensor about the fixed point, and ends in `_of_tensor`.
+"""
+
+import inspect
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NoReturn, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rigidmc.arrays import floats, placed
+from rigidmc.errors import SceneError, nearest, unknown
+from rigidmc.mechanics import inertia, solids
+from rigidmc.scene import shape
+from rigidmc.scene.quantities import quantity, vector
+from rigidmc.scene.shape import Shape
+from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+
+if TYPE_CHECKING:
+    from trimesh import Trimesh
+
+
+class _Hints(type):
+    """Hints for attributes that Body does not have: Body.cone is Body.solid("cone", ...)."""
+
+    def __getattr__(cls, name: str) -> NoReturn:
+        words = f"type object 'Body' has no attribute '{name}'"
+        if name in solids.SOLIDS:
+            names = inspect.signature(solids.SOLIDS[name]).parameters
+            sizes = ", ".join(f"{key}=..." for key in names)
+            words += f"; Body.solid('{name}', {sizes}) makes one"
+        elif not name.startswith("_"):
+            public = {word for word in dir(cls) if not word.startswith("_")}
+            close = nearest(name, (*solids.SOLIDS, *public))
+            if close in solids.SOLIDS and close not in public:
+                close = f"solid('{close}', ...)"
+            words += f"; did you mean Body.{close}?" if close else ""
+        raise AttributeError(words)
+
+
+class BodyMakers(metaclass=_Hints):
+    """The class methods of Body that make one."""
+
+    if TYPE_CHECKING:  # the fields of Body
+
+        def __init__(self, *fields: Any, **named: Any) -> None: ...
+
+    @classmethod
+    def from_moments(cls, moments: Any, mass: Any = 1.0, centre: Any = (0.0, 0.0, 0.0)) -> Self:
+        """Make a body from its principal moments; the described axes are the principal axes.
+
+        Parameters
+        ----------
+        moments : quantities (3,), array_like (members, 3) or law [kg m^2]
+            (I1, I2, I3) about the fixed point
+        mass : quantity, optional [kg]
+            of the body
+        centre : quantities (3,), optional [m]
+            centre of mass from the fixed point
+
+        Returns
+        -------
+        Body
+            the body
+
+        Examples
+        --------
+        >>> rm.Body.from_moments((1.0, 2.0, 2.5)).moments
+        (1.0, 2.0, 2.5)
+        """
+        return cls(moments, mass, centre)
+
+    @classmethod
+    def from_tensor(
+        cls, tensor: ArrayLike | UncertainInertia, mass: Any = 1.0, centre: Any = (0.0, 0.0, 0.0)
+    ) -> Self:
+        """Make a body from its inertia tensor, turned to principal axes, TdC (3.19)-(3.23).
+
+        A diagonal tensor keeps its axes and their order. Otherwise the moments ascend, the largest
+        components of the first two axes are positive, and the third axis completes a
+        right-handed set.
+
+        Parameters
+        ----------
+        tensor : array_like (3, 3) or UncertainInertia [kg m^2]
+            about the fixed point, symmetric
+        mass : float, optional [kg]
+            of the body
+        centre : array_like (3,), optional [m]
+            centre of mass from the fixed point, in the axes of the tensor
+
+        Returns
+        -------
+        Body
+            the body, which remembers the axes of the tensor
+
+        Raises
+        ------
+        SceneError
+            for a tensor that no body can have
+
+        Examples
+        --------
+        >>> body = rm.Body.from_tensor([[2.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 3.0]])
+        >>> [round(moment, 12) for moment in body.moments]
+        [1.5, 2.5, 3.0]
+        """
+        if isinstance(tensor, UncertainInertia):
+            return cls(tensor, mass, centre)
+        return cls._of_tensor(tensor, mass, centre)
+
+    @classmethod
+    def _of_tensor(cls, tensor: ArrayLike, mass: Any, centre: Any, parts: Shape = ()) -> Self:
+        """A body of a tensor (3, 3), with the solids that pictures draw."""
+        wanted = "expected 3x3 finite numbers, not"
+        cure = "; bodies that differ are given by moments, or by rm.UncertainInertia"
+        matrix = floats(tensor, "tensor", table="body", rule=f"{wanted} laws or words{cure}")
+        if matrix.shape != (3, 3):
+            rule = f"{wanted} {matrix.shape or 'one number'}{cure}"
+            raise SceneError("body", "tensor", None, rule)
+        try:
+            moments, axes = inertia.principal_axes(matrix)
+        except SceneError as error:
+            raise SceneError("body", "tensor", matrix.tolist(), error.rule) from None
+        return cls(tuple(moments.tolist()), mass, centre, tuple(map(tuple, axes.tolist())), parts)
+
+    @classmethod
+    def from_particles(cls, masses: ArrayLike, positions: ArrayLike) -> Self:
+        """Make a body of N point particles, TdC (3.15).
+
+        Its inertia tensor::
+
+            I_ij = sum m (r^2 delta_ij - x_i x_j)
+
+        Parameters
+        ----------
+        masses : array_like (N,) [kg]
+            of the particles
+        positions : array_like (N, 3) [m]
+            from the fixed point
+
+        Returns
+        -------
+        Body
+            the body
+
+        Raises
+        ------
+        SceneError
+            for negative or non-finite masses, and particles that are no body, such as those on
+            a line
+
+        Examples
+        --------
+        >>> corners = [[1, 0, 0], [-1, 0, 0], [0, 2, 0], [0, -2, 0]]
+        >>> rm.Body.from_particles([1, 1, 1, 1], corners).moments
+        (8.0, 2.0, 10.0)
+        """
+        m = floats(masses, "masses", table="body.particles")
+        x = floats(positions, "positions", table="body.particles")
+        if m.ndim != 1 or x.shape != (m.size, 3):
+            rule = f"{m.size} masses need positions of shape ({m.size}, 3), not {x.shape}"
+            raise SceneError("body", "particles", None, rule)
+        finite = np.isfinite(m).all() and np.isfinite(x).all()
+        if not (finite and (m >= 0).all() and m.sum() > 0):
+            rule = "masses and positions must be finite, no mass negative, and some mass positive"
+            raise SceneError("body", "particles", None, rule)
+        mass = float(m.sum())
+        centre = tuple((m @ x / mass).tolist())
+        tensor = inertia.of_particles(m, x)
+        return cls._of_tensor(tensor, mass, centre, shape.of_particles(m, x))
+
+    @classmethod
+    def solid(cls, name: str, **sizes: Any) -> Self:
+        """Make a solid of uniform density by its name in `rigidmc.mechanics.solids.SOLIDS`.
+
+        It turns about the point that the docstring there names; axis 3 is its own axis.
+
+        Parameters
+        ----------
+        name : str
+            such as "hollow_cylinder"
+        **sizes : float [kg, m]
+            the arguments of the solid, all positive
+
+        Returns
+        -------
+        Body
+            the body
+
+        Raises
+        ------
+        SceneError
+            for an unknown name, a size that is missing or unknown, and one that is not positive
+
+        Examples
+        --------
+        >>> ring = rm.Body.solid("hollow_cylinder", mass=1.0, inner=0.1, outer=0.2, height=0.3)
+        >>> round(ring.moments[2], 12)  # M/2 (inner^2 + outer^2)
+        0.025
+        """
+        if name not in solids.SOLIDS:
+            raise unknown("body", name, None, "solid", solids.SOLIDS)
+        make, table = solids.SOLIDS[name], f"body.{name}"
+        wanted = tuple(inspect.signature(make).parameters)
+        for key in sizes:
+            if key not in wanted:
+                raise unknown(table, key, None, "key", wanted)
+        given: dict[str, Any] = {}
+        for key in wanted:
+            if key not in sizes:
+                raise SceneError(table, key, None, "is missing")
+            count = solids.COMPONENTS.get((name, key))
+            if count is None:
+                given[key] = _positive(sizes[key], key, table)
+            else:
+                parts = vector(sizes[key], table, key, count)
+                given[key] = tuple(_positive(part, key, table) for part in parts)
+        mass, centre, tensor = make(**given)
+        sizes = {key: given[key] for key in shape.sizes_of(name)}
+        parts = (shape.Part(name, sizes),)
+        return cls(tuple(np.diag(tensor).tolist()), mass, centre, shape=parts)
+
+    @classmethod
+    def cylinder(cls, mass: float, radius: float, height: float) -> Self:
+        """Make a solid cylinder about its centre, axis 3 along it, TdC Example 3.1.
+
+        Its inertia tensor::
+
+            I = M/12 diag(3a^2 + h^2, 3a^2 + h^2, 6a^2)
+
+        Parameters
+        ----------
+        mass : float [kg]
+            M
+        radius : float [m]
+            a
+        height : float [m]
+            h
+
+        Returns
+        -------
+        Body
+            the body
+
+        Examples
+        --------
+        >>> rm.Body.cylinder(mass=12.0, radius=1.0, height=3.0).moments
+        (12.0, 12.0, 6.0)
+        """
+        return cls.solid("cylinder", mass=mass, radius=radius, height=height)
+
+    @classmethod
+    def box(cls, mass: float, size: tuple[float, float, float]) -> Self:
+        """Make a solid box about its centre.
+
+        Its inertia tensor::
+
+            I = M/12 diag(y^2 + z^2, z^2 + x^2, x^2 + y^2)
+
+        Parameters
+        ----------
+        mass : float [kg]
+            M
+        size : array_like (3,) [m]
+            edges (x, y, z)
+
+        Returns
+        -------
+        Body
+            the body
+
+        Examples
+        --------
+        >>> rm.Body.box(mass=12.0, size=(1.0, 2.0, 3.0)).moments
+        (13.0, 10.0, 5.0)
+        """
+        return cls.solid("box", mass=mass, size=size)
+
+    @classmethod
+    def from_density(
+        cls, density: float | Callable[..., Any], region: Any, tolerance: float = 1e-10
+    ) -> Self:
+        """Make a body from a density over a region, TdC (3.17); it turns about the origin.
+
+        Gauss-Legendre rules have 24 and 40 points per dimension. A smooth density is integrated to
+        rounding, also if limits meet like roots, as at the rim of a ball; a density with edges
+        inside is refused.
+
+        Parameters
+        ----------
+        density : float or callable [kg/m^3]
+            a number, or a function rho(x, y, z) of arrays
+        region : tuple [m]
+            ("box", (x0, x1), (y0, y1), (z0, z1)), or ("cylinder", radius, (z0, z1)), or
+            ((x0, x1), y of x, z of x and y) with functions of arrays that give pairs of limits
+        tolerance : float, optional
+            by how much the two rules may differ, relative
+
+        Returns
+        -------
+        Body
+            the body
+
+        Raises
+        ------
+        SceneError
+            with the estimate if the two rules differ by more, and for a mass that is not positive
+
+        Examples
+        --------
+        >>> box = ("box", (-0.5, 0.5), (-1.0, 1.0), (-1.5, 1.5))
+        >>> [round(moment, 12) for moment in rm.Body.from_density(2.0, box).moments]
+        [13.0, 10.0, 5.0]
+        """
+        region = placed(region, "body", "region")
+        coarse, fine = (inertia.moments_of_density(density, region, points) for points in (24, 40))
+        mass, first, second = fine[0], fine[1:4], fine[4:].reshape(3, 3)
+        if not mass > 0:
+            rule = f"the mass is {mass:.3g}; it must be positive"
+            raise SceneError("body", "density", None, rule)
+        # mass and second moments differ in units: their geometric mean measures first moments
+        scale = np.array([mass, *[np.sqrt(mass * np.trace(second))] * 3, *[np.trace(second)] * 9])
+        error = (np.abs(fine - coarse) / scale).max()
+        if not error <= tolerance:
+            rule = (
+                f"the integral has not converged: two rules differ by {error:.1e} of it, more than"
+                f" {tolerance:g}; cut the region where the density jumps"
+            )
+            raise SceneError("body", "density", None, rule)
+        tensor, centre = np.trace(second) * np.eye(3) - second, first / mass
+        parts = shape.of_region(region)
+        return cls._of_tensor(tensor, float(mass), tuple(centre.tolist()), parts)
+
+    @classmethod
+    def from_mesh(
+        cls,
+        path: "str | Trimesh",
+        density: float | None = None,
+        mass: float | None = None,
+        scale: float = 1.0,
+    ) -> Self:
+        """Make a body from a closed triangle mesh of uniform density.
+
+        It turns about the origin of the mesh.
+
+        Parameters
+        ----------
+        path : str or trimesh.Trimesh
+            STL or OBJ file (extra `mesh`), or a mesh
+        density : float, optional [kg/m^3]
+            either this
+        mass : float, optional [kg]
+            or this
+        scale : float, optional [m]
+            metres per unit of the file
+
+        Returns
+        -------
+        Body
+            the body
+
+        Raises
+        ------
+        SceneError
+            for a mesh that is not watertight, and for both or neither of density and mass
+
+        Examples
+        --------
+        >>> rm.Body.from_mesh("part.stl")
+        Traceback (most recent call last):
+        rigidmc.errors.SceneError: [body.mesh] density: give either density or mass, one of them
+        """
+        from rigidmc.mechanics import mesh
+
+        table = "body.mesh"
+        if (density is None) == (mass is None):
+            raise SceneError(table, "density", density, "give either density or mass, one of them")
+        loaded = mesh.load(path, _positive(scale, "scale", table))
+        volume, centre, tensor = mesh.mass_properties(loaded, 1.0)
+        if mass is None:
+            by = _positive(density, "density", table)
+        else:
+            by = _positive(mass, "mass", table) / volume
+        parts = (shape.of_mesh(loaded),)
+        return cls._of_tensor(by * tensor, float(by * volume), tuple(centre.tolist()), parts)
+
+
+def _positive(value: Any, key: str, table: str = "body") -> float:
+    """A positive plain number; SceneError."""
+    number = quantity(value, table, key)
+    if not isinstance(number, float):
+        rule = "shapes take plain numbers; for bodies that differ give moments instead"
+        raise SceneError(table, key, None, rule)
+    if not number > 0:
+        raise SceneError(table, key, number, "must be positive")
+    return number
