@@ -8,6 +8,7 @@ from rigidmc.engine.inspection import DIVISION, ROOT, why_one_at_a_time
 from rigidmc.engine.kernel.march import march
 from rigidmc.engine.machine import vector_bits
 from rigidmc.engine.program import MARCH, lanes_for
+from rigidmc.physics.dynamics.methods import OFF, ON, flag, static_count
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators import INTEGRATORS, Turns, form
 from rigidmc.physics.integrators.protocol import group_count
@@ -70,13 +71,13 @@ class Case(NamedTuple):
 
     made: Any  # Form
     effects: tuple = ()
-    attitude: tuple = (0.0,)
-    compensated: tuple = ()
+    attitude: tuple = ON
+    compensated: tuple = OFF
     dtype: Any = "float64"
     works: tuple = ()
 
 
-def case(name, effects=(), attitude=(0.0,), compensated=(), dtype="float64", works=()):
+def case(name, effects=(), attitude=ON, compensated=OFF, dtype="float64", works=()):
     """The Case of an integrator, by name."""
     return Case(
         form(INTEGRATORS[name], Turns(0.1, 0.1), effects),
@@ -90,10 +91,10 @@ def case(name, effects=(), attitude=(0.0,), compensated=(), dtype="float64", wor
 
 def assembly_of(case, lanes):
     """The assembly of freshly compiled steps; those from the disk cache have none to read."""
-    groups = (0.0,) * min(lanes, group_count(case.made.integrator))
-    several = (0.0,) * (len(case.made.parts) > 2)
+    groups = static_count(min(lanes, group_count(case.made.integrator)))
+    several = flag(len(case.made.parts) > 2)
     made, effects, works = case.made.integrator, case.effects, case.works
-    parts = made, effects, case.attitude, case.compensated, works, groups, several, ()
+    parts = made, effects, case.attitude, case.compensated, works, groups, several, OFF
     compiled = dispatcher_of(march)
     compiled.compile(signature_of(parts, case.dtype, lanes, MARCH))
     (assembly,) = compiled.inspect_asm().values()

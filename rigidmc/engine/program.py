@@ -33,7 +33,7 @@ from rigidmc.engine.kernel.block import TRACE, advance
 from rigidmc.engine.kernel.layout import BODY, BODY_AT, KNOWN, LANES, START, places
 from rigidmc.engine.kernel.march import march
 from rigidmc.engine.machine import vector_bits
-from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.dynamics.methods import OFF, Flag, flag, implements, static_count
 from rigidmc.physics.effects import labelled
 from rigidmc.physics.effects.protocol import takes_noise
 from rigidmc.physics.integrators.protocol import changes_form, group_count, keeping, keeps_its_own
@@ -54,10 +54,10 @@ class Program:
     limits : () if only non-finite members are flagged; else the largest drift of energy (of the
         energies in play), of |L|^2 (of its size) and of L_z (of the largest |L| that the energies
         allow), |omega| h [rad], and ||q|^2 - 1|; inf if a scene has no such law
-    ledger : () if no works are kept; else for each effect () if its energy tells its work, (0.0,)
-        if not, see `rigidmc.physics.effects.protocol`
-    events, running, shadow : what is watched: compiled events; (running observable, as many 0.0 as
-        it has marks) each; (0.0,) for a neighbour, else ()
+    ledger : () if no works are kept; else for each effect OFF if its energy tells its work, ON if
+        not, see `rigidmc.physics.effects.sums`
+    events, running, shadow : what is watched: compiled events; (running observable, `static_count`
+        of its marks) each; ON for a neighbour
     lanes : how many members are worked on side by side, by default what suits this processor; one
         if the code of a user's own effect takes only one
     ask : compile nothing; `missing` then tells what would be compiled
@@ -72,7 +72,7 @@ class Program:
         self, form: Any, effects: Sequence[Any], observables: Sequence[Any] = (),
         attitude: bool = True, compensated: bool = False, dtype: DTypeLike = "float64",
         limits: Sequence[float] = (), ledger: Sequence[Any] = (), events: Sequence[Any] = (),
-        running: Sequence[Any] = (), shadow: Sequence[float] = (), lanes: int | None = None,
+        running: Sequence[Any] = (), shadow: Flag = OFF, lanes: int | None = None,
         ask: bool = False, nodes: int = 0, paired: bool = False, shortens: bool = False,
     ) -> None:  # fmt: skip
         compensated = compensated and not keeps_its_own(form.integrator)
@@ -107,8 +107,8 @@ class Program:
             reopens=int(shortens and changes_form(form.integrator)),
             reweighs=int(shortens and bool(running)),
         )
-        kept = (0.0,) * bool(attitude), (0.0,) * bool(compensated)
-        self.paired = (0.0,) * bool(paired)
+        kept = flag(attitude), flag(compensated)
+        self.paired = flag(paired)
         self.asked = self._asked(kept, observables, tuple(limits), ledger, events, running, shadow)
         if not ask:
             self._compile()
@@ -119,13 +119,13 @@ class Program:
     ) -> dict[str, Asked | None]:  # fmt: skip
         """{name: what `piece` takes} of all pieces, None for those without a use.
 
-        marks : (0.0,) or () for attitude and for remainders
+        marks : flags of attitude and of remainders
         """
         integrator, effects, shape = self.form.integrator, self.effects, self.shape
-        groups = (0.0,) * min(self.lanes, group_count(integrator))
-        several = (0.0,) * (len(self.form.parts) > 2)
-        moved = (integrator, effects, *marks, (0.0,) * len(ledger), groups, several, self.paired)
-        kept, dense = keeping(integrator), (0.0,) * min(shape.nodes, 2)
+        groups = static_count(min(self.lanes, group_count(integrator)))
+        several, works = flag(len(self.form.parts) > 2), static_count(len(ledger))
+        moved = (integrator, effects, *marks, works, groups, several, self.paired)
+        kept, dense = keeping(integrator), static_count(min(shape.nodes, 2))
 
         def asked(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
             return (function, parts, self.dtype, self.lanes, arguments) if wanted else None

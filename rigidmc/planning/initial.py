@@ -14,7 +14,7 @@ from rigidmc.engine.streams import key_of, stream_of, uniforms
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import broken, quaternions, tensors_into, vectors_into
 from rigidmc.physics.dynamics.euler import MassProperties
-from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.dynamics.methods import Flag, flag, implements
 from rigidmc.physics.dynamics.so3 import multiply
 from rigidmc.physics.effects import labelled, shared
 from rigidmc.physics.effects.protocol import facts as effect_facts
@@ -304,12 +304,12 @@ def _check_ensemble(scene: Scene) -> None:
         raise SceneError("start", "attitude", "ensemble", rule)
 
 
-def ledger(scene: Scene) -> tuple[tuple[float, ...], ...]:
-    """For each effect () if its energy tells its work, else (0.0,); () if no works are saved. See
+def ledger(scene: Scene) -> tuple[Flag, ...]:
+    """For each effect OFF if its energy tells its work, else ON; () if no works are saved. See
     `rigidmc.engine.program.Program`."""
     if "work" not in scene.run.save:
         return ()
-    return tuple(() if implements(effect, "energy") else (0.0,) for effect in scene.effects)
+    return tuple(flag(not implements(effect, "energy")) for effect in scene.effects)
 
 
 def block_rows(scene: Scene) -> int:

@@ -10,7 +10,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.events import record_of
 from rigidmc.engine.kernel.layout import EVENT, SHADOW, STATUSES, SUMS, Places, places, watch_rows
 from rigidmc.physics.dynamics.euler import MassProperties
-from rigidmc.physics.dynamics.methods import depends
+from rigidmc.physics.dynamics.methods import OFF, Flag, depends, flag, static_count
 from rigidmc.physics.effects.protocol import parameter_count
 from rigidmc.physics.observables import dimensions, outputs, under
 from rigidmc.physics.observables.event_times import FOLLOWED, event_times
@@ -41,7 +41,7 @@ class Watch(NamedTuple):
 
     events: tuple[Any, ...] = ()
     running: tuple[Any, ...] = ()
-    shadow: tuple[float, ...] = ()
+    shadow: Flag = OFF
     of_events: Labelled = ()
     of_running: Labelled = ()
     of_shadow: Labelled = ()
@@ -49,7 +49,7 @@ class Watch(NamedTuple):
     dims: tuple[str, ...] = ()
 
     @property
-    def compiled(self) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[float, ...]]:
+    def compiled(self) -> tuple[tuple[Any, ...], tuple[Any, ...], Flag]:
         """As arguments of `rigidmc.engine.program.Program`."""
         return self.events, self.running, self.shadow
 
@@ -73,8 +73,8 @@ def watch(scene: Scene) -> Watch:
     moments, complete = _bodies(scene) if events else (np.empty((3, 0)), True)
     return Watch(
         tuple(one.compiled(moments, complete, scene.effects) for _, one in events),
-        tuple((under(one, scene.effects), (0.0,) * one.marks) for _, one in running),
-        (0.0,) * len(shadow[:1]),
+        tuple((under(one, scene.effects), static_count(one.marks)) for _, one in running),
+        flag(shadow),
         events,
         running,
         shadow,
@@ -119,7 +119,7 @@ def needs_attitude(scene: Scene, watched: Watch) -> bool:
     """
     if watched.shadow:  # the distance to the neighbour is that of attitude and momentum
         return True
-    works = (0.0,) * len(scene.effects)
+    works = static_count(len(scene.effects))
     return (
         any(depends(value, o, **_SAVED, works=works) for o in scene.recorded().values())
         or any(

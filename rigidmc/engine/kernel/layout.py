@@ -16,6 +16,7 @@ from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.memory import four_at, put, three_at, tuple_at
 from rigidmc.engine.compiler.trees import filled
 from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.dynamics.methods import Flag
 from rigidmc.physics.dynamics.so3 import first_three, joined
 from rigidmc.physics.integrators.protocol import keeps
 
@@ -130,7 +131,7 @@ def places(
     return Places(*accumulate(counts, initial=EFFECTS))
 
 
-def watch_rows(events: Sequence[Any], running: Sequence[Any], shadow: Sequence[Any]) -> int:
+def watch_rows(events: Sequence[Any], running: Sequence[Any], shadow: Flag) -> int:
     """How many rows of a block are watched; events, running, shadow : as `Program` takes them."""
     watched = places(0, 0, len(events), [len(marks) for _, marks in running], len(shadow) > 0)
     return watched.end - watched.events

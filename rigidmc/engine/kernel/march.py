@@ -131,7 +131,7 @@ def all_moving(left, groups, i, compensated, more, row, state):
 def all_shaken(fixed, key, number, streams, paired):
     """The Fixed of each group, the random effects with the deviates of a step.
 
-    paired : (0.0,) if a step has the noise of two steps of half its length, else ()
+    paired : ON if a step has the noise of two steps of half its length
     """
     if len(fixed) == 0:
         return ()

@@ -56,6 +56,7 @@ from rigidmc.engine.kernel.layout import (  # fmt: skip
     STOPPED,
     body_at,
 )
+from rigidmc.physics.dynamics.methods import OFF
 from rigidmc.physics.dynamics.so3 import first_three, joined, select_each
 from rigidmc.physics.effects.sums import either
 from rigidmc.physics.integrators.protocol import closed, keeps
@@ -179,7 +180,7 @@ def rates(then, now):
 def through(dense, events, running, moves, step, nodes, levels, kept, node, work, row):
     """(levels, kept, Node) at the end of a step, from those at its start.
 
-    dense : () if only the end of the step is watched; (0.0,) if there is no inner node
+    dense : its length is 0 if only the end of the step is watched, 1 if there is no inner node
     """
     if len(dense) == 0:
         kept = updated(running, moves, step, step.t, step.q, step.l, kept)
@@ -265,9 +266,9 @@ def averaged_one(averages, one, moves, step, t, q, l, kept):
 
 
 def any_averages(running):
-    """(0.0,) if any running observable is a mean over time."""
+    """ON if any running observable is a mean over time."""
     if len(running) == 0:
-        return ()
+        return OFF
     return either(averages(running[0][0]), any_averages(running[1:]))
 
 

@@ -86,8 +86,8 @@ def normals(words):
 def deviates(paired, key, member, number, stream):
     """Three normal deviates of a member for the step `number`, which is less than 2^63.
 
-    paired : () or, for a step that has the noise of two steps of half its length, (0.0,): the sums
-        of the deviates of those steps, 2 number and 2 number + 1, over sqrt(2)
+    paired : ON for a step that has the noise of two steps of half its length: the sums of the
+        deviates of those steps, 2 number and 2 number + 1, over sqrt(2)
     """
     if len(paired) == 0:
         return normals(philox(key, (member, number, stream, _ONE)))

@@ -6,6 +6,8 @@ is needed.
 
 from typing import NamedTuple
 
+from rigidmc.physics.dynamics.methods import OFF, ON
+
 
 class Arc(NamedTuple):
     """How far the flow goes in a time h: S, g1 = 1 - f1 and g3 = 1 - f3, where S is like sn.
@@ -48,7 +50,7 @@ def _less_than_root(z):
 
 
 def _over(u, near):
-    """1/(1 - u) to rounding; near : () for any u, (0.0,) for |u| < 0.1.
+    """1/(1 - u) to rounding; near : OFF for any u, ON for |u| < 0.1.
 
     For small u by a series to u^3 and two Newton steps, which is faster than a division
     (tests/physics/dynamics/test_series.py).
@@ -60,8 +62,8 @@ def _over(u, near):
     return r + r * (1.0 - d * r)
 
 
-def doubled(a, x, y, near=()):
-    """The Arc of twice the time; near : (0.0,) for short times, see `_over`.
+def doubled(a, x, y, near=OFF):
+    """The Arc of twice the time; near : ON for short times, see `_over`.
 
     g = 1 - f of the doubled time comes from a factored form, so no digit cancels.
     """
@@ -71,10 +73,10 @@ def doubled(a, x, y, near=()):
     return Arc(2.0 * a.s * f1 * f3 * r, 2.0 * x * ss * f3 * f3 * r, 2.0 * y * ss * f1 * f1 * r)
 
 
-def increment(body, a, p, l, near=()):
+def increment(body, a, p, l, near=OFF):
     """L(t + h) - L(t) of a free body for the Arc of h; p : P of `squares`.
 
-    near : (0.0,) if h is the time of an Arc without doublings, or of one panel; see `_over`
+    near : ON if h is the time of an Arc without doublings, or of one panel; see `_over`
 
     T and |L|^2 are conserved to rounding for any S in the range of `near`, and the errors do not
     add up: the plain form L1' = (f1 L1 + f3 S a1 L2 L3)/D drifts linearly (9e-13 after 1e4 steps),
@@ -106,16 +108,16 @@ def half_and_whole(h, x, y, halvings):
     """(Arc of h/2, Arc of h): the series at h/2^(1 + len(halvings)), then doublings."""
     if len(halvings) == 0:
         half = arc(0.5 * h, x, y)
-        return half, doubled(half, x, y, (0.0,))
+        return half, doubled(half, x, y, ON)
     half = half_and_whole(0.5 * h, x, y, halvings[1:])[1]
     return half, doubled(half, x, y)
 
 
 def near_of(halvings):
-    """`near` of an Arc with these halvings: (0.0,) if there are none, else ()."""
+    """`near` of an Arc with these halvings: ON if there are none."""
     if len(halvings) == 0:
-        return (0.0,)
-    return ()
+        return ON
+    return OFF
 
 
 def of_a_panel(half, whole, h, x, y, panels):

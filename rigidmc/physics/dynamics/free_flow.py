@@ -22,6 +22,7 @@ from rigidmc.physics.dynamics.arc import (
 )
 from rigidmc.physics.dynamics.euler import angular_velocity
 from rigidmc.physics.dynamics.functions import sincos
+from rigidmc.physics.dynamics.methods import ON
 from rigidmc.physics.dynamics.quaternions import conjugate, exponential, multiply
 from rigidmc.physics.dynamics.vectors import (
     add,
@@ -167,7 +168,7 @@ def summed(m, panels, u, at, slopes=()):
     third = f3 * u[2] + f1 * m.half.s * m.body.a3 * u[0] * u[1]
     middle = m.sign * select(m.on_third, third, first)
     below = 1.0 - p * (m.half.s * m.half.s) + middle
-    u = add(u, increment(m.body, followed(m, m.panel, slopes, u), p, u, (0.0,)))
+    u = add(u, increment(m.body, followed(m, m.panel, slopes, u), p, u, ON))
     c = m.sign * select(m.on_third, u[2], u[0])
     both = 1.0 / ((1.0 + c) * below)  # one division for two
     end = _share(m, u, c, below * both)

@@ -3,6 +3,12 @@
 A class says what it depends on by the arguments of its methods: `torque(self, body, q)` depends on
 body and attitude, `torque(self, l)` on the angular momentum alone. Nothing is declared twice, so
 nothing can be declared wrongly.
+
+What a kernel has or has not is a type, so that its code holds nothing else. A yes or no is a flag,
+ON or OFF; a number that unrolls code is the length of a tuple, `static_count`. Compiled code asks
+for both by `if len(x) == 0`, literally: Numba removes a branch on the length of an argument before
+it types the rest, but not one on a helper such as `is_off(x)`, whose other side would then have to
+make sense too.
 """
 
 import inspect
@@ -10,7 +16,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable
 from functools import lru_cache
-from typing import Any, Protocol, cast
+from typing import Any, NamedTuple, Protocol, TypeAlias, cast
 
 
 class Method(Protocol):
@@ -25,6 +31,31 @@ class Method(Protocol):
     available: tuple[str, ...]
 
     def __call__(self, part: Any, /, *values: Any) -> Any: ...
+
+
+class On(NamedTuple):
+    """A flag of compiled code that is set. It is one number, as a record of numbers needs rows."""
+
+    on: float = 0.0
+
+
+class Off(NamedTuple):
+    """A flag of compiled code that is not set."""
+
+
+Flag: TypeAlias = On | Off
+Count: TypeAlias = tuple[float, ...]  # of `static_count`
+ON, OFF = On(), Off()
+
+
+def flag(condition: object) -> Flag:
+    """ON if a condition holds, else OFF."""
+    return ON if condition else OFF
+
+
+def static_count(count: int) -> Count:
+    """A number that compiled code knows by its type: a tuple of this length."""
+    return (0.0,) * count
 
 
 METHODS: list[Method] = []  # every one, for `rigidmc.engine.compiler.compose` to compile

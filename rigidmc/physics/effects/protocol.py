@@ -217,14 +217,14 @@ class Idle(NamedTuple):
 
 
 def idle_unless(mark, effect):
-    """The effect, or Idle if the mark is ()."""
+    """The effect, or Idle if the mark is OFF."""
     if len(mark) == 0:
         return Idle()
     return effect
 
 
 def chosen(effects, which):
-    """The effects, with Idle in each place where `which` has ()."""
+    """The effects, with Idle in each place where `which` has OFF."""
     if len(effects) == 0:
         return ()
     return (idle_unless(which[0], effects[0]),) + chosen(effects[1:], which[1:])

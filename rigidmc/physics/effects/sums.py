@@ -9,6 +9,7 @@ A run that saves `work` carries one number for each effect behind the three comp
 """
 
 from rigidmc.physics.dynamics.euler import angular_velocity, half_rotation, spun
+from rigidmc.physics.dynamics.methods import OFF
 from rigidmc.physics.dynamics.so3 import (
     add,
     axpy,
@@ -204,7 +205,7 @@ def booked(start, ledger, works):
     """The start's (E, 1/scale of E, ...), corrected by the works done since.
 
     E grows by the work of the effects without an energy; the scale grows by the sum of all |work|.
-    ledger : for each effect () if it has an energy, else (0.0,)
+    ledger : for each effect OFF if it has an energy, else ON
     """
     if len(works) == 0:
         return start
@@ -212,28 +213,28 @@ def booked(start, ledger, works):
 
 
 def marked(ledger):
-    """(0.0,) if an effect of the ledger has no energy, else ()."""
+    """ON if an effect of the ledger has no energy, else OFF."""
     if len(ledger) == 0:
-        return ()
+        return OFF
     return either(ledger[0], marked(ledger[1:]))
 
 
 def either(marks, others):
-    """Marks, or others if there are none."""
+    """The first of two flags if it is ON, else the second."""
     if len(marks) == 0:
         return others
     return marks
 
 
 def spent(ledger, works):
-    """The sum of the works of those effects that have no () in `ledger`."""
+    """The sum of the works of those effects that are ON in `ledger`."""
     if len(works) == 0:
         return 0.0
     return spent_first(ledger[0], works[0], spent(ledger[1:], works[1:]))
 
 
 def spent_first(mark, work, others):
-    """others + work, or others alone if the mark is ()."""
+    """others + work, or others alone if the mark is OFF."""
     if len(mark) == 0:
         return others
     return work + others

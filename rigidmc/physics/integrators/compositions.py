@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rigidmc.physics.dynamics.methods import flag, static_count
 from rigidmc.physics.effects.protocol import depends_on_momentum, is_random
 from rigidmc.physics.integrators.protocol import ONE, Form, Turns
 from rigidmc.physics.integrators.splitting import (
@@ -90,10 +91,8 @@ class Composition:
             rows += [(a / n, 0.0, 0.0, time + a * k / n) for k in range(1, n)]
             middle = self.gradient if 2 * (i + 1) == len(parts) else 0.0
             rows.append((a / n, b, middle, time + a))
-        leads = (0.0,) if self.drift_first else ()
-        return Form(
-            ForceGradient(drift) if self.gradient else Splitting(drift, leads), np.array(rows)
-        )
+        splitting = Splitting(drift, flag(self.drift_first))
+        return Form(ForceGradient(drift) if self.gradient else splitting, np.array(rows))
 
     def _parts(self) -> tuple[tuple[float, float], list[tuple[float, float]]]:
         """(opening, parts) as (drift, kick) each: what opens the first step ends all the others."""
@@ -113,9 +112,9 @@ class Composition:
         drift = Split() if self.split else exact_drift(turns, 0.5)
         n = 1 if self.split else pieces(turns, 0.5)
         rows = [(0.0, 0.5, 0.0, 0.0), (0.5 / n, 1.0, 0.0, 1.0)]
-        pushes = tuple(() if depends_on_momentum(e) or is_random(e) else (0.0,) for e in effects)
-        flows = tuple((0.0,) if depends_on_momentum(e) else () for e in effects)
-        return Form(Langevin(drift, (0.0,) * n, pushes, flows), np.array(rows))
+        pushes = tuple(flag(not depends_on_momentum(e) and not is_random(e)) for e in effects)
+        flows = tuple(flag(depends_on_momentum(e)) for e in effects)
+        return Form(Langevin(drift, static_count(n), pushes, flows), np.array(rows))
 
 
 def _with_rest(total: float, *given: float) -> tuple[float, ...]:

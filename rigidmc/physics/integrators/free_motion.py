@@ -20,6 +20,7 @@ from rigidmc.physics.dynamics.free_flow import (
     summed,
     turn_between,
 )
+from rigidmc.physics.dynamics.methods import static_count
 from rigidmc.physics.dynamics.so3 import (
     add,
     difference,
@@ -31,6 +32,8 @@ from rigidmc.physics.dynamics.so3 import (
 )
 from rigidmc.physics.integrators.protocol import Form, Turns
 from rigidmc.physics.integrators.splitting import Exact, Splitting, Symmetric, exact_drift, pieces
+
+_KEPT = static_count(7)
 
 
 class FreeSteps(NamedTuple):
@@ -48,7 +51,7 @@ class FreeSteps(NamedTuple):
 
     def keeps(self):
         """The attitude and the momentum of the start."""
-        return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return _KEPT
 
     def constants(self, body, part, l):
         m, _ = motion(body, self.drift.halvings, self.drift.panels, part[0], l[7:])

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.physics.dynamics.euler import half_rotation, scaled, spun
+from rigidmc.physics.dynamics.methods import Count, static_count
 from rigidmc.physics.dynamics.so3 import gain, gain4, scale, scale4, spin, turned, whole
 from rigidmc.physics.effects.sums import push
 from rigidmc.physics.integrators.protocol import ONE, Form, Turns
@@ -45,7 +46,7 @@ class Midpoint(NamedTuple):
     Source: Hairer, Lubich & Wanner, Geometric Numerical Integration (2006), IV.2.1.
     """
 
-    eights: tuple[float, ...] = (1.0,) * 2
+    eights: Count = static_count(2)
 
     order = 2
     reversible = True
@@ -67,7 +68,7 @@ class Midpoint(NamedTuple):
         rate = max(0.55 * turns.spin, 1e-3)
         count = math.log(1e-17) / math.log(min(rate, 0.66)) / 8.0
         doublings = max(0, math.ceil(math.log2(count)))
-        return Form(Midpoint((1.0,) * 2**doublings), np.array(ONE))
+        return Form(Midpoint(static_count(2**doublings)), np.array(ONE))
 
     def step(self, body, effects, t, h, q, l):
         at, now = whole(q), whole(l)

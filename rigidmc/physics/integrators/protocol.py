@@ -85,7 +85,7 @@ def group_count(integrator):
 
 @method
 def keeps(integrator):
-    """What the state keeps behind L, apart from remainders of sums: seven times 0.0, or ()."""
+    """What the state keeps behind L, beside remainders of sums: `static_count` of 7, or of 0."""
     return ()
 
 

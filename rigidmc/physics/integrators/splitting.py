@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from rigidmc.physics.dynamics.euler import angular_velocity
 from rigidmc.physics.dynamics.free_flow import free_flow, split_flow, symmetric_flow
-from rigidmc.physics.dynamics.methods import method
+from rigidmc.physics.dynamics.methods import OFF, Count, Flag, method, static_count
 from rigidmc.physics.dynamics.so3 import (
     axpy,
     cross,
@@ -66,11 +66,11 @@ def levelled(l, change):
 class Splitting(NamedTuple):
     """A part: drift, then kick.
 
-    leads : (0.0,) if a step begins with a drift, () if with a kick
+    leads : ON if a step begins with a drift, OFF if with a kick
     """
 
     drift: Any
-    leads: tuple[Any, ...] = ()
+    leads: Flag = OFF
 
     def step(self, body, effects, t, part, q, l):
         q, l = drifted(self.drift, body, part[0], q, l)
@@ -111,14 +111,14 @@ class Langevin(NamedTuple):
     """BAOAB: drifts over half a step, flows of L and noise over the step, drifts, a kick.
 
     often : one element for each drift of half a step
-    pushes : for each effect (0.0,) if its torque depends on attitude and time alone, else ()
-    flows : for each effect (0.0,) if it has its own flow of L, else ()
+    pushes : for each effect ON if its torque depends on attitude and time alone
+    flows : for each effect ON if it has its own flow of L
     """
 
     drift: Any
-    often: tuple[Any, ...] = (0.0,)
-    pushes: tuple[Any, ...] = ()
-    flows: tuple[Any, ...] = ()
+    often: Count = static_count(1)
+    pushes: tuple[Flag, ...] = ()
+    flows: tuple[Flag, ...] = ()
 
     def step(self, body, effects, t, h, part, q, l):
         q, l = drifted_often(self.often, self.drift, body, part[0], q, l)
@@ -179,7 +179,7 @@ class Exact(NamedTuple):
     `rigidmc.physics.dynamics.free_flow`.
     """
 
-    halvings: tuple[float, ...] = ()
+    halvings: Count = static_count(0)
     panels: tuple[float, ...] = (1.0,)
 
     def flow(self, body, h, l):
@@ -210,7 +210,7 @@ def exact_drift(turns: Turns, largest: float) -> Symmetric | Exact:
     # 1e-300 rad: a free rate of 0 has no logarithm
     angle = max(min(turns.free * largest, PIECE_TURN), 1e-300)
     doublings = max(0, math.ceil(math.log2(angle / PANEL_TURN) - 1e-9))
-    return Exact((1.0,) * doublings, (0.5**doublings,) * 2**doublings)
+    return Exact(static_count(doublings), (0.5**doublings,) * 2**doublings)
 
 
 def pieces(turns: Turns, drift: float) -> int:

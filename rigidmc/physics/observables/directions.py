@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from rigidmc.errors import SceneError, unknown
+from rigidmc.physics.dynamics.methods import OFF, ON, Count, Flag, flag, static_count
 from rigidmc.physics.dynamics.so3 import dot, first_three, into_body, up
 from rigidmc.physics.effects.field import RotatingField, UniformField, turned
 from rigidmc.physics.effects.gravity_gradient import GravityGradient, place
 
-Marks = tuple[float, ...]
 ORBIT = ("local_vertical", "along_track", "orbit_normal")
 WORDS = ("vertical", "momentum", "field", *ORBIT)
 RULE = (
@@ -67,37 +67,36 @@ def words(about: Any) -> str:
 
 
 class Direction(NamedTuple):
-    """A direction as compiled code takes it; without any mark the vertical.
+    """A direction as compiled code takes it; with all flags OFF the vertical.
 
-    momentum, orbit, field : (0.0,) for the angular momentum, for one of the orbit, for the field
-    which : (0.0,) as often as there are effects before the one that has the orbit or the field
-    other : (0.0,) for the direction along the track, and for a field that rotates
+    momentum, orbit, field : ON for the angular momentum, for one of the orbit, for the field
+    which : how many effects are before the one that has the orbit or the field
+    other : ON for the direction along the track, and for a field that rotates
     vector : (x, y, z) of a fixed unit vector in space, else ()
     """
 
-    momentum: Marks = ()
-    orbit: Marks = ()
-    field: Marks = ()
-    which: Marks = ()
-    other: Marks = ()
-    vector: Marks = ()
+    momentum: Flag = OFF
+    orbit: Flag = OFF
+    field: Flag = OFF
+    which: Count = static_count(0)
+    other: Flag = OFF
+    vector: tuple[float, ...] = ()
 
 
 def compiled(table: str, key: str, about: Any, effects: Sequence[Any]) -> Direction:
     """The Direction that `about` means; SceneError without the orbit or the field it needs."""
-    mark: Marks = (0.0,)
     if not isinstance(about, str):
         size = math.hypot(*about)
         return Direction(vector=tuple(x / size for x in about))
     if about in (*ORBIT, "field"):
         which = source(table, key, about, effects)
         if about == "field":
-            turns = mark * isinstance(effects[which], RotatingField)
-            return Direction(field=mark, which=mark * which, other=turns)
+            turns = flag(isinstance(effects[which], RotatingField))
+            return Direction(field=ON, which=static_count(which), other=turns)
         if about != "orbit_normal":  # the space z axis
-            ahead = mark * (about == "along_track")
-            return Direction(orbit=mark, which=mark * which, other=ahead)
-    return Direction(momentum=mark * (about == "momentum"))
+            ahead = flag(about == "along_track")
+            return Direction(orbit=ON, which=static_count(which), other=ahead)
+    return Direction(momentum=flag(about == "momentum"))
 
 
 def seen(direction, effects, t, q, l):
@@ -107,7 +106,7 @@ def seen(direction, effects, t, q, l):
 
 
 def marked(momentum, orbit, field, which, other, vector, effects, t, q, l):
-    """`seen` of the Direction with these marks."""
+    """`seen` of the Direction with these flags."""
     if len(momentum) > 0:
         return first_three(l)
     if len(orbit) > 0:
@@ -125,7 +124,7 @@ def length(direction, v):
 
 
 def length_of(momentum, field, v):
-    """`length` of the Direction with these marks."""
+    """`length` of the Direction with these flags."""
     if len(momentum) > 0:
         return math.sqrt(dot(v, v))
     if len(field) > 0:
@@ -136,8 +135,8 @@ def length_of(momentum, field, v):
 def on_orbit(effects, which, ahead, t):
     """The unit vector from the central body outward, or that along the track.
 
-    which : (0.0,) as often as there are effects before the one that has the orbit
-    ahead : (0.0,) for the direction along the track, at a right angle to the other
+    which : how many effects are before the one that has the orbit
+    ahead : ON for the direction along the track, at a right angle to the other
     """
     cosine, sine = place_on(effects, which, t)
     if len(ahead) > 0:
@@ -155,8 +154,8 @@ def place_on(effects, which, t):
 def on_field(effects, which, turns, t):
     """The field in space at time t, not of length 1.
 
-    which : (0.0,) as often as there are effects before the one that has the field
-    turns : (0.0,) for a field that rotates
+    which : how many effects are before the one that has the field
+    turns : ON for a field that rotates
     """
     if len(which) > 0:
         return on_field(effects[1:], which[1:], turns, t)

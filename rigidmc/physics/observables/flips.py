@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.methods import Flag, flag
 from rigidmc.physics.dynamics.so3 import dot, select
 from rigidmc.physics.observables.protocol import Array, Record, event
 
@@ -87,9 +88,8 @@ class Flips(NamedTuple):
                 raise SceneError(TABLE, "axis", self.axis, rule)
             axes = sorted({int(i) for i in order[1]}) if complete else [0, 1, 2]
             some_alike = not complete or not different.all()
-        one, two, three = (((0.0,) if i in axes else ()) for i in range(3))
-        alike = (0.0,) if some_alike else ()
-        return Component(one, two, three, math.cos(self.within) ** 2, alike)
+        one, two, three = (flag(i in axes) for i in range(3))
+        return Component(one, two, three, math.cos(self.within) ** 2, flag(some_alike))
 
     def words(self) -> dict[str, Any]:
         """The axis and the angle."""
@@ -116,17 +116,17 @@ class Flips(NamedTuple):
 class Component(NamedTuple):
     """A component of L, as an event.
 
-    one, two, three : (0.0,) if the axis of some body is this one, else (); if several are marked,
-        the axis of the middle moment counts
+    one, two, three : ON if the axis of some body is this one; if several are, the axis of the
+        middle moment counts
     square : squared cosine of the angle within which the event arms
-    alike : (0.0,) if some bodies may have two equal moments, and then no flips, else ()
+    alike : ON if some bodies may have two equal moments, and then no flips
     """
 
-    one: tuple[float, ...]
-    two: tuple[float, ...]
-    three: tuple[float, ...]
+    one: Flag
+    two: Flag
+    three: Flag
     square: float
-    alike: tuple[float, ...]
+    alike: Flag
 
     def level(self, body, l):
         return component((self.one, self.two, self.three), body, l)
@@ -166,7 +166,7 @@ def component(marks, body, l):
 
 
 def only(mark, this, other):
-    """`this` if there is a mark, else `other`."""
+    """`this` if the mark is ON, else `other`."""
     if len(mark) == 0:
         return other
     return this

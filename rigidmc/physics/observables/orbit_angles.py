@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.methods import static_count
 from rigidmc.physics.dynamics.so3 import arctan2, dot, into_body, root, up
 from rigidmc.physics.observables.directions import place_on, source, unit
 from rigidmc.physics.observables.protocol import observable
@@ -63,8 +64,8 @@ class OrbitAngles(NamedTuple):
         return {"axes": ", ".join(map(str, self.axes))}
 
     def under(self, effects: Sequence[Any]) -> Self:
-        """The same as it is compiled: unit vectors, then 0.0 for each effect before the orbit."""
-        before = (0.0,) * source(TABLE, "axes", "orbit", effects)
+        """The same as it is compiled: unit vectors, then how many effects are before the orbit."""
+        before = static_count(source(TABLE, "axes", "orbit", effects))
         return self._replace(axes=(*map(unit, self.axes), before))
 
     def value(self, effects, t, q):

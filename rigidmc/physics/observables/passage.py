@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.errors import SceneError, unknown
+from rigidmc.physics.dynamics.methods import Flag, flag
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import directions
-from rigidmc.physics.observables.directions import Direction, Marks, length, seen
+from rigidmc.physics.observables.directions import Direction, length, seen
 from rigidmc.physics.observables.protocol import Array, Record, event
 
 TABLE = "observables.passage"
@@ -100,13 +101,13 @@ class Passage(NamedTuple):
         smooth = not any(map(is_random, effects))
         outward = -1.0 if self.way == "leaves" else 1.0
         return Cone(
-            tuple((0.0,) if abs(self.axis) == i else () for i in (1, 2, 3)),
+            tuple(flag(abs(self.axis) == i) for i in (1, 2, 3)),
             outward * math.copysign(1.0, self.axis),
             outward * math.cos(self.angle),
-            (0.0,) * self.stop,
-            (0.0,) * (self.at_start == "ignore"),
+            flag(self.stop),
+            flag(self.at_start == "ignore"),
             directions.compiled(TABLE, "about", self.about, effects),
-            (float(self.hold), 0.0)[: 1 + smooth] if self.hold else (),
+            (float(self.hold), *flag(smooth)) if self.hold else (),
         )
 
     def words(self) -> dict[str, Any]:
@@ -134,19 +135,19 @@ class Cone(NamedTuple):
 
         level = sign (e . d) - cosine |d|, which rises through 0 at the event
 
-    axis : (0.0,) for the axis, () for the others;  stop : see
+    axis : ON for the axis, OFF for the others;  stop : see
         `rigidmc.physics.observables.protocol.stops`
-    ignored : (0.0,) if a start beyond the cone does not count
+    ignored : ON if a start beyond the cone does not count
     hold : see `rigidmc.physics.observables.protocol.holds`
     """
 
-    axis: tuple[tuple[float, ...], ...]
+    axis: tuple[Flag, ...]
     sign: float
     cosine: float
-    stop: tuple[float, ...]
-    ignored: tuple[float, ...]
+    stop: Flag
+    ignored: Flag
     direction: Direction
-    hold: Marks
+    hold: tuple[float, ...]
 
     def level(self, effects, t, q, l):
         d = seen(self.direction, effects, t, q, l)

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar, cast, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.physics.dynamics.methods import method
+from rigidmc.physics.dynamics.methods import OFF, ON, method
 
 Array = NDArray[np.float64]
 Dims = tuple[str, ...]
@@ -168,8 +168,8 @@ class Ensemble(OverSteps, Protocol):
 
 
 def _conserved(self):
-    """The mark of an observable that is conserved."""
-    return (0.0,)
+    """The flag of an observable that is conserved."""
+    return ON
 
 
 def _no_check(self: Any) -> None:
@@ -291,9 +291,9 @@ def monotone(observable, values):
 
 @method
 def averages(observable):
-    """(0.0,) if a running observable is a mean over time, else (): means are updated at states
-    within a step too, which lie equally far apart."""
-    return ()
+    """ON if a running observable is a mean over time: means are updated at states within a step
+    too, which lie equally far apart."""
+    return OFF
 
 
 @method
@@ -306,9 +306,9 @@ def reweighed(running, kept, longer):
 
 @method
 def steady(observable):
-    """(0.0,) if an observable is conserved, else (): statistics of it are those of the ends of
-    steps, because a state within a step is known to fewer digits."""
-    return ()
+    """ON if an observable is conserved: statistics of it are those of the ends of steps, because a
+    state within a step is known to fewer digits."""
+    return OFF
 
 
 @method
@@ -341,5 +341,5 @@ def holds(event):
 
 @method
 def stops(event):
-    """(0.0,) if the event stops the member, else (): known when the event is compiled."""
-    return ()
+    """ON if the event stops the member: known when the event is compiled."""
+    return OFF

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.dynamics.methods import OFF, ON, implements
 from rigidmc.physics.dynamics.so3 import select
 from rigidmc.physics.observables.protocol import Array, monotone, running, size, steady, value
 
@@ -64,10 +64,10 @@ def smooth(of, values):
 
 
 def changing(steady):
-    """(0.0,) for what is not steady."""
+    """ON for what is not steady."""
     if len(steady) > 0:
-        return ()
-    return (0.0,)
+        return OFF
+    return ON
 
 
 def summed(sums, values, shifts):

@@ -11,6 +11,7 @@ import pytest
 
 from rigidmc.engine.compiler.compose import inline
 from rigidmc.engine.machine import vector_bits
+from rigidmc.physics.dynamics.methods import OFF, ON
 from rigidmc.physics.dynamics.so3 import cross, up
 from rigidmc.physics.effects import Gravity, ViscousDamping
 from rigidmc.physics.integrators import INTEGRATORS, Turns, form, rk4
@@ -80,7 +81,7 @@ class HeavyByHand(NamedTuple):
     groups = 2
 
 
-G, D, WITH, WITHOUT = Gravity(1.0), ViscousDamping(1.0), (0.0,), ()
+G, D, WITH, WITHOUT = Gravity(1.0), ViscousDamping(1.0), ON, OFF
 WITH_SUMS = RK4().form()._replace(integrator=RK4().form().integrator.with_sums())
 
 
@@ -102,14 +103,14 @@ CASES = {
     "cf4 gravity": case("cf4", (G,)),
     "ck45 gravity": case("ck45", (G,)),
     "midpoint gravity": case("midpoint", (G,)),
-    "rk4 gravity compensated": Case(WITH_SUMS, (G,), WITH, (0.0,)),
-    "strang gravity compensated": case("strang", (G,), WITH, (0.0,)),
-    "rk4 gravity float32": case("rk4", (G,), WITH, (), "float32"),
-    "rk8 gravity float32": case("rk8", (G,), WITH, (), "float32"),
-    "strang gravity float32": case("strang", (G,), WITH, (), "float32"),
+    "rk4 gravity compensated": Case(WITH_SUMS, (G,), WITH, ON),
+    "strang gravity compensated": case("strang", (G,), WITH, ON),
+    "rk4 gravity float32": case("rk4", (G,), WITH, OFF, "float32"),
+    "rk8 gravity float32": case("rk8", (G,), WITH, OFF, "float32"),
+    "strang gravity float32": case("strang", (G,), WITH, OFF, "float32"),
     "rk4 gravity damping works": Case(RK4().form(), (G, D), works=(0.0, 0.0)),
     "rk4 gravity by hand": Case(form(HeavyByHand()), (G,)),
-    "rkmk4 gravity damping float32": case("rkmk4", (G, D), WITH, (), "float32"),
+    "rkmk4 gravity damping float32": case("rkmk4", (G, D), WITH, OFF, "float32"),
 }
 RARE = (  # with  pytest -m slow
     "fast symmetric", "rotations gravity", "ck45 gravity", "aba864 gravity", "rk8 gravity float32",

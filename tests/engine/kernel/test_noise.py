@@ -21,6 +21,7 @@ from rigidmc.engine.kernel.noise import normals, philox, uniform
 from rigidmc.engine.streams import key_of, stream_of
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.functions import as_float, as_word, logarithm
+from rigidmc.physics.dynamics.methods import OFF, ON, flag
 from rigidmc.physics.effects import Bath
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators import INTEGRATORS, Turns, form
@@ -145,9 +146,6 @@ def test_the_smallest_number_is_8_sigma():
     assert uniform(np.uint64(2**64 - 1)) == 1.0 - 2.0**-53
 
 
-PAIRED = (0.0,)
-
-
 def drawn(paired, number, member=7):
     with np.errstate(over="ignore"):
         word = np.uint64(member) + ONE
@@ -155,10 +153,10 @@ def drawn(paired, number, member=7):
 
 
 def test_a_paired_step_has_the_noise_of_two():
-    both = (drawn((), 24690) + drawn((), 24691)) / math.sqrt(2.0)
-    assert drawn((), 12345) == pytest.approx(normals(words(7)))
-    assert np.abs(drawn(PAIRED, 12345) - both).max() < 1e-15  # measured 2e-16
-    assert np.abs(drawn(PAIRED, 12344) - both).max() > 0.1
+    both = (drawn(OFF, 24690) + drawn(OFF, 24691)) / math.sqrt(2.0)
+    assert drawn(OFF, 12345) == pytest.approx(normals(words(7)))
+    assert np.abs(drawn(ON, 12345) - both).max() < 1e-15  # measured 2e-16
+    assert np.abs(drawn(ON, 12344) - both).max() > 0.1
 
 
 @pytest.mark.parametrize("paired", [False, True])
@@ -175,7 +173,7 @@ def test_steps_with_the_noise_of_steps_of_half_the_length(paired):
     keeps, spread = math.exp(-1.3 * h), math.sqrt(0.7 * (1.0 - math.exp(-2.6 * h)))
     momentum = np.zeros((3, members))
     for s in range(steps):
-        three = [drawn(PAIRED if paired else (), s, member) for member in range(members)]
+        three = [drawn(flag(paired), s, member) for member in range(members)]
         momentum = keeps * momentum + spread * np.array(three).T
     off = np.abs(block[layout.MOMENTUM : layout.REST] - momentum).max()
     assert off < 5e-15  # measured 5e-16

@@ -12,7 +12,7 @@ import pytest
 import rigidmc as rm
 from rigidmc.engine import program
 from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
-from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.dynamics.methods import flag, implements, static_count
 from rigidmc.physics.effects import BodyTorque, Gravity, QuadraticDrag, ViscousDamping
 from rigidmc.physics.effects.protocol import depends_on_momentum, filled, numbers
 from rigidmc.physics.effects.sums import spent, total_energy
@@ -33,8 +33,8 @@ def beside(effect):
 
 def unbooked(name, effects, h, end=2.0):
     """The largest |E - E(0) - work| of a motion [J]."""
-    made, q, l = prepare(INTEGRATORS[name], 3.0 * h, effects), Q, L + (0.0,) * len(effects)
-    ledger = tuple(() if implements(e, "energy") else (0.0,) for e in effects)
+    made, q, l = prepare(INTEGRATORS[name], 3.0 * h, effects), Q, L + static_count(len(effects))
+    ledger = tuple(flag(not implements(e, "energy")) for e in effects)
     first, worst = kinetic_energy(BODY, l) + total_energy(effects, BODY, q), 0.0
     for i in range(round(end / h)):
         q, l = one_step(made, BODY, effects, i * h, h, q, l)
