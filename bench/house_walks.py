@@ -1,0 +1,377 @@
+"""Walks through a package that runs, and its times, for `bench.house`.
+
+How each is counted stands in `bench.house`.
+"""
+
+import _thread
+import contextlib
+import copy
+import dis
+import io
+import linecache
+import os
+import statistics
+import sys
+import tempfile
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache, partial
+from importlib import import_module
+from itertools import pairwise
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import Any, NamedTuple
+
+from bench.house_counts import SCENE, SCENE_BASES
+
+# What a move may change: names of the package.
+SCENES = {SCENE, *SCENE_BASES}
+ERRORS = {"RigidmcError", "ValidationError", "ValueError"}
+ENTRY = ("rigidmc.cli", "main")  # what the command line calls
+PATH_SCENE = "heavy_top"
+LOOP_SCENES = ("dzhanibekov", "hyperion")
+# parameters under which a member's state goes: attitude and momentum, or all that is kept of it
+STATE = {"q", "l", "state", "block", "rows", "frame", "flat", "member", "moving", "work"}
+# an observable by its classes, of which the others are what is compiled of it; and its name
+OBSERVABLE, OBSERVABLE_NAME = {"Flips", "Component", "FlipLevel"}, "flips"
+
+MOST, DEEP = 32, 3  # parts of a collection that are looked at; collections in collections
+MANY, STEPS = 4096, 10  # members with values, and their steps: the kernel takes a third of the time
+WALKS = ("scene", "dt", "state", "observable", "error")
+
+
+class Visit(NamedTuple):
+    """A function that was entered: its file below the root, its name, and a note."""
+
+    file: str
+    function: str
+    note: str = ""
+
+
+def load_package(root: Path) -> Any:
+    """The package of a root, imported."""
+    sys.path.insert(0, str(root.parent))
+    package = import_module(root.name)
+    assert Path(package.__file__).resolve().parent == root, f"{package.__file__} is not of {root}"
+    return package
+
+
+def follow(run: Callable[[], Any], root: Path, sees: Callable[[FrameType], str]) -> list[Visit]:
+    """The functions of a package that a call enters, in order.
+
+    sees : the note of a visit, "" if it does not count
+    """
+    visits: list[Visit] = []
+    front = f"{root}{os.sep}"
+
+    def enter(frame: FrameType) -> None:
+        file = frame.f_code.co_filename
+        if file.startswith(front) and (note := sees(frame)):
+            visits.append(Visit(file[len(front) :], frame.f_code.co_qualname, note))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        _enter.append(enter)
+        sys.setprofile(_hear)
+        try:
+            run()
+        finally:
+            sys.setprofile(None)
+            _enter.clear()
+    return visits
+
+
+_enter: list[Callable[[FrameType], None]] = []  # who is told of calls now
+
+
+def _hear(frame: FrameType, event: str, _: Any) -> None:
+    """A profile function, of all threads."""
+    if event == "call":
+        for enter in _enter:
+            enter(frame)
+
+
+def _listen() -> None:
+    """Let `follow` hear calls in threads that begin later, those of the package's pools too."""
+    begin = _thread.start_new_thread
+
+    def start_new_thread(function: Any, given: Any, *rest: Any) -> int:
+        def work(*words: Any, **named: Any) -> None:
+            sys.setprofile(_hear)
+            function(*words, **named)
+
+        return begin(work, given, *rest)
+
+    _thread.start_new_thread = start_new_thread
+    threading.setprofile(_hear)
+
+
+def arguments(frame: FrameType) -> Iterator[tuple[str, Any]]:
+    """(name, value) of what a function was called with."""
+    code, values = frame.f_code, frame.f_locals
+    stars = bool(code.co_flags & 4) + bool(code.co_flags & 8)
+    for name in code.co_varnames[: code.co_argcount + code.co_kwonlyargcount + stars]:
+        if name in values:
+            yield name, values[name]
+
+
+def holds(value: Any, kinds: set[str], depth: int = 1) -> bool:
+    """Whether a value is an object of classes, by their names, or a tuple, list or dict of such.
+
+    depth : of collections in collections; a NamedTuple is none
+    """
+    if any(one.__name__ in kinds for one in type(value).__mro__):
+        return True
+    if depth == 0 or type(value) not in (tuple, list, dict):
+        return False
+    parts = tuple(value.values()) if type(value) is dict else value[:MOST]
+    return any(holds(one, kinds, depth - 1) for one in parts)
+
+
+def sees_kinds(kinds: set[str], depth: int = 1) -> Callable[[FrameType], str]:
+    """For `follow`: the parameters that hold an object of classes, by their names."""
+    return lambda frame: ", ".join(
+        name for name, value in arguments(frame) if holds(value, kinds, depth)
+    )
+
+
+def is_any(_: FrameType) -> str:
+    """For `follow`: all functions."""
+    return " "
+
+
+def is_of_module(frame: FrameType) -> str:
+    """For `follow`: functions of modules, no methods, lambdas or parts of functions."""
+    name = frame.f_code.co_qualname
+    return "" if "." in name or "<" in name else " "
+
+
+def sees_state(frame: FrameType) -> str:
+    """For `follow`: the parameters that have a member's state."""
+    return ", ".join(
+        name
+        for name, value in arguments(frame)
+        if name in STATE and not isinstance(value, (str, int, type(None)))
+    )
+
+
+@cache
+def reads_dt(code: CodeType) -> bool:
+    """Whether a function reads a name or attribute `dt`."""
+    return any(
+        line.opname.startswith("LOAD") and "dt" in (line.argval, *_several(line.argval))
+        for line in dis.get_instructions(code)
+    )
+
+
+def _several(value: Any) -> tuple[Any, ...]:
+    """The names of an instruction that loads two."""
+    return value if isinstance(value, tuple) else ()
+
+
+def climbs(visits: Iterable[Visit], height: dict[str, int]) -> set[tuple[str, str]]:
+    """Pairs of files, one entered after the other, of which the second is of a higher layer."""
+
+    def of(file: str) -> int:
+        return height.get(file.split("/")[0].removesuffix(".py"), len(height) + 1)
+
+    files = [one.file for one in visits]
+    return {(a, b) for a, b in pairwise(files) if of(b) > of(a)}
+
+
+def simulate_call(package: Any, name: str, **settings: Any) -> Callable[[], Any]:
+    """A function that runs a shipped scene as for the first time, its code compiled before."""
+    scene = package.Scene.load(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        package.simulate(copy.copy(scene), **settings)
+    return lambda: package.simulate(scene, **settings)
+
+
+def walk_of_path(root: Path, sees: Callable[[FrameType], str]) -> list[Visit]:
+    """What a warm `simulate` of 32 members of PATH_SCENE enters."""
+    package = load_package(root)
+    return follow(simulate_call(package, PATH_SCENE, members=32, t_end=1.0), root, sees)
+
+
+def interpreted(root: Path) -> Any:
+    """The package, in a process in which nothing is compiled, so that the walk enters kernels."""
+    assert "numba" not in sys.modules, "too late: Numba compiles"
+    os.environ["NUMBA_DISABLE_JIT"] = "1"
+    return load_package(root)
+
+
+def walk(what: str, root: Path) -> list[Visit]:
+    """The functions that one thing passes in a run, in order."""
+    if what != "error":
+        _listen()
+    if what == "scene":
+        return walk_of_path(root, sees_kinds(SCENES))
+    if what == "dt":
+        return walk_of_path(root, lambda frame: "reads dt" * reads_dt(frame.f_code))
+    if what == "error":
+        return walk_of_error(root)
+    package = interpreted(root)
+    scene = package.Scene.load(LOOP_SCENES[0] if what == "observable" else PATH_SCENE)
+    settings: dict[str, Any] = {"members": 2, "t_end": 4 * scene.run.dt, "threads": 1}
+    if what == "observable":
+        settings["save"] = ("omega", OBSERVABLE_NAME)
+    sees = sees_kinds(OBSERVABLE, DEEP) if what == "observable" else sees_state
+    return follow(lambda: package.simulate(scene, **settings), root, sees)
+
+
+BAD = """[body]
+moments = [1.0, 2.0, 3.0]
+[start]
+omega = [0.0, 1.0, 0.01]
+[run]
+dt = "one"
+t_end = 1.0
+"""
+
+
+def walk_of_error(root: Path) -> list[Visit]:
+    """Who raises, passes, catches, or is called with the error of a wrong `run.dt`.
+
+    The command line runs a scene file; the walk begins with the first error of a value and ends
+    where the message is on the screen.
+    """
+    load_package(root)
+    main = getattr(import_module(ENTRY[0]), ENTRY[1])
+    front, visits, open_in = f"{root}{os.sep}", list[Visit](), dict[FrameType, str]()
+
+    def note(frame: FrameType, text: str) -> None:
+        visits.append(Visit(frame.f_code.co_filename[len(front) :], frame.f_code.co_qualname, text))
+
+    def is_error(value: Any) -> bool:
+        return holds(value, ERRORS, 0)
+
+    def trace(frame: FrameType, event: str, arg: Any) -> Any:
+        if not frame.f_code.co_filename.startswith(front):
+            return None
+        if event == "call" and visits:
+            for name, value in arguments(frame):
+                if is_error(value):
+                    note(frame, f"is called with it, as {name}")
+        elif event == "exception" and is_error(arg[1]):
+            first = arg[2].tb_next is None
+            note(frame, f"{'raises' if first else 'passes'} {arg[0].__name__}")
+            open_in[frame] = arg[0].__name__
+        elif event == "line" and frame in open_in:
+            line = linecache.getline(frame.f_code.co_filename, frame.f_lineno).lstrip()
+            if line.startswith("except"):  # and not "finally", nor "with" as it ends
+                note(frame, f"catches {open_in.pop(frame)}")
+        elif event == "return":
+            open_in.pop(frame, None)
+        return trace
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "bad.toml"
+        file.write_text(BAD, "utf-8")
+        words, sys.argv = sys.argv, [root.name, "run", str(file)]
+        try:
+            with contextlib.redirect_stderr(io.StringIO()), contextlib.suppress(SystemExit):
+                sys.settrace(trace)
+                main()
+        finally:
+            sys.settrace(None)
+            sys.argv = words
+    return visits
+
+
+def first_visits(visits: Iterable[Visit]) -> list[Visit]:
+    """Each function once, where it was entered first."""
+    found: dict[tuple[str, str], Visit] = {}
+    for one in visits:
+        found.setdefault(one[:2], one)
+    return list(found.values())
+
+
+def measure_times(root: Path, rounds: int = 101) -> dict[str, float]:
+    """{what: median milliseconds}, of what this tree has."""
+    package = load_package(root)
+    scenes = {name: short_scene(package, name, STEPS) for name in LOOP_SCENES}
+
+    def run(scene: Any) -> None:
+        package.simulate(scene, members=32)
+
+    calls: dict[str, Callable[[], Callable[[], Any]]] = {}  # what makes a call that is timed
+    for name, scene in scenes.items():
+        calls[f"new {name}"] = lambda scene=scene: partial(run, copy.copy(scene))
+        calls[f"same {name}"] = lambda scene=scene: partial(run, scene)
+    for n in (1, 2):
+        calls[f"rows {n}"] = partial(new_scene_call, package, n * STEPS)
+    if hasattr(package, "prepare"):
+        calls |= {what: lambda call=call: call for what, call in prepared_calls(package)}
+    seconds = time_interleaved(calls, rounds)
+    found = {what: 1e3 * statistics.median(times) for what, times in seconds.items()}
+    for what in ("rows", "values"):
+        if f"{what} 1" in seconds:
+            pairs = zip(seconds[f"{what} 1"], seconds[f"{what} 2"], strict=True)
+            found[what] = 1e3 * statistics.median(2.0 * one - two for one, two in pairs)
+    return found
+
+
+def time_interleaved(
+    calls: dict[str, Callable[[], Callable[[], Any]]], rounds: int
+) -> dict[str, list[float]]:
+    """{what: seconds of each round} of calls, which are made anew and run once before the first."""
+    seconds: dict[str, list[float]] = {what: [] for what in calls}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for make in calls.values():
+            make()()  # compiles
+        for _ in range(rounds):
+            for what, make in calls.items():
+                call = make()
+                began = time.perf_counter()
+                call()
+                seconds[what].append(time.perf_counter() - began)
+    return seconds
+
+
+def values_of(scene: Any) -> dict[str, Any]:
+    """Rows of MANY members for start.omega and body.moments, near those of LOOP_SCENES[0]."""
+    import numpy as np
+
+    factor = 1.0 + 1e-3 * np.arange(MANY)[:, None] / MANY
+    return {
+        "start.omega": (0.01, 0.01, 6.283185307179586) * factor,
+        "body.moments": np.asarray(scene.body.moments) * factor,
+    }
+
+
+def short_scene(package: Any, name: str, steps: int) -> Any:
+    """A shipped scene that is run for some steps and saves omega twice: its kernel takes little."""
+    scene = package.Scene.load(name)
+    span = steps * scene.run.dt
+    return scene.with_run(t_end=span, every=span, save=("omega",))
+
+
+def new_scene_call(package: Any, steps: int) -> Callable[[], Any]:
+    """A function that makes and runs a scene with rows of MANY members."""
+    scene = short_scene(package, LOOP_SCENES[0], steps)
+    values, run = values_of(scene), scene.run.model_dump(exclude={"members"})
+
+    def call() -> Any:
+        start = package.Start(omega=values["start.omega"])
+        made = package.Scene(package.Body(values["body.moments"]), (), start, package.Run(**run))
+        return package.simulate(made)
+
+    return call
+
+
+def prepared_calls(package: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
+    """(what, function) of prepared runs: of 32 members, and of MANY with values."""
+    scene = short_scene(package, LOOP_SCENES[0], STEPS)
+    yield "prepared", partial(package.prepare(scene).run, members=32)
+    values = values_of(scene)
+    for n in (1, 2):
+        scene = short_scene(package, LOOP_SCENES[0], n * STEPS)
+        try:
+            prepared = package.prepare(scene, varied=tuple(values))
+        except TypeError:  # a tree that prepares runs and takes no values yet
+            return
+        yield f"values {n}", partial(prepared.run, values=values)

@@ -1,0 +1,101 @@
+"""The counters of `python -m bench.house`, on a small package whose counts are known."""
+
+from bench import house_counts as counts
+from bench import house_imports as imports
+
+FILES = {
+    "__init__.py": '"""A package."""\n\nfrom small.ring import turn as turn\n',
+    "ring.py": '''"""A module that imports another one.
+
+It has five lines of docstring.
+"""
+
+from small.link import settled
+
+# a comment alone
+TEXT = """
+# no comment, but code
+"""
+
+
+def turn(scene):  # not a comment alone
+    """Turn."""
+    return settled(scene.run.dt, scene.row.dt)
+''',
+    "link.py": """from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from small.ring import turn
+
+
+def settled(a, b, c=1, d=2, e=3, f=4, *args, g=5, h=6, **named):
+    pass
+
+
+class Scene:
+    pass
+""",
+    "parts/__init__.py": '"""The registry."""\n\nFILES = ("one", "two", "three")\n',
+    "parts/one.py": "def make(row):\n    import small.parts.two\n\n    return row.dt\n",
+    "parts/two.py": "import small.parts.one\n\n\ndef make():\n    pass\n",
+    "parts/three.py": "from small.link import Scene\n\n\ndef turn():\n    pass\n",
+    "parts/four.py": """from functools import lru_cache
+from weakref import WeakKeyDictionary
+
+known: WeakKeyDictionary[Scene, int] = WeakKeyDictionary()
+sizes: WeakKeyDictionary[Body, int] = WeakKeyDictionary()
+
+
+def is_settled():
+    pass
+
+
+def spring():
+    pass
+
+
+@once
+def asked_of(scene):
+    return lambda scene: scene.__dict__
+
+
+@lru_cache
+def key(seed):
+    pass
+
+
+class Scene:
+    pass
+""",
+}
+
+
+def test_counters_on_a_small_package(tmp_path):
+    for name, text in FILES.items():
+        path = tmp_path / "small" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, "utf-8")
+    sources = counts.read_sources(tmp_path / "small")
+
+    assert imports.find_circles(sources) == ["small.link small.ring"]  # no import of a function
+    assert sorted(counts.shared_names(sources)) == ["make", "turn"]
+    assert imports.different_names(sources) == ["turn"]  # `make` is of entries of one registry
+    assert counts.shared_classes(sources) == ["Scene"]
+    assert counts.participles(sources) == ["asked_of", "settled"]
+    assert counts.functions_of_many(sources) == ["link.py:7 settled"]
+    assert counts.functions_of_scene(sources) == [
+        "parts/four.py:17 asked_of",
+        "parts/four.py:18 lambda",
+        "ring.py:14 turn",
+    ]
+    assert imports.importers_of_scene(sources) == ["parts/three.py", "ring.py"]
+    assert counts.readers_of_dt(sources) == ["ring.py"]
+    assert counts.scene_caches(sources) == [
+        "parts/four.py: WeakKeyDictionary known",
+        "parts/four.py: @once asked_of",
+        "parts/four.py: scene.__dict__",
+    ]
+    assert imports.plain_small_files(sources) == ["link.py", "parts/four.py", "ring.py"]
+
+    (ring,) = (one for one in sources if one.module == "small.ring")
+    assert counts.count_lines([ring]) == (16, 6, 1, 1)  # lines, code, comments, imports
