@@ -30,9 +30,9 @@ def sums(widths, integrators=None, motions=None):
 
     lanes_for, digests = program.lanes_for, {}
     try:
-        for case in cases(integrators, motions):
-            for width in widths:
-                program.lanes_for = (lambda dtype, width=width: width) if width else lanes_for
+        for width in widths:
+            program.lanes_for = (lambda dtype, width=width: width) if width else lanes_for
+            for case in cases(integrators, motions):  # new scenes: one keeps its program
                 digests.setdefault(case.name, []).append(digest(case.scene))
     finally:
         program.lanes_for = lanes_for

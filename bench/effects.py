@@ -20,8 +20,8 @@ from rigidmc.engine.program import lanes_for
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import filled, is_random
 from rigidmc.physics.integrators import INTEGRATORS, Turns, form
-from rigidmc.planning.plan import prepare
-from rigidmc.planning.tolerance.costs import cost_per_step, prices
+from rigidmc.runs.prepare import prepared
+from rigidmc.runs.price import cost_per_step, prices
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
@@ -128,9 +128,9 @@ def run(quick):
     ]
     for name in SCENES:
         scene = Scene.load(name)
-        plan = prepare(scene)
-        free, _, _, noise, predicted = prices(scene, plan)
-        cost = min(cost_per_step(scene, plan) for _ in range(1 if quick else 5))
+        ready = prepared(scene)
+        free, _, _, noise, predicted = prices(ready)
+        cost = min(cost_per_step(ready) for _ in range(1 if quick else 5))
         rows.append(
             {
                 "kind": "scene",
@@ -203,8 +203,8 @@ def noise_rows(rounds):
             integrator="strang", dt=dt, t_end=10 * dt, save=("attitude",), checks=False
         )
         noisy = Scene(quiet.body, (*quiet.effects, EFFECTS["bath"](1.0, 1.0)), start, quiet.run)
-        plans = [(scene, prepare(scene)) for scene in (quiet, noisy)]
-        ns = np.median([[cost_per_step(*plan) for plan in plans] for _ in range(rounds)], axis=0)
+        runs = [prepared(scene) for scene in (quiet, noisy)]
+        ns = np.median([[cost_per_step(one) for one in runs] for _ in range(rounds)], axis=0)
         rows.append({"kind": "noise", "what": what, "quiet": float(ns[0]), "noisy": float(ns[1])})
     return rows
 

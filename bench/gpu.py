@@ -24,11 +24,10 @@ from rigidmc.engine.cuda.devices import Device
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.integrators import accepting
-from rigidmc.planning.job import program_of
-from rigidmc.planning.plan import prepare
 from rigidmc.protocols import cross, effect, into_body, scale
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
+from rigidmc.runs.prepare import make_program, prepared
 
 CAPABILITIES = (8, 0), (9, 0)
 ROUNDED = re.compile(r"^\s+(fma|add|sub|mul|div|rcp|sqrt)((?:\.\w+)*)\.f(?:64|32)\s", re.M)
@@ -121,8 +120,7 @@ def inspected(what, name, scene, watched, capability):
     """The row of a kernel."""
     scene = scene.with_run(integrator=name, save=("omega", "attitude", *watched))
     with mock.patch.object(cuda, "chosen", lambda number: (NOBODY,)):
-        plan = prepare(scene)._replace(device="cuda")
-        program = program_of(scene, plan, ask=True)
+        program = make_program(prepared(scene).plan, "cuda", compiled=False)
         began = time.perf_counter()
         text = program.ptx(capability)
     counts = Counter(kind for kind, _ in ROUNDED.findall(text))

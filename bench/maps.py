@@ -95,7 +95,7 @@ def prices(processes):
     wait for it.
     """
     script = (
-        "import json; from rigidmc.planning.tolerance.costs import watched_prices; "
+        "import json; from rigidmc.runs.price import watched_prices; "
         "print(json.dumps(watched_prices(rounds=3)))"
     )
     measured = [

@@ -20,7 +20,8 @@ from bench import baselines, harness, tops
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.machine import threads_available
 from rigidmc.physics.effects import Gravity
-from rigidmc.planning.scheme import form_of
+from rigidmc.planning.initial import make_pilot
+from rigidmc.planning.scheme import make_scheme
 
 T_END, MEMBERS = 10.0, 4096
 # as `simulate` cuts them if members have steps of their own
@@ -169,7 +170,9 @@ def _form(many, name, kind, dt, turn=None):
     body = rigidmc.Body.from_moments(many.moments.T, mass=1.0, centre=many.static.T)
     start = rigidmc.Start(omega=many.omega.T, attitude=many.attitude.T)
     scene = rigidmc.Scene(body, GRAVITY if kind == "heavy" else (), start)
-    return form_of(scene.with_run(integrator=name, members=MEMBERS, turn=turn), dt)[0]
+    scene = scene.with_run(integrator=name, members=MEMBERS, turn=turn)
+    pilot = make_pilot(scene.model, scene.run.seed, True).block
+    return make_scheme(scene.integrator, scene.model, scene.run, pilot, dt)[0]
 
 
 def longest(error_of, limit, first=8, most=200_000):

@@ -12,13 +12,12 @@ import time
 
 from bench import harness, startup
 from bench.memory import peak
-from rigidmc.planning.job import program_of
-from rigidmc.results.sinks import buffer
+from rigidmc.results.sinks import Whole, buffer
 from rigidmc.runs.blocks import compute
-from rigidmc.runs.capacity import free_memory
 from rigidmc.runs.directory.create import create
-from rigidmc.runs.directory.load import planned
+from rigidmc.runs.directory.load import load_run
 from rigidmc.runs.directory.shards import compute_shards
+from rigidmc.runs.resources import free_memory
 from rigidmc.scene.scene import Scene
 
 STUDY = ["run", "dzhanibekov", "--t-end", "12", "--save", "omega,attitude", "--keep", "final"]
@@ -38,14 +37,14 @@ print(opened - began, time.perf_counter() - opened)
 """
 
 
-class Nothing:
+class Nothing(Whole):
     """A sink that stores nothing, so that only computing is left."""
 
-    def __init__(self, scene, plan):
-        self.scene, self.plan = scene, plan
+    def __init__(self, layout):
+        self.layout = layout
 
-    def room(self, low, count):
-        return buffer(self.scene, self.plan, count)
+    def reserve(self, low, count):
+        return buffer(self.layout, count)
 
     def take(self, job, results):
         pass
@@ -59,21 +58,22 @@ def share(folder, members, rounds):
     rows, threads = [], len(os.sched_getaffinity(0))
     for i in range(rounds):
         directory = create(scene, os.path.join(folder, f"share{i}"))
-        ready = planned(directory, threads=threads)
-        program = program_of(ready.scene, ready.plan)
+        ready, block = load_run(directory).compile(), directory.facts["block"]
         began = time.perf_counter()
-        sink = Nothing(ready.original, ready.shown)
-        compute(ready.scene, ready.plan, program, threads, sink, False, ready.units)
+        compute(
+            ready.plan, ready.layout, ready.initial, ready.program(), Nothing(ready.layout),
+            threads=threads, block=block, units=ready.units,
+        )  # fmt: skip
         without = time.perf_counter() - began
         with directory.locked():
             began = time.perf_counter()
-            compute_shards(directory, ready, program, range(directory.count), threads)
+            compute_shards(directory, ready, range(directory.count), threads, block)
             seconds = time.perf_counter() - began
         rows.append(
             {
                 "kind": "share",
                 "members": members,
-                "steps": ready.plan.steps,
+                "steps": ready.plan.grid.steps,
                 "without": without,
                 "with": seconds,
             }

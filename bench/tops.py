@@ -11,8 +11,8 @@ from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.engine.threads import run_block
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects.protocol import blank, numbers, parameter_count
-from rigidmc.planning.job import Job
 from rigidmc.planning.steps import by_steps, own_steps, rates
+from rigidmc.runs.blocks import BlockJob
 
 GRAVITY = 9.81  # m/s^2
 BLOCK = 4096  # members of a block, as in rigidmc.planning.plan
@@ -85,7 +85,7 @@ def advance_own(parts, steps_form, effects, turn, t_end, pool, dtype="float64"):
         order = by_steps(block)
         given = np.take(block, order, axis=1)
         run_block(
-            Job(
+            BlockJob(
                 0,
                 0,
                 np.empty(0, np.int64),
@@ -101,6 +101,8 @@ def advance_own(parts, steps_form, effects, turn, t_end, pool, dtype="float64"):
                 slots,
                 slots,
                 slots,
+                slots,
+                t_end,
                 1,
             )
         )

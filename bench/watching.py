@@ -11,7 +11,7 @@ import numpy as np
 
 import rigidmc as rm
 from bench import harness
-from rigidmc.planning.plan import prepare
+from rigidmc.runs.prepare import prepared
 
 TOPS = rm.Scene(
     rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3)),
@@ -71,7 +71,8 @@ def errors(members):
 
 def costs(integrator, turn, rounds):
     """Rows: what watching adds to a step, in percent, on one thread, by CPU time."""
-    pace = prepare(TOPS.with_run(integrator=integrator, turn=turn, t_end=T_END)).mean_steps / T_END
+    plan = prepared(TOPS.with_run(integrator=integrator, turn=turn, t_end=T_END)).plan
+    pace = plan.mean_steps / T_END
     run = {"turn": turn, "t_end": STEPS / pace, "members": 2048}
     cpu = {}
 

@@ -28,6 +28,8 @@ _HOMES = {
     "Start": "scene.start",
     "Run": "scene.settings",
     "simulate": "runs.simulate",
+    "prepare": "runs.prepare",
+    "PreparedRun": "runs.prepare",
     "device": "engine.cuda.devices",
     "rerun": "runs.rerun",
     "accuracy": "studies.accuracy.study",
@@ -43,7 +45,7 @@ _HOMES = {
     "multilevel": "studies.multilevel.study",
     "simulate_until": "studies.until",
     "randomised": "studies.until",
-    "warm": "runs.warm",
+    "warm": "runs.precompile",
     "free_top": "mechanics.free_top",
     "free_motion": "mechanics.free_top",
     "lagrange_top": "mechanics.lagrange_top",
@@ -89,9 +91,11 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.physics.observables import OrbitAngles as OrbitAngles
     from rigidmc.physics.observables import Passage as Passage
     from rigidmc.physics.observables import PointingAngle as PointingAngle
+    from rigidmc.runs.precompile import warm as warm
+    from rigidmc.runs.prepare import PreparedRun as PreparedRun
+    from rigidmc.runs.prepare import prepare as prepare
     from rigidmc.runs.rerun import rerun as rerun
     from rigidmc.runs.simulate import simulate as simulate
-    from rigidmc.runs.warm import warm as warm
     from rigidmc.scene.body import Body as Body
     from rigidmc.scene.distributions import distribution as distribution
     from rigidmc.scene.distributions import mixture as mixture

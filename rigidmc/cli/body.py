@@ -86,9 +86,12 @@ def exact_command(
         refuse_outputs(force, plot=plot)
         lines = compare(loaded, at, members)
         if plot is not None:
+            from rigidmc.planning.initial import make_sampler
             from rigidmc.views import closed_forms
 
-            case = closed_form(loaded, 1)
+            case = closed_form(
+                loaded.model, make_sampler(loaded.model, loaded.run), loaded.run.first, 1
+            )
             title = f"{loaded.title}: {case.name}, closed form of member {loaded.run.first}"
             picture = closed_forms.case_summary(case, title, abs(at) or loaded.run.t_end)
             save_picture(picture, plot, force)

@@ -217,7 +217,7 @@ class Request(NamedTuple):
             replicas = stability_map.replicas_of(scene, across, upwards)
         sizes = self.sides(), replicas, third, self.layers
         asked = adapted(question(across, upwards, self.of, *sizes), self._borders(self.of[0]))
-        return stability_map.prepared(asked, scene, threads, **self.run)
+        return stability_map.prepare_map(asked, scene, **self.run)
 
     def _borders(self, first: str) -> "bool | Borders":
         """Whether the map is adaptive, or borders between the classes of its first measure."""

@@ -25,11 +25,13 @@ def show(
 ) -> None:
     """Say what a scene is, which effects are compiled, and what a run would take; run nothing."""
     with reported(), about(scene):
+        from rigidmc.engine.cuda.devices import settled_device
         from rigidmc.engine.machine import threads_available
         from rigidmc.views.descriptions import describe_scene
 
         loaded = load_scene(scene, settings, allow_code, run)
-        print(describe_scene(loaded, threads or threads_available()))
+        many, where = threads or threads_available(), settled_device(device)
+        print(describe_scene(loaded, many, where))
 
 
 @app.command(rich_help_panel=START)
@@ -40,16 +42,18 @@ def check(
 ) -> None:
     """Check a scene file: exit code 0 if it can be run, else 3 and a message."""
     with reported(), about(scene):
-        from rigidmc.planning.notes import notes
-        from rigidmc.planning.plan import prepare
+        from rigidmc.planning.check import check as check_scene
+        from rigidmc.runs.prepare import prepared
+        from rigidmc.scene.recording import recording
 
         loaded = load_scene(scene, settings, allow_code)
-        loaded.check()
         auto = loaded.run.integrator == "auto"
-        plan = prepare(loaded.with_run(integrator="rk8") if auto else loaded)
-        for note in notes(loaded, plan):
+        if auto:
+            check_scene(loaded, recording(loaded))
+        ready = prepared(loaded.with_run(integrator="rk8") if auto else loaded)
+        for note in ready.scene_notes if auto else ready.notes:
             print(f"note: {note}")
-        steps = f"{plan.mean_steps:,.0f} steps with {loaded.run.integrator}"
+        steps = f"{ready.plan.mean_steps:,.0f} steps with {loaded.run.integrator}"
         if auto:
             steps = f"as many steps as the tolerance {loaded.run.tolerance:g} needs"
         print(f"{scene}: valid, {loaded.run.members:,} members x {steps}")
@@ -102,7 +106,7 @@ def warm(
 
     Prints the compile time of each scene; compiled code is not compiled again."""
     with reported():
-        from rigidmc.runs import warm as precompile
+        from rigidmc.runs import precompile
         from rigidmc.scene.library import shipped
 
         loaded = [(name, load_scene(name, settings, allow_code)) for name in scenes or shipped()]

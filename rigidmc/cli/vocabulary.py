@@ -96,7 +96,7 @@ def effects(
 
 def _effect_costs() -> dict[str, Any]:
     """{effect: its measured cost}; print the cost of steps without it."""
-    from rigidmc.planning.tolerance.costs import effect_prices
+    from rigidmc.runs.price import effect_prices
 
     costs = effect_prices()
     words = ("free", "with attitude", "with gravity", "strang")
@@ -197,7 +197,7 @@ def observables(
 
 def _watching_costs() -> dict[str, dict[str, float]]:
     """{scene: {observable: what it adds to a step [ns]}}; print the cost of bare steps."""
-    from rigidmc.planning.tolerance.costs import watched_prices
+    from rigidmc.runs.price import watched_prices
 
     costs = watched_prices()
     bare = ", ".join(f"{where} {each['']:.2f} ns" for where, each in costs.items())
@@ -273,7 +273,7 @@ def integrators(
             return
         costs: dict[str, dict[str, float]] = {}
         if measure:
-            from rigidmc.planning.tolerance.costs import step_costs
+            from rigidmc.runs.price import step_costs
 
             costs = step_costs()
         for word, kind in kinds.items():

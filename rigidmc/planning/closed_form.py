@@ -1,5 +1,6 @@
 """The closed form of a scene, if one covers it."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,9 +15,9 @@ from rigidmc.physics.dynamics.so3 import dot, inverse
 from rigidmc.physics.effects import labelled, name_of
 from rigidmc.physics.effects.sums import total_energy, total_energy_scale
 from rigidmc.physics.observables.protocol import value
-from rigidmc.planning.initial import Start, stage
+from rigidmc.planning.initial import Source, Start, block_rows, initial_block
 from rigidmc.planning.steps import Array, Clock, physics
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.model import Model
 
 COVERED = (
     "the free top (no effects), the free top with viscous_damping, and the Lagrange top (gravity "
@@ -98,23 +99,22 @@ def _motion(form: int, case: Case, t: Array) -> Motion:
         return Motion(left * l, left * omega, q)
 
 
-def closed_form(scene: Scene, members: int | None = None, first: int | None = None) -> Case:
-    """The Case of `members` members of a scene from index `first` on; SceneError, which says why,
-    if no closed form covers it."""
-    first = scene.run.first if first is None else first
-    block, start = stage(scene, first, members or scene.run.members, True)
-    return case_of(scene, block, start)
+def closed_form(model: Model, sampler: Source, first: int, members: int) -> Case:
+    """The Case of `members` members from index `first` on; SceneError, which says why, if no closed
+    form covers it."""
+    rows = block_rows(model.effects, False)
+    return case_of(model.effects, *initial_block(model, sampler, first, members, True, rows))
 
 
-def case_of(scene: Scene, block: Array, start: Start) -> Case:
-    """The Case of staged members, see `rigidmc.planning.initial.stage`; SceneError if no closed
-    form covers one of the healthy members."""
+def case_of(effects: Sequence[Any], block: Array, start: Start) -> Case:
+    """The Case of an initial block; SceneError if no closed form covers one of the healthy
+    members."""
     moments = start["moments"].T
     momentum, attitude = block[layout.MOMENTUM : layout.REST].T, block[: layout.MOMENTUM].T
-    if uncovered := sorted({name_of(e) for e in scene.effects} - {"gravity", "viscous_damping"}):
+    if uncovered := sorted({name_of(e) for e in effects} - {"gravity", "viscous_damping"}):
         raise _uncovered(f"the scene has {', '.join(uncovered)}")
     g, rate = np.zeros(len(moments)), np.zeros(len(moments))
-    for label, effect in labelled(scene.effects):  # several of a kind act by their sum
+    for label, effect in labelled(effects):  # several of a kind act by their sum
         if name_of(effect) == "gravity":
             g = g + start[f"{label}_g"]
         else:
@@ -159,21 +159,28 @@ def _uncovered(why: str) -> SceneError:
     return SceneError("", "scene", None, f"no closed form covers it: {why}; covered are {COVERED}")
 
 
-def closed_values(scene: Scene, block: Array, start: Start, times: Array, clock: Clock) -> Array:
-    """The values (times, rows, n) that a scene saves at `times`, at which steps of `clock` end.
+def closed_values(
+    effects: Sequence[Any],
+    observables: Sequence[Any],
+    block: Array,
+    start: Start,
+    times: Array,
+    clock: Clock,
+) -> Array:
+    """The values (times, rows, n) of observables at `times`, at which steps of `clock` end.
 
     Final states, drifts and status go into the block. A member that is not healthy at the start
     stays there; one that becomes non-finite freezes at its last finite state, as in a kernel.
     """
-    motion = case_of(scene, block, start).motion(times)
+    motion = case_of(effects, block, start).motion(times)
     q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)
     q[0], l[0] = block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.REST]  # the start itself
-    body, effects = physics(scene.effects, block)
+    body, arrays = physics(effects, block)
     with np.errstate(all="ignore"):
-        first = _first(body, effects, q[0], l[0])
+        first = _first(body, arrays, q[0], l[0])
         now = np.array(
             [
-                (kinetic_energy(body, b) + total_energy(effects, body, a), dot(b, b))
+                (kinetic_energy(body, b) + total_energy(arrays, body, a), dot(b, b))
                 for a, b in zip(q, l, strict=True)
             ]
         )
@@ -196,10 +203,9 @@ def closed_values(scene: Scene, block: Array, start: Start, times: Array, clock:
     block[layout.GOOD_STEP] = steps[last[-1]]
     bad_save = np.minimum(healthy.sum(0), len(times) - 1)
     block[layout.FAULT_STEP] = np.where(healthy[-1], -1.0, steps[bad_save])
-    observables = list(scene.recorded().values())
     with np.errstate(all="ignore"):
         rows = [
-            [v for o in observables for v in value(o, body, effects, t, a, b, first, ())]
+            [v for o in observables for v in value(o, body, arrays, t, a, b, first, ())]
             for t, a, b in zip(times, q, l, strict=True)
         ]
     return np.array(rows)

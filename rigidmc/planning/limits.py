@@ -2,14 +2,15 @@
 follow from integrator, step and number of steps."""
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from rigidmc.physics.integrators import Form
+from rigidmc.physics.integrators.protocol import Integrator
 from rigidmc.physics.integrators.splitting import PANEL_TURN, Exact, Split
-from rigidmc.scene.conservation import conservation
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.settings import Run
 
 COARSE = (
     0.05  # a result with a larger drift of energy or momentum is never trusted, whatever the step
@@ -39,17 +40,20 @@ class Limits(NamedTuple):
     norm: float
 
 
-def limits(
-    scene: Scene,
-    carried: bool,
+def make_limits(
+    run: Run,
+    kind: Integrator,
+    conserved: Mapping[str, str],
+    has_attitude: bool,
     theta: float,
     steps: float,
     form: Form | None = None,
     spin: float = 0.0,
 ) -> Limits | tuple[()]:
-    """The Limits of a scene, or () if only non-finite members are flagged (checks = false).
+    """The Limits of a run, or () if only non-finite members are flagged (checks = false).
 
-    carried : whether the attitude is followed: without it nobody sees L_z
+    kind : the integrator;  conserved : see `rigidmc.scene.recording.conservation`
+    has_attitude : whether the attitude is followed: without it nobody sees L_z
     theta : how far the fastest member of the pilot moves in a step [rad];  steps : to the end
     form, spin : the Form of the integrator, and the turn [rad] of a step that it was prepared for
 
@@ -66,10 +70,8 @@ def limits(
     torque that spins it up may. The exact free motion and midpoint are prepared for the spins of
     the pilot, and take twice that.
     """
-    run = scene.run
     if not run.checks:
         return ()
-    kind, conserved = scene.integrator, conservation(scene)
     drift = _largest_drift(run.dtype, kind.order, theta, steps)
     # what drives a body may make it much faster than the pilot is at the start
     energy = COARSE if "work" in run.save else drift
@@ -79,10 +81,10 @@ def limits(
     }
     bounds["lz"] = bounds["l2"]
     for name in bounds:
-        unseen = name == "lz" and not carried
+        unseen = name == "lz" and not has_attitude
         if unseen or conserved[{"energy": "energy_drift"}.get(name, name)] != "yes":
             bounds[name] = math.inf
-    turn = _largest_turn(scene, form, spin) if run.turn_limit is None else run.turn_limit
+    turn = _largest_turn(kind, run.turn, form, spin) if run.turn_limit is None else run.turn_limit
     norm = 1e-9 if run.dtype == "float64" else 1e-3
     return Limits(**bounds, turn=turn, norm=norm)
 
@@ -97,9 +99,8 @@ def _largest_drift(dtype: str, order: float, theta: float, steps: float) -> floa
     return min(COARSE, max(error, rounding))
 
 
-def _largest_turn(scene: Scene, form: Form | None, spin: float) -> float:
-    """The largest turn of a step [rad] that the integrator of a scene stands."""
-    kind, turn = scene.integrator, scene.run.turn
+def _largest_turn(kind: Integrator, turn: float | None, form: Form | None, spin: float) -> float:
+    """The largest turn of a step [rad] that an integrator stands."""
     drift = getattr(form.integrator, "drift", None) if form else None
     largest = math.pi if drift is None else SPLIT if isinstance(drift, Split) else math.inf
     largest = kind.largest_turn or largest

@@ -1,6 +1,7 @@
 """What a run keeps of every step: from the observables of a scene to the compiled ones, and from
 rows of a block to results."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,9 +9,17 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.events import record_of
-from rigidmc.engine.kernel.layout import EVENT, SHADOW, STATUSES, SUMS, Places, places, watch_rows
+from rigidmc.engine.kernel.layout import EVENT, SHADOW, STATUSES, SUMS, Places, watch_rows
+from rigidmc.engine.kernel.layout import places as places_for
 from rigidmc.physics.dynamics.euler import MassProperties
-from rigidmc.physics.dynamics.methods import OFF, Flag, depends, flag, static_count
+from rigidmc.physics.dynamics.methods import (
+    OFF,
+    Flag,
+    argument_names,
+    depends,
+    flag,
+    static_count,
+)
 from rigidmc.physics.effects.protocol import parameter_count
 from rigidmc.physics.observables import dimensions, outputs, under
 from rigidmc.physics.observables.event_times import FOLLOWED, event_times
@@ -28,14 +37,13 @@ from rigidmc.physics.observables.protocol import (
     value,
 )
 from rigidmc.planning.steps import Clock
+from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import is_open, rows
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.recording import Labelled, Recording
 from rigidmc.scene.validation import PILOT
 
-Labelled = tuple[tuple[str, Any], ...]  # (label, observable) of each
 
-
-class Watch(NamedTuple):
+class Monitors(NamedTuple):
     """Events, running observables and neighbour as the kernel takes them, and [(label, observable)]
     of each; bins : (dimension, edges, units) of each histogram;  dims : of all that is kept."""
 
@@ -64,33 +72,35 @@ class Watch(NamedTuple):
         return int(watch_rows(*self.compiled))
 
 
-def watch(scene: Scene) -> Watch:
-    """The Watch of a scene; SceneError for an event that it cannot have."""
-    observables = [(label, one) for label, one in scene.watched() if not isinstance(one, Ensemble)]
+def make_monitors(model: Model, recording: Recording, seed: int) -> Monitors:
+    """The Monitors of a run; SceneError for an event that it cannot have."""
+    observables = [
+        (label, one) for label, one in recording.monitored if not isinstance(one, Ensemble)
+    ]
     events = tuple((label, one) for label, one in observables if isinstance(one, Event))
     shadow = tuple((label, one) for label, one in observables if isinstance(one, Neighbour))
     running = tuple((label, one) for label, one in observables if isinstance(one, Running))
-    moments, complete = _bodies(scene) if events else (np.empty((3, 0)), True)
-    return Watch(
-        tuple(one.compiled(moments, complete, scene.effects) for _, one in events),
-        tuple((under(one, scene.effects), static_count(one.marks)) for _, one in running),
+    moments, complete = _bodies(model, seed) if events else (np.empty((3, 0)), True)
+    return Monitors(
+        tuple(one.compiled(moments, complete, model.effects) for _, one in events),
+        tuple((under(one, model.effects), static_count(one.marks)) for _, one in running),
         flag(shadow),
         events,
         running,
         shadow,
         tuple(
-            (f"{label}_bin", one.edges(), scene.observable(one.name).units)
-            for label, one in scene.histograms()
+            (f"{label}_bin", one.edges(), recording.observable(one.name).units)
+            for label, one in recording.histograms
         ),
-        dimensions(scene.recorded(), scene.watched()),
+        dimensions(recording.recorded, recording.monitored),
     )
 
 
-def _bodies(scene: Scene) -> tuple[NDArray[np.float64], bool]:
+def _bodies(model: Model, seed: int) -> tuple[NDArray[np.float64], bool]:
     """(moments (3, n) of the first members, or of all rows of arrays; whether these are all)."""
-    complete = not is_open(scene.body.moments)
-    count = (rows(*scene.body.moments) or 1) if complete else PILOT
-    return scene.coarse().body.sample(scene.run.seed, 0, count)[0], complete
+    complete = not is_open(model.body.moments)
+    count = (rows(*model.body.moments) or 1) if complete else PILOT
+    return model.coarse().body.sample(seed, 0, count)[0], complete
 
 
 # arguments with which observables are tried, to see which of them they use; None if that matters
@@ -104,56 +114,56 @@ _VALUES = {
 _SAVED = {**_VALUES, "start": (1.0, 1.0, 1.0, 1.0)}
 
 
-def places_of(scene: Scene, watched: Watch) -> Places:
-    """The rows of a block of the scene beyond those that every block has."""
-    works = len(scene.effects) if "work" in scene.run.save else 0
-    marks = [len(numbers) for _, numbers in watched.running]
-    events, shadow = len(watched.events), bool(watched.shadow)
-    return places(parameter_count(*scene.effects), works, events, marks, shadow)
+def places_of(effects: Sequence[Any], has_work: bool, monitors: Monitors) -> Places:
+    """The rows of a block beyond those that every block has."""
+    works = len(effects) if has_work else 0
+    marks = [len(numbers) for _, numbers in monitors.running]
+    events, shadow = len(monitors.events), bool(monitors.shadow)
+    return places_for(parameter_count(*effects), works, events, marks, shadow)
 
 
-def needs_attitude(scene: Scene, watched: Watch) -> bool:
-    """Whether what is saved and watched needs the attitude itself, not only through the effects.
-
-    watched : the Watch of the scene
-    """
-    if watched.shadow:  # the distance to the neighbour is that of attitude and momentum
+def has_attitude(effects: Sequence[Any], recording: Recording, monitors: Monitors) -> bool:
+    """Whether anything needs the attitude: an effect that names q, or what is saved or
+    monitored."""
+    if any("q" in argument_names(e, "torque", "kick", "energy") for e in effects):
         return True
-    works = static_count(len(scene.effects))
+    if monitors.shadow:  # the distance to the neighbour is that of attitude and momentum
+        return True
+    works = static_count(len(effects))
     return (
-        any(depends(value, o, **_SAVED, works=works) for o in scene.recorded().values())
+        any(depends(value, o, **_SAVED, works=works) for o in recording.recorded.values())
         or any(
             depends(begin, one, **_VALUES)
             or depends(turning, one, **_VALUES)
             or depends(update, one, **_VALUES, kept=marks)
-            for one, marks in watched.running
+            for one, marks in monitors.running
         )
         or any(
             depends(level, one, **_VALUES) or depends(armed, one, **_VALUES, level=0.5, armed=True)
-            for one in watched.events
+            for one in monitors.events
         )
     )
 
 
 def results(
-    scene: Scene,
-    watched: Watch,
+    monitors: Monitors,
+    places: Places,
     block: NDArray[np.float64],
     clock: Clock,
     total: Any,
     nodes: int = 0,
 ) -> dict[str, NDArray[np.float64]]:
-    """{variable: values of each member} of the Watch of a scene, nan if a member is not ok.
+    """{variable: values of each member} of Monitors, nan if a member is not ok.
 
     A member that is flagged keeps the times of events that came while it was still ok: without
     them nobody could tell whether the event had come by then.
 
-    block : its rows at the end of a run, or of a part of it;  clock : of the members
+    places : of their rows;  block : its rows at the end of a run, or of a part of it;  clock : of
+        the members
     total : steps that each member has made;  nodes : as of a Plan
     """
     healthy, everyone = block[layout.STATUS] == 0.0, np.ones(block.shape[1], bool)
     known_until = clock.time(np.where(healthy, total, block[layout.GOOD_STEP]))
-    rows = places_of(scene, watched)
     variables: dict[str, NDArray[np.float64]] = {}
     steps, lags = total, dict[str, float]()
 
@@ -165,20 +175,20 @@ def results(
                 known = healthy | (x <= known_until - times[name])
             variables[name] = np.where(known, x, np.nan)
 
-    for i, (label, one) in enumerate(watched.of_events):
-        at = rows.events + EVENT * i
+    for i, (label, one) in enumerate(monitors.of_events):
+        at = places.events + EVENT * i
         record = record_of(block[at : at + EVENT], everyone)
         add(label, one, one.results(record).values())
         if one.stop:
             seen = np.where(healthy, record.seen, np.nan)
             steps = np.where(np.isfinite(seen), clock.steps(seen), steps)
-    at, weighed = rows.running, clock.weighed(steps, total)
-    for (label, one), (_, marks) in zip(watched.of_running, watched.running, strict=True):
+    at, weighed = places.running, clock.weighed(steps, total)
+    for (label, one), (_, marks) in zip(monitors.of_running, monitors.running, strict=True):
         seen = 2.0 * nodes * weighed if nodes and averages(one) else weighed
         add(label, one, one.results(block[at : at + len(marks)], seen).values())
         at += len(marks)
-    for label, one in watched.of_shadow:
-        distances = block[rows.neighbour + SUMS : rows.neighbour + SHADOW]
+    for label, one in monitors.of_shadow:
+        distances = block[places.neighbour + SUMS : places.neighbour + SHADOW]
         add(label, one, one.results(distances, clock.position(total), clock.dt).values())
     if lags:
         started = block[layout.STATUS] != float(STATUSES["invalid_input"])

@@ -26,11 +26,9 @@ from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.physics.effects.pivot import MovingPivot
 from rigidmc.physics.effects.protocol import blank, facts, filled, numbers, shape, torque
 from rigidmc.planning.plan import Plan
-from rigidmc.planning.units import Internal
-from rigidmc.scene.conservation import conservation
-from rigidmc.scene.once import once
+from rigidmc.planning.units import UnitScale
+from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import Grid, draw, is_open, is_shared
-from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import Run, idle
 from rigidmc.scene.validation import PILOT
 from rigidmc.scene.vector_distributions import GibbsMomentum
@@ -62,9 +60,11 @@ Array = NDArray[np.float64]
 
 
 class Seen(NamedTuple):
-    """A scene, its Plan, and its first FEW members: bodies, and [(label, effect)] as arrays."""
+    """What moves, the settings, the Plan, and the first FEW members: bodies, and [(label, effect)]
+    as arrays."""
 
-    scene: Scene
+    model: Model
+    run: Run
     plan: Plan
     moments: Array
     mass: Array
@@ -72,25 +72,31 @@ class Seen(NamedTuple):
     effects: list[tuple[str, Any]]
 
 
-@once
-def notes(scene: Scene, plan: Plan, units: Internal | None = None) -> tuple[str, ...]:
-    """What the user of a scene should know, in words: `rigidmc run`, `show` and `check` print it,
-    and `simulate` warns with it.
+def step_notes(run: Run, plan: Plan, units: UnitScale | None = None) -> tuple[str, ...]:
+    """What the plan notes on steps; if a tolerance chose them, nothing, because the error is
+    measured.
 
-    units : how the plan was rescaled, None if it was not. If a tolerance chose the steps, notes of
-        the plan are left out, because the error is measured.
+    units : how the plan was rescaled, None if it was not
     """
-    of_plan = () if scene.run.integrator == "auto" else plan.notes
-    if units is not None:
-        of_plan = tuple(f"{note} (in units of {1.0 / units.time:.6g} s)" for note in of_plan)
-    if plan.form is not None and is_uncompiled():
-        of_plan += (UNCOMPILED,)
-    seen = _seen(scene, plan)
-    return (*of_plan, *(note for look in LOOKS for note in look(seen)))
+    if run.integrator == "auto":
+        return ()
+    if units is None:
+        return plan.notes
+    return tuple(f"{note} (in units of {1.0 / units.time:.6g} s)" for note in plan.notes)
 
 
-def _seen(scene: Scene, plan: Plan) -> Seen:
-    coarse, seed = scene.coarse(), scene.run.seed
+def scene_notes(model: Model, run: Run, plan: Plan) -> tuple[str, ...]:
+    """What else the user of a scene should know, in words.
+
+    model, run : as the user gave them;  plan : of their run
+    """
+    seen = _seen(model, run, plan)
+    uncompiled = plan.scheme is not None and is_uncompiled()
+    return (*[UNCOMPILED] * uncompiled, *(note for look in LOOKS for note in look(seen)))
+
+
+def _seen(model: Model, run: Run, plan: Plan) -> Seen:
+    coarse, seed = model.coarse(), run.seed
     effects = []
     for label, effect in labelled(coarse.effects):
         each = [
@@ -100,26 +106,26 @@ def _seen(scene: Scene, plan: Plan) -> Seen:
         rows = [draw(parts, seed, f"effects.{label}.{field}", 0, FEW) for field, parts in each]
         effects.append((label, filled(type(effect), np.concatenate(rows))))
     moments, mass, centre = coarse.body.sample(seed, 0, FEW)
-    return Seen(scene, plan, moments, mass, centre, effects)
+    return Seen(model, run, plan, moments, mass, centre, effects)
 
 
 def _idle(seen: Seen) -> Iterator[str]:
-    yield from idle_settings(seen.scene.run)
-    yield from idle_sums(seen.scene.run, seen.plan)
-    yield from idle_limits(seen.scene, seen.plan)
+    yield from idle_settings(seen.run)
+    yield from idle_sums(seen.run, seen.plan)
+    yield from idle_limits(seen.run, seen.plan)
     yield from _anti_damping(seen)
     yield from idle_effects(seen.effects, seen.moments, seen.centre)
 
 
 def _one_at_a_time(seen: Seen) -> Iterator[str]:
-    events, running, _ = seen.plan.watch.compiled
-    watches = *seen.scene.recorded().values(), *events, *(one for one, _ in running)
-    form, effects = seen.plan.form, blank(seen.scene.effects)
+    events, running, _ = seen.plan.monitors.compiled
+    watches = *seen.plan.recording.recorded.values(), *events, *(one for one, _ in running)
+    scheme, effects = seen.plan.scheme, blank(seen.model.effects)
     # what cannot be compiled at all is refused later
     with suppress(NumbaError, SceneError):
-        if form is None or any(why_refused(e) for e in effects if not is_shipped(e)):
+        if scheme is None or any(why_refused(e) for e in effects if not is_shipped(e)):
             return
-        for name, why in slow_parts(form.integrator, effects, watches):
+        for name, why in slow_parts(scheme.integrator, effects, watches):
             yield (
                 f"{name} {why}: members are not worked on side by side, and "
                 "the step is much slower than it might be"
@@ -127,9 +133,9 @@ def _one_at_a_time(seen: Seen) -> Iterator[str]:
 
 
 def _anti_damping(seen: Seen) -> Iterator[str]:
-    if not seen.scene.run.anti_damping:
+    if not seen.run.anti_damping:
         return
-    if any(facts(effect).damps or implements(effect, "drives") for effect in seen.scene.effects):
+    if any(facts(effect).damps or implements(effect, "drives") for effect in seen.model.effects):
         yield "[run] anti_damping = true: damping may be negative, which drives the body"
     else:
         yield "[run] anti_damping = true has no effect: the scene has no damping"
@@ -157,7 +163,7 @@ def _orbit_inside(seen: Seen) -> Iterator[str]:
 
 def _not_turned(seen: Seen) -> Iterator[str]:
     """Vectors of own effects that do not say whether they are fixed in bodies of different axes."""
-    if seen.scene.body.given != "tensor":
+    if seen.model.body.given != "tensor":
         return
     for label, effect in seen.effects:
         if is_shipped(effect) or hasattr(effect, "in_body"):
@@ -172,7 +178,7 @@ def _not_turned(seen: Seen) -> Iterator[str]:
 
 
 def _angles(seen: Seen) -> Iterator[str]:
-    start, seed = seen.scene.coarse().start, seen.scene.run.seed
+    start, seed = seen.model.coarse().start, seen.run.seed
     circle = 2.0 * math.pi * (1.0 + 1e-9)
     rule = "is more than {} pi: angles are in rad, 30 degrees are 0.5236"
     if start.by_euler_angles:
@@ -196,7 +202,7 @@ def _angles(seen: Seen) -> Iterator[str]:
 
 
 def _quaternions(seen: Seen) -> Iterator[str]:
-    attitude = seen.scene.start.attitude
+    attitude = seen.model.start.attitude
     if not isinstance(attitude, tuple) or len(attitude) != 4:
         return
     if is_open(*attitude):
@@ -213,10 +219,10 @@ def _bodies(seen: Seen) -> Iterator[str]:
     Those run: torques know m c alone, and units in which m = 1 and m g c = 1 may leave no room for
     the centre.
     """
-    body, run = seen.scene.body, seen.scene.run
+    body, run = seen.model.body, seen.run
     mapped = any(isinstance(q, Grid) for q in body.quantities())
     count = PILOT if mapped else min(PILOT, run.first + run.members)
-    moments, mass, centre = seen.scene.coarse().body.sample(run.seed, 0, count)
+    moments, mass, centre = seen.model.coarse().body.sample(run.seed, 0, count)
     impossible = broken(moments)
     which = f"of the first {count:,} bodies"
     if mapped:
@@ -274,7 +280,7 @@ def _about_centre(moments: Array, mass: Array, centre: Array) -> Array:
 
 def _hot(seen: Seen) -> Iterator[str]:
     """A kT given in K instead of J, for bodies small enough to feel heat at all."""
-    momentum, seed = seen.scene.coarse().start.momentum, seen.scene.run.seed
+    momentum, seed = seen.model.coarse().start.momentum, seen.run.seed
     heats: list[tuple[str, Any]] = [
         (f"effects.{label}", one.kT) for label, one in seen.effects if isinstance(one, Bath)
     ]
@@ -324,18 +330,18 @@ def idle_sums(run: Run, plan: Plan) -> Iterator[str]:
         yield f"[run] compensated = True has no effect: {why}"
 
 
-def idle_limits(scene: Scene, plan: Plan) -> Iterator[str]:
-    """Limits on drifts of quantities that a scene does not conserve."""
-    run, conserved = scene.run, conservation(scene)
+def idle_limits(run: Run, plan: Plan) -> Iterator[str]:
+    """Limits on drifts of quantities that are not conserved."""
+    conserved = plan.conserved
     if not run.checks or run.integrator == "closed":
         return
     why = {name: reason.removeprefix("no: ") for name, reason in conserved.items()}
     if run.energy_limit is not None and conserved["energy_drift"] != "yes":
         rule = f"has no effect: {why['energy_drift']}"
         yield f"[run] energy_limit = {run.energy_limit:g} {rule}"
-    bounded = conserved["l2"] == "yes" or (conserved["lz"] == "yes" and plan.carried)
+    bounded = conserved["l2"] == "yes" or (conserved["lz"] == "yes" and plan.has_attitude)
     if run.momentum_limit is not None and not bounded:
-        reason = why["lz"] if plan.carried else f"{why['l2']}, and L_z is not followed"
+        reason = why["lz"] if plan.has_attitude else f"{why['l2']}, and L_z is not followed"
         yield f"[run] momentum_limit = {run.momentum_limit:g} has no effect: {reason}"
 
 

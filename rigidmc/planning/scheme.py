@@ -1,21 +1,20 @@
 """The form in which an integrator is compiled: it may depend on how far a step turns a body."""
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.errors import SceneError
-from rigidmc.physics.dynamics.methods import argument_names, implements
+from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects.sums import total_energy_scale
 from rigidmc.physics.integrators import Form, Turns, form
-from rigidmc.planning.initial import first_members
-from rigidmc.planning.monitors import Watch, needs_attitude, watch
-from rigidmc.planning.steps import Array, own_steps, physics, rates
-from rigidmc.scene.quantities import is_open, is_shared, rows
-from rigidmc.scene.scene import Scene
-from rigidmc.scene.validation import PILOT
+from rigidmc.physics.integrators.protocol import Integrator
+from rigidmc.planning.steps import Array, physics, rates
+from rigidmc.scene.model import Model
+from rigidmc.scene.quantities import is_open
+from rigidmc.scene.settings import Run
 
 # a member beyond the pilot may spin faster than all of the pilot: 7 sigma if the pilot reaches 3.5
 MARGIN = 2.0
@@ -23,27 +22,22 @@ MARGIN = 2.0
 OWN_MARGIN = 1.25
 
 
-def carries_attitude(scene: Scene, watched: Watch | None = None) -> bool:
-    """Whether anything needs the attitude: an effect that names q, or what is saved or watched.
-
-    watched : the Watch of the scene, if it is known
-    """
-    by_effects = any("q" in argument_names(e, "torque", "kick", "energy") for e in scene.effects)
-    return by_effects or needs_attitude(scene, watch(scene) if watched is None else watched)
-
-
-def form_of(scene: Scene, dt: float) -> tuple[Form, float | None, float]:
-    """(Form of a scene's integrator, bound on the rate of free motion, turn |omega| dt of a step)
+def make_scheme(
+    kind: Integrator, model: Model, run: Run, pilot: Array, dt: float
+) -> tuple[Form, float | None, float]:
+    """(Form of an integrator, bound on the rate of free motion, turn |omega| dt of a step)
     for steps of dt [s], or for member steps of at most dt.
+
+    pilot : the block of the first members, of a coarse model;  run : with the name of the
+        integrator
 
     The bound is None, and the turn 0, if the integrator does not ask for them. With `turn` the
     bound is in units of the members' rates. Raises SceneError if a step turns a body too far for
     the integrator.
     """
-    run = scene.run
-    kind, rate, turns = scene.integrator, None, Turns()
+    rate, turns = None, Turns()
     if implements(kind, "prepared"):
-        bound = _turn_rates(scene)
+        bound = _turn_rates(model, pilot, run.turn is not None)
         rate = bound.free if run.turn_rate is None else run.turn_rate
         unit, key = (dt, "dt") if run.turn is None else (run.turn, "turn")
         turns = Turns(rate * unit, bound.spin * unit, bound.symmetric)
@@ -54,29 +48,15 @@ def form_of(scene: Scene, dt: float) -> tuple[Form, float | None, float]:
                 f"{run.integrator} can be solved; use {key} <= {unit * largest / turns.spin:.2g}"
             )
             raise SceneError("run", key, getattr(run, key), rule)
-    return form(kind, turns, scene.effects)._replace(name=run.integrator), rate, turns.spin
+    return form(kind, turns, model.effects)._replace(name=run.integrator), rate, turns.spin
 
 
-def largest_rates(scene: Scene, carried: bool) -> tuple[float, float]:
+def largest_rates(effects: Sequence[Any], pilot: Array) -> tuple[float, float]:
     """(largest |omega| at the start, largest of the `rates`) of the pilot [rad/s]."""
-    scene = scene.coarse()
-    block = first_members(scene, _pilot_size(scene), carried).block
     with np.errstate(all="ignore"):
-        omega = block[layout.BODY : layout.BODY + 3] * block[layout.MOMENTUM : layout.REST]
+        omega = pilot[layout.BODY : layout.BODY + 3] * pilot[layout.MOMENTUM : layout.REST]
         spins = np.sqrt((omega**2).sum(0))
-        return _largest(spins), _largest(rates(scene.effects, block))
-
-
-def mean_own_steps(scene: Scene, carried: bool, span: float) -> float:
-    """How many steps the members of the pilot make in a time [s], on average."""
-    block = first_members(scene.coarse(), _pilot_size(scene), carried).block
-    return float(np.mean(own_steps(rates(scene.effects, block), span, scene.run.turn)))
-
-
-def _pilot_size(scene: Scene) -> int:
-    """How many first members stand for the ensemble: all rows if a scene has arrays."""
-    alike = is_shared(*scene.quantities()) and not isinstance(scene.start.attitude, str)
-    return layout.LANES if alike else whole_lanes(max(PILOT, rows(*scene.quantities()) or 0))
+        return _largest(spins), _largest(rates(effects, pilot))
 
 
 def _largest(values: Array) -> float:
@@ -96,10 +76,8 @@ class _TurnRates(NamedTuple):
     symmetric: bool
 
 
-def _turn_rates(scene: Scene) -> _TurnRates:
-    scene = scene.coarse()
-    block = first_members(scene, _pilot_size(scene), carries_attitude(scene)).block
-    body, effects = physics(scene.effects, block)
+def _turn_rates(model: Model, block: Array, own_steps: bool) -> _TurnRates:
+    body, effects = physics(model.effects, block)
     l = block[layout.MOMENTUM : layout.REST]
     a, i = np.array([body.a1, body.a2, body.a3]), np.array([body.i1, body.i2, body.i3])
     with np.errstate(all="ignore"):
@@ -117,17 +95,17 @@ def _turn_rates(scene: Scene) -> _TurnRates:
         )
         free = np.where(scale > 0.0, bound, free)
         spin = np.where(scale > 0.0, spin + np.sqrt(2.0 * scale * i.max(0)), spin)
-        if scene.run.turn is not None:
-            rate = rates(scene.effects, block)
+        if own_steps:
+            rate = rates(model.effects, block)
             free, spin = free / rate, np.ones_like(rate)  # no member is faster than its rate
         equal = bool(np.all(sizes.min(0) <= 4e-15 * i.max(0)))
     # the pilot tells the symmetry of all members only if no moment is drawn
-    symmetric = equal and not is_open(scene.body.moments)
-    margin = MARGIN if scene.run.turn is None else OWN_MARGIN
-    margin = margin if is_open(*scene.quantities()) else 1.0
+    symmetric = equal and not is_open(model.body.moments)
+    margin = OWN_MARGIN if own_steps else MARGIN
+    margin = margin if is_open(*model.quantities()) else 1.0
     # a member that exceeds the bounds is flagged, not planned for
     return _TurnRates(
         margin * _largest(free),
-        (margin if scene.run.turn is None else 1.0) * _largest(spin),
+        (1.0 if own_steps else margin) * _largest(spin),
         symmetric,
     )

@@ -17,9 +17,10 @@ from rigidmc.engine.kernel import layout
 from rigidmc.physics.dynamics.methods import argument_names
 from rigidmc.physics.effects.protocol import facts
 from rigidmc.physics.effects.rotor import Rotor
-from rigidmc.planning.initial import first_members
+from rigidmc.planning.initial import make_pilot, make_sampler
 from rigidmc.planning.steps import physics
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.model import Model
+from rigidmc.scene.settings import Run
 
 MOST = 2.0  # rad
 LOOKED_AT = 64  # members whose effects tell how fast these swing a body
@@ -56,15 +57,15 @@ class Turning(NamedTuple):
     attitude: Array
 
 
-def drive(scene: Scene, rotor: Array | None = None) -> Drive:
-    """The Drive of a scene, from its first members.
+def drive(model: Model, run: Run, rotor: Array | None = None) -> Drive:
+    """The Drive of the first members.
 
-    rotor : the momentum of rotors (3, n) of other members, which the scene draws
+    rotor : the momentum of rotors (3, n) of other members
     """
-    effects = scene.effects
+    effects = model.effects
     if not effects:
         return Drive()
-    block = first_members(scene.coarse(), LOOKED_AT, True).block[:, :LOOKED_AT]
+    block = _first_block(model, run)
     body, filled = physics(effects, block)
     inverse = block[layout.BODY : layout.BODY + 3]
     frequency, held = 0.0, np.zeros((3, 1))
@@ -78,6 +79,12 @@ def drive(scene: Scene, rotor: Array | None = None) -> Drive:
     turned = any("q" in argument_names(e, "torque", "kick", "energy") for e in effects)
     swing = _swing(body, filled, inverse) if turned else 0.0
     return Drive(turned, swing, frequency, held if rotor is None else rotor)
+
+
+def _first_block(model: Model, run: Run) -> Array:
+    """The rows of the first members at their start, with attitudes."""
+    coarse = model.coarse()
+    return make_pilot(coarse, make_sampler(coarse, run), True, LOOKED_AT).block
 
 
 def _swing(body: Any, effects: Any, inverse: Array) -> float:
@@ -183,21 +190,21 @@ def rounded_down(value: float) -> float:
     return float(f"{math.floor(value / unit * (1.0 + 1e-12)) * unit:.2g}")
 
 
-def of_scene(scene: Scene) -> Turning:
-    """The Turning of the first members of a scene at the start."""
-    block = first_members(scene.coarse(), LOOKED_AT, True).block[:, :LOOKED_AT]
+def turning_at_start(model: Model, run: Run) -> Turning:
+    """The Turning of the first members at their start."""
+    block = _first_block(model, run)
     with np.errstate(all="ignore"):
         moments = 1.0 / block[layout.BODY : layout.BODY + 3]
-    return turning(moments, block[layout.MOMENTUM : layout.REST], drive(scene))
+    return turning(moments, block[layout.MOMENTUM : layout.REST], drive(model, run))
 
 
-def sparse_saves(scene: Scene) -> tuple[str, Sparse] | None:
-    """(saved quantity, Sparse) of the fastest of what a scene saves, as its start tells; None if
+def sparse_saves(model: Model, run: Run) -> tuple[str, Sparse] | None:
+    """(saved quantity, Sparse) of the fastest of what a run saves, as its start tells; None if
     lines through the saves show the motion, or if there are only two."""
-    run, found = scene.run, []
+    found = []
     if run.every is None or 2.0 * run.every > run.t_end:
         return None
-    turns = of_scene(scene)
+    turns = turning_at_start(model, run)
     for name in run.save:
         if name in KINDS and (one := sparse(getattr(turns, KINDS[name]), run.every)):
             found.append((name, one))

@@ -13,7 +13,7 @@ from rigidmc.errors import SceneError
 from rigidmc.physics.effects import name_of
 from rigidmc.physics.effects.protocol import facts, filled, numbers
 from rigidmc.physics.observables import Passage, is_own
-from rigidmc.planning.initial import source, stage
+from rigidmc.planning.initial import Source, block_rows, initial_block, make_sampler
 from rigidmc.planning.plan import Plan
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Grid, is_shared
@@ -118,8 +118,8 @@ def _scaled_effects(
     return tuple(scaled)
 
 
-class Internal(NamedTuple):
-    """Internal units: the powers of 2 by which masses and times were multiplied."""
+class UnitScale(NamedTuple):
+    """Units of integration: the powers of 2 by which masses and times were multiplied."""
 
     mass: float
     time: float
@@ -128,30 +128,25 @@ class Internal(NamedTuple):
         """The factor that brings a result in `units` back to the units of the scene."""
         return factor(units, 1.0 / self.mass, 1.0, 1.0 / self.time)
 
-    def back(self, scene: Scene, plan: Plan) -> tuple[Scene, Plan]:
-        """A scene and its Plan in their original units."""
+    def back(self, plan: Plan) -> Plan:
+        """A Plan in the units of the user."""
         rate = plan.turn_rate
-        if rate is not None and not plan.member_steps:
+        if rate is not None and not plan.has_member_steps:
             rate = rate * self.time
-        original = plan._replace(
-            dt=plan.dt / self.time,
-            last_dt=plan.last_dt / self.time,
+        grid = plan.grid
+        return plan._replace(
+            grid=grid._replace(dt=grid.dt / self.time, last_dt=grid.last_dt / self.time),
             times=plan.times / self.time,
             turn_rate=rate,
         )
-        return scaled(scene, 1.0 / self.mass, 1.0, 1.0 / self.time), original
+
+    def original(self, scene: Scene) -> Scene:
+        """A scene in the units of the user."""
+        return scaled(scene, 1.0 / self.mass, 1.0, 1.0 / self.time)
 
 
-def in_user_units(scene: Scene, plan: Plan, units: Internal | None) -> tuple[Scene, Plan]:
-    """A scene and its Plan in the units of the user.
-
-    units : how the scene was rescaled, None if nothing was rescaled
-    """
-    return (scene, plan) if units is None else units.back(scene, plan)
-
-
-def internal(scene: Scene) -> Internal | None:
-    """The Internal units that bring a scene's first member to moments and rates near 1, or None if
+def choose_units(scene: Scene) -> UnitScale | None:
+    """The units that bring a scene's first member to moments and rates near 1, or None if
     they are within RANGE.
 
     If a scene can be integrated in either units, no bit of the result depends on the choice. In
@@ -166,7 +161,7 @@ def internal(scene: Scene) -> Internal | None:
         return None
     moments, mass, centre = (x[..., 0] for x in scene.body.sample(scene.run.seed, 0, 1))
     inertia = _exponent(np.max(moments))
-    exponents = _spin_exponents(scene, moments)
+    exponents = _spin_exponents(scene, moments, make_sampler(scene.model, scene.run))
     arm = np.max(np.abs(centre))
     for effect in scene.effects if arm > 0.0 else ():
         if name_of(effect) == "gravity" and not (is_shared(effect.g) and effect.g == 0.0):
@@ -177,16 +172,18 @@ def internal(scene: Scene) -> Internal | None:
     rate, most = max(exponents, default=0), RANGE[scene.run.dtype]
     if max(abs(inertia), abs(rate)) <= most:
         return None
-    return Internal(_power(-inertia), _power(rate))
+    return UnitScale(_power(-inertia), _power(rate))
 
 
-def _spin_exponents(scene: Scene, moments: Any) -> list[int]:
+def _spin_exponents(scene: Scene, moments: Any, sampler: Source) -> list[int]:
     """Exponents of the components of omega [rad/s] of the first member that are not 0."""
     word = "omega" if scene.start.momentum is None else "momentum"
     if isinstance(getattr(scene.start, word), Law):  # a law, which may depend on the energy
-        spin = stage(scene, 0, 1, True)[1][f"start_{word}"]
+        rows = block_rows(scene.effects, False)
+        _, start = initial_block(scene.model, sampler, 0, 1, True, rows)
+        spin = start[f"start_{word}"]
     else:
-        _, spin = scene.start.spin(source(scene), 0, 1, None)
+        _, spin = scene.start.spin(sampler, 0, 1, None)
     spin = np.nan_to_num(spin)
     return [
         _exponent(x) - (_exponent(i) if word == "momentum" else 0)

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, nearest
 from rigidmc.files.reading import toml
 from rigidmc.physics.dynamics.methods import argument_names
-from rigidmc.physics.observables import OBSERVABLES, own
+from rigidmc.physics.observables import OBSERVABLES, named, own
 from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.results.intervals import Estimate
 from rigidmc.results.measures import Measure, measure
+from rigidmc.scene.recording import recording
 from rigidmc.scene.sampling import is_sample_of
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.toml.read import scene_text
@@ -141,12 +142,12 @@ def component_of(scene: Scene, text: str, key: str) -> Component:
     if match is None:
         raise OptionError("", key, text, "expected an observable: NAME or NAME[3]")
     name, component = match["name"], match["component"]
-    names = dict.fromkeys((*OBSERVABLES, *own(scene.observables), *scene.recorded()))
+    names = dict.fromkeys((*OBSERVABLES, *own(scene.observables), *recording(scene).recorded))
     known = [word for word in names if of_the_state(scene, word)]
     if name not in known:
         rule = f"no such observable of the state at save times; known: {', '.join(known)}"
         raise OptionError("", key, text, rule, nearest(name, known))
-    dims = scene.observable(name).dims
+    dims = named(scene.observables, name).dims
     labels = [str(label) for label in DIMENSIONS[dims[0]].labels] if dims else []
     if (component is None) == bool(labels) or (labels and component not in labels):
         rule = f"has the components {', '.join(labels)}" if labels else "has no components"
@@ -157,6 +158,6 @@ def component_of(scene: Scene, text: str, key: str) -> Component:
 
 def of_the_state(scene: Scene, name: str) -> bool:
     """Whether an observable follows from the state and the time, and not from the start too."""
-    observable = scene.observable(name)
+    observable = named(scene.observables, name)
     needs = argument_names(observable, "value")
     return not needs & {"start", "works"} and "effect" not in observable.dims

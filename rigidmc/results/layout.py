@@ -1,92 +1,185 @@
-"""What storage must know of a plan to lay out its result, because it does not import planning."""
+"""The layout of a result: its variables, sizes, coordinates and attributes, made once for a run. A
+Dataset in memory and a netCDF file are the same."""
 
-from typing import Any, Protocol
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.physics.observables.protocol import DIMENSIONS
+from rigidmc.results.variables import Variable
+from rigidmc.scene.model import Model
+from rigidmc.scene.quantities import is_shared
+from rigidmc.scene.recording import Recording
+from rigidmc.scene.scene import Scene
+from rigidmc.version import VERSION
 
-class Bins(Protocol):
-    """The histograms of a scene, (dimension, edges, units) of each, and the dimensions of all that
-    is kept."""
-
-    @property
-    def bins(self) -> tuple[tuple[str, NDArray[np.float64], str], ...]: ...
-    @property
-    def dims(self) -> tuple[str, ...]: ...
+Coordinate = tuple[tuple[str, ...], NDArray[Any], dict[str, Any]]  # dimensions, values, attributes
 
 
-class Shape(Protocol):
-    """The sizes of a result.
+class Axes(NamedTuple):
+    """What a result extends over beside its members.
 
-    first, members : the range of members;  times : of the saves [s];  labels : of the effects whose
-        works are saved;  thinned : indices of the saves that are kept of thinned observables
+    times : of the saves [s];  thinned : indices of the saves that are kept of thinned observables
+    labels : of the effects whose works are saved
+    bins : (dimension, edges, units) of each histogram;  dims : of all that is kept
     """
 
-    @property
-    def first(self) -> int: ...
-    @property
-    def members(self) -> int: ...
-    @property
-    def times(self) -> NDArray[np.float64]: ...
-    @property
-    def thinned(self) -> NDArray[np.int64]: ...
-    @property
-    def labels(self) -> tuple[str, ...]: ...
-    @property
-    def watch(self) -> Bins: ...
+    times: NDArray[np.float64]
+    thinned: NDArray[np.int64]
+    labels: tuple[str, ...]
+    bins: tuple[tuple[str, NDArray[np.float64], str], ...]
+    dims: tuple[str, ...]
+
+    def coordinates(self, members: Sequence[int] | NDArray[Any] = ()) -> dict[str, Coordinate]:
+        """Coordinates as {name: (dims, values, attrs)}; members : their indices."""
+        effects: dict[str, Coordinate] = {}
+        if self.labels:
+            about = {"long_name": "effect of the scene"}
+            effects["effect"] = (("effect",), np.array(self.labels), about)
+        thinned: dict[str, Coordinate] = {}
+        if self.thinned.size:
+            about = {"units": "s", "long_name": "time of what is thinned"}
+            thinned["thinned_time"] = (("thinned_time",), self.times[self.thinned], about)
+        bins: dict[str, Coordinate] = {}
+        for name, edges, units in self.bins:
+            middles, width = 0.5 * (edges[1:] + edges[:-1]), edges[1] - edges[0]
+            text = {"units": units, "long_name": "middle of the bin", "width": width}
+            bins[name] = ((name,), middles, text)
+        indices = np.asarray(members, np.int64)
+        return {
+            **effects,
+            **bins,
+            "member": (("member",), indices, {"long_name": "index of the member"}),
+            "time": (("time",), self.times.copy(), {"units": "s", "long_name": "time"}),
+            **thinned,
+            **{
+                name: ((name,), np.array(labels), {"long_name": text})
+                for name, (labels, text) in DIMENSIONS.items()
+                if name in ("axis", "quat", *self.dims)
+            },
+        }
+
+    def lengths(self, members: int) -> dict[str, Any]:
+        """{dimension: size}; None for `flagged`, which grows."""
+        bins = {name: edges.size - 1 for name, edges, _ in self.bins}
+        times = {"time": self.times.size, "thinned_time": self.thinned.size}
+        return {
+            **bins,
+            **times,
+            "member": members,
+            "flagged": None,
+            "effect": len(self.labels),
+            "component": 6,
+            **{name: len(labels) for name, (labels, _) in DIMENSIONS.items()},
+        }
 
 
-class Layout(Shape, Protocol):
-    """The sizes of a result and the settings that its attributes tell, see
-    `rigidmc.planning.plan.Plan`."""
+class ResultLayout(NamedTuple):
+    """What the result of a run is, in the units of its scene.
+
+    scene : what the result is of;  settings : of [run], which its text has in place of those of the
+        scene, because a rerun needs them
+    facts : the attributes after the integrator
+    first, members : place of the first member, and how many there are
+    which : the indices of the members at places 0, 1, ...; None if they are these numbers
+    saved : {observable: rows of its values} of what is recorded at saves
+    by_member, at_saves, of_ensemble, of_flagged : {name: Variable}
+    constant : names of those that are the same for all members, and are stored once in memory
+    block : members of a chunk of a file
+    """
+
+    scene: Scene
+    settings: dict[str, Any]
+    facts: dict[str, Any]
+    first: int
+    members: int
+    which: NDArray[np.int64] | None
+    axes: Axes
+    recording: Recording
+    saved: dict[str, slice]
+    by_member: dict[str, Variable]
+    at_saves: dict[str, Variable]
+    of_ensemble: dict[str, Variable]
+    of_flagged: dict[str, Variable]
+    constant: frozenset[str]
+    block: int = 0
 
     @property
-    def saved(self) -> dict[str, slice]: ...
-    @property
-    def values(self) -> int: ...
+    def values(self) -> int:
+        """How many numbers a member records at a save."""
+        return max((rows.stop for rows in self.saved.values()), default=0)
+
+    def indices(self, first: int, count: int) -> NDArray[np.int64]:
+        """The indices of `count` members from place `first` on; beyond the end, of the last."""
+        if self.which is None:
+            return np.arange(first, first + count)
+        return self.which[np.minimum(np.arange(first, first + count), self.which.size - 1)]
 
     @property
-    def steps(self) -> int: ...
-    @property
-    def dt(self) -> float: ...
-    @property
-    def head(self) -> int: ...
-    @property
-    def last_dt(self) -> float: ...
-    @property
-    def member_steps(self) -> bool: ...
-    @property
-    def form(self) -> Any: ...
-    @property
-    def carried(self) -> bool: ...
-    @property
-    def block(self) -> int: ...
-    @property
-    def constant(self) -> frozenset[str]: ...
-    @property
-    def turn_rate(self) -> float | None: ...
-    @property
-    def dtype(self) -> str: ...
-    @property
-    def compensated(self) -> bool: ...
-    def bounds(self) -> dict[str, float]: ...
-    def indices(self, first: int, count: int) -> NDArray[np.int64]: ...
-    def _replace(self, *, members: int = ...) -> "Layout": ...
+    def variables(self) -> dict[str, Variable]:
+        """{name: Variable} of all."""
+        return {**self.by_member, **self.at_saves, **self.of_ensemble, **self.of_flagged}
+
+    def coordinates(self) -> dict[str, Coordinate]:
+        """Coordinates as {name: (dims, values, attrs)}."""
+        return self.axes.coordinates(self.indices(self.first, self.members))
+
+    def lengths(self) -> dict[str, Any]:
+        """{dimension: size}; None for `flagged`, which grows."""
+        return self.axes.lengths(self.members)
+
+    def attributes(self) -> dict[str, Any]:
+        """Global attributes; the scene's TOML and the member range suffice for a rerun to the
+        bit."""
+        return {
+            "Conventions": "CF-1.11",
+            "title": self.scene.title,
+            "source": f"rigidmc {VERSION}",
+            "version": VERSION,
+            "scene": self.text(),
+            "seed": self.scene.run.seed,
+            "integrator": self.scene.run.integrator,
+            **self.facts,
+        }
+
+    def text(self) -> str:
+        """The scene as TOML text."""
+        return self.scene.with_run(**self.settings).dumps()
+
+    def is_rounded(self, name: str) -> bool:
+        """Whether files store only some digits of a variable: those of saves over time, but never
+        of variables that a run could start from, nor of flagged members."""
+        dims, dtype, _ = self.variables[name]
+        return (
+            self.scene.run.digits is not None
+            and dims[0] in ("time", "thinned_time")
+            and dims[-1] == "member"
+            and dtype == "f8"
+        )
+
+    def bytes_of_a_member(self) -> tuple[int, int]:
+        """Bytes of a member before compression: (of values that all members share, of others)."""
+        same = other = 0
+        sizes = {**self.lengths(), "member": 1}
+        for name, (dims, dtype, _) in {**self.by_member, **self.at_saves}.items():
+            size = math.prod(sizes[dim] for dim in dims) * np.dtype(dtype).itemsize
+            same, other = (same + size, other) if name in self.constant else (same, other + size)
+        return same, other
 
 
-class Block(Protocol):
-    """A block of members that is done, see `rigidmc.planning.job.Job`."""
-
-    @property
-    def first(self) -> int: ...
-    @property
-    def size(self) -> int: ...
-    @property
-    def members(self) -> NDArray[np.int64]: ...
-    @property
-    def out(self) -> NDArray[np.float64]: ...
-    @property
-    def width(self) -> int: ...
-    @property
-    def column(self) -> int: ...
+def constant(model: Model) -> frozenset[str]:
+    """Member variables that are the same for all."""
+    spin = model.start.which
+    variables = {
+        "moments": model.body.moments,
+        "mass": model.body.mass,
+        "centre": model.body.centre,
+        f"start_{spin}": getattr(model.start, spin),
+        "start_attitude": model.start.attitude,
+    }
+    if model.body.given == "tensor":  # each member has axes of its own
+        return frozenset()
+    return frozenset(name for name, value in variables.items() if is_shared(value))

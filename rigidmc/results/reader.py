@@ -7,7 +7,7 @@ the scene in it demands.
 import os
 import warnings
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -21,19 +21,17 @@ from rigidmc.physics.effects.protocol import shape
 from rigidmc.physics.observables import dimensions, is_opaque
 from rigidmc.physics.observables.event_times import CENSORED, FOLLOWED
 from rigidmc.physics.observables.protocol import DIMENSIONS
-from rigidmc.results.layout import Shape
-from rigidmc.results.schema import (
+from rigidmc.results.layout import Axes
+from rigidmc.results.variables import (
     NEWER,
     Variable,
-    coordinates,
     ensemble_variables,
     flagged_variables,
-    lengths,
     member_variables,
     parameter_variable,
     saved_variables,
 )
-from rigidmc.scene.conservation import booked_labels
+from rigidmc.scene.recording import Recording, recording
 from rigidmc.scene.scene import Scene, loads
 from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.read import scene_text
@@ -86,23 +84,6 @@ def _added(dataset: xr.Dataset, name: str) -> xr.Variable:
 _OVER = ("time", "thinned_time", "member", "flagged")
 
 
-class _Bins(NamedTuple):
-    bins: tuple[tuple[str, NDArray[np.float64], str], ...]
-    dims: tuple[str, ...]
-
-
-class _Sizes(NamedTuple):
-    """The sizes of a result in a file, in the place of a plan; see
-    `rigidmc.results.layout.Shape`."""
-
-    times: NDArray[np.float64]
-    thinned: NDArray[np.int64]
-    labels: tuple[str, ...]
-    watch: _Bins
-    first: int = 0
-    members: int = 0
-
-
 Complaint = Callable[..., FileError]  # (key, rule, value=None) -> the error of a file
 
 
@@ -117,14 +98,14 @@ def as_result(dataset: xr.Dataset, path: str) -> tuple[xr.Dataset, list[str]]:
     for name in ("member", "time"):
         if name not in dataset.variables or dataset.sizes.get(name, 0) < 1:
             raise wrong(name, "a result has at least one")
-    sizes, known, needed = _layout(scene, dataset)
+    axes, known, needed = _layout(scene, dataset)
+    sizes, expected = axes.lengths(0), axes.coordinates()
     for name in needed:
         if name not in dataset.variables:
             raise wrong(name, "is missing, and every result of its scene has it")
     for name, (dims, dtype, attrs) in known.items():
         if name in dataset.variables:
             _refuse_unlike(dataset[name], dims, np.dtype(dtype), attrs, sizes, wrong)
-    expected = coordinates(sizes)
     for name, (dims, values, attrs) in expected.items():
         if name in dataset.variables and values.dtype.kind != "U":
             _refuse_unlike(dataset[name], dims, values.dtype, attrs, sizes, wrong)
@@ -163,26 +144,28 @@ def _scene_of(dataset: xr.Dataset, path: str) -> Scene:
         raise
 
 
-def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[_Sizes, dict[str, Variable], list[str]]:
-    """(sizes of a result, {name: Variable} of all variables that results of a scene may have, the
+def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable], list[str]]:
+    """(axes of a result, {name: Variable} of all variables that results of a scene may have, the
     names that they must have)."""
+    model, run, recorded = scene.model, scene.run, recording(scene)
     bins = tuple(
-        (f"{label}_bin", one.edges(), _units(scene, one.name, f"{label}_bin", dataset))
-        for label, one in scene.histograms()
+        (f"{label}_bin", one.edges(), _units(recorded, one.name, f"{label}_bin", dataset))
+        for label, one in recorded.histograms
     )
-    sizes = _Sizes(
+    axes = Axes(
         times=np.empty(dataset.sizes["time"]),
         thinned=np.zeros(dataset.sizes.get("thinned_time", 0), int),
-        labels=booked_labels(scene),
-        watch=_Bins(bins, dimensions(scene.recorded(), scene.watched())),
+        labels=tuple(label for label, _ in labelled(scene.effects)) if recorded.has_work else (),
+        bins=bins,
+        dims=dimensions(recorded.recorded, recorded.monitored),
     )
-    always = member_variables(scene, False)
+    always = member_variables(model, run, recorded, False)
     known = {
         **always,
-        **member_variables(scene, True),
-        **saved_variables(scene),
-        **ensemble_variables(scene),
-        **flagged_variables(scene),
+        **member_variables(model, run, recorded, True),
+        **saved_variables(scene.effects, recorded),
+        **ensemble_variables(recorded),
+        **flagged_variables(recorded),
     }
     opaque = [
         (label, effect) for label, effect in labelled(scene.effects) if hasattr(effect, "stand_in")
@@ -208,13 +191,13 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[_Sizes, dict[str, Variab
     # only the code tells whether an effect has an energy; if none has, mass and centre may be
     # missing
     free = (*("mass", "centre") * bool(opaque), *NEWER)
-    return sizes, known, [name for name in always if name not in free]
+    return axes, known, [name for name in always if name not in free]
 
 
-def _units(scene: Scene, name: str, bins: str, dataset: xr.Dataset) -> str:
+def _units(recorded: Recording, name: str, bins: str, dataset: xr.Dataset) -> str:
     """The units of an observable, from the bins of its histogram if its code is not run."""
     given = dataset[bins].attrs.get("units", "") if bins in dataset.variables else ""
-    return scene.observable(name).units or str(given)
+    return recorded.observable(name).units or str(given)
 
 
 def _of_opaque(dataset: xr.Dataset, known: Mapping[str, Variable]) -> dict[str, Variable]:
@@ -236,7 +219,7 @@ def _refuse_unlike(
     dims: tuple[str, ...],
     dtype: np.dtype[Any],
     attrs: dict[str, Any],
-    sizes: Shape,
+    sizes: dict[str, Any],
     wrong: Complaint,
 ) -> None:
     """Raise FileError for a variable of other dimensions, another type or another unit than a scene
@@ -245,9 +228,8 @@ def _refuse_unlike(
     if variable.dims != tuple(dims):
         given = ", ".join(map(str, variable.dims)) or "none"
         raise wrong(name, f"has the dimensions {given}, expected {', '.join(dims)}")
-    known = lengths(sizes)
     for dim in dims:
-        size = None if dim in ("member", "flagged") else known[dim]
+        size = None if dim in ("member", "flagged") else sizes[dim]
         if size is not None and variable.sizes[dim] != size:
             raise wrong(name, f"is {variable.sizes[dim]:,} long along {dim}, expected {size:,}")
     if variable.dtype.kind != dtype.kind:

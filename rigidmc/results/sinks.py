@@ -14,51 +14,41 @@ from rigidmc.engine.threads import Keeper
 from rigidmc.files.netcdf import open_trusted
 from rigidmc.files.outputs import Path
 from rigidmc.results.export import write
-from rigidmc.results.layout import Block, Layout
-from rigidmc.results.schema import (
-    attributes,
-    coordinates,
-    ensemble_variables,
-    flagged_variables,
-    is_rounded,
-    lengths,
-    member_variables,
-    saved_variables,
-)
+from rigidmc.results.layout import ResultLayout
 from rigidmc.results.writer import Writer, rounded
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.recording import Labelled
 
 Arrays = dict[str, NDArray[Any]]
 Place = tuple[NDArray[np.float64], int, int]  # an array, its width, and the column of a block in it
 
 
-def _split(scene: Scene, values: NDArray[Any], saved: Mapping[str, slice]) -> Arrays:
+def _split(layout: ResultLayout, values: NDArray[Any]) -> Arrays:
     """{name: view} of the rows of values (time, row, member) of each observable."""
     return {
-        name: values[:, rows if scene.observable(name).dims else rows.start]
-        for name, rows in saved.items()
+        name: values[:, rows if layout.recording.observable(name).dims else rows.start]
+        for name, rows in layout.saved.items()
     }
 
 
-def kept_values(scene: Scene, plan: Layout, parts: Arrays) -> Arrays:
+def kept_values(layout: ResultLayout, parts: Arrays) -> Arrays:
     """{variable: array, members last} of saved values by name, all their times first."""
     kept = {}
-    for name, word in scene.kept().items():
+    for name, word in layout.recording.retained.items():
         if word == "full":
             kept[name] = parts[name]
         elif word == "thinned":
-            kept[f"{name}_thinned"] = parts[name][plan.thinned]
+            kept[f"{name}_thinned"] = parts[name][layout.axes.thinned]
         elif word == "final":
             kept[f"{name}_final"] = parts[name][-1]
     return kept
 
 
 def flagged_values(
-    scene: Scene, members: NDArray[np.int64], parts: Arrays, status: NDArray[Any]
+    layout: ResultLayout, members: NDArray[np.int64], parts: Arrays, status: NDArray[Any]
 ) -> Arrays:
     """{variable: array, flagged members last} of the flagged members of a block, given by the
     indices of all; {} if all values of all members are kept anyway."""
-    names = [name for name, word in scene.kept().items() if word != "full"]
+    names = [name for name, word in layout.recording.retained.items() if word != "full"]
     if not names:
         return {}
     bad = np.flatnonzero(status)
@@ -79,13 +69,13 @@ def joined(pieces: Iterable[Arrays]) -> Arrays:
 
 
 class Counts:
-    """The histograms of a scene, block by block."""
+    """The histograms of a run, block by block."""
 
-    def __init__(self, scene: Scene) -> None:
-        self.histograms = scene.histograms()
+    def __init__(self, histograms: Labelled) -> None:
+        self.histograms = histograms
         self.counts: Arrays = {}
 
-    def add(self, job: Block, parts: Arrays, status: NDArray[Any]) -> None:
+    def add(self, job: Any, parts: Arrays, status: NDArray[Any]) -> None:
         """Count the healthy members of a block; parts : its values by name, at all times."""
         healthy = status[: job.size] == 0
         for label, one in self.histograms:
@@ -131,61 +121,57 @@ class Memory(Whole):
     If all saved values are kept, the kernel writes them straight to their place.
     """
 
-    def __init__(
-        self, scene: Scene, plan: Layout, more: Mapping[str, Any], direct: bool = True
-    ) -> None:
+    def __init__(self, layout: ResultLayout, more: Mapping[str, Any], direct: bool = True) -> None:
         """more : further attributes;  direct : whether blocks may write to the result themselves"""
-        self.scene, self.plan, self.more = scene, plan, more
-        self.counts, self.flagged = Counts(scene), list[Arrays]()
-        all_kept = set(scene.kept().values()) <= {"full"}
-        self.direct = direct and tuple(scene.recorded()) == scene.saved() and all_kept
-        self.width = whole_lanes(plan.members)
-        size = plan.times.size * self.plan.values * self.width if self.direct else 0
+        self.layout, self.more, known = layout, more, layout.recording
+        self.counts, self.flagged = Counts(known.histograms), list[Arrays]()
+        all_kept = set(known.retained.values()) <= {"full"}
+        self.direct = direct and tuple(known.recorded) == known.names and all_kept
+        self.width, self.times = whole_lanes(layout.members), layout.axes.times.size
+        size = self.times * layout.values * self.width if self.direct else 0
         self.out = aligned(size, float, np.empty)
-        self.variables = member_variables(scene, plan.carried)
-        sizes = lengths(plan)
-        saved = {} if self.direct else saved_variables(scene)
+        sizes, saved = layout.lengths(), {} if self.direct else layout.at_saves
         self.arrays = {
             name: np.empty([sizes[dim] for dim in v.dims], v.dtype)
-            for name, v in {**self.variables, **saved}.items()
-            if name not in plan.constant
+            for name, v in {**layout.by_member, **saved}.items()
+            if name not in layout.constant
         }
 
-    def room(self, low: int, count: int) -> Place:
+    def reserve(self, low: int, count: int) -> Place:
         """The place for the values of `count` members from index `low` of the result on."""
         if self.direct:
-            return self.out, self.width if self.plan.values else 0, low
-        return buffer(self.plan, count)
+            return self.out, self.width if self.layout.values else 0, low
+        return buffer(self.layout, count)
 
-    def take(self, job: Block, results: Arrays) -> None:
+    def take(self, job: Any, results: Arrays) -> None:
         """Take the results of a block that is done."""
-        low = job.first - self.plan.first
+        layout = self.layout
+        low = job.first - layout.first
         part = slice(low, low + job.size)
-        if self.plan.values and (self.counts.histograms or not self.direct):
-            values = job.out.reshape(self.plan.times.size, self.plan.values, -1)
+        if layout.values and (self.counts.histograms or not self.direct):
+            values = job.out.reshape(self.times, layout.values, -1)
             values = values[..., job.column : job.column + job.size]
-            parts = _split(self.scene, values, self.plan.saved)
+            parts = _split(layout, values)
             self.counts.add(job, parts, results["status"])
             status = results["status"][: job.size]
-            self.flagged.append(flagged_values(self.scene, job.members, parts, status))
+            self.flagged.append(flagged_values(layout, job.members, parts, status))
             if not self.direct:
-                for name, kept in kept_values(self.scene, self.plan, parts).items():
+                for name, kept in kept_values(layout, parts).items():
                     self.arrays[name][..., part] = kept
-        for name in self.variables:
+        for name in layout.by_member:
             if name not in self.arrays:  # the same for all members: one column serves
                 column = results[name][..., :1]
-                shape = (*column.shape[:-1], self.plan.members)
+                shape = (*column.shape[:-1], layout.members)
                 self.arrays[name] = np.broadcast_to(column.copy(), shape)
-            elif name not in self.plan.constant:
+            elif name not in layout.constant:
                 self.arrays[name][..., part] = results[name][..., : job.size]
 
     def values(self) -> Arrays:
         """{variable: array} of the result."""
         arrays = {**self.arrays, **self.counts.variables(), **joined(self.flagged)}
         if self.direct:
-            values = self.out.reshape(self.plan.times.size, self.plan.values, self.width)
-            values = values[..., : self.plan.members]
-            arrays |= _split(self.scene, values, self.plan.saved)
+            values = self.out.reshape(self.times, self.layout.values, self.width)
+            arrays |= _split(self.layout, values[..., : self.layout.members])
         return arrays
 
     def part(self) -> Arrays:
@@ -215,27 +201,21 @@ class Memory(Whole):
 
     def largest(self) -> int:
         """The most bytes that `part` may have: of flagged members it has all saves."""
-        saves = self.plan.times.size * max(1, self.plan.values) * self.plan.members
+        saves = self.times * max(1, self.layout.values) * self.layout.members
         counts = sum(values.nbytes for values in self.counts.counts.values())
         return sum(self.arrays[name].nbytes for name in self._own()) + 16 * saves + counts + 2**20
 
     def _own(self) -> list[str]:
         """Names of the arrays that have a number for each member."""
-        return [name for name in self.arrays if name not in self.plan.constant]
+        return [name for name in self.arrays if name not in self.layout.constant]
 
     def finish(self) -> xr.Dataset:
         """The result."""
-        arrays = self.values()
-        variables = {
-            **self.variables,
-            **saved_variables(self.scene),
-            **ensemble_variables(self.scene),
-            **flagged_variables(self.scene),
-        }
+        arrays, layout = self.values(), self.layout
         return xr.Dataset(
-            {name: (v.dims, arrays[name], v.attrs) for name, v in variables.items()},
-            coordinates(self.plan, self.plan.indices(self.plan.first, self.plan.members)),
-            {**attributes(self.scene, self.plan), **self.more},
+            {name: (v.dims, arrays[name], v.attrs) for name, v in layout.variables.items()},
+            layout.coordinates(),
+            {**layout.attributes(), **self.more},
         )
 
     def discard(self) -> None:
@@ -247,16 +227,16 @@ class Export(Memory):
     """Collects blocks in one Dataset, and writes it as zarr or as a table when it is whole."""
 
     def __init__(
-        self, path: Path, scene: Scene, plan: Layout, force: bool, more: Mapping[str, Any]
+        self, path: Path, layout: ResultLayout, force: bool, more: Mapping[str, Any]
     ) -> None:
-        super().__init__(scene, plan, more)
+        super().__init__(layout, more)
         self.path, self.force = path, force
 
     def finish(self) -> xr.Dataset:
         """Write the result and return it, with as many digits as a netCDF file has."""
-        dataset, digits = super().finish(), self.scene.run.digits
-        for name, (dims, dtype, _) in saved_variables(self.scene).items():
-            if digits is not None and is_rounded(self.scene, dims, dtype):
+        dataset, digits = super().finish(), self.layout.scene.run.digits
+        for name in self.layout.at_saves:
+            if digits is not None and self.layout.is_rounded(name):
                 variable = dataset[name]
                 variable.values = rounded(variable.values, digits)
                 variable.attrs["significant_digits"] = digits
@@ -264,11 +244,11 @@ class Export(Memory):
         return dataset
 
 
-def buffer(plan: Layout, count: int) -> Place:
+def buffer(layout: ResultLayout, count: int) -> Place:
     """The place for the values that a block of so many members saves."""
     width = whole_lanes(count)
-    values = aligned(plan.times.size * plan.values * width, float, np.empty)
-    return values, width if plan.values else 0, 0
+    values = aligned(layout.axes.times.size * layout.values * width, float, np.empty)
+    return values, width if layout.values else 0, 0
 
 
 class File(Whole):
@@ -277,30 +257,29 @@ class File(Whole):
     def __init__(
         self,
         path: Path,
-        scene: Scene,
-        plan: Layout,
+        layout: ResultLayout,
         force: bool,
         more: Mapping[str, Any] | None = None,
     ) -> None:
-        self.scene, self.plan, self.path = scene, plan, path
-        self.counts, self.flagged = Counts(scene), list[Arrays]()
-        self.names = set(member_variables(scene, plan.carried))
-        self.writer = Writer(path, scene, plan, force, more)
+        self.layout, self.path = layout, path
+        self.counts, self.flagged = Counts(layout.recording.histograms), list[Arrays]()
+        self.writer = Writer(path, layout, force, more)
 
-    def room(self, low: int, count: int) -> Place:
+    def reserve(self, low: int, count: int) -> Place:
         """The place for the values of `count` members."""
-        return buffer(self.plan, count)
+        return buffer(self.layout, count)
 
-    def take(self, job: Block, results: Arrays) -> None:
+    def take(self, job: Any, results: Arrays) -> None:
         """Write the results of a block that is done."""
-        values = {name: array for name, array in results.items() if name in self.names}
-        if self.plan.values:
-            saved = job.out.reshape(self.plan.times.size, self.plan.values, job.width)
-            parts = _split(self.scene, saved, self.plan.saved)
+        layout = self.layout
+        values = {name: array for name, array in results.items() if name in layout.by_member}
+        if layout.values:
+            saved = job.out.reshape(layout.axes.times.size, layout.values, job.width)
+            parts = _split(layout, saved)
             self.counts.add(job, parts, results["status"])
             status = results["status"][: job.size]
-            self.flagged.append(flagged_values(self.scene, job.members, parts, status))
-            values |= kept_values(self.scene, self.plan, parts)
+            self.flagged.append(flagged_values(layout, job.members, parts, status))
+            values |= kept_values(layout, parts)
         self.writer.write(job.first, job.size, values)
 
     def finish(self) -> xr.Dataset:

@@ -14,19 +14,8 @@ from numpy.typing import NDArray
 from rigidmc.files.locks import refuse_lockless
 from rigidmc.files.netcdf import alone, close_once, naming_failures
 from rigidmc.files.outputs import Part, Path, refuse_existing
-from rigidmc.results.layout import Layout
-from rigidmc.results.schema import (
-    Variable,
-    attributes,
-    coordinates,
-    ensemble_variables,
-    flagged_variables,
-    is_rounded,
-    lengths,
-    member_variables,
-    saved_variables,
-)
-from rigidmc.scene.scene import Scene
+from rigidmc.results.layout import ResultLayout
+from rigidmc.results.variables import Variable
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -53,8 +42,7 @@ class Writer:
     def __init__(
         self,
         path: Path,
-        scene: Scene,
-        plan: Layout,
+        layout: ResultLayout,
         force: bool = False,
         more: Mapping[str, Any] | None = None,
         attrs: Mapping[str, Any] | None = None,
@@ -71,37 +59,30 @@ class Writer:
         refuse_lockless(os.path.dirname(os.path.abspath(path)))
         self.path, self._named = path, named
         self._file: Any = None
-        self._plan, self._digits = plan, dict[str, int]()
-        attrs = attributes(scene, plan) if attrs is None else attrs
+        self.layout, self._digits = layout, dict[str, int]()
+        attrs = layout.attributes() if attrs is None else attrs
         self._part = Part(path, force)
         try:
             with naming_failures(self.path):
-                alone(self._begin, scene, plan, attrs, more or {})
+                alone(self._begin, attrs, more or {})
         except BaseException:
             self.discard()
             raise
 
-    def _begin(
-        self, scene: Scene, plan: Layout, attrs: Mapping[str, Any], more: Mapping[str, Any]
-    ) -> None:
+    def _begin(self, attrs: Mapping[str, Any], more: Mapping[str, Any]) -> None:
         self._file = netCDF4.Dataset(self._part.path, "w", format="NETCDF4", clobber=True)
         self._file.set_fill_off()
-        self.variables = variables = {
-            **member_variables(scene, plan.carried),
-            **saved_variables(scene),
-            **ensemble_variables(scene),
-            **flagged_variables(scene),
-        }
+        self.variables = variables = self.layout.variables
         # the indices are written with the members, so that memory does not grow with them
-        known = coordinates(plan)
-        sizes = lengths(plan)
+        known = self.layout.axes.coordinates()
+        sizes = self.layout.lengths()
         used = [*known, *(dim for v in variables.values() for dim in v.dims)]
         for dim in dict.fromkeys(used):
             self._file.createDimension(dim, sizes[dim])
         for name, (dims, values, about) in known.items():
             self._define_coordinate(name, dims, values, about)
         for name, variable in variables.items():
-            self._define(name, variable, scene, plan)
+            self._define(name, variable, sizes)
         self._file.setncatts(attrs)
         self._file.setncatts(more)
 
@@ -125,17 +106,16 @@ class Writer:
         if name != "member":
             variable[:] = values
 
-    def _define(self, name: str, of: Variable, scene: Scene, plan: Layout) -> None:
-        dims, dtype, attrs = of
+    def _define(self, name: str, of: Variable, sizes: Mapping[str, Any]) -> None:
+        (dims, dtype, attrs), layout, run = of, self.layout, self.layout.scene.run
         # a chunk holds a block of members and up to 128 times: cheap to write and to read both ways
-        sizes = lengths(plan)
-        chunks = [min(sizes[dim] or 32, plan.block if dim == "member" else 128) for dim in dims]
-        same = name in plan.constant
+        chunks = [min(sizes[dim] or 32, layout.block if dim == "member" else 128) for dim in dims]
+        same = name in layout.constant
         # equal values compress faster with their bytes unsorted: 0.6 against 0.4 GB/s
         packed: dict[str, Any] = {"compression": "zlib", "complevel": 1, "shuffle": not same}
-        if not (scene.run.compress or scene.run.digits is not None or same):
+        if not (run.compress or run.digits is not None or same):
             packed = {}
-        if (digits := scene.run.digits) is not None and is_rounded(scene, dims, dtype):
+        if (digits := run.digits) is not None and layout.is_rounded(name):
             self._digits[name] = digits
             attrs = {**attrs, "significant_digits": digits}
         variable = self._file.createVariable(
@@ -146,11 +126,11 @@ class Writer:
 
     def write(self, first: int, count: int, values: Arrays) -> None:
         """Write {name: array, members last} for `count` members from place `first` on."""
-        low = first - self._plan.first
+        low = first - self.layout.first
         part = slice(low, low + count)
 
         def put() -> None:
-            self._file.variables["member"][part] = self._plan.indices(first, count)
+            self._file.variables["member"][part] = self.layout.indices(first, count)
             for name, array in values.items():
                 self._file.variables[name][..., part] = self._rounded(name, array[..., :count])
 

@@ -1,49 +1,82 @@
-"""Blocks of members: staged, advanced by the engine on threads, and handed to a sink."""
+"""Blocks of members: made at their start, advanced by the engine on threads, and handed to a
+sink."""
 
 import math
-import os
-import time
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-import xarray as xr
+from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.layout import whole_lanes
-from rigidmc.engine.program import Program
+from rigidmc.engine.kernel.arguments import Noise
+from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.engine.threads import Keeper, run_blocks
 from rigidmc.planning import monitors
-from rigidmc.planning.initial import stage, stage_some
-from rigidmc.planning.job import Job, closed_job, job_of, program_of
+from rigidmc.planning.closed_form import closed_values
+from rigidmc.planning.initial import Start, noise
 from rigidmc.planning.plan import Plan
-from rigidmc.planning.units import Internal, in_user_units
+from rigidmc.planning.steps import Array, by_steps
+from rigidmc.planning.units import UnitScale
 from rigidmc.progress import Progress, Report, reporter
-from rigidmc.results.export import is_streamed
-from rigidmc.results.schema import member_variables
-from rigidmc.results.sinks import Export, File, Memory
+from rigidmc.results.layout import ResultLayout
 from rigidmc.scene.drifts import drift_laws
-from rigidmc.scene.scene import Scene
+
+Initial = Callable[[int, int], tuple[Array, Start]]  # (first place, count) -> rows, their start
+
+
+class BlockJob(NamedTuple):
+    """One block on its way: its members, its rows, and where its values go.
+
+    first, size : place of the first member, and how many there are without the padding;  members :
+        their indices, with the padding
+    start : what the members were made from;  program : None if nothing is left to do
+    order : of the members in the block if they have steps of their own
+    out, width, column : array for the values, its columns, and the block's first column
+    h, slots, stride, total : step [s], slots in a round, steps between saves, steps in all
+    head, last_h : the step after which h is `last_h`
+    done : steps that are made already
+    """
+
+    first: int
+    size: int
+    members: NDArray[np.int64]
+    start: Start
+    program: Program | None
+    noise: Noise
+    block: Array
+    order: NDArray[np.int64] | None
+    out: Array
+    width: int
+    column: int
+    h: float
+    slots: int
+    stride: int
+    total: int
+    head: int
+    last_h: float
+    rounds: int
+    done: int = 0
 
 
 class Sink(Protocol):
     """Where the results of blocks go: memory, a file, or the shards of a run directory."""
 
-    def room(self, low: int, count: int) -> tuple[np.ndarray, int, int]:
+    def reserve(self, low: int, count: int) -> tuple[np.ndarray, int, int]:
         """Memory for what members low ... low + count - 1 save: an array, its width, and the first
         column of these members."""
 
     def has(self, place: int) -> bool:
         """Whether an earlier run left the results of the block at a place."""
 
-    def resumed(self, job: Job) -> Job:
+    def resumed(self, job: "BlockJob") -> "BlockJob":
         """A block that goes on from where an earlier run left it, if there is anything of it."""
 
     @property
     def keeper(self) -> Keeper | None:
         """What keeps the states of blocks on their way, None if nothing does."""
 
-    def take(self, job: Job, results: dict[str, np.ndarray]) -> None:
+    def take(self, job: "BlockJob", results: dict[str, np.ndarray]) -> None:
         """Take a finished block and the results of its members."""
 
     def finish(self) -> Any:
@@ -53,82 +86,39 @@ class Sink(Protocol):
         """Drop an incomplete result."""
 
 
-def run(
-    scene: Scene,
-    plan: Plan,
-    threads: int,
-    progress: Progress = False,
-    output: str | os.PathLike[str] | None = None,
-    force: bool = False,
-    attrs: Mapping[str, Any] | None = None,
-    units: Internal | None = None,
-) -> xr.Dataset:
-    """Run the plan of a scene and return its result; see `simulate`.
-
-    units : how the scene was rescaled; the result is in the units of the original scene
-
-    `dataset.encoding["rigidmc"]` holds the cost of the run and the number of flagged members.
-    """
-    began = time.perf_counter()
-    program = program_of(scene, plan)
-    compiled = time.perf_counter() - began
-    original, shown = in_user_units(scene, plan, units)
-    sink: Sink = Memory(original, shown, dict(attrs or {}))
-    if output is not None:
-        kind = File if is_streamed(output) else Export
-        sink = kind(output, original, shown, force, dict(attrs or {}))
-    began = time.perf_counter()
-    try:
-        flagged = compute(scene, plan, program, threads, sink, progress, units)
-        dataset: xr.Dataset = sink.finish()
-    except BaseException:
-        sink.discard()
-        raise
-    dataset.encoding["rigidmc"] = {
-        "compile_seconds": compiled,
-        "run_seconds": time.perf_counter() - began,
-        "flagged": flagged,
-        "steps": plan.mean_steps,
-    }
-    return dataset
-
-
 def compute(
-    scene: Scene,
     plan: Plan,
+    result: ResultLayout,
+    initial: Initial,
     program: Program | None,
-    threads: int,
     sink: Sink,
+    *,
+    threads: int,
+    block: int,
+    units: UnitScale | None = None,
     progress: Progress = False,
-    units: Internal | None = None,
     blocks: Iterable[int] | None = None,
     members: int | None = None,
 ) -> dict[str, int]:
     """Compute all blocks of a plan, or only those in `blocks`, and hand each to the sink when it is
     done; {status: number of members}.
 
+    result : its layout, in the units of the scene;  units : in which the plan integrates
+    initial : makes the members of a block;  block : how many it has
     members : number of members in `blocks`, for the progress bar
     """
-    original, shown = in_user_units(scene, plan, units)
     flagged = dict.fromkeys(layout.STATUSES, 0)
 
-    def make(i: int) -> Job:
-        low = i * plan.block
-        count = min(plan.block, plan.members - low)
-        members = plan.indices(plan.first + low, whole_lanes(count))
-        staged = plan.carried, plan.dt if plan.member_steps else None, plan.watch.rows
-        if plan.which is None:
-            block, start = stage(scene, plan.first + low, members.size, *staged)
-        else:
-            block, start = stage_some(scene, members, *staged)
-        place = (plan.first + low, count, members, block, start, *sink.room(low, count))
-        if scene.run.integrator == "closed":
-            return closed_job(scene, plan, *place)
-        assert program is not None  # only closed forms have none
-        return sink.resumed(job_of(scene, plan, program, *place))
+    def make(i: int) -> BlockJob:
+        low = i * block
+        count = min(block, plan.members - low)
+        rows, start = initial(plan.first + low, count)
+        place = (plan.first + low, count, rows, start, *sink.reserve(low, count))
+        job = _make_job(plan, program, *place)
+        return job if program is None else sink.resumed(job)
 
-    def finished(job: Job) -> None:
-        results = _results(job, scene, plan)
+    def finished(job: BlockJob) -> None:
+        results = _results(job, plan)
         for status, count in zip(
             layout.STATUSES,
             np.bincount(results["status"], minlength=len(layout.STATUSES)),
@@ -136,41 +126,103 @@ def compute(
         ):
             flagged[status] += int(count)
         if units is not None:
-            results = _in_original_units(job, results, original, shown, units)
+            results = _in_units_of_scene(job, results, plan, result, units)
         sink.take(job, results)
 
     members = plan.members if members is None else members
-    which = range(math.ceil(plan.members / plan.block)) if blocks is None else blocks
+    which = range(math.ceil(plan.members / block)) if blocks is None else blocks
     if program is not None:
-        count = math.ceil(members / plan.block)
-        threads = program.workers(threads, count, plan.block, plan.times.size)
-    with reporter(progress, members, plan.steps) as report:
-        left = _left(which, plan, sink, report)
+        count = math.ceil(members / block)
+        threads = program.workers(threads, count, block, plan.times.size)
+    with reporter(progress, members, plan.grid.steps) as report:
+        left = _left(which, plan, block, sink, report)
         run_blocks(make, left, threads, finished, report.step, report.poll, sink.keeper)
     return flagged
 
 
-def _left(blocks: Iterable[int], plan: Plan, sink: Sink, report: Report) -> Iterator[int]:
+def _left(
+    blocks: Iterable[int], plan: Plan, block: int, sink: Sink, report: Report
+) -> Iterator[int]:
     """The blocks of which the sink does not have the results; those that it has count as done."""
     for i in blocks:
-        if sink.has(plan.first + i * plan.block):
-            report.step(plan.block * plan.steps)
+        if sink.has(plan.first + i * block):
+            report.step(block * plan.grid.steps)
         else:
             yield i
 
 
-def _results(job: Job, scene: Scene, plan: Plan) -> dict[str, np.ndarray]:
+def _make_job(
+    plan: Plan,
+    program: Program | None,
+    first: int,
+    count: int,
+    rows: Array,
+    start: Start,
+    out: Array,
+    width: int,
+    column: int,
+) -> BlockJob:
+    """A block of `count` members from place `first` on, whose values go to the columns of `out`
+    from `column` on. Closed forms (no program) are computed here.
+
+    width : columns of `out`
+    """
+    grid, order, slots, random = plan.grid, None, 1, NO_NOISE
+    members = plan.indices(first, rows.shape[1])
+    if program is None:
+        _close(plan, rows, start, out, width, column)
+    else:
+        random = noise(plan.model.effects, plan.run.seed, members)
+        if plan.has_member_steps:
+            order = by_steps(rows)
+            rows = np.take(rows, order, axis=1)  # rows[:, order] would have another memory layout
+            slots = int(rows[layout.STEPS].max(initial=1.0))
+    return BlockJob(
+        first=first,
+        size=count,
+        members=members,
+        start=start,
+        program=program,
+        noise=random,
+        block=rows,
+        order=order,
+        out=out,
+        width=width,
+        column=column,
+        h=grid.dt,
+        slots=slots,
+        stride=slots * grid.stride,
+        total=slots * grid.steps,
+        head=slots * grid.head,
+        last_h=grid.last_dt,
+        rounds=grid.steps,
+    )
+
+
+def _close(plan: Plan, rows: Array, start: Start, out: Array, width: int, column: int) -> None:
+    """Write the values of closed forms at all saves, and the last states to the rows."""
+    observables = list(plan.recording.recorded.values())
+    clock, effects = plan.grid.clock, plan.model.effects
+    values = closed_values(effects, observables, rows, start, plan.times, clock)
+    if width:
+        place = slice(column, column + rows.shape[1])
+        out.reshape(plan.times.size, -1, width)[:, :, place] = values
+
+
+def _results(job: BlockJob, plan: Plan) -> dict[str, np.ndarray]:
     """{variable: values} of the finished members of a block, except what was saved over time."""
     rows = job.block if job.order is None else job.block[:, np.argsort(job.order)]
     status = rows[layout.STATUS, : job.size].astype("i1")
     flagged, fault = rows[layout.STATUS] > 0.0, rows[layout.FAULT_STEP]
     each = rows[layout.STEPS]
-    made, clock = plan.steps * each, plan.grid.clock.of(each)
+    made, clock = plan.grid.steps * each, plan.grid.clock.of(each)
+    stops = any(one.stop for _, one in plan.monitors.of_events)
+    law = drift_laws(plan.conserved, plan.kind.reversible, stops, rows, made, plan.dtype)
     return {
         "energy_drift_max": rows[layout.DRIFT],
         "l2_drift_max": rows[layout.DRIFT + 1],
-        "drift_law": drift_laws(scene, rows, made, plan.dtype),
-        **monitors.results(scene, plan.watch, rows, clock, made, plan.nodes),
+        "drift_law": law,
+        **monitors.results(plan.monitors, plan.places, rows, clock, made, plan.nodes),
         "status_step": np.where(flagged, fault, -1.0),
         "status_time": np.where(flagged, clock.time(fault), np.nan),
         "status": status,
@@ -179,16 +231,20 @@ def _results(job: Job, scene: Scene, plan: Plan) -> dict[str, np.ndarray]:
     }
 
 
-def _in_original_units(
-    job: Job, results: dict[str, np.ndarray], scene: Scene, plan: Plan, units: Internal
+def _in_units_of_scene(
+    job: BlockJob,
+    results: dict[str, np.ndarray],
+    plan: Plan,
+    result: ResultLayout,
+    units: UnitScale,
 ) -> dict[str, np.ndarray]:
-    """Results in the units of the original scene; values saved over time are changed in place."""
+    """Results in the units of the scene; values saved over time are changed in place."""
     if job.width:
         saves = job.out.reshape(plan.times.size, plan.values, job.width)
         columns = slice(job.column, job.column + job.block.shape[1])
         for name, rows in plan.saved.items():
-            saves[:, rows, columns] *= units.factor(scene.observable(name).units)
-    known = member_variables(scene, plan.carried)
+            saves[:, rows, columns] *= units.factor(result.recording.observable(name).units)
+    known = result.by_member
     return {
         name: values * units.factor(known[name].attrs.get("units", "1"))
         if name in known

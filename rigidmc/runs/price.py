@@ -1,25 +1,140 @@
-"""What a study of members will cost, told before the first of them."""
+"""What a run or a study costs, told before its first step: measured on its first members, on this
+machine."""
 
+import itertools
 import math
 import os
 import tempfile
 import time
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
 
+import numpy as np
 import xarray as xr
 
+from rigidmc.engine.cuda.devices import settled_device
+from rigidmc.engine.inspection import step_operations, torque_operations
+from rigidmc.engine.kernel import layout
+from rigidmc.engine.kernel.arguments import Run
 from rigidmc.engine.kernel.layout import LANES
 from rigidmc.engine.machine import threads_available
+from rigidmc.engine.program import NO_SAVES
 from rigidmc.files.outputs import folder_beside
-from rigidmc.planning.block_size import WAVE
-from rigidmc.planning.plan import prepare
-from rigidmc.planning.settle import Settled, settled
-from rigidmc.planning.tolerance.costs import cost_per_step
-from rigidmc.runs.blocks import run
-from rigidmc.runs.capacity import in_words, sizes
+from rigidmc.physics.effects import EFFECTS, labelled
+from rigidmc.physics.effects.protocol import filled, is_random
+from rigidmc.physics.integrators import accepting
+from rigidmc.physics.integrators.splitting import Langevin
+from rigidmc.physics.observables.flips import Flips
+from rigidmc.physics.observables.passage import Passage
+from rigidmc.planning.initial import noise
+from rigidmc.planning.monitors import Monitors, places_of
+from rigidmc.planning.tolerance.costs import Costs
+from rigidmc.planning.tolerance.pilot import pilot
+from rigidmc.runs.prepare import PreparedRun, prepared
+from rigidmc.runs.resources import DEVICE_BLOCK, WAVE, block_of, in_words, moved_at_once, needs
 from rigidmc.scene.amounts import in_two_digits
+from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.start import Start
+from rigidmc.scene.vector_distributions import Cone
+
+LONG = 0.2  # seconds of launches that are long beside the first, shorter ones
+
+
+def cost_per_step(
+    run: PreparedRun, device: str = "cpu", members: int = 256, seconds: float = 0.05
+) -> float:
+    """Nanoseconds per member-step on one thread, measured on the first members of a run.
+
+    On graphics processors: on one of them, with as many members as a block has, and without what
+    copies of them take.
+    """
+    program, plan = run.program(device), run.plan
+    assert program is not None, "closed forms make no steps"
+    on_device, own = device != "cpu", int(plan.has_member_steps)
+    members = DEVICE_BLOCK if on_device else members
+    random = noise(plan.model.effects, plan.run.seed, plan.indices(plan.first, members))
+    staged, _ = run.initial(plan.first, members)
+    staged[layout.STEPS] = 1.0
+    order = NO_SAVES._replace(order=np.arange(staged.shape[1]))
+
+    def timed(steps: int) -> float:
+        block = staged.copy()
+        if own:
+            block[layout.STEPS] = steps
+        began = time.perf_counter()
+        frame = Run(plan.grid.dt, steps if own else 1, steps, steps, own, 0, steps)
+        program.advance(block, frame, random, order)
+        return time.perf_counter() - began
+
+    best, steps = math.inf, 16
+    if on_device:
+        while (took := timed(2 * steps) - timed(steps)) < LONG:
+            steps *= 2
+        return 1e9 * took / (members * steps)
+    for _ in range(12):
+        took = timed(steps)
+        best = min(best, took / (members * steps))
+        steps = int(min(1e6, max(16, steps * seconds / 4 / max(took, 1e-9))))
+        seconds -= took
+        if seconds < 0:
+            break
+    return 1e9 * best
+
+
+REHEARSED = 8192  # members: two blocks for each of two threads
+ROUNDS = 10
+LATE = 0.5  # seconds after which no further round begins, from the fourth on
+
+
+def predicted_seconds(
+    run: PreparedRun, threads: int, device: str | None, output: str | os.PathLike[str] | None
+) -> float:
+    """How long a run with a chosen integrator will take [s].
+
+    Runs of 8192 and of three times as many members tell the cost of a member. Their results go to
+    memory or to a file of the same kind, which the measured time of a kernel leaves out.
+    """
+    plan, device = run.plan, settled_device(device)
+    size = REHEARSED if device == "cpu" else WAVE
+    if plan.members < 8 * size:
+        if device == "cpu":
+            assert run.choice is not None
+            return plan.members / run.choice.members_per_second(threads)
+        return _of_a_member(run, device) * moved_at_once(plan.members, threads, device)
+    seconds = _rehearsed(run, threads, device, output, size)
+    small = float(np.median(seconds[size][1:]))  # the first run warms up
+    large = float(np.median(seconds[3 * size]))
+    # the difference leaves out what a run costs once
+    each = max(large - small, 0.2 * large) / (2 * size)
+    return large + each * (plan.members - 3 * size)
+
+
+def _rehearsed(
+    run: PreparedRun,
+    threads: int,
+    device: str,
+    output: str | os.PathLike[str] | None,
+    size: int,
+) -> dict[int, list[float]]:
+    """{members: [seconds of each run]} for `size` members and three times as many."""
+    plan = run.plan
+    block = block_of(plan, threads, device, output is not None)
+    began, datasets = time.perf_counter(), []
+    taken: dict[int, list[float]] = {size: [], 3 * size: []}
+    with folder_beside(output) if output else tempfile.TemporaryDirectory() as folder:
+        for i in range(ROUNDS):
+            count = size * (1 + 2 * (i % 2))
+            few = run.with_members(range(plan.first, plan.first + count))
+            file = os.path.join(folder, f"{i}.nc") if output else None
+            datasets.append(few.run(threads=threads, device=device, output=file, block=block))
+            taken[count].append(datasets[-1].encoding["rigidmc"]["run_seconds"])
+            if i >= 3 and time.perf_counter() - began > LATE:
+                break
+        for dataset in datasets:  # closed only now, or the next run would reuse warm memory
+            dataset.close()
+    return taken
+
 
 ENOUGH = 0.1  # seconds of a rehearsal that tells the time of a member
 LONG = 0.25  # seconds: a block that takes longer is rehearsed for a part of its time
@@ -57,6 +172,7 @@ def price(
     studied: Callable[[xr.Dataset], object],
     threads: int | None = None,
     folder: str | None = None,
+    device: str | None = None,
 ) -> Price:
     """The Price of a study, measured on the first members of its scene.
 
@@ -65,43 +181,47 @@ def price(
         `resume` deletes what it left
     """
     threads = threads or threads_available()
-    ready = settled(scene, threads, folder is not None)
-    plan = ready.plan
+    run = prepared(scene)
+    plan = run.plan
     return Price(
         plan.members,
-        plan.mean_steps if plan.form else 0.0,
-        _seconds(ready, studied, threads, folder),
+        plan.mean_steps if plan.scheme else 0.0,
+        _seconds(run, studied, threads, folder, settled_device(device)),
         threads,
-        sizes(ready.scene, plan, threads)[2] if folder else 0,
+        needs(run.layout, plan, plan.members, LANES, threads).file if folder else 0,
     )
 
 
 def _seconds(
-    ready: Settled, studied: Callable[[xr.Dataset], object], threads: int, folder: str | None
+    run: PreparedRun,
+    studied: Callable[[xr.Dataset], object],
+    threads: int,
+    folder: str | None,
+    device: str,
 ) -> float:
     """How long all members and the study of them will take [s].
 
     More and more members are run and studied; the last two times tell what a member takes, and
     their difference leaves out what a study costs once.
     """
-    scene, members, share = ready.scene, ready.plan.members, 1.0
-    block = 0.0 if ready.plan.form is None else LANES * _of_a_member(ready)
+    scene, members, share = run.scene, run.plan.members, 1.0
+    block = 0.0 if run.plan.scheme is None else LANES * _of_a_member(run, device)
     if block > LONG:
-        saves = ready.plan.times.size - 1
+        saves = run.plan.times.size - 1
         kept = max(SAVES, math.ceil(saves * LONG / block))
         if kept >= saves:  # the time of such a study is that of its steps
             return block * max(1.0, members / LANES / threads)
         assert scene.run.every is not None
         scene, share = scene.with_run(t_end=kept * scene.run.every), kept / saves
     # a graphics processor takes as long for a member as for a wave of them
-    count = min(LANES if ready.plan.device == "cpu" else WAVE, members)
+    count = min(LANES if device == "cpu" else WAVE, members)
     before = 0, 0.0
     part = folder and os.path.join(folder, "rehearsal")
     with folder_beside(part) if part else tempfile.TemporaryDirectory() as place:
         file = os.path.join(place, "rehearsal.nc") if folder else None
-        _rehearsed(ready, scene, count, studied, threads, file)  # compiles
+        _studied(scene, count, studied, threads, file, device)  # compiles
         while True:
-            took = _rehearsed(ready, scene, count, studied, threads, file)
+            took = _studied(scene, count, studied, threads, file, device)
             if took >= ENOUGH or count == members:
                 break
             before, count = (count, took), min(4 * count, members)
@@ -109,23 +229,164 @@ def _seconds(
     return (took + each * (members - count)) / share
 
 
-def _of_a_member(ready: Settled) -> float:
+def _of_a_member(run: PreparedRun, device: str) -> float:
     """Seconds of the steps of a member on one thread."""
-    return 1e-9 * cost_per_step(ready.scene, ready.plan) * ready.plan.mean_steps
+    return 1e-9 * cost_per_step(run, device) * run.plan.mean_steps
 
 
-def _rehearsed(
-    ready: Settled,
+def _studied(
     scene: Scene,
     count: int,
     studied: Callable[[xr.Dataset], object],
     threads: int,
     file: str | None,
+    device: str,
 ) -> float:
     """Seconds of the first `count` members of a scene and of the study of them."""
     few = scene.with_run(members=count)
     began = time.perf_counter()
-    plan = prepare(few, threads, file is not None)
-    with run(few, plan, threads, False, file, force=True, units=ready.units) as dataset:
+    run = prepared(few)
+    with run.run(threads=threads, output=file, force=True, device=device) as dataset:
         studied(dataset)
     return time.perf_counter() - began
+
+
+def step_costs() -> dict[str, dict[str, float]]:
+    """{integrator: {"free": ns, "heavy": ns}} of one step on one thread of this machine: asymmetric
+    bodies that turn by 0.1 rad."""
+    body = Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3))
+    start = Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
+    measured: dict[str, dict[str, float]] = {}
+    for word, effects in (("free", ()), ("heavy", (EFFECTS["gravity"](1.0),))):
+        scene = Scene(body, effects, start).with_run(t_end=1.0, save=("attitude",))
+        costs = Costs(pilot(scene, 1))
+        for name in accepting(effects):
+            if name != "closed":
+                measured.setdefault(name, {})[word] = costs.step(name, 10, "float64")
+    return measured
+
+
+def some_of(run: PreparedRun, kept: Iterable[int]) -> PreparedRun:
+    """The run with only the effects in `kept`, by index, and nothing saved or monitored: the scheme
+    stays."""
+    plan, kept = run.plan, tuple(kept)
+    assert plan.scheme is not None, "closed forms make no steps"
+    integrator: Any = plan.scheme.integrator
+    if isinstance(integrator, Langevin):  # marks of each effect
+        integrator = integrator._replace(
+            pushes=tuple(integrator.pushes[i] for i in kept),
+            flows=tuple(integrator.flows[i] for i in kept),
+        )
+    effects = tuple(plan.model.effects[i] for i in kept)
+    nothing: dict[str, Any] = {"names": (), "retained": {}, "recorded": {}, "monitored": ()}
+    bare = plan._replace(
+        model=plan.model._replace(effects=effects),
+        recording=plan.recording._replace(**nothing, has_work=False, observables=()),
+        scheme=plan.scheme._replace(integrator=integrator),
+        labels=(),
+        works=(),
+        monitors=Monitors(),
+        places=places_of(effects, False, Monitors()),
+        nodes=0,
+        saved={},
+    )
+    return PreparedRun(run.scene, bare, run.layout, None, run.sampler, None, None, (), ())
+
+
+def prices(run: PreparedRun) -> tuple[float, Any, dict[str, Any], float, float]:
+    """What effects add to a step, the ledger of work left out: (ns without them, measured;
+    operations without them; {label: operations that it adds}; ns of noise, measured; ns predicted).
+
+    The prediction takes all operations to cost as much as those of a step without effects; a
+    division or a root counts as many as `rigidmc.engine.inspection` tells.
+    """
+    effects, attitude = run.plan.model.effects, run.plan.has_attitude
+    every = tuple(range(len(effects)))
+
+    def operations(kept: Sequence[int]) -> Any:
+        part = some_of(run, kept).plan
+        assert part.scheme is not None
+        return step_operations(part.scheme, part.model.effects, attitude)
+
+    free, none, whole = cost_per_step(some_of(run, ())), operations(()), operations(every)
+    added = {
+        label: whole.less(operations(every[:i] + every[i + 1 :]))
+        for i, (label, _) in enumerate(labelled(effects))
+    }
+    random, noise = tuple(i for i in every if is_random(effects[i])), 0.0
+    if random:  # random numbers are made from integers, which no count of operations tells
+        counted = free * operations(random).slots / none.slots
+        noise = max(0.0, cost_per_step(some_of(run, random)) - counted)
+    return free, none, added, noise, free * whole.slots / none.slots + noise
+
+
+def observable_prices(
+    scene: Scene, watched: dict[str, tuple[Any, ...]], rounds: int = 5
+) -> dict[str, float]:
+    """{label: ns that it adds to a step of rk4 with attitude on one thread}, "" for the step
+    itself; medians of interleaved rounds.
+
+    watched : {label: what is named in `save`}
+    """
+    scenes = {
+        label: scene.with_run(save=("attitude", *some))
+        for label, some in {"": (), **watched}.items()
+    }
+    runs = {label: prepared(one) for label, one in scenes.items()}
+    taken: dict[str, list[float]] = {label: [] for label in scenes}
+    for _ in range(rounds):
+        for label, one in runs.items():
+            taken[label].append(cost_per_step(one, seconds=0.1))
+    bare = float(np.median(taken[""]))
+    return {"": bare} | {label: float(np.median(t)) - bare for label, t in taken.items() if label}
+
+
+def watched_prices(rounds: int = 5) -> dict[str, dict[str, float]]:
+    """{"free" | "heavy": `observable_prices`} of what can be watched, of a body that nearly spins
+    about its middle axis."""
+    body = Body.from_moments((1.0, 2.0, 3.0), mass=1.0, centre=(0.0, 0.0, 0.3))
+    start = Start(omega=Cone(2, 1.0, 0.05), attitude="uniform")
+    names = (
+        "nutation", "precession", "megno", "omega_max", "energy_mean", "energy_variance",
+    )  # fmt: skip
+    watched: dict[str, tuple[Any, ...]] = {
+        "flips": (Flips(2),),
+        "passage": (Passage(3, 0.01, "reaches"),),
+        **{name: (name,) for name in names},
+    }
+    scenes = {
+        word: Scene(body, effects, start).with_run(dt=0.02, t_end=20.0)
+        for word, effects in (("free", ()), ("heavy", (EFFECTS["gravity"](1.0),)))
+    }
+    return {word: observable_prices(scene, watched, rounds) for word, scene in scenes.items()}
+
+
+def effect_prices() -> dict[str, Any]:
+    """{effect: (operations of its torque, ns of a step with it alone, ns that it adds to one with
+    gravity)}, and of steps without it: "free" of the momentum alone, "with attitude", "with
+    gravity", by rk4; "strang", to which random effects are added. On one thread."""
+    body = Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3))
+    start = Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
+
+    def cost(effects: tuple[Any, ...], save: str = "omega", integrator: str = "rk4") -> float:
+        scene = Scene(body, effects, start).with_run(
+            integrator=integrator, dt=0.1, t_end=1.0, save=(save,), checks=False
+        )
+        return cost_per_step(prepared(scene))
+
+    gravity = EFFECTS["gravity"](1.0)
+    found: dict[str, Any] = {
+        "free": cost(()),
+        "with attitude": cost((), "attitude"),
+        "with gravity": cost((gravity,)),
+        "strang": cost((gravity,), integrator="strang"),
+    }
+    for name, kind in EFFECTS.items():
+        integrator, base = ("strang", "strang") if is_random(kind) else ("rk4", "with gravity")
+        effect = filled(kind, itertools.repeat(0.1))
+        if is_random(kind):
+            effect = kind(*effect[: len(kind._fields) - len(kind.hidden)])
+        alone = cost((effect,), integrator=integrator)
+        beside = cost((gravity, effect), integrator=integrator) - found[base]
+        found[name] = torque_operations(effect), alone, beside
+    return found

@@ -18,13 +18,14 @@ from rigidmc.files.outputs import Path, refuse_existing
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import OBSERVABLES, OUTCOMES, outputs, own
 from rigidmc.physics.observables.keep import summaries
-from rigidmc.planning.plan import prepare
 from rigidmc.planning.steps import grid
 from rigidmc.results.export import write
 from rigidmc.results.reader import open_result
 from rigidmc.runs.directory.dataset import open_run
+from rigidmc.runs.prepare import prepared
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted, seconds
+from rigidmc.scene.recording import recording
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.read import refuse_twice
@@ -180,7 +181,11 @@ def _saving(
         )
         raise SceneError("run", "every", every, rule)
     free = run.turn is not None or run.integrator == "closed"
-    if not free and between is not None and abs(prepare(more).dt / run.dt - 1.0) > 1e-9:
+    if (
+        not free
+        and between is not None
+        and abs(prepared(more).layout.settings["dt"] / run.dt - 1.0) > 1e-9
+    ):
         rule = (
             f"saves {between / run.dt:.0f} steps of {run.dt:.10g} s apart do not fit"
             f" t_end = {run.t_end:g} s without another step"
@@ -192,7 +197,9 @@ def _saving(
 def _everything(scene: Scene) -> tuple[str, ...]:
     """Names of all observables at save times, of work only if the scene books it, and of those over
     all steps that the scene has."""
-    more = dict.fromkeys((*own(scene.observables), *scene.run.save, *summaries(scene.kept())))
+    more = dict.fromkeys(
+        (*own(scene.observables), *scene.run.save, *summaries(recording(scene).retained))
+    )
     over = (name for name in more if name not in OBSERVABLES)
     return (*(name for name in OBSERVABLES if name != "work" or "work" in scene.run.save), *over)
 
@@ -272,7 +279,7 @@ def _pairs(again: xr.Dataset, result: xr.Dataset, scene: Scene) -> Iterator[Pair
     """Each variable that both results have, also if one keeps only a part of its saves."""
     over = set[str]()  # variables over all steps
     if again.sizes["time"]:
-        over = {name for label, one in scene.watched() for name in outputs(label, one)}
+        over = {name for label, one in recording(scene).monitored for name in outputs(label, one)}
     for name in map(str, again.data_vars):
         variable = again[name]
         dims = tuple(map(str, variable.dims))

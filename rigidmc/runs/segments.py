@@ -8,17 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.engine.cuda.devices import settled_device
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import Run
 from rigidmc.engine.kernel.layout import LANES, whole_lanes
 from rigidmc.engine.program import NO_SAVES
 from rigidmc.errors import SceneError
 from rigidmc.planning import monitors
-from rigidmc.planning.initial import Source, noise, staged
-from rigidmc.planning.job import program_of
-from rigidmc.planning.settle import settled
-from rigidmc.planning.units import in_user_units
-from rigidmc.results.schema import member_variables
+from rigidmc.planning.initial import Source, initial_block, noise
+from rigidmc.runs.prepare import prepared
 from rigidmc.scene.quantities import of_members
 from rigidmc.scene.scene import Scene
 from rigidmc.threads import Late, Task, end_of_work, threads_of
@@ -37,21 +35,20 @@ class Moving:
     ends : the steps at which parts begin and end
     """
 
-    def __init__(self, scene: Scene, parts: int, threads: int) -> None:
+    def __init__(self, scene: Scene, parts: int, threads: int, device: str | None = None) -> None:
         """Raises SceneError for closed forms and for steps of members' own (`turn`)."""
         if scene.run.turn is not None:
             rule = "the members of such a study make the same steps: give dt"
             raise SceneError("run", "turn", scene.run.turn, rule)
-        ready = settled(scene, threads)
-        program = program_of(ready.scene, ready.plan)
+        run = prepared(scene)
+        program = run.program(settled_device(device))
         if program is None:
             rule = "is told at its ends only: such a study follows members, so take exact"
             raise SceneError("run", "integrator", scene.run.integrator, rule)
-        self.scene, self.plan, self._units = ready.scene, ready.plan, ready.units
+        self.prepared, self.plan, self._units = run, run.plan, run.units
         self._program, self._threads = program, threads
-        self.ends = np.unique(np.linspace(0, self.plan.steps, parts + 1).astype(int))
-        original, shown = in_user_units(self.scene, self.plan, self._units)
-        self._known = member_variables(original, shown.carried)
+        self.ends = np.unique(np.linspace(0, self.plan.grid.steps, parts + 1).astype(int))
+        self._known = run.layout.by_member
 
     def start(self, source: Source, count: int, rows: NDArray[np.int64] | None = None) -> Array:
         """The block of `count` members, drawn from `source`, and more to fill lanes.
@@ -59,10 +56,10 @@ class Moving:
         rows : the members of the scene whose numbers they have of its grids and tables; by default
             those of the first
         """
-        scene: Scene = self.scene
+        plan, model = self.plan, self.plan.model
         if rows is not None:
-            scene = scene.mapped(lambda quantity: of_members(quantity, rows))
-        block, _ = staged(scene, source, count, self.plan.carried, self.plan.watch.rows)
+            model = model.mapped(lambda quantity: of_members(quantity, rows))
+        block, _ = initial_block(model, source, 0, count, plan.has_attitude, plan.places.end)
         return widened(block)
 
     def moved(self, block: Array, members: NDArray[np.int64], part: int) -> Array:
@@ -73,14 +70,15 @@ class Moving:
         """
         plan, count = self.plan, members.size
         first, last = map(int, self.ends[part : part + 2])
-        lengths = plan.head, plan.last_dt
-        run = Run(plan.dt, 1, plan.stride, plan.steps, 0, first, last, *lengths)
+        grid, effects, seed = plan.grid, plan.model.effects, plan.run.seed
+        lengths = grid.head, grid.last_dt
+        run = Run(grid.dt, 1, grid.stride, grid.steps, 0, first, last, *lengths)
         size, end = max(SHARE, whole_lanes(-(-count // self._threads))), end_of_work()
 
         def advance(low: int) -> Array:
             mine = widened(block[:, low : low + size])
             indices = np.resize(members[low : low + size], mine.shape[1])
-            for _ in self._program.through(mine, run, noise(self.scene, indices), NO_SAVES):
+            for _ in self._program.through(mine, run, noise(effects, seed, indices), NO_SAVES):
                 if time.monotonic() >= end:
                     raise Late
             return mine[:, : min(size, count - low)]
@@ -94,7 +92,9 @@ class Moving:
     def results(self, block: Array, part: int) -> dict[str, Array]:
         """{variable: values of each member} of what is watched, after a part; nan if flagged."""
         plan, steps = self.plan, int(self.ends[part + 1])
-        found = monitors.results(self.scene, plan.watch, block, plan.grid.clock, steps, plan.nodes)
+        found = monitors.results(
+            plan.monitors, plan.places, block, plan.grid.clock, steps, plan.nodes
+        )
         if self._units is None:
             return found
         units = {name: self._known[name].attrs.get("units", "1") for name in found}
@@ -103,12 +103,12 @@ class Moving:
     def event(self, i: int, block: Array) -> tuple[Array, Array]:
         """(count, level) of the event i of the scene for each member; the level is 0 while it
         cannot happen next."""
-        at = monitors.places_of(self.scene, self.plan.watch).events + layout.EVENT * i
+        at = self.plan.places.events + layout.EVENT * i
         return block[at + layout.COUNT], block[at + layout.LEVEL]
 
     def events(self) -> Sequence[tuple[str, Any]]:
         """(label, event) of each, in the order of `event`."""
-        return self.plan.watch.of_events
+        return self.plan.monitors.of_events
 
 
 def widened(block: Array) -> Array:

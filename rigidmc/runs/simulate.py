@@ -1,5 +1,5 @@
-"""The main job on one screen: a scene becomes a plan, blocks of members run through the engine,
-and a Dataset or a file comes out."""
+"""The main job on one screen: a scene is prepared, its members run, and a Dataset or a file comes
+out."""
 
 import os
 import sys
@@ -11,22 +11,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.arrays import placed
-from rigidmc.engine.cuda.devices import device as moved_on
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.errors import SceneWarning
 from rigidmc.files.outputs import refuse_existing
-from rigidmc.planning.block_size import block_of
-from rigidmc.planning.notes import notes
-from rigidmc.planning.settle import settled
 from rigidmc.progress import Progress, announcing
-from rigidmc.results.export import is_streamed
-from rigidmc.runs.blocks import run
-from rigidmc.runs.capacity import refuse_hopeless
-from rigidmc.runs.rehearsal import predicted_seconds
+from rigidmc.runs.prepare import prepare
+from rigidmc.runs.price import predicted_seconds
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.drifts import LARGE, one_way
-from rigidmc.scene.once import once
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings
 
@@ -103,71 +95,34 @@ def simulate(
     >>> ds.omega.dims, ds.omega.shape
     (('time', 'axis', 'member'), (3, 3, 4))
     """
-    which = None
-    if not isinstance(members, (int, range)):
-        members = placed(members, "run", "members")
-    if isinstance(members, (list, tuple)):
-        members = np.array(members)
-    if isinstance(members, np.ndarray):
-        which = _indices(members)
-        members = range(int(which[0]), int(which[-1]) + 1)
-    scene = _with_settings(scene, members, {**settings, "integrator": integrator})
     threads = threads_available() if threads is None else counted(threads, "threads")
     if output is not None:
         refuse_existing(output, force)
-    with announcing(progress), moved_on(device):
-        file = output if output is not None and is_streamed(output) else None
-        ready = settled(scene, threads, file is not None, block)
-        if which is not None:
-            plan = ready.plan.of(which)
-            size = block or block_of(plan, threads, file is not None)
-            ready = ready._replace(plan=plan._replace(block=size))
-        for note in notes(scene, ready.plan, ready.units):
+    with announcing(progress):
+        run = prepare(scene, integrator, members=members, **settings)
+        for note in run.notes:
             _warn(note)
-        refuse_hopeless(ready.scene, ready.plan, threads, file)
-        facts, expected = dict(attrs or {}), None
-        if ready.chosen is not None:
-            expected = predicted_seconds(ready.scene, ready.plan, threads, file, ready.chosen)
-            facts = {**ready.chosen.attributes(), **facts}
-            if ready.chosen.short:
-                _warn(ready.chosen.short)
+        expected = None
+        if run.choice is not None:
+            expected = predicted_seconds(run, threads, device, output)
+            if run.choice.short:
+                _warn(run.choice.short)
             if progress is True:
-                print("\n".join(ready.chosen.lines(ready.plan.members, expected)), file=sys.stderr)
-        dataset = run(ready.scene, ready.plan, threads, progress, output, force, facts, ready.units)
+                print("\n".join(run.choice.lines(run.plan.members, expected)), file=sys.stderr)
+        dataset = run.run(
+            threads=threads,
+            device=device,
+            output=output,
+            force=force,
+            block=block,
+            attrs=attrs,
+            progress=progress,
+        )
         if line := one_way(dataset, LARGE):
             _warn(line)
         if expected is not None:
             dataset.encoding["rigidmc"]["predicted_seconds"] = expected
         return dataset
-
-
-def _indices(members: NDArray[Any]) -> NDArray[np.int64]:
-    """The indices of members as they are asked for; SceneError unless they rise from 0 or more."""
-    sound = members.ndim == 1 and members.size and members.dtype.kind in "iu"
-    if not sound or members[0] < 0 or not (np.diff(members) > 0).all():
-        raise SceneError("run", "members", None, "expected indices of members that rise")
-    return members.astype(np.int64)
-
-
-def _with_settings(scene: Scene, members: int | range | None, settings: Mapping[str, Any]) -> Scene:
-    """The scene with the settings of a run, and all numbers that depend on its members."""
-    first = settings.get("first")
-    if isinstance(members, range):
-        if members.step != 1 or members.start < 0 or not members:
-            rule = "expected a range of member indices with step 1"
-            raise SceneError("run", "members", members, rule)
-        first, members = members.start, len(members)
-    elif members is None:
-        members = (scene if first is None else scene.with_run(first=first)).rows_to_run()
-    scene = _changed(scene, **{**settings, "first": first, "members": members})
-    if scene.run.points == "latin_hypercube" and scene.run.strata is None:
-        scene = scene.with_run(strata=scene.run.first + scene.run.members)
-    return scene
-
-
-@once
-def _changed(scene: Scene, /, **settings: Any) -> Scene:
-    return scene.with_run(**settings)
 
 
 def _warn(note: str) -> None:

@@ -6,6 +6,7 @@ A drift one way is small against all the energy, and yet it ends slow things: rk
 """
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
-from rigidmc.physics.observables.protocol import Event
-from rigidmc.scene.conservation import conservation
-from rigidmc.scene.scene import Scene
 
 LAWS = {"not_judged": 0, "rounding": 1, "bounded": 2, "one_way": 3}
 # A drift goes one way if in the second half of the run it never falls below this part of the
@@ -26,8 +24,19 @@ FEW = 0.05  # of the members: bounded errors that did not come back by chance
 LARGE = 5e-5  # a drift one way that a run warns of: that of a wobble of 0.01 rad
 
 
-def drift_laws(scene: Scene, rows: NDArray[np.float64], steps: Any, dtype: str) -> NDArray[np.int8]:
-    """The law of each member of a finished block (rows, n), of LAWS; steps : made by each.
+def drift_laws(
+    conserved: Mapping[str, str],
+    is_reversible: bool,
+    stops: bool,
+    rows: NDArray[np.float64],
+    steps: Any,
+    dtype: str,
+) -> NDArray[np.int8]:
+    """The law of each member of a finished block (rows, n), of LAWS.
+
+    conserved : see `rigidmc.scene.recording.conservation`
+    is_reversible : whether the integrator is;  stops : whether an event may stop a member, which
+        then keeps its drift and is not judged;  steps : made by each
 
     Of energy and |L|^2, where they are conserved, the worse counts. Up to
 
@@ -38,23 +47,21 @@ def drift_laws(scene: Scene, rows: NDArray[np.float64], steps: Any, dtype: str) 
     integrators are not asked for more: their errors come back, but for rounded coefficients in
     float32, and looks in time with the motion may not see it.
     """
-    kept, laws = conservation(scene), np.zeros(rows.shape[1], np.int8)
+    laws = np.zeros(rows.shape[1], np.int8)
     floor = np.finfo(dtype).eps * (100.0 + 30.0 * np.sqrt(steps))
-    returns = scene.integrator.reversible and dtype == "float64"
+    returns = is_reversible and dtype == "float64"
     with np.errstate(all="ignore"):
         # relative to the energies in play, not to the energy of the start, which may be near 0
         play = rows[layout.START + 1] / rows[layout.START + 3]
         for i, (name, scale) in enumerate((("energy_drift", play), ("l2", 1.0))):
-            if kept[name] != "yes":
+            if conserved[name] != "yes":
                 continue
             most, early, least = (rows[at + i] for at in (layout.DRIFT, layout.EARLY, layout.LEAST))
             stays = (least >= BACK * early) & (not returns)
             law = np.where(stays, LAWS["one_way"], LAWS["bounded"])
             law = np.where(most * scale <= floor, LAWS["rounding"], law)
             laws = np.maximum(laws, law.astype(np.int8))
-    judged = (rows[layout.STATUS] == 0.0) & (steps >= JUDGED)
-    if any(one.stop for _, one in scene.watched() if isinstance(one, Event)):
-        judged &= False  # a member that stops keeps its drift
+    judged = (rows[layout.STATUS] == 0.0) & (steps >= JUDGED) & (not stops)
     return np.where(judged, laws, np.int8(LAWS["not_judged"]))
 
 

@@ -1,6 +1,6 @@
 """The parts of a scene: a body, what acts on it, how its members start, and how it is run."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from typing import Any, Self
@@ -8,30 +8,23 @@ from typing import Any, Self
 from rigidmc.errors import SceneError, unknown
 from rigidmc.physics.dynamics.methods import word_of
 from rigidmc.physics.effects import canonical
-from rigidmc.physics.effects.protocol import is_effect, numbers
+from rigidmc.physics.effects.protocol import is_effect
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.protocol import Integrator
 from rigidmc.physics.observables import (
     OBSERVABLES,
     is_observable,
-    named,
-    recorded,
-    saved,
-    under,
-    watched,
     word_of_observable,
 )
 from rigidmc.physics.observables.histogram import Histogram
-from rigidmc.physics.observables.keep import check_keep, kept, summaries
-from rigidmc.physics.observables.protocol import Ensemble
+from rigidmc.physics.observables.keep import check_keep
 from rigidmc.scene.body import Body
 from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.once import KEPT
-from rigidmc.scene.quantities import Grid, rows
+from rigidmc.scene.model import Model
+from rigidmc.scene.quantities import rows
 from rigidmc.scene.settings import Run, changed
 from rigidmc.scene.start import Start
 from rigidmc.scene.validation import (
-    PILOT,
     check_histogram,
     check_saved,
     checked_effect,
@@ -41,7 +34,6 @@ from rigidmc.scene.validation import (
 )
 from rigidmc.scene.vector_distributions.protocol import Law
 
-Change = Callable[[Any], Any]
 _CURES = {
     "body": ", such as rm.Body((1.0, 2.0, 2.5)); rm.Scene.load takes files and names",
     "start": ", such as rm.Start(omega=(0.0, 0.0, 1.0))",
@@ -118,9 +110,16 @@ class Parts:
         object.__setattr__(self, "integrators", tuple(own.values()))
         rows(*self.quantities())
 
-    def __getstate__(self) -> dict[str, Any]:
-        """What a pickle or a copy has: without what `once` keeps."""
-        return {key: value for key, value in vars(self).items() if key != KEPT}
+    @property
+    def model(self) -> Model:
+        """What moves: body, effects and start, without the settings of a run.
+
+        Examples
+        --------
+        >>> rm.Scene.load("heavy_top").model.effects
+        (Gravity(g=9.81),)
+        """
+        return Model(self.body, self.effects, self.start)
 
     def quantities(self) -> tuple[Any, ...]:
         """All quantities that may differ from member to member.
@@ -135,8 +134,29 @@ class Parts:
         >>> rm.Scene(rm.Body((1.0, 2.0, 3.0)), rm.Gravity(9.81)).quantities()[-1]
         9.81
         """
-        parameters = (value for effect in self.effects for _, _, value in numbers(effect))
-        return (*self.body.quantities(), *self.start.quantities(), *parameters)
+        return self.model.quantities()
+
+    def with_model(self, model: Model) -> Self:
+        """Make the same scene with other numbers of body, effects and start.
+
+        Parameters
+        ----------
+        model : Model
+            what moves
+
+        Returns
+        -------
+        Scene
+            the scene
+
+        Examples
+        --------
+        >>> scene = rm.Scene.load("heavy_top")
+        >>> moon = scene.model._replace(effects=(rm.Gravity(1.62),))
+        >>> scene.with_model(moon).effects
+        (Gravity(g=1.62),)
+        """
+        return replace(self, **model._asdict())
 
     def rows_to_run(self) -> int | None:
         """The number of members that arrays with one row per member leave to run.
@@ -174,68 +194,6 @@ class Parts:
         if not laws and self.run.points not in ("sobol", "latin_hypercube"):
             return ""
         return f"through scipy {version('scipy')}: the bits are those of this version"
-
-    def mapped(self, change: Change) -> Self:
-        """Make the same scene with other quantities of body, start and effects.
-
-        Parameters
-        ----------
-        change : callable
-            function of a quantity that returns the one to put in its place
-
-        Returns
-        -------
-        Scene
-            the changed scene
-
-        Examples
-        --------
-        >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), rm.Gravity(9.81))
-        >>> scene.mapped(lambda q: 2.0 * q if q == 9.81 else q).effects
-        (Gravity(g=19.62),)
-        """
-        parts = {
-            key: _mapped(getattr(self.body, key), change) for key in ("moments", "mass", "centre")
-        }
-        start, which = self.start, self.start.which
-        words = isinstance(start.attitude, str)
-        starts = {
-            which: _mapped(getattr(start, which), change),
-            "attitude": start.attitude if words else _mapped(start.attitude, change),
-        }
-        return replace(
-            self,
-            body=replace(self.body, **parts),
-            start=replace(start, **starts),
-            effects=tuple(_mapped(effect, change) for effect in self.effects),
-        )
-
-    def coarse(self) -> Self:
-        """Make the same scene with coarser grids.
-
-        Its first PILOT members are spread over all members.
-
-        Returns
-        -------
-        Scene
-            the scene with coarser grids; the scene itself if it has no grids
-
-        Examples
-        --------
-        >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)))
-        >>> scene.coarse() is scene
-        True
-        """
-        strides = sorted({q.stride for q in self.quantities() if isinstance(q, Grid)})
-        if not strides:
-            return self
-        share = max(1, int(PILOT ** (1.0 / len(strides)) + 1e-9))
-        coarser = {stride: share**i for i, stride in enumerate(strides)}
-
-        def change(q: Any) -> Any:
-            return replace(q, count=share, stride=coarser[q.stride]) if isinstance(q, Grid) else q
-
-        return self.mapped(change)
 
     def with_run(self, **settings: Any) -> Self:
         """Make the same scene with other run settings.
@@ -346,115 +304,3 @@ class Parts:
         4
         """
         return self.known_integrators()[self.run.integrator]
-
-    def saved(self) -> tuple[str, ...]:
-        """The names of the observables that are recorded at save times.
-
-        Returns
-        -------
-        tuple of str
-            names
-
-        Examples
-        --------
-        >>> rm.Scene(rm.Body((1.0, 2.0, 2.5))).with_run(save=("energy", "flips")).saved()
-        ('energy',)
-        """
-        return saved(self.run.save, self.observables)
-
-    def observable(self, name: str) -> Any:
-        """The observable at save times of a name, shipped or of your own.
-
-        Parameters
-        ----------
-        name : str
-            as `saved` has it
-
-        Returns
-        -------
-        observable
-            with its numbers
-
-        Examples
-        --------
-        >>> rm.Scene(rm.Body((1.0, 2.0, 2.5))).observable("omega").units
-        'rad s-1'
-        """
-        return named(self.observables, name)
-
-    def recorded(self) -> dict[str, Any]:
-        """The saved observables, and those that histograms need, as they are compiled.
-
-        Returns
-        -------
-        dict of str
-            {name: observable}
-
-        Examples
-        --------
-        >>> spins = rm.Histogram("omega[3]", low=-1.0, high=1.0)
-        >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), observables=(spins,))
-        >>> list(scene.with_run(save=("energy", "histogram")).recorded())
-        ['energy', 'omega']
-        """
-        found = recorded(self.run.save, self.observables)
-        return {name: under(one, self.effects) for name, one in found.items()}
-
-    def kept(self) -> dict[str, str]:
-        """How much is kept of each saved observable, see `rigidmc.physics.observables.keep`.
-
-        Returns
-        -------
-        dict of str
-            {name: how much}
-
-        Examples
-        --------
-        >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5))).with_run(save=("energy",), keep="final")
-        >>> scene.kept()
-        {'energy': 'final'}
-        """
-        return kept(self.run.keep, self.saved(), self.observables)
-
-    def histograms(self) -> list[tuple[str, Any]]:
-        """The counts over all members that the scene takes.
-
-        Returns
-        -------
-        list of (str, observable)
-            labels and observables
-
-        Examples
-        --------
-        >>> spins = rm.Histogram("omega[3]", low=-1.0, high=1.0)
-        >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), observables=(spins,))
-        >>> [label for label, _ in scene.with_run(save=("histogram",)).histograms()]
-        ['histogram']
-        """
-        return [(label, one) for label, one in self.watched() if isinstance(one, Ensemble)]
-
-    def watched(self) -> list[tuple[str, Any]]:
-        """The observables over all steps.
-
-        Returns
-        -------
-        list of (str, observable)
-            labels and observables
-
-        Examples
-        --------
-        >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5))).with_run(save=("energy", "flips"))
-        >>> [label for label, _ in scene.watched()]
-        ['flips']
-        """
-        return watched((*self.run.save, *summaries(self.kept())), self.observables)
-
-
-def _mapped(value: Any, change: Change) -> Any:
-    """A quantity changed, or a law, an effect or a tuple with each of its quantities changed."""
-    if isinstance(value, Law):
-        return replace(value, **{k: _mapped(v, change) for k, v in value.as_dict().items()})
-    if isinstance(value, tuple):
-        parts = [_mapped(x, change) for x in value]
-        return type(value)(*parts) if is_effect(value) else tuple(parts)
-    return change(value)

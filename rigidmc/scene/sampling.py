@@ -24,7 +24,7 @@ from rigidmc.errors import SceneError
 from rigidmc.physics.effects import EFFECTS, labelled
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.parts import Parts
+from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import Grid
 from rigidmc.scene.vector_distributions.protocol import Law, numbers_of
 
@@ -245,21 +245,21 @@ DESIGNS: dict[str, Callable[[int, Mapping[Dimension, int], str], Design]] = {
 }
 
 
-def is_drawn(scene: Parts) -> bool:
+def is_drawn(model: Model) -> bool:
     """Whether body, effects or start draw a number of each member."""
-    words = isinstance(scene.start.attitude, str)  # "uniform" or "ensemble"
-    return words or any(isinstance(q, (Distribution, Law)) for q in scene.quantities())
+    words = isinstance(model.start.attitude, str)  # "uniform" or "ensemble"
+    return words or any(isinstance(q, (Distribution, Law)) for q in model.quantities())
 
 
-def is_sample(scene: Parts) -> bool:
+def is_sample(model: Model) -> bool:
     """Whether members are a sample, whose spread tells how well a mean of them is known.
 
     They are if something is drawn or an effect is random, and if they are the rows of a table,
     which are taken for a sample of what they were drawn from. The members of a pure grid, and
     copies of one member, are all that there is: a mean of them has no interval.
     """
-    tables = any(isinstance(q, np.ndarray) for q in scene.quantities())
-    return tables or is_drawn(scene) or any(map(is_random, scene.effects))
+    tables = any(isinstance(q, np.ndarray) for q in model.quantities())
+    return tables or is_drawn(model) or any(map(is_random, model.effects))
 
 
 def is_sample_of(tables: Mapping[str, Any]) -> bool:
@@ -286,12 +286,12 @@ def _differs(value: Any) -> bool:
     return isinstance(value, dict) and "grid" not in value
 
 
-def is_indexed(scene: Parts) -> bool:
+def is_indexed(model: Model) -> bool:
     """Whether some numbers belong to the index of a member: those of grids and tables."""
-    return any(isinstance(q, (Grid, np.ndarray)) for q in scene.quantities())
+    return any(isinstance(q, (Grid, np.ndarray)) for q in model.quantities())
 
 
-def refuse_indexed(scene: Parts, study: str, tables: bool = True) -> None:
+def refuse_indexed(model: Model, study: str, tables: bool = True) -> None:
     """Raise SceneError for grids and tables, whose numbers belong to the index of a member.
 
     A study that moves, copies or pairs members would give one of them the numbers of another.
@@ -299,7 +299,7 @@ def refuse_indexed(scene: Parts, study: str, tables: bool = True) -> None:
     study : what it does with members, such as "families of members differ by what is drawn"
     tables : False if these may stay
     """
-    for table, key, value in _named(scene):
+    for table, key, value in _named(model):
         if isinstance(value, Grid) or (tables and isinstance(value, np.ndarray)):
             kind = "a grid" if isinstance(value, Grid) else "a table with one row per member"
             rule = (
@@ -309,15 +309,15 @@ def refuse_indexed(scene: Parts, study: str, tables: bool = True) -> None:
             raise SceneError(table, key, None, rule)
 
 
-def _named(scene: Parts) -> Iterator[tuple[str, str, Any]]:
-    """(table, key, quantity) of all quantities of a scene."""
-    body, start = scene.body, scene.start
+def _named(model: Model) -> Iterator[tuple[str, str, Any]]:
+    """(table, key, quantity) of all quantities."""
+    body, start = model.body, model.start
     given: list[tuple[str, str, Any]] = [
         ("body", body.given, body.moments), ("body", "mass", body.mass),
         ("body", "centre", body.centre), ("start", start.which, getattr(start, start.which)),
         ("start", "attitude", start.attitude),
     ]  # fmt: skip
-    for label, effect in labelled(scene.effects):
+    for label, effect in labelled(model.effects):
         given += [
             (f"effects.{label}", key, value)
             for key, value in zip(effect._fields, effect, strict=True)

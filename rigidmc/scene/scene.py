@@ -11,7 +11,6 @@ import numpy as np
 from rigidmc.errors import RigidmcError, SceneError
 from rigidmc.files.opening import is_zarr
 from rigidmc.scene.body import Body
-from rigidmc.scene.checks import check
 from rigidmc.scene.library import read_source
 from rigidmc.scene.parts import Parts
 from rigidmc.scene.toml.read import Settings, located, parts_of
@@ -24,28 +23,6 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, eq=False)
 class Scene(Parts):
     __doc__ = Parts.__doc__
-
-    def check(self) -> "Scene":
-        """Check that the scene can be run, see `rigidmc.scene.checks`.
-
-        Returns
-        -------
-        Scene
-            the scene itself
-
-        Raises
-        ------
-        SceneError
-            if it cannot be run
-
-        Examples
-        --------
-        >>> rm.Scene.load("dzhanibekov").check().run.integrator
-        'rk4'
-        """
-        self.with_run()
-        check(self)
-        return self
 
     @staticmethod
     def load(

@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.engine.cuda.devices import device
+from rigidmc.engine.cuda.devices import device, settled_device
 from rigidmc.engine.inspection import step_operations
 from rigidmc.physics.effects import Bath, Gravity, RotatingField, SpaceTorque, ViscousDamping
 from rigidmc.physics.integrators import accepting
 from rigidmc.physics.observables import Flips, Passage
-from rigidmc.planning.settle import settled
-from rigidmc.planning.tolerance.costs import cost_per_step
+from rigidmc.runs.prepare import prepared
+from rigidmc.runs.price import cost_per_step
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.body import Body
 from rigidmc.scene.distributions import normal, uniform
@@ -130,8 +130,7 @@ def speeds(word: str) -> Iterator[tuple[str, float, float]]:
     """
     for motion, name in (("free", "rk4"), ("heavy", "rk4"), ("free", "rk8"), ("free", "exact")):
         scene = _motions()[motion].with_run(integrator=name, dt=0.01, save=("energy",))
-        with device(word):
-            plan = settled(scene).plan
-        rate = 1e9 / cost_per_step(scene, plan)
-        each = step_operations(plan.form, scene.effects, plan.carried).all
+        run = prepared(scene)
+        plan, rate = run.plan, 1e9 / cost_per_step(run, settled_device(word))
+        each = step_operations(plan.scheme, scene.effects, plan.has_attitude).all
         yield f"{motion}, {name}", rate, rate * each

@@ -12,6 +12,7 @@ from rigidmc.mechanics.free_top import Kind, Motion
 from rigidmc.mechanics.lagrange_top import Nutation, sleeping_growth, steady_precession
 from rigidmc.mechanics.rotation import attitude_error, matrix
 from rigidmc.planning.closed_form import NONE, Case, closed_form
+from rigidmc.planning.initial import make_sampler
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.scene import Scene
 
@@ -25,7 +26,7 @@ def compare(scene: Scene, at: float, members: int) -> list[str]:
     members : how many of the first members are compared
     """
     members = min(members, scene.run.members)
-    case = closed_form(scene, members)
+    case = closed_form(scene.model, make_sampler(scene.model, scene.run), scene.run.first, members)
     motion, good = case.motion(at), case.form != NONE
     if not good.any():
         rule = f"none of the first {members:,} is a body with a start: no motion to compare"

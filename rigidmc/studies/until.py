@@ -14,11 +14,12 @@ from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
 from rigidmc.results.intervals import Estimate, Interval, mean, probability
 from rigidmc.results.measures import Measure, Variables, measure, observing
-from rigidmc.results.schema import member_variables
-from rigidmc.runs.capacity import refuse_count
+from rigidmc.results.variables import variables_of
+from rigidmc.runs.resources import refuse_count
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.quantities import rows
+from rigidmc.scene.recording import recording
 from rigidmc.scene.sampling import is_sample, refuse_indexed
 from rigidmc.scene.scene import Scene, takes_scene
 
@@ -136,7 +137,7 @@ def simulate_until(
     lean = _without_saves(scene)
     if (count := rows(*scene.quantities())) is not None:
         most = min(most, count - scene.run.first)
-    wanted = goal(until, member_variables(lean, False))
+    wanted = goal(until, variables_of(lean))
     size, interval = _grown(lean, until, wanted, most, confidence, threads, progress)
     if not goal_reached(until, interval):
         reached = f"{interval.value:.6g} +- {interval.half:.2g} by {size:,} members"
@@ -156,15 +157,17 @@ def simulate_until(
 
 def _refuse_no_sample(scene: Scene, until: str) -> None:
     """SceneError for members of which the first ones are no sample of all."""
-    if not is_sample(scene):
+    if not is_sample(scene.model):
         rule = "has no interval that members make narrower: nothing in the scene is drawn"
         raise OptionError("run", "until", until, rule)
-    refuse_indexed(scene, "the first members have only the first of its numbers", tables=False)
+    refuse_indexed(
+        scene.model, "the first members have only the first of its numbers", tables=False
+    )
 
 
 def _without_saves(scene: Scene) -> Scene:
     """The scene that keeps final numbers of its members only."""
-    at_times = scene.saved()
+    at_times = recording(scene).names
     save = tuple(name for name in scene.run.save if name not in at_times)
     lean: Scene = scene.with_run(save=save)
     return lean
@@ -295,7 +298,7 @@ def randomised(
     """
     refuse_count(counted(randomisations, "randomisations"), "randomisations", 64)
     scene = _without_saves(observing(scene.with_run(members=members, **options), [text]))
-    asked = measure(text, member_variables(scene, False))
+    asked = measure(text, variables_of(scene))
     values: list[float] = []
     for i in range(randomisations):
         part = simulate(scene, seed=scene.run.seed + i, threads=threads)

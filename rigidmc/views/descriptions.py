@@ -19,17 +19,21 @@ from rigidmc.physics.effects.protocol import given
 from rigidmc.physics.integrators.protocol import keeps_its_own
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.physics.observables.protocol import Ensemble
-from rigidmc.planning.job import program_of
 from rigidmc.planning.limits import Limits
-from rigidmc.planning.notes import notes
-from rigidmc.planning.plan import Plan, prepare
-from rigidmc.planning.tolerance.choose import resolved
-from rigidmc.planning.tolerance.costs import cost_per_step, prices, some_of
+from rigidmc.planning.plan import Plan
 from rigidmc.planning.turns import sparse_saves
-from rigidmc.runs.capacity import BASE, free_memory, in_words, sizes
 from rigidmc.runs.directory.shards import members_of, shortened
+from rigidmc.runs.prepare import PreparedRun, make_program, prepared
+from rigidmc.runs.price import cost_per_step, prices, some_of
+from rigidmc.runs.resources import (
+    BASE,
+    block_of,
+    free_memory,
+    in_words,
+    moved_at_once,
+    needs,
+)
 from rigidmc.scene.body import IDENTITY, Body
-from rigidmc.scene.conservation import conservation
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.parameters import parameters
 from rigidmc.scene.quantities import Grid, is_shared
@@ -37,23 +41,23 @@ from rigidmc.scene.scene import Scene
 from rigidmc.scene.vector_distributions.protocol import Law
 
 
-def describe_scene(scene: Scene, threads: int) -> str:
+def describe_scene(scene: Scene, threads: int, device: str = "cpu") -> str:
     """What a scene is, what is compiled for it, and what a run of it would take."""
-    asked = scene
-    scene, chosen = resolved(asked, threads)
-    plan = prepare(scene, threads=threads)
+    run = prepared(scene)
     lines = [
-        *_physics(scene),
-        *_compiled(scene, plan),
-        *_steps(scene, plan),
-        *_room(scene, plan, threads),
-        *(chosen.lines(plan.members) if chosen else []),
+        *_physics(run.scene),
+        *_compiled(run),
+        *_steps(run),
+        *_room(run, threads, device),
     ]
-    if plan.form is None:
+    if (chosen := run.choice) is not None:
+        seconds = run.plan.members / chosen.members_per_second(threads)
+        lines += chosen.lines(run.plan.members, seconds)
+    if run.plan.scheme is None:
         return "\n".join([*lines, "cost         closed form at every save"])
-    lines += _cost(scene, plan, threads)
-    lines.append(f"parameters   {', '.join(parameters(scene))}")
-    lines += [f"note         {note}" for note in notes(asked, plan)]
+    lines += _cost(run, threads, device)
+    lines.append(f"parameters   {', '.join(parameters(run.scene))}")
+    lines += [f"note         {note}" for note in run.notes]
     return "\n".join(lines)
 
 
@@ -62,15 +66,15 @@ def outline(scene: Scene) -> list[str]:
     lines = _physics(scene)
     if scene.run.integrator == "auto":  # chosen by measuring
         return lines
-    plan = prepare(scene)
+    run = prepared(scene)
     prices = [
         f"{label} {torque_operations(effect)}"
         for label, effect in labelled(scene.effects)
         if type(effect) in EFFECTS.values()
     ]
     price = [f"price        {'; '.join(prices)}"] if prices else []
-    members = [f"members      {plan.members:,}, seed {scene.run.seed}"]
-    return [*lines, *_compiled(scene, plan), *price, *_steps(scene, plan), *members]
+    members = [f"members      {run.plan.members:,}, seed {scene.run.seed}"]
+    return [*lines, *_compiled(run), *price, *_steps(run), *members]
 
 
 def body_lines(body: Body) -> list[str]:
@@ -102,14 +106,15 @@ def _physics(scene: Scene) -> list[str]:
     return lines
 
 
-def _compiled(scene: Scene, plan: Plan) -> list[str]:
+def _compiled(run: PreparedRun) -> list[str]:
     """The integrator, the effects, and what they conserve."""
+    scene, facts = run.scene, run.plan.conserved
     effects = [
         f"{label}({', '.join(f'{k} = {_words(getattr(e, k))}' for k in given(e))})"
         for label, e in labelled(scene.effects)
     ]
     words = ", ".join(effects) or "none (free body)"
-    attitude = "with" if plan.carried else "no"
+    attitude = "with" if run.plan.has_attitude else "no"
     lines = [f"compiled     {scene.run.integrator}; effects: {words}; {attitude} attitude"]
     for effect in scene.effects:
         if type(effect) not in EFFECTS.values():
@@ -117,34 +122,37 @@ def _compiled(scene: Scene, plan: Plan) -> list[str]:
             how = f"not packed: {why}" if why else "packed: members side by side, as built-in ones"
             operations = torque_operations(effect)
             lines.append(f"own effect   {type(effect).__name__}: {operations}, {how}")
-    facts = conservation(scene)
     booked = ", but its work is booked" if facts["energy"] != facts["energy_drift"] else ""
     lines.append(f"conserved    energy: {facts['energy']}{booked}; |L|^2: {facts['l2']}")
     return lines
 
 
-def _steps(scene: Scene, plan: Plan) -> list[str]:
+def _steps(prepared_run: PreparedRun) -> list[str]:
     """What flags a member, the steps, and what is saved."""
-    run = scene.run
+    layout, plan, units = prepared_run.layout, prepared_run.plan, prepared_run.units
+    plan = plan if units is None else units.back(plan)
+    scene, run, grid = layout.scene, layout.scene.run, plan.grid
     lines = [f"flagged      {_limits(plan.limits)}"] if plan.limits else []
-    parts = len(plan.form.parts) - 1 if plan.form else 1
+    parts = len(plan.scheme.parts) - 1 if plan.scheme else 1
     pieces = f" of {parts} parts each" if parts > 1 else ""
     end = f"t_end = {run.t_end:g} s, omega dt <= {plan.angle:.2g} rad"
-    if plan.member_steps:
+    if plan.has_member_steps:
         own = f"its own for each member, {plan.mean_steps:,.1f} in the mean of the pilot"
         lines.append(f"steps        {f'{pieces.strip()}, ' if pieces else ''}{own}, {end}")
     else:
         less = ""
-        if plan.grid.is_shortened and plan.form:
-            less = f" (the last {plan.steps - plan.head:,}: {plan.last_dt:.6g} s)"
-        lines.append(f"steps        {plan.steps:,}{pieces}, dt = {plan.dt:.6g} s{less}, {end}")
+        if grid.is_shortened and plan.scheme:
+            less = f" (the last {grid.steps - grid.head:,}: {grid.last_dt:.6g} s)"
+        lines.append(f"steps        {grid.steps:,}{pieces}, dt = {grid.dt:.6g} s{less}, {end}")
     if plan.dtype == "float32":
         lines.append(f"float32      {single_precision(plan)}")
-    keep = [f"{word} of {name}" for name, word in scene.kept().items() if word != "full"]
+    keep = [
+        f"{word} of {name}" for name, word in layout.recording.retained.items() if word != "full"
+    ]
     less = f"; kept: {', '.join(keep)}, and all of flagged members" if keep else ""
     saved = ", ".join(run.save) or "nothing"
     lines.append(f"saves        {plan.times.size:,} times of {saved}{less}")
-    if (found := sparse_saves(scene)) is not None:
+    if (found := sparse_saves(scene.model, run)) is not None:
         name, one = found
         lines.append(
             f"             {name} {one.who()} between saves: lines through them show another"
@@ -153,19 +161,21 @@ def _steps(scene: Scene, plan: Plan) -> list[str]:
     return lines
 
 
-def _room(scene: Scene, plan: Plan, threads: int) -> list[str]:
+def _room(run: PreparedRun, threads: int, device: str) -> list[str]:
     """Members, blocks, memory and files."""
-    memory, with_file, file = sizes(scene, plan, threads)
+    plan, settings = run.plan, run.scene.run
+    size = block_of(plan, threads, device, False)
+    memory, with_file, file = needs(run.layout, plan, plan.members, size, threads)
     free = free_memory()
     has = f"; {in_words(free)} are free" if free is not None else ""
-    packed = scene.run.compress or scene.run.digits is not None
-    block, shard = members_of(scene, plan)
-    few = shortened(scene, plan, block, shard)[1]
+    packed = settings.compress or settings.digits is not None
+    block, shard = members_of(run)
+    few = shortened(run, block, shard, device=device)[1]
     shards = f"{-(-plan.members // few):,} shards of {few:,} members with -o RUN/"
     if few != shard:
         shards += f", by their time; {-(-plan.members // shard):,} of {shard:,} with --shards"
     return [
-        f"members      {plan.members:,} in blocks of {plan.block:,} on {threads} threads",
+        f"members      {plan.members:,} in blocks of {size:,} on {threads} threads",
         f"memory       {in_words(memory)} as a Dataset in memory, {in_words(with_file)} with"
         f" -o FILE, {in_words(BASE)} of it for interpreter and libraries{has}",
         f"file         {in_words(file)}{' before it is compressed' if packed else ''}",
@@ -173,31 +183,32 @@ def _room(scene: Scene, plan: Plan, threads: int) -> list[str]:
     ]
 
 
-def _cost(scene: Scene, plan: Plan, threads: int) -> list[str]:
+def _cost(run: PreparedRun, threads: int, device: str) -> list[str]:
     """What is to be compiled, the time of a step, and what observables and effects add to it."""
-    program = program_of(scene, plan, ask=True)
+    plan, recorded = run.plan, run.plan.recording
+    program = make_program(plan, device, compiled=False)
     assert program is not None  # closed forms are told apart before
     lines = [f"code         {to_compile(program)}"]
-    cost = cost_per_step(scene, plan)
-    total = cost * 1e-9 * plan.moved_at_once(threads) * plan.mean_steps
-    made = program_of(scene, plan)
+    cost = cost_per_step(run, device)
+    total = cost * 1e-9 * moved_at_once(plan.members, threads, device) * plan.mean_steps
+    made = run.program(device)
     assert made is not None
     one, every = made.places(threads)
-    digits = ".2f" if plan.device == "cpu" else ".3g"
+    digits = ".2f" if device == "cpu" else ".3g"
     lines.append(
         f"cost         {cost:{digits}} ns per member-step on {one} (measured now);"
         f" about {total:.2g} s for the steps on {every}"
     )
-    works, quiet = "work" in scene.run.save, cost
-    if plan.watch.rows or works:
-        quiet = cost_per_step(*some_of(scene, plan, range(len(scene.effects))))
-    watched = [label for label, one in scene.watched() if not isinstance(one, Ensemble)]
+    works, quiet, effects = recorded.has_work, cost, plan.model.effects
+    if plan.monitors.rows or works:
+        quiet = cost_per_step(some_of(run, range(len(effects))), device)
+    watched = [label for label, one in recorded.monitored if not isinstance(one, Ensemble)]
     if watched:
         more = " and the ledger of work" if works else ""
         names = ", ".join(watched)
         lines.append(f"watched      {names}{more}: {cost - quiet:.2f} ns of it")
-    if scene.effects:
-        free, none, added, noise, predicted = prices(scene, plan)
+    if effects:
+        free, none, added, noise, predicted = prices(run)
         each = "".join(f", {label} {operations}" for label, operations in added.items())
         each += f", noise {noise:.2f} ns" if noise else ""
         each += f", ledger of work {cost - quiet:.2f} ns" if works and not watched else ""
@@ -227,7 +238,7 @@ def single_precision(plan: Plan) -> str:
         f"rounding a body's numbers to 6e-8 misplaces it by {error:.1e} rad"
         f" in a turn of {angle:.3g} rad, whatever the step"
     )
-    if not plan.compensated and not (plan.form and keeps_its_own(plan.form.integrator)):
+    if not plan.compensated and not (plan.scheme and keeps_its_own(plan.scheme.integrator)):
         # rk4 over 10 s without remainders: 7.2e-6 in 512 steps, 1.9e-3 in 131,072
         drift = 1.5e-8 * plan.mean_steps
         error = max(error, drift)

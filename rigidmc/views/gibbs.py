@@ -10,7 +10,7 @@ from rigidmc.engine.formulas import energies
 from rigidmc.figures import CORE, INK, PATH, new_figure
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects.protocol import is_random, numbers
-from rigidmc.planning.initial import stage
+from rigidmc.planning.initial import members_at_start
 from rigidmc.planning.steps import physics
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene, scene_of
@@ -76,7 +76,7 @@ def _momenta(axes: Axes, x: NDArray[np.float64]) -> None:
 
 def _energies(axes: Axes, scene: Scene, q: NDArray[np.float64], kT: float) -> None:
     """Histogram of the potential energy, and that of the Gibbs distribution."""
-    block, _ = stage(scene, 0, 1, True)
+    block, _ = members_at_start(scene.model, scene.run, 0, 1)
     body, effects = physics(scene.effects, block)
     run = np.ravel(energies(effects, body, tuple(q))) / kT
     random = np.random.default_rng(0).normal(size=(4, THEORY))

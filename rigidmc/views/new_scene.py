@@ -11,8 +11,10 @@ import tomli_w
 
 from rigidmc.errors import OptionError
 from rigidmc.physics.effects.gravity import Gravity
+from rigidmc.planning.initial import make_pilot
 from rigidmc.planning.scheme import largest_rates
-from rigidmc.planning.turns import of_scene
+from rigidmc.planning.turns import turning_at_start
+from rigidmc.runs.prepare import prepared
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.toml.read import body_of, start_of
@@ -131,7 +133,7 @@ def new_scene(
     parts = [_lines({"title": title}, words)]
     parts += [f"{head}\n{_lines(one, words)}" for head, one in tables.items()]
     text = "\n".join(parts)
-    Scene.loads(text).check()
+    prepared(Scene.loads(text))
     return text
 
 
@@ -139,9 +141,11 @@ def _times(body: Body, motion: Motion, t_end: float | None) -> tuple[float, floa
     """(t_end, every, dt) [s], round numbers; OptionError if nothing moves."""
     effects = (Gravity(motion.gravity),) if motion.gravity else ()
     scene = Scene(body, effects, start_of(_start(motion), NO_COLUMNS))
-    spin, rate = largest_rates(scene, True)
     at_rest = replace(scene, start=replace(scene.start, omega=(0.0, 0.0, 0.0)))
-    _, swing = largest_rates(at_rest, True)
+    (spin, rate), (_, swing) = (
+        largest_rates(effects, make_pilot(one.model, one.run.seed, True).block)
+        for one in (scene, at_rest)
+    )
     if not rate > 0.0:
         rule = "nothing moves: give a spin, or --gravity and a --pivot"
         raise OptionError("", "--spin", ",".join(f"{w:g}" for w in motion.spin), rule)
@@ -154,7 +158,7 @@ def _times(body: Body, motion: Motion, t_end: float | None) -> tuple[float, floa
 def _saves(end: float, scene: Scene) -> int:
     """How many saves to an end [s] show all that turns in a scene, a round number and at least
     SAVES[0]; 1, of the last state alone, if they would be more than SAVES[1]."""
-    fastest = max(float(np.max(rate)) for rate in of_scene(scene))
+    fastest = max(float(np.max(rate)) for rate in turning_at_start(scene.model, scene.run))
     wanted = _round(max(SAVES[0], end * fastest / FINE))
     return round(wanted) if wanted <= SAVES[1] else 1
 

@@ -98,7 +98,7 @@ def drive_of(ds: xr.Dataset) -> Drive:
             for name in map(str, ds.data_vars)
             if name.endswith("_momentum") and name != "start_momentum" and "axis" in ds[name].dims
         ]
-        return drive(scene, sum(rotor[1:], rotor[0]) if rotor else None)
+        return drive(scene.model, scene.run, sum(rotor[1:], rotor[0]) if rotor else None)
     except (RigidmcError, NumbaError, AttributeError, TypeError):
         kept = "l2_drift_max" in ds and ds.l2_drift_max.attrs.get("conserved", "yes") == "yes"
         return Drive(attitude=not kept)

@@ -291,7 +291,7 @@ class States:
     def _potential(self) -> NDArray[np.float64]:
         """Potential energy of the effects (time, member) [J]."""
         from rigidmc.engine.formulas import energies
-        from rigidmc.planning.initial import stage
+        from rigidmc.planning.initial import members_at_start
         from rigidmc.planning.steps import physics
 
         ds, scene = self._dataset, self.scene()
@@ -302,7 +302,7 @@ class States:
         gaps = np.flatnonzero(np.diff(ds.member.values) != 1) + 1
         parts = []
         for run in np.split(np.arange(ds.sizes["member"]), gaps):
-            block, _ = stage(scene, int(ds.member[run[0]]), run.size, True)
+            block, _ = members_at_start(scene.model, scene.run, int(ds.member[run[0]]), run.size)
             body, effects = physics(scene.effects, block)
             potential = energies(effects, body, tuple(q[..., run]))
             parts.append(np.broadcast_to(potential, (q.shape[1], run.size)))

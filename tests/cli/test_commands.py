@@ -240,10 +240,10 @@ def test_effects_are_listed():
 @pytest.mark.slow
 def test_effects_are_priced(monkeypatch):
     from rigidmc.physics.effects import EFFECTS
-    from rigidmc.planning.tolerance import costs
+    from rigidmc.runs import price
 
     monkeypatch.setattr(
-        costs, "cost_per_step", lambda *arguments: 2.5
+        price, "cost_per_step", lambda *arguments: 2.5
     )  # what it measures is compiled for minutes
     listing = run("effects", "--measure").output
     assert "a step of rk4 on one thread: 2.50 ns of the momentum alone" in listing

@@ -12,9 +12,8 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app, new
 from rigidmc.mechanics.solids import SOLIDS
-from rigidmc.planning.notes import notes
-from rigidmc.planning.plan import prepare
 from rigidmc.views.new_scene import SIZES
+from tests.plans import notes_of, plan_of
 
 
 def invoke(*words, **more):
@@ -41,15 +40,15 @@ def test_a_scene_of_each_solid_is_valid_and_runs(tmp_path, solid):
     lines = [line for line in text.splitlines() if "=" in line]
     assert all("#" in line for line in lines) and solid in text
     assert "valid, 8 members" in invoke("check", file).output
-    plan = prepare(scene)
-    assert plan.notes == () and notes(scene, plan) == ()
+    plan = plan_of(scene)
+    assert plan.notes == () and notes_of(scene, plan) == ()
     assert plan.angle < 0.4
     ds = rm.simulate(scene, threads=1)
     assert (ds.status == 0).all()
     assert float(ds.energy_drift_max.max()) < 1e-12  # measured 1.4e-13
     with warnings.catch_warnings():  # omega dt may exceed 1
         warnings.simplefilter("ignore", rm.SceneWarning)
-        rough = rm.simulate(scene, threads=1, dt=8 * plan.dt, every=scene.run.t_end)
+        rough = rm.simulate(scene, threads=1, dt=8 * plan.grid.dt, every=scene.run.t_end)
     assert float(rough.energy_drift_max.max()) > 5e-11  # measured 9.1e-11 and more
 
 

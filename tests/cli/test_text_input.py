@@ -13,14 +13,13 @@ from rigidmc.cli import app
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import KNOWN
-from rigidmc.planning.notes import notes
-from rigidmc.planning.plan import prepare
 from rigidmc.scene.amounts import counted, counted_text, seconds
 from rigidmc.scene.library import shipped
 from rigidmc.scene.parameters import parameters
 from rigidmc.scene.settings import Run, idle
 from rigidmc.studies.stability_map.case import MAPS
 from rigidmc.studies.stability_map.question import question
+from tests.plans import notes_of, plan_of
 
 BODY = rm.Body.from_moments((1.0, 2.0, 2.5))
 HEAVY = rm.Body.from_moments((1.0, 2.0, 2.5), mass=2.0, centre=(0.0, 0.0, 0.1))
@@ -29,7 +28,7 @@ TEXT = "[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\nomega = [0.0, 1.0, 0.0]\n[ru
 
 
 def noted(scene):
-    return notes(scene, prepare(scene))
+    return notes_of(scene)
 
 
 def invoke(*words):
@@ -155,7 +154,7 @@ def test_a_tolerance_that_no_integrator_keeps_is_refused():
     with pytest.raises(
         rm.SceneError, match=r'tolerance = 1e-06: integrator = "rk4" keeps no tolerance'
     ):
-        rm.Scene.loads(TEXT + 'integrator = "rk4"\ntolerance = 1e-6').check()
+        rm.prepare(rm.Scene.loads(TEXT + 'integrator = "rk4"\ntolerance = 1e-6'))
     assert invoke("run", "heavy_top", "--integrator", "rk4", "--tolerance", "1e-6").exit_code == 3
     for both in ("dt = 0.1\nturn = 0.1", 'turn = 0.2\ndt = "1 s"'):
         with pytest.raises(rm.SceneError, match="give dt or turn, not both"):
@@ -177,8 +176,8 @@ def test_a_tolerance_that_no_integrator_keeps_is_refused():
 ])  # fmt: skip
 def test_settings_without_effect_are_noted(settings, effects, key):
     scene = rm.Scene(BODY, effects, SPUN, Run(**settings))
-    plan = prepare(scene if scene.run.integrator != "auto" else scene.with_run(integrator="rk8"))
-    found = [note for note in notes(scene, plan) if note.startswith(f"[run] {key} = ")]
+    plan = plan_of(scene if scene.run.integrator != "auto" else scene.with_run(integrator="rk8"))
+    found = [note for note in notes_of(scene, plan) if note.startswith(f"[run] {key} = ")]
     assert len(found) == 1
     stored = rm.Scene.loads(scene.dumps())  # with all keys
     assert idle(stored.run) == idle(scene.run)
@@ -215,12 +214,12 @@ def test_good_scenes_give_no_note(tmp_path):
         case = make()
         asked = question(case.x, case.y, case.of, 64, 1)
         scene = asked.of_scene(case.scene).with_run(**case.settings)
-        assert notes(scene, prepare(scene)._replace(notes=())) == (), name
+        assert notes_of(scene, plan_of(scene)._replace(notes=())) == (), name
     # warnings are errors here: neither the run nor any of its other members warns
     path = str(tmp_path / "a.nc")
     scene = rm.Scene(HEAVY, (rm.Gravity(9.81),), SPUN).with_run(members=32, t_end=0.1, every=0.05)
     rm.simulate(scene, output=path).close()
-    assert rm.Scene.load(path).check().run.every == 0.05
+    assert rm.prepare(rm.Scene.load(path)).scene.run.every == 0.05
     assert rm.rerun(path, 7.0).attrs["rerun"].startswith("equal to the bit")
 
 
@@ -455,7 +454,7 @@ def test_correlated_moments_have_their_covariance_and_tails_are_flagged(tmp_path
         rm.Body.from_moments(rm.Correlated((1.0, 2.0, 4.0), covariance.tolist())), start=SPUN
     )
     with pytest.raises(rm.SceneError, match="sampled bodies are impossible"):
-        few.check()
+        rm.prepare(few)
 
 
 def test_a_covariance_is_checked_relative_to_its_size():

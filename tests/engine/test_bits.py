@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from bench.bits import QUICK, elsewhere, sums
+from rigidmc.engine.program import Program
 from rigidmc.physics.dynamics import functions
 from rigidmc.scene.vector_distributions.vectors import lower_factor
 
@@ -35,8 +36,16 @@ def test_the_bits_are_those_recorded_on_another_machine():
     assert not changed(sums((0,), QUICK))
 
 
-def test_widths_change_no_bit():
+def test_widths_change_no_bit(monkeypatch):
+    make, made = Program.__init__, set()
+
+    def noted(self, *given, **named):
+        make(self, *given, **named)
+        made.add(self.lanes)
+
+    monkeypatch.setattr(Program, "__init__", noted)
     assert not changed(sums((1, 16), ("exact",)))
+    assert made == {1, 16}  # a scene keeps its program, which is no program of another width
 
 
 def test_another_processor_with_other_libraries_changes_no_bit():

@@ -17,17 +17,14 @@ from rigidmc.engine import compile_time
 from rigidmc.engine.compile_helper import _named, _read, _written, beside, helped
 from rigidmc.engine.compile_time import divided, seconds
 from rigidmc.engine.compiler.kernels import config, kind_of
-from rigidmc.planning.job import program_of
-from rigidmc.planning.plan import prepare
+from tests.plans import program_of
 
 EVERY = ["enter", "leave", "begin", "march", "look", "record", "advance"]
 
 
 def asked(scene="heavy_top", **settings):
     scene = rm.Scene.load(scene).with_run(**settings)
-    return {
-        name: one for name, one in program_of(scene, prepare(scene), ask=True).asked.items() if one
-    }
+    return {name: one for name, one in program_of(scene).asked.items() if one}
 
 
 def test_a_request_reaches_the_other_process_unchanged():
@@ -50,10 +47,9 @@ SCRIPT = """
 import rigidmc as rm
 from rigidmc.engine.compile_helper import beside
 from rigidmc.engine.compiler.kernels import is_ready
-from rigidmc.planning.job import program_of
-from rigidmc.planning.plan import prepare
+from tests.plans import program_of
 scene = rm.Scene.load("nasa_brick").with_run(integrator="rk4", members=4, t_end=1.0)
-asked = program_of(scene, prepare(scene), ask=True).asked
+asked = program_of(scene).asked
 some = [asked["enter"], asked["advance"]]
 print([is_ready(*one) for one in some])
 with beside(some):

@@ -18,7 +18,7 @@ from rigidmc.engine.machine import this_machine
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.results import run_directory
 from rigidmc.results.run_directory import rendered
-from rigidmc.runs import warm
+from rigidmc.runs import precompile as warm
 
 compiles = pytest.mark.skipif(
     os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled"

@@ -33,19 +33,25 @@ from rigidmc.engine.cuda import program as cuda
 from rigidmc.engine.cuda.devices import device_now
 from rigidmc.errors import NoRoom
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.planning.block_size import DEVICE_SLAB, WAVE, block_of_shard
-from rigidmc.planning.job import program_of
-from rigidmc.planning.plan import prepare
-from rigidmc.planning.tolerance import costs
 from rigidmc.protocols import effect
+from rigidmc.runs import price
 from rigidmc.runs.directory import checkpoints, cluster
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
+from rigidmc.runs.resources import (
+    DEVICE_SLAB,
+    WAVE,
+    block_of,
+    block_of_shard,
+    moved_at_once,
+    movers,
+)
 from rigidmc.studies import bits
 from rigidmc.studies.bits import cases
 from tests.engine.kernel.test_last_interval import scene as shortened
 from tests.engine.test_bits import changed
 from tests.fake_cuda import fake as fake
+from tests.plans import plan_of, program_of
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning"),
@@ -113,7 +119,7 @@ def kernels(integrators):
     found = {}
     with rm.device("cuda"):
         for case in cases(integrators):
-            found[case.name] = program_of(case.scene, prepare(case.scene), ask=True)
+            found[case.name] = program_of(case.scene)
     return found
 
 
@@ -385,7 +391,7 @@ def test_commands_take_a_device(fake, monkeypatch, tmp_path):
     names = [sorted(p.name for p in (tmp_path / x / "shards").iterdir()) for x in ("here", "there")]
     assert names[0] == names[1]
 
-    monkeypatch.setattr(costs, "DEVICE_BLOCK", 32)
+    monkeypatch.setattr(price, "DEVICE_BLOCK", 32)
     shown = invoked("show", scene, "--device", "cuda:0").output
     assert "ns per member-step on one device" in shown
     assert "Fake 0, blocks of 128 threads, 256 of them at work on each multiprocessor" in shown
@@ -468,12 +474,15 @@ def test_blocks_fill_devices_and_no_memory(fake):
     """Few members are one block for each device; many saves make blocks small, shards are one."""
     fake(devices=2)
     with rm.device("cuda"):
-        few = prepare(SCENE.with_run(members=1000), 16)
-        many = prepare(SCENE.with_run(members=10**7), 16)
-        wide = prepare(SCENE.with_run(members=10**7, every=0.02), 16, streaming=True)
-    assert (few.block, many.block) == (512, 156_256) and few.movers(16) == 2
-    saved = wide.block * wide.values * wide.times.size * 8
+        few = plan_of(SCENE.with_run(members=1000))
+        many = plan_of(SCENE.with_run(members=10**7))
+        wide = plan_of(SCENE.with_run(members=10**7, every=0.02))
+        blocks = [block_of(one, 16, "cuda", False) for one in (few, many)]
+        block = block_of(wide, 16, "cuda", True)
+        assert blocks == [512, 156_256] and movers(16, "cuda") == 2
+    saved = block * wide.values * wide.times.size * 8
     assert 0.98 * DEVICE_SLAB < saved <= DEVICE_SLAB
     assert block_of_shard(many, 137 * 4064) == 137 * 4064  # which has no large divisor
-    assert block_of_shard(wide, 137 * 4064) <= wide.block
-    assert few.moved_at_once(16) == WAVE and many.moved_at_once(16) == 5e6
+    assert block_of_shard(wide, 137 * 4064) <= block
+    assert moved_at_once(few.members, 16, "cuda") == WAVE
+    assert moved_at_once(many.members, 16, "cuda") == 5e6

@@ -27,7 +27,7 @@ from rigidmc.cli import app
 from rigidmc.errors import NoRoom, OutputExists
 from rigidmc.files import outputs
 from rigidmc.files.netcdf import alone
-from rigidmc.runs import blocks
+from rigidmc.runs import prepare
 from rigidmc.runs.directory import resume
 from rigidmc.runs.directory.create import create
 from rigidmc.studies.accuracy import picture as accuracy_picture
@@ -117,9 +117,11 @@ def test_bounds_are_written_whole_and_overwrite_nothing(tmp_path):
 
 
 def test_a_result_whose_name_is_taken_at_the_end_is_kept_under_another(tmp_path):
-    path, compute = tmp_path / "r.nc", blocks.compute
+    path, compute = tmp_path / "r.nc", prepare.compute
     taken = appearing([path], None)
-    with patch.object(blocks, "compute", lambda *given: (compute(*given), taken())[0]):
+    with patch.object(
+        prepare, "compute", lambda *given, **more: (compute(*given, **more), taken())[0]
+    ):
         told = invoke("run", "nasa_brick", "--t-end", 0.1, "-o", path)
     assert told.exit_code == 6 and str(tmp_path / "r.2.nc") in told.stderr
     assert path.read_bytes() == OLD
@@ -193,7 +195,7 @@ def test_names_of_all_lengths(tmp_path):
     plot = "plot", tmp_path / ("n" * 247 + ".nc"), "--picture", "drift_histogram"
     assert invoke(*plot, "-o", tmp_path / ("n" * 251 + ".png")).exit_code == 0
     long = tmp_path / ("n" * 300 + ".nc")
-    with patch.object(blocks, "compute") as compute:
+    with patch.object(prepare, "compute") as compute:
         told = invoke(*words, "-o", long)
     assert told.exit_code == 74 and "File name too long" in told.stderr
     assert not compute.called and isinstance(told.exception, SystemExit)

@@ -15,8 +15,8 @@ from rigidmc.mechanics import coordinates, elliptic, inertia, rotation
 from rigidmc.mechanics.free_top import free_top
 from rigidmc.mechanics.lagrange_top import effective_potential, lagrange_motion, lagrange_top
 from rigidmc.mechanics.textbook import jacobi_omega, symmetric_omega
-from rigidmc.planning.closed_form import closed_form
 from tests import reference
+from tests.plans import closed_form
 
 RNG = np.random.default_rng(34)
 A = Rotation.random(rng=RNG).as_matrix()

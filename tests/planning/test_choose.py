@@ -9,8 +9,8 @@ import pytest
 import rigidmc as rm
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.planning import closed_form as closed_form_module
-from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.tolerance import choose
+from tests.plans import closed_form
 
 SMALL = {"members": 128}
 
@@ -227,4 +227,4 @@ def test_a_prediction_above_the_tolerance_is_reported(bad, monkeypatch):
         )
     else:
         assert found.predicted == 2.0 * tolerance and "above the tolerance of 1e-06" in found.short
-        assert any("above the tolerance" in line for line in found.lines(100))
+        assert any("above the tolerance" in line for line in found.lines(100, 1.0))

@@ -14,10 +14,10 @@ import rigidmc as rm
 from rigidmc.engine.kernel import block as cpu
 from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.planning import plan
 from rigidmc.planning.limits import Limits
 from rigidmc.studies.stress.problems import PROBLEMS
 from tests.kernels import block_of, prepare, run
+from tests.plans import plan_of
 
 FREE, HEAVY = PROBLEMS["hairer_free"], (rm.Gravity(1.0),)
 TIGHT = Limits(1e-6, 1e-6, math.inf, 2.0, 1e-9)
@@ -253,5 +253,5 @@ def test_members_without_such_a_torque_never_turn_by_more_than_was_asked():
 ])  # fmt: skip
 def test_the_note_on_long_steps_goes_by_the_order(name, turn, told):
     scene = rm.Scene(BODY, (), rm.Start(omega=(0.0, 0.0, 1.0)))
-    notes = plan.prepare(scene.with_run(integrator=name, dt=turn, t_end=10.0 * turn)).notes
+    notes = plan_of(scene.with_run(integrator=name, dt=turn, t_end=10.0 * turn)).notes
     assert any(told in note for note in notes) if told else not notes

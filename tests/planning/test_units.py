@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.planning.units import dimensions, factor, internal, scaled
+from rigidmc.planning.units import choose_units, dimensions, factor, scaled
 
 BODY = rm.Body.from_moments((rm.uniform(0.9, 1.1), 1.4, 2.0), mass=1.5, centre=(0.1, 0.2, 0.3))
 START = rm.Start(
@@ -63,11 +63,11 @@ def test_powers_of_ten_change_rounding_only(name):
 
 
 def test_internal_units_only_where_they_are_needed():
-    assert internal(SCENE) is None
+    assert choose_units(SCENE) is None
     small = scaled(SCENE, 1e-12, 1e-3, 1e-6)
-    assert internal(small) is None
-    assert internal(small.with_run(dtype="float32")) is not None
-    assert internal(scaled(SCENE, 1e-40, 1e-10, 1.0)) is not None
+    assert choose_units(small) is None
+    assert choose_units(small.with_run(dtype="float32")) is not None
+    assert choose_units(scaled(SCENE, 1e-40, 1e-10, 1.0)) is not None
 
 
 def test_a_molecule_in_single_precision():
@@ -105,7 +105,7 @@ def test_effects_without_units_are_not_rescaled():
     windy = rm.Scene(BODY, (Wind(0.1),), START)
     with pytest.raises(rm.SceneError, match="Wind does not tell the unit of size"):
         scaled(windy, mass=2.0)
-    assert internal(windy) is None
+    assert choose_units(windy) is None
 
 
 def test_units_beyond_float64_are_no_error():

@@ -17,7 +17,8 @@ from rigidmc.files.netcdf import read
 from rigidmc.physics.observables.event_times import event_times
 from rigidmc.protocols import event, running, select
 from rigidmc.results import censored, intervals
-from rigidmc.results.schema import NEWER
+from rigidmc.results.variables import NEWER
+from rigidmc.scene.recording import recording
 from rigidmc.studies.stability_map.picture import stability_map as drawn
 from tests.results.test_estimates import SCENE
 
@@ -290,10 +291,13 @@ def test_which_outputs_are_times_of_events():
     assert event_times("slow_at", SlowAt()) == {"slow_at": 0.0}
     stated = type("Stated", (SlowAt,), {"event_times": ()})
     assert event_times("slow_at", stated()) == {}
-    assert event_times("omega_max", SCENE.with_run(save=("omega_max",)).watched()[0][1]) == {}
+    assert (
+        event_times("omega_max", recording(SCENE.with_run(save=("omega_max",))).monitored[0][1])
+        == {}
+    )
     wrong = type("Wrong", (SlowAt,), {"event_times": ("other",)})
     with pytest.raises(rm.SceneError, match=r"event_times: is .*expected a tuple of names"):
-        SCENE.with_run(save=(wrong(),)).check()
+        rm.prepare(SCENE.with_run(save=(wrong(),)))
 
 
 def test_negative_numbers_are_no_times_of_events(runs):

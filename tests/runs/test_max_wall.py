@@ -28,7 +28,7 @@ class Clock:
         self.limit, self.calls, self.noticed = 10**9, 0, threading.Event()
         self.cuts = True  # blocks, not tasks
         self.rehearses = False  # no limit holds for what a price measures, as long as it likes
-        advance, rehearsed = program.Program.advance, price._rehearsed
+        advance, rehearsed = program.Program.advance, price._studied
 
         def advancing(this, *arguments):
             self.calls += self.cuts and not self.rehearses
@@ -44,7 +44,7 @@ class Clock:
             finally:
                 self.rehearses = False
 
-        monkeypatch.setattr(price, "_rehearsed", rehearsing)
+        monkeypatch.setattr(price, "_studied", rehearsing)
         monkeypatch.setattr(program.Program, "advance", advancing)
         monkeypatch.setattr(program, "CALL", 1000)  # a wide block goes a step at a time
         for module in (threads, tasks):

@@ -14,9 +14,9 @@ import rigidmc as rm
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
 from rigidmc.physics.effects.sums import total_energy
-from rigidmc.planning.initial import stage
 from rigidmc.planning.steps import physics
 from rigidmc.scene.quantities import Grid
+from tests.plans import starts
 
 N = 20_000
 MOMENTS = (1.0, 2.0, 2.5)
@@ -25,7 +25,7 @@ MOMENTS = (1.0, 2.0, 2.5)
 def drawn(first=0, count=N, moments=MOMENTS, effects=(), **start):
     """(starts of the members of a scene, their rows)."""
     body = rm.Body(moments, mass=1.0, centre=(0.1, 0.2, 0.3))
-    block, found = stage(rm.Scene(body, effects, rm.Start(**start)), first, count, True)
+    block, found = starts(rm.Scene(body, effects, rm.Start(**start)), first, count, True)
     return found, block
 
 
@@ -138,7 +138,7 @@ def test_files_keep_them():
             again.start.momentum == scene.start.momentum
             and again.body.moments == scene.body.moments
         )
-        assert np.array_equal(stage(again, 0, 32, False)[0], stage(scene, 0, 32, False)[0])
+        assert np.array_equal(starts(again, 0, 32, False)[0], starts(scene, 0, 32, False)[0])
 
 
 def test_coarse_grids_span_the_same():
@@ -146,7 +146,7 @@ def test_coarse_grids_span_the_same():
         rm.Body.from_moments((rm.grid(0.5, 1.0, 300, 16), 1.0, rm.grid(1.0, 1.4, 200, 4800))),
         start=rm.Start(omega=(0, 1, 0)),
     )
-    moments, _, _ = scene.coarse().body.sample(0, 0, 4096)
+    moments, _, _ = scene.model.coarse().body.sample(0, 0, 4096)
     assert (
         moments[0].min() < 0.51
         and moments[0].max() > 0.99
@@ -193,7 +193,7 @@ def test_other_units_move_alike():
     ):
         scene = rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(momentum=vector))
         one, two = (
-            stage(s, 0, 32, False)[1]["start_momentum"]
+            starts(s, 0, 32, False)[1]["start_momentum"]
             for s in (scene, scaled(scene, 4.0, 1.0, 2.0))
         )
         assert np.array_equal(2.0 * one, two)
@@ -259,7 +259,7 @@ def test_starts_from_a_table(tmp_path):
     )
     (tmp_path / "w.csv").write_text("wx, wy,wz\n0.1,1.0,0.0\n0.2,1.5,-1e-3\n0.3,2.0,0.5\n")
     scene = rm.Scene.load(tmp_path / "s.toml")
-    found = stage(scene, 0, 3, False)[1]["start_omega"]
+    found = starts(scene, 0, 3, False)[1]["start_omega"]
     assert np.array_equal(found, [[0.1, 0.2, 0.3], [1.0, 1.5, 2.0], [0.0, -1e-3, 0.5]])
     import xarray as xr
 
@@ -273,7 +273,7 @@ def test_starts_from_a_table(tmp_path):
         )
     )
     assert np.array_equal(
-        stage(rm.Scene.load(tmp_path / "t.toml"), 0, 3, False)[1]["start_omega"][:2], found[:2]
+        starts(rm.Scene.load(tmp_path / "t.toml"), 0, 3, False)[1]["start_omega"][:2], found[:2]
     )
 
 
@@ -313,7 +313,7 @@ def test_sobol_points_are_scipys():
     from rigidmc.engine.streams import stream_of
 
     scene = scene_of_points("sobol")
-    w = stage(scene, 0, 256, False)[1]["start_omega"]
+    w = starts(scene, 0, 256, False)[1]["start_omega"]
     true = (
         stats.qmc.Sobol(3, rng=np.random.default_rng([3, stream_of("points.sobol") >> 1]))
         .random(256)
@@ -322,19 +322,19 @@ def test_sobol_points_are_scipys():
     )
     # measured 2.2e-16: the quantiles are our own
     assert np.abs(w - (np.array([[0.3], [1.0], [0.2]]) + 0.1 * ndtri(true))).max() < 4e-16
-    later = stage(scene, 96, 32, True)[1]["start_omega"]
+    later = starts(scene, 96, 32, True)[1]["start_omega"]
     assert np.array_equal(later, w[:, 96:128]) and np.array_equal(
-        stage(scene, 32, 32, False)[1]["start_omega"], w[:, 32:64]
+        starts(scene, 32, 32, False)[1]["start_omega"], w[:, 32:64]
     )
 
 
 def test_a_latin_hypercube_has_one_member_in_every_stratum():
     scene = scene_of_points("latin_hypercube").with_run(strata=256)
-    w = stage(scene, 0, 256, False)[1]["start_omega"]
+    w = starts(scene, 0, 256, False)[1]["start_omega"]
     for x, mean in zip(w, (0.3, 1.0, 0.2), strict=True):
         assert sorted(np.floor(256 * stats.norm(mean, 0.1).cdf(x))) == list(range(256))
     with pytest.raises(SceneError, match="as many members"):
-        scene.with_run(members=300).check()
+        rm.prepare(scene.with_run(members=300))
 
 
 def test_points_fill_better_than_chance():
@@ -343,7 +343,7 @@ def test_points_fill_better_than_chance():
     for kind in ("independent", "sobol", "latin_hypercube"):
         means = []
         for seed in range(8):
-            w = stage(scene_of_points(kind, seed=seed).with_run(strata=4096), 0, 4096, False)[1][
+            w = starts(scene_of_points(kind, seed=seed).with_run(strata=4096), 0, 4096, False)[1][
                 "start_omega"
             ]
             means.append((w[0] * w[1] + np.sin(w[2]) * w[1] ** 2).mean())
@@ -357,18 +357,20 @@ def test_points_fill_better_than_chance():
 
 def test_nothing_drawn_needs_no_points():
     with pytest.raises(SceneError, match="nothing in the scene is drawn"):
-        rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(omega=(0, 1, 0))).with_run(
-            points="sobol"
-        ).check()
+        rm.prepare(
+            rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(omega=(0, 1, 0))).with_run(
+                points="sobol"
+            )
+        )
 
 
 def test_antithetic_members_come_in_pairs():
     scene = scene_of_points("antithetic")
-    w = stage(scene, 0, 64, False)[1]["start_omega"]
+    w = starts(scene, 0, 64, False)[1]["start_omega"]
     mean = np.array([[0.3], [1.0], [0.2]])
     assert np.abs((w[:, ::2] - mean) + (w[:, 1::2] - mean)).max() < 1e-15
-    assert np.array_equal(stage(scene, 31, 5, False)[1]["start_omega"], w[:, 31:36])
-    independent = stage(scene_of_points("independent"), 0, 32, False)[1]["start_omega"]
+    assert np.array_equal(starts(scene, 31, 5, False)[1]["start_omega"], w[:, 31:36])
+    independent = starts(scene_of_points("independent"), 0, 32, False)[1]["start_omega"]
     assert np.array_equal(w[:, ::2], independent)
 
 

@@ -12,9 +12,9 @@ import rigidmc as rm
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.mechanics.inertia import symmetric
-from rigidmc.planning.initial import stage
 from rigidmc.planning.units import scaled
 from rigidmc.protocols import Vector, effect
+from tests.plans import starts
 
 # a slender satellite with products of inertia, its centre known to 1 cm along its length
 MEAN = np.array([[10.0, 0.2, 0.0], [0.2, 56.0, 0.3], [0.0, 0.3, 60.0]])
@@ -93,13 +93,13 @@ def test_a_mean_centre_and_each_centre_are_not_the_same():
 
 def test_files_and_other_units_keep_the_centre():
     scene = rm.Scene(given().about_centre(), PULL)
-    start = stage(scene, 0, 16, True)[1]
+    start = starts(scene, 0, 16, True)[1]
     again = rm.Scene.loads(scene.dumps())
     assert again.dumps() == scene.dumps()
     pivot = rm.Scene(given(), PULL).dumps().replace("[body]", '[body]\npivot = "centre"')
     for same in (again, rm.Scene.loads(pivot)):
-        assert np.array_equal(stage(same, 0, 16, True)[1]["moments"], start["moments"])
-    other = stage(scaled(scene, 4.0, 2.0, 2.0), 0, 16, True)[1]
+        assert np.array_equal(starts(same, 0, 16, True)[1]["moments"], start["moments"])
+    other = starts(scaled(scene, 4.0, 2.0, 2.0), 0, 16, True)[1]
     assert np.allclose(other["moments"], 16.0 * start["moments"], rtol=1e-13, atol=0)
 
 
@@ -115,8 +115,8 @@ def test_files_and_other_units_keep_the_centre():
 )
 def test_an_orbit_refuses_a_centre_off_the_fixed_point(body, words):
     with pytest.raises(SceneError, match=rf"\[body\] centre = .*turns about.*{words}"):
-        rm.Scene(body, PULL).with_run(dt=1.0, t_end=10.0).check()
-    rm.Scene(body, rm.Gravity(9.81)).with_run(dt=1.0, t_end=10.0).check()
+        rm.prepare(rm.Scene(body, PULL).with_run(dt=1.0, t_end=10.0))
+    rm.prepare(rm.Scene(body, rm.Gravity(9.81)).with_run(dt=1.0, t_end=10.0))
 
 
 def test_a_plain_body_moves_to_its_centre():
@@ -159,7 +159,7 @@ def test_results_have_fixed_vectors_in_the_axes_of_each_member(tmp_path):
         assert "rotor_motor" in ds
     table = rm.Rotor((np.zeros(8), np.zeros(8), np.ones(8)))
     with pytest.raises(SceneError, match=r"\[effects.rotor\] momentum.*no table"):
-        rm.Scene(body, table).with_run(members=8, dt=0.1, t_end=1.0).check()
+        rm.prepare(rm.Scene(body, table).with_run(members=8, dt=0.1, t_end=1.0))
 
 
 class Thrust(NamedTuple):
@@ -187,8 +187,8 @@ def test_an_own_vector_is_turned_if_it_says_so(kind, stated):
     force = (1e-4, 0.0, 3e-4)
     scene = rm.Scene(body, kind(force)).with_run(members=4, dt=10.0, t_end=100.0)
     rows = slice(layout.EFFECTS, layout.EFFECTS + 3)
-    acting = stage(scene, 0, 4, True)[0][rows]
-    turned = stage(rm.Scene(body, rm.BodyTorque(force)).with_run(), 0, 4, True)[0][rows]
+    acting = starts(scene, 0, 4, True)[0][rows]
+    turned = starts(rm.Scene(body, rm.BodyTorque(force)).with_run(), 0, 4, True)[0][rows]
     assert np.abs(turned - np.array([force]).T).max() > 1e-6
     assert np.array_equal(acting, turned if stated else np.tile(np.array([force]).T, 4))
     with warnings.catch_warnings(record=True) as told:

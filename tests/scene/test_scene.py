@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 import rigidmc as rm
 from rigidmc.planning.steps import grid
 from rigidmc.scene.library import shipped
+from tests.plans import plan_of
 
 GOOD = """
 title = "test"
@@ -109,11 +110,9 @@ def test_bad_scenes(case):
 
 
 def prepared(text):
-    from rigidmc.planning.plan import prepare
-
     scene = rm.Scene.loads(text, "mine.toml")
     try:
-        return prepare(scene)
+        return plan_of(scene)
     except rm.SceneError as error:
         error.file = "mine.toml"
         raise
@@ -175,7 +174,7 @@ def test_shipped_scenes_load_and_return(name):
     assert scene.title == name
     assert scene.summary
     assert scene.source
-    scene.check()
+    rm.prepare(scene)
 
 
 def test_the_t_handle_is_what_its_file_says():

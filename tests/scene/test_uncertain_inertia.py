@@ -10,8 +10,8 @@ import rigidmc as rm
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import broken, symmetric
 from rigidmc.mechanics.log_cholesky import numbers_of, parameters_of, rates_of
-from rigidmc.planning.initial import stage
 from rigidmc.planning.units import scaled
+from tests.plans import starts
 
 TENSOR = np.array([[2.0, 0.1, -0.05], [0.1, 2.5, 0.2], [-0.05, 0.2, 3.0]])
 CENTRE, MASS = (0.05, 0.02, -0.1), 12.0
@@ -168,11 +168,11 @@ def test_members_move_as_in_the_described_axes():
 def test_members_depend_on_their_index_alone_and_files_keep_the_law():
     scene = rm.Scene(body_of(0.1), rm.Gravity(9.81), rm.Start(omega=(0.0, 0.0, 1.0)))
     again = rm.Scene.loads(scene.dumps())
-    block, start = stage(again, 0, 96, True)
-    some, _ = stage(scene, 32, 32, True)
+    block, start = starts(again, 0, 96, True)
+    some, _ = starts(scene, 32, 32, True)
     assert np.array_equal(block[:, 32:64], some)
     assert start["principal_axes"].shape == (4, 96)
-    other = stage(scaled(scene, 4.0, 2.0, 2.0), 0, 96, True)[1]
+    other = starts(scaled(scene, 4.0, 2.0, 2.0), 0, 96, True)[1]
     assert np.allclose(other["moments"], 16.0 * start["moments"], rtol=1e-13, atol=0)
     assert np.allclose(other["centre"], 2.0 * start["centre"], rtol=1e-12, atol=1e-14)
 
@@ -202,7 +202,9 @@ def test_mass_and_centre_are_means_and_starts_are_no_tables():
         rm.Body.from_tensor(law, mass=rm.normal(12.0, 1.0))
     start = rm.Start(omega=(np.array([1.0, 2.0]), 0.0, 0.0))
     with pytest.raises(SceneError, match="axes differ from member to member"):
-        rm.Scene(rm.Body.from_tensor(law), start=start).with_run(members=2, dt=0.1, t_end=1).check()
+        rm.prepare(
+            rm.Scene(rm.Body.from_tensor(law), start=start).with_run(members=2, dt=0.1, t_end=1)
+        )
 
 
 @pytest.mark.parametrize(("together", "low", "high"), [(0.9, 0.0, 0.02), (0.0, 0.4, 0.6)])

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.planning.initial import stage
-from rigidmc.results.schema import member_variables
+from rigidmc.results.variables import member_variables
 from rigidmc.scene.body_changes import BodyChanges
 from rigidmc.scene.body_makers import BodyMakers
 from rigidmc.scene.quantities import draw
+from rigidmc.scene.recording import recording
 from rigidmc.scene.vector_distributions import LAWS
+from tests.plans import starts
 from tests.units import OTHERS, PLAIN, in_units
 
 BODY, WEIGHT = rm.Body((1.0, 2.0, 2.5), 1.3, (0.0, 0.1, 0.2)), rm.Gravity(9.81)
@@ -34,7 +35,8 @@ SCENES |= {kind: rm.Scene(body, start=rm.Start(**SPIN)) for kind, body in BODIES
 
 def drawn(scene, by=PLAIN):
     """{name: pure numbers} of the starts of 64 members."""
-    known, start = member_variables(scene, True), stage(scene, 0, 64, True)[1]
+    known = member_variables(scene.model, scene.run, recording(scene), True)
+    start = starts(scene, 0, 64, True)[1]
     units = {name: known[name].attrs.get("units", "1") for name in known.keys() & start.keys()}
     return {name: start[name] / by.of(unit) for name, unit in units.items()}
 

@@ -61,5 +61,5 @@ def test_parameters_are_checked_and_members_do_not_depend_on_others():
     assert abs(drawn[0].mean() - 2.0) < 0.03  # measured 0.016, two standard errors
     assert abs(drawn[0].std() - 0.5) < 0.02  # measured 0.0008
     assert np.array_equal(start.spin(7, 1000, 10, None)[1], drawn[:, 1000:1010])
-    scene = rm.Scene(BODY, start=start).check()
+    scene = rm.prepare(rm.Scene(BODY, start=start)).scene
     assert "on_line" in scene.dumps() and __file__ in scene.dumps()

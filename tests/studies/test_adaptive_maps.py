@@ -17,7 +17,7 @@ from rigidmc.studies.stability_map.pixels import Pixels
 from rigidmc.studies.stability_map.question import adapted, question
 from rigidmc.studies.stability_map.refine import BEGUN, STRIDE, refined, unit
 from rigidmc.studies.stability_map.stored import create_map, resume_growing
-from rigidmc.studies.stability_map.study import prepared
+from rigidmc.studies.stability_map.study import prepare_map
 from tests import torture
 from tests.faulty import LINUX
 
@@ -46,7 +46,7 @@ def adaptive():
 
 def started(path):
     asked = adapted(question(*SIDES, OF, SHAPE, 1), True)
-    return create_map(prepared(asked, SCENE, **RUN), path)
+    return create_map(prepare_map(asked, SCENE, **RUN), path)
 
 
 def equal(one, other):

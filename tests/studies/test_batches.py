@@ -48,15 +48,15 @@ def test_parts_have_the_bits_of_the_whole(points):
 
 @pytest.mark.slow
 def test_a_tolerance_chooses_once_for_all_parts(monkeypatch):
-    from rigidmc.planning import settle
+    from rigidmc.runs import prepare
 
-    asked, real = [], settle.resolved
+    asked, real = [], prepare.choose_integrator
 
-    def resolved(scene, threads=None):
+    def choose_integrator(scene):
         asked.append(scene.run.integrator)
-        return real(scene, threads)
+        return real(scene)
 
-    monkeypatch.setattr(settle, "resolved", resolved)
+    monkeypatch.setattr(prepare, "choose_integrator", choose_integrator)
     scene = rm.Scene.load("dzhanibekov").with_run(
         integrator="auto", tolerance=1e-3, members=64, t_end=1.0, save=("omega",), every=0.5
     )

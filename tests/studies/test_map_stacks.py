@@ -11,7 +11,7 @@ from rigidmc.scene.parameters import with_parameter
 from rigidmc.studies.stability_map.picture import stability_map
 from rigidmc.studies.stability_map.question import question
 from rigidmc.studies.stability_map.stored import create_map
-from rigidmc.studies.stability_map.study import prepared
+from rigidmc.studies.stability_map.study import prepare_map
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 SCENE = rm.Scene(rm.Body.from_moments((0.5, 1.0, 1.4)), start=rm.Start(omega=(1e-3, 1.0, 1e-3)))
@@ -36,7 +36,7 @@ def test_a_layer_is_the_map_of_its_value(stack):
 
 def test_a_stack_is_stored_and_zoomed(stack, tmp_path):
     asked = question(*SIDES, OF, (40, 24), 1, Z, LAYERS)
-    create_map(prepared(asked, SCENE, **RUN), tmp_path / "map")
+    create_map(prepare_map(asked, SCENE, **RUN), tmp_path / "map")
     resume.resume(tmp_path / "map")
     stack.to_netcdf(tmp_path / "map.nc")
     for name in ("map", "map.nc"):

@@ -17,7 +17,7 @@ from rigidmc.mechanics.free_top import free_motion
 from rigidmc.physics.observables import Flips
 from rigidmc.results.intervals import probability
 from rigidmc.results.measures import measure
-from rigidmc.results.schema import Variable
+from rigidmc.results.variables import Variable
 from rigidmc.scene.parameters import parameters, with_parameter
 from rigidmc.studies.stability_map import cases
 from rigidmc.studies.stability_map.case import MAPS, case_map

@@ -68,7 +68,7 @@ def test_what_is_a_sample():
         (rm.Start(omega=rm.Sphere(1.0)), (), True),
     ):
         scene = rm.Scene(BODY, effects, start)
-        assert is_sample(scene) == sample == is_sample_of(tomllib.loads(scene.dumps()))
+        assert is_sample(scene.model) == sample == is_sample_of(tomllib.loads(scene.dumps()))
     with pytest.raises(rm.RigidmcError, match="nothing in the scene is drawn"):
         rm.simulate_until(rm.Scene(BODY, (), grid), GOAL)
 
@@ -126,13 +126,13 @@ COUNTS = {
 @pytest.mark.parametrize("study", COUNTS)
 def test_counts_without_room_are_refused_before_the_first_step(study, monkeypatch):
     """rare took 19 GB for 1e9 repetitions before a word."""
-    monkeypatch.setattr("rigidmc.runs.capacity.free_memory", lambda: 2 * 10**12)
+    monkeypatch.setattr("rigidmc.runs.resources.free_memory", lambda: 2 * 10**12)
     with pytest.raises(NoRoom, match=r"1,000,000,000,000 .* of which 2000\.00 GB are free: take"):
         COUNTS[study]()
 
 
 def test_a_run_directory_has_a_file_for_each_task(tmp_path, monkeypatch):
-    monkeypatch.setattr("rigidmc.runs.capacity.free_memory", lambda: None)
+    monkeypatch.setattr("rigidmc.runs.resources.free_memory", lambda: None)
     scene, request = asked(SCENE, OF, 1e-9, 100, 2 * 10**7)
     with pytest.raises(OptionError, match="20,000,000 tasks are too many"):
         tasks.create(KIND, scene, request, tmp_path / "run")

@@ -160,12 +160,8 @@ def test_the_coupling_makes_corrections_small(monkeypatch):
     assert v[1] < 0.2 * v[0]  # measured 0.15
     assert (v[1:-1] / v[2:] > 3.4).all()  # measured 4.2 and 3.9
 
-    def apart(scene, plan, *arguments, **options):
-        """Coarse paths with noise of their own."""
-        return run(scene, plan._replace(paired=False), *arguments, **options)
-
-    run = levels_module.run
-    monkeypatch.setattr(levels_module, "run", apart)
+    # coarse paths with noise of their own
+    monkeypatch.setattr(levels_module.PreparedRun, "with_paired_noise", lambda run: run)
     broken = spreads((2, 3))
     assert (broken > v[0]).all()  # measured 1.8 times: paths that share no more than their start
 

@@ -10,13 +10,14 @@ from scipy import stats
 import rigidmc as rm
 from bench.coverage import FIRST, GROUP, LINEAR, TOTAL, ishigami, shares
 from rigidmc.errors import OptionError
-from rigidmc.planning.initial import groups, stage
+from rigidmc.planning.initial import groups
 from rigidmc.results.intervals import resolution
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
 from rigidmc.scene.sampling import Saltelli
 from rigidmc.studies.sensitivity.picture import sensitivity_bars
 from rigidmc.studies.sensitivity.study import indices, sensitivity_of, table
+from tests.plans import starts
 
 
 def test_ishigami():
@@ -87,9 +88,9 @@ def test_a_linear_top():
 def test_laws_and_attitudes_are_groups():
     start = rm.Start(omega=rm.Cone(2, 1.0, 0.1), attitude=(0.0, rm.normal(0.4, 0.1), 0.0))
     scene = rm.Scene(rm.Body((1.0, rm.uniform(1.2, 1.4), 2.0)), rm.Gravity(9.81), start)
-    assert groups(scene)[0] == ["body.moments.2", "start.attitude.theta", "start.omega"]
+    assert groups(scene.model)[0] == ["body.moments.2", "start.attitude.theta", "start.omega"]
     drawn = scene.with_run(points="saltelli")
-    made = stage(drawn, 0, 10, True)[1]
+    made = starts(drawn, 0, 10, True)[1]
     omega = made["start_omega"].reshape(3, 2, 5)
     assert (omega[:, :, [2, 3]] == omega[:, :, :1]).all()  # moments and attitude change there
     assert (omega[:, :, 4] == omega[:, :, 1]).all()

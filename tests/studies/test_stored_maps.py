@@ -14,7 +14,7 @@ from rigidmc.results.run_directory import RunDirectory, read_facts, rendered
 from rigidmc.runs.directory import resume
 from rigidmc.studies.stability_map.question import question, stored_question
 from rigidmc.studies.stability_map.stored import create_map, is_map, members_of_pixels
-from rigidmc.studies.stability_map.study import prepared
+from rigidmc.studies.stability_map.study import prepare_map
 
 # of long steps, which maps take on purpose
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
@@ -40,7 +40,7 @@ def whole():
 
 def started(path, replicas=REPLICAS):
     """A map in 5 shards, none of which is there."""
-    return create_map(prepared(question(*SIDES, OF, SHAPE, replicas), SCENE, **RUN), path, 1.0)
+    return create_map(prepare_map(question(*SIDES, OF, SHAPE, replicas), SCENE, **RUN), path, 1.0)
 
 
 def invoke(*words):

@@ -9,7 +9,6 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
-from rigidmc.planning.plan import prepare
 from rigidmc.planning.turns import (
     ATTITUDE,
     AXIS,
@@ -18,12 +17,13 @@ from rigidmc.planning.turns import (
     MOST,
     Drive,
     drive,
-    of_scene,
     rounded_down,
     sparse,
     sparse_saves,
     turning,
+    turning_at_start,
 )
+from rigidmc.runs.prepare import prepared
 from rigidmc.scene.library import shipped
 from rigidmc.views import animation
 from rigidmc.views.descriptions import _steps
@@ -31,6 +31,10 @@ from rigidmc.views.resolution import fastest, note_on
 from rigidmc.views.sample import TIMES, sample
 
 GYROSCOPE = rm.Scene.load("gyroscope").with_run(members=16, t_end=0.4)
+
+
+def parts(scene):
+    return scene.model, scene.run
 
 
 def bodies(count):
@@ -72,14 +76,14 @@ def test_the_axis_of_a_symmetric_body_goes_round_its_momentum():
 def test_effects_swing_shake_and_hold():
     length, g = 0.3, 9.81
     body = rm.Body((length**2, length**2, 1e-4), mass=1.0, centre=(0.0, 0.0, length))
-    by = drive(rm.Scene(body, rm.Gravity(g)))
+    by = drive(*parts(rm.Scene(body, rm.Gravity(g))))
     # less the mean of 32 attitudes; measured 1.056
     assert 0.9 < by.swing / math.sqrt(g / length) < 1.1 and by.attitude
     shaken = rm.MovingPivot(swing=(0.0, 0.0, 0.01), frequency=440.0)
-    assert drive(rm.Scene(body, (rm.Gravity(g), shaken))).frequency == 440.0
-    held = drive(rm.Scene(body, rm.Rotor((0.0, 0.0, 2.0))))
+    assert drive(*parts(rm.Scene(body, (rm.Gravity(g), shaken)))).frequency == 440.0
+    held = drive(*parts(rm.Scene(body, rm.Rotor((0.0, 0.0, 2.0)))))
     assert held.rotor[2, 0] == 2.0 and not held.attitude and held.swing == 0.0
-    damped = drive(rm.Scene(body, rm.ViscousDamping(1e6)))
+    damped = drive(*parts(rm.Scene(body, rm.ViscousDamping(1e6))))
     assert damped.swing == 0.0 and not damped.attitude
 
 
@@ -111,7 +115,7 @@ def test_rounding_never_goes_up():
 def test_shipped_scenes_save_what_lines_can_join(name):
     """As their starts and their effects tell."""
     scene = rm.Scene.load(name)
-    assert sparse_saves(scene) is None
+    assert sparse_saves(*parts(scene)) is None
     assert round(scene.run.t_end / scene.run.every) + 1 <= TIMES  # all saves are drawn
 
 
@@ -181,8 +185,8 @@ def test_a_new_scene_saves_what_lines_can_join(tmp_path, spin):
     words = ["new", str(file), "--force", "--spin", f"0,0,{spin}"]
     assert CliRunner().invoke(app, words).exit_code == 0
     scene = rm.Scene.load(file)
-    assert sparse_saves(scene) is None
-    fastest_rate = max(float(np.max(rate)) for rate in of_scene(scene))
+    assert sparse_saves(*parts(scene)) is None
+    fastest_rate = max(float(np.max(rate)) for rate in turning_at_start(*parts(scene)))
     assert scene.run.every * fastest_rate <= 1.0 + 1e-9
     assert CliRunner().invoke(app, [*words, "--t-end", "1day"]).exit_code == 0
     assert rm.Scene.load(file).run.every == 86400.0  # the first and the last state
@@ -190,7 +194,7 @@ def test_a_new_scene_saves_what_lines_can_join(tmp_path, spin):
 
 def test_show_says_so():
     scene = GYROSCOPE.with_run(every=0.01)
-    shown = "\n".join(_steps(scene, prepare(scene)))
+    shown = "\n".join(_steps(prepared(scene)))
     assert "turn by up to 5.93 rad between saves" in shown and "use every <= 0.0033 s" in shown
 
 

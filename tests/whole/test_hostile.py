@@ -24,7 +24,7 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.engine.compiler import kernels
-from rigidmc.runs import blocks
+from rigidmc.runs import prepare
 from rigidmc.runs.directory import shards
 from rigidmc.studies.accuracy import study as accuracy
 from rigidmc.studies.stress import study as run
@@ -139,24 +139,24 @@ def good(tmp_path_factory):
 @contextlib.contextmanager
 def bounded():
     """Compile no kernel that the good files do not need, measure no price, make no long run."""
-    address, compute = kernels._address, blocks.compute
+    address, compute = kernels._address, prepare.compute
 
     def known(function, signature):
         if (function, signature.args) not in kernels._by_types:
             raise Passed
         return address(function, signature)
 
-    def short(scene, plan, *given, **named):
+    def short(plan, *given, **named):
         if plan.members * plan.mean_steps > WORK or plan.members * plan.times.size > WORK:
             raise Passed
-        return compute(scene, plan, *given, **named)
+        return compute(plan, *given, **named)
 
     def passed(*_, **__):
         raise Passed
 
     with contextlib.ExitStack() as held:
         for where, name, what in (
-            (kernels, "_address", known), (blocks, "compute", short), (shards, "compute", short),
+            (kernels, "_address", known), (prepare, "compute", short), (shards, "compute", short),
             (estimate, "cost_per_step", passed),
             (accuracy, "accuracy", passed), (run, "stress", passed), (trust, "trust", passed),
         ):  # fmt: skip

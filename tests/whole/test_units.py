@@ -32,7 +32,14 @@ DRAWN = {  # tests/scene/test_units.py
     *(kind.__name__ for kind in LAWS),
 }
 NO_NUMBERS = {
-    *("warm", "device", "open", "open_map"),  # they compute nothing, or give back what was stored
+    *(
+        "warm",
+        "device",
+        "open",
+        "open_map",
+        "prepare",
+        "PreparedRun",
+    ),  # they compute nothing, or give back what was stored
     *("RigidmcError", "SceneError", "OptionError", "NoDevice", "FileError", "OutputExists"),
     "SceneWarning",
 }

@@ -35,6 +35,7 @@ from numba.core import caching
 from numba.core.serialize import NumbaPickler
 
 from rigidmc.engine.compiler.user_stamps import classes_of, homes_of
+from rigidmc.files.helpers import PACKAGE
 from rigidmc.files.opening import plain
 
 
@@ -268,7 +269,6 @@ def cache_class(folder: str) -> Any:
 
 
 log = logging.getLogger("rigidmc")
-_PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 # LLVM computes functions of constants, such as sin(0.3), when it compiles
 _C_LIBRARY = " ".join(platform.libc_ver())
 _TOLD: set[str] = set()  # folders whose failure has been logged
@@ -287,7 +287,7 @@ def source_stamp() -> str:
     compilers = f"{sys.version} numba {numba.__version__} llvmlite {llvmlite.__version__}"
     libraries = f"numpy {np.__version__} {_C_LIBRARY}"
     digest = hashlib.sha256(f"{compilers} {libraries}".encode())
-    for folder, folders, files in os.walk(_PACKAGE):
+    for folder, folders, files in os.walk(PACKAGE):
         folders.sort()
         for name in sorted(files):
             if name.endswith(".py"):

@@ -55,7 +55,7 @@ def device(word: str | None) -> Iterator[str]:
     >>> with rm.device("auto"):
     ...     ds = rm.simulate(scene)
     """
-    token = _NOW.set(device_now() if word is None else settled_device(word))
+    token = _NOW.set(settled_device(word))
     try:
         yield _NOW.get()
     finally:
@@ -72,8 +72,11 @@ def device_now() -> str:
     return _NOW.get()
 
 
-def settled_device(word: str) -> str:
-    """The device of a word, which has to be there; raises as `device`."""
+def settled_device(word: str | None) -> str:
+    """The device of a word, which has to be there; None for the device that runs take now. Raises
+    as `device`."""
+    if word is None:
+        return device_now()
     if word not in WORDS and not re.fullmatch(r"cuda:\d{1,3}", word):
         rule = "expected cpu, cuda, cuda:NUMBER or auto"
         raise OptionError("", "device", word, rule, nearest(word, WORDS))

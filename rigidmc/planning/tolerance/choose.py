@@ -21,6 +21,7 @@ from rigidmc.files.helpers import start
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import name_of
 from rigidmc.physics.effects.protocol import is_random
+from rigidmc.planning.check import check
 from rigidmc.planning.steps import Array
 from rigidmc.planning.tolerance.costs import Costs, Way
 from rigidmc.planning.tolerance.deviation import errors, growth, upper_quantile
@@ -33,6 +34,7 @@ from rigidmc.planning.tolerance.pilot import (
     pilot,
 )
 from rigidmc.planning.tolerance.truth import AGREED, Truth, check_agreement, integrated, truth
+from rigidmc.scene.recording import recording
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.validation import named_integrators
 
@@ -50,17 +52,17 @@ SMOOTH = 16.0
 SAFETY = 0.8  # of the tolerance, that a pilot must keep
 
 
-def resolved(scene: Scene, threads: int | None = None) -> tuple[Scene, "Chosen | None"]:
+def choose_integrator(scene: Scene) -> tuple[Scene, "Chosen | None"]:
     """(scene with the integrator, precision and step that `choose` picks for its tolerance,
     Chosen); the scene itself and None unless its integrator is "auto"."""
     run = scene.run
     if run.integrator != "auto":
         return scene, None
-    scene.check()
+    check(scene, recording(scene))
     # any that takes the scene stands for those to be tried
     slips = any(implements(effect, "slip") for effect in scene.effects)
     some = scene.with_run(integrator="rk8" if slips else "rk4")
-    chosen = choose(some, run.tolerance, threads=threads)
+    chosen = choose(some, run.tolerance)
     way = chosen.way
     step = {"dt": way.dt} if way.turn is None else {"turn": way.turn}
     return scene.with_run(integrator=way.integrator, dtype=way.dtype, **step), chosen
@@ -79,9 +81,13 @@ class Chosen(NamedTuple):
     checked: float
     truth: str
     runner_up: tuple[Way, float] | None
-    members_per_second: float
+    ns_per_member: float
     tolerance: float
     members: int
+
+    def members_per_second(self, threads: int) -> float:
+        """Members to t_end per second on all threads."""
+        return 1e9 * threads / self.ns_per_member
 
     @property
     def short(self) -> str:
@@ -94,9 +100,8 @@ class Chosen(NamedTuple):
             f"tolerance of {self.tolerance:g}; finer steps were tried"
         )
 
-    def lines(self, count: int, seconds: float | None = None) -> list[str]:
-        """What was picked and why, and how long `count` members will take: `seconds`, if a
-        rehearsal tells."""
+    def lines(self, count: int, seconds: float) -> list[str]:
+        """What was picked and why, and how long `count` members will take."""
         way, other = self.way, self.runner_up
         lines = [
             f"for a tolerance of {self.tolerance:g}: {way.with_precision()} {way.step}, the "
@@ -111,7 +116,6 @@ class Chosen(NamedTuple):
         )
         lines += [f"  note: {self.short}"] * bool(self.short)
         lines.append(f"  against the {self.truth}")
-        seconds = count / self.members_per_second if seconds is None else seconds
         lines.append(f"  about {seconds:.2g} s for {count:,} members")
         return lines
 
@@ -135,7 +139,6 @@ def choose(
     tolerance: float | None,
     integrators: Iterable[str] | None = None,
     members: int = PILOT,
-    threads: int | None = None,
 ) -> Chosen:
     """The cheapest way to keep the error of 99 % of all members below `tolerance`.
 
@@ -157,7 +160,7 @@ def choose(
         why = f"the truth itself is known to {known:.1e} only ({true.source})"
         raise _unreachable(scene, tolerance, first, known, why)
     contenders = integrators or (*CONTENDERS, *named_integrators(scene.integrators))
-    ways, nearest = _ways(scene, costs, true, tolerance, contenders)
+    ways, nearest = _ways(costs, true, tolerance, contenders)
     if not ways:
         raise _unreachable(scene, tolerance, first, nearest, "no integrator comes nearer")
     ways.sort(key=costs.per_member)
@@ -173,10 +176,10 @@ def choose(
             if share >= 0.99:
                 predicted = max(way.upper, upper_quantile(apart))
                 others = [w for w in ways if w.integrator != way.integrator]
-                cost, speed = costs.per_member(way), costs.members_per_second(way, threads)
+                cost = costs.per_member(way)
                 runner_up = (others[0], costs.per_member(others[0]) / cost) if others else None
                 chosen = Chosen(
-                    way, predicted, share, source, runner_up, speed, tolerance, second.members
+                    way, predicted, share, source, runner_up, cost, tolerance, second.members
                 )
                 if predicted <= tolerance:
                     return chosen
@@ -194,11 +197,11 @@ def _limit(integrator: str, tolerance: float) -> float:
 
 
 def _ways(
-    scene: Scene, costs: Costs, true: Truth, tolerance: float, integrators: Iterable[str]
+    costs: Costs, true: Truth, tolerance: float, integrators: Iterable[str]
 ) -> tuple[list[Way], float]:
     """(the cheapest Way of each integrator that keeps the tolerance, the smallest error)."""
     dtype = "float64" if tolerance < SINGLE_REACHES else None
-    tried = candidates(scene, true, integrators, dtype)
+    tried = candidates(costs.pilot, true, integrators, dtype)
     compile_ahead(costs.pilot, tried)
     keeping: list[Way] = []
     nearest = math.inf

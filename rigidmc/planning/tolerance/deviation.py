@@ -48,7 +48,7 @@ def errors(pilot: Pilot, states: States, true: States) -> dict[str, Array]:
         for q, l, true_q, true_l in zip(states.q, states.l, true.q, true.l, strict=True):
             scale, size = _sizes(body, effects, true_l)
             momentum = relative(np.sqrt(((l - true_l) ** 2).sum(0)), size)
-            turned = attitude_error(q.T, true_q.T) if pilot.carried else zeros
+            turned = attitude_error(q.T, true_q.T) if pilot.has_attitude else zeros
             energy = np.abs(
                 kinetic_energy(body, l)
                 - kinetic_energy(body, true_l)
@@ -61,7 +61,7 @@ def errors(pilot: Pilot, states: States, true: States) -> dict[str, Array]:
             checks["state"].append(np.maximum(momentum, turned))
             checks["energy"].append(relative(energy, scale))
             checks["l2"].append(relative(np.abs(dot(l, l) - dot(true_l, true_l)), size**2))
-            checks["lz"].append(relative(np.abs(lz), size) if pilot.carried else zeros)
+            checks["lz"].append(relative(np.abs(lz), size) if pilot.has_attitude else zeros)
     return {
         name: np.where(
             states.status == 0, np.max(np.nan_to_num(x, nan=np.inf, posinf=np.inf), axis=0), np.inf

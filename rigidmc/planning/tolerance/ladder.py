@@ -9,36 +9,35 @@ import numpy as np
 from rigidmc.errors import SceneError
 from rigidmc.physics.integrators import accepting
 from rigidmc.physics.observables import is_own
-from rigidmc.planning.monitors import watch
-from rigidmc.planning.plan import longest_watched
-from rigidmc.planning.scheme import form_of
+from rigidmc.planning.plan import longest_monitored
 from rigidmc.planning.tolerance.costs import Costs, Way
 from rigidmc.planning.tolerance.deviation import QUANTITIES, errors
 from rigidmc.planning.tolerance.pilot import MOST_STEPS, Pilot, first_steps, follow
 from rigidmc.planning.tolerance.truth import Truth, closed_states
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.recording import recording
 
 SINGLE = ("rk4", "exact", "strang")  # tried in float32 too
 
 
 def candidates(
-    scene: Scene,
+    pilot: Pilot,
     true: Truth,
     integrators: Iterable[str] | None = None,
     dtype: str | None = None,
 ) -> list[tuple[str, str]]:
-    """[(integrator, dtype)] that a scene can be run with.
+    """[(integrator, dtype)] that the scene of a pilot can be run with.
 
     A free body needs no splitting, which would be the exact motion at more cost.
     """
-    kinds = scene.known_integrators()
+    scene, kinds = pilot.scene, pilot.scene.known_integrators()
     able = [
         name
         for name in accepting(scene.effects, works="work" in scene.run.save, known=kinds)
         if name != "closed" or true.source.startswith("closed")
     ]
     # closed forms make no steps, and no code of the user's own takes arrays
-    if watch(scene).each_step or any(map(is_own, scene.recorded().values())):
+    own = any(map(is_own, recording(scene).recorded.values()))
+    if pilot.monitors.each_step or own:
         able = [name for name in able if name != "closed"]
     if integrators:
         able = [name for name in integrators if name in able]
@@ -95,7 +94,7 @@ def ladder(
     """Ways of one integrator from long steps to short ones, until the error falls below `finest` or
     falls no more, or until too_dear(way).
 
-    If steps are watched, none turns by more than `longest_watched`: the error at the end does not
+    If steps are watched, none turns by more than `longest_monitored`: the error at the end does not
     tell how short steps must be for events and extremes.
     """
     if integrator == "closed":
@@ -126,9 +125,10 @@ def _first_multiple(pilot: Pilot, integrator: str) -> float:
     if pilot.scene.known_integrators()[integrator].order == math.inf:
         # one step between checks, or pieces of each member's own
         scene = pilot.stepped(pilot.base)[0].with_run(integrator=integrator)
-        whole, *_ = form_of(scene, pilot.scene.run.t_end)
+        whole = pilot.scheme(scene, pilot.scene.run.t_end)
         in_pieces = pilot.member_steps and len(whole.parts) > 2
         multiple = math.ceil(pilot.turn(pilot.base)) if in_pieces else 1.0
-    if watch(pilot.scene).each_step:
-        multiple = max(multiple, math.ceil(pilot.turn(pilot.base) / longest_watched(pilot.scene)))
+    if pilot.monitors.each_step:
+        longest = longest_monitored(pilot.scene.effects)
+        multiple = max(multiple, math.ceil(pilot.turn(pilot.base) / longest))
     return multiple

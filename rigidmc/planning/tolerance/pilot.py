@@ -14,13 +14,22 @@ from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import Program
 from rigidmc.physics.effects.protocol import blank
-from rigidmc.physics.integrators import keeps_remainders
+from rigidmc.physics.integrators import Form, keeps_remainders
 from rigidmc.physics.observables import OBSERVABLES
-from rigidmc.planning.initial import stage
+from rigidmc.planning.check import check
+from rigidmc.planning.initial import (
+    Source,
+    block_rows,
+    initial_block,
+    make_pilot,
+    make_sampler,
+)
+from rigidmc.planning.monitors import Monitors, has_attitude, make_monitors
 from rigidmc.planning.plan import spinning_up
-from rigidmc.planning.scheme import carries_attitude, form_of
+from rigidmc.planning.scheme import make_scheme
 from rigidmc.planning.steps import Array, own_steps, rates, rounds
 from rigidmc.scene.quantities import is_shared, rows
+from rigidmc.scene.recording import recording
 from rigidmc.scene.scene import Scene
 from rigidmc.threads import Task, threads_of
 
@@ -35,8 +44,10 @@ SPREAD = 1.25
 class Pilot(NamedTuple):
     """Members of a scene at their start.
 
+    scene : with coarser grids, in the units of integration;  sampler : what it is drawn from
+    monitors : of the scene;  bounds : the block of members whose motion bounds that of all
     block : rows for the kernel, whole lanes;  first, members : the range of members
-    carried : whether the attitude is part of the state
+    has_attitude : whether the attitude is part of the state
     base, stride : steps must be a multiple of `base`, and `stride` of it lie between two checks
     times : of the checks [s];  rates : of the members [rad/s], see `rigidmc.planning.steps.rates`
     member_steps : whether members have steps of their own, because their rates differ much; not if
@@ -44,10 +55,13 @@ class Pilot(NamedTuple):
     """
 
     scene: Scene
+    sampler: Source
+    monitors: Monitors
+    bounds: Array
     block: Array
     first: int
     members: int
-    carried: bool
+    has_attitude: bool
     base: int
     stride: int
     times: Array
@@ -68,6 +82,11 @@ class Pilot(NamedTuple):
         block[layout.STEPS] = own_steps(rates(scene.effects, block), span, scene.run.turn)
         return scene, block
 
+    def scheme(self, scene: Scene, h: float) -> Form:
+        """How the integrator that a scene of the pilot names makes steps of h [s]; SceneError if
+        they are too long for it."""
+        return make_scheme(scene.integrator, scene.model, scene.run, self.bounds, h)[0]
+
     def mean_steps(self, steps: int) -> float:
         """The mean number of steps of all members, in `steps` steps of the fastest."""
         if not self.member_steps:
@@ -86,18 +105,23 @@ class States(NamedTuple):
 def pilot(scene: Scene, members: int, first: int | None = None) -> Pilot:
     """`members` members of a scene, from index `first` on; fewer if the scene has no more rows, one
     if all are alike."""
-    scene.check()
-    scene = scene.coarse()
-    run = scene.run
+    recorded = recording(scene)
+    check(scene, recorded)
+    monitors = make_monitors(scene.model, recorded, scene.run.seed)
+    scene = scene.with_model(scene.model.coarse())
+    run, model = scene.run, scene.model
+    sampler = make_sampler(model, run)
     first = run.first if first is None else first
-    available = rows(*scene.quantities())
-    if is_shared(*scene.quantities()) and not isinstance(scene.start.attitude, str):
+    available = rows(*model.quantities())
+    if is_shared(*model.quantities()) and not isinstance(model.start.attitude, str):
         members = 1
     elif available is not None:
         members = min(members, available)
         first = min(first, available - members)
-    carried = carries_attitude(scene)
-    block, _ = stage(scene, first, members, carried)
+    attitude = has_attitude(model.effects, recorded, monitors)
+    height = block_rows(model.effects, False)
+    block, _ = initial_block(model, sampler, first, members, attitude, height)
+    bounds = make_pilot(model, sampler, attitude).block
     padding = whole_lanes(members) - members
     block = np.ascontiguousarray(np.pad(block, ((0, 0), (0, padding)), mode="edge"))
     saves = rounds(run.t_end, run.every)
@@ -107,8 +131,9 @@ def pilot(scene: Scene, members: int, first: int | None = None) -> Pilot:
     times = run.t_end * np.minimum(np.arange(stride, base + stride, stride), base) / base
     rate = rates(scene.effects, block)[:members]
     rate = rate[np.isfinite(rate)] if np.isfinite(rate).any() else np.ones(1)
-    own = bool(rate.max() > SPREAD * rate.mean() > 0.0) and not spinning_up(scene)
-    return Pilot(scene, block, first, members, carried, base, stride, times, rate, own)
+    own = bool(rate.max() > SPREAD * rate.mean() > 0.0) and not spinning_up(scene.effects)
+    shape = base, stride, times, rate, own
+    return Pilot(scene, sampler, monitors, bounds, block, first, members, attitude, *shape)
 
 
 def follow(
@@ -136,7 +161,7 @@ def follow(
     disturb = None
     if nudge:
         chance = np.random.default_rng(seed)
-        disturb = partial(push, size=nudge, carried=pilot.carried, chance=chance)
+        disturb = partial(push, size=nudge, has_attitude=pilot.has_attitude, chance=chance)
     run = Run(h, slots, stride, total, int(scene.run.turn is not None), 0, total)
     return states_along(pilot, scene, block, run, dtype, compensated, disturb)
 
@@ -154,9 +179,11 @@ def states_along(
 
     disturb : called with each part of the block at the start and after every stride but the last
     """
-    form, *_ = form_of(scene, run.h)
+    scheme = pilot.scheme(scene, run.h)
     compensated = keeps_remainders(scene.integrator, scene.effects, dtype, compensated)
-    program = Program(form, blank(scene.effects), OBSERVED, pilot.carried, compensated, dtype)
+    program = Program(
+        scheme, blank(scene.effects), OBSERVED, pilot.has_attitude, compensated, dtype
+    )
     width, saves = block.shape[1], (run.total + run.stride - 1) // run.stride + 1
     share = layout.LANES * max(1, math.ceil(width / layout.LANES / threads_available()))
     parts = [block[:, low : low + share].copy() for low in range(0, width, share)]
@@ -179,12 +206,12 @@ def states_along(
     return States(values[:, :4], values[:, 4:], status)
 
 
-def push(block: Array, size: float, carried: bool, chance: np.random.Generator) -> None:
+def push(block: Array, size: float, has_attitude: bool, chance: np.random.Generator) -> None:
     """Move the states of a block by `size` of their own size in random directions."""
     l = block[layout.MOMENTUM : layout.REST]
     direction = chance.normal(size=l.shape)
     l += size * direction * np.linalg.norm(l, axis=0) / np.linalg.norm(direction, axis=0)
-    if carried:
+    if has_attitude:
         q = block[: layout.MOMENTUM]
         q += 0.5 * size * chance.normal(size=q.shape)
         q /= np.linalg.norm(q, axis=0)

@@ -38,7 +38,7 @@ def truth(pilot: Pilot, say: Callable[[str], object] | None = None) -> Truth:
     """The Truth of a pilot: its closed form, which rk8 confirms, else two methods that agree;
     SceneError if nothing agrees. say : is told how far two methods are"""
     try:
-        case = closed_form(pilot.scene, pilot.members, pilot.first)
+        case = closed_form(pilot.scene.model, pilot.sampler, pilot.first, pilot.members)
     except SceneError as error:
         true = integrated(pilot, say=say)
         why = str(error).split("covers it: ")[-1].split("; covered")[0]
@@ -93,8 +93,8 @@ def _closed_truth(pilot: Pilot, case: Case) -> Truth:
     """The Truth of a closed form; its error is estimated from the effect of rounding the start."""
     states = _motion(pilot, case)
     size, block = 1e-10, pilot.block[:, : pilot.members].copy()
-    push(block, size, pilot.carried, np.random.default_rng(0))
-    attitude = block[: layout.MOMENTUM].T if pilot.carried else case.attitude
+    push(block, size, pilot.has_attitude, np.random.default_rng(0))
+    attitude = block[: layout.MOMENTUM].T if pilot.has_attitude else case.attitude
     momentum = block[layout.MOMENTUM : layout.REST].T
     moved = _motion(pilot, case._replace(momentum=momentum, attitude=attitude))
     error = ROUNDING / size * errors(pilot, moved, states)["state"]
@@ -138,7 +138,7 @@ def check_agreement(apart: Array, known: Array, true: Truth, other: str) -> None
 
 def closed_states(pilot: Pilot) -> States:
     """The States of a pilot by its closed form."""
-    return _motion(pilot, closed_form(pilot.scene, pilot.members, pilot.first))
+    return _motion(pilot, closed_form(pilot.scene.model, pilot.sampler, pilot.first, pilot.members))
 
 
 def _motion(pilot: Pilot, case: Case) -> States:

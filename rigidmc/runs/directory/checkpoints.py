@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.machine import this_machine
-from rigidmc.planning.job import Job
-from rigidmc.planning.plan import Plan
 from rigidmc.results.checkpoint import read_checkpoint, write_checkpoint
+from rigidmc.results.layout import ResultLayout
 from rigidmc.results.run_directory import RunDirectory
 from rigidmc.results.sinks import Memory
+from rigidmc.runs.blocks import BlockJob
 
 EVERY = 20.0  # seconds between two checkpoints of a block or of a shard
 COSTS = 20.0  # times that a checkpoint takes are spent on the run before the next
@@ -34,28 +34,28 @@ _NAMES = re.compile(r"([0-9]{8})(-[0-9]{1,16})?")  # a shard, and the place of a
 class Checkpoints:
     """The checkpoints of a run, a Keeper of `rigidmc.engine.threads` for its blocks.
 
-    directory : whose lock this process holds;  plan : of the whole run
+    directory : whose lock this process holds;  layout : of the whole run
     """
 
-    def __init__(self, directory: RunDirectory, plan: Plan) -> None:
+    def __init__(self, directory: RunDirectory, layout: ResultLayout) -> None:
         self.directory, self._folder = directory, directory.unfinished
         # another version may have other rows in a block
         versions, _ = this_machine("scipy")
-        about = [directory.mark, versions, plan.block, plan.steps, plan.dt, plan.times.size]
+        about = [directory.mark, versions, layout.block, layout.facts, layout.axes.times.size]
         self._key = hashlib.sha256(json.dumps(about).encode()).hexdigest()
-        self._due, self._size = dict[str, float](), plan.block
+        self._due, self._size = dict[str, float](), layout.block
 
-    def is_due(self, job: Job) -> bool:
+    def is_due(self, job: BlockJob) -> bool:
         """Whether the state of a block is to be kept again."""
         return self._is_due(self._block(job))
 
-    def keep(self, job: Job) -> None:
+    def keep(self, job: BlockJob) -> None:
         """Keep the state of a block after `job.done` steps, and what it has saved by then."""
         done = np.array(job.done)
         state = {"done": done, "block": job.block, "out": job.out[: _saved(job, job.done)]}
         self._write(self._block(job), self._key_of(job), state)
 
-    def resumed(self, job: Job) -> Job:
+    def resumed(self, job: BlockJob) -> BlockJob:
         """A block where its checkpoint left it; the block itself if there is none."""
         name = self._block(job)
         self._due.setdefault(name, time.monotonic() + EVERY)
@@ -67,7 +67,7 @@ class Checkpoints:
         job.out[: out.size] = out
         return job._replace(done=int(found["done"]))
 
-    def _key_of(self, job: Job) -> str:
+    def _key_of(self, job: BlockJob) -> str:
         steps = job.h, job.slots, job.stride, job.total, job.head, job.last_h
         return f"{self._key} {job.first} {job.size} {job.block.shape} {job.out.size} {steps}"
 
@@ -86,7 +86,7 @@ class Checkpoints:
         name = f"{i:08d}"
         self._due.setdefault(name, time.monotonic() + EVERY)
         found = self._read(name, self._key_of_shard(shard), shard.largest())
-        known = range(shard.plan.first, shard.plan.first + shard.plan.members, self._size)
+        known = range(shard.layout.first, shard.layout.first + shard.layout.members, self._size)
         blocks = [] if found is None else found.get("blocks", np.empty(0)).tolist()
         some = 0 < len(blocks) < len(known) and all(place in known for place in blocks)
         if found is None or not some or not shard.fill(found):
@@ -94,7 +94,7 @@ class Checkpoints:
         return set(blocks)
 
     def _key_of_shard(self, shard: Memory) -> str:
-        return f"{self._key} {shard.plan.first} {shard.plan.members}"
+        return f"{self._key} {shard.layout.first} {shard.layout.members}"
 
     def drop(self, shards: Collection[int]) -> None:
         """Delete the checkpoints of shards that are written."""
@@ -110,7 +110,7 @@ class Checkpoints:
         with contextlib.suppress(OSError):
             os.rmdir(self._folder)
 
-    def _block(self, job: Job) -> str:
+    def _block(self, job: BlockJob) -> str:
         facts = self.directory.facts
         return f"{(job.first - facts['first']) // facts['shard']:08d}-{job.first}"
 
@@ -127,12 +127,12 @@ class Checkpoints:
         return read_checkpoint(os.path.join(self._folder, name), key, most)
 
 
-def _saved(job: Job, done: int) -> int:
+def _saved(job: BlockJob, done: int) -> int:
     """How many numbers a block has saved after `done` steps."""
     return (done // job.stride + 1) * (job.out.size // (-(-job.total // job.stride) + 1))
 
 
-def _fits(job: Job, found: Mapping[str, NDArray[Any]]) -> bool:
+def _fits(job: BlockJob, found: Mapping[str, NDArray[Any]]) -> bool:
     """Whether arrays are a state of a block: compiled code trusts them."""
     done = found.get("done", np.array(0))
     if found.keys() != {"done", "block", "out"} or done.shape != () or done.dtype.kind != "i":

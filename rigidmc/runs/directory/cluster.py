@@ -31,14 +31,13 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rigidmc.engine.cuda.devices import device as moved_on
-from rigidmc.engine.cuda.devices import device_now
+from rigidmc.engine.cuda.devices import device_now, settled_device
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import content_of, write_bytes
-from rigidmc.planning.job import program_of
 from rigidmc.progress import Progress, reporter
 from rigidmc.results.run_directory import CHOSEN, RunDirectory
-from rigidmc.runs.directory.load import planned, refuse_others
+from rigidmc.runs.directory.load import block_of_run, load_run, refuse_others
 from rigidmc.runs.directory.shards import Numbers, compute_shards
 
 if TYPE_CHECKING:
@@ -294,5 +293,6 @@ def _compute(path: str, i: int, allow_code: bool, accept: bool) -> dict[str, int
     """Compute one shard of a run directory; {status: members}."""
     directory = RunDirectory(path)
     refuse_others(directory, accept)
-    run = planned(directory, allow_code)
-    return compute_shards(directory, run, program_of(run.scene, run.plan), [i], 1)
+    run, device = load_run(directory, allow_code), settled_device(None)
+    block = block_of_run(directory, run, device)
+    return compute_shards(directory, run, [i], 1, block, device)

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.engine.cuda.devices import settled_device
+from rigidmc.engine.kernel.layout import BLOCK
 from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OptionError, OutputExists, SceneWarning
 from rigidmc.files.locks import refuse_lockless
@@ -24,9 +26,8 @@ from rigidmc.files.outputs import (
     write_bytes,
 )
 from rigidmc.files.user_code import sources_of
-from rigidmc.planning.block_size import BLOCK, block_in
-from rigidmc.planning.initial import stage
-from rigidmc.planning.notes import notes
+from rigidmc.planning.initial import block_rows, initial_block, make_sampler
+from rigidmc.results.layout import ResultLayout
 from rigidmc.results.run_directory import (
     CHOSEN,
     FORMAT,
@@ -37,12 +38,12 @@ from rigidmc.results.run_directory import (
     hash_of_file,
     rendered,
 )
-from rigidmc.results.schema import attributes
 from rigidmc.results.sinks import Arrays
 from rigidmc.results.writer import write_columns
-from rigidmc.runs.capacity import refuse_hopeless
-from rigidmc.runs.directory.load import Ready, of_members, ready, scene_in
+from rigidmc.runs.directory.load import scene_in
 from rigidmc.runs.directory.shards import SHARD, TIME, members_of, memory_of_shards, shortened
+from rigidmc.runs.prepare import PreparedRun, prepared
+from rigidmc.runs.resources import block_in, needs, refuse_hopeless
 from rigidmc.scene.amounts import seconds
 from rigidmc.scene.quantities import rows
 from rigidmc.scene.scene import Scene
@@ -92,24 +93,25 @@ def create(
     path = free_place(path)
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
-    run = ready(scene)
-    for note in notes(scene, run.plan, run.units):
+    run, device = prepared(scene), settled_device(None)
+    for note in run.notes:
         warnings.warn(note, SceneWarning, stacklevel=2)
     if chosen is not None:
-        run = of_members(run, chosen.members)
-    block, shard = members_of(run.original, run.shown, size)
+        run = run.with_members(chosen.members)
+    block, shard = members_of(run, size)
     if chosen is not None:
         shard = chosen.shard
         block = block_in(shard, block)
     elif limit < math.inf:
-        block, shard = shortened(run.scene, run.plan, block, shard, limit)
-    members = run.shown.members
+        block, shard = shortened(run, block, shard, limit, device)
+    members = run.plan.members
     count = -(-members // shard)
     refuse_beyond(only, count)
     refuse_many(count)
     threads = threads or threads_available()
-    more = memory_of_shards(run.original, run.shown, min(shard, members), threads)
-    refuse_hopeless(run.original, run.shown, threads, path, more)
+    more = memory_of_shards(run, min(shard, members), block, threads)
+    room = needs(run.layout, run.plan, members, block, threads)
+    refuse_hopeless(room, members, threads, path, more)
     return written(path, run, shard, block, about, chosen)
 
 
@@ -124,7 +126,12 @@ def _limit(size: float | None, limit: float | None, only: range | None) -> float
 
 
 def written(
-    path: str, run: Ready, shard: int, block: int, about: Mapping[str, str], chosen: Chosen | None
+    path: str,
+    run: PreparedRun,
+    shard: int,
+    block: int,
+    about: Mapping[str, str],
+    chosen: Chosen | None,
 ) -> RunDirectory:
     """Write the files of a new run at a free place; about, chosen : as of `create`."""
     facts = _facts(run, shard, block, about)
@@ -137,9 +144,9 @@ def written(
     return RunDirectory(path)
 
 
-def _facts(run: Ready, shard: int, block: int, about: Mapping[str, str]) -> dict[str, Any]:
+def _facts(run: PreparedRun, shard: int, block: int, about: Mapping[str, str]) -> dict[str, Any]:
     """The facts of run.json, with the hashes of scene and columns still empty."""
-    scene = run.original
+    scene = run.scene
     versions, machine = this_machine(*["scipy"] * bool(scene.drawn_through()))
     sources = [file for part in own_parts(scene) for file in sources_of(type(part))]
     return {
@@ -149,8 +156,8 @@ def _facts(run: Ready, shard: int, block: int, about: Mapping[str, str]) -> dict
         "code": {file: hash_of_file(file) for file in sources},
         "attributes": {
             # a run opens without the user's code, which alone tells these
-            **(_told(scene, run) if sources else {}),
-            **({} if run.chosen is None else run.chosen.attributes()),
+            **(_told(run.layout) if sources else {}),
+            **({} if run.choice is None else run.choice.attributes()),
             **about,
         },
         "seed": scene.run.seed,
@@ -163,16 +170,15 @@ def _facts(run: Ready, shard: int, block: int, about: Mapping[str, str]) -> dict
     }
 
 
-def _told(scene: Scene, run: Ready) -> dict[str, Any]:
+def _told(layout: ResultLayout) -> dict[str, Any]:
     """The attributes of a result but for its scene, which scene.toml has."""
-    told = attributes(scene, run.shown)
+    told = layout.attributes()
     return {name: value for name, value in told.items() if name != "scene"}
 
 
-def _write(folder: str, run: Ready, facts: dict[str, Any]) -> None:
+def _write(folder: str, run: PreparedRun, facts: dict[str, Any]) -> None:
     """Write the files of a new run; run.json comes last and has the hashes of the others."""
-    scene = run.original
-    text = attributes(scene, run.shown)["scene"]
+    scene, text = run.scene, run.layout.text()
     write_bytes(os.path.join(folder, "scene.toml"), text.encode())
     if (count := rows(*scene.quantities())) is not None:
         file = os.path.join(folder, "columns.nc")
@@ -193,7 +199,12 @@ def _columns(scene: Scene, count: int) -> Arrays:
         return [name for v in value for name in stored(v)] if isinstance(value, list) else []
 
     names = sorted(set(stored(tomllib.loads(scene.dumps()))))
-    pieces = [stage(scene, low, min(BLOCK, count - low), True)[1] for low in range(0, count, BLOCK)]
+    model, height = scene.model, block_rows(scene.effects, False)
+    known = model, make_sampler(model, scene.run)
+    pieces = [
+        initial_block(*known, low, min(BLOCK, count - low), True, height)[1]
+        for low in range(0, count, BLOCK)
+    ]
     return {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in names}
 
 

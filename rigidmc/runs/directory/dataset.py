@@ -13,21 +13,11 @@ from numpy.typing import NDArray
 from rigidmc.errors import FileError, SceneWarning
 from rigidmc.files.netcdf import open_undecoded, read
 from rigidmc.files.outputs import Path
+from rigidmc.results.layout import ResultLayout
 from rigidmc.results.reader import as_result
 from rigidmc.results.run_directory import RunDirectory, flagged_of
-from rigidmc.results.schema import (
-    NEWER,
-    Variable,
-    attributes,
-    coordinates,
-    ensemble_variables,
-    flagged_variables,
-    is_rounded,
-    lengths,
-    member_variables,
-    saved_variables,
-)
-from rigidmc.runs.directory.load import Ready, planned, scene_of_run, text_of_run
+from rigidmc.results.variables import NEWER, Variable
+from rigidmc.runs.directory.load import load_run, scene_of_run, text_of_run
 
 
 def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
@@ -45,7 +35,7 @@ def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
         raise FileError("", "run", os.fspath(path), rule) from None
     directory = RunDirectory(path)
     own = bool(directory.facts["code"]) and not allow_code
-    run = None if own else planned(directory, allow_code)
+    run = None if own else load_run(directory, allow_code)
     directory.refuse_strays()
     shards = _Chunks(directory)
     if not shards.paths:
@@ -58,7 +48,7 @@ def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
             stacklevel=3,
         )
     members = np.concatenate([np.asarray(members) for members in shards.members])
-    layout = _of_shard(directory, shards.paths[0]) if run is None else _of_plan(run, members)
+    layout = _of_shard(directory, shards.paths[0]) if run is None else _of_run(run.layout, members)
     layout.coordinates["member"] = (("member",), members, layout.coordinates["member"][2])
     variables = {
         name: (shards.joined if {*variable.dims} & {*_GROW} else shards.summed)(
@@ -84,20 +74,19 @@ class _Layout(NamedTuple):
     attributes: dict[str, Any]
 
 
-def _of_plan(run: Ready, members: NDArray[np.int64]) -> _Layout:
-    scene, plan = run.original, run.shown
+def _of_run(layout: ResultLayout, members: NDArray[np.int64]) -> _Layout:
     variables = {
-        **member_variables(scene, plan.carried),
-        **saved_variables(scene),
-        **flagged_variables(scene),
-        **ensemble_variables(scene),
+        **layout.by_member,
+        **layout.at_saves,
+        **layout.of_flagged,
+        **layout.of_ensemble,
     }
     for name, (dims, dtype, attrs) in variables.items():
-        if is_rounded(scene, dims, dtype):
-            more = {**attrs, "significant_digits": scene.run.digits}
+        if layout.is_rounded(name):
+            more = {**attrs, "significant_digits": layout.scene.run.digits}
             variables[name] = Variable(dims, dtype, more)
-    known = coordinates(plan, members)
-    return _Layout(variables, lengths(plan), known, attributes(scene, plan))
+    known = layout.axes.coordinates(members)
+    return _Layout(variables, layout.lengths(), known, layout.attributes())
 
 
 def _of_shard(directory: RunDirectory, path: str) -> _Layout:

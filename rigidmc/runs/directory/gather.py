@@ -14,20 +14,15 @@ from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.netcdf import open_trusted, read
 from rigidmc.files.opening import copy
 from rigidmc.files.outputs import Part, Path, content_of, naming, refuse_existing, write_bytes
+from rigidmc.results.layout import ResultLayout
 from rigidmc.results.run_directory import CHOSEN, RunDirectory, flagged_of
-from rigidmc.results.schema import (
-    NEWER,
-    ensemble_variables,
-    flagged_variables,
-    member_variables,
-    saved_variables,
-)
 from rigidmc.results.sinks import Arrays, joined
+from rigidmc.results.variables import NEWER
 from rigidmc.results.writer import Writer
-from rigidmc.runs.capacity import refuse_hopeless
 from rigidmc.runs.directory.create import is_free, new_directory, place_of, refuse_unusable
-from rigidmc.runs.directory.load import Ready, planned, scene_of_run
+from rigidmc.runs.directory.load import block_of_run, load_run, scene_of_run
 from rigidmc.runs.directory.shards import fault_of
+from rigidmc.runs.resources import needs, refuse_hopeless
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.scene import Scene
@@ -168,15 +163,17 @@ def consolidate(
     missing."""
     directory, output = RunDirectory(path), os.fspath(output)
     refuse_existing(output, force, "netCDF files")
-    run = planned(directory, allow_code)
+    run = load_run(directory, allow_code)
     if (missing := directory.missing()).size:
         rule = f"{missing.size:,} of {directory.count:,} shards are missing: resume it first"
         raise FileError("", "run", directory.path, rule)
-    refuse_hopeless(run.original, run.shown, 1, output)
+    block, members = block_of_run(directory, run), run.plan.members
+    refuse_hopeless(needs(run.layout, run.plan, members, block, 1), members, 1, output)
     directory.refuse_strays()
-    writer = Writer(output, run.original, run.shown, force, directory.facts["attributes"])
+    layout = run.layout._replace(block=block)
+    writer = Writer(output, layout, force, directory.facts["attributes"])
     try:
-        _write_shards(writer, directory, run)
+        _write_shards(writer, directory, layout)
         writer.finish()
     except BaseException:
         writer.discard()
@@ -184,11 +181,10 @@ def consolidate(
     return open_trusted(output)
 
 
-def _write_shards(writer: Writer, directory: RunDirectory, run: Ready) -> None:
+def _write_shards(writer: Writer, directory: RunDirectory, layout: ResultLayout) -> None:
     """Write the shards of a whole run, and what is summed or joined over them."""
-    scene, plan, shards = run.original, run.shown, directory.shards()
-    by_member = [*member_variables(scene, plan.carried), *saved_variables(scene)]
-    summed, of_flagged = ensemble_variables(scene), flagged_variables(scene)
+    shards, by_member = directory.shards(), [*layout.by_member, *layout.at_saves]
+    summed, of_flagged = layout.of_ensemble, layout.of_flagged
     sums, pieces = dict[str, np.ndarray](), list[Arrays]()
     for i in range(directory.count):
         places = directory.places(i)

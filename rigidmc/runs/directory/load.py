@@ -3,76 +3,45 @@
 import hashlib
 import os
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 
 from rigidmc.engine.machine import UNCOMPILED, this_machine
 from rigidmc.errors import FileError, SceneError
 from rigidmc.files.netcdf import read
 from rigidmc.files.opening import plain
 from rigidmc.files.reading import text_of, toml
-from rigidmc.planning.block_size import block_of_shard
-from rigidmc.planning.plan import Plan
-from rigidmc.planning.settle import settled
-from rigidmc.planning.tolerance.choose import Chosen
-from rigidmc.planning.units import Internal, in_user_units
 from rigidmc.results.run_directory import RunDirectory, hash_of, hash_of_file
+from rigidmc.runs.prepare import PreparedRun, prepared
+from rigidmc.runs.resources import block_of_shard
 from rigidmc.scene.scene import Scene, loads
 
 STUDY = "study"  # the attribute that tells which study, and what it asks: its name, then JSON
 
 
-class Ready(NamedTuple):
-    """A run that is ready for its first step.
-
-    scene, plan : in the units in which the scene is integrated
-    units : how the scene was rescaled; None if nothing was rescaled
-    original, shown : scene and plan in the units of the user
-    chosen : what a tolerance chose; None if the scene names its integrator
-    """
-
-    scene: Scene
-    plan: Plan
-    units: Internal | None
-    original: Scene
-    shown: Plan
-    chosen: Chosen | None
-
-
-def ready(scene: Scene, threads: int = 1, block: int | None = None) -> Ready:
-    """Settle everything about a run to files before its first step; SceneError."""
-    scene, plan, units, chosen = settled(scene, threads, True, block)
-    return Ready(scene, plan, units, *in_user_units(scene, plan, units), chosen)
-
-
-def of_members(run: Ready, members: NDArray[np.int64]) -> Ready:
-    """The run of some of its members, by their indices."""
-    return run._replace(plan=run.plan.of(members), shown=run.shown.of(members))
-
-
-def planned(
-    directory: RunDirectory, allow_code: bool = False, threads: int = 1, block: int | None = None
-) -> Ready:
-    """The run of a directory, ready for its first step.
-
-    block : members of a block, by default those of run.json, on graphics processors all of a shard
-    Raises FileError for a scene that was changed, SceneError for a block that does not divide the
-    members of a shard.
-    """
+def load_run(directory: RunDirectory, allow_code: bool = False) -> PreparedRun:
+    """The prepared run of a directory; FileError for a scene that was changed."""
     refuse_study(directory)
-    scene = scene_of_run(directory, allow_code)
-    run = ready(scene, threads, block or directory.facts["block"])
-    if block is None and run.plan.device != "cpu":
-        run = ready(scene, threads, block_of_shard(run.plan, directory.facts["shard"]))
-    if directory.chosen is not None:
-        run = of_members(run, directory.chosen)
-    if directory.facts["shard"] % run.plan.block:
-        rule = f"has to divide the {directory.facts['shard']:,} members of a shard"
-        raise SceneError("run", "block", run.plan.block, rule)
-    return run
+    run = prepared(scene_of_run(directory, allow_code))
+    return run if directory.chosen is None else run.with_members(directory.chosen)
+
+
+def block_of_run(
+    directory: RunDirectory, run: PreparedRun, device: str = "cpu", block: int | None = None
+) -> int:
+    """Members of a block: by default those of run.json, on graphics processors all of a shard.
+
+    Raises SceneError for a block that does not divide the members of a shard.
+    """
+    facts = directory.facts
+    if block is None:
+        on_device = device != "cpu"
+        block = block_of_shard(run.plan, facts["shard"]) if on_device else int(facts["block"])
+    if facts["shard"] % block:
+        rule = f"has to divide the {facts['shard']:,} members of a shard"
+        raise SceneError("run", "block", block, rule)
+    return block
 
 
 def refuse_study(directory: RunDirectory) -> None:

@@ -7,17 +7,24 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.engine.cuda.devices import settled_device
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import Path, make_durable, write_bytes
-from rigidmc.planning.job import program_of
 from rigidmc.progress import Progress, announcing
 from rigidmc.results.run_directory import CHOSEN, RunDirectory, facts_of_chosen, rendered
-from rigidmc.runs.capacity import refuse_hopeless
 from rigidmc.runs.directory.cluster import checked, compute_on
 from rigidmc.runs.directory.create import refuse_beyond, refuse_many
-from rigidmc.runs.directory.load import Ready, planned, refuse_others, refuse_study, scene_of_run
+from rigidmc.runs.directory.load import (
+    block_of_run,
+    load_run,
+    refuse_others,
+    refuse_study,
+    scene_of_run,
+)
 from rigidmc.runs.directory.shards import compute_shards, memory_of_shards
+from rigidmc.runs.prepare import PreparedRun
+from rigidmc.runs.resources import needs, refuse_hopeless
 from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.quantities import rows
 
@@ -59,14 +66,16 @@ def resume(
         checked(cluster)
     with directory.locked():
         numbers = missing_of(directory, only)
-        run = planned(directory, allow_code, threads or 1, block)
+        run, device = load_run(directory, allow_code), settled_device(None)
+        size = block_of_run(directory, run, device, block)
         many = threads or threads_available()
         if numbers.size:
-            _refuse_hopeless(directory, run, numbers, many, cluster)
+            _refuse_hopeless(directory, run, numbers, size, many, cluster)
         started = time.monotonic()
         with announcing(progress):
             # also for the workers of a cluster, which find it in the cache
-            program = program_of(run.scene, run.plan) if numbers.size else None
+            if numbers.size:
+                run.program(device)
         directory.note(
             event="begun",
             shards=len(numbers),
@@ -77,7 +86,7 @@ def resume(
 
         def compute() -> dict[str, int]:
             if cluster is None:
-                return compute_shards(directory, run, program, numbers, many, progress, stop)
+                return compute_shards(directory, run, numbers, many, size, device, progress, stop)
             return compute_on(cluster, directory, numbers, progress, stop, allow_code, accept)
 
         return directory, noted(directory, compute)
@@ -90,8 +99,9 @@ def missing_of(directory: RunDirectory, only: range | None) -> NDArray[np.int64]
 
 def _refuse_hopeless(
     directory: RunDirectory,
-    run: Ready,
+    run: PreparedRun,
     numbers: NDArray[np.int64],
+    block: int,
     threads: int,
     cluster: str | None,
 ) -> None:
@@ -103,9 +113,10 @@ def _refuse_hopeless(
         threads = int(cluster.partition(":")[2])
     left = directory.members_of(numbers)
     shard = min(directory.facts["shard"], left)
-    more = memory_of_shards(run.original, run.shown, shard, threads)
+    more = memory_of_shards(run, shard, block, threads)
     place = os.path.join(directory.path, "shards")
-    refuse_hopeless(run.original, run.shown._replace(members=left), threads, place, more)
+    room = needs(run.layout, run.plan, left, block, threads)
+    refuse_hopeless(room, left, threads, place, more)
 
 
 def noted(directory: RunDirectory, compute: Callable[[], dict[str, int]]) -> dict[str, int]:
@@ -175,10 +186,10 @@ def extend(
         raise OptionError("run", "members", members, rule)
     if (most := rows(*scene.quantities())) is not None and members + facts["first"] > most:
         raise OptionError("run", "members", members, f"the scene has rows for {most:,} members")
-    run = planned(directory, allow_code)
-    more = run.shown._replace(members=members - facts["members"])
+    run, more = load_run(directory, allow_code), members - facts["members"]
+    threads, block = threads_available(), block_of_run(directory, run)
     name = os.path.join(directory.path, "run.json")
-    refuse_hopeless(run.original, more, threads_available(), name)
+    refuse_hopeless(needs(run.layout, run.plan, more, block, threads), more, threads, name)
     with directory.locked():
         last = directory.shards().get(directory.count - 1)
 

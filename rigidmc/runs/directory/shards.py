@@ -10,23 +10,19 @@ from queue import SimpleQueue
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.kernel.layout import LANES
-from rigidmc.engine.program import Program
+from rigidmc.engine.kernel.layout import BLOCK, LANES
 from rigidmc.errors import FileError, RigidmcError
 from rigidmc.files.netcdf import read
-from rigidmc.planning.block_size import BLOCK, SLAB, WAVE, fitting
-from rigidmc.planning.job import Job
-from rigidmc.planning.plan import Plan
-from rigidmc.planning.tolerance.costs import cost_per_step
 from rigidmc.progress import Progress, say
+from rigidmc.results.layout import ResultLayout
 from rigidmc.results.run_directory import RunDirectory, damaged, flagged_of
-from rigidmc.results.schema import bytes_of_a_member
 from rigidmc.results.sinks import Arrays, Memory, Place, buffer
 from rigidmc.results.writer import Writer
-from rigidmc.runs.blocks import compute
+from rigidmc.runs.blocks import BlockJob, compute
 from rigidmc.runs.directory.checkpoints import Checkpoints
-from rigidmc.runs.directory.load import Ready
-from rigidmc.scene.scene import Scene
+from rigidmc.runs.prepare import PreparedRun
+from rigidmc.runs.price import cost_per_step
+from rigidmc.runs.resources import SLAB, WAVE, fitting
 from rigidmc.threads import Task, Threads, drop, ending, is_late
 
 SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
@@ -37,15 +33,15 @@ MANY = 10**5  # shards that a run has at most because of TIME
 Numbers = Sequence[int] | NDArray[np.int64]  # of shards
 
 
-def members_of(scene: Scene, plan: Plan, size: float = SHARD) -> tuple[int, int]:
+def members_of(run: PreparedRun, size: float = SHARD) -> tuple[int, int]:
     """(members of a block, members of a shard) of a run with shards of about `size` bytes; neither
     depends on the number of threads or on the machine."""
-    block = min(BLOCK, fitting(plan, SLAB))
-    return block, block * max(1, int(size / sum(bytes_of_a_member(scene, plan)) / block))
+    block = min(BLOCK, fitting(run.plan, SLAB))
+    return block, block * max(1, int(size / sum(run.layout.bytes_of_a_member()) / block))
 
 
 def shortened(
-    scene: Scene, plan: Plan, block: int, shard: int, limit: float = TIME
+    run: PreparedRun, block: int, shard: int, limit: float = TIME, device: str = "cpu"
 ) -> tuple[int, int]:
     """(members of a block, members of a shard) so that one thread needs `limit` seconds for a shard
     at most, by the rate that is measured here.
@@ -53,11 +49,12 @@ def shortened(
     A shard has a power of 2 times the members of a block, or of LANES, so that a rate that is a
     little different does not change it. Short runs are not measured.
     """
-    if plan.form is None or min(shard, plan.members) * plan.mean_steps * SLOW < limit:
+    plan = run.plan
+    if plan.scheme is None or min(shard, plan.members) * plan.mean_steps * SLOW < limit:
         return block, shard
-    each = 1e-9 * cost_per_step(scene, plan) * plan.mean_steps
+    each = 1e-9 * cost_per_step(run, device) * plan.mean_steps
     most = max(limit / each, plan.members / MANY)
-    if plan.device != "cpu":  # which needs as long for a member as for so many
+    if device != "cpu":  # which needs as long for a member as for so many
         most = max(most, WAVE)
     if most >= min(shard, plan.members):
         return block, shard
@@ -66,14 +63,14 @@ def shortened(
     return min(block, few), few
 
 
-def memory_of_shards(scene: Scene, plan: Plan, shard: int, threads: int) -> int:
+def memory_of_shards(run: PreparedRun, shard: int, block: int, threads: int) -> int:
     """Bytes of the shards that are in memory at once: shards being filled, of which one may be
     on its way to a checkpoint, one queued, and one being written, which is held twice.
 
     shard : members of a shard
     """
-    filled = math.ceil((threads + 2) * plan.block / shard)
-    return (5 + filled) * shard * sum(bytes_of_a_member(scene, plan))
+    filled = math.ceil((threads + 2) * block / shard)
+    return (5 + filled) * shard * sum(run.layout.bytes_of_a_member())
 
 
 def fault_of(directory: RunDirectory, i: int, path: str) -> str:
@@ -101,10 +98,11 @@ def fault_of(directory: RunDirectory, i: int, path: str) -> str:
 
 def compute_shards(
     directory: RunDirectory,
-    run: Ready,
-    program: Program | None,
+    run: PreparedRun,
     numbers: Numbers,
     threads: int,
+    block: int,
+    device: str = "cpu",
     progress: Progress = False,
     stop: float | None = None,
 ) -> dict[str, int]:
@@ -114,9 +112,10 @@ def compute_shards(
     stop : time limit on the clock of time.monotonic(): what is unfinished then is kept
     """
     plan = run.plan
-    size = directory.facts["shard"] // plan.block  # blocks of a shard
-    count = math.ceil(plan.members / plan.block)
-    sink = Shards(directory, run.original, run.shown)
+    size = directory.facts["shard"] // block  # blocks of a shard
+    count = math.ceil(plan.members / block)
+    program = run.program(device) if len(numbers) else None
+    sink = Shards(directory, run.layout._replace(block=block))
     blocks = (b for i in map(int, numbers) for b in range(i * size, min((i + 1) * size, count)))
     members = directory.members_of(numbers)
     try:
@@ -124,7 +123,17 @@ def compute_shards(
             if is_late():
                 say("the time limit was over before the first step")
             flagged = compute(
-                run.scene, plan, program, threads, sink, progress, run.units, blocks, members
+                plan,
+                run.layout,
+                run.initial,
+                program,
+                sink,
+                threads=threads,
+                block=block,
+                units=run.units,
+                progress=progress,
+                blocks=blocks,
+                members=members,
             )
         sink.finish()
     except BaseException:
@@ -139,40 +148,40 @@ class Shards:
     The files do not depend on threads, blocks or their order. Only the kept values of a block wait
     for the disk; its memory serves the next block at once.
 
-    directory : RunDirectory, whose lock this process holds;  plan : of the whole run
+    directory : RunDirectory, whose lock this process holds;  layout : of the whole run
     """
 
-    def __init__(self, directory: RunDirectory, scene: Scene, plan: Plan) -> None:
-        self.directory, self.scene, self.plan = directory, scene, plan
+    def __init__(self, directory: RunDirectory, layout: ResultLayout) -> None:
+        self.directory, self.layout = directory, layout
         # one place: if the disk is slow, the computing threads wait and memory does not grow
         self._queue = SimpleQueue[tuple[int, Memory] | None]()
         self._open: dict[int, Memory] = {}  # shards that are being filled
         self._there: dict[int, set[int]] = {}  # the places of their blocks that are there
-        self.keeper = Checkpoints(directory, plan)
+        self.keeper = Checkpoints(directory, layout)
         self.keeper.drop(directory.shards().keys())  # of shards that were written before a kill
         self._dropped = False
         self._thread, self._writing = Threads(1), Task(self._work)
         self._thread.begin(self._writing)
 
-    def room(self, low: int, count: int) -> Place:
+    def reserve(self, low: int, count: int) -> Place:
         """The place for the values of `count` members."""
-        return buffer(self.plan, count)
+        return buffer(self.layout, count)
 
     def has(self, place: int) -> bool:
         """Whether the results of the block at a place are there, which a checkpoint may have."""
         return place in self._opened(self._shard_of(place))
 
-    def resumed(self, job: Job) -> Job:
+    def resumed(self, job: BlockJob) -> BlockJob:
         """A block where its checkpoint left it."""
         return self.keeper.resumed(job)
 
-    def take(self, job: Job, results: Arrays) -> None:
+    def take(self, job: BlockJob, results: Arrays) -> None:
         """Add a finished block to its shard; a whole shard goes to the writing thread."""
         i = self._shard_of(job.first)
         there, places = self._opened(i), self.directory.places(i)
         self._open[i].take(job, results)
         there.add(job.first)
-        if len(there) == -(-len(places) // self.plan.block):
+        if len(there) == -(-len(places) // self.layout.block):
             del self._there[i]
             self._put((i, self._open.pop(i)))
         else:
@@ -186,8 +195,8 @@ class Shards:
         """The places of the blocks of shard i that are there."""
         if i not in self._open:
             places, block = self.directory.places(i), self.directory.facts["block"]
-            plan = self.plan._replace(first=places.start, members=len(places), block=block)
-            self._open[i] = Memory(self.scene, plan, {}, False)
+            place = {"first": places.start, "members": len(places), "block": block}
+            self._open[i] = Memory(self.layout._replace(**place), {}, False)
             self._there[i] = self.keeper.fill(i, self._open[i])
         return self._there[i]
 
@@ -240,10 +249,10 @@ class Shards:
             return path
 
         path, attrs = self.directory.temporary(i), {"run": self.directory.mark}
-        writer = Writer(path, self.scene, shard.plan, force=True, attrs=attrs, named=named)
+        writer = Writer(path, shard.layout, force=True, attrs=attrs, named=named)
         try:
             by_member = [name for name, v in writer.variables.items() if "member" in v.dims]
-            first, count = shard.plan.first, shard.plan.members
+            first, count = shard.layout.first, shard.layout.members
             writer.write(first, count, {name: values[name] for name in by_member})
             writer.write_all({name: v for name, v in values.items() if name not in by_member})
             writer.finish()

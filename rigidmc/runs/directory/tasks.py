@@ -22,9 +22,10 @@ from rigidmc.results.run_directory import RunDirectory
 from rigidmc.results.writer import write_columns
 from rigidmc.runs.directory.cluster import Work, checked, compute_on
 from rigidmc.runs.directory.create import Chosen, free_place, refuse_many, written
-from rigidmc.runs.directory.load import STUDY, ready, refuse_others
+from rigidmc.runs.directory.load import STUDY, refuse_others
 from rigidmc.runs.directory.resume import missing_of, noted
 from rigidmc.runs.directory.shards import Numbers
+from rigidmc.runs.prepare import prepared
 from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.scene import Scene
 from rigidmc.threads import Late, ending, is_late
@@ -46,7 +47,7 @@ def create_tasks(
     refuse_many(len(tasks), "tasks")
     chosen = Chosen(np.asarray(tasks, np.int64), 1, level)
     about = {STUDY: f"{name} {json.dumps(request, sort_keys=True)}"}
-    return written(place, ready(scene), 1, 1, about, chosen)
+    return written(place, prepared(scene), 1, 1, about, chosen)
 
 
 def study_of(directory: RunDirectory) -> tuple[str, dict[str, Any]] | None:

@@ -14,9 +14,9 @@ from rigidmc.physics.integrators import accepting, refusal
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.deviation import drift_along
 from rigidmc.planning.tolerance.pilot import ROUNDING, pilot
-from rigidmc.runs.capacity import refuse_count
+from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.amounts import counted, seconds
-from rigidmc.scene.conservation import conservation
+from rigidmc.scene.recording import conservation
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.validation import named_integrators
 from rigidmc.studies.accuracy.study import WORDS
@@ -75,13 +75,13 @@ def long_drift(
         variables[f"{key}_drift"] = ("integrator", "step"), values, attrs
         variables[f"{key}_law"] = "integrator", np.array(laws, dtype=object)
         variables[f"{key}_power"] = "integrator", np.array(powers)
-    conserved = conservation(scene)
+    conserved = conservation(scene.effects, "work" in scene.run.save)
     facts = {
         "title": scene.title,
         "scene": scene.dumps(),
         "dt": dt,
         "members": first.members,
-        "lz_conserved": conserved["lz"] if first.carried else "no: no attitude",
+        "lz_conserved": conserved["lz"] if first.has_attitude else "no: no attitude",
         "energy_conserved": conserved["energy"],
         "l2_conserved": conserved["l2"],
     }

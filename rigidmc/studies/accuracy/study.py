@@ -19,7 +19,7 @@ from rigidmc.planning.tolerance.deviation import QUANTITIES, growth, upper_quant
 from rigidmc.planning.tolerance.ladder import candidates, ladder
 from rigidmc.planning.tolerance.pilot import ROUNDING, Pilot, pilot
 from rigidmc.planning.tolerance.truth import Truth, truth
-from rigidmc.runs.capacity import refuse_count
+from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.amounts import counted, in_two_digits
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.version import VERSION
@@ -148,7 +148,7 @@ def _ways(
 
     # high orders first: they limit what the others may cost
     known = scene.known_integrators()
-    pairs = sorted(candidates(scene, true, integrators), key=lambda c: -known[c[0]].order)
+    pairs = sorted(candidates(first, true, integrators), key=lambda c: -known[c[0]].order)
     compile_ahead(first, pairs)
     began = time.perf_counter()
     for done, (integrator, dtype) in enumerate(pairs, 1):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from rigidmc.errors import OptionError
-from rigidmc.planning.initial import groups, stage
+from rigidmc.planning.initial import groups, members_at_start
 from rigidmc.progress import Progress
 from rigidmc.results.intervals import Interval, probability, resolution_of
 from rigidmc.results.measures import Measure, Variables, measure
@@ -194,8 +194,8 @@ def resolved(scene: Scene) -> NDArray[np.bool_]:
     An end beyond says nothing of the distance: in float32 the nearest neighbours have the same
     start, and none would ever be uncertain.
     """
-    size, groups_of = Neighbours.size, len(groups(scene)[0])
-    _, start = stage(scene.with_run(first=0), 0, SAMPLE * groups_of * size, True)
+    size, groups_of = Neighbours.size, len(groups(scene.model)[0])
+    _, start = members_at_start(scene.model, scene.run, 0, SAMPLE * groups_of * size)
     apart = np.zeros((SAMPLE * groups_of, size))
     for name, values in start.items():
         if name == "start_euler":  # start_attitude has it
@@ -229,7 +229,7 @@ def _dataset(
     scene: Scene, asked: Sequence[Measure], parts: Iterable[xr.Dataset], confidence: float
 ) -> xr.Dataset:
     """The Dataset of a study of members that come in parts."""
-    names, dimensions = groups(scene)
+    names, dimensions = groups(scene.model)
     size = Neighbours.size
     count = -(-(scene.run.first + scene.run.members) // size)
     ends, start = np.full(count * size, np.nan), np.full((count, len(names)), np.nan)

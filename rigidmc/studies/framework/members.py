@@ -12,19 +12,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.physics.effects import labelled
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import OBSERVABLES
-from rigidmc.planning.initial import source
-from rigidmc.planning.notes import notes
+from rigidmc.planning.initial import make_sampler
 from rigidmc.progress import Progress, announcing, reporter, say
 from rigidmc.results.measures import Variables, observing
-from rigidmc.results.schema import member_variables
-from rigidmc.runs.capacity import refuse_count
-from rigidmc.runs.directory.load import ready
+from rigidmc.results.variables import variables_of
+from rigidmc.runs.prepare import prepared
 from rigidmc.runs.price import price
+from rigidmc.runs.resources import refuse_count
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.sampling import Design
@@ -49,7 +47,7 @@ def chunks(
     with announcing(progress):
         told = scene.run.integrator == "auto"
         if told:
-            scene = _chosen(scene, threads)
+            scene = _chosen(scene)
         if progress is True:
             say(str(price(scene, studied, threads)))
         with reporter(progress is True, scene.run.members, 1) as report:
@@ -73,14 +71,14 @@ def _ranges(scene: Scene, size: int) -> Iterator[range]:
         yield range(low, min(low + size, stop))
 
 
-def _chosen(scene: Scene, threads: int | None) -> Scene:
+def _chosen(scene: Scene) -> Scene:
     """The scene with what its tolerance chooses, once for all parts; gives its notes."""
-    run = ready(scene, threads or threads_available())
-    assert run.chosen is not None
-    for note in (*notes(scene, run.plan, run.units), run.chosen.short):
+    run = prepared(scene)
+    assert run.choice is not None
+    for note in (*run.notes, run.choice.short):
         if note:
             warnings.warn(note, SceneWarning, stacklevel=3)
-    return run.original
+    return run.scene
 
 
 def pieces(result: xr.Dataset, size: int) -> Iterator[xr.Dataset]:
@@ -103,7 +101,7 @@ _ANGLES = {"phi": 0, "theta": 1, "psi": 2}
 
 def size(scene: Scene) -> int:
     """How many members a family of a scene has."""
-    return cast(Design, source(scene)).size
+    return cast(Design, make_sampler(scene.model, scene.run)).size
 
 
 def made(
@@ -120,7 +118,7 @@ def made(
     count = many * size(scene)
     refuse_count(many, "families", KEPT * size(scene), "take fewer families")
     scene = scene.with_run(save=save, members=count, first=0)
-    return scene, texts, member_variables(scene, False)
+    return scene, texts, variables_of(scene)
 
 
 def stored(

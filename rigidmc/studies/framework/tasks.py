@@ -11,11 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rigidmc.engine.cuda.devices import settled_device
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import FileError, OptionError
 from rigidmc.files.outputs import Path
-from rigidmc.planning.settle import settled
-from rigidmc.planning.tolerance.costs import cost_per_step
 from rigidmc.progress import Progress, announcing, reporter, say
 from rigidmc.results.run_directory import RunDirectory
 from rigidmc.runs.directory.gather import verify
@@ -31,6 +30,9 @@ from rigidmc.runs.directory.tasks import (
     study_of,
     unlike,
 )
+from rigidmc.runs.prepare import prepared
+from rigidmc.runs.price import cost_per_step
+from rigidmc.runs.resources import movers
 from rigidmc.scene.amounts import in_two_digits, seconds
 from rigidmc.scene.scene import Scene
 
@@ -62,8 +64,8 @@ class Kind(NamedTuple):
 
     def price(self, scene: Scene, request: Request, numbers: Sequence[int], threads: int) -> str:
         """What tasks will cost, in words, by steps that are measured now."""
-        steps, plan = self.cost(scene, request, numbers), settled(scene, threads).plan
-        took = 1e-9 * steps * cost_per_step(scene, plan) / plan.movers(threads)
+        steps, device = self.cost(scene, request, numbers), settled_device(None)
+        took = 1e-9 * steps * cost_per_step(prepared(scene), device) / movers(threads, device)
         return (
             f"{len(numbers):,} tasks x {steps / max(1, len(numbers)):,.0f} member-steps,"
             f" {in_two_digits(steps)} in all: about {took:.2g} s on {threads} threads"

@@ -12,7 +12,7 @@ from rigidmc.errors import OptionError, nearest
 from rigidmc.progress import Progress
 from rigidmc.results.estimates import component_of
 from rigidmc.results.intervals import ULPS, resolution, resolution_of
-from rigidmc.runs.capacity import refuse_count
+from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.scene import Scene, scene_of, takes_scene
 from rigidmc.studies.framework.members import chunks, pieces, saves_of

@@ -105,7 +105,7 @@ def designed(scene: Scene, families: int, **settings: Any) -> Scene:
     """The scene whose members are those of a study; arguments as of `ftle`."""
     refuse_noise(scene)
     scene = made(scene, STATE, "tangents", families, **settings)[0]
-    names, dimensions = groups(scene)
+    names, dimensions = groups(scene.model)
     for name in names:
         if not name.startswith("start."):
             rule = "is uncertain, and no number of the start: give it one value"
@@ -187,7 +187,7 @@ def _states(part: xr.Dataset) -> tuple[Array, Array]:
 
 def _dataset(scene: Scene, parts: Iterable[xr.Dataset], unit: float | None) -> xr.Dataset:
     """The Dataset of a study of members that come in parts."""
-    names, many = groups(scene)[0], size(scene)
+    names, many = groups(scene.model)[0], size(scene)
     count = -(-(scene.run.first + scene.run.members) // many)
     states = np.full((2, count * many, 7), np.nan)
     numbers, units = np.full((count, len(names)), np.nan), ["1"] * len(names)

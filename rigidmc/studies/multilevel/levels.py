@@ -22,10 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError
-from rigidmc.planning.settle import Settled, settled
 from rigidmc.results.measures import Measure
-from rigidmc.runs.blocks import run
-from rigidmc.scene.once import once
+from rigidmc.runs.prepare import PreparedRun, prepared
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.multilevel.corrections import SAMPLING, Estimate, Level, estimate, members_for
 from rigidmc.studies.until import Goal
@@ -94,27 +92,21 @@ def _batches(
     """The sums of `count` batches of a level from batch `first` on."""
     size = request.batch
     values, good = np.zeros(count * size), np.ones(count * size, bool)
-    for sign, ready in zip((1.0, -1.0), paths(request, level, threads), strict=False):
-        plan = ready.plan._replace(
-            first=level * APART + first * size, members=count * size, paired=sign < 0.0
-        )
-        result = run(ready.scene, plan, threads, units=ready.units)
+    low = level * APART + first * size
+    for sign, run in zip((1.0, -1.0), paths(request, level), strict=False):
+        some = run.with_members(range(low, low + count * size))
+        result = (some if sign > 0.0 else some.with_paired_noise()).run(threads=threads)
         values += sign * request.measure.numbers(result)
         good &= result.status.values == 0
     parts = zip(values.reshape(count, size), good.reshape(count, size), strict=True)
     return [_summed(*part) for part in parts]
 
 
-def paths(request: Request, level: int, threads: int) -> tuple[Settled, ...]:
+def paths(request: Request, level: int) -> tuple[PreparedRun, ...]:
     """The runs of a level: of its fine paths, and from level 1 on of the coarse ones."""
     each = (request.steps << level, request.steps << level >> 1)[: 1 + (level > 0)]
-    return _settled(request.scene, each, threads)
-
-
-@once
-def _settled(scene: Scene, steps: tuple[int, ...], threads: int) -> tuple[Settled, ...]:
-    end = scene.run.t_end
-    return tuple(settled(scene.with_run(dt=end / each, members=CHUNK), threads) for each in steps)
+    scene, end = request.scene, request.scene.run.t_end
+    return tuple(prepared(scene.with_run(dt=end / steps, members=CHUNK)) for steps in each)
 
 
 def _summed(values: NDArray[np.float64], good: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:

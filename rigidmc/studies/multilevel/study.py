@@ -15,15 +15,14 @@ from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning
 from rigidmc.files.outputs import Path
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import alone, own, squared
-from rigidmc.planning.notes import notes
-from rigidmc.planning.settle import settled
 from rigidmc.progress import Progress, say
 from rigidmc.results.measures import observing
-from rigidmc.results.schema import member_variables, saved_variables
-from rigidmc.runs.capacity import refuse_count
+from rigidmc.results.variables import saved_variables, variables_of
 from rigidmc.runs.directory import tasks as runs
+from rigidmc.runs.prepare import prepared
+from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.amounts import counted
-from rigidmc.scene.once import once
+from rigidmc.scene.recording import recording
 from rigidmc.scene.sampling import refuse_indexed
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.studies.framework import tasks
@@ -132,25 +131,23 @@ def asked(
     }
     refuse_count(request["batch"], "members of a batch", MEMBER, "take a smaller batch")
     understood(scene, **request)
-    ready = settled(scene)
-    plan = ready.plan._replace(notes=())  # on long steps, of which the study takes care
-    for note in notes(ready.scene, plan, ready.units):
+    # not those on long steps, of which the study takes care
+    for note in prepared(scene).scene_notes:
         warnings.warn(note, SceneWarning, stacklevel=3)
     return scene, request
 
 
-@once
 def understood(
     scene: Scene, until: str, most: int, batch: int, confidence: float
 ) -> tuple[Request, Asked]:
     """(what the tasks of a study have in common, what it is asked); OptionError."""
-    known = {**member_variables(scene, False), **saved_variables(scene)}
+    known = {**variables_of(scene), **saved_variables(scene.effects, recording(scene))}
     wanted = goal(until, known)
     if wanted.measure.kind != "mean" or wanted.measure.given is not None:
         rule = "has no corrections that become small: take the mean(NAME) of all members"
         raise OptionError("run", "until", until, rule)
     order = min(scene.integrator.order, 2 if any(map(is_random, scene.effects)) else 8)
-    request = Request(scene, wanted.measure, settled(scene).plan.steps, batch)
+    request = Request(scene, wanted.measure, prepared(scene).plan.grid.steps, batch)
     return request, Asked(until, wanted, order, confidence, float(most))
 
 
@@ -211,7 +208,7 @@ def _with_steps(scene: Scene) -> Scene:
     if run.integrator in ("auto", "closed"):
         rule = "levels are made of the steps of one integrator: name it"
         raise SceneError("run", "integrator", run.integrator, rule)
-    refuse_indexed(scene, "every level draws members of its own")
+    refuse_indexed(scene.model, "every level draws members of its own")
     return scene
 
 
@@ -228,7 +225,8 @@ def dataset(request: Request, asked: Asked, now: Stand) -> xr.Dataset:
     levels, rounds, found = now.levels, now.rounds, now.found
     assert found is not None
     name, order, scene = request.measure.result.name, asked.order, request.scene
-    units = {**member_variables(scene, False), **saved_variables(scene)}[name].attrs["units"]
+    known = {**variables_of(scene), **saved_variables(scene.effects, recording(scene))}
+    units = known[name].attrs["units"]
     of_levels = {
         "steps": ([one.steps for one in levels], "steps of the fine paths", "1"),
         "dt": ([scene.run.t_end / one.steps for one in levels], "their length", "s"),

@@ -13,8 +13,9 @@ from rigidmc.physics.observables import outputs
 from rigidmc.physics.observables.event_times import roles_of
 from rigidmc.physics.observables.protocol import Event
 from rigidmc.results.measures import Result, measure, observing
-from rigidmc.results.schema import member_variables
+from rigidmc.results.variables import variables_of
 from rigidmc.runs.segments import Moving
+from rigidmc.scene.recording import recording
 from rigidmc.scene.scene import Scene
 
 Array = NDArray[np.float64]
@@ -95,11 +96,12 @@ def scored(scene: Scene, of: str) -> tuple[Scene, Score]:
     Raises OptionError for a text that asks for no event, or for one that has no score.
     """
     scene = observing(scene.with_run(points="independent"), (of,))
-    asked = measure(of, member_variables(scene, False))
+    asked = measure(of, variables_of(scene))
     if asked.kind != "p" or asked.given is not None or asked.relation == "==":
         raise OptionError("", "of", of, f"is no event: give it {WHOLE}")
-    watched = [(label, one) for label, one in scene.watched() if isinstance(one, Event)]
-    at_times = set(scene.saved())
+    recorded = recording(scene)
+    watched = [(label, one) for label, one in recorded.monitored if isinstance(one, Event)]
+    at_times = set(recorded.names)
     keeps = tuple(name for name in scene.run.save if name not in at_times)
     scene = scene.with_run(save=keeps, first=0, every=None)
     more, strict = asked.relation[0] == ">", len(asked.relation) == 1
@@ -139,7 +141,7 @@ def _until(scene: Scene, of: str, end: float) -> Scene:
 
 def _refuse_unwatched(scene: Scene, of: str, name: str) -> None:
     """OptionError for a number that is not watched over the steps."""
-    known = [word for label, one in scene.watched() for word in outputs(label, one)]
+    known = [word for label, one in recording(scene).monitored for word in outputs(label, one)]
     if name not in known:
         rule = (
             f"is nothing that is watched over the steps; watched: {', '.join(known) or 'nothing'}"

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.streams import uniforms
-from rigidmc.runs.capacity import refuse_count
+from rigidmc.runs.resources import refuse_count
 from rigidmc.runs.segments import Moving
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.rare.score import Score
@@ -60,7 +60,7 @@ class Paths:
         refuse_count(count, "members", each, FEWER)
         own = None
         if rows is not None:
-            own = row_of(moving.scene, rows, even_shares(seed, count))
+            own = row_of(moving.plan.run.first, rows, even_shares(seed, count))
         block = moving.start(seed, count, own)
         self.states = np.empty((parts + 1, count, block.shape[0]))
         self.states[0] = block[:, :count].T
@@ -109,9 +109,9 @@ def even_shares(seed: int, count: int) -> Array:
     return shares
 
 
-def row_of(scene: Scene, rows: int, share: Array) -> Indices:
-    """The members of a scene at shares of its rows, numbers in (0, 1)."""
-    found: Indices = scene.run.first + np.minimum((share * rows).astype(np.int64), rows - 1)
+def row_of(first: int, rows: int, share: Array) -> Indices:
+    """The members, from index `first` on, at shares of its rows, numbers in (0, 1)."""
+    found: Indices = first + np.minimum((share * rows).astype(np.int64), rows - 1)
     return found
 
 

@@ -16,13 +16,12 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError, SceneWarning
 from rigidmc.files.outputs import Path
 from rigidmc.planning.initial import drawn
-from rigidmc.planning.notes import notes
-from rigidmc.planning.settle import settled
 from rigidmc.progress import Progress
 from rigidmc.results.intervals import mean_of_skew, probability
-from rigidmc.results.schema import member_variables
-from rigidmc.runs.capacity import refuse_count
+from rigidmc.results.variables import variables_of
 from rigidmc.runs.directory.tasks import Found, Request
+from rigidmc.runs.prepare import prepared
+from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.sampling import is_indexed
 from rigidmc.scene.scene import Scene, takes_scene
@@ -125,8 +124,7 @@ def rare(
     """
     scene, request = asked(scene.with_run(**settings), of, target, members, repetitions)
     many = threads_available() if threads is None else counted(threads, "threads")
-    ready = settled(scene, many)
-    for note in notes(ready.scene, ready.plan, ready.units):
+    for note in prepared(scene).notes:
         warnings.warn(note, SceneWarning, stacklevel=2)
     found = dataset(
         scene, request, tasks.computed(KIND, scene, request, many, progress), confidence
@@ -150,7 +148,7 @@ def asked(
     refuse_count(repetitions, "repetitions", REPETITION)
     refuse_count(members, "members", 4 * 8 * layout.EFFECTS, FEWER)
     moved, _ = scored(scene, of)
-    if not is_noisy(moved) and not drawn(moved):
+    if not is_noisy(moved) and not drawn(moved.model):
         rule = "nothing is random: no effect has noise, and all numbers of the scene are given"
         raise OptionError("", "scene", None, rule)
     request: dict[str, Any] = {
@@ -159,7 +157,7 @@ def asked(
         "members": members,
         "repetitions": repetitions,
     }
-    if is_indexed(moved):  # members walk and branch with a row, of which there may be fewer
+    if is_indexed(moved.model):  # members walk and branch with a row, of which there may be fewer
         rows: int = moved.rows_to_run() or moved.run.members
         request["rows"], members = rows, min(members, rows)
     return moved.with_run(members=members), request
@@ -171,7 +169,7 @@ def _cost(scene: Scene, request: Request, numbers: Sequence[int]) -> float:
     members, depth = request["members"], -math.log(request["target"])
     killed, part = (KILLED, 0.5 * KILLED) if is_noisy(scene) else (1.0 - KEPT, 1.0 - KEPT)
     levels = depth / -math.log(1.0 - killed)
-    steps = settled(scene).plan.steps
+    steps = prepared(scene).plan.grid.steps
     return float(len(numbers) * members * (1.0 + part * levels) * steps)
 
 
@@ -241,7 +239,7 @@ def dataset(
         for name, (dims, values, text) in words.items()
     }
     if score.event is None:  # a score is then a number of the motion
-        known = member_variables(moved, False)[score.result.name].attrs
+        known = variables_of(moved)[score.result.name].attrs
         variables["score"][2]["units"] = known.get("units", "1")
     attrs = {
         "title": scene.title,
@@ -290,7 +288,7 @@ def _gain(scene: Scene, p: float, half: float, steps: float, confidence: float) 
         return math.nan
     z = float(stats.norm.ppf(0.5 + 0.5 * confidence))
     plain = p * (1.0 - p) * (z / half) ** 2
-    return plain * settled(scene).plan.steps / float(steps)
+    return plain * prepared(scene).plan.grid.steps / float(steps)
 
 
 def _stuck(study: xr.Dataset) -> list[str]:

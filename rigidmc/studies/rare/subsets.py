@@ -31,7 +31,7 @@ class Members:
 
     def __init__(self, moving: Moving, score: Score, seed: int, rows: int | None) -> None:
         self.moving, self.score, self.seed, self.rows = moving, score, seed, rows
-        self.dimensions: tuple[Dimension, ...] = drawn(moving.scene)
+        self.dimensions: tuple[Dimension, ...] = drawn(moving.plan.model)
         self.steps, self.flagged, self._indices = 0.0, 0, np.empty(0, np.int64)
 
     def normals(self, count: int, name: str, number: int) -> Array:
@@ -46,7 +46,7 @@ class Members:
         moving, count = self.moving, z.shape[1]
         shares, rows = ndtr(z), None
         if self.rows is not None:
-            rows = row_of(moving.scene, self.rows, shares[-1])
+            rows = row_of(moving.plan.run.first, self.rows, shares[-1])
         block = moving.start(Given(self.dimensions, shares), count, rows)[:, :count]
         members = np.zeros(count, np.int64)
         times, off = np.full(count, -np.inf), np.full(count, np.inf)

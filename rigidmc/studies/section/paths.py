@@ -15,7 +15,7 @@ from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects.protocol import blank, parameter_count
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables.protocol import size
-from rigidmc.planning.initial import stage_some
+from rigidmc.planning.initial import block_rows, initial_block_of, make_sampler
 from rigidmc.planning.steps import rates
 from rigidmc.scene.scene import Scene
 
@@ -56,7 +56,9 @@ class Paths:
         dt : the longest step [s], inf if members have steps of their own
         """
         refuse_memory(scene.effects)
-        block, _ = stage_some(scene, members, True)
+        rows = block_rows(scene.effects, False)
+        known = make_sampler(scene.model, scene.run), members, True, rows
+        block, _ = initial_block_of(scene.model, *known)
         end = layout.EFFECTS + parameter_count(*scene.effects)
         table = block[layout.BODY : end].T
         observables = tuple(observed.values())

@@ -13,7 +13,8 @@ from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.planning.steps import MOST_STEPS
 from rigidmc.progress import Progress
 from rigidmc.results.estimates import of_the_state
-from rigidmc.runs.capacity import refuse_count
+from rigidmc.runs.resources import refuse_count
+from rigidmc.scene.recording import recording
 from rigidmc.scene.scene import Scene, scene_of, takes_scene
 from rigidmc.studies.framework.members import chunks, pieces, saves_of
 from rigidmc.studies.section.points import STATE, WAYS, crossed, crossing_of, period_of, periodic
@@ -139,7 +140,7 @@ def _size(saves: int) -> int:
 
 def _saving(scene: Scene, *more: str, **settings: Any) -> Scene:
     """A scene that saves the state, what it saves at times now, and more."""
-    names = (name for name in scene.run.save if name in scene.recorded())
+    names = (name for name in scene.run.save if name in recording(scene).recorded)
     save = tuple(dict.fromkeys((*STATE, *more, *names)))
     wider: Scene = scene.with_run(save=save, keep="full", **settings)
     return wider
@@ -152,7 +153,9 @@ def _joined(
     found, flagged, lost, attrs = [], 0, 0, dict[str, Any]()
     crossing = None if period_of(scene, at) else crossing_of(scene, at, way)
     wider = _saving(scene, *((crossing.of.name,) if crossing else ()))
-    observed = {name: one for name, one in wider.recorded().items() if of_the_state(scene, name)}
+    observed = {
+        name: one for name, one in recording(wider).recorded.items() if of_the_state(scene, name)
+    }
     for part in parts:
         flagged += int((part.status != 0).sum())
         attrs |= {name: part[name].attrs for name in observed if name in part}

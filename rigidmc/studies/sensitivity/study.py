@@ -137,7 +137,7 @@ def sensitivity_of(
     """
     scene, texts, variables = stored(result, of, "saltelli", "sensitivity", allow_code)
     asked = [_mean_of(text, variables, may_save_more=False) for text in texts]
-    size, members = 2 + len(groups(scene)[0]), result.member.values
+    size, members = 2 + len(groups(scene.model)[0]), result.member.values
     values = np.full((len(asked), int(members.max()) // size + 1, size), np.nan)
     values.reshape(len(asked), -1)[:, members] = _values(result, asked)
     return _dataset(scene, asked, _units(asked, variables), values, confidence)
@@ -275,7 +275,7 @@ def _dataset(
         "left_out": int((~counts).sum(axis=1).max()),
         "scene": scene.dumps(),
     }
-    coordinates = {"measure": texts, "number": groups(scene)[0], "units": ("measure", units)}
+    coordinates = {"measure": texts, "number": groups(scene.model)[0], "units": ("measure", units)}
     return xr.Dataset(variables, coordinates, attrs)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, unknown
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.stability_map.question import Borders, Resolution, Side, adapted, question
-from rigidmc.studies.stability_map.study import Prepared, Progress, mapped, prepared
+from rigidmc.studies.stability_map.study import Prepared, Progress, mapped, prepare_map
 
 Derived = dict[str, tuple[NDArray[Any], dict[str, str]]]  # {name: (values, attributes)}
 
@@ -107,7 +107,7 @@ def prepared_case(
     members = case.members if members is None else members
     asked = question(case.x, case.y, case.of, resolution, members, name=name)
     asked = adapted(asked, case.borders if adaptive is True else adaptive)
-    return prepared(asked, case.scene, threads, **standard | given)
+    return prepare_map(asked, case.scene, **standard | given)
 
 
 def with_theory(ds: xr.Dataset, name: str) -> xr.Dataset:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.physics.observables.event_times import CENSORED, FOLLOWED
 from rigidmc.results.measures import Measure
-from rigidmc.results.schema import Variable
+from rigidmc.results.variables import Variable
 from rigidmc.scene.sampling import is_sample
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.stability_map.question import Question, units_of
@@ -125,7 +125,9 @@ def map_dataset(
         ends = "", f", low end {share}", f", high end {share}"
         *names, lacking = names_of(one)
         *numbers, without = pixels.intervals[one.text]
-        if not is_sample(scene):  # the members of a pixel are one, whose number has no interval
+        if not is_sample(
+            scene.model
+        ):  # the members of a pixel are one, whose number has no interval
             numbers[1:] = np.full((2, without.size), np.nan)
         for name, values, end in zip(names, numbers, ends, strict=True):
             about = {"units": one.units(known), "long_name": text + end}

@@ -18,9 +18,9 @@ from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.netcdf import open_undecoded, read
 from rigidmc.files.outputs import Path
 from rigidmc.results.run_directory import RunDirectory
-from rigidmc.results.schema import NEWER, lengths
+from rigidmc.results.variables import NEWER, variables_of
 from rigidmc.runs.directory.create import Chosen, create
-from rigidmc.runs.directory.load import planned, scene_of_run
+from rigidmc.runs.directory.load import load_run, scene_of_run
 from rigidmc.runs.directory.resume import grow, resume
 from rigidmc.scene.amounts import seconds
 from rigidmc.scene.scene import Scene, scene_of
@@ -48,7 +48,7 @@ from rigidmc.studies.stability_map.study import (
     described,
     finished,
     mapped,
-    prepared,
+    prepare_map,
 )
 
 MAP = "map"  # of the question, among the attributes in run.json
@@ -137,7 +137,7 @@ def _map_in_file(path: str, allow_code: bool) -> xr.Dataset:
     """The map in a file: its numbers, laid out as what it asks of its scene demands."""
     with open_undecoded(path) as file:
         asked, scene = asked_of(file, allow_code)
-        ready = described(asked, scene, False)
+        ready = described(asked, scene, variables_of(scene))
         shape = asked.shape
 
         def numbers(name: str, kinds: str) -> NDArray[Any]:
@@ -208,11 +208,11 @@ def map_of_run(path: Path, allow_code: bool = False) -> xr.Dataset:
 
 def there(directory: RunDirectory, allow_code: bool = False) -> tuple[Prepared, Collected]:
     """The map of a run directory, and the numbers of its members from the shards that exist."""
-    asked, run = question_of(directory), planned(directory, allow_code)
-    ready = described(asked, run.original, run.shown.carried)
+    asked, run = question_of(directory), load_run(directory, allow_code)
+    ready = described(asked, run.scene, run.layout.by_member)
     collected = Collected(asked, ready.measures)
     names = {name: ready.known[name] for one in ready.measures for name in one.names}
-    sizes = lengths(run.shown)
+    sizes = run.layout.lengths()
     for i, shard in sorted(directory.shards().items()):
         members = np.asarray(directory.members(i))
         values = read(shard, "member", "status", *names, mark=directory.mark, newer=NEWER)
@@ -333,7 +333,7 @@ def zoomed(
     if resolution is not None:
         columns, rows = columns_and_rows(resolution)
         asked = asked._replace(columns=columns, rows=rows)
-    return prepared(asked, scene, threads, save=scene.run.save)
+    return prepare_map(asked, scene, save=scene.run.save)
 
 
 def _side(key: str, side: Whole, ends: Ends) -> Whole:

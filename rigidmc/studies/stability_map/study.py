@@ -10,11 +10,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning
-from rigidmc.planning.notes import notes
-from rigidmc.planning.plan import prepare
-from rigidmc.planning.tolerance.choose import resolved
+from rigidmc.planning.tolerance.choose import choose_integrator
 from rigidmc.results.measures import Measure, measure, observing
-from rigidmc.results.schema import Variable, member_variables
+from rigidmc.results.variables import Variable, variables_of
+from rigidmc.runs.prepare import prepared
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.scene import Scene, takes_scene
@@ -118,7 +117,7 @@ def stability_map(
     if members is None:
         members = replicas_of(scene, x, y)
     asked = question(x, y, of, resolution, members, z, layers, confidence=confidence)
-    return mapped(prepared(adapted(asked, adaptive), scene, threads, **settings), threads, progress)
+    return mapped(prepare_map(adapted(asked, adaptive), scene, **settings), threads, progress)
 
 
 class Prepared(NamedTuple):
@@ -141,9 +140,7 @@ def replicas_of(scene: Scene, x: Side, y: Side) -> int:
     return REPLICAS if drawn or isinstance(one.start.attitude, str) else 1
 
 
-def prepared(
-    asked: Question, scene: Scene, threads: int | None = None, **settings: Any
-) -> Prepared:
+def prepare_map(asked: Question, scene: Scene, **settings: Any) -> Prepared:
     """Settle everything about a map before its first step.
 
     settings : of the run. Raises OptionError for parameters and measures that the scene lacks.
@@ -153,23 +150,20 @@ def prepared(
         rule = "the interval of a pixel needs independent members"
         raise SceneError("run", "points", scene.run.points, rule)
     scene = observing(scene, asked.of)
-    whole = _with_integrator(scene, threads)
-    plan = prepare(whole, threads or 1)
-    # the plan's own notes warn of large steps, which maps take on purpose
-    for note in notes(scene, plan._replace(notes=())):
+    whole = _with_integrator(scene)
+    run = prepared(whole)
+    # not those on large steps, which maps take on purpose
+    for note in run.scene_notes:
         warnings.warn(note, SceneWarning, stacklevel=3)
-    return described(asked, whole, plan.carried)
+    return described(asked, whole, run.layout.by_member)
 
 
-def described(asked: Question, scene: Scene, carried: bool) -> Prepared:
-    """The Prepared map of a scene that has its integrator.
-
-    carried : whether the attitude is followed
-    """
-    measures = [measure(text, member_variables(scene, False)) for text in asked.of]
+def described(asked: Question, scene: Scene, known: dict[str, Variable]) -> Prepared:
+    """The Prepared map of a scene that has its integrator; known : the variables of its members."""
+    measures = [measure(text, variables_of(scene)) for text in asked.of]
     if asked.borders is not None:
         asked = asked._replace(borders=borders_of(measures, asked.borders))
-    return Prepared(asked, scene, measures, member_variables(scene, carried))
+    return Prepared(asked, scene, measures, known)
 
 
 def mapped(
@@ -203,11 +197,11 @@ def finished(
     return map_dataset(asked, ready.scene, ready.known, ready.measures, pixels, computed)
 
 
-def _with_integrator(scene: Scene, threads: int | None) -> Scene:
+def _with_integrator(scene: Scene) -> Scene:
     """The scene with an integrator and a step for its tolerance, chosen over the whole map."""
     if scene.run.integrator != "auto":
         return scene
-    run = resolved(scene.coarse(), threads)[0].run
+    run = choose_integrator(scene.with_model(scene.model.coarse()))[0].run
     step = {"dt": run.dt} if run.turn is None else {"turn": run.turn}
     chosen: Scene = scene.with_run(integrator=run.integrator, dtype=run.dtype, **step)
     return chosen

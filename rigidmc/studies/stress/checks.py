@@ -61,7 +61,7 @@ def pilot_of(scene: Scene, count: int) -> Pilot:
 
 def steps_of(pilot: Pilot, plan: Plan) -> int:
     """Steps of the scene as the pilot counts them: a multiple of TIMES."""
-    steps, run = float(plan.steps), pilot.scene.run
+    steps, run = float(plan.grid.steps), pilot.scene.run
     if run.turn is not None:
         steps = run.t_end * float(pilot.rates.max()) / run.turn
     return TIMES * max(1, math.ceil(steps / TIMES * (1.0 - 1e-9)))
@@ -168,7 +168,7 @@ class Runs:
 
 def _closed(pilot: Pilot) -> States:
     """The States of a pilot by the closed form; SceneError if there is none."""
-    case = closed_form(pilot.scene, pilot.members, pilot.first)
+    case = closed_form(pilot.scene.model, pilot.sampler, pilot.first, pilot.members)
     motion = case.motion(pilot.times)
     q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)
     return States(q, l, np.zeros(pilot.members))

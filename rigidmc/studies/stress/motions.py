@@ -23,10 +23,10 @@ from rigidmc.physics.effects.damping import ViscousDamping
 from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.physics.effects.sums import total_energy_scale
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.planning.initial import stage
+from rigidmc.planning.initial import members_at_start
 from rigidmc.planning.steps import physics, rates
 from rigidmc.planning.tolerance.deviation import relative
-from rigidmc.planning.units import internal, scaled
+from rigidmc.planning.units import choose_units, scaled
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.body import Body
 from rigidmc.scene.quantities import is_shared, rows
@@ -82,15 +82,17 @@ def run(
 def fastest_rate(scene: Scene) -> float:
     """The rate of the fastest member at its start [rad/s], in units that do not overflow."""
     members = rows(*scene.quantities()) or 1
-    units = internal(scene)
+    units = choose_units(scene)
     inner = scene if units is None else scaled(scene, units.mass, 1.0, units.time)
     per_second = 1.0 if units is None else units.time
-    return per_second * float(np.max(rates(inner.effects, stage(inner, 0, members, True)[0])))
+    return per_second * float(
+        np.max(rates(inner.effects, members_at_start(inner.model, inner.run, 0, members)[0]))
+    )
 
 
 def staged_physics(scene: Scene, members: int) -> tuple[Any, Any]:
     """(body, effects) of the first members, as the physics functions take them."""
-    body, effects = physics(scene.effects, stage(scene, 0, members, True)[0])
+    body, effects = physics(scene.effects, members_at_start(scene.model, scene.run, 0, members)[0])
     return body, effects
 
 

@@ -8,11 +8,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.planning.plan import Plan, prepare
-from rigidmc.planning.tolerance.choose import check_quiet, resolved
+from rigidmc.planning.plan import Plan
+from rigidmc.planning.tolerance.choose import check_quiet, choose_integrator
 from rigidmc.planning.tolerance.deviation import growth
 from rigidmc.planning.tolerance.pilot import Pilot
 from rigidmc.progress import reporter
+from rigidmc.runs.prepare import prepared
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.stress.checks import Check, Runs, pilot_of, steps_of
 from rigidmc.version import VERSION
@@ -40,8 +41,8 @@ def trust(
     Raises SceneError for a scene that cannot be run.
     """
     check_quiet(scene)
-    scene, _ = resolved(scene)
-    plan = prepare(scene)
+    scene, _ = choose_integrator(scene)
+    plan = prepared(scene).plan
     first = pilot_of(scene, FEW if quick else MEMBERS)
     with reporter(progress, 9, 1) as report:
         runs = Runs(first, scene.run.integrator, steps_of(first, plan), report)
@@ -78,7 +79,9 @@ def _dataset(
         "source": f"rigidmc {VERSION}",
         "scene": scene.dumps(),
         "integrator": scene.run.integrator,
-        "step": f"turn = {scene.run.turn:g} rad" if plan.member_steps else f"dt = {plan.dt:.6g} s",
+        "step": f"turn = {scene.run.turn:g} rad"
+        if plan.has_member_steps
+        else f"dt = {plan.grid.dt:.6g} s",
         "members": pilot.members,
         "flagged": int(flagged.sum()),
         "chaotic_share": float(np.mean(rate > 0.0)),

@@ -16,7 +16,8 @@ from rigidmc.mechanics.free_top import free_motion
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.physics.integrators import accepting
 from rigidmc.planning.closed_form import closed_form
-from rigidmc.planning.units import Internal, internal, scaled
+from rigidmc.planning.initial import make_sampler
+from rigidmc.planning.units import UnitScale, choose_units, scaled
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.studies.stress.case import ErrorOf
@@ -26,9 +27,11 @@ from rigidmc.studies.stress.problems import Problem
 
 def closed_states(scene: Scene, ds: xr.Dataset) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(attitude, momentum) by the closed form at the times of a Dataset."""
-    units = internal(scene) or Internal(1.0, 1.0)
+    units = choose_units(scene) or UnitScale(1.0, 1.0)
     inner = scaled(scene, units.mass, 1.0, units.time)
-    motion = closed_form(inner, ds.sizes["member"], 0).motion(ds.time.values * units.time)
+    motion = closed_form(
+        inner.model, make_sampler(inner.model, inner.run), 0, ds.sizes["member"]
+    ).motion(ds.time.values * units.time)
     momentum = np.moveaxis(motion.momentum, -1, 1) * units.factor("kg m2 s-1")
     return np.moveaxis(motion.attitude, -1, 1), momentum
 

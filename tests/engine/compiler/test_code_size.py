@@ -8,8 +8,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.engine.compiler.kernels import config, dispatcher_of, signature_of
-from rigidmc.planning.job import program_of
-from rigidmc.planning.plan import prepare
+from tests.plans import program_of
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
@@ -44,7 +43,7 @@ def asked(integrator, heavy, save, effects=()):
     effects = (rm.Gravity(9.81),) if heavy else effects
     scene = rm.Scene(body, effects, rm.Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0)))
     scene = scene.with_run(integrator=integrator, dt=0.1, t_end=1.0, save=tuple(save.split(",")))
-    return program_of(scene, prepare(scene), ask=True).asked
+    return program_of(scene).asked
 
 
 def compiled(function, *kinds):

@@ -212,7 +212,7 @@ class Seen(Turned):
 def test_sums_of_a_user_over_steps_count_them_by_their_length_or_are_refused(watched):
     with pytest.raises(rm.SceneError, match=r"every = 0\.7001.* turned needs a method reweighed"):
         rm.simulate(scene(save=(Turned(),)))
-    scene(save=(Seen(),)).check()
+    rm.prepare(scene(save=(Seen(),)))
     ds = rm.simulate(scene(save=(Weighed(),), integrator="rk8"))
     mean, end = watched["rk8"].omega_mean[1], watched["rk8"].omega_last[1]
     first = watched["rk8"].start_omega[1]

@@ -6,7 +6,7 @@ import rigidmc as rm
 from rigidmc.engine.kernel import layout
 from rigidmc.physics.effects.protocol import parameter_count
 from rigidmc.planning.initial import block_rows, ledger
-from rigidmc.planning.monitors import watch
+from tests.plans import monitors_of
 
 SAVES = ((), ("work",), ("flips",), ("energy_mean", "omega_max", "nutation"), ("megno", "work"))
 
@@ -30,14 +30,17 @@ def test_a_scene_is_staged_by_the_table_of_rows(save):
         (rm.Gravity(1.0), rm.ViscousDamping(0.1)),
         rm.Start(omega=(0.1, 1.0, 0.1)),
     ).with_run(save=save)
-    watched = watch(scene)
+    watched = monitors_of(scene)
     rows = layout.places(
         parameter_count(*scene.effects),
-        len(ledger(scene)),
+        len(ledger(scene.effects, "work" in save)),
         len(watched.events),
         [len(marks) for _, marks in watched.running],
         bool(watched.shadow),
     )
-    assert rows.events == block_rows(scene) and rows.end == rows.events + watched.rows
+    assert (
+        rows.events == block_rows(scene.effects, "work" in save)
+        and rows.end == rows.events + watched.rows
+    )
     assert rows.works == layout.EFFECTS + 2
     assert rows.in_state(layout.EFFECTS) == layout.EFFECTS_AT

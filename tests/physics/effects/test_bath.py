@@ -67,9 +67,11 @@ def test_two_baths_are_one():
     with pytest.raises(
         rm.SceneError, match=r"give one bath: two act as one with gamma = gamma_1 \+ gamma_2"
     ):
-        rm.Scene(BODY, (rm.Bath(1.0, 1.0), rm.Bath(2.0, 0.5)), SCENE.start).with_run(
-            integrator="strang"
-        ).check()
+        rm.prepare(
+            rm.Scene(BODY, (rm.Bath(1.0, 1.0), rm.Bath(2.0, 0.5)), SCENE.start).with_run(
+                integrator="strang"
+            )
+        )
 
 
 def test_the_ledger_of_a_bath_flags_no_one():

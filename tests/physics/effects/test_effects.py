@@ -368,7 +368,7 @@ def test_the_order_in_which_effects_are_listed_does_not_matter():
 def test_a_matrix_that_drives_some_spin_is_refused():
     def checked(matrix, **settings):
         body, start = rm.Body.from_moments(MOMENTS), rm.Start(omega=(0.1, 0.2, 0.3))
-        return rm.Scene(body, (MatrixDamping(matrix),), start, rm.Run(**settings)).check()
+        return rm.prepare(rm.Scene(body, (MatrixDamping(matrix),), start, rm.Run(**settings))).scene
 
     for matrix in (
         (1.0, 1.0, 1.0, 0.0, 0.0, 1.5),

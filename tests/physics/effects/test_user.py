@@ -421,4 +421,4 @@ class Random(NamedTuple):
 @pytest.mark.parametrize("effect", [Shaken(), Random(1.0)])
 def test_noise_is_drawn_for_effects_that_say_so(effect):
     with pytest.raises(rm.SceneError, match=r"stochastic=True|needs a field for the normal"):
-        scene(effect).with_run(integrator="strang").check()
+        rm.prepare(scene(effect).with_run(integrator="strang"))

@@ -8,10 +8,10 @@ import pytest
 import rigidmc as rm
 from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.planning.plan import prepare as prepared
 from rigidmc.studies.stress.problems import PROBLEMS
 from rigidmc.views.descriptions import single_precision
 from tests.kernels import block_of, march, prepare, run, turn
+from tests.plans import plan_of
 from tests.reference import attitude_error, true_end
 
 HEAVY = PROBLEMS["hairer_heavy"]
@@ -185,11 +185,11 @@ def test_float32_errors_do_not_grow_with_the_number_of_steps(name):
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 def test_the_cost_of_float32_is_stated_in_digits():
     scene, _ = driven()
-    single = single_precision(prepared(scene.with_run(dtype="float32", integrator="rk4", dt=0.01)))
+    single = single_precision(plan_of(scene.with_run(dtype="float32", integrator="rk4", dt=0.01)))
     assert single.startswith("about 6 digits at t_end")  # of the fastest member; 4e-7 in the mean
     assert "remainders" not in single
     damped = rm.Scene(scene.body, (rm.ViscousDamping(0.1),), scene.start)
     damped = damped.with_run(members=64, t_end=10.0, dtype="float32", integrator="strang", dt=1e-5)
-    single = single_precision(prepared(damped))
+    single = single_precision(plan_of(damped))
     assert single.startswith("about 2 digits")
     assert "cannot keep their remainders" in single

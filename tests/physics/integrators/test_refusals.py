@@ -83,11 +83,11 @@ def test_refused_at_the_check_of_the_scene():
     with pytest.raises(
         rm.SceneError, match=r"integrator = 'aba864': .*viscous_damping depends on L; use "
     ):
-        scene.with_run(integrator="aba864").check()
+        rm.prepare(scene.with_run(integrator="aba864"))
     with pytest.raises(rm.SceneError, match="cannot be compensated with viscous_damping"):
-        scene.with_run(integrator="strang", compensated=True).check()
+        rm.prepare(scene.with_run(integrator="strang", compensated=True))
     with pytest.raises(rm.SceneError, match="no sums that could be compensated"):
-        rm.Scene(body, (), scene.start).with_run(integrator="closed", compensated=True).check()
+        rm.prepare(rm.Scene(body, (), scene.start).with_run(integrator="closed", compensated=True))
 
 
 @pytest.mark.parametrize("effects", [(), (G,), (D,), (G, D), (Wind(1.0),), (Field(1.0),)])

@@ -68,7 +68,7 @@ def with_facts(**facts):
 ])  # fmt: skip
 def test_wrong_facts_and_steps_are_refused(facts, words):
     with pytest.raises(rm.SceneError, match=words):
-        TOP.with_run(integrator=with_facts(**facts)).check()
+        rm.prepare(TOP.with_run(integrator=with_facts(**facts)))
 
 
 class Bare(NamedTuple):

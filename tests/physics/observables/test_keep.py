@@ -12,9 +12,10 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import NoRoom, SceneError
 from rigidmc.files.netcdf import read
-from rigidmc.runs import capacity
+from rigidmc.runs import resources
 from rigidmc.runs.directory import gather, resume
 from rigidmc.runs.directory.create import create
+from rigidmc.scene.recording import recording
 from tests.runs.test_resume import SCENE as OTHER
 
 SCENE = OTHER.with_run(every=0.1, turn_limit=0.051, save=("omega", "flips", "omega_max"))
@@ -68,7 +69,7 @@ def test_flagged_members_are_kept_in_full(full, tmp_path, keep):
 
 def test_a_summary_is_over_the_steps():
     scene = SCENE.with_run(save=("omega", "l2_drift"), keep="summary")
-    assert scene.kept() == {"omega": "summary", "l2_drift": "final"}
+    assert recording(scene).retained == {"omega": "summary", "l2_drift": "final"}
     ds = rm.simulate(scene, every=0.05)
     every = rm.simulate(scene, keep="full", every=0.05)
     good = every.status.values == 0
@@ -132,8 +133,8 @@ def test_a_run_beyond_memory_or_disk_is_refused(tmp_path, monkeypatch):
         rm.simulate(big, output=tmp_path / "one.nc")
     with pytest.raises(NoRoom, match="--keep final"):
         create(big, tmp_path / "run")
-    monkeypatch.setattr(capacity, "free_memory", lambda: 1000)
-    monkeypatch.setattr(capacity, "LITTLE", 0)
+    monkeypatch.setattr(resources, "free_memory", lambda: 1000)
+    monkeypatch.setattr(resources, "LITTLE", 0)
     with pytest.raises(NoRoom, match="run fewer members"):
         rm.simulate(SCENE, output=tmp_path / "one.nc")
     assert list(tmp_path.iterdir()) == []
@@ -163,27 +164,27 @@ def test_free_memory_is_what_the_narrowest_group_allows(tmp_path, monkeypatch):
         ):
             if text is not None:
                 (folder / name).write_text(text)
-    assert capacity._allowed(
+    assert resources._allowed(
         str(tmp_path), "/a/b", "memory.max", "memory.current", ("inactive_file", "active_file")
     ) == [2400]
     assert (
-        capacity._allowed(
+        resources._allowed(
             str(tmp_path), "/a", "memory.max", "memory.current", ("inactive_file", "active_file")
         )
         == []
     )
-    assert 0 < capacity.free_memory() <= psutil.virtual_memory().total
+    assert 0 < resources.free_memory() <= psutil.virtual_memory().total
     asked = []
-    monkeypatch.setattr(capacity, "_allowed", lambda *given: asked.append(given) or [1])
-    assert capacity.free_memory() == 1 or not asked
+    monkeypatch.setattr(resources, "_allowed", lambda *given: asked.append(given) or [1])
+    assert resources.free_memory() == 1 or not asked
     # a list of names, not the letters of one
     assert all(isinstance(given[4], tuple) and len(given[4]) == 2 for given in asked)
     # Windows and macOS have no control groups
-    monkeypatch.setattr(capacity, "_free_in_groups", list)
+    monkeypatch.setattr(resources, "_free_in_groups", list)
     with patch.object(psutil, "virtual_memory", lambda: SimpleNamespace(available=12345)):
-        assert capacity.free_memory() == 12345
+        assert resources.free_memory() == 12345
     with patch.object(psutil, "virtual_memory", side_effect=FileNotFoundError):
-        assert capacity.free_memory() is None
+        assert resources.free_memory() is None
 
 
 def test_one_bad_member_of_a_million():

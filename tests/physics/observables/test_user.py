@@ -109,7 +109,7 @@ BEGIN = "def begin(self, q): return (q[0],)\n"
 ])  # fmt: skip
 def test_what_no_kernel_could_use_is_refused(make, words):
     with pytest.raises(rm.SceneError, match=words):
-        TOP.with_run(**SHORT, save=(make()(),)).check()
+        rm.prepare(TOP.with_run(**SHORT, save=(make()(),)))
 
 
 class Flips(NamedTuple):
@@ -128,7 +128,7 @@ def test_names_that_are_taken_are_refused():
         outputs={"status": ("1", "own", ())},
     )
     with pytest.raises(rm.SceneError, match="gives the variable 'status', which a result has"):
-        TOP.with_run(save=(taken(),)).check()
+        rm.prepare(TOP.with_run(save=(taken(),)))
     one, other = (a_value("def value(self, q): return (1.0,)") for _ in range(2))
     with pytest.raises(rm.SceneError, match="two classes whose name is 'own'"):
         TOP.with_run(save=(one(), other()))

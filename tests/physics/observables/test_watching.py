@@ -18,11 +18,10 @@ from rigidmc.mechanics.free_top import free_motion, free_top
 from rigidmc.physics.dynamics.so3 import up
 from rigidmc.physics.observables import outputs
 from rigidmc.planning import plan as plan_module
-from rigidmc.planning.closed_form import closed_form
-from rigidmc.planning.initial import stage
-from rigidmc.planning.plan import prepare
 from rigidmc.planning.steps import rates
 from rigidmc.planning.tolerance import choose
+from rigidmc.scene.recording import recording
+from tests.plans import closed_form, plan_of, starts
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
@@ -342,7 +341,7 @@ def test_observables_stay_in_scene_files():
     )
     again = rm.Scene.loads(scene.dumps())
     assert again.observables == scene.observables and again.run == scene.run
-    names = [name for label, one in again.watched() for name in outputs(label, one)]
+    names = [name for label, one in recording(again).monitored for name in outputs(label, one)]
     assert [n for n in names if "passage" in n] == [
         "passages", "passage_first", "passage_last", "passages_2", "passage_first_2",
         "passage_last_2",
@@ -548,9 +547,9 @@ def test_steps_that_hide_what_is_watched_are_noted(save):
             run = {"integrator": "rk8", "turn": share * longest, "t_end": 1.0, "members": 32}
             if scene is noisy:
                 run["integrator"] = "strang"
-            notes = prepare(scene.with_run(save=(save,), **run)).notes
+            notes = plan_of(scene.with_run(save=(save,), **run)).notes
             assert any(f"too far for {save}; turn <= {longest:g}" in n for n in notes) == noted
-    assert not any("too far" in n for n in prepare(WATCHED.with_run(turn=4.0)).notes)
+    assert not any("too far" in n for n in plan_of(WATCHED.with_run(turn=4.0)).notes)
 
 
 TOPS = rm.Scene(
@@ -628,10 +627,10 @@ def test_a_tolerance_chooses_no_step_that_hides_what_is_watched(monkeypatch):
     monkeypatch.setattr(choose, "CONTENDERS", ("rk8",))  # all contenders take 60 s of compiling
     alone = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude",))
     ds = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude", "nutation"))
-    plan, watched = (prepare(rm.Scene.loads(one.attrs["scene"])) for one in (alone, ds))
-    rate = rates(WATCHED.effects, stage(WATCHED, 0, 512, True)[0]).max()
+    plan, watched = (plan_of(rm.Scene.loads(one.attrs["scene"])) for one in (alone, ds))
+    rate = rates(WATCHED.effects, starts(WATCHED, 0, 512, True)[0]).max()
     turns = [
-        one.dt * rate if "turn" not in made.attrs else made.attrs["turn"]
+        one.grid.dt * rate if "turn" not in made.attrs else made.attrs["turn"]
         for one, made in ((plan, alone), (watched, ds))
     ]
     assert turns[1] <= 0.3 * (1 + 1e-9) < turns[0]  # measured 0.298 and 0.54

@@ -1,69 +1,120 @@
-"""The memory and disk that a run needs, against what is free: a run without room is refused before
-its first step, not killed in its last hour."""
+"""What a run needs of this machine: threads, devices, blocks, memory and disk. A run without room
+is refused before its first step, not killed in its last hour."""
 
 import contextlib
+import math
 import os
 import shutil
+from typing import NamedTuple
 
+from rigidmc.engine.cuda.devices import chosen, number_of
 from rigidmc.engine.kernel import layout
+from rigidmc.engine.kernel.layout import BLOCK, LANES, whole_lanes
 from rigidmc.errors import NoRoom
 from rigidmc.files.outputs import Path
 from rigidmc.planning.plan import Plan
-from rigidmc.results.schema import bytes_of_a_member
-from rigidmc.scene.scene import Scene
+from rigidmc.results.layout import ResultLayout
 
+SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a file
+# The same on graphics processors, one of which moves 50,000 members at once, as their registers
+# allow: a block is ten such waves, of which the last may be short.
+DEVICE_BLOCK, DEVICE_SLAB = 2**19, 2**27
+WAVE = 2**16  # members that take as long there as one
 LITTLE = 2**26  # bytes; for less, asking for the free memory is not worth half a millisecond
 BASE = 0.25e9  # interpreter, libraries and kernels [bytes]
 
 
-def sizes(scene: Scene, plan: Plan, threads: int) -> tuple[int, int, int]:
-    """Bytes that a run needs: (memory with its result in memory, memory with its result in a file,
-    that file)."""
-    _, each = bytes_of_a_member(scene, plan)
-    block = _bytes_of_a_block(plan)
-    scratch = block * (min(threads, -(-plan.members // plan.block)) + 2)
-    return (
-        int(BASE + scratch + each * plan.members),
+def movers(threads: int, device: str) -> int:
+    """How many threads or graphics processors move members at once."""
+    return threads if device == "cpu" else len(chosen(number_of(device)))
+
+
+def moved_at_once(members: int, threads: int, device: str) -> float:
+    """For how many members a thread or a graphics processor needs the time of all of them."""
+    each = members / movers(threads, device)
+    return each if device == "cpu" else max(WAVE, each)
+
+
+def block_of(plan: Plan, threads: int, device: str, streaming: bool) -> int:
+    """Members of a block: few enough to occupy all threads, and fewer on their way to a file."""
+    blocks = (1 if plan.has_member_steps else 4) * threads
+    if device != "cpu":
+        blocks = max(movers(threads, device), min(blocks, plan.members // WAVE))
+        block = min(DEVICE_BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
+        # in memory most saves are written where they stay
+        return min(block, fitting(plan, DEVICE_SLAB if streaming else 16 * DEVICE_SLAB))
+    block = min(BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
+    return min(block, fitting(plan, SLAB)) if streaming else block
+
+
+def fitting(plan: Plan, slab: int) -> int:
+    """Members whose saved values take about `slab` bytes."""
+    values = 8 * max(1, plan.values) * plan.times.size
+    return max(LANES, slab // values // LANES * LANES)
+
+
+def block_of_shard(plan: Plan, shard: int) -> int:
+    """Members of a block on graphics processors that divides a shard: all of it if they fit."""
+    most = min(2 * DEVICE_BLOCK, fitting(plan, DEVICE_SLAB))
+    return shard if shard <= most else block_in(shard, most)
+
+
+def block_in(shard: int, most: int) -> int:
+    """Members of a block that divides a shard's, at most `most`."""
+    return LANES * max(n for n in range(1, most // LANES + 1) if shard % (LANES * n) == 0)
+
+
+class Needs(NamedTuple):
+    """Bytes that a run needs: memory with its result in memory, memory with its result in a file,
+    and that file."""
+
+    memory: int
+    lean: int
+    file: int
+
+
+def needs(result: ResultLayout, plan: Plan, members: int, block: int, threads: int) -> Needs:
+    """What a run of so many members needs."""
+    _, each = result.bytes_of_a_member()
+    saves = plan.times.size * plan.values
+    of_block = 8 * block * (layout.EFFECTS + 20 + plan.monitors.rows + saves)
+    scratch = of_block * (min(threads, -(-members // block)) + 2)
+    return Needs(
+        int(BASE + scratch + each * members),
         int(BASE + scratch),
-        int((each + 8) * plan.members + 20_000),
+        int((each + 8) * members + 20_000),
     )
 
 
-def _bytes_of_a_block(plan: Plan) -> int:
-    saves = plan.times.size * plan.values
-    return 8 * plan.block * (layout.EFFECTS + 20 + plan.watch.rows + saves)
-
-
 def refuse_hopeless(
-    scene: Scene, plan: Plan, threads: int, path: Path | None = None, more: int = 0
+    needed: Needs, members: int, threads: int, path: Path | None = None, more: int = 0
 ) -> None:
     """Raise NoRoom if a run needs more memory than is free or, with its result in `path`, more of
     that disk.
 
     more : further bytes of memory, for shards
     """
-    memory, lean, file = sizes(scene, plan, threads)
-    needed = (memory if path is None else lean) - BASE + more
-    if (free := short_of(needed)) is not None:
+    asked = (needed.memory if path is None else needed.lean) - BASE + more
+    if (free := short_of(asked)) is not None:
         cure = "keep less of what is saved (--keep final), save less, or run fewer members"
         if threads > 2 * (os.cpu_count() or 1):
             cure = f"take fewer than {threads:,} threads, {cure}"
-        if path is None and lean - BASE < free:
-            room = f"{in_words(lean)} of memory and {in_words(file)} of disk"
+        if path is None and needed.lean - BASE < free:
+            room = f"{in_words(needed.lean)} of memory and {in_words(needed.file)} of disk"
             cure = f"write it to a file (-o FILE), which needs {room}, or {cure}"
         raise NoRoom(
-            f"{plan.members:,} members need {in_words(needed)} of memory,"
+            f"{members:,} members need {in_words(asked)} of memory,"
             f" of which {in_words(free)} are free: {cure}"
         )
     if path is not None:
-        _refuse_full_disk(plan, os.path.dirname(os.path.abspath(path)), file)
+        _refuse_full_disk(members, os.path.dirname(os.path.abspath(path)), needed.file)
 
 
-def _refuse_full_disk(plan: Plan, folder: str, size: int) -> None:
+def _refuse_full_disk(members: int, folder: str, size: int) -> None:
     free = shutil.disk_usage(folder).free
     if size > free:
         raise NoRoom(
-            f"{plan.members:,} members need {in_words(size)} of disk in {folder},"
+            f"{members:,} members need {in_words(size)} of disk in {folder},"
             f" of which {in_words(free)} are free: keep less of what is saved (--keep final),"
             " fewer digits (--set run.digits=6), or run fewer members"
         )

@@ -6,14 +6,11 @@ from typing import NamedTuple
 
 from rigidmc.engine.compile_time import compiled
 from rigidmc.engine.compiler.user_stamps import why_unkept
-from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.errors import RigidmcError
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.closed_form import closed_values
-from rigidmc.planning.initial import stage
-from rigidmc.planning.job import program_of
-from rigidmc.planning.settle import settled
 from rigidmc.progress import announcing
+from rigidmc.runs.prepare import prepared
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.user_parts.registry import own_parts
 from rigidmc.scene.vector_distributions.protocol import Law
@@ -76,16 +73,19 @@ def warm(scene: Scene, all_integrators: bool = False, progress: bool = False) ->
 
 def _warmed(scene: Scene) -> Warmed:
     began, name, before = time.perf_counter(), scene.run.integrator, len(compiled)
-    scene, plan, *_ = settled(scene)
-    compiled_ones = [type(part) for part in own_parts(scene) if not isinstance(part, Law)]
-    if found := {kind.__name__: why for kind in compiled_ones if (why := why_unkept(kind))}:
+    run = prepared(scene)
+    parts = [type(part) for part in own_parts(run.scene) if not isinstance(part, Law)]
+    if found := {kind.__name__: why for kind in parts if (why := why_unkept(kind))}:
         rule = "; ".join(
             f"{user} is compiled in every process: {why}" for user, why in found.items()
         )
         return Warmed(name, 0.0, (), rule)
-    if plan.form is None:
-        block, start = stage(scene, plan.first, whole_lanes(1), plan.carried, None, plan.watch.rows)
-        closed_values(scene, block, start, plan.times[:2], plan.grid.clock)
+    plan = run.plan
+    if plan.scheme is None:
+        block, start = run.initial(plan.first, 1)
+        observables = list(plan.recording.recorded.values())
+        few = plan.times[:2]
+        closed_values(plan.model.effects, observables, block, start, few, plan.grid.clock)
     else:
-        program_of(scene, plan)
+        run.program()
     return Warmed(name, time.perf_counter() - began, tuple(compiled[before:]), "")

@@ -15,10 +15,12 @@ from rigidmc.physics.effects.protocol import Effect, facts, is_random, shape
 from rigidmc.physics.integrators import refusal
 from rigidmc.physics.observables import OUTCOMES, is_own, outputs
 from rigidmc.physics.observables.protocol import DIMENSIONS, Ensemble, Neighbour
-from rigidmc.scene.parts import Parts
+from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import Grid, draw, is_shared, rows
+from rigidmc.scene.recording import Recording
 from rigidmc.scene.sampling import DESIGNS, is_drawn, refuse_indexed
-from rigidmc.scene.settings import idle
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.settings import Run, idle
 from rigidmc.scene.user_parts.effects import check_user_effect
 from rigidmc.scene.user_parts.effects import sample as plain_numbers
 from rigidmc.scene.user_parts.integrators import check_user_integrator
@@ -27,39 +29,42 @@ from rigidmc.scene.validation import ALLOWED, PILOT, limits, named_integrators, 
 from rigidmc.scene.vector_distributions import Correlated
 
 
-def check(scene: Parts) -> None:
+def check(scene: Scene, recording: Recording) -> None:
     """Raise SceneError if a scene cannot be run."""
-    run = scene.run
+    run, model = scene.run, scene.model
     if run.integrator == "auto" and run.tolerance is None:
         rule = 'is missing: integrator = "auto" chooses integrator and step for a tolerance'
         raise SceneError("run", "tolerance", None, rule)
     if run.tolerance is not None and "tolerance" in (why := idle(run)):
         raise SceneError("run", "tolerance", run.tolerance, why["tolerance"])
-    works = "work" in run.save
-    if works and not scene.effects:
+    works = recording.has_work
+    if works and not model.effects:
         raise SceneError("run", "save", "work", "the scene has no effects that could do work")
     if works and run.dtype == "float32":
         rule = "needs float64: sums in float32 keep their remainders, and sums of work cannot"
         raise SceneError("run", "save", "work", rule)
     if run.integrator != "auto":
         refused = refusal(
-            run.integrator, scene.effects, run.compensated, works, scene.known_integrators()
+            run.integrator, model.effects, run.compensated, works, scene.known_integrators()
         )
         if refused:
             raise SceneError("run", "integrator", run.integrator, refused)
-    _check_watched(scene)
-    _check_points(scene)
-    _check_sampled(scene.coarse())
+    _check_monitored(run, recording)
+    _check_points(model, run)
+    model = model.coarse()
+    _check_parts(model.effects, scene.observables, scene.integrators)
+    _check_variables(recording)
+    _check_sampled(model, run)
 
 
-def _check_points(scene: Parts) -> None:
+def _check_points(model: Model, run: Run) -> None:
     """Raise SceneError for point sets that do not fit the ensemble."""
-    run, last = scene.run, scene.run.first + scene.run.members
-    if run.points != "independent" and not is_drawn(scene):
+    last = run.first + run.members
+    if run.points != "independent" and not is_drawn(model):
         rule = "nothing in the scene is drawn: all numbers are given"
         raise SceneError("run", "points", run.points, rule)
     if run.points in DESIGNS:
-        refuse_indexed(scene, "members of a family differ by what is drawn")
+        refuse_indexed(model, "members of a family differ by what is drawn")
     if run.points == "sobol" and last > 2**30:
         raise SceneError("run", "members", last, "there are 2^30 Sobol points")
     if run.points == "latin_hypercube" and last > (run.strata or last):
@@ -67,53 +72,58 @@ def _check_points(scene: Parts) -> None:
         raise SceneError("run", "members", last, rule)
 
 
-def _check_sampled(scene: Parts) -> None:
-    """Raise SceneError for impossible values among the first members."""
-    for effect in scene.effects:
+def _check_parts(
+    effects: Sequence[Any], observables: Sequence[Any], integrators: Sequence[Any]
+) -> None:
+    """Raise SceneError for parts of the user's own that cannot be compiled or tell nonsense."""
+    for effect in effects:
         check_user_effect(effect)
-    for one in scene.observables:
-        check_user_observable(one, tuple(map(plain_numbers, scene.effects)))
-    for word, integrator in named_integrators(scene.integrators).items():
+    for one in observables:
+        check_user_observable(one, tuple(map(plain_numbers, effects)))
+    for word, integrator in named_integrators(integrators).items():
         check_user_integrator(integrator, word)
-    _check_variables(scene)
-    if sum(is_random(effect) for effect in scene.effects) > 1:
+
+
+def _check_sampled(model: Model, run: Run) -> None:
+    """Raise SceneError for impossible values among the first members."""
+    if sum(is_random(effect) for effect in model.effects) > 1:
         rule = (
             "give one bath: two act as one with gamma = gamma_1 + gamma_2 and"
             " kT = (gamma_1 kT_1 + gamma_2 kT_2)/gamma"
         )
         raise SceneError("effects", "bath", None, rule)
-    count, last = rows(*scene.quantities()), scene.run.first + scene.run.members
+    count, last = rows(*model.quantities()), run.first + run.members
     if count is not None and count < last:
         rule = f"the scene has arrays with rows for {count} members only"
         raise SceneError("run", "members", last, rule)
-    _check_bodies(scene)
-    _check_orbit(scene)
-    for label, effect in labelled(scene.effects):
-        _check_parameters(scene, label, effect)
+    _check_bodies(model, run.seed)
+    _check_orbit(model, run.seed)
+    for label, effect in labelled(model.effects):
+        _check_parameters(run, label, effect)
 
 
-def _check_bodies(scene: Parts) -> None:
+def _check_bodies(model: Model, seed: int) -> None:
     """Raise SceneError if some of the first bodies are impossible.
 
     In a map these are its blank parts, and with a measured inertia its tails.
     """
-    if any(isinstance(q, Grid) for q in scene.body.quantities()):
+    if any(isinstance(q, Grid) for q in model.body.quantities()):
         return
-    if scene.body.given == "tensor" and rows(*scene.start.quantities()) is not None:
+    if model.body.given == "tensor" and rows(*model.start.quantities()) is not None:
         rule = (
             "beside an uncertain tensor it is no table: its axes differ from member to member; give"
             " laws, or moments and starts of each member"
         )
-        raise SceneError("start", scene.start.which, None, rule)
-    for label, effect in labelled(scene.effects) if scene.body.given == "tensor" else ():
+        raise SceneError("start", model.start.which, None, rule)
+    for label, effect in labelled(model.effects) if model.body.given == "tensor" else ():
         for name in facts(effect).in_body:
             if rows(*getattr(effect, name)) is not None:
                 # results have it in the axes of the members
                 rule = "beside an uncertain tensor what is fixed in the body is no table: give laws"
                 raise SceneError(f"effects.{label}", name, None, rule)
-    moments, mass, _ = scene.body.sample(scene.run.seed, 0, PILOT)
+    moments, mass, _ = model.body.sample(seed, 0, PILOT)
     bad = np.flatnonzero(broken(moments) | ~(mass > 0))
-    if bad.size > (PILOT // 2 if isinstance(scene.body.moments, Correlated) else 0):
+    if bad.size > (PILOT // 2 if isinstance(model.body.moments, Correlated) else 0):
         example = ", ".join(f"{m:.4g}" for m in moments[:, bad[0]])
         rule = (
             f"{bad.size} of the first {PILOT} sampled bodies are impossible (e.g. {example}):"
@@ -122,22 +132,22 @@ def _check_bodies(scene: Parts) -> None:
         raise SceneError("body", "moments", None, rule)
 
 
-def _check_orbit(scene: Parts) -> None:
+def _check_orbit(model: Model, seed: int) -> None:
     """Raise SceneError if a body on an orbit is not to turn about its centre of mass.
 
     Moments about another point are too large by up to m c^2, and turn the axes.
     """
-    if not any(isinstance(effect, GravityGradient) for effect in scene.effects):
+    if not any(isinstance(effect, GravityGradient) for effect in model.effects):
         return
-    moments, mass, centre = scene.body.sample(scene.run.seed, 0, PILOT)
+    moments, mass, centre = model.body.sample(seed, 0, PILOT)
     off = mass * (centre * centre).sum(0) > 1e-12 * moments.max(0)
     if off.any():
-        law = scene.body.given == "tensor"
+        law = model.body.given == "tensor"
         rule = (
             "a body on an orbit (gravity_gradient) turns about its centre of mass, and this is off"
             " the fixed point: "
         )
-        known = is_shared(scene.body.moments, scene.body.mass, scene.body.centre)
+        known = is_shared(model.body.moments, model.body.mass, model.body.centre)
         rule += (
             'say pivot = "centre" in [body], or body.about_centre() in Python, which moves the'
             " fixed point and the tensor there" + (", of each draw its own" if law else "")
@@ -147,10 +157,10 @@ def _check_orbit(scene: Parts) -> None:
         raise SceneError("body", "centre", centre[:, off][:, 0].tolist(), rule)
 
 
-def _check_parameters(scene: Parts, label: str, effect: Effect) -> None:
+def _check_parameters(run: Run, label: str, effect: Effect) -> None:
     """Raise SceneError if a sampled parameter of an effect lies outside its limits, or if a damping
     drives some rotations."""
-    run, table = scene.run, f"effects.{label}"
+    table = f"effects.{label}"
 
     def drawn(name: str, value: Any) -> np.ndarray:
         several = value if shape(effect, name) else (value,)
@@ -172,11 +182,11 @@ def _check_parameters(scene: Parts, label: str, effect: Effect) -> None:
             raise SceneError(table, effect._fields[0], None, rule)
 
 
-def _check_variables(scene: Parts) -> None:
+def _check_variables(recording: Recording) -> None:
     """Raise SceneError if an observable of your own gives a variable that there is already."""
     taken = {*OUTCOMES, *DIMENSIONS, "member", "time", "moments", "mass", "centre"}
-    every: list[tuple[Any, list[str]]] = [(scene.observable(n), [n]) for n in scene.saved()]
-    every += [(one, list(outputs(label, one))) for label, one in scene.watched()]
+    every: list[tuple[Any, list[str]]] = [(recording.observable(n), [n]) for n in recording.names]
+    every += [(one, list(outputs(label, one))) for label, one in recording.monitored]
     for one, names in sorted(every, key=lambda pair: is_own(pair[0])):
         for name in names:
             if name in taken:
@@ -185,25 +195,26 @@ def _check_variables(scene: Parts) -> None:
             taken.add(name)
 
 
-def _check_watched(scene: Parts) -> None:
+def _check_monitored(run: Run, recording: Recording) -> None:
     """Raise SceneError for observables over all steps that do not go with the run settings."""
-    labels, observables = zip(*scene.watched(), strict=True) if scene.watched() else ((), ())
-    rule = _unwatchable(scene, observables)
+    rule = _not_monitored(run, recording)
     if rule:
-        raise SceneError("run", "save", ", ".join(labels), rule)
+        labels = ", ".join(label for label, _ in recording.monitored)
+        raise SceneError("run", "save", labels, rule)
 
 
-def _unwatchable(scene: Parts, observables: Sequence[Any]) -> str:
+def _not_monitored(run: Run, recording: Recording) -> str:
     """Why observables over all steps do not go with the run settings; "" if they do."""
-    run, stops = scene.run, [one for one in observables if one.stop]
+    observables = [one for _, one in recording.monitored]
+    stops = [one for one in observables if one.stop]
     if run.integrator == "closed":
         if any(not isinstance(one, Ensemble) for one in observables):
             return "closed forms make no steps that could be watched: use exact"
-        if any(map(is_own, scene.recorded().values())):
+        if any(map(is_own, recording.recorded.values())):
             return "closed forms know no observables of your own: use exact"
     if len(stops) > 1:
         return "at most one event can stop a member"
-    if stops and "work" in run.save:
+    if stops and recording.has_work:
         return (
             "the work of a member that an event stops is not kept: save it without stop, or stop"
             " without it"

@@ -1,0 +1,503 @@
+"""The prepared run: everything that is settled before the first step, in one straight line.
+
+A scene is data. `prepare` checks it, chooses units, integrator and step, and resolves all names to
+objects; what it makes runs as often as one likes, with other members, threads or devices.
+"""
+
+import time
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.arrays import placed
+from rigidmc.engine.compiler.compose import NumbaError, reason
+from rigidmc.engine.cuda.devices import number_of, settled_device
+from rigidmc.engine.inspection import refuse_memory
+from rigidmc.engine.kernel.layout import whole_lanes
+from rigidmc.engine.machine import UNCOMPILED, is_uncompiled, threads_available
+from rigidmc.engine.program import Program
+from rigidmc.errors import SceneError
+from rigidmc.files.outputs import Path
+from rigidmc.physics.dynamics.trials import RULE
+from rigidmc.physics.effects import EFFECTS
+from rigidmc.physics.effects.protocol import blank
+from rigidmc.physics.observables import is_own
+from rigidmc.planning.check import check
+from rigidmc.planning.closed_form import closed_form
+from rigidmc.planning.initial import (
+    InitialMembers,
+    Source,
+    Start,
+    check_starts,
+    make_pilot,
+    make_sampler,
+)
+from rigidmc.planning.monitors import has_attitude, make_monitors
+from rigidmc.planning.notes import scene_notes, step_notes
+from rigidmc.planning.plan import Plan, make_plan
+from rigidmc.planning.tolerance.choose import Chosen, choose_integrator
+from rigidmc.planning.units import UnitScale, choose_units, scaled
+from rigidmc.progress import Progress
+from rigidmc.results.export import is_streamed
+from rigidmc.results.layout import Axes, ResultLayout, constant
+from rigidmc.results.sinks import Export, File, Memory
+from rigidmc.results.variables import (
+    ensemble_variables,
+    flagged_variables,
+    member_variables,
+    saved_variables,
+)
+from rigidmc.runs.blocks import Sink, compute
+from rigidmc.runs.resources import block_of, needs, refuse_hopeless
+from rigidmc.scene.amounts import counted
+from rigidmc.scene.quantities import rows
+from rigidmc.scene.recording import Recording, recording
+from rigidmc.scene.scene import Scene, takes_scene
+from rigidmc.scene.settings import takes_settings
+from rigidmc.scene.validation import PILOT
+
+Array = NDArray[np.float64]
+
+
+class PreparedRun:
+    """A run that is ready for its first step; `prepare` makes it.
+
+    Parameters
+    ----------
+    scene : Scene
+        with the settings of the run, and the integrator and step that a tolerance chose
+    plan : Plan
+        what will be done, in the units of integration
+    layout : ResultLayout
+        the result, in the units of the scene
+    units : UnitScale or None
+        the units of integration, None for those of the scene
+    sampler : object
+        where the uniform numbers of members come from
+    pilot : InitialMembers or None
+        the first members at their start, if they are those of the run
+    choice : Chosen or None
+        what a tolerance chose, None if the scene names its integrator
+    step_notes : tuple of str
+        what the user should know of the length of steps
+    scene_notes : tuple of str
+        what else the user should know
+
+    Examples
+    --------
+    >>> run = rm.prepare("dzhanibekov", members=4, t_end=1.0)
+    >>> run.scene.run.integrator, run.notes
+    ('rk4', ())
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        plan: Plan,
+        layout: ResultLayout,
+        units: UnitScale | None,
+        sampler: Source,
+        pilot: InitialMembers | None,
+        choice: Chosen | None,
+        step_notes: tuple[str, ...],
+        scene_notes: tuple[str, ...],
+    ) -> None:
+        self.scene, self.plan, self.layout, self.units = scene, plan, layout, units
+        self.sampler, self.pilot, self.choice = sampler, pilot, choice
+        self.step_notes, self.scene_notes = step_notes, scene_notes
+        self._programs: dict[str, Program | None] = {}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know, in words: `simulate` warns with it."""
+        return (*self.step_notes, *self.scene_notes)
+
+    def compile(self, device: str | None = None) -> "PreparedRun":
+        """Compile what the members need, or take it from the disk cache; else the first `run` does.
+
+        Parameters
+        ----------
+        device : str, optional
+            as of `simulate`
+
+        Returns
+        -------
+        PreparedRun
+            itself
+
+        Examples
+        --------
+        >>> rm.prepare("dzhanibekov", members=4, t_end=1.0).compile().plan.members
+        4
+        """
+        self.program(settled_device(device))
+        return self
+
+    def program(self, device: str = "cpu") -> Program | None:
+        """What moves the members, compiled or from the cache; None for closed forms.
+
+        Raises SceneError for parts of a user's own that cannot be compiled.
+        """
+        if device not in self._programs:
+            self._programs[device] = make_program(self.plan, device)
+        return self._programs[device]
+
+    def initial(self, first: int, count: int) -> tuple[Array, Start]:
+        """`count` members from place `first` on at their start: rows for the kernel, filled up to
+        whole lanes, and what they were made from."""
+        return self.plan.initial(self.sampler, first, count, self.pilot)
+
+    def with_members(self, members: range | NDArray[np.int64]) -> "PreparedRun":
+        """The run of other members: of a range of indices, or of some that rise.
+
+        Of a range the result is that of a scene with these members; of some it is a selection.
+        """
+        if isinstance(members, range):
+            place = {"first": members.start, "members": len(members)}
+            scene = self.scene.with_run(**place)
+            layout = self.layout._replace(
+                scene=scene, first=members.start, members=len(members), which=None
+            )
+            plan = self.plan._replace(first=members.start, members=len(members), which=None)
+            return self._changed(plan, layout, scene)
+        layout = self.layout._replace(first=0, members=members.size, which=members)
+        return self._changed(self.plan.of(members), layout)
+
+    def _members(self, members: int | range | NDArray[np.int64]) -> range | NDArray[np.int64]:
+        """Members that `run` is asked for; SceneError for some that the scene does not have."""
+        first = self.scene.run.first
+        if isinstance(members, (int, np.integer)):
+            members = range(first, first + counted(members, "members"))
+        elif not isinstance(members, range):
+            members = _indices(np.asarray(members))
+        elif members.step != 1 or members.start < 0 or not members:
+            rule = "expected a range of member indices with step 1"
+            raise SceneError("run", "members", members, rule)
+        run, last = self.scene.run, int(members[-1]) + 1
+        most, what = rows(*self.plan.model.quantities()), "arrays with rows for"
+        if run.strata is not None:
+            most, what = run.strata, "a Latin hypercube of"
+        if most is not None and last > most:
+            rule = f"the scene has {what} {most:,} members only"
+            raise SceneError("run", "members", last, rule)
+        return members
+
+    def with_paired_noise(self) -> "PreparedRun":
+        """The run whose steps have the noise of two steps of half their length."""
+        return self._changed(self.plan._replace(paired=True), self.layout)
+
+    def run(
+        self,
+        *,
+        members: int | range | NDArray[np.int64] | None = None,
+        threads: int | None = None,
+        device: str | None = None,
+        output: Path | None = None,
+        force: bool = False,
+        block: int | None = None,
+        attrs: Mapping[str, Any] | None = None,
+        progress: Progress = False,
+    ) -> xr.Dataset:
+        """Take the members through their steps.
+
+        No bit of a member depends on an argument.
+
+        Parameters
+        ----------
+        members : int, range or array_like of int, optional
+            how many members from the first one, or a range of indices, or rising indices, in place
+            of those that were prepared
+        threads : int, optional
+            number of threads; by default one for each core that the process may use
+        device : str, optional
+            where members move, as of `simulate`
+        output : path_like, optional
+            file to write, as of `simulate`
+        force : bool, optional
+            replace an output that exists
+        block : int, optional
+            members of a block, a multiple of 32
+        attrs : dict, optional
+            more attributes of the result
+        progress : bool or callable, optional
+            as of `simulate`
+
+        Returns
+        -------
+        xarray.Dataset
+            as of `simulate`; `dataset.encoding["rigidmc"]` holds the cost of the run and the number
+            of flagged members
+
+        Raises
+        ------
+        SceneError
+            for members that the scene does not have
+        NoRoom
+            if memory or disk is too small
+        NoDevice
+            if there is no such device, or it fails
+
+        Examples
+        --------
+        >>> run = rm.prepare("dzhanibekov", members=4, t_end=1.0, every=0.5)
+        >>> run.run(members=range(2, 4)).member.values.tolist()
+        [2, 3]
+        """
+        if members is not None:
+            return self.with_members(self._members(members)).run(
+                threads=threads,
+                device=device,
+                output=output,
+                force=force,
+                block=block,
+                attrs=attrs,
+                progress=progress,
+            )
+        threads = threads_available() if threads is None else counted(threads, "threads")
+        device = "cpu" if self.plan.scheme is None else settled_device(device)
+        streaming = output is not None and is_streamed(output)
+        size = block or block_of(self.plan, threads, device, streaming)
+        room = needs(self.layout, self.plan, self.plan.members, size, threads)
+        refuse_hopeless(room, self.plan.members, threads, output if streaming else None)
+        began = time.perf_counter()
+        program = self.program(device)
+        compiled = time.perf_counter() - began
+        layout, more = self.layout._replace(block=size), dict(attrs or {})
+        if self.choice is not None:
+            more = {**self.choice.attributes(), **more}
+        sink: Sink = Memory(layout, more)
+        if output is not None:
+            sink = (File if streaming else Export)(output, layout, force, more)
+        began = time.perf_counter()
+        try:
+            flagged = compute(
+                self.plan,
+                layout,
+                self.initial,
+                program,
+                sink,
+                threads=threads,
+                block=size,
+                units=self.units,
+                progress=progress,
+            )
+            dataset: xr.Dataset = sink.finish()
+        except BaseException:
+            sink.discard()
+            raise
+        dataset.encoding["rigidmc"] = {
+            "compile_seconds": compiled,
+            "run_seconds": time.perf_counter() - began,
+            "flagged": flagged,
+            "steps": self.plan.mean_steps,
+        }
+        return dataset
+
+    def _changed(
+        self, plan: Plan, layout: ResultLayout, scene: Scene | None = None
+    ) -> "PreparedRun":
+        known = self.units, self.sampler, self.pilot, self.choice
+        notes = self.step_notes, self.scene_notes
+        return PreparedRun(scene or self.scene, plan, layout, *known, *notes)
+
+
+@takes_settings
+@takes_scene
+def prepare(
+    scene: Scene,
+    integrator: Any = None,
+    *,
+    members: int | range | NDArray[np.int64] | None = None,
+    **settings: Any,
+) -> PreparedRun:
+    """Prepare a run: check a scene, choose its units, its integrator and its step, and resolve all
+    that it names.
+
+    `simulate` is `prepare(...).run(...)`. Prepare once what runs many times.
+
+    The parameters from `dt` on are settings of the run (`Run`), in place of the scene's own; None
+    leaves the scene's own.
+
+    Parameters
+    ----------
+    scene : Scene or path_like
+        what is run; also its file, or the name of a shipped one
+    integrator : str or integrator, optional
+        as of `simulate`
+    members : int, range or array_like of int, optional
+        as of `simulate`
+    {settings}
+
+    Returns
+    -------
+    PreparedRun
+        with `notes`, `plan`, `choice`, and the methods `compile` and `run`
+
+    Raises
+    ------
+    SceneError
+        for a scene that cannot be run
+
+    See Also
+    --------
+    simulate : prepare a scene and run it once.
+
+    Examples
+    --------
+    >>> run = rm.prepare("dzhanibekov", members=4, t_end=1.0, every=0.5)
+    >>> run.plan.grid.steps
+    100
+    >>> run.run().sizes["member"]
+    4
+    """
+    which = None
+    if not isinstance(members, (int, range)):
+        members = placed(members, "run", "members")
+    if isinstance(members, (list, tuple)):
+        members = np.array(members)
+    if isinstance(members, np.ndarray):
+        which = _indices(members)
+        members = range(int(which[0]), int(which[-1]) + 1)
+    run = prepared(_with_settings(scene, members, {**settings, "integrator": integrator}))
+    return run if which is None else run.with_members(which)
+
+
+def _indices(members: NDArray[Any]) -> NDArray[np.int64]:
+    """The indices of members as they are asked for; SceneError unless they rise from 0 or more."""
+    sound = members.ndim == 1 and members.size and members.dtype.kind in "iu"
+    if not sound or members[0] < 0 or not (np.diff(members) > 0).all():
+        raise SceneError("run", "members", None, "expected indices of members that rise")
+    return members.astype(np.int64)
+
+
+def _with_settings(scene: Scene, members: int | range | None, settings: Mapping[str, Any]) -> Scene:
+    """The scene with the settings of a run, and all numbers that depend on its members."""
+    first = settings.get("first")
+    if isinstance(members, range):
+        if members.step != 1 or members.start < 0 or not members:
+            rule = "expected a range of member indices with step 1"
+            raise SceneError("run", "members", members, rule)
+        first, members = members.start, len(members)
+    elif members is None:
+        members = (scene if first is None else scene.with_run(first=first)).rows_to_run()
+    scene = scene.with_run(**{**settings, "first": first, "members": members})
+    if scene.run.points == "latin_hypercube" and scene.run.strata is None:
+        scene = scene.with_run(strata=scene.run.first + scene.run.members)
+    return scene
+
+
+def prepared(scene: Scene) -> PreparedRun:
+    """Settle everything about the run of a scene; SceneError if it cannot be run."""
+    asked, units = scene, choose_units(scene)
+    if units is not None:
+        scene = scaled(scene, units.mass, 1.0, units.time)
+    scene, choice = choose_integrator(scene)
+    run, model, recorded = scene.run, scene.model, recording(scene)
+    check(scene, recorded)
+    coarse, sampler = model.coarse(), make_sampler(model, run)
+    check_starts(coarse, sampler, run.seed)
+    monitors = make_monitors(model, recorded, run.seed)
+    attitude = has_attitude(model.effects, recorded, monitors)
+    pilot = make_pilot(coarse, sampler, attitude)
+    if run.integrator == "closed":  # raises if there is none
+        closed_form(model, sampler, run.first, whole_lanes(min(PILOT, run.members)))
+    plan = make_plan(model, run, scene.integrator, recorded, monitors, attitude, pilot)
+    notes = step_notes(asked.run, plan, units), scene_notes(asked.model, asked.run, plan)
+    if units is not None:
+        scene = units.original(scene)
+        recorded = recording(scene)
+    layout = make_layout(scene, recorded, plan if units is None else units.back(plan))
+    known = sampler, pilot if coarse is model else None
+    return PreparedRun(scene, plan, layout, units, *known, choice, *notes)
+
+
+def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
+    """The layout of a result, in the units of the scene."""
+    model, run, grid = scene.model, scene.run, plan.grid
+    # a selection of the result has only the rows of its own members, so whatever was chosen by
+    # looking at all of them is written down
+    settings: dict[str, Any] = {} if plan.has_member_steps else {"dt": grid.dt}
+    if rows(*model.quantities()) is not None:
+        settings |= {"turn_rate": plan.turn_rate, **plan.bounds()}
+    own = plan.has_member_steps
+    steps: dict[str, Any] = {"turn": run.turn} if own else {"dt": grid.dt, "steps": grid.steps}
+    if grid.is_shortened and not own:
+        steps |= {"last_steps": grid.steps - grid.head, "last_dt": grid.last_dt}
+    facts = {
+        **steps,
+        "dtype": plan.dtype,
+        "compensated": int(plan.compensated),
+        **plan.bounds(),
+        "parts_per_step": len(plan.scheme.parts) - 1 if plan.scheme else 0,
+        **({"drawn": through} if (through := scene.drawn_through()) else {}),
+        **(UNCOMPILED if plan.scheme is not None and is_uncompiled() else {}),
+    }
+    monitors = plan.monitors
+    return ResultLayout(
+        scene=scene,
+        settings=settings,
+        facts=facts,
+        first=plan.first,
+        members=plan.members,
+        which=plan.which,
+        axes=Axes(plan.times, plan.thinned, plan.labels, monitors.bins, monitors.dims),
+        recording=recorded,
+        saved=plan.saved,
+        by_member=member_variables(model, run, recorded, plan.has_attitude),
+        at_saves=saved_variables(model.effects, recorded),
+        of_ensemble=ensemble_variables(recorded),
+        of_flagged=flagged_variables(recorded),
+        constant=constant(model),
+    )
+
+
+def make_program(plan: Plan, device: str = "cpu", compiled: bool = True) -> Program | None:
+    """What moves the members of a plan, compiled or from the cache; None for closed forms.
+
+    compiled : else the Program tells what is `missing`
+    Raises SceneError for parts of a user's own that cannot be compiled.
+    """
+    if plan.scheme is None:
+        return None
+    effects = plan.model.effects
+    try:
+        refuse_memory(effects)
+        events, running, shadow = plan.monitors.compiled
+        kind: Any = Program
+        if device != "cpu":
+            from rigidmc.engine.cuda.program import CudaProgram
+
+            kind = partial(CudaProgram, number=number_of(device))
+        found: Program = kind(
+            plan.scheme,
+            blank(effects),
+            tuple(plan.recording.recorded.values()),
+            plan.has_attitude,
+            plan.compensated,
+            plan.dtype,
+            tuple(plan.limits),
+            plan.works,
+            events,
+            running,
+            shadow,
+            ask=not compiled,
+            nodes=plan.nodes,
+            paired=plan.paired,
+            shortens=plan.grid.is_shortened,
+        )
+        return found
+    except NumbaError as error:
+        own = {
+            "effects": [e for e in effects if type(e) not in EFFECTS.values()],
+            "observables": list(filter(is_own, plan.recording.observables)),
+        }
+        names = {key: ", ".join(type(one).__name__ for one in ones) for key, ones in own.items()}
+        table = ", ".join(table for table, words in names.items() if words)
+        if not table:
+            raise
+        rule = f"cannot be compiled: {reason(error)}; {RULE}"
+        raise SceneError(table, ", ".join(filter(None, names.values())), None, rule) from error

@@ -1,0 +1,93 @@
+"""What a run saves, retains and monitors: names resolved to observables, once."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects.protocol import facts, is_conservative, is_random
+from rigidmc.physics.observables import named, recorded, saved, under, watched
+from rigidmc.physics.observables.keep import kept, summaries
+from rigidmc.physics.observables.protocol import Ensemble
+from rigidmc.scene.parts import Parts
+
+Labelled = tuple[tuple[str, Any], ...]  # (label, observable) of each
+
+
+class Recording(NamedTuple):
+    """What is recorded of each member.
+
+    names : observables that are saved at save times
+    retained : {name: how much of it is kept}, see `rigidmc.physics.observables.keep`
+    recorded : {name: observable} of those, then of what only histograms need, as they are compiled
+    monitored : over all steps
+    has_work : whether the works of the effects are saved
+    observables : those that the scene gives with their numbers
+    """
+
+    names: tuple[str, ...]
+    retained: dict[str, str]
+    recorded: dict[str, Any]
+    monitored: Labelled
+    has_work: bool
+    observables: tuple[Any, ...]
+
+    def observable(self, name: str) -> Any:
+        """The observable at save times of a name, shipped or of the user's own."""
+        return named(self.observables, name)
+
+    @property
+    def histograms(self) -> Labelled:
+        """The counts over all members."""
+        return tuple((label, one) for label, one in self.monitored if isinstance(one, Ensemble))
+
+
+def recording(scene: Parts) -> Recording:
+    """The Recording of a scene."""
+    save, given = scene.run.save, scene.observables
+    names = saved(save, given)
+    retained = kept(scene.run.keep, names, given)
+    at_saves = recorded(save, given)
+    return Recording(
+        names,
+        retained,
+        {name: under(one, scene.effects) for name, one in at_saves.items()},
+        tuple(watched((*save, *summaries(retained)), given)),
+        "work" in save,
+        given,
+    )
+
+
+def conservation(effects: Sequence[Any], has_work: bool) -> dict[str, str]:
+    """{"energy", "energy_drift", "l2", "lz": "yes", or "no: ..." with the reason}, by the physics
+    of the effects.
+
+    energy_drift : the energy less the works if these are saved
+    """
+    by_label = labelled(effects)
+    lossy = [label for label, e in by_label if not is_conservative(e)]
+    random = [label for label, e in by_label if is_random(e)]
+    energy, drift = _verdict(lossy, "the energy"), "yes"
+    if random:
+        walk = "the energy of a step of order 2 walks off as dt^2 sqrt(t)"
+        drift = f"no: under {', '.join(random)} {walk}"
+    l2 = [label for label, e in by_label if not facts(e).keeps_l2]
+    lz = [label for label, e in by_label if not facts(e).keeps_lz]
+    return {
+        "energy": energy,
+        "energy_drift": drift if has_work else energy,
+        "l2": _verdict(l2, "the angular momentum"),
+        "lz": _verdict(lz, "L_z"),
+    }
+
+
+def untracked(effects: Sequence[Any]) -> list[str]:
+    """The labels of the effects whose work is no part of `energy`."""
+    return [label for label, e in labelled(effects) if not implements(e, "energy")]
+
+
+def _verdict(labels: Sequence[str], quantity: str) -> str:
+    """ "yes", or "no" with the effects that change a quantity."""
+    if not labels:
+        return "yes"
+    return f"no: {', '.join(labels)} change{'s' * (len(labels) == 1)} {quantity}"
