@@ -1,0 +1,209 @@
+"""What users of rigidmc see, as texts that are the same on every run; for `bench.fingerprints`."""
+
+import contextlib
+import functools
+import hashlib
+import inspect
+import json
+import os
+import re
+import sys
+
+import numpy as np
+import xarray as xr
+
+# The width and the colours of help pages; typer reads these when it is imported.
+TERMINAL = {"COLUMNS": "100", "TERMINAL_WIDTH": "100", "NO_COLOR": "1", "TERM": "dumb"}
+# attributes and variables of results that are measured, or name the machine
+OF_MACHINE = ("seconds", "threads")
+MEASURED = ("ns_per_member_step", "ns_per_member", "members_per_second", "cheapest", "seconds")
+
+
+# All that bench.fingerprints takes of rigidmc beside `import rigidmc`.
+
+
+def commands():
+    """The application of the command line."""
+    from rigidmc.cli import app
+
+    return app
+
+
+@contextlib.contextmanager
+def side_by_side(width):
+    """Work on so many members at once: replaces `lanes_for`, whichever module has it."""
+    import rigidmc
+
+    assert rigidmc.simulate  # loads the engine
+    inside = [module for name, module in sys.modules.items() if name.startswith("rigidmc.")]
+    homes = [(module, module.lanes_for) for module in inside if hasattr(module, "lanes_for")]
+    if not homes:
+        raise RuntimeError("no module of rigidmc has `lanes_for`: mend bench/texts.py")
+    asked = []
+    try:
+        for home, _ in homes:
+            home.lanes_for = lambda dtype: asked.append(dtype) or width
+        yield
+    finally:
+        for home, kept in homes:
+            home.lanes_for = kept
+    if not asked:  # a scene keeps its program: take a new one
+        raise RuntimeError("no program was made for this number of members side by side")
+
+
+# (what of a text moves, what stands for it): the numbers that are measured, not the words beside
+# them
+NUMBER = r"[-+]?\d[\d,.]*(?:e[-+]?\d+)?"
+MASKS = [(re.compile(old), new) for old, new in (
+    # show: times of steps, what they add up to, free memory, and shards, which are sized by time
+    (rf"{NUMBER} ns\b", "# ns"),
+    (rf"{NUMBER} of that measured", "# of that measured"),
+    (rf"about {NUMBER} s for the steps", "about # s for the steps"),
+    (rf"; {NUMBER} .?B are free", "; # are free"),
+    (rf"{NUMBER} shards of {NUMBER} members with -o RUN/(, by their time;)?", "# shards"),
+    # show: whether code is in the cache
+    (r"(?m)^code  .*$", "code"),
+    # run, map, stress, status: how long it took and how fast it was
+    (rf"(?m)^  {NUMBER} s, {NUMBER}( .)? member-steps/s, {NUMBER}( .)? members/s;.*$", "  #"),
+    (rf"(with \w+): {NUMBER} s, {NUMBER}( .)? members/s", r"\1: #"),
+    (rf"{NUMBER} members/s since it was last started.*", "# members/s"),
+    (rf"{NUMBER} s of work", "# s of work"),
+    # studies: what they will cost
+    (rf"about {NUMBER} s on \d+ threads", "about # s on # threads"),
+    # status: the processor and the versions
+    (r"code generated for .*", "code generated for #"),
+    # verify: a shard's name ends in the sha256 of its bytes, which the netCDF library decides too
+    (r"-[0-9a-f]{16}\.nc", "-#.nc"),
+    # view: scenes of k3d, compressed, in which objects are numbered by their places in memory
+    (r'"plots":\{"[^{}]*\}', '"plots":#'),
+    # the repr of a class names the module that has it, which no user writes
+    (r"<class 'rigidmc\.[\w.]*?(\w+)'>", r"<class '\1'>"),
+)]  # fmt: skip
+
+
+def masked(text):
+    """A text without what moves with the machine, the clock, the folder and the version."""
+    import rigidmc
+
+    text = text.replace(os.getcwd(), "FOLDER").replace(rigidmc.__version__, "VERSION")
+    # what is compiled is announced only while it is not in the cache
+    text = "".join(line for line in text.splitlines(True) if not line.startswith("compiling "))
+    for old, new in MASKS:
+        text = old.sub(new, text)
+    return text
+
+
+@functools.cache
+def _runner():
+    """What calls commands in this process; they are made once, which takes 25 ms."""
+    import typer.main
+    import typer.testing
+
+    typer.testing._get_command = functools.cache(typer.main.get_command)
+    return typer.testing.CliRunner()
+
+
+def told(*words):
+    """What a command prints, and its exit code; RuntimeError for a traceback."""
+    done = _runner().invoke(commands(), [str(word) for word in words])
+    if not isinstance(done.exception, SystemExit | None):
+        raise RuntimeError(f"traceback: rigidmc {' '.join(map(str, words))}") from done.exception
+    return f"{masked(done.stdout + done.stderr)}exit code {done.exit_code}\n"
+
+
+def done_well(*words, codes=(0, 4)):
+    """As `told`; RuntimeError for another exit code."""
+    text = told(*words)
+    if int(text.split()[-1]) not in codes:
+        raise RuntimeError(f"rigidmc {' '.join(map(str, words))}: {text}")
+    return text
+
+
+def sha(data):
+    """The sha256 of a text or of bytes."""
+    return hashlib.sha256(data.encode() if isinstance(data, str) else data).hexdigest()
+
+
+def bytes_of(array):
+    """The bytes of an array; texts are alike as objects and as letters."""
+    array = np.asarray(array)
+    if array.dtype.kind in "OUT":
+        return json.dumps([str(word) for word in array.ravel()]).encode()
+    return np.ascontiguousarray(array).tobytes()
+
+
+def parts_of(ds):
+    """(part, text) of a Dataset: its variables, its attributes, and the scene in these."""
+    for name in sorted(map(str, ds.variables)):
+        one = ds[name].variable
+        kind = "text" if one.dtype.kind in "OUT" else one.dtype.str
+        if name not in MEASURED:
+            line = f"{one.dims} {one.shape} {kind} {sha(bytes_of(one.values))}"
+            yield name, f"{line}\n{_attributes(one.attrs)}"
+    yield "attributes", _attributes({k: v for k, v in ds.attrs.items() if k != "scene"})
+    if "scene" in ds.attrs:
+        yield "scene in it", masked(ds.attrs["scene"])
+
+
+def _attributes(attrs):
+    """Attributes, a line each, alike from memory and from a file."""
+    lines = []
+    for name, value in sorted(attrs.items()):
+        if name not in OF_MACHINE:
+            plain = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+            lines.append(f"  {name} = {masked(plain) if isinstance(plain, str) else plain!r}\n")
+    return "".join(lines)
+
+
+def each(name, ds):
+    """(item, text) of the parts of a Dataset."""
+    return ((f"{name}: {part}", text) for part, text in parts_of(ds))
+
+
+def whole(ds):
+    """A Dataset as one text."""
+    return "".join(f"{part}: {text}" for part, text in parts_of(ds))
+
+
+def stored(path):
+    """A netCDF file as one text, as xarray reads it."""
+    with xr.open_dataset(path, decode_times=False) as ds:
+        return whole(ds)
+
+
+def pixels(path):
+    """A picture as a text: its size and the sha256 of its pixels."""
+    from matplotlib.image import imread
+
+    image = imread(path)
+    return f"{image.shape} {sha(bytes_of(image))}\n"
+
+
+def read(path):
+    """The text of a file."""
+    with open(path, encoding="utf-8") as file:
+        return file.read()
+
+
+def fields(found):
+    """A NamedTuple of arrays as a text."""
+    return "".join(
+        f"{name} {np.shape(value)} {np.asarray(value).ravel().tolist()} {sha(bytes_of(value))}\n"
+        for name, value in found._asdict().items()
+    )
+
+
+def signature(value):
+    """A public name in words: its parameters, and those of its public methods."""
+
+    def parameters(of):
+        try:
+            return re.sub(r" at 0x\w+", "", masked(str(inspect.signature(of))))
+        except (TypeError, ValueError):
+            return ""
+
+    lines = [f"{type(value).__name__}{parameters(value)}"]
+    if isinstance(value, type):
+        names = (name for name in sorted(vars(value)) if not name.startswith("_"))
+        lines += [f"{name}{parameters(getattr(value, name))}" for name in names]
+    return "\n".join(lines)
