@@ -25,9 +25,10 @@ from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.integrators import accepting
 from rigidmc.protocols import cross, effect, into_body, scale
+from rigidmc.runs.assemble import make_program
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
-from rigidmc.runs.prepare import make_program, prepared
+from rigidmc.runs.prepare import prepared
 
 CAPABILITIES = (8, 0), (9, 0)
 ROUNDED = re.compile(r"^\s+(fma|add|sub|mul|div|rcp|sqrt)((?:\.\w+)*)\.f(?:64|32)\s", re.M)

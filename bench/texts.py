@@ -106,6 +106,8 @@ def _runner():
 def told(*words):
     """What a command prints, and its exit code; RuntimeError for a traceback."""
     done = _runner().invoke(commands(), [str(word) for word in words])
+    if done.exit_code in (130, 143):  # it was stopped, and so is this
+        raise KeyboardInterrupt
     if not isinstance(done.exception, SystemExit | None):
         raise RuntimeError(f"traceback: rigidmc {' '.join(map(str, words))}") from done.exception
     return f"{masked(done.stdout + done.stderr)}exit code {done.exit_code}\n"
@@ -194,16 +196,25 @@ def fields(found):
 
 
 def signature(value):
-    """A public name in words: its parameters, and those of its public methods."""
+    """A public name in words: its parameters, and those of its public methods, without their types,
+    which name classes inside the package."""
 
     def parameters(of):
         try:
-            return re.sub(r" at 0x\w+", "", masked(str(inspect.signature(of))))
+            found = inspect.signature(of)
         except (TypeError, ValueError):
             return ""
+        plain = [
+            one.replace(annotation=inspect.Parameter.empty) for one in found.parameters.values()
+        ]
+        shown = found.replace(parameters=plain, return_annotation=inspect.Signature.empty)
+        return re.sub(r" at 0x\w+", "", masked(str(shown)))
 
-    lines = [f"{type(value).__name__}{parameters(value)}"]
+    word = "class" if isinstance(value, type) else type(value).__name__  # of some a metaclass
+    lines = [f"{word}{parameters(value)}"]
     if isinstance(value, type):
-        names = (name for name in sorted(vars(value)) if not name.startswith("_"))
-        lines += [f"{name}{parameters(getattr(value, name))}" for name in names]
+        for name in dir(value):
+            home = next((one for one in value.__mro__ if name in vars(one)), object)
+            if not name.startswith("_") and home.__module__.startswith("rigidmc"):
+                lines.append(f"{name}{parameters(getattr(value, name))}")
     return "\n".join(lines)

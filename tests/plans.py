@@ -5,7 +5,8 @@ from rigidmc.planning import closed_form as forms
 from rigidmc.planning.initial import block_rows, initial_block, make_sampler
 from rigidmc.planning.monitors import has_attitude, make_monitors
 from rigidmc.planning.notes import scene_notes, step_notes
-from rigidmc.runs.prepare import make_program, prepared
+from rigidmc.runs.assemble import make_program
+from rigidmc.runs.prepare import prepared
 from rigidmc.scene.recording import recording
 
 

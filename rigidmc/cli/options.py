@@ -135,7 +135,7 @@ def takes_settings(
 
     words : {setting: what it means for this command}, where that is not what it means for a run
     """
-    chosen = [name for name in names or Run.model_fields if name not in but]
+    chosen = [name for name in names or Run.model_fields if name not in (*but, "varied")]
     return gathering(
         "run",
         {name: setting(name, words.get(name)) for name in chosen},

@@ -16,7 +16,7 @@ from rigidmc.physics.observables import Passage, is_own
 from rigidmc.planning.initial import Source, block_rows, initial_block, make_sampler
 from rigidmc.planning.plan import Plan
 from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.quantities import Grid, is_shared
+from rigidmc.scene.quantities import Grid, Varied, is_shared
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.vector_distributions import LAWS
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
@@ -227,6 +227,6 @@ def _all_times(value: Any, by: float) -> Any:
 
 
 def _times(value: Any, by: float) -> Any:
-    if isinstance(value, (Distribution, Grid)):
+    if isinstance(value, (Distribution, Grid, Varied)):
         return value.times(by)
     return value * by

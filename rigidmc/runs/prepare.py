@@ -5,27 +5,20 @@ objects; what it makes runs as often as one likes, with other members, threads o
 """
 
 import time
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import placed
-from rigidmc.engine.compiler.compose import NumbaError, reason
-from rigidmc.engine.cuda.devices import number_of, settled_device
-from rigidmc.engine.inspection import refuse_memory
+from rigidmc.engine.cuda.devices import settled_device
 from rigidmc.engine.kernel.layout import whole_lanes
-from rigidmc.engine.machine import UNCOMPILED, is_uncompiled, threads_available
+from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import Program
-from rigidmc.errors import SceneError
+from rigidmc.errors import OptionError, SceneError
 from rigidmc.files.outputs import Path
-from rigidmc.physics.dynamics.trials import RULE
-from rigidmc.physics.effects import EFFECTS
-from rigidmc.physics.effects.protocol import blank
-from rigidmc.physics.observables import is_own
 from rigidmc.planning.check import check
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.initial import (
@@ -43,22 +36,18 @@ from rigidmc.planning.tolerance.choose import Chosen, choose_integrator
 from rigidmc.planning.units import UnitScale, choose_units, scaled
 from rigidmc.progress import Progress
 from rigidmc.results.export import is_streamed
-from rigidmc.results.layout import Axes, ResultLayout, constant
+from rigidmc.results.layout import ResultLayout
 from rigidmc.results.sinks import Export, File, Memory
-from rigidmc.results.variables import (
-    ensemble_variables,
-    flagged_variables,
-    member_variables,
-    saved_variables,
-)
+from rigidmc.runs.assemble import make_layout, make_program
 from rigidmc.runs.blocks import Sink, compute
 from rigidmc.runs.resources import block_of, needs, refuse_hopeless
 from rigidmc.scene.amounts import counted
-from rigidmc.scene.quantities import rows
-from rigidmc.scene.recording import Recording, recording
+from rigidmc.scene.quantities import Varied, rows
+from rigidmc.scene.recording import recording
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings
 from rigidmc.scene.validation import PILOT
+from rigidmc.scene.varied import closed, nominal_of, opened, stored_values, with_values
 
 Array = NDArray[np.float64]
 
@@ -167,6 +156,17 @@ class PreparedRun:
         layout = self.layout._replace(first=0, members=members.size, which=members)
         return self._changed(self.plan.of(members), layout)
 
+    def with_values(self, values: Mapping[str, ArrayLike]) -> "PreparedRun":
+        """The run of members with other numbers of what is varied; see `run`."""
+        scene, count = with_values(self.scene, values)
+        units = self.units
+        moving = scene if units is None else scaled(scene, units.mass, 1.0, units.time)
+        plan = self.plan._replace(model=moving.model, first=0, members=count, which=None)
+        layout = self.layout._replace(scene=scene, first=0, members=count, which=None)
+        run = self._changed(plan, layout, scene)
+        run.pilot = None
+        return run
+
     def _members(self, members: int | range | NDArray[np.int64]) -> range | NDArray[np.int64]:
         """Members that `run` is asked for; SceneError for some that the scene does not have."""
         first = self.scene.run.first
@@ -194,6 +194,7 @@ class PreparedRun:
         self,
         *,
         members: int | range | NDArray[np.int64] | None = None,
+        values: Mapping[str, ArrayLike] | None = None,
         threads: int | None = None,
         device: str | None = None,
         output: Path | None = None,
@@ -211,6 +212,10 @@ class PreparedRun:
         members : int, range or array_like of int, optional
             how many members from the first one, or a range of indices, or rising indices, in place
             of those that were prepared
+        values : dict of array_like, optional
+            {name: numbers of each member} of exactly what was prepared as `varied`, in the units of
+            the scene: (members,) of a number, (members, 3) of a vector. Grid, scheme and limits
+            stay, and a member beyond them is flagged
         threads : int, optional
             number of threads; by default one for each core that the process may use
         device : str, optional
@@ -247,8 +252,10 @@ class PreparedRun:
         >>> run.run(members=range(2, 4)).member.values.tolist()
         [2, 3]
         """
-        if members is not None:
-            return self.with_members(self._members(members)).run(
+        if values is not None or members is not None:
+            run = self if values is None else self.with_values(values)
+            run = run if members is None else run.with_members(run._members(members))
+            return run.run(
                 threads=threads,
                 device=device,
                 output=output,
@@ -257,6 +264,9 @@ class PreparedRun:
                 attrs=attrs,
                 progress=progress,
             )
+        if any(isinstance(q, Varied) for q in self.plan.model.quantities()):
+            rule = f"is missing: the run varies {', '.join(self.scene.run.varied or ())}"
+            raise OptionError("", "values", None, rule)
         threads = threads_available() if threads is None else counted(threads, "threads")
         device = "cpu" if self.plan.scheme is None else settled_device(device)
         streaming = output is not None and is_streamed(output)
@@ -312,6 +322,7 @@ def prepare(
     integrator: Any = None,
     *,
     members: int | range | NDArray[np.int64] | None = None,
+    varied: Iterable[str] = (),
     **settings: Any,
 ) -> PreparedRun:
     """Prepare a run: check a scene, choose its units, its integrator and its step, and resolve all
@@ -330,6 +341,10 @@ def prepare(
         as of `simulate`
     members : int, range or array_like of int, optional
         as of `simulate`
+    varied : iterable of str, optional
+        parameters of which `run(values=)` takes other numbers, by the names that maps and `--set`
+        have: a vector, "start.omega", or one of its numbers, "start.omega.3". The numbers of the
+        scene plan the run, and settle nothing else: no closed form or symmetry rests on them
     {settings}
 
     Returns
@@ -362,7 +377,10 @@ def prepare(
     if isinstance(members, np.ndarray):
         which = _indices(members)
         members = range(int(which[0]), int(which[-1]) + 1)
-    run = prepared(_with_settings(scene, members, {**settings, "integrator": integrator}))
+    scene = _with_settings(scene, members, {**settings, "integrator": integrator})
+    if names := (varied,) if isinstance(varied, str) else tuple(varied):
+        scene = scene.with_run(varied=nominal_of(scene, names))
+    run = prepared(scene)
     return run if which is None else run.with_members(which)
 
 
@@ -392,6 +410,18 @@ def _with_settings(scene: Scene, members: int | range | None, settings: Mapping[
 
 def prepared(scene: Scene) -> PreparedRun:
     """Settle everything about the run of a scene; SceneError if it cannot be run."""
+    if not scene.run.varied:
+        return _prepared(scene)
+    run, values = _prepared(opened(scene)), stored_values(scene)
+    if values is None:
+        return run
+    # a result of varied numbers: planned as it was, and each member has its own
+    first, members = scene.run.first, scene.run.members
+    return run.with_values(values).with_members(range(first, first + members))
+
+
+def _prepared(scene: Scene) -> PreparedRun:
+    """`prepared`, of a scene whose varied numbers are marked."""
     asked, units = scene, choose_units(scene)
     if units is not None:
         scene = scaled(scene, units.mass, 1.0, units.time)
@@ -411,93 +441,8 @@ def prepared(scene: Scene) -> PreparedRun:
         scene = units.original(scene)
         recorded = recording(scene)
     layout = make_layout(scene, recorded, plan if units is None else units.back(plan))
+    if run.varied:
+        scene = closed(scene)
+        layout = layout._replace(scene=scene)
     known = sampler, pilot if coarse is model else None
     return PreparedRun(scene, plan, layout, units, *known, choice, *notes)
-
-
-def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
-    """The layout of a result, in the units of the scene."""
-    model, run, grid = scene.model, scene.run, plan.grid
-    # a selection of the result has only the rows of its own members, so whatever was chosen by
-    # looking at all of them is written down
-    settings: dict[str, Any] = {} if plan.has_member_steps else {"dt": grid.dt}
-    if rows(*model.quantities()) is not None:
-        settings |= {"turn_rate": plan.turn_rate, **plan.bounds()}
-    own = plan.has_member_steps
-    steps: dict[str, Any] = {"turn": run.turn} if own else {"dt": grid.dt, "steps": grid.steps}
-    if grid.is_shortened and not own:
-        steps |= {"last_steps": grid.steps - grid.head, "last_dt": grid.last_dt}
-    facts = {
-        **steps,
-        "dtype": plan.dtype,
-        "compensated": int(plan.compensated),
-        **plan.bounds(),
-        "parts_per_step": len(plan.scheme.parts) - 1 if plan.scheme else 0,
-        **({"drawn": through} if (through := scene.drawn_through()) else {}),
-        **(UNCOMPILED if plan.scheme is not None and is_uncompiled() else {}),
-    }
-    monitors = plan.monitors
-    return ResultLayout(
-        scene=scene,
-        settings=settings,
-        facts=facts,
-        first=plan.first,
-        members=plan.members,
-        which=plan.which,
-        axes=Axes(plan.times, plan.thinned, plan.labels, monitors.bins, monitors.dims),
-        recording=recorded,
-        saved=plan.saved,
-        by_member=member_variables(model, run, recorded, plan.has_attitude),
-        at_saves=saved_variables(model.effects, recorded),
-        of_ensemble=ensemble_variables(recorded),
-        of_flagged=flagged_variables(recorded),
-        constant=constant(model),
-    )
-
-
-def make_program(plan: Plan, device: str = "cpu", compiled: bool = True) -> Program | None:
-    """What moves the members of a plan, compiled or from the cache; None for closed forms.
-
-    compiled : else the Program tells what is `missing`
-    Raises SceneError for parts of a user's own that cannot be compiled.
-    """
-    if plan.scheme is None:
-        return None
-    effects = plan.model.effects
-    try:
-        refuse_memory(effects)
-        events, running, shadow = plan.monitors.compiled
-        kind: Any = Program
-        if device != "cpu":
-            from rigidmc.engine.cuda.program import CudaProgram
-
-            kind = partial(CudaProgram, number=number_of(device))
-        found: Program = kind(
-            plan.scheme,
-            blank(effects),
-            tuple(plan.recording.recorded.values()),
-            plan.has_attitude,
-            plan.compensated,
-            plan.dtype,
-            tuple(plan.limits),
-            plan.works,
-            events,
-            running,
-            shadow,
-            ask=not compiled,
-            nodes=plan.nodes,
-            paired=plan.paired,
-            shortens=plan.grid.is_shortened,
-        )
-        return found
-    except NumbaError as error:
-        own = {
-            "effects": [e for e in effects if type(e) not in EFFECTS.values()],
-            "observables": list(filter(is_own, plan.recording.observables)),
-        }
-        names = {key: ", ".join(type(one).__name__ for one in ones) for key, ones in own.items()}
-        table = ", ".join(table for table, words in names.items() if words)
-        if not table:
-            raise
-        rule = f"cannot be compiled: {reason(error)}; {RULE}"
-        raise SceneError(table, ", ".join(filter(None, names.values())), None, rule) from error

@@ -53,15 +53,25 @@ def _of(name: str, value: Any) -> list[str]:
     return names
 
 
-def with_parameter(scene: Scene, name: str, value: Any, key: str = "parameter") -> Scene:
+def with_parameter(
+    scene: Scene,
+    name: str,
+    value: Any,
+    key: str = "parameter",
+    names: Sequence[str] | None = None,
+) -> Scene:
     """The scene with a number, distribution or grid in place of one of its parameters; SceneError
-    with the nearest name. key : what the error calls the parameter"""
+    with the nearest name.
+
+    key : what the error calls the parameter;  names : which there are, by default `parameters`
+    """
+    names = parameters(scene) if names is None else names
     table, first, *rest = name.split(".")
     solid = _solid_of(scene.body) if table == "body" else None
     if solid is not None:
         return replace(scene, body=_of_mass(scene.body, solid, name, value, key))
-    if name not in parameters(scene):
-        raise unknown("", key, name, "scene parameter", parameters(scene))
+    if name not in names:
+        raise unknown("", key, name, "scene parameter", names)
     if table in ("body", "start"):
         part = getattr(scene, table)
         changed = {first: _put(getattr(part, first), rest, value)}

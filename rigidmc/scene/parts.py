@@ -41,6 +41,21 @@ _CURES = {
 }
 
 
+# what a scene had before 1.0, and what takes its place
+_RECORDING = "rm.prepare(scene).layout.recording has it"
+_GONE = {
+    "check": "rm.prepare(scene) checks it",
+    "coarse": "scene.model.coarse() has it",
+    "mapped": "scene.model.mapped(change) has it",
+    "saved": "rm.prepare(scene).layout.recording.names has it",
+    "kept": "rm.prepare(scene).layout.recording.retained has it",
+    "recorded": _RECORDING,
+    "watched": "rm.prepare(scene).layout.recording.monitored has it",
+    "histograms": _RECORDING,
+    "observable": _RECORDING,
+}
+
+
 @dataclass(frozen=True, eq=False)
 class Parts:
     """A body, what acts on it, how its members start, and how it is run.
@@ -109,6 +124,12 @@ class Parts:
         own = named_integrators(self.integrators)
         object.__setattr__(self, "integrators", tuple(own.values()))
         rows(*self.quantities())
+
+    def __getattr__(self, name: str) -> Any:
+        """An attribute that there was before: the error names what takes its place."""
+        if name in _GONE:
+            raise AttributeError(f"Scene.{name} is gone: {_GONE[name]}")
+        raise AttributeError(f"'Scene' object has no attribute '{name}'")
 
     @property
     def model(self) -> Model:

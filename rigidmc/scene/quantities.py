@@ -119,10 +119,25 @@ def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False
     return Grid(float(low), float(high), int(count), int(stride), bool(log))
 
 
+@dataclass(frozen=True)
+class Varied:
+    """A number by which a run is planned, and which members have others in place of.
+
+    It is the same for all members of a plan, and yet settles nothing: no closed form and no
+    symmetry may rest on it.
+    """
+
+    value: float
+
+    def times(self, by: float) -> "Varied":
+        """The number times a factor."""
+        return Varied(self.value * by)
+
+
 def quantity(value: Any, table: str, key: str) -> Any:
     """A number, a Distribution, a Grid, or a 1-D array with one entry per member; SceneError for
     anything else."""
-    if isinstance(value, (Distribution, Grid)):
+    if isinstance(value, (Distribution, Grid, Varied)):
         return value
     value = placed(value, table, key)
     if is_number(value):
@@ -230,6 +245,8 @@ def draw(quantities: Sequence[Any], source: Source, name: str, first: int, count
         elif isinstance(q, np.ndarray):
             part = q[first : first + count]
             values[i, : part.size], values[i, part.size :] = part, q[-1]
+        elif isinstance(q, Varied):
+            values[i] = q.value
         else:
             values[i] = q
     return values

@@ -152,6 +152,10 @@ class Run(Table):
         "digits to keep of saves over time, in files: errors of 10^-digits/2; compressed too",
     )
 
+    varied: dict[str, float | list[float]] | None = _is(
+        None, "numbers by which a run is planned whose members have others; set by `prepare`"
+    )
+
     @model_validator(mode="before")
     @classmethod
     def _settled(cls, data: dict[str, Any]) -> dict[str, Any]:
@@ -219,7 +223,7 @@ def takes_settings(function: Callable[Arguments, Result]) -> Callable[Arguments,
     """
     signature = inspect.signature(function)
     named = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
-    words = [name for name in Run.model_fields if name not in signature.parameters]
+    words = [name for name in Run.model_fields if name not in (*signature.parameters, "varied")]
     known = [*words, *(p.name for p in named)]
 
     @functools.wraps(function)

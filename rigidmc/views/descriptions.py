@@ -22,8 +22,9 @@ from rigidmc.physics.observables.protocol import Ensemble
 from rigidmc.planning.limits import Limits
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.turns import sparse_saves
+from rigidmc.runs.assemble import make_program
 from rigidmc.runs.directory.shards import members_of, shortened
-from rigidmc.runs.prepare import PreparedRun, make_program, prepared
+from rigidmc.runs.prepare import PreparedRun, prepared
 from rigidmc.runs.price import cost_per_step, prices, some_of
 from rigidmc.runs.resources import (
     BASE,

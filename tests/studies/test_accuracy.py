@@ -251,3 +251,8 @@ def test_errors_of_a_body_from_rest_are_pure_numbers(unit):
     for name, values in one.items():
         assert np.array_equal(values, two[name]), name
     assert 1e-18 < one["lz"].max() < 1e-3  # measured 1e-16: of the |L| that the energies allow
+
+
+def test_noise_has_no_accuracy():
+    with pytest.raises(rm.SceneError, match="bath is random: no path is right"):
+        rm.accuracy(rm.Scene.load("brownian_rotor"))

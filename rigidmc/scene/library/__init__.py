@@ -56,8 +56,6 @@ Vectors as a whole:
   points                     "independent", "sobol", "latin_hypercube",
                              "antithetic", "saltelli", "neighbours",
                              "tangents": what distributions are drawn by
-
-The scenes that come with the package, in `rigidmc/scene/library`.
 """
 
 import os

@@ -13,7 +13,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError, unknown
 from rigidmc.physics.integrators import refusal
-from rigidmc.planning.tolerance.choose import check_pilot, compile_ahead
+from rigidmc.planning.tolerance.choose import check_pilot, check_quiet, compile_ahead
 from rigidmc.planning.tolerance.costs import Costs, Way
 from rigidmc.planning.tolerance.deviation import QUANTITIES, growth, upper_quantile
 from rigidmc.planning.tolerance.ladder import candidates, ladder
@@ -110,6 +110,7 @@ def accuracy(
             raise OptionError("", "integrators", name, why)
     members = counted(members, "members")
     refuse_count(members, "members of a pilot", 8 * layout.EFFECTS)
+    check_quiet(scene)
     first = pilot(scene, members)
     check_pilot(scene, first)
     say = progress or (lambda line: None)

@@ -1,0 +1,114 @@
+"""What a plan becomes: the layout of its result, and the program that moves its members."""
+
+from functools import partial
+from typing import Any
+
+from rigidmc.engine.compiler.compose import NumbaError, reason
+from rigidmc.engine.cuda.devices import number_of
+from rigidmc.engine.inspection import refuse_memory
+from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
+from rigidmc.engine.program import Program
+from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.trials import RULE
+from rigidmc.physics.effects import EFFECTS
+from rigidmc.physics.effects.protocol import blank
+from rigidmc.physics.observables import is_own
+from rigidmc.planning.plan import Plan
+from rigidmc.results.layout import Axes, ResultLayout, constant
+from rigidmc.results.variables import (
+    ensemble_variables,
+    flagged_variables,
+    member_variables,
+    saved_variables,
+)
+from rigidmc.scene.quantities import rows
+from rigidmc.scene.recording import Recording
+from rigidmc.scene.scene import Scene
+
+
+def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
+    """The layout of a result, in the units of the scene."""
+    model, run, grid = scene.model, scene.run, plan.grid
+    # a selection of the result has only the rows of its own members, so whatever was chosen by
+    # looking at all of them is written down
+    settings: dict[str, Any] = {} if plan.has_member_steps else {"dt": grid.dt}
+    if run.varied or rows(*model.quantities()) is not None:
+        settings |= {"turn_rate": plan.turn_rate, **plan.bounds()}
+    own = plan.has_member_steps
+    steps: dict[str, Any] = {"turn": run.turn} if own else {"dt": grid.dt, "steps": grid.steps}
+    if grid.is_shortened and not own:
+        steps |= {"last_steps": grid.steps - grid.head, "last_dt": grid.last_dt}
+    facts = {
+        **steps,
+        "dtype": plan.dtype,
+        "compensated": int(plan.compensated),
+        **plan.bounds(),
+        "parts_per_step": len(plan.scheme.parts) - 1 if plan.scheme else 0,
+        **({"drawn": through} if (through := scene.drawn_through()) else {}),
+        **(UNCOMPILED if plan.scheme is not None and is_uncompiled() else {}),
+    }
+    monitors = plan.monitors
+    return ResultLayout(
+        scene=scene,
+        settings=settings,
+        facts=facts,
+        first=plan.first,
+        members=plan.members,
+        which=plan.which,
+        axes=Axes(plan.times, plan.thinned, plan.labels, monitors.bins, monitors.dims),
+        recording=recorded,
+        saved=plan.saved,
+        by_member=member_variables(model, run, recorded, plan.has_attitude),
+        at_saves=saved_variables(model.effects, recorded),
+        of_ensemble=ensemble_variables(recorded),
+        of_flagged=flagged_variables(recorded),
+        constant=constant(model),
+    )
+
+
+def make_program(plan: Plan, device: str = "cpu", compiled: bool = True) -> Program | None:
+    """What moves the members of a plan, compiled or from the cache; None for closed forms.
+
+    compiled : else the Program tells what is `missing`
+    Raises SceneError for parts of a user's own that cannot be compiled.
+    """
+    if plan.scheme is None:
+        return None
+    effects = plan.model.effects
+    try:
+        refuse_memory(effects)
+        events, running, shadow = plan.monitors.compiled
+        kind: Any = Program
+        if device != "cpu":
+            from rigidmc.engine.cuda.program import CudaProgram
+
+            kind = partial(CudaProgram, number=number_of(device))
+        found: Program = kind(
+            plan.scheme,
+            blank(effects),
+            tuple(plan.recording.recorded.values()),
+            plan.has_attitude,
+            plan.compensated,
+            plan.dtype,
+            tuple(plan.limits),
+            plan.works,
+            events,
+            running,
+            shadow,
+            ask=not compiled,
+            nodes=plan.nodes,
+            paired=plan.paired,
+            shortens=plan.grid.is_shortened,
+        )
+        return found
+    except NumbaError as error:
+        own = {
+            "effects": [e for e in effects if type(e) not in EFFECTS.values()],
+            "observables": list(filter(is_own, plan.recording.observables)),
+        }
+        names = {key: ", ".join(type(one).__name__ for one in ones) for key, ones in own.items()}
+        table = ", ".join(table for table, words in names.items() if words)
+        if not table:
+            raise
+        rule = f"cannot be compiled: {reason(error)}; {RULE}"
+        raise SceneError(table, ", ".join(filter(None, names.values())), None, rule) from error

@@ -1,0 +1,178 @@
+"""Prepared runs: with other members and other numbers they give the bits of runs of their own.
+
+200 random scenes and numbers (about three minutes)::
+
+    pytest -n 0 -m slow tests/runs/test_prepared.py
+"""
+
+import gc
+from dataclasses import replace
+
+import numpy as np
+import psutil
+import pytest
+
+import rigidmc as rm
+from rigidmc.physics.effects.protocol import is_random
+from rigidmc.scene.scene import scene_of
+from rigidmc.scene.varied import names_of
+from tests import random_scenes
+
+pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
+
+RACKET = rm.Scene(
+    rm.Body((1.0, 2.0, 2.5), mass=1.0, centre=(0.0, 0.0, 0.1)),
+    rm.Gravity(0.5),
+    rm.Start(omega=(0.1, 2.0, 0.1), attitude=(0.1, 0.4, 0.0)),
+).with_run(dt=0.05, t_end=2.0, every=0.5, save=("omega", "attitude", "energy"))
+OMEGA = np.array([[0.1, 2.0, 0.1], [0.3, 1.5, 0.0], [1.0, 0.0, 2.0]])
+
+
+def same(one, other):
+    return all(
+        np.array_equal(one[name], other[name], equal_nan=one[name].dtype.kind == "f")
+        for name in map(str, one.data_vars)
+    )
+
+
+def numbers(scene, names, count, chance):
+    """{name: numbers of members} near those of the scene."""
+    found = {}
+    for name in names:
+        value = np.asarray(rm.prepare(scene, varied=name).scene.run.varied[name])
+        found[name] = value * chance.uniform(0.99, 1.01, (count, *value.shape))
+    return found
+
+
+def test_other_members_are_those_of_a_longer_run():
+    run = rm.prepare(RACKET, members=3)
+    whole = rm.simulate(RACKET, members=40)
+    assert same(run.run(), whole.isel(member=slice(3)))
+    assert same(run.run(members=40), whole)
+    assert same(run.run(members=range(5, 9)), whole.isel(member=slice(5, 9)))
+    some = run.run(members=[2, 30])
+    assert some.member.values.tolist() == [2, 30]
+    assert same(some, whole.isel(member=[2, 30]))
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "exact", "strang", "midpoint"])
+@pytest.mark.parametrize("units", [1.0, 2.0**-200])
+def test_other_numbers_are_those_of_a_scene_with_them(integrator, units):
+    """Also in units of which squares leave the range of numbers."""
+    body = rm.Body((1.0 * units, 2.0 * units, 2.5 * units))
+    scene = replace(RACKET, body=body, effects=()).with_run(integrator=integrator)
+    varied = {"start.omega": OMEGA, "body.moments.1": units * np.array([1.0, 1.2, 0.9])}
+    ds = rm.prepare(scene, varied=varied).run(values=varied)
+    own = rm.simulate(scene_of(ds))
+    assert same(ds, own) and ds.attrs == own.attrs
+    moments = (varied["body.moments.1"], 2.0 * units, 2.5 * units)
+    rows = replace(
+        scene, body=replace(body, moments=moments), start=replace(scene.start, omega=OMEGA)
+    )
+    if integrator == "rk4":
+        plain = rm.simulate(rows)
+        assert same(ds[["omega", "attitude"]], plain[["omega", "attitude"]])
+    again = rm.rerun(ds, member=1)
+    assert again.attrs["rerun"].startswith("equal to the bit at 5 times")
+    turned = rm.simulate(rows.with_run(integrator=integrator, dt=0.01))
+    assert not same(ds[["omega"]], turned[["omega"]])
+
+
+def test_a_symmetry_of_the_plan_is_none_of_its_members():
+    """By the two equal moments of the plan a drift of one turn would do."""
+    scene = replace(RACKET, body=rm.Body((1.0, 1.0, 2.0)), effects=())
+    scene = scene.with_run(integrator="exact")
+    moments = np.array([[1.0, 1.5, 2.0], [1.0, 1.0, 2.0]])
+    ds = rm.prepare(scene, varied="body.moments").run(values={"body.moments": moments})
+    true = rm.simulate(replace(scene, body=rm.Body(moments)), integrator="closed")
+    assert np.abs(ds.omega - true.omega).max() < 1e-12  # measured 4e-15
+    plain, varied = (
+        rm.prepare(scene, varied=names).plan.scheme.integrator for names in ((), "body.moments")
+    )
+    assert plain != varied
+
+
+def test_a_member_beyond_the_plan_is_flagged():
+    run = rm.prepare(RACKET.with_run(turn_limit=0.5), varied="start.omega")
+    ds = run.run(values={"start.omega": OMEGA * [[1.0], [1.0], [9.0]]})
+    assert (ds.status.values != 0).tolist() == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("varied", "values", "words"),
+    [
+        ("start.omga", None, "did you mean 'start.omega'"),
+        ("start.omega", {}, "lacks start.omega"),
+        ("start.omega", {"start.omga": OMEGA, "start.omega": OMEGA}, "start.omega'?"),
+        ("start.omega", {"start.omega": OMEGA[0]}, "has the shape (3,)"),
+        ("start.omega", {"start.omega": OMEGA[:, :2]}, "expected (3, 3)"),
+        ("start.omega", {"start.omega": np.full((2, 3), np.nan)}, "not finite"),
+        ("start.omega", None, "run varies start.omega"),
+    ],
+)
+def test_wrong_values_are_refused(varied, values, words):
+    with pytest.raises(rm.RigidmcError) as told:
+        rm.prepare(RACKET, varied=varied).run(values=values)
+    assert words in str(told.value)
+
+
+def test_members_that_a_scene_lacks_are_refused():
+    rows = replace(RACKET, start=replace(RACKET.start, omega=OMEGA))
+    for scene, members in ((rows, 4), (rows, range(2, 5)), (RACKET, [3, 1]), (RACKET, range(0))):
+        with pytest.raises(rm.SceneError):
+            rm.prepare(scene).run(members=members)
+
+
+def drawn(kind, seed):
+    """(scene, numbers of what is varied, names) of a random scene."""
+    chance = np.random.default_rng([seed, 17])
+    scene = random_scenes.scene(kind, seed, members=3)
+    able = [name for name in names_of(scene) if not name.startswith("body.c")]
+    names = list(dict.fromkeys(chance.choice(able, 2)))
+    names = [name for name in names if not any(n != name and name.startswith(n) for n in names)]
+    return scene, names, chance
+
+
+def compared(kind, seed):
+    """Whether a random scene was taken; its bits are compared."""
+    scene, names, chance = drawn(kind, seed)
+    try:
+        run, values = rm.prepare(scene, varied=names), numbers(scene, names, 3, chance)
+        ds = run.run(values=values)
+    except rm.SceneError as error:
+        assert "no closed form" in str(error), error
+        return False
+    own = rm.simulate(scene_of(ds))
+    assert same(ds, own), (kind, seed, names)
+    if not (scene.run.turn or any(map(is_random, scene.effects))):
+        again = rm.rerun(ds, member=1)
+        assert "equal to the bit" in again.attrs["rerun"], (kind, seed, again.attrs["rerun"])
+    return True
+
+
+def test_random_scenes():
+    assert sum(compared(kind, 3) for kind in random_scenes.QUICK) >= 6
+
+
+@pytest.mark.slow
+def test_two_hundred_random_scenes():
+    taken = seed = 0
+    every = [*random_scenes.QUICK, *random_scenes.kinds(20)]
+    while taken < 200:
+        taken += compared(every[seed % len(every)], seed)
+        seed += 1
+    assert seed < 600
+
+
+@pytest.mark.slow
+def test_ten_thousand_calls_leak_nothing():
+    """Measured: 0.1 MB after the first thousand."""
+    run = rm.prepare(RACKET, varied="start.omega")
+    values, process = np.resize(OMEGA, (32, 3)), psutil.Process()
+    for i in range(10_000):
+        run.run(values={"start.omega": values + i * 1e-6})
+        if i == 1000:
+            gc.collect()
+            before = process.memory_info().rss
+    gc.collect()
+    assert process.memory_info().rss - before < 8e6
