@@ -17,7 +17,7 @@ from os.path import isdir
 from typing import TYPE_CHECKING, Any
 
 from rigidmc.version import VERSION
-from rigidmc.views.on_import import register
+from rigidmc.views import register
 
 __version__ = VERSION
 

@@ -11,7 +11,7 @@ import typer
 from typer.core import TyperGroup
 
 from rigidmc.errors import FileError, OptionError, RigidmcError
-from rigidmc.files.helpers import PACKAGE, environment
+from rigidmc.files.processes import PACKAGE, environment
 from rigidmc.import_hook import Load, on_import
 from rigidmc.version import VERSION
 

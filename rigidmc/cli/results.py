@@ -36,8 +36,8 @@ from rigidmc.cli.reporting import (
 from rigidmc.errors import OptionError, unknown
 from rigidmc.files.outputs import refuse_existing
 from rigidmc.scene.library import shipped
-from rigidmc.views.pictures import PICTURES
-from rigidmc.views.pictures import picture as picture_named
+from rigidmc.views import PICTURES
+from rigidmc.views import picture as picture_named
 
 if TYPE_CHECKING:
     import xarray as xr

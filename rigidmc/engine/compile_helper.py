@@ -15,7 +15,7 @@ from typing import Any
 
 from rigidmc.engine.compiler.kernels import Asked, is_kept, piece
 from rigidmc.engine.machine import threads_available
-from rigidmc.files.helpers import can_start, start
+from rigidmc.files.processes import can_start, start
 
 PATIENCE = 60.0  # [s] for what takes 1 to 3 s on two cores
 

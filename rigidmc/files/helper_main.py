@@ -1,5 +1,5 @@
 """Where a helper process begins: the interpreter runs this file by its path, see
-`rigidmc.files.helpers`.
+`rigidmc.files.processes`.
 
 Arguments: the module whose `main` is called, then the folders that modules are imported from.
 """

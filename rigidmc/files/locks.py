@@ -8,8 +8,8 @@ import tempfile
 import weakref
 from typing import IO, Any
 
-from rigidmc.files.forks import let_go
 from rigidmc.files.outputs import naming
+from rigidmc.files.processes import let_go
 
 if sys.platform == "win32":
     import msvcrt

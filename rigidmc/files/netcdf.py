@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 from rigidmc.errors import FileError
-from rigidmc.files.forks import unlock
 from rigidmc.files.opening import is_zarr
 from rigidmc.files.outputs import Path
+from rigidmc.files.processes import unlock
 from rigidmc.files.trial import refuse_unreadable
 from rigidmc.files.zarr_store import refuse_hostile
 from rigidmc.threads import Task, threads_of

@@ -18,8 +18,8 @@ import time
 from collections.abc import Callable, Iterator
 
 from rigidmc.errors import FileError, NoRoom, OutputExists
-from rigidmc.files.forks import descriptors, let_go
 from rigidmc.files.opening import check_suffix, is_zarr, plain, refuse_unnamed
+from rigidmc.files.processes import descriptors, let_go
 
 Path = str | os.PathLike[str]
 

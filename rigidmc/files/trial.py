@@ -16,10 +16,10 @@ import sys
 import threading
 
 from rigidmc.errors import FileError
-from rigidmc.files.helpers import start
 from rigidmc.files.locks import lock
 from rigidmc.files.opening import held_in, refuse_unnamed, regular
 from rigidmc.files.outputs import Path
+from rigidmc.files.processes import start
 from rigidmc.files.reading import loaded
 
 if sys.platform != "win32":

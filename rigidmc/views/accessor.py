@@ -1,4 +1,4 @@
-"""`ds.rigid`: the physics of a result, on its Dataset; see `rigidmc.views.on_import`.
+"""`ds.rigid`: the physics of a result, on its Dataset; see `rigidmc.views`.
 
 Methods import what they need: this module is imported with rigidmc, which must stay quick.
 
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
-from rigidmc.views.pictures import PICTURES, picture
+from rigidmc.views import PICTURES, picture
 from rigidmc.views.states import States
 
 if TYPE_CHECKING:

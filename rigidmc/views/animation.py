@@ -22,7 +22,7 @@ from rigidmc.files.outputs import Part, naming, refuse_existing
 from rigidmc.mechanics import rotation
 from rigidmc.planning.turns import ATTITUDE, sparse
 from rigidmc.scene.scene import scene_of
-from rigidmc.views.resolution import fastest
+from rigidmc.views.sample import fastest
 from rigidmc.views.surfaces import TONES, Surface, body_surface, cut, member_body
 
 ELEVATION, AZIMUTH = np.radians([20.0, -50.0])  # of the viewer, who is far away

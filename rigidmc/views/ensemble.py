@@ -20,10 +20,10 @@ from rigidmc.figures import BAND, CORE, INK, MEDIAN, PATH, figure_of, legend_abo
 from rigidmc.planning.turns import BODY
 from rigidmc.results.labels import count_text
 from rigidmc.views.hemispheres import axis_sphere, momentum_sphere
-from rigidmc.views.resolution import note_on
 from rigidmc.views.sample import (
     drawn_members,
     headed_figure,
+    note_on,
     sample,
     span,
     vectors,

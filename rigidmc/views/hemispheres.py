@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from rigidmc.figures import DENSITY, HALO, INK, PATH, figure_of, titled
 from rigidmc.planning.turns import AXIS, BODY
-from rigidmc.views.resolution import note_on
-from rigidmc.views.sample import drawn_members, headed_figure, sample, span, vectors
+from rigidmc.views.sample import drawn_members, headed_figure, note_on, sample, span, vectors
 from rigidmc.views.sphere import central_axis, density, lambert, polhodes
 
 COARSE = 0.8  # mean cosine of the angle between two steps of a path; below it a path is dots,

@@ -207,7 +207,7 @@ class States:
         [25.9, 24.4, 24.9, 25.3]
         """
         from rigidmc.planning.turns import sparse
-        from rigidmc.views.resolution import angle_rates
+        from rigidmc.views.sample import angle_rates
 
         ds = self._whole()
         angles = self.euler()[name] if name in ("phi", "psi") else ds.get(name)

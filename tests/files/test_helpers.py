@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import rigidmc as rm
-from rigidmc.files import helpers, trial
+from rigidmc.files import processes, trial
 from tests.faulty import LINUX
 
 ROOT = Path(rm.__file__).parent
@@ -55,7 +55,7 @@ def test_helpers_are_started_in_one_way():
         for file in ROOT.rglob("*.py")
         if starts.search(file.read_text())
     }
-    assert found == {"files/helpers.py"}
+    assert found == {"files/processes.py"}
     users = {
         str(file.relative_to(ROOT))[:-3].replace("/", ".")
         for file in ROOT.rglob("*.py")
@@ -86,7 +86,7 @@ def test_a_helper_executes_nothing_of_the_folder(planted, module, monkeypatch):
         "files.trial": json.dumps(["netCDF", str(planted / "a.nc")]),
         "engine.compile_helper": "[]",
     }.get(module, "")
-    with helpers.start(f"rigidmc.{module}") as helper:
+    with processes.start(f"rigidmc.{module}") as helper:
         out, _ = helper.communicate(task, timeout=100)
     assert untouched(planted) is True
     if module == "files.trial":
@@ -117,10 +117,10 @@ def test_the_folders_of_a_helper_lack_the_working_directory(tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     other = str(tmp_path / "other")
     monkeypatch.setattr(sys, "path", ["", str(tmp_path), other, "relative"])
-    assert helpers.folders() == [other, str(ROOT.parent)]
+    assert processes.folders() == [other, str(ROOT.parent)]
     monkeypatch.chdir(ROOT.parent)  # as from a clone by PYTHONPATH=.
     monkeypatch.setattr(sys, "path", [str(ROOT.parent), other])
-    assert helpers.folders() == [other, str(ROOT.parent)]
+    assert processes.folders() == [other, str(ROOT.parent)]
 
 
 def test_a_helper_finds_the_package_by_its_place(planted, monkeypatch):
@@ -137,6 +137,6 @@ def test_a_helper_that_does_not_start_is_said_to(planted, monkeypatch):
     trial._end()
     trial._sound.clear()
     monkeypatch.setattr(sys, "path", [])
-    monkeypatch.setattr(helpers, "folders", list)
+    monkeypatch.setattr(processes, "folders", list)
     with pytest.raises(OSError, match="does not start"):
         trial.refuse_unreadable(planted / "a.nc")

@@ -20,7 +20,7 @@ from rigidmc.results.measures import measure
 from rigidmc.results.variables import Variable
 from rigidmc.scene.parameters import parameters, with_parameter
 from rigidmc.studies.stability_map import cases
-from rigidmc.studies.stability_map.case import MAPS, case_map
+from rigidmc.studies.stability_map.case import _FILES, MAPS, case_map
 from rigidmc.studies.stability_map.picture import stability_map
 from rigidmc.studies.until import simulate_until
 
@@ -44,7 +44,7 @@ def members_of(scene, i, j):
 
 
 def test_every_file_of_a_map_is_in_the_catalogue():
-    assert set(MAPS) == {found.name for found in pkgutil.iter_modules(cases.__path__)}
+    assert set(_FILES.values()) == {found.name for found in pkgutil.iter_modules(cases.__path__)}
 
 
 def test_a_pixel_is_a_run_of_its_members(flips):

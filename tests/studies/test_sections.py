@@ -11,7 +11,7 @@ import rigidmc as rm
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
-from rigidmc.studies.section import paths
+from rigidmc.studies.section import points
 from rigidmc.studies.section.picture import section_points
 from rigidmc.studies.section.study import designed, section_of, table
 
@@ -100,11 +100,11 @@ def test_seldom_looks_at_a_fast_torque_find_the_crossings():
 def test_paths_that_do_not_converge_give_no_points(monkeypatch):
     scene = FREE.with_run(t_end=100.0)
     assert rm.section(scene, "omega[2] = 0").attrs["lost"] == 0
-    monkeypatch.setattr(paths, "FAIR", -1.0)
+    monkeypatch.setattr(points, "FAIR", -1.0)
     found = rm.section(scene, "omega[2] = 0")
     assert found.sizes["point"] == 0 and found.attrs["lost"] == 9
     assert "9; save more often" in table(found)[-1]
-    monkeypatch.setattr(paths, "MOST", 0)
+    monkeypatch.setattr(points, "MOST", 0)
     with pytest.raises(OptionError, match="save more often"):
         rm.section(scene, "omega[2] = 0")
 

@@ -8,7 +8,7 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.mechanics.free_top import free_motion
 from rigidmc.mechanics.rotation import from_euler
-from rigidmc.views.pictures import PICTURES
+from rigidmc.views import PICTURES
 
 
 @pytest.fixture(scope="module")

@@ -27,8 +27,7 @@ from rigidmc.runs.prepare import prepared
 from rigidmc.scene.library import shipped
 from rigidmc.views import animation
 from rigidmc.views.descriptions import _steps
-from rigidmc.views.resolution import fastest, note_on
-from rigidmc.views.sample import TIMES, sample
+from rigidmc.views.sample import TIMES, fastest, note_on, sample
 
 GYROSCOPE = rm.Scene.load("gyroscope").with_run(members=16, t_end=0.4)
 

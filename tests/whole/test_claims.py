@@ -12,7 +12,7 @@ import rigidmc as rm
 from bench.claims import ROOT, claims, constants, given_by, numbers, of_text, shows
 from rigidmc.runs.directory import checkpoints, cluster
 from rigidmc.runs.directory.shards import SHARD
-from rigidmc.studies.section import paths
+from rigidmc.studies.section import points
 from rigidmc.views.viewer import maps, motion
 
 
@@ -79,7 +79,7 @@ def test_constants_that_pages_and_docstrings_state():
         ("rigidmc/views/viewer/page.py", "4,000\n        frames reach", motion.MOST),
         ("docs/viewer.md", "16 x 16 pixels", maps.SIDE),
         ("docs/how_to/long_runs.md", "every 20 s", checkpoints.EVERY),
-        ("rigidmc/studies/section/study.py", "more than 0.2 rad", paths.ARC),
+        ("rigidmc/studies/section/study.py", "more than 0.2 rad", points.ARC),
         ("docs/tutorials/thermal_rotor.md", "0.1 ms", 1e3 / scene.effects[1].gamma),
     ):
         assert words in (ROOT / name).read_text("utf-8")

@@ -217,8 +217,8 @@ def new_map():
     )
 ''',
         "studies/stability_map/case.py",
-        '    "growth",',
-        '    "new_map",',
+        '    "growth": "growth",',
+        '    "new_map": "new_map",',
     ),
     "subcommand": (
         "cli/hello.py",

@@ -35,8 +35,8 @@ from numba.core import caching
 from numba.core.serialize import NumbaPickler
 
 from rigidmc.engine.compiler.user_stamps import classes_of, homes_of
-from rigidmc.files.helpers import PACKAGE
 from rigidmc.files.opening import plain
+from rigidmc.files.processes import PACKAGE
 
 
 def cached(kernel: Any) -> Any:

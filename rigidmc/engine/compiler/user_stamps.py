@@ -33,7 +33,7 @@ from numba.core.caching import NullCache
 from numba.core.registry import CPUDispatcher
 
 from rigidmc.engine.compiler.numba_extensions import extension
-from rigidmc.files.helpers import PACKAGE
+from rigidmc.files.processes import PACKAGE
 from rigidmc.physics.dynamics.methods import METHODS
 
 _LIBRARIES = {"builtins", "math", "numpy", "rigidmc"}

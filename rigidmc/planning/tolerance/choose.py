@@ -17,7 +17,7 @@ import numpy as np
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
-from rigidmc.files.helpers import start
+from rigidmc.files.processes import start
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import name_of
 from rigidmc.physics.effects.protocol import is_random

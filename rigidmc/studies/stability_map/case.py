@@ -1,9 +1,8 @@
-"""What a map of the package consists of.
-
-The maps of the package. A new map is one file in `cases` and one line below.
-"""
+"""What a map of the package consists of, and the maps: a new one is a function in a file of `cases`
+and one line in `_FILES`."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -53,22 +52,27 @@ class MapCase(NamedTuple):
     borders: Borders = ()
 
 
-_FILES = (  # in `cases`; each has a function of the same name that returns its MapCase
-    "intermediate_axis",
-    "growth",
-    "disturbance",
-    "damped_axis",
-    "sleeping_top",
-    "heavy_chaos",
-    "chaos_share",
-    "kovalevskaya",
-    "kapitza",
-)
-RESOLUTION = 256  # pixels per side
-MAPS: dict[str, Callable[[], MapCase]] = {
-    name: getattr(import_module(f"rigidmc.studies.stability_map.cases.{name}"), name)
-    for name in _FILES
+_FILES = {  # {map: file in `cases` with a function of this name that returns its MapCase}
+    "intermediate_axis": "intermediate_axis",
+    "growth": "growth",
+    "disturbance": "disturbance",
+    "damped_axis": "damped_axis",
+    "sleeping_top": "sleeping_top",
+    "heavy_chaos": "heavy_chaos",
+    "chaos_share": "chaos_share",
+    "kovalevskaya": "heavy_chaos",
+    "kapitza": "kapitza",
 }
+RESOLUTION = 256  # pixels per side
+
+
+def _made(name: str) -> MapCase:
+    """A map by its name; only then is its file imported, which imports this one."""
+    case: MapCase = getattr(import_module(f"{__package__}.cases.{_FILES[name]}"), name)()
+    return case
+
+
+MAPS: dict[str, Callable[[], MapCase]] = {name: partial(_made, name) for name in _FILES}
 
 
 def case_map(

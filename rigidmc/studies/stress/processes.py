@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rigidmc.errors import RigidmcError
-from rigidmc.files.helpers import start
+from rigidmc.files.processes import start
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.progress import reporter
 from rigidmc.studies.stress import catalogue

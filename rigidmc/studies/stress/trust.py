@@ -1,22 +1,202 @@
-"""How far a scene can be trusted: checks of its own members that need no truth, and a verdict."""
+"""How far a scene can be trusted: checks of its own members, and a verdict.
 
+No check needs a truth: members move again by other steps, in other units and with axes renamed, and
+the difference is the error.
+"""
+
+import contextlib
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from rigidmc.engine.kernel import layout
+from rigidmc.errors import SceneError
+from rigidmc.mechanics.rotation import attitude_error
+from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.dynamics.methods import argument_names
+from rigidmc.physics.dynamics.so3 import multiply
+from rigidmc.physics.effects.protocol import facts
+from rigidmc.physics.integrators import accepting
+from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.plan import Plan
+from rigidmc.planning.steps import physics
 from rigidmc.planning.tolerance.choose import check_quiet, choose_integrator
-from rigidmc.planning.tolerance.deviation import growth
-from rigidmc.planning.tolerance.pilot import Pilot
+from rigidmc.planning.tolerance.deviation import growth, relative
+from rigidmc.planning.tolerance.pilot import Pilot, States, first_steps, follow, pilot
+from rigidmc.planning.units import scaled
 from rigidmc.progress import reporter
 from rigidmc.runs.prepare import prepared
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.stress.checks import Check, Runs, pilot_of, steps_of
 from rigidmc.version import VERSION
+
+TIMES = 32  # at which states are compared
+_CYCLE = (0.5, 0.5, 0.5, 0.5)  # body axes relabelled 1 -> 3 -> 2
+_BACK = (0.5, -0.5, -0.5, -0.5)  # and back
+_ABOUT_VERTICAL = (math.cos(0.7), 0.0, 0.0, math.sin(0.7))  # a rotation of space by 1.4 rad
+
+Errors = NDArray[np.float64]  # (times, members)
+
+
+class Check(NamedTuple):
+    """One check.
+
+    tells : "accuracy", or "rounding" if the two runs are the same motion in other numbers
+    error : (times, members)
+    """
+
+    name: str
+    tells: str
+    error: Errors
+
+
+def pilot_of(scene: Scene, count: int) -> Pilot:
+    """The first members at TIMES times, with the attitude, which is part of the error."""
+    end = scene.run.t_end
+    shown = scene.with_run(
+        every=end / TIMES, save=("momentum", "attitude"), members=min(scene.run.members, count)
+    )
+    checked: Pilot = pilot(shown, count)._replace(
+        base=TIMES,
+        stride=1,
+        times=end * np.arange(1, TIMES + 1) / TIMES,
+        member_steps=scene.run.turn is not None,
+    )
+    return checked
+
+
+def steps_of(pilot: Pilot, plan: Plan) -> int:
+    """Steps of the scene as the pilot counts them: a multiple of TIMES."""
+    steps, run = float(plan.grid.steps), pilot.scene.run
+    if run.turn is not None:
+        steps = run.t_end * float(pilot.rates.max()) / run.turn
+    return TIMES * max(1, math.ceil(steps / TIMES * (1.0 - 1e-9)))
+
+
+class Runs:
+    """The runs of all checks beside the run that is judged, whose states are `states`."""
+
+    def __init__(self, pilot: Pilot, integrator: str, steps: int, report: Any) -> None:
+        self.pilot, self.integrator, self.steps, self.report = pilot, integrator, steps, report
+        if integrator == "closed":
+            self.states = _closed(pilot)
+        else:
+            self.states = self.follow(pilot, integrator, steps)
+
+    def follow(self, pilot: Pilot, integrator: str, steps: int) -> States:
+        """The States of a pilot by an integrator; reports progress."""
+        states: States = follow(pilot, integrator, steps)
+        self.report.step(1)
+        self.report.poll()
+        return states
+
+    def checks(self) -> Iterator[Check]:
+        """All checks that apply to the scene."""
+        name, states = self.other()
+        yield Check(f"another integrator ({name})", "accuracy", self.error(states))
+        if self.integrator == "closed":
+            return
+        order = self.pilot.scene.known_integrators()[self.integrator].order
+        left = 1.0 if order == math.inf else 2.0**order / (2.0**order - 1.0)
+        half = self.follow(self.pilot, self.integrator, 2 * self.steps)
+        yield Check("half the step", "accuracy", left * self.error(half))
+        for name, states in (*self.other_units(), *self.other_axes()):
+            yield Check(name, "rounding", self.error(states))
+        # a torque that depends on L or on time does not lead back when L is reversed
+        if not any(argument_names(e, "torque") & {"l", "t"} for e in self.pilot.scene.effects):
+            yield Check("there and back", "accuracy", self.there_and_back())
+        with contextlib.suppress(SceneError):
+            yield Check("closed form", "accuracy", self.error(_closed(self.pilot)))
+
+    def error(self, states: States) -> Errors:
+        """Distance of the judged run from other states."""
+        return _distance(self.states, states)
+
+    def other(self) -> tuple[str, States]:
+        """(name, States) of the best other integrator, at a step that is short for it."""
+        able = accepting(self.pilot.scene.effects)
+        name = "rk8" if self.integrator != "rk8" else "srkn11" if "srkn11" in able else "cf4"
+        finer = {"rk8": 2, "srkn11": 4}.get(name, 8)
+        steps = max(finer * first_steps(self.pilot), self.steps if name == "rk8" else 0)
+        return name, self.follow(self.pilot, name, TIMES * math.ceil(steps / TIMES))
+
+    def other_units(self) -> Iterator[tuple[str, States]]:
+        """The same motion in other units, by factors that are no powers of 2."""
+        mass, length, time = 1e-3, 10.0, 0.1
+        with contextlib.suppress(SceneError):
+            other = pilot_of(scaled(self.pilot.scene, mass, length, time), self.pilot.members)
+            states = self.follow(other, self.integrator, self.steps)
+            yield "other units", states._replace(l=states.l * (time / (mass * length**2)))
+
+    def other_axes(self) -> Iterator[tuple[str, States]]:
+        """The same motion with permuted body axes, and in a space rotated about the vertical."""
+        block, effects = self.pilot.block, self.pilot.scene.effects
+        if not all(facts(effect).isotropic for effect in effects):
+            return
+        q, l = block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.REST]
+        body, _ = physics(effects, block)
+        moments = 1.0 / np.array([body.i1, body.i2, body.i3])
+        static = np.array([body.p1, body.p2, body.p3])
+        permuted = block.copy()
+        permuted[layout.MOMENTUM : layout.REST] = np.roll(l, 1, 0)  # axis 1 becomes axis 2, ...
+        permuted[: layout.MOMENTUM] = multiply(tuple(q), _BACK)
+        permuted[layout.BODY : layout.EFFECTS] = MassProperties.of(
+            tuple(np.roll(moments, 1, 0)), tuple(np.roll(static, 1, 0))
+        )
+        states = self.from_block(permuted)
+        back = np.stack(multiply(tuple(np.moveaxis(states.q, 1, 0)), _CYCLE), 1)
+        yield "permuted axes", States(back, np.roll(states.l, -1, 1), states.status)
+        rotated = block.copy()
+        rotated[: layout.MOMENTUM] = multiply(_ABOUT_VERTICAL, tuple(q))
+        states = self.from_block(rotated)
+        inverse = (_ABOUT_VERTICAL[0], 0.0, 0.0, -_ABOUT_VERTICAL[3])
+        back = np.stack(multiply(inverse, tuple(np.moveaxis(states.q, 1, 0))), 1)
+        yield "turned space", states._replace(q=back)
+
+    def from_block(self, block: NDArray[np.float64]) -> States:
+        """The States of the pilot from the start in a block."""
+        return self.follow(self.pilot._replace(block=block), self.integrator, self.steps)
+
+    def there_and_back(self) -> Errors:
+        """Error after integrating back from t_end to each time."""
+        states, count = self.states, self.pilot.members
+        block = self.pilot.block.copy()
+        block[: layout.MOMENTUM, :count] = states.q[-1]
+        block[layout.MOMENTUM : layout.REST, :count] = -states.l[-1]
+        back = self.from_block(block)
+        start = self.pilot.block[:, :count]
+        q = np.concatenate([start[None, : layout.MOMENTUM], states.q[:-1]])[::-1]
+        l = np.concatenate([start[None, layout.MOMENTUM : layout.REST], states.l[:-1]])[::-1]
+        true = States(q, l, states.status)
+        error: Errors = np.maximum.accumulate(_distance(States(back.q, -back.l, back.status), true))
+        return error
+
+
+def _closed(pilot: Pilot) -> States:
+    """The States of a pilot by the closed form; SceneError if there is none."""
+    case = closed_form(pilot.scene.model, pilot.sampler, pilot.first, pilot.members)
+    motion = case.motion(pilot.times)
+    q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)
+    return States(q, l, np.zeros(pilot.members))
+
+
+def _distance(one: States, two: States) -> Errors:
+    """The larger error of momentum [of its largest size so far] and attitude [rad].
+
+    The largest so far at each time.
+    """
+    with np.errstate(all="ignore"):
+        size = np.maximum.accumulate(np.sqrt((two.l**2).sum(1)))
+        off = relative(np.sqrt(((one.l - two.l) ** 2).sum(1)), size)
+        angle = attitude_error(np.moveaxis(one.q, 1, -1), np.moveaxis(two.q, 1, -1))
+    largest: Errors = np.maximum.accumulate(
+        np.nan_to_num(np.maximum(off, angle), nan=math.inf, posinf=math.inf)
+    )
+    return largest
+
 
 MEMBERS, FEW = 64, 32  # members checked, and with `quick`
 LEFT = 1e-2  # error at which two digits are left: beyond it nothing is a result

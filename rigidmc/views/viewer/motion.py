@@ -16,8 +16,7 @@ from rigidmc.physics.effects.protocol import Effect
 from rigidmc.planning.turns import ATTITUDE, BODY, sparse
 from rigidmc.runs.rerun import rerun
 from rigidmc.scene.scene import Scene
-from rigidmc.views.resolution import fastest
-from rigidmc.views.sample import sample, vectors
+from rigidmc.views.sample import fastest, sample, vectors
 from rigidmc.views.surfaces import form_of, member_body, size_of, surface_of
 
 TURN = 0.2  # rad between two frames: halfway there a chord is off by 5e-3 of the arc's radius, and

@@ -1,4 +1,7 @@
-"""Chaos of a heavy top near Kovalevskaya's, by its MEGNO."""
+"""Chaos of a heavy top near Kovalevskaya's, by its MEGNO.
+
+Kovalevskaya's top in the plane of `heavy_chaos`: integrable, so regular everywhere.
+"""
 
 import math
 
@@ -33,3 +36,9 @@ def heavy_chaos(moments: Vector = (2.0, 2.2, 1.0), centre: Vector = (1.0, 0.0, 0
         ),
         settings={"integrator": "rk8", "dt": 0.25, "t_end": 1400.0},
     )
+
+
+def kovalevskaya() -> MapCase:
+    """A = B = 2 C, with the centre of mass in the plane of A and B."""
+    title = "Kovalevskaya's top, A = B = 2 C: regular everywhere"
+    return heavy_chaos((2.0, 2.0, 1.0), (1.0, 0.0, 0.0))._replace(title=title)
