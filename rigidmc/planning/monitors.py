@@ -22,7 +22,6 @@ from rigidmc.physics.dynamics.methods import (
 )
 from rigidmc.physics.effects.protocol import parameter_count
 from rigidmc.physics.observables import dimensions, outputs, under
-from rigidmc.physics.observables.event_times import FOLLOWED, event_times
 from rigidmc.physics.observables.protocol import (
     Ensemble,
     Event,
@@ -36,6 +35,7 @@ from rigidmc.physics.observables.protocol import (
     update,
     value,
 )
+from rigidmc.physics.observables.saving import FOLLOWED, event_times
 from rigidmc.planning.steps import Clock
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import is_open, rows

@@ -16,7 +16,7 @@ from rigidmc.physics.effects.protocol import facts, is_conservative, is_random
 from rigidmc.physics.integrators import Form, keeps_remainders
 from rigidmc.physics.integrators.protocol import Integrator, keeps_its_own
 from rigidmc.physics.observables import value_rows
-from rigidmc.physics.observables.keep import thinned
+from rigidmc.physics.observables.saving import thinned
 from rigidmc.physics.observables.statistics import counts_steps
 from rigidmc.planning.initial import (
     InitialMembers,

@@ -34,7 +34,7 @@ from scipy import special
 
 from rigidmc.errors import OptionError
 from rigidmc.files.reading import toml
-from rigidmc.physics.observables.event_times import CENSORED, FOLLOWED, LAG
+from rigidmc.physics.observables.saving import CENSORED, FOLLOWED, LAG
 from rigidmc.results import intervals
 from rigidmc.results.intervals import Estimate
 from rigidmc.scene.toml.read import scene_text

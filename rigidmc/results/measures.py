@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
 from rigidmc.physics.observables import WATCHED, WATCHED_STATISTICS, statistics, word_of_observable
-from rigidmc.physics.observables.event_times import FOLLOWED, is_event_time
+from rigidmc.physics.observables.saving import FOLLOWED, is_event_time
 from rigidmc.results import censored, intervals
 from rigidmc.results.censored import RELATIONS
 from rigidmc.results.intervals import Estimate, Interval

@@ -19,8 +19,8 @@ from rigidmc.files.netcdf import open_undecoded
 from rigidmc.physics.effects import labelled
 from rigidmc.physics.effects.protocol import shape
 from rigidmc.physics.observables import dimensions, is_opaque
-from rigidmc.physics.observables.event_times import CENSORED, FOLLOWED
 from rigidmc.physics.observables.protocol import DIMENSIONS
+from rigidmc.physics.observables.saving import CENSORED, FOLLOWED
 from rigidmc.results.layout import Axes
 from rigidmc.results.variables import (
     NEWER,

@@ -11,7 +11,7 @@ from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import labelled
 from rigidmc.physics.effects.protocol import Effect, facts, shape
 from rigidmc.physics.observables import OBSERVABLES, outputs, title
-from rigidmc.physics.observables.event_times import CENSORED, FOLLOWED, LAG, event_times
+from rigidmc.physics.observables.saving import CENSORED, FOLLOWED, LAG, event_times
 from rigidmc.scene.body import Body
 from rigidmc.scene.drifts import LAWS
 from rigidmc.scene.model import Model
@@ -36,7 +36,7 @@ def _by_member(long_name: str, units: str, dims: tuple[str, ...] = (), **more: A
 
 
 def saved_variables(effects: Sequence[Any], recording: Recording) -> dict[str, Variable]:
-    """Variables of what is recorded at save times, see `rigidmc.physics.observables.keep`."""
+    """Variables of what is recorded at save times, see `rigidmc.physics.observables.saving`."""
     conserved, variables = conservation(effects, recording.has_work), {}
     for name in recording.names:
         kind = recording.observable(name)

@@ -17,7 +17,7 @@ from rigidmc.files.opening import is_zarr
 from rigidmc.files.outputs import Path, refuse_existing
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import OBSERVABLES, OUTCOMES, outputs, own
-from rigidmc.physics.observables.keep import summaries
+from rigidmc.physics.observables.saving import summaries
 from rigidmc.planning.steps import grid
 from rigidmc.results.export import write
 from rigidmc.results.reader import open_result

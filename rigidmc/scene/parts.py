@@ -17,7 +17,7 @@ from rigidmc.physics.observables import (
     word_of_observable,
 )
 from rigidmc.physics.observables.histogram import Histogram
-from rigidmc.physics.observables.keep import check_keep
+from rigidmc.physics.observables.saving import check_keep
 from rigidmc.scene.body import Body
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.model import Model

@@ -7,8 +7,8 @@ from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import labelled
 from rigidmc.physics.effects.protocol import facts, is_conservative, is_random
 from rigidmc.physics.observables import named, recorded, saved, under, watched
-from rigidmc.physics.observables.keep import kept, summaries
 from rigidmc.physics.observables.protocol import Ensemble
+from rigidmc.physics.observables.saving import kept, summaries
 from rigidmc.scene.parts import Parts
 
 Labelled = tuple[tuple[str, Any], ...]  # (label, observable) of each
@@ -18,7 +18,7 @@ class Recording(NamedTuple):
     """What is recorded of each member.
 
     names : observables that are saved at save times
-    retained : {name: how much of it is kept}, see `rigidmc.physics.observables.keep`
+    retained : {name: how much of it is kept}, see `rigidmc.physics.observables.saving`
     recorded : {name: observable} of those, then of what only histograms need, as they are compiled
     monitored : over all steps
     has_work : whether the works of the effects are saved

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError
 from rigidmc.files.reading import toml
-from rigidmc.physics.observables.event_times import is_event_time
+from rigidmc.physics.observables.saving import is_event_time
 from rigidmc.results import censored, intervals
 from rigidmc.results.estimates import estimate, why_no_interval
 from rigidmc.results.intervals import is_constant

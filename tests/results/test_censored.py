@@ -14,7 +14,7 @@ import rigidmc as rm
 from bench.coverage import CENSORED, WAIT, of_censored_quantile, shares
 from rigidmc.errors import OptionError
 from rigidmc.files.netcdf import read
-from rigidmc.physics.observables.event_times import event_times
+from rigidmc.physics.observables.saving import event_times
 from rigidmc.protocols import event, running, select
 from rigidmc.results import censored, intervals
 from rigidmc.results.variables import NEWER

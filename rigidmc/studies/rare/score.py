@@ -10,8 +10,8 @@ from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import outputs
-from rigidmc.physics.observables.event_times import roles_of
 from rigidmc.physics.observables.protocol import Event
+from rigidmc.physics.observables.saving import roles_of
 from rigidmc.results.measures import Result, measure, observing
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.segments import Moving

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from rigidmc.figures import ALARM, GREY, MEDIAN, Scale, colour_scale, new_figure
-from rigidmc.physics.observables.event_times import CENSORED
+from rigidmc.physics.observables.saving import CENSORED
 from rigidmc.results.labels import count_text
 from rigidmc.studies.stability_map.case import MAPS, MapCase
 

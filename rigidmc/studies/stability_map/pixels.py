@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import STATUSES
-from rigidmc.physics.observables.event_times import CENSORED, FOLLOWED
+from rigidmc.physics.observables.saving import CENSORED, FOLLOWED
 from rigidmc.results.measures import Measure
 from rigidmc.results.variables import Variable
 from rigidmc.scene.sampling import is_sample

@@ -1,4 +1,6 @@
-"""How much of what is saved is kept: the larger the ensemble, the less one wants of each member.
+"""What a result has of observables: how much of each is kept, and which variables are event times.
+
+The larger the ensemble, the less one wants of each member:
 
 full       omega(time, axis, member), every save
 thinned    omega_thinned(thinned_time, ...), every `thin`-th save, and the last
@@ -8,6 +10,10 @@ none       nothing
 
 Of flagged members every save is kept, whatever is kept of the others: omega_flagged(time, axis,
 flagged), and flagged_member has their indices.
+
+A member of which an event has not come by the end has no time of it, and a result has nan: the time
+is later than the end. The variable says so, `censored_at = "followed_until"`, where that variable
+has the end of each member: t_end, or earlier where the member is flagged or stops.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,7 +23,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError, unknown
-from rigidmc.physics.observables import OBSERVABLES, is_opaque, labelled, own, statistics
+from rigidmc.physics.observables import (
+    OBSERVABLES,
+    WATCHED,
+    is_opaque,
+    labelled,
+    outputs,
+    own,
+    statistics,
+)
+from rigidmc.physics.observables.protocol import Event, Record, Running
 from rigidmc.physics.observables.statistics import STATISTICS
 
 WORDS = ("none", "final", "summary", "thinned", "full")
@@ -70,3 +85,56 @@ def summaries(kept: Mapping[str, str]) -> tuple[str, ...]:
 def thinned(count: int, thin: int) -> NDArray[np.intp]:
     """Indices of the saves that a thinned observable keeps, of `count` saves."""
     return np.unique(np.append(np.arange(0, count, thin), count - 1))
+
+
+FOLLOWED = "followed_until"
+CENSORED, LAG = "censored_at", "censored_lag"  # attributes of a variable
+_COUNT, _FIRST, _FIRST_TAU = 3.0, 5.0, 5.25
+
+
+def event_times(label: str, one: Any) -> dict[str, float]:
+    """{variable: lag} of the times of events among the outputs of an observable over all steps.
+
+    lag : a time is known if it is so long before the end of the member [s]: that of an event that
+        has to last
+
+    Those that the class states in `event_times`; without a statement the outputs of an event that
+    are its first time, and of a running observable those in seconds.
+    """
+    if type(one) in STATISTICS.values() or not isinstance(one, (Event, Running)):
+        return {}
+    variables = outputs(label, one)
+    stated = one.event_times
+    if stated is None:
+        roles = roles_of(one) if isinstance(one, Event) else _in_seconds(one)
+        found = zip(one.outputs, roles, strict=True)
+        stated = tuple(name for name, role in found if role == "first")
+    lag = float(getattr(one, "hold", 0.0))
+    return {name: lag for name, of in zip(variables, one.outputs, strict=True) if of in stated}
+
+
+def roles_of(one: Event) -> list[str]:
+    """What each output of an event is: "count", "first", or "" for another."""
+    numbers = _COUNT, _FIRST, 7.0, 7.25, _FIRST_TAU, 11.0, 5.5
+    record = Record(*(np.array([x]) for x in numbers))
+    words = {_COUNT: "count", _FIRST: "first", _FIRST_TAU: "first"}
+    return [words.get(float(np.ravel(x)[0]), "") for x in one.results(record).values()]
+
+
+def _in_seconds(one: Running) -> list[str]:
+    return ["first" if of[0] == "s" and not of[2] else "" for of in one.outputs.values()]
+
+
+def is_event_time(name: str, attrs: Mapping[str, Any]) -> bool:
+    """Whether a variable of a result is the time of an event.
+
+    attrs : of the variable; results of earlier versions do not say it, so there the shipped names
+        tell
+    """
+    if CENSORED in attrs:
+        return bool(attrs[CENSORED] == FOLLOWED)
+    word, _, number = name.rpartition("_")
+    return (word if number.isdigit() else name) in _SHIPPED
+
+
+_SHIPPED = frozenset(name for kind in WATCHED.values() for name in kind.event_times or ())
