@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from rigidmc.cli.app import INTERRUPTED, START, app
-from rigidmc.cli.options import Force, count_option, time_option
+from rigidmc.cli.options import Force, count_option, gathering, time_option
 from rigidmc.cli.reporting import fail, refuse_outputs, reported
 from rigidmc.errors import OptionError, RigidmcError, unknown
 from rigidmc.mechanics.solids import SOLIDS
@@ -182,70 +182,60 @@ def _text(metavar: str, text: str) -> Any:
     return typer.Option(metavar=metavar, help=text)
 
 
-Solid = Annotated[str | None, _text("SOLID", f"Body: {', '.join(SOLIDS)}.")]
-Size = Annotated[
-    str | None,
-    _text("SIZES", "Sizes of the solid \\[m]: radius=0.03,height=0.008 or size=1,2,3."),
-]
-Mass = Annotated[float | None, typer.Option(help="Mass \\[kg].")]
-Moments = Annotated[
-    str | None, _text("I1,I2,I3", "Principal moments \\[kg m2], instead of a solid.")
-]
-Centre = Annotated[
-    str | None, _text("X,Y,Z", "With --moments: centre of mass from the fixed point \\[m].")
-]
-Pivot = Annotated[
-    str | None, _text("X,Y,Z", "Fixed point, seen from the origin of the solid \\[m].")
-]
-Spin = Annotated[
-    str | None,
-    _text("W1,W2,W3", "Spin about the principal axes \\[rad/s]; by default one for the body."),
-]
-Spread = Annotated[
-    float | None,
-    typer.Option(help="Standard deviation of the spin, as a share of it; by default 0.01."),
-]
-Lean = Annotated[
-    str | None, _text("ANGLE", "Angle of axis 3 from the vertical \\[rad], or uniform.")
-]
-Gravity = Annotated[
-    str | None,
-    _text("G", "Gravity \\[m/s2] or none; by default 9.81 if the body is held off its centre."),
-]
-Members = Annotated[
-    int | None, count_option("--members", help="Number of members; by default 1000.")
-]
-TEnd = Annotated[
-    float | None, time_option("--t-end", help="End time; by default some tens of turns.")
-]
-Title = Annotated[str | None, _text("TEXT", "Title; by default the name of the file.")]
+OPTIONS = {
+    "solid": Annotated[str | None, _text("SOLID", f"Body: {', '.join(SOLIDS)}.")],
+    "size": Annotated[
+        str | None,
+        _text("SIZES", "Sizes of the solid \\[m]: radius=0.03,height=0.008 or size=1,2,3."),
+    ],
+    "mass": Annotated[float | None, typer.Option(help="Mass \\[kg].")],
+    "moments": Annotated[
+        str | None, _text("I1,I2,I3", "Principal moments \\[kg m2], instead of a solid.")
+    ],
+    "centre": Annotated[
+        str | None, _text("X,Y,Z", "With --moments: centre of mass from the fixed point \\[m].")
+    ],
+    "pivot": Annotated[
+        str | None, _text("X,Y,Z", "Fixed point, seen from the origin of the solid \\[m].")
+    ],
+    "spin": Annotated[
+        str | None,
+        _text("W1,W2,W3", "Spin about the principal axes \\[rad/s]; by default one for the body."),
+    ],
+    "spread": Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of the spin, as a share of it; by default 0.01."),
+    ],
+    "lean": Annotated[
+        str | None, _text("ANGLE", "Angle of axis 3 from the vertical \\[rad], or uniform.")
+    ],
+    "gravity": Annotated[
+        str | None,
+        _text("G", "Gravity \\[m/s2] or none; by default 9.81 if the body is held off its centre."),
+    ],
+    "members": Annotated[
+        int | None, count_option("--members", help="Number of members; by default 1000.")
+    ],
+    "t_end": Annotated[
+        float | None, time_option("--t-end", help="End time; by default some tens of turns.")
+    ],
+    "title": Annotated[str | None, _text("TEXT", "Title; by default the name of the file.")],
+}
 
 
 @app.command("new", rich_help_panel=START)
+@gathering("given", {**OPTIONS, "force": (Force, False)}, dict)
 def new_command(
     file: Annotated[str, typer.Argument(metavar="FILE", help="Scene file to write (.toml).")],
-    solid: Solid = None,
-    size: Size = None,
-    mass: Mass = None,
-    moments: Moments = None,
-    centre: Centre = None,
-    pivot: Pivot = None,
-    spin: Spin = None,
-    spread: Spread = None,
-    lean: Lean = None,
-    gravity: Gravity = None,
-    members: Members = None,
-    t_end: TEnd = None,
-    title: Title = None,
-    force: Force = False,
+    given: Given,
 ) -> None:
     """Write a scene file with a comment on each line, to begin with and to change. At a terminal
     and without options it asks; otherwise what is not given has a default: a heavy top."""
-    given: Given = {k: v for k, v in locals().items() if k not in ("file", "force")}
     with reported():
         from rigidmc.files.outputs import write_bytes
         from rigidmc.views.new_scene import new_scene
 
+        force = given.pop("force")
         refuse_outputs(force, scene=file)
         if at_terminal() and all(value is None for value in given.values()):
             try:

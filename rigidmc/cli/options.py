@@ -149,16 +149,17 @@ def gathering(
     """Decorate a command that has a parameter `into`: give it options in its place, of which `made`
     makes its value.
 
-    options : {name: annotation}; None where they are not given
+    options : {name: annotation, or (annotation, default)}; without a default None if not given
     """
 
     def decorate(command: Command) -> Command:
         signature = inspect.signature(command)
         kind = inspect.Parameter.KEYWORD_ONLY
         others = [p.replace(kind=kind) for p in signature.parameters.values() if p.name != into]
+        pairs = {k: one if isinstance(one, tuple) else (one, None) for k, one in options.items()}
         more = [
-            inspect.Parameter(name, kind, default=None, annotation=annotation)
-            for name, annotation in options.items()
+            inspect.Parameter(name, kind, default=default, annotation=annotation)
+            for name, (annotation, default) in pairs.items()
         ]
 
         @functools.wraps(command)

@@ -217,41 +217,17 @@ def lagrange_motion(
     (a, c, k, l1, l2, l3), q = columns[:6], columns[6:]
     with np.errstate(all="ignore"):
         fixed = (o.width <= SAME) | (o.v1 == o.v2)
-        upright, hanging = fixed & (o.v1 <= SAME), fixed & (o.y2 <= SAME) & (k > 0.0)
-        awake = l3**2 < 4.0 * a * k * (1.0 - SAME)
-        homoclinic = ~fixed & (o.mc < SAME)
+        kind = _kinds(o, columns, bad, fixed)
         period = np.where(fixed | (o.mc == 0.0), np.inf, 2.0 * o.quarter / o.rate)
-        lower, upper = o.e_minus + o.b * o.v1, o.e_minus + o.b * o.v2
-        fast = np.abs(o.e_minus) + np.abs(o.b) * o.v1
-        plus = np.where(
-            o.direct == 1.0,
-            2.0 * (o.quarter * o.h_s / o.h_c - o.plus_all),
-            np.pi + 2.0 * o.plus_all,
-        )
-        sigma = o.drift * period + o.s_plus * plus
-        delta = 2.0 * o.s_minus * (o.h_minus * o.quarter + o.minus_all) - o.drift * period
-        kinds = {
-            "invalid": bad,
-            "at rest": fixed & (l1**2 + l2**2 + l3**2 == 0.0),
-            "unstable": upright & awake,
-            "hanging": hanging,
-            "sleeping": upright | (fixed & (o.y2 <= SAME)),  # without a weight either end is up
-            "steady precession": fixed,
-            "homoclinic": homoclinic,
-            "pendulum": np.maximum(np.abs(o.e_plus), np.abs(o.b)) <= SAME * o.rate,
-            "cusps": np.abs(upper) <= SAME * fast,
-            "loops": lower * upper < 0.0,
-        }
+        precession, spin = _turns_of_a_period(o, period)
         low, high = (
             2.0 * np.arctan2(np.sqrt(v), np.sqrt(y)) for v, y in ((o.v1, o.y1), (o.v2, o.y2))
         )
         height = (q[0] ** 2 + q[3] ** 2 - q[1] ** 2 - q[2] ** 2) / (q**2).sum(0)
-        precession = np.where(np.isfinite(period), sigma + delta, np.nan)
-        spin = np.where(np.isfinite(period), sigma - delta, np.nan)
         energy = 0.5 * ((l1**2 + l2**2) / a + l3**2 / c) + k * height
     upside = np.where(below, -1.0, 1.0)
     values = (
-        np.select(list(kinds.values()), list(kinds), "monotone precession"),
+        kind,
         upside * 0.5 * o.inertia * (o.e_plus + o.e_minus),
         l3,
         energy,
@@ -265,6 +241,43 @@ def lagrange_motion(
         spin,
     )
     return Nutation(*(np.reshape(v, shape) for v in values))
+
+
+def _kinds(o: Any, columns: _Floats, bad: NDArray[np.bool_], fixed: NDArray[np.bool_]) -> Any:
+    """The kind of motion of each of the Orbits o, as `lagrange_motion` names them.
+
+    columns : A, C, k and L first;  fixed : whether the axis keeps its angle from the vertical
+    """
+    a, _, k, l1, l2, l3 = columns[:6]
+    upright, hanging = fixed & (o.v1 <= SAME), fixed & (o.y2 <= SAME) & (k > 0.0)
+    lower, upper = o.e_minus + o.b * o.v1, o.e_minus + o.b * o.v2  # signs of phi'
+    fast = np.abs(o.e_minus) + np.abs(o.b) * o.v1
+    kinds = {  # the first that holds
+        "invalid": bad,
+        "at rest": fixed & (l1**2 + l2**2 + l3**2 == 0.0),
+        "unstable": upright & (l3**2 < 4.0 * a * k * (1.0 - SAME)),
+        "hanging": hanging,
+        "sleeping": upright | (fixed & (o.y2 <= SAME)),  # without a weight either end is up
+        "steady precession": fixed,
+        "homoclinic": ~fixed & (o.mc < SAME),
+        "pendulum": np.maximum(np.abs(o.e_plus), np.abs(o.b)) <= SAME * o.rate,
+        "cusps": np.abs(upper) <= SAME * fast,
+        "loops": lower * upper < 0.0,
+    }
+    return np.select(list(kinds.values()), list(kinds), "monotone precession")
+
+
+def _turns_of_a_period(o: Any, period: _Floats) -> tuple[_Floats, _Floats]:
+    """(precession, spin): by how much phi and psi change in a period [rad], nan in none."""
+    plus = np.where(
+        o.direct == 1.0,
+        2.0 * (o.quarter * o.h_s / o.h_c - o.plus_all),
+        np.pi + 2.0 * o.plus_all,
+    )
+    sigma = o.drift * period + o.s_plus * plus
+    delta = 2.0 * o.s_minus * (o.h_minus * o.quarter + o.minus_all) - o.drift * period
+    ends = np.isfinite(period)
+    return np.where(ends, sigma + delta, np.nan), np.where(ends, sigma - delta, np.nan)
 
 
 def effective_potential(

@@ -130,15 +130,13 @@ def simulate_until(
     if output is not None:
         refuse_existing(output, force)
     scene = observing(scene.with_run(**options), [_SIGN.split(until)[0]])
-    if scene.run.points != "independent":
-        rule = f"the spread of {scene.run.points} points gives no interval: see rigidmc.randomised"
-        raise SceneError("run", "points", scene.run.points, f"{rule}; use independent ones")
     _refuse_no_sample(scene, until)
     lean = _without_saves(scene)
     if (count := rows(*scene.quantities())) is not None:
         most = min(most, count - scene.run.first)
-    wanted = goal(until, variables_of(lean))
-    size, interval = _grown(lean, until, wanted, most, confidence, threads, progress)
+    size, interval = _grown(
+        lean, until, goal(until, variables_of(lean)), most, confidence, threads, progress
+    )
     if not goal_reached(until, interval):
         reached = f"{interval.value:.6g} +- {interval.half:.2g} by {size:,} members"
         rule = f"{until} is not reached: {reached}, which are all that may be"
@@ -156,7 +154,10 @@ def simulate_until(
 
 
 def _refuse_no_sample(scene: Scene, until: str) -> None:
-    """SceneError for members of which the first ones are no sample of all."""
+    """SceneError for members whose spread gives no interval, or whose first ones are no sample."""
+    if scene.run.points != "independent":
+        rule = f"the spread of {scene.run.points} points gives no interval: see rigidmc.randomised"
+        raise SceneError("run", "points", scene.run.points, f"{rule}; use independent ones")
     if not is_sample(scene.model):
         rule = "has no interval that members make narrower: nothing in the scene is drawn"
         raise OptionError("run", "until", until, rule)

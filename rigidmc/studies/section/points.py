@@ -38,6 +38,19 @@ HALVINGS = 8
 MOST = 2**20  # steps between two saves: seconds of computing for each point
 
 
+class Departures(NamedTuple):
+    """The states from which paths begin, one for each.
+
+    states : attitude and momentum (7, n);  places : of their members among those of a run
+    times : of the saves [s];  spans : from each to the next save [s]
+    """
+
+    states: Array
+    places: NDArray[np.intp]
+    times: Array
+    spans: Array
+
+
 class Paths:
     """What members do after states that a run has saved, each on its way to the next save.
 
@@ -55,16 +68,13 @@ class Paths:
         scene: Scene,
         members: NDArray[np.int64],
         observed: Mapping[str, Any],
-        start: Array,
-        m: NDArray[np.intp],
-        times: Array,
-        spans: Array,
+        departures: Departures,
         dt: float,
         threads: int | None,
     ) -> None:
-        """start, m, times : states (7, n), places among `members`, and times of the saves [s]
-        dt : the longest step [s], inf if members have steps of their own
-        """
+        """dt : the longest step [s], inf if members have steps of their own"""
+        self._start, self._m, self._times, self.spans = departures
+        m, spans = self._m, self.spans
         refuse_memory(scene.effects)
         rows = block_rows(scene.effects, False)
         known = make_sampler(scene.model, scene.run), members, True, rows
@@ -80,10 +90,9 @@ class Paths:
             0.0, 0.0, (0.0,) * 4, (0.0,) * 3,
         )  # fmt: skip
         self._width = 7 + sum(size(one.dims) for one in observables)
-        self._start, self._m, self._times, self._threads = start, m, times, threads
-        self.spans = spans
+        self._threads = threads
         at = block[:, m]
-        at[layout.ATTITUDE : layout.REST] = start
+        at[layout.ATTITUDE : layout.REST] = self._start
         rate = rates(scene.effects, at)
         turns = rate * spans
         # what a member that moves at its rate has at least, for those that come to rest at a save
@@ -235,7 +244,7 @@ def crossed(
     start = np.concatenate([rows(part, name)[k, :, m].T for name in STATE])
     spans = times[k + 1] - times[k]
     dt = float(part.attrs.get("dt", np.inf))
-    paths = Paths(scene, members, observed, start, m, times[k], spans, dt, threads)
+    paths = Paths(scene, members, observed, Departures(start, m, times[k], spans), dt, threads)
     at = 7 + _place(observed, crossing)
     ends = np.abs(level[k, m]) + np.abs(level[k + 1, m])
     share, still, missed = _sought(paths, at, crossing.value)
