@@ -58,10 +58,22 @@ def absolute(node: ast.ImportFrom, source: Source) -> str:
     return ".".join([*words[: len(words) + 1 - node.level], *filter(None, [node.module])])
 
 
-def find_circles(sources: Sources) -> list[str]:
-    """Modules that import each other, "a b c"; by Tarjan, SIAM J. Comput. 1 (1972) 146."""
+def packages_run(module: str, imported: set[str]) -> set[str]:
+    """The packages whose `__init__` runs before these modules do, but for those of the importer."""
+    words = [name.split(".") for name in imported]
+    found = {".".join(some[:i]) for some in words for i in range(1, len(some))}
+    return {name for name in found if not f"{module}.".startswith(f"{name}.")}
+
+
+def find_circles(sources: Sources, packages: bool = False) -> list[str]:
+    """Modules that import each other, "a b c"; by Tarjan, SIAM J. Comput. 1 (1972) 146.
+
+    packages : whether an import also counts as one of the packages that Python runs before it
+    """
     modules = {one.module for one in sources}
     edges = {one.module: imported_modules(one, modules) for one in sources}
+    if packages:
+        edges = {name: known | packages_run(name, known) for name, known in edges.items()}
     order: dict[str, int] = {}
     low: dict[str, int] = {}
     stack: list[str] = []

@@ -1,8 +1,7 @@
 """What all pictures share: the palette, an empty figure, and the file that a figure becomes.
 
-A picture is a matplotlib Figure; pyplot and its global state are not used.
-
-How integrators look in pictures: derived from their registry, so that a new one has a style.
+A picture is a matplotlib Figure; pyplot and its global state are not used. How an integrator looks
+follows from its place in their registry, so that a new one has a style.
 """
 
 import io

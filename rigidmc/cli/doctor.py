@@ -1,7 +1,4 @@
-"""rigidmc doctor.
-
-Facts of this machine and installation that decide speed and bits.
-"""
+"""rigidmc doctor: what of this machine and installation decides speed and bits."""
 
 import json
 import os

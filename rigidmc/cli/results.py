@@ -1,7 +1,4 @@
-"""rigidmc rerun, summary, plot, export, animate: look at a result.
-
-rigidmc view: a result, a scene or a map as one HTML page that needs nothing else.
-"""
+"""Commands about a result: rigidmc rerun, summary, plot, export, animate and view."""
 
 import os
 import sys

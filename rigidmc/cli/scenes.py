@@ -1,7 +1,4 @@
-"""rigidmc show, check, scenes: look at a scene without running it.
-
-rigidmc warm.
-"""
+"""Commands about a scene, without a run of it: rigidmc show, check, scenes and warm."""
 
 from typing import Annotated, Any
 

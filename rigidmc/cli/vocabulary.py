@@ -1,6 +1,6 @@
 """rigidmc effects, observables, integrators: list all of a kind, or explain one.
 
-Docstrings on the command line: numpydoc with one line for each parameter and no examples.
+An explanation is the docstring of the class, with one line for each parameter and no examples.
 """
 
 import re

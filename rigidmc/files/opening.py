@@ -1,9 +1,7 @@
-"""How files are opened whose place others could have prepared: a folder that was downloaded, or one
-that several people write to.
+"""Files opened in places that others could have prepared, and the kinds of files that are written.
 
-No link is followed, nothing but a regular file is read or written, and no pipe blocks.
-
-The kinds of files that are written, and the endings of their names.
+A folder may be a download, or one that several people write to: no link is followed, nothing but a
+regular file is read or written, and no pipe blocks. The ending of a name says its kind.
 """
 
 import errno

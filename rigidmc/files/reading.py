@@ -1,13 +1,9 @@
-"""Readers of files that come from outside: regular files only, text of at most TEXT bytes, TOML
-nested at most DEPTH deep.
+"""Readers of text files from outside: TOML, JSON, CSV and meshes.
 
-A pipe would block for ever, a device has no end, and Python's own readers raise many kinds of
-errors: here each is a FileError, or a SceneError for a text that is no TOML.
-
-CSV files: tables of others that are read some lines at a time, and tables that are written so
-that no spreadsheet takes a cell for a formula.
-
-Mesh files, read by trimesh: nothing but the file itself, in one of the formats of a part.
+Only regular files are read, of at most TEXT bytes, TOML nested at most DEPTH deep: a pipe would
+block for ever, and a device has no end. Python's own readers raise many kinds of errors; here each
+is a FileError, or a SceneError for a text that is no TOML. CSV is read some lines at a time, and
+written so that no spreadsheet takes a cell for a formula (`harmless`).
 """
 
 import contextlib

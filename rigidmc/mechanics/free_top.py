@@ -1,6 +1,7 @@
-"""Arguments of the closed forms: leading shapes broadcast, components go first.
+"""The free top at any time in closed form, for arrays of bodies, TdC (3.35) and Example 3.6.
 
-The free top at any time in closed form, TdC (3.35) and Example 3.6, for many bodies at once.
+Arguments of all closed forms broadcast in their leading shapes; `aligned` brings their components
+first, as `rigidmc.engine.formulas` takes them.
 """
 
 from typing import Any, NamedTuple

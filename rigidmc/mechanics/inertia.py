@@ -1,11 +1,9 @@
 """Inertia tensors of arrays of bodies: particles, parallel axes, principal axes, L = I omega.
 
-Components last, any leading shape.
-
-The principal axes of many bodies, named after those of one, and what turns into them.
-
-A turn (3, 3, n) has as columns the axes of a body, in those of the one: v' = turn^T v. Numbers are
-multiplied one by one, so that no bit depends on a library or on the number of bodies.
+Components are last, leading shapes are free. The principal axes of many bodies are named after
+those of one (`named`): a turn (3, 3, n) has as columns the axes of a body in those of the one, v' =
+turn^T v. Its numbers are multiplied one by one, so that no bit depends on a library or on the
+number of bodies.
 """
 
 from collections.abc import Callable

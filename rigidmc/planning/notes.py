@@ -1,7 +1,5 @@
-"""Notes on a scene that runs, but perhaps not as meant: settings without effect, slow effects, and
-likely mistakes of units and signs. Each of LOOKS yields notes.
-
-Notes on settings and effects of a scene that change nothing.
+"""Notes on a scene that runs, but perhaps not as meant: settings and effects that change nothing,
+slow effects, and likely mistakes of units and signs. Each of LOOKS yields notes.
 """
 
 import math

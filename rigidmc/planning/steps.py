@@ -1,9 +1,8 @@
-"""How fast members may move, and how many steps of its own each member then makes.
-
-The times of a run: how many steps it makes, how long they are, and which of them end at a save.
+"""The times of a run: how many steps it makes, how long they are, and which of them end at a save.
 
 Saves are at 0, `every`, 2 `every`, ... and at t_end. If `every` does not divide t_end, the last
-interval is shorter than the others, and so are the steps in it.
+interval is shorter than the others, and so are the steps in it. With steps of members' own, each
+member makes as many as the rate at which it may turn demands (`rates`, `own_steps`).
 """
 
 import math

@@ -1,6 +1,6 @@
-"""Measures of a result that exists, of all its members or of groups of them.
+"""Measures of a result that exists, of all its members or of groups of them, with intervals.
 
-One number of the state over time: an observable, or a component of it, such as "omega[1]".
+A measure is of one number for each member: a variable, or a component of one, "omega[1]".
 """
 
 import re

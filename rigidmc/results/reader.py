@@ -1,6 +1,6 @@
-"""Results that are opened: netCDF files from outside, checked against the scene that they carry.
+"""Results opened from files, and checked against the scene that they carry.
 
-Checks whether a file is a result: its variables, dimensions, types and units must be those that
+A file from outside is a result only if its variables, dimensions, types and units are those that
 the scene in it demands.
 """
 

@@ -1,18 +1,15 @@
-"""run.json: what of a run never changes, and how many members the run has.
-
-A run of chosen members has the hash of their indices in `chosen`, and in `growing` the level of the
-last ones while what they say may ask for more, else 0.
-
-A run as a directory: run.json and scene.toml say what the run is, its shards say what is done.
+"""A run as a directory: run.json and scene.toml say what the run is, its shards say what is done.
 
     run.json       what never changes: hash of the scene, seed, members of a shard and of a block,
-                   versions, type of processor; and how many members the run has
+                   versions, type of processor; and how many members the run has. A run of chosen
+                   members has the hash of their indices in `chosen`, and in `growing` the level of
+                   the last ones while what they say may call for more, else 0
     scene.toml     the scene, resolved; columns.nc holds those of its quantities that have one row
                    per member
     members.i64    the indices of the members of a run that has chosen ones, in the order of its
                    shards
     shards/        one netCDF4 file for each range of members; its bytes depend on scene and seed
-                   alone, and its name tells how many members are flagged and the hash of the file
+                   alone, and its name has how many members are flagged and the hash of the file
     unfinished/    states of blocks that are on their way, and results of shards that are not whole:
                    a resumed run goes on from there; see `rigidmc.runs.directory.checkpoints`
     journal.jsonl  what happened: when, where, how fast; nothing depends on it

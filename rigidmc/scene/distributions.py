@@ -1,9 +1,6 @@
-"""Distributions of one number: by name, and truncated.
+"""Distributions of one number: by name, truncated, and mixtures of several.
 
-Numbers are drawn by inverting the distribution function, so that any point set in (0, 1) can drive
-it.
-
-Mixtures of distributions: each member draws from one of several.
+A number is drawn by inverting the distribution function, so that any point set in (0, 1) drives it.
 """
 
 import math

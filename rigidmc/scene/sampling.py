@@ -1,12 +1,12 @@
-"""Points that fill a cube more evenly than independent ones: scrambled Sobol sequences and Latin
+"""Where members draw their uniform numbers from, in place of the seed alone.
+
+Points that fill a cube more evenly than independent ones: scrambled Sobol sequences and Latin
 hypercubes of scipy.stats.qmc, and antithetic pairs; and the designs of studies, whose members come
 in families.
 
-They stand in place of the seed where members are drawn. Each number that a member draws is one
-dimension, in the order in which the numbers are drawn. Member i has point i, so that its numbers
-are a function of (seed, scene, i) alone; in a Latin hypercube also of the number of strata.
-
-What members are a sample of: what a scene draws, and what goes by the index of a member.
+Each number that a member draws is one dimension, in the order in which the numbers are drawn.
+Member i has point i, so that its numbers are a function of (seed, scene, i) alone; in a Latin
+hypercube also of the number of strata. `is_drawn` says whether a scene draws anything at all.
 """
 
 import inspect

@@ -1,7 +1,7 @@
 """The settings of a run, defined once: the table [run] of a scene file, the keywords of `simulate`
 and the options of the command line all follow from the fields of `Run`.
 
-Changes of run settings, and settings that have no effect beside other settings.
+`changed` makes a Run with other settings; `idle` names those that have no effect beside others.
 """
 
 import functools

@@ -1,6 +1,5 @@
-"""What a user gives as parts of a scene: effects, observables and integrators, checked.
-
-The limits of parameters, and of what a histogram may count.
+"""What a user gives as parts of a scene, checked: effects, observables and integrators, the limits
+of their parameters, and what a histogram may count.
 """
 
 from collections.abc import Iterable, Sequence

@@ -1,10 +1,11 @@
 """Results, scenes and bodies shown: in words, in pictures, as a page to turn, and as `ds.rigid`.
 
 Every view reads a Dataset or a scene and changes neither. Reading order: `accessor` (`ds.rigid` and
-notebooks), `descriptions` (scenes and bodies in words), `summary` and `states` (a result in words
-and as states in space), `sample` (the members and times that pictures read), `ensemble` and
-`hemispheres` (the pictures of a result), `sphere` and `surfaces` (what they are drawn on),
-`closed_forms`, `gibbs`, `animation`, and `viewer` (a page that turns the body in a browser).
+notebooks), `descriptions` (scenes and bodies in words), `new_scene` (a first scene as text),
+`summary` and `states` (a result in words, and as states in space), `lazy` (functions of arrays that
+dask reads), `sample` (the members and times that pictures read), `ensemble` and `hemispheres` (the
+pictures of a result), `sphere` and `surfaces` (what they are drawn on), `closed_forms`, `gibbs`,
+`animation`, and `viewer` (a page that turns the body in a browser).
 
 A new picture is a function of the Dataset and a line in PICTURES. Views know no study: those draw
 themselves in `rigidmc/studies/*/picture.py`. Importing rigidmc imports no xarray, which takes 0.4

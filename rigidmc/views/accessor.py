@@ -1,8 +1,7 @@
-"""`ds.rigid`: the physics of a result, on its Dataset; see `rigidmc.views`.
+"""`ds.rigid`: the physics of a result, on its Dataset; and scenes and bodies as HTML in notebooks.
 
-Methods import what they need: this module is imported with rigidmc, which must stay quick.
-
-Scenes and bodies as HTML, in notebooks: tables of what `rigidmc show` and `rigidmc body` say.
+`rigidmc.views.register` imports this module with xarray. Methods import what they need, so that it
+stays quick.
 """
 
 import html

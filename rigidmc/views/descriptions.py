@@ -1,6 +1,7 @@
-"""A scene in lines of text, and what a run of it would take.
+"""Scenes and bodies in lines of text: `rigidmc show` and `rigidmc body`.
 
-A body in lines of text: mass, centre, tensor, principal axes, and which rotations are stable.
+A scene: its parts, what is compiled for it, and what a run of it would take. A body: mass, centre,
+tensor, principal axes, and which rotations are stable.
 """
 
 from typing import Any

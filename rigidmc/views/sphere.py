@@ -1,7 +1,4 @@
-"""Directions on the unit sphere for the pictures: polhodes, Lambert's equal-area map, density.
-
-A unit sphere drawn by lines, and Poinsot's construction on it: the polhodes of one body.
-"""
+"""The unit sphere of pictures: directions, their density, Lambert's map, and Poinsot's polhodes."""
 
 from collections.abc import Sequence
 from typing import Any

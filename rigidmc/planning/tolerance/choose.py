@@ -1,8 +1,8 @@
-"""Which integrator and step give an accuracy at the least cost, for a scene and a machine: measured
-on a pilot, not guessed.
+"""The integrator and step that give an accuracy at the least cost, for a scene and a machine:
+measured on a pilot, not guessed.
 
-Kernels of a study compiled by two processes at once: each kernel takes 3 s, Numba compiles one
-at a time, and a study needs up to twenty.
+The kernels of a search, up to twenty, take 3 s each and Numba compiles one at a time: a second
+process compiles half of them ahead (`compile_ahead`).
 """
 
 import json

@@ -1,8 +1,5 @@
-"""A way of integrating a pilot, with its cost on this machine and its errors.
-
-What steps, starts and saves cost on this machine, measured on one thread.
-
-What effects and observables add to the cost of a step: measured, and as their operations say.
+"""What steps, starts and saves of a way cost on this machine, measured on one thread; and what
+effects and observables add to a step, measured, and as their operations say.
 """
 
 import math

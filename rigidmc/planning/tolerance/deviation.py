@@ -1,6 +1,5 @@
-"""How far the states of a pilot are from others, and from what its members conserve.
-
-How fast disturbances of a motion grow.
+"""How far the states of a pilot are from others and from what its members conserve, and how fast
+disturbances of a motion grow.
 """
 
 from typing import Any

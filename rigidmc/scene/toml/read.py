@@ -1,8 +1,6 @@
-"""Scene files as the parts of scenes. They hold data and execute nothing.
+"""Scene files as the parts of scenes: body, effects, observables, start. They execute nothing.
 
-The tables of a scene file as the parts of a scene: body, effects, observables, start.
-
-The scene that a result carries: its text, and the rows that this text refers to.
+A result carries its scene as such a text, and the rows that the text refers to (`stored_rows`).
 """
 
 import inspect

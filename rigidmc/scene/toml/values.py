@@ -1,7 +1,5 @@
-"""Values of scene files as quantities, and back: numbers, lists, distributions, grids, laws, and
-columns of tables.
-
-Starts from files: columns of a CSV or a netCDF file, one row per member.
+"""Values of scene files as quantities, and back: numbers, lists, distributions, grids, vectors
+drawn as a whole, and columns of CSV and netCDF files, one row per member.
 """
 
 import os

@@ -18,7 +18,6 @@ from collections.abc import Callable
 from typing import Any
 
 from rigidmc.errors import SceneError, unknown
-from rigidmc.scene.user_parts.distributions import check_user_law
 from rigidmc.scene.vector_distributions.protocol import Law
 
 LAWS: list[type[Law]] = [
@@ -37,6 +36,9 @@ def checked(law: Law, table: str, key: str) -> Law:
     """A law with its parameters checked; SceneError."""
     kinds = laws_of(key)
     if type(law) not in LAWS:
+        # its trials import a file of this package, which runs this one first
+        from rigidmc.scene.user_parts.distributions import check_user_law
+
         return check_user_law(law, table, key)
     if type(law) not in kinds.values():
         rule = f"expected one of {', '.join(kinds)}, or three components"

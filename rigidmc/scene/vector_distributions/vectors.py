@@ -1,6 +1,5 @@
-"""Laws of any vector: cones, spheres and correlated normal vectors.
-
-Uniform directions and uniform attitudes.
+"""Distributions of any vector: cones, spheres and correlated normal vectors; and uniform directions
+and attitudes, from which they are made.
 """
 
 import math

@@ -1,17 +1,16 @@
-"""The members of the levels of a multilevel study: pairs of paths with the same start and noise.
+"""The levels of a multilevel study: pairs of paths with the same start and noise, and how many of
+each.
+
+Nearly all members make few long steps; few members make many, and show by how much shorter steps
+change the mean. Members are added to levels, and levels to the study, until its goal is reached.
 
 Level l makes n 2^l steps. Its members have the indices from l 2^40 on, so that no two levels share
 a draw and the variances of their means add up. From level 1 on a member also goes half as many
-steps, each with the noise of two fine ones, see `rigidmc.engine.kernel.noise.deviates`: the level
-tells by how much a measure changes if the step is halved. The paths of a free body in a bath and of
-the same body with steps twice as long then differ by a multiple of the step, and the variance of
-what they show by its square. Weights that follow the friction, exp(-gamma h) : 1 in place of 1 : 1,
-would take out only the part of that which friction causes, not that of the torques.
-
-Members are added to levels, and levels to a study, until its goal is reached.
-
-Nearly all members make few long steps; few members make many, and tell by how much shorter steps
-change the mean.
+steps, each with the noise of two fine ones, see `rigidmc.engine.kernel.noise.deviates`. The paths
+of a free body in a bath and of the same body with steps twice as long then differ by a multiple of
+the step, and the variance of what they show by its square. Weights that follow the friction,
+exp(-gamma h) : 1 in place of 1 : 1, would take out only the part of that which friction causes, not
+that of the torques.
 """
 
 import math

@@ -1,6 +1,5 @@
-"""The study: what it is asked and of which scene; see `multilevel`.
-
-A study as a Dataset and as text.
+"""Multilevel Monte Carlo of a measure: what is asked of which scene, and the answer as a Dataset
+and a table; see `multilevel`.
 """
 
 import math

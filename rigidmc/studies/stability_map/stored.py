@@ -1,8 +1,8 @@
-"""Maps that are stored: in a run directory, which loses nothing when it is killed, or in a file.
+"""Maps on disk: a file, or a run directory, which loses nothing when its process is killed.
 
-Adaptive maps in run directories: resumed until what is there asks for no more pixels.
-
-A part of a map, drawn anew.
+A directory of an adaptive map grows: it is resumed until its pixels call for no more (`there`,
+`resume_growing`). A part of a stored map is computed as a new map of the same question
+(`zoom_map`).
 """
 
 import os

@@ -1,8 +1,8 @@
-"""One integration of a hard case, and the distance between two states.
+"""The motions of hard cases: tops from plain numbers, one integration of them, and errors without
+truth.
 
-Errors of hard cases that need no truth: how far constants of the motion drift.
-
-The scenes of the hard cases: tops from plain numbers, and some attitudes and bodies.
+The error of a case without a truth is how far the constants of its motion drift; `distance` is that
+between two states, for cases with one.
 """
 
 import math
