@@ -29,7 +29,7 @@ _ELEMENTS = {
 }
 
 
-def placed(value: Any, table: str = "", key: str = "input", kinds: str = "fiu") -> Any:
+def placed(value: Any, at: str = "input", kinds: str = "fiu") -> Any:
     """A value whose arrays are plain ones; SceneError for what has a meaning beyond its places.
 
     Numbers, text and objects that hold no numbers in places stay as they are, and so do lists and
@@ -38,30 +38,29 @@ def placed(value: Any, table: str = "", key: str = "input", kinds: str = "fiu") 
     kinds : of numpy's dtypes that arrays may have
     """
     if isinstance(value, np.ndarray):
-        return _plain(value, table, key, kinds)
+        return _plain(value, at, kinds)
     if isinstance(value, np.timedelta64):
-        raise SceneError(table, key, value, f"its elements {_ELEMENTS['m']}")
+        raise SceneError(f"its elements {_ELEMENTS['m']}", at=at, value=value)
     if isinstance(value, (str, np.generic, Real)) or value is None:
         return value
     if isinstance(value, (list, tuple)):
         if all(type(one) in (float, int) for one in value):
             return value
-        inside = [placed(one, table, key, kinds) for one in value]
+        inside = [placed(one, at, kinds) for one in value]
         same = all(one is other for one, other in zip(inside, value, strict=True))
         return value if same else inside
     if isinstance(value, _SEQUENCES):
-        return placed(list(value), table, key, kinds)
+        return placed(list(value), at, kinds)
     if cure := _cure(value):
         shown = f"{type(value).__module__}.{type(value).__name__}"
-        raise SceneError(table, key, None, f"is a {shown.removeprefix('builtins.')}, which {cure}")
+        raise SceneError(f"is a {shown.removeprefix('builtins.')}, which {cure}", at=at)
     return value
 
 
 def floats(
     value: Any,
-    key: str = "input",
+    at: str = "input",
     last: int = 0,
-    table: str = "",
     kinds: str = "fiu",
     rule: str = "expected numbers",
 ) -> NDArray[Any]:
@@ -72,36 +71,36 @@ def floats(
     rule : what is expected
     """
     plain = type(value) is np.ndarray and value.dtype == np.float64
-    array: NDArray[Any] = value if plain else _converted(value, key, table, kinds, rule)
+    array: NDArray[Any] = value if plain else _converted(value, at, kinds, rule)
     if last and array.shape[-1:] != (last,):
         turned = " (give its transpose?)" if array.shape[:1] == (last,) else ""
         rule = f"has shape {array.shape}; its last axis must have {last} components{turned}"
-        raise SceneError(table, key, None, rule)
+        raise SceneError(rule, at=at)
     return array
 
 
-def _converted(value: Any, key: str, table: str, kinds: str, rule: str) -> NDArray[Any]:
+def _converted(value: Any, at: str, kinds: str, rule: str) -> NDArray[Any]:
     """The numbers of an object that is not an array of float64 yet; SceneError."""
-    value = placed(value, table, key, kinds)
+    value = placed(value, at, kinds)
     try:
         found = np.asarray(value)
     except ValueError:  # rows of different lengths
-        raise SceneError(table, key, value, f"{rule}; its rows differ in length") from None
+        raise SceneError(f"{rule}; its rows differ in length", at=at, value=value) from None
     if found.dtype.kind == "O":  # also whole numbers beyond 64 bits
         real = [isinstance(one, Real) and not isinstance(one, bool) for one in found.ravel()]
         if not all(real):
-            raise SceneError(table, key, value, rule)
+            raise SceneError(rule, at=at, value=value)
     elif found.dtype.kind not in kinds:
-        raise SceneError(table, key, value, f"{rule}; its elements {_why(found)}")
+        raise SceneError(f"{rule}; its elements {_why(found)}", at=at, value=value)
     if found.dtype.kind == "c":
         return found
     try:
         return np.asarray(found, dtype=float)
     except OverflowError:
-        raise SceneError(table, key, value, "is too large for a floating-point number") from None
+        raise SceneError("is too large for a floating-point number", at=at, value=value) from None
 
 
-def _plain(value: NDArray[Any], table: str, key: str, kinds: str) -> Any:
+def _plain(value: NDArray[Any], at: str, kinds: str) -> Any:
     """An array without its mask, if nothing is masked; SceneError."""
     if isinstance(value, np.ma.MaskedArray):
         masked: Any = np.argwhere(np.ma.getmaskarray(value)) if value.dtype.names is None else ()
@@ -109,18 +108,18 @@ def _plain(value: NDArray[Any], table: str, key: str, kinds: str) -> Any:
             where = f"row {masked[0][0]}" if value.ndim else "it"
             many = f" ({count} of {value.size} elements are)" if value.size > 1 else ""
             rule = f"{where} is masked{many}: leave such members out, or give numbers for them"
-            raise SceneError(table, key, None, rule)
+            raise SceneError(rule, at=at)
         value = np.asarray(value)
     if type(value) is not np.ndarray:
         if not isinstance(value, _PLAIN_ARRAYS):
             name = f"{type(value).__module__}.{type(value).__name__}"
             rule = f"is a {name}, which {_cure(value) or 'may mean more than its numbers'}"
-            raise SceneError(table, key, None, rule)
+            raise SceneError(rule, at=at)
         value = np.asarray(value)
     if value.dtype.kind == "O":
-        return placed(value.tolist(), table, key, kinds)
+        return placed(value.tolist(), at, kinds)
     if value.dtype.kind not in kinds + "SU":  # what is text is for others to refuse, or to take
-        raise SceneError(table, key, None, f"its elements {_why(value)}")
+        raise SceneError(f"its elements {_why(value)}", at=at)
     return value if value.ndim else value[()]
 
 

@@ -1,14 +1,19 @@
 """Errors that tell what was given, where it stands, what is allowed, and the nearest right word."""
 
 import difflib
+import os
 import re
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from itertools import islice
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 _SCREEN, _WORD = 1600, 200  # letters of a message, and of a word: files of others may have more
 _MANY = 200  # words that are known
@@ -20,55 +25,73 @@ class RigidmcError(ValueError):
     """A mistake in what the user gave, whatever it is; the command line ends with exit code 3, see
     `rigidmc.cli.app`.
 
-    The text names file, table, key, value, rule and the nearest right word, and each is an
-    attribute.
+    The text names file, place, value, rule and the nearest right word, and each is an attribute.
 
     Parameters
     ----------
-    table : str
-        of the scene file, such as "body"; "" if there is none
-    key : str
-        in the table, or the name of an argument
-    value : object
-        what was given; None if it is not shown
     rule : str
         what is allowed
+    at : str, optional
+        where the mistake is, a path such as "run.dt", "effects.gravity.g", or an argument "threads"
+    table : str, optional
+        how much of `at` is the table, which the text shows in brackets; by default all but the
+        last word
+    value : object, optional
+        what was given; None if it is not shown
     nearest : str, optional
         the nearest right word
     file : str, optional
         in which the mistake is
+
+    Attributes
+    ----------
+    table, key : str
+        the two parts of `at`, such as "effects.gravity" and "g"; the table may be ""
 
     Examples
     --------
     >>> try:
     ...     rm.Body.from_moments((1.0, 2.0, -3.0))
     ... except rm.RigidmcError as error:
-    ...     error.table, error.key, error.rule
-    ('body', 'moments', 'principal moments must be positive')
+    ...     error.at, error.rule
+    ('body.moments', 'principal moments must be positive')
     """
 
     def __init__(
         self,
-        table: str,
-        key: str,
-        value: Any,
         rule: str,
+        *,
+        at: str = "",
+        table: str | None = None,
+        value: Any = None,
         nearest: str | None = None,
         file: str | None = None,
     ) -> None:
         super().__init__(rule)
-        self.table, self.key, self.value = table, key, value
-        self.rule, self.nearest, self.file = rule, nearest, file
+        self.rule, self.at, self.value = rule, at, value
+        self.nearest, self.file, self._table = nearest, file, table
+
+    @property
+    def table(self) -> str:
+        return self.at.rpartition(".")[0] if self._table is None else self._table
+
+    @property
+    def key(self) -> str:
+        return self.at[len(self.table) + 1 :] if self.table else self.at
 
     def __reduce__(self) -> tuple[Any, ...]:  # the workers of a cluster send errors pickled
-        return type(self), (self.table, self.key, self.value, self.rule, self.nearest, self.file)
+        return type(self), (self.rule,), self.__dict__
 
     def __str__(self) -> str:
+        return self.text(self.key)
+
+    def text(self, key: str) -> str:
+        """The text with another word for the key: the command line has options."""
         file = f"{_cut(self.file)}: " if self.file else ""
         place = f"[{_cut(self.table, _WORD)}] " if self.table else ""
         given = "" if self.value is None else f" = {_short(self.value)}"
         hint = f" (did you mean '{_cut(self.nearest, _WORD)}'?)" if self.nearest else ""
-        return shown(f"{file}{place}{_cut(self.key, _WORD)}{given}: {_cut(self.rule)}{hint}")
+        return shown(f"{file}{place}{_cut(key, _WORD)}{given}: {_cut(self.rule)}{hint}")
 
 
 class SceneError(RigidmcError):
@@ -80,6 +103,56 @@ class SceneError(RigidmcError):
     Traceback (most recent call last):
     rigidmc.errors.SceneError: scene: [start] omeg: no such key; known: omega, momentum, attitude...
     """
+
+
+class PartError(SceneError):
+    """A mistake in a part of a user's own: an effect, observable, integrator or distribution.
+
+    Its path goes on from the table with the class and its method or fact, such as
+    "effects.Wind.torque".
+
+    Parameters
+    ----------
+    source : str, optional
+        Python file of the part, as far as it is known
+    line : int, optional
+        in this file
+
+    Examples
+    --------
+    >>> from typing import NamedTuple
+    >>> class Wind(NamedTuple):
+    ...     speed: float
+    ...     def torque(self, v):
+    ...         return v, 0.0, 0.0
+    >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), (Wind(3.0),), rm.Start(omega=(0.0, 1.0, 0.0)))
+    >>> scene.check()  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    rigidmc.errors.PartError: [effects] Wind.torque: asks for 'v'; it may name ...
+    """
+
+    def __init__(
+        self, rule: str, *, source: str | None = None, line: int | None = None, **place: Any
+    ) -> None:
+        super().__init__(rule, **place)
+        self.source, self.line = source, line
+
+    @classmethod
+    def of(
+        cls, part: object, rule: str, at: str, name: str = "", line: int | None = None
+    ) -> "PartError":
+        """The error about a class, or about its method or fact `name`, in the table `at`."""
+        kind = part if isinstance(part, type) else type(part)
+        code = getattr(getattr(kind, name, None), "__code__", None)
+        own = [getattr(one, "__code__", None) for key, one in vars(kind).items() if key[0] != "_"]
+        # a class of a notebook or of the shell is in no file
+        files = [one.co_filename for one in (code, *own) if one is not None]
+        source = next((file for file in files if os.path.isfile(file)), None)
+        if source is not None and line is None and code is not None:
+            line = code.co_firstlineno
+        word = getattr(part, "__name__", kind.__name__)
+        whole = f"{at}.{word}.{name}" if name else f"{at}.{word}"
+        return cls(rule, at=whole, table=at, source=source, line=line)
 
 
 class OptionError(RigidmcError):
@@ -103,6 +176,10 @@ class FileError(RigidmcError):
     Traceback (most recent call last):
     rigidmc.errors.FileError: run = '.': is no run directory: it has no run.json
     """
+
+    @property
+    def table(self) -> str:  # the dots of scene.toml are those of a name
+        return self._table or ""
 
 
 class OutputExists(FileExistsError):
@@ -171,27 +248,77 @@ def nearest(word: object, words: Iterable[object]) -> str | None:
 
 
 def unknown(
-    table: str,
-    key: str,
-    value: Any,
     kind: str,
     words: Iterable[str],
+    *,
+    at: str = "",
+    key: str | None = None,
+    table: str | None = None,
+    value: Any = None,
     error: type[RigidmcError] = SceneError,
 ) -> RigidmcError:
-    """The error for a word that is none of `words`."""
+    """The error for a word that is none of `words`: the value at a path, or the key in a table.
+
+    kind : what the word should be the name of, such as "effect"
+    """
     words = list(words)
     more = f" and {len(words) - _MANY:,} more" if len(words) > _MANY else ""
     rule = f"no such {kind}; known: {', '.join(words[:_MANY])}{more}"
-    return error(table, key, value, rule, nearest(value if value is not None else key, words))
+    if key is None:
+        return error(rule, at=at, table=table, value=value, nearest=nearest(value, words))
+    return error(rule, at=path_of(at, key), table=at, nearest=nearest(key, words))
 
 
-def flag(bad: ArrayLike, rule: str, table: str = "", key: str = "input") -> None:
+def from_pydantic(
+    error: "ValidationError", at: str, known: Iterable[str], given: Mapping[str, Any]
+) -> RigidmcError:
+    """The first complaint of pydantic about a table, as a SceneError; the one place that makes it.
+
+    known : keys of the table;  given : what was given, {key: value}
+    """
+    # a misspelt key comes before the right one that it leaves missing
+    first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+    key = str(first["loc"][0]) if first["loc"] else "scene"
+    if first["type"] == "extra_forbidden":
+        return unknown("key" if at else "table or key", known, at=at, key=key)
+    rule, value = first["msg"][0].lower() + first["msg"][1:], given.get(key)
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, RigidmcError):  # about several keys
+        return cause
+    if isinstance(cause, ValueError):  # of a validator, which knows value and rule alone
+        rule, value = str(cause), first["input"]
+    if first["type"] == "missing":
+        rule, value = "is missing", None
+    return SceneError(rule, at=path_of(at, key), table=at, value=value)
+
+
+def rule_of(error: ValueError) -> str:
+    """The rule that an error names: its text, without place and value if it has these."""
+    return error.rule if isinstance(error, RigidmcError) else str(error)
+
+
+@contextmanager
+def in_file(file: str) -> Iterator[None]:
+    """Name the file in each error that names none: where its text is read, and what it is about."""
+    try:
+        yield
+    except RigidmcError as error:
+        error.file = error.file or file
+        raise
+
+
+def path_of(at: str, key: str) -> str:
+    """The path of a key in a table; the key alone without a table."""
+    return f"{at}.{key}" if at else key
+
+
+def flag(bad: ArrayLike, rule: str, at: str = "input") -> None:
     """Raise SceneError if all elements are bad; warn with their number if some are, because they
     are nan in the result."""
     count, size = int(np.count_nonzero(bad)), np.size(bad)
     if count and count == size:
         every = f"{rule} (all of {count:,} are bad)" if count > 1 else rule
-        raise SceneError(table, key, None, every)
+        raise SceneError(every, at=at)
     if count:
         some = f"{count:,} of {size:,} elements are nan in the result: {rule}"
         warnings.warn(some, SceneWarning, stacklevel=4)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigidmc.cli.app import STUDY, about, app, load_scene
+from rigidmc.cli.app import STUDY, app, load_scene
 from rigidmc.cli.options import (
     AllowCode,
     Force,
@@ -19,7 +19,7 @@ from rigidmc.cli.options import (
     words_of,
 )
 from rigidmc.cli.reporting import keep, refuse_outputs, reported
-from rigidmc.errors import OptionError
+from rigidmc.errors import OptionError, in_file
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -76,7 +76,7 @@ def accuracy(
 
             return (picture.long_drift if long else picture.work_precision)(dataset)
 
-        with about(scene):
+        with in_file(scene):
             if long:
                 dataset = drift.long_drift(loaded, names, steps, dt, min(members, 64), progress=say)
                 lines = drift.long_table(dataset)
@@ -96,4 +96,4 @@ def _numbers(text: str) -> tuple[float, ...]:
         return tuple(float(word) for word in text.split(","))
     except ValueError:
         rule = "expected numbers separated by commas, e.g. 1e-4,1e-8"
-        raise OptionError("", "--tolerances", text, rule) from None
+        raise OptionError(rule, at="tolerances", value=text) from None

@@ -1,16 +1,17 @@
 """The app: exit codes, panels, and how a command opens the scene or the result that it is given."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import re
+import sys
+from collections.abc import Mapping, Sequence
 from inspect import cleandoc
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
 
-from rigidmc.errors import FileError, OptionError, RigidmcError
+from rigidmc.errors import FileError, OptionError, RigidmcError, in_file
 from rigidmc.files.processes import PACKAGE, environment
 from rigidmc.import_hook import Load, on_import
 from rigidmc.version import VERSION
@@ -71,6 +72,27 @@ def unwrapped(text: str) -> str:
     return "\n\n".join(p if p.startswith("\b") else " ".join(p.split()) for p in paragraphs)
 
 
+def fail(message: object, code: int) -> NoReturn:
+    """Print a message and end the command with an exit code."""
+    print(f"rigidmc: {message}", file=sys.stderr)
+    raise typer.Exit(code)
+
+
+def in_options(error: RigidmcError, command: Any) -> str:
+    """The text of an error, in which an argument has the name of the option of the command that
+    gives it: max_wall is --max-wall."""
+    if not isinstance(error, OptionError) or error.table:
+        return str(error)
+    known = {option for one in command.params for option in one.opts}
+
+    def typed(word: re.Match[str]) -> str:
+        option = f"--{word[0].replace('_', '-')}"
+        return option if option in known else word[0]
+
+    # several have a comma or "and" between them; "size radius" is a word of --size
+    return error.text(re.sub(r"(?:^|(?<=, )|(?<= and ))\w+", typed, error.key))
+
+
 class Commands(TyperGroup):
     """The commands by panel, those of FIRST before others."""
 
@@ -81,13 +103,15 @@ class Commands(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command; a value that an option cannot take ends it as one does that the command
-        itself finds wrong, and not as a wrong word."""
+        itself finds wrong, and not as a wrong word. A mistake becomes one message, no traceback."""
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
             if type(error) is typer.BadParameter:  # a missing one is of a class of its own
                 error.exit_code = INVALID
             raise
+        except RigidmcError as error:
+            fail(in_options(error, self.commands[ctx.invoked_subcommand]), INVALID)
 
     def list_commands(self, ctx: Any) -> list[str]:
         def place(name: str) -> tuple[int, int]:
@@ -124,16 +148,6 @@ def common(
     """Monte Carlo ensembles of rigid bodies with a fixed point: millions of tops in parallel."""
 
 
-@contextmanager
-def about(file: str) -> Iterator[None]:
-    """Name the file in each error that names none."""
-    try:
-        yield
-    except RigidmcError as error:
-        error.file = error.file or file
-        raise
-
-
 def load_scene(
     source: str,
     settings: Sequence[str] = (),
@@ -149,9 +163,9 @@ def load_scene(
         key, equals, value = setting.partition("=")
         if not equals or "." not in key:
             rule = "expected table.key=value, e.g. body.moments=[1,2,3] or effects.gravity.g=1.62"
-            raise OptionError("", "--set", setting, rule)
+            raise OptionError(rule, at="set", value=setting)
         pairs.append((key.strip(), value.strip()))
-    with about(source):
+    with in_file(source):
         file = source.lower().endswith(".nc") and not os.path.isdir(source)
         if file or is_zarr(source):
             # this checks the whole result, Scene.load only its scene
@@ -173,7 +187,7 @@ def open_result(path: str, allow_code: bool = False) -> "xr.Dataset":
             f"is a scene, no result: run it first, `rigidmc run {path} -o RESULT.nc`, or see it"
             f" turn by `rigidmc view {path}`"
         )
-        raise FileError("", "result", path, rule)
+        raise FileError(rule, at="result", value=path)
     return rigidmc.open(path, allow_code)
 
 

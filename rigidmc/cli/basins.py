@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import STUDY, about, app
+from rigidmc.cli.app import STUDY, app
 from rigidmc.cli.members import Where, of_members, shown, studied, takes_members
 from rigidmc.cli.options import count_option, takes_settings
 from rigidmc.cli.reporting import reported, show_done
@@ -36,7 +36,7 @@ def basins(
     """How well a start has to be known to know where it ends: the share of starts that end
     otherwise if they change a little, by how little, and the dimension of the boundary between
     basins of attraction. With -o RUN/ the members are a run directory, which survives a kill."""
-    with reported(), about(name):
+    with reported(name):
         from rigidmc.studies.basins import study
 
         threads, code = where.threads, where.allow_code

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import START, STUDY, about, app, load_scene
+from rigidmc.cli.app import START, STUDY, app, load_scene
 from rigidmc.cli.options import (
     AllowCode,
     Force,
@@ -40,7 +40,7 @@ def body_command(
 ) -> None:
     """Say what a body is: mass, centre of mass, inertia tensor, principal axes, which rotations are
     stable and how fast the unstable one grows."""
-    with reported(), about(source):
+    with reported(source):
         from rigidmc.views.descriptions import body_of, describe_body, facts
 
         body, title = body_of(source, density, mass, scale)
@@ -77,7 +77,7 @@ def exact_command(
     force: Force = False,
 ) -> None:
     """The closed form of a scene at a time, beside its integration, with the difference."""
-    with reported(), about(scene):
+    with reported(scene):
         from rigidmc.planning.closed_form import closed_form
         from rigidmc.studies.closed_form import compare
 

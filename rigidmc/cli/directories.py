@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from rigidmc.cli.app import FLAGGED, INCOMPLETE, INVALID, LONG_RUNS, OK, app
+from rigidmc.cli.app import FLAGGED, INCOMPLETE, INVALID, LONG_RUNS, OK, app, fail
 from rigidmc.cli.options import (
     Accept,
     AllowCode,
@@ -24,7 +24,7 @@ from rigidmc.cli.options import (
     count_option,
     gathering,
 )
-from rigidmc.cli.reporting import fail, reported, written
+from rigidmc.cli.reporting import reported, written
 from rigidmc.errors import OptionError
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def shards_of(text: str | None) -> range | None:
     digits = all(part.isascii() and part.isdigit() for part in (low, high))
     if not colon or not digits or int(low) >= int(high):
         rule = "expected FROM:TO, such as 0:100 for the first hundred"
-        raise OptionError("", "--shards", text, rule)
+        raise OptionError(rule, at="shards", value=text)
     return range(int(low), int(high))
 
 
@@ -73,15 +73,14 @@ def refuse_ways(ways: Ways) -> None:
     """OptionError for an option that needs a run directory."""
     for name, value in ways._asdict().items():
         if value is not None:
-            key = f"--{name.replace('_', '-')}"
-            raise OptionError("", key, value, "needs a run directory: -o RUN/")
+            raise OptionError("needs a run directory: -o RUN/", at=name, value=value)
 
 
 def refuse_force(output: str, force: bool) -> None:
     """OptionError for --force with a run directory that exists."""
     if force and os.path.exists(output):
         rule = f"replaces files, not folders: remove {output} yourself"
-        raise OptionError("", "--force", None, rule)
+        raise OptionError(rule, at="force")
 
 
 # makes a run directory: bytes of a shard, range of shards, number of threads, seconds of a shard
@@ -96,7 +95,7 @@ def begun(make: Make, ways: Ways, threads: int | None, allow_code: bool) -> tupl
     max_wall, shards, shard_size, shard_time, cluster = ways
     kind, count = ("", "") if cluster is None else checked(cluster)
     if shard_size is not None and not shard_size < 1e6:
-        raise OptionError("", "--shard-size", shard_size, "expected megabytes, at most 1e6")
+        raise OptionError("expected megabytes, at most 1e6", at="shard_size", value=shard_size)
     size = None if shard_size is None else 1e6 * shard_size
     many = int(count) if kind == "local" else threads
     directory = make(size, shards_of(shards), many, shard_time)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import STUDY, about, app
+from rigidmc.cli.app import STUDY, app
 from rigidmc.cli.members import Where, of_members, shown, studied, takes_members
 from rigidmc.cli.options import count_option, takes_settings
 from rigidmc.cli.reporting import reported, show_done
@@ -50,7 +50,7 @@ def frequencies(
     """The frequencies of which the motion of each member is made, and how much the first of them
     changes from one half of the time to the other, which tells regular motion from chaos. With
     -o RUN/ the members are a run directory, which survives a kill."""
-    with reported(), about(name):
+    with reported(name):
         from rigidmc.studies.frequencies import study
 
         count, code = study.TERMS if terms is None else terms, where.allow_code

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import STUDY, about, app
+from rigidmc.cli.app import STUDY, app
 from rigidmc.cli.members import Where, of_members, shown, studied, takes_members
 from rigidmc.cli.options import count_option, takes_settings
 from rigidmc.cli.reporting import reported, show_done
@@ -48,7 +48,7 @@ def ftle(
     """How much a small change of each start has grown at the end (finite-time Lyapunov exponents):
     a field whose ridges are stable manifolds, which part one kind of motion from another. With
     -o RUN/ the members are a run directory, which survives a kill."""
-    with reported(), about(name):
+    with reported(name):
         from rigidmc.studies.ftle import study
 
         threads, code = where.threads, where.allow_code

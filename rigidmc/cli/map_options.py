@@ -124,7 +124,7 @@ class Request(NamedTuple):
         exists = is_map(self.name)
         if self.zoom is not None and not exists:
             rule = f"is a part of a map that exists, and {self.name} is no file or directory of one"
-            raise OptionError("", "--zoom", self.zoom, rule)
+            raise OptionError(rule, at="zoom", value=self.zoom)
         own = {key: getattr(self, key) for key in OWN}
         given = {**own, "adaptive": self.adaptive or None, "set": self.settings, **self.run}
         if self.zoom is not None:  # which is a new map of the same question
@@ -132,15 +132,14 @@ class Request(NamedTuple):
         for key, value in {**given, **({} if self.zoom else ways._asdict())}.items():
             if exists and value not in (None, []):
                 rule = f"is for a new map, and {self.name} is one that exists"
-                raise OptionError("", f"--{key.replace('_', '-')}", value, rule)
+                raise OptionError(rule, at=key, value=value)
         if self.border and not self.adaptive:
-            raise OptionError("", "--border", self.border, "goes with --adaptive")
+            raise OptionError("goes with --adaptive", at="border", value=self.border)
         of_shards = {name: value for name, value in ways._asdict().items() if "shard" in name}
         if self.adaptive and any(of_shards.values()):
             name, value = next((name, value) for name, value in of_shards.items() if value)
-            key = f"--{name.replace('_', '-')}"
             rule = "the shards of an adaptive map follow from its pixels, and each level needs all"
-            raise OptionError("", key, value, rule)
+            raise OptionError(rule, at=name, value=value)
         return exists and self.zoom is None
 
     def of_package(self) -> bool:
@@ -155,27 +154,27 @@ class Request(NamedTuple):
                 rule = (
                     "a map of the package has two sides; give a scene with --x, --y, --z and --of"
                 )
-                raise OptionError("", "--z", self.z, rule)
+                raise OptionError(rule, at="z", value=self.z)
             return True
         if plain and self.name not in shipped():
             if self.name.lower().endswith((".nc", ".toml", "/")) and not os.path.exists(self.name):
                 raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), self.name)
-            raise unknown("", "map", self.name, "map", MAPS, OptionError)
+            raise unknown("map", MAPS, at="map", value=self.name, error=OptionError)
         missing = [
-            key for key, value in (("--x", self.x), ("--y", self.y), ("--of", self.of)) if not value
+            key for key, value in (("x", self.x), ("y", self.y), ("of", self.of)) if not value
         ]
         if missing and self.name in MAPS:
             rule = (
                 "a map of the package has its own x, y, measures and scene; give --resolution,"
                 " --members, --dt and the like, or a scene with all of --x, --y and --of"
             )
-            raise OptionError("", "map", self.name, rule)
+            raise OptionError(rule, at="map", value=self.name)
         if missing:
             own = ", ".join(MAPS)
             rule = (
                 f"is missing: a map of a scene needs --x, --y and --of; maps of the package: {own}"
             )
-            raise OptionError("", ", ".join(missing), None, rule)
+            raise OptionError(rule, at=", ".join(missing))
         return False
 
     def sides(self) -> int:
@@ -210,8 +209,8 @@ class Request(NamedTuple):
             of_case = self.name, self.sides(), self.members, threads, self._borders(first)
             return case.prepared_case(*of_case, **self.run)
         scene = load_scene(self.name, self.settings, allow_code)
-        across, upwards = _side(self.x or "", "--x"), _side(self.y or "", "--y")
-        third = None if self.z is None else _side(self.z, "--z")
+        across, upwards = _side(self.x or "", "x"), _side(self.y or "", "y")
+        third = None if self.z is None else _side(self.z, "z")
         replicas = self.members
         if replicas is None:
             replicas = stability_map.replicas_of(scene, across, upwards)
@@ -234,7 +233,7 @@ def _side(text: str, key: str) -> tuple[str, float, float, bool]:
         low = high = float("nan")
     if not equals or len(parts) not in (2, 3) or parts[2:] not in ([], ["log"]) or low != low:
         rule = "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9"
-        raise OptionError("", key, text, rule)
+        raise OptionError(rule, at=key, value=text)
     return name.strip(), low, high, len(parts) == 3
 
 
@@ -245,5 +244,5 @@ def _part(text: str) -> tuple[tuple[float, float], tuple[float, float]]:
         (left, right), (low, high) = map(float, x), map(float, y)
     except ValueError:
         rule = "expected the ends across and upwards, LOW:HIGH,LOW:HIGH, e.g. 0.1:0.2,1:1.5"
-        raise OptionError("", "--zoom", text, rule) from None
+        raise OptionError(rule, at="zoom", value=text) from None
     return (left, right), (low, high)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from rigidmc.cli.app import FLAGGED, INCOMPLETE, OK, STUDY, about, app
+from rigidmc.cli.app import FLAGGED, INCOMPLETE, OK, STUDY, app
 from rigidmc.cli.directories import (
     Ways,
     begun,
@@ -78,12 +78,12 @@ def make_map(
     """Map two parameters of a scene against what its members do, with replicas and a confidence
     interval for every pixel. With -o MAP/ the map is a run directory, which survives a kill:
     `rigidmc map MAP/` draws what is there."""
-    with reported(), about(name):
+    with reported(name):
         if name == "list":
             _list(listed)
             return
         if listed is not None:
-            raise OptionError("", "NAME", listed, "goes with `rigidmc map list NAME`")
+            raise OptionError("goes with `rigidmc map list NAME`", at="NAME", value=listed)
         from rigidmc.studies.stability_map.case import with_theory
         from rigidmc.studies.stability_map.stored import create_map, open_map
         from rigidmc.studies.stability_map.study import mapped
@@ -134,7 +134,7 @@ def _list(name: str | None) -> None:
     from rigidmc.studies.stability_map.case import MAPS
 
     if name is not None and name not in MAPS:
-        raise unknown("", "map", name, "map", MAPS, OptionError)
+        raise unknown("map", MAPS, at="map", value=name, error=OptionError)
     for word in MAPS if name is None else (name,):
         case = MAPS[word]()
         print(f"{word:18s} {case.title}")

@@ -140,10 +140,10 @@ def of_tasks(
         def make(
             size: float | None, only: range | None, threads: int | None, limit: float | None
         ) -> "RunDirectory":
-            for key, value in (("--shard-size", size and size / 1e6), ("--shard-time", limit)):
+            for key, value in (("shard_size", size and size / 1e6), ("shard_time", limit)):
                 if value is not None:
                     rule = "is for members; here a shard is a task of the study"
-                    raise OptionError("", key, value, rule)
+                    raise OptionError(rule, at=key, value=value)
             return tasks.create(kind, *asked(scene), path)
 
         return make
@@ -189,4 +189,4 @@ def _refuse(given: dict[str, Any]) -> None:
     for key, value in given.items():
         if value is not None:
             rule = "is for a new study, and the members of this one exist"
-            raise OptionError("", f"--{key.replace('_', '-')}", value, rule)
+            raise OptionError(rule, at=key, value=value)

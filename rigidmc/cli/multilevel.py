@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import INCOMPLETE, STUDY, about, app
+from rigidmc.cli.app import INCOMPLETE, STUDY, app
 from rigidmc.cli.members import Where, of_tasks, shown, studied, takes_members
 from rigidmc.cli.options import count_option, takes_settings
 from rigidmc.cli.reporting import reported
@@ -48,7 +48,7 @@ def multilevel(
     -o RUN/ batches of members are a run directory, which survives a kill.
 
     Exit code 5 if the width is not reached: because of --most, or in a run that has not ended."""
-    with reported(), about(name):
+    with reported(name):
         from rigidmc.studies.multilevel import study
         from rigidmc.studies.multilevel.study import table
 
@@ -71,7 +71,7 @@ def _asked(until: str | None) -> str:
     """The mean and its width; OptionError if none is given."""
     if until is None:
         rule = 'a new study needs a mean and its width, as in "mean(energy_final) +- 1 %"'
-        raise OptionError("", "--until", None, rule)
+        raise OptionError(rule, at="until")
     return until
 
 

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import INTERRUPTED, START, app
+from rigidmc.cli.app import INTERRUPTED, START, app, fail
 from rigidmc.cli.options import Force, count_option, gathering, time_option
-from rigidmc.cli.reporting import fail, refuse_outputs, reported
+from rigidmc.cli.reporting import refuse_outputs, reported
 from rigidmc.errors import OptionError, RigidmcError, unknown
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.scene.amounts import counted_text
@@ -28,11 +28,11 @@ def numbers(text: str, key: str, count: int | None = None) -> Vector:
     if not values or count not in (None, len(values)) or not all(map(math.isfinite, values)):
         many = "numbers" if count is None else "a number" if count == 1 else f"{count} numbers"
         commas = "" if count == 1 else " separated by commas"
-        raise OptionError("", key, text, f"expected {many}{commas}, all finite")
+        raise OptionError(f"expected {many}{commas}, all finite", at=key, value=text)
     return values
 
 
-def sizes(text: str, key: str = "--size") -> dict[str, Any]:
+def sizes(text: str, key: str = "size") -> dict[str, Any]:
     """{name: number, or list of numbers} of "radius=0.03,height=0.008" or "size=1,2,3"."""
     values: dict[str, Any] = {}
     for part in text.replace(" ", "").split(","):
@@ -41,12 +41,12 @@ def sizes(text: str, key: str = "--size") -> dict[str, Any]:
             last = name
         if not values and not equals:
             rule = "expected NAME=NUMBER, as in radius=0.03,height=0.008 or size=0.02,0.05,0.1"
-            raise OptionError("", key, text, rule)
+            raise OptionError(rule, at=key, value=text)
         values.setdefault(last, []).extend(numbers(value, key, 1))
     return {name: one[0] if len(one) == 1 else one for name, one in values.items()}
 
 
-def lean_of(text: str, key: str = "--lean") -> float | str:
+def lean_of(text: str, key: str = "lean") -> float | str:
     """An angle [rad], also as 20deg, or "uniform"; OptionError."""
     if text == "uniform":
         return text
@@ -55,11 +55,13 @@ def lean_of(text: str, key: str = "--lean") -> float | str:
         math.radians(numbers(degrees, key, 1)[0]) if degrees != text else numbers(text, key, 1)[0]
     )
     if not -math.pi <= angle <= math.pi:
-        raise OptionError("", key, text, "an angle in rad is at most pi; degrees are written 20deg")
+        raise OptionError(
+            "an angle in rad is at most pi; degrees are written 20deg", at=key, value=text
+        )
     return angle
 
 
-def gravity_of(text: str, key: str = "--gravity") -> float:
+def gravity_of(text: str, key: str = "gravity") -> float:
     """A number [m/s2], 0 for "none"; OptionError."""
     return 0.0 if text == "none" else numbers(text, key, 1)[0]
 
@@ -74,25 +76,25 @@ def table_of(given: Given) -> Given:
         for key in ("solid", "size"):
             if given[key] is not None:
                 rule = "does not go with --moments, which are a body of their own"
-                raise OptionError("", f"--{key}", given[key], rule)
-        table["moments"] = list(numbers(given["moments"], "--moments", 3))
+                raise OptionError(rule, at=key, value=given[key])
+        table["moments"] = list(numbers(given["moments"], "moments", 3))
         table["mass"] = 1.0 if given["mass"] is None else given["mass"]
         if given["centre"] is not None:
-            table["centre"] = list(numbers(given["centre"], "--centre", 3))
+            table["centre"] = list(numbers(given["centre"], "centre", 3))
     elif given["centre"] is not None:
         rule = "goes with --moments; the fixed point of a solid is its --pivot"
-        raise OptionError("", "--centre", given["centre"], rule)
+        raise OptionError(rule, at="centre", value=given["centre"])
     elif not shaped and given["pivot"] is None:
         table |= TOP
     else:
         solid = given["solid"] or "cylinder"
         if solid not in SOLIDS:
-            raise unknown("", "--solid", solid, "solid", SOLIDS, OptionError)
+            raise unknown("solid", SOLIDS, at="solid", value=solid, error=OptionError)
         table[solid] = SIZES[solid] if given["size"] is None else sizes(given["size"])
         mass = {} if given["mass"] is None else {"mass": given["mass"]}
         table[solid] = ({} if solid == "t_handle" else {"mass": 0.2}) | table[solid] | mass
     if given["pivot"] is not None:
-        table["pivot"] = list(numbers(given["pivot"], "--pivot", 3))
+        table["pivot"] = list(numbers(given["pivot"], "pivot", 3))
     _refuse_body(lambda: body_in(table))
     return table
 
@@ -103,8 +105,8 @@ def _refuse_body(make: Callable[[], object]) -> None:
         make()
     except RigidmcError as error:
         own = error.key in ("moments", "mass", "centre", "pivot")
-        key = f"--{error.key}" if own else f"--size {error.key}"
-        raise OptionError("", key, error.value, error.rule, error.nearest) from None
+        key = error.key if own else f"size {error.key}"
+        raise OptionError(error.rule, at=key, value=error.value, nearest=error.nearest) from None
 
 
 def motion_of(given: Given, table: Given) -> Any:
@@ -115,12 +117,14 @@ def motion_of(given: Given, table: Given) -> Any:
     gravity = default_gravity(body) if text is None else gravity_of(text)
     if gravity and not default_gravity(body):
         rule = "has no torque on a body that is held at its centre of mass: give a --pivot"
-        raise OptionError("", "--gravity", text, rule)
+        raise OptionError(rule, at="gravity", value=text)
     spread = 0.01 if given["spread"] is None else given["spread"]
     if not 0.0 <= spread < 1.0:
-        raise OptionError("", "--spread", spread, "expected a share of the spin, from 0 to below 1")
+        raise OptionError(
+            "expected a share of the spin, from 0 to below 1", at="spread", value=spread
+        )
     auto, given_spin = default_spin(body, gravity), given["spin"]
-    spin = auto if given_spin is None else numbers(given_spin, "--spin", 3)
+    spin = auto if given_spin is None else numbers(given_spin, "spin", 3)
     lean: float | str | None = 0.4 if gravity else None
     lean = lean if given["lean"] is None else lean_of(given["lean"])
     return Motion(spin, spread, lean, gravity)
@@ -135,7 +139,7 @@ def ask(question: str, default: str | None, read: Callable[[str], Any]) -> str |
             if text:
                 read(text)
         except RigidmcError as error:
-            raise typer.BadParameter(str(error)) from None
+            raise typer.BadParameter(error.text(f"--{error.key}")) from None
         return text or None
 
     answer = typer.prompt(question, default or "", value_proc=checked, show_default=bool(default))
@@ -164,13 +168,13 @@ def asked(given: Given) -> Given:
         auto = motion_of(given, table)
     spin = ",".join(f"{w:g}" for w in auto.spin)
     given["spin"] = ask(
-        "Spin about the principal axes [rad/s]", spin, lambda text: numbers(text, "--spin", 3)
+        "Spin about the principal axes [rad/s]", spin, lambda text: numbers(text, "spin", 3)
     )
     if auto.gravity:
         question = "Lean of axis 3 from the vertical [rad], or uniform"
         given["lean"] = ask(question, f"{auto.lean:g}", lean_of)
-    members = ask("Members", "1000", lambda text: counted_text(text, "--members"))
-    return {**given, "members": counted_text(members or "1000", "--members")}
+    members = ask("Members", "1000", lambda text: counted_text(text, "members"))
+    return {**given, "members": counted_text(members or "1000", "members")}
 
 
 def at_terminal() -> bool:

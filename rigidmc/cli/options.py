@@ -7,8 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import INVALID, IO
-from rigidmc.cli.reporting import fail
+from rigidmc.cli.app import INVALID, IO, fail
 from rigidmc.engine.cuda.devices import use
 from rigidmc.errors import NoDevice, RigidmcError
 from rigidmc.scene.amounts import counted_text, seconds
@@ -16,14 +15,14 @@ from rigidmc.scene.library import shipped
 from rigidmc.scene.settings import Count, Digits, Index, Run, Time, types
 
 
-def _checked(read: Callable[[str], Any]) -> Callable[[str], Any]:
+def _checked(key: str, read: Callable[[str], Any]) -> Callable[[str], Any]:
     """A parser of an option's text; a RigidmcError ends the command with its message."""
 
     def parser(text: str) -> Any:
         try:
             return read(text)
         except RigidmcError as error:
-            return fail(error, INVALID)
+            return fail(error.text(key), INVALID)
 
     return parser
 
@@ -32,18 +31,18 @@ def count_option(key: str, least: int = 1, most: int | None = None, **option: An
     """An option that takes a whole number, also as 1e6."""
 
     def read(text: str) -> int:
-        return counted_text(text, key, least, most)
+        return counted_text(text, key[2:], least, most)
 
-    return typer.Option(key, parser=_checked(read), metavar="N", **option)
+    return typer.Option(key, parser=_checked(key, read), metavar="N", **option)
 
 
 def time_option(key: str, positive: bool = True, **option: Any) -> Any:
     """An option that takes a time: seconds, or 90s, 1h30m, 250ms."""
 
     def read(text: str) -> float:
-        return seconds(text, key, positive=positive)
+        return seconds(text, key[2:], positive=positive)
 
-    return typer.Option(key, parser=_checked(read), metavar="TIME", **option)
+    return typer.Option(key, parser=_checked(key, read), metavar="TIME", **option)
 
 
 def _moved_on(word: str) -> str:
@@ -51,7 +50,7 @@ def _moved_on(word: str) -> str:
     try:
         use(word)
     except RigidmcError as error:
-        fail(error, INVALID)
+        fail(error.text("--device"), INVALID)
     except NoDevice as error:
         fail(f"{error}; nothing was written", IO)
     return word

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import STUDY, about, app
+from rigidmc.cli.app import STUDY, app
 from rigidmc.cli.members import Where, of_tasks, shown, studied, takes_members
 from rigidmc.cli.options import count_option, takes_settings
 from rigidmc.cli.reporting import reported
@@ -57,7 +57,7 @@ def rare(
     """How likely something is that almost never happens, with an interval: by adaptive multilevel
     splitting if effects are random, by subset simulation if starts, bodies or effects are drawn.
     With -o RUN/ the repetitions are a run directory, which survives a kill."""
-    with reported(), about(name):
+    with reported(name):
         from rigidmc.studies.rare import study
 
         sizes: dict[str, Any] = {
@@ -81,7 +81,7 @@ def rare(
 def _asked(of: str | None) -> str:
     """The event; OptionError if none is given."""
     if of is None:
-        raise OptionError("", "--of", None, 'a new study needs an event, as in "p(flips >= 3)"')
+        raise OptionError('a new study needs an event, as in "p(flips >= 3)"', at="of")
     return of
 
 

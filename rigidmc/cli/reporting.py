@@ -9,18 +9,17 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType, ModuleType
-from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
-import typer
-
-from rigidmc.cli.app import INCOMPLETE, INTERRUPTED, INVALID, IO, REFUSED, TERMINATED
+from rigidmc.cli.app import INCOMPLETE, INTERRUPTED, INVALID, IO, REFUSED, TERMINATED, fail
 from rigidmc.engine.cuda.devices import use
 from rigidmc.errors import (
     NoRoom,
     NoSuchScene,
+    OptionError,
     OutputExists,
-    RigidmcError,
     SceneWarning,
+    in_file,
     nearest,
     shown,
 )
@@ -41,17 +40,20 @@ class AskedToStop(BaseException):
 
 
 @contextmanager
-def reported() -> Iterator[None]:
-    """Turn what can go wrong into one message and an exit code, never a traceback for a user's
-    mistake. Announce compilation before it begins."""
+def reported(file: str | None = None) -> Iterator[None]:
+    """Turn what can go wrong with files and memory into one message and an exit code, never a
+    traceback; `rigidmc.cli.app.Commands` does so with a user's mistakes. Announce compilation
+    before it begins.
+
+    file : a scene or a result that the command is about, which a mistake names if it names none
+    """
     from rigidmc.progress import announcing
 
+    named = contextlib.nullcontext() if file is None else in_file(file)
     with _signals() as numbers:
         try:
-            with noted(), announcing(True), _no_parts_left(numbers):
+            with noted(), announcing(True), _no_parts_left(numbers), named:
                 yield
-        except RigidmcError as error:
-            fail(error, INVALID)
         except OutputExists as error:
             fail(error, REFUSED)
         except NoRoom as error:
@@ -152,12 +154,6 @@ def noted() -> Iterator[None]:
         yield
 
 
-def fail(message: object, code: int) -> NoReturn:
-    """Print a message and end the command with an exit code."""
-    print(f"rigidmc: {message}", file=sys.stderr)
-    raise typer.Exit(code)
-
-
 def plots_module() -> ModuleType:
     """The module that draws ensembles; exit code 74 without matplotlib."""
     try:
@@ -173,6 +169,7 @@ def refuse_outputs(
     plot: str | None = None,
     bounds: str | None = None,
     animation: str | None = None,
+    picture: str | None = None,
     scene: str | None = None,
     study: str | None = None,
     size: int = 100_000,
@@ -182,22 +179,28 @@ def refuse_outputs(
     a command share an ending, so no two outputs share a name. Pictures and animations need
     matplotlib.
 
+    plot : the picture beside another output, by the option --plot
     study : output of a study, which is netCDF;  size : bytes of the largest output, if known
     """
     from rigidmc.files.outputs import refuse_existing
 
-    kinds = {
-        "results": output,
-        "pictures": plot,
-        "tables of bounds": bounds,
-        "animations": animation,
-        "scenes": scene,
-        "netCDF files": study,
-    }
-    for kind, path in kinds.items():
+    outputs = [
+        ("results", "output", output),
+        ("pictures", "plot", plot),
+        ("pictures", "output", picture),
+        ("tables of bounds", "write_bounds", bounds),
+        ("animations", "output", animation),
+        ("scenes", "output", scene),
+        ("netCDF files", "output", study),
+    ]
+    for kind, option, path in outputs:
         if path is not None:
-            refuse_existing(path, force, kind, size)
-    if plot is not None or animation is not None:
+            try:
+                refuse_existing(path, force, kind, size)
+            except OptionError as error:
+                error.at = option
+                raise
+    if any(path is not None for path in (plot, picture, animation)):
         plots_module()
 
 

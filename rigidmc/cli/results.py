@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import INVALID, LOOK, about, app, load_scene, open_result
+from rigidmc.cli.app import INVALID, LOOK, app, fail, load_scene, open_result
 from rigidmc.cli.options import (
     FORMATS,
     AllowCode,
@@ -23,14 +23,13 @@ from rigidmc.cli.options import (
     time_option,
 )
 from rigidmc.cli.reporting import (
-    fail,
     plots_module,
     refuse_outputs,
     reported,
     save_picture,
     written,
 )
-from rigidmc.errors import OptionError, unknown
+from rigidmc.errors import OptionError, RigidmcError, in_file, unknown
 from rigidmc.files.outputs import refuse_existing
 from rigidmc.scene.library import shipped
 from rigidmc.views import PICTURES
@@ -71,7 +70,7 @@ def rerun(
 ) -> None:
     """Integrate one member of a result again, to the same bits, and save more: all observables
     unless --save names them."""
-    with reported(), about(file):
+    with reported(file):
         from rigidmc.runs.rerun import rerun as integrate_again
 
         refuse_outputs(force, output, plot)
@@ -96,10 +95,9 @@ def summary(file: ResultArgument, of: Of = []) -> None:  # noqa: B006
         from rigidmc.views.summary import summary as lines
 
         try:
-            with open_result(file) as dataset:
+            with open_result(file) as dataset, in_file(file):
                 print(lines(dataset, of=of))
-        except OptionError as error:
-            error.key, error.file = "--of", file
+        except RigidmcError:
             raise
         except ValueError as error:
             fail(error, INVALID)
@@ -121,8 +119,10 @@ def plot(
     """Draw a picture of a result."""
     with reported():
         if picture not in (*PICTURES, "gibbs"):
-            raise unknown("", "--picture", picture, "picture", (*PICTURES, "gibbs"), OptionError)
-        refuse_outputs(force, plot=output)
+            raise unknown(
+                "picture", (*PICTURES, "gibbs"), at="picture", value=picture, error=OptionError
+            )
+        refuse_outputs(force, picture=output)
         try:
             with open_result(file, allow_code) as dataset:
                 if picture == "gibbs":
@@ -131,6 +131,8 @@ def plot(
                     save_picture(gibbs(dataset, allow_code), output, force)
                 else:
                     save_picture(picture_named(picture)(dataset), output, force)
+        except RigidmcError:
+            raise
         except ValueError as error:
             fail(error, INVALID)
         print(*written([output]))
@@ -183,6 +185,8 @@ def animate(
 
         try:
             check_writer(output)
+        except RigidmcError:
+            raise
         except ValueError as error:
             fail(error, INVALID)
         steps = max(2, round(seconds * fps) - 1) * SMOOTH
@@ -240,7 +244,7 @@ def view(
 ) -> None:
     """Write one HTML page in which members turn in space beside their momentum spheres, with a
     slider, omega, Euler angles and drifts. The page works without a network."""
-    with reported(), about(source):
+    with reported(source):
         from rigidmc.views.viewer.page import check_k3d
         from rigidmc.views.viewer.page import view as page_of
 
@@ -265,7 +269,7 @@ def _indices(text: str | None) -> list[int] | None:
         return [int(word) for word in text.split(",")]
     except ValueError:
         rule = "expected indices separated by commas, e.g. 0,7,42"
-        raise OptionError("", "--members", text, rule) from None
+        raise OptionError(rule, at="members", value=text) from None
 
 
 def _map(source: str) -> "xr.Dataset | None":
@@ -279,7 +283,9 @@ def _result(source: str, settings: list[str], allow_code: bool) -> "xr.Dataset":
     """A result, or that of a scene whose first MEMBERS members are run now."""
     if os.path.isdir(source) or source.lower().endswith((".nc", ".zarr")):
         if settings:
-            raise OptionError("", "--set", settings[0], "is for scenes; a result has been computed")
+            raise OptionError(
+                "is for scenes; a result has been computed", at="set", value=settings[0]
+            )
         found = _map(source)
         return found if found is not None else open_result(source, allow_code)
     from rigidmc.runs.simulate import simulate

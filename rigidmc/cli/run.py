@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import FLAGGED, INCOMPLETE, OK, START, about, app, load_scene
+from rigidmc.cli.app import FLAGGED, INCOMPLETE, OK, START, app, load_scene
 from rigidmc.cli.directories import (
     Ways,
     begun,
@@ -69,12 +69,12 @@ def run_scene(
 ) -> None:
     """Run a scene: integrate its ensemble, write the result and a picture, and say what it cost."""
     began = time.perf_counter()
-    with reported(), about(scene):
+    with reported(scene):
         loaded = load_scene(scene, settings, allow_code, run)
         if output is not None and names_a_run(output):
             if plot is not None or until is not None:
                 rule = "a run directory takes neither --plot nor --until: consolidate it first"
-                raise OptionError("", "--output", output, rule)
+                raise OptionError(rule, at="output", value=output)
             refuse_force(output, force)
             make = partial(_created, loaded, output)
             raise typer.Exit(begun(make, ways, threads, allow_code)[0])
@@ -89,7 +89,7 @@ def run_scene(
         else:
             if "members" in run:
                 rule = "does not go with --until, which adds as many as it takes: give --most"
-                raise OptionError("", "--members", run["members"], rule)
+                raise OptionError(rule, at="members", value=run["members"])
             dataset, code = _until(loaded, until, most, threads, output, force)
         if plot is not None:
             save_picture(plots_module().summary(dataset), plot, force)

@@ -4,9 +4,10 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import REFERENCE, START, about, app, load_scene
+from rigidmc.cli.app import REFERENCE, START, app, load_scene
 from rigidmc.cli.options import AllowCode, Device, SceneArgument, Set, Threads, takes_settings
 from rigidmc.cli.reporting import reported
+from rigidmc.errors import in_file
 from rigidmc.scene import library
 
 
@@ -21,7 +22,7 @@ def show(
     device: Device = None,
 ) -> None:
     """Say what a scene is, which effects are compiled, and what a run would take; run nothing."""
-    with reported(), about(scene):
+    with reported(scene):
         from rigidmc.engine.cuda.devices import settled_device
         from rigidmc.engine.machine import threads_available
         from rigidmc.views.descriptions import describe_scene
@@ -38,7 +39,7 @@ def check(
     allow_code: AllowCode = False,
 ) -> None:
     """Check a scene file: exit code 0 if it can be run, else 3 and a message."""
-    with reported(), about(scene):
+    with reported(scene):
         from rigidmc.planning.check import check as check_scene
         from rigidmc.runs.prepare import prepared
         from rigidmc.scene.recording import recording
@@ -109,7 +110,7 @@ def warm(
         loaded = [(name, load_scene(name, settings, allow_code)) for name in scenes or shipped()]
         width = max(len(name) for name, _ in loaded)
         for name, scene in loaded:
-            with about(name):
+            with in_file(name):
                 programs = precompile.warm(scene, all_integrators)
             new = [one.integrator for one in programs if one.compiled and not one.skipped]
             seconds = sum(one.seconds for one in programs if not one.skipped)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import STUDY, about, app
+from rigidmc.cli.app import STUDY, app
 from rigidmc.cli.members import Where, of_members, shown, studied, takes_members
 from rigidmc.cli.options import takes_settings
 from rigidmc.cli.reporting import reported, show_done
@@ -59,7 +59,7 @@ def section(
     """The structure of phase space: a Poincare section, the states of the members wherever a
     quantity passes a value, or once in a period. With -o RUN/ the members are a run directory,
     which survives a kill: `rigidmc section RUN/ --at WHERE` tells of it."""
-    with reported(), about(name):
+    with reported(name):
         from rigidmc.studies.section import study
 
         threads, code = where.threads, where.allow_code

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import STUDY, about, app
+from rigidmc.cli.app import STUDY, app
 from rigidmc.cli.members import Where, of_members, shown, studied, takes_members
 from rigidmc.cli.options import count_option, takes_settings
 from rigidmc.cli.reporting import reported, show_done
@@ -47,7 +47,7 @@ def sensitivity(
     """Which uncertain number of a scene matters: the share of a measure's variance that each causes
     alone, and in which it takes part (Sobol indices), with intervals. With -o RUN/ the members are
     a run directory, which survives a kill: `rigidmc sensitivity RUN/ --of MEASURE` tells of it."""
-    with reported(), about(name):
+    with reported(name):
         from rigidmc.studies.sensitivity import study
 
         threads, code = where.threads, where.allow_code

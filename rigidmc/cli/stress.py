@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from rigidmc.cli.app import FLAGGED, OK, STUDY, about, app, load_scene
+from rigidmc.cli.app import FLAGGED, OK, STUDY, app, load_scene
 from rigidmc.cli.options import (
     AllowCode,
     Force,
@@ -17,6 +17,7 @@ from rigidmc.cli.options import (
     words_of,
 )
 from rigidmc.cli.reporting import keep, refuse_outputs, reported, written
+from rigidmc.errors import in_file
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -81,7 +82,7 @@ def stress(
             from rigidmc.studies.stress import trust
 
             run = {} if integrator is None else {"integrator": integrator}
-            with about(scene):
+            with in_file(scene):
                 dataset = trust.trust(
                     load_scene(scene, settings, allow_code, run), quick=quick, progress=True
                 )

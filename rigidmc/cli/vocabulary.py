@@ -51,7 +51,7 @@ def _explain(
 ) -> None:
     """Print the docstring of a kind, which has its equation and source, then its facts."""
     if name not in kinds:
-        raise unknown("", kind, name, kind, kinds, OptionError)
+        raise unknown(kind, kinds, at=kind, value=name, error=OptionError)
     print(f"{name}: {explained(text or '')}\n")
     for label, fact in facts(name):
         if fact:

@@ -20,7 +20,7 @@ from rigidmc.engine.compiler.kernels import WIDTH, config, dispatcher_of, kind_o
 from rigidmc.engine.compiler.memory import four_at, put, three_at
 from rigidmc.engine.compiler.pipeline import FLAGS
 from rigidmc.engine.compiler.trees import filled, parts_of
-from rigidmc.errors import SceneError
+from rigidmc.errors import PartError
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.dynamics.so3 import first_three, select
@@ -111,7 +111,7 @@ def refuse_memory(effects: Iterable[Any]) -> None:
     """Raise SceneError for a user's effect that takes memory."""
     for effect in effects:
         if type(effect) not in EFFECTS.values() and (wrong := why_refused(effect)):
-            raise SceneError("effects", f"{type(effect).__name__}.torque", None, f"{wrong}; {RULE}")
+            raise PartError.of(effect, f"{wrong}; {RULE}", "effects", "torque")
 
 
 def why_one_at_a_time(effect: Any) -> str:
@@ -228,9 +228,9 @@ def slow_parts(
         return []
     found = [(type(effect).__name__, why_one_at_a_time(effect)) for effect in effects]
     kinds = [("run", integrator, _made), *(("observables", one, _seen) for one in watched)]
-    for table, part, probe in kinds:
+    for at, part, probe in kinds:
         for own in _own(part):
-            found.append((type(own).__name__, _why(table, own, part, effects, probe)))
+            found.append((type(own).__name__, _why(at, own, part, effects, probe)))
     return [(name, why) for name, why in found if why]
 
 
@@ -243,9 +243,7 @@ def _own(part: Any) -> Iterator[Any]:
             yield from _own(one)
 
 
-def _why(
-    table: str, own: Any, whole: Any, effects: Sequence[Any], probe: Callable[..., int]
-) -> str:
+def _why(at: str, own: Any, whole: Any, effects: Sequence[Any], probe: Callable[..., int]) -> str:
     """Why members cannot be worked on side by side with a part, or ""; SceneError."""
     parts = whole, tuple(effects)
     key = probe, kind_of(parts)
@@ -260,9 +258,9 @@ def _why(
                 code = _compiled(probe, parts, 1)
             except NumbaError as error:
                 rule = f"cannot be compiled: {reason(error)}; {RULE}"
-                raise SceneError(table, type(own).__name__, None, rule) from None
+                raise PartError.of(own, rule, at) from None
         if "NRT_" in code:
-            raise SceneError(table, type(own).__name__, None, f"takes memory; {RULE}")
+            raise PartError.of(own, f"takes memory; {RULE}", at)
         return found
 
     if key not in _found:

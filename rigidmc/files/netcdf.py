@@ -86,17 +86,17 @@ def open_undecoded(path: str) -> xr.Dataset:
     if is_zarr(path):
         return _open_zarr(path)
     if os.path.isdir(path):
-        raise FileError("", "file", None, "is a folder, and no result of rigidmc", file=path)
+        raise FileError("is a folder, and no result of rigidmc", at="file", file=path)
     if path.lower().endswith((".csv", ".parquet")):
         rule = "is a table, which pandas reads; a result that rigidmc reads ends in .nc or .zarr"
-        raise FileError("", "file", None, rule, file=path)
+        raise FileError(rule, at="file", file=path)
     refuse_unreadable(path)
     try:
         with _opening:
             return xr.open_dataset(path, engine="netcdf4", decode_cf=False)
     except (ValueError, TypeError, RuntimeError, KeyError, IndexError) as error:
         rule = f"is damaged, or no result of rigidmc: {error}"
-        raise FileError("", "file", None, rule, file=path) from None
+        raise FileError(rule, at="file", file=path) from None
 
 
 def _open_zarr(path: str) -> xr.Dataset:
@@ -104,7 +104,7 @@ def _open_zarr(path: str) -> xr.Dataset:
         import zarr  # noqa: F401
     except ImportError as error:
         rule = f"is read with zarr: pip install 'rigidmc[zarr]' ({error})"
-        raise FileError("", "file", None, rule, file=path) from None
+        raise FileError(rule, at="file", file=path) from None
     refuse_hostile(path)
     try:
         # consolidated metadata may be missing, and listing a folder is quick
@@ -113,7 +113,7 @@ def _open_zarr(path: str) -> xr.Dataset:
         )
     except Exception as error:  # zarr, its codecs and its parsers raise many kinds
         rule = f"is damaged, or no result of rigidmc: {error}"
-        raise FileError("", "file", None, rule, file=path) from None
+        raise FileError(rule, at="file", file=path) from None
 
 
 def read(
@@ -135,7 +135,7 @@ def read(
         with netCDF4.Dataset(path) as file:
             if mark is not None and str(getattr(file, "run", None)) != mark:
                 rule = "is of another run: another scene, seed, rows or code"
-                raise FileError("", "shard", None, rule, file=path)
+                raise FileError(rule, at="shard", file=path)
             file.set_auto_mask(False)
             file.set_auto_scale(False)
             file.set_auto_chartostring(False)
@@ -149,4 +149,4 @@ def read(
         if isinstance(error, OSError) and (error.errno or 0) > 0:
             raise
         rule = f"is damaged, or is not what it should be: {error}"
-        raise FileError("", "file", None, rule, file=path) from None
+        raise FileError(rule, at="file", file=path) from None

@@ -32,7 +32,7 @@ def refuse_irregular(path: str | os.PathLike[str], mode: int | None = None) -> N
     if not stat.S_ISREG(mode):
         kind = next((words for test, words in _KINDS.items() if test(mode)), "a device")
         rule = f"is {kind}, and only a regular file is read"
-        raise FileError("", "file", None, rule, file=os.fspath(path))
+        raise FileError(rule, at="file", file=os.fspath(path))
 
 
 def refuse_unnamed(path: str | os.PathLike[str]) -> None:
@@ -41,7 +41,7 @@ def refuse_unnamed(path: str | os.PathLike[str]) -> None:
         os.path.abspath(path).encode("utf-8")
     except UnicodeEncodeError:
         rule = "is a path that is not UTF-8, as those of netCDF files have to be; nothing was done"
-        raise FileError("", "path", None, rule, file=repr(os.path.abspath(path))) from None
+        raise FileError(rule, at="path", file=repr(os.path.abspath(path))) from None
 
 
 def regular(path: str, flags: int) -> int:
@@ -154,11 +154,11 @@ def check_suffix(path: str | os.PathLike[str], kind: str) -> None:
     if suffix.lower() not in endings:
         more = "; `rigidmc run SCENE -o RUN/` makes a run directory" if kind == "results" else ""
         rule = f"a name for {kind} ends in {', '.join(endings)}, not in '{suffix}'{more}"
-        raise OptionError("", "output", os.fspath(path), rule)
+        raise OptionError(rule, at="output", value=os.fspath(path))
     module, extra = _NEEDED.get(suffix.lower(), ("", ""))
     if module and importlib.util.find_spec(module) is None:
         rule = f"needs the package {module}: pip install 'rigidmc[{extra}]'"
-        raise OptionError("", "output", os.fspath(path), rule)
+        raise OptionError(rule, at="output", value=os.fspath(path))
 
 
 def is_zarr(path: str | os.PathLike[str]) -> bool:

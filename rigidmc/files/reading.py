@@ -17,7 +17,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.errors import FileError, SceneError
+from rigidmc.errors import FileError, SceneError, path_of
 from rigidmc.files.opening import plain, regular
 from rigidmc.files.outputs import Path
 
@@ -44,7 +44,7 @@ def bytes_of(path: Path, most: int = TEXT, last: bool = False, links: bool = Tru
         data = file.read(most + 1)
     if len(data) > most:
         rule = f"has more than the {most / 2**20:g} MB that a text may have"
-        raise FileError("", "file", None, rule, file=os.fspath(path))
+        raise FileError(rule, at="file", file=os.fspath(path))
     return data
 
 
@@ -53,10 +53,10 @@ def text_of(path: Path, links: bool = True) -> str:
     try:
         return bytes_of(path, links=links).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError:
-        raise FileError("", "file", None, "is no text in UTF-8", file=os.fspath(path)) from None
+        raise FileError("is no text in UTF-8", at="file", file=os.fspath(path)) from None
 
 
-def toml(text: object, file: str | None = None) -> dict[str, Any]:
+def toml(text: object) -> dict[str, Any]:
     """The tables of a TOML text.
 
     Raises SceneError for text that is not TOML, for more than DEPTH levels, and for whole numbers
@@ -64,38 +64,34 @@ def toml(text: object, file: str | None = None) -> dict[str, Any]:
     """
     if not isinstance(text, str) or len(text) > TEXT:
         rule = f"expected text of at most {TEXT / 2**20:g} MB"
-        raise SceneError("", "TOML", None, rule, file=file)
+        raise SceneError(rule, at="TOML")
     depth, plain = 0, _STRINGS.sub("", text)
     for bracket in re.finditer(r"[\[\]{}]", plain):
         depth = depth + 1 if bracket[0] in "[{" else max(0, depth - 1)
         if depth > DEPTH:
             break
     if depth > DEPTH or any(part.count(".") >= DEPTH for part in re.split(r"[\n,=\[\]{}]", plain)):
-        raise SceneError("", "TOML", None, f"is nested more than {DEPTH} deep", file=file)
+        raise SceneError(f"is nested more than {DEPTH} deep", at="TOML")
     try:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         # ValueError comes also from a number of more than 4300 digits
-        raise SceneError("", "TOML", None, f"not valid TOML: {error}", file=file) from None
-    try:
-        _refuse_long(data)
-    except SceneError as error:
-        error.file = file
-        raise
+        raise SceneError(f"not valid TOML: {error}", at="TOML") from None
+    _refuse_long(data, "")
     return data
 
 
-def _refuse_long(data: object, table: str = "", key: str = "") -> None:
+def _refuse_long(data: object, at: str) -> None:
     """Raise SceneError for a whole number of more than 64 bits, which TOML does not have."""
     if isinstance(data, dict):
         for name, value in data.items():
-            _refuse_long(value, f"{table}.{key}".strip("."), name)
+            _refuse_long(value, path_of(at, name))
     elif isinstance(data, list):
         for value in data:
-            _refuse_long(value, table, key)
+            _refuse_long(value, at)
     elif isinstance(data, int) and not -(2**63) <= data < 2**63:
         value = float("inf") if data > 0 else float("-inf")
-        raise SceneError(table, key, value, "whole numbers have 64 bits")
+        raise SceneError("whole numbers have 64 bits", at=at, value=value)
 
 
 def json_of(text: str) -> Any:
@@ -134,7 +130,7 @@ def _line(file: IO[str]) -> str:
     line = file.readline(LINE + 1)
     if len(line) > LINE:
         rule = f"has a line of more than {LINE:,} letters"
-        raise FileError("", "file", None, rule, file=file.name)
+        raise FileError(rule, at="file", file=file.name)
     return line
 
 

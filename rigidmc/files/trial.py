@@ -63,7 +63,7 @@ def refuse_unreadable(path: Path, kind: str = "netCDF") -> None:
             with contextlib.suppress(BlockingIOError):
                 lock(file, path, shared=True)
     if complaint:
-        raise FileError("", "file", None, complaint, file=path)
+        raise FileError(complaint, at="file", file=path)
 
 
 def _verdict(kind: str, path: str) -> str:

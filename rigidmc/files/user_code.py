@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
-from rigidmc.errors import SceneError, nearest
+from rigidmc.errors import PartError, SceneError, nearest
 
 _INSTALLED = tuple(
     os.path.join(path, "")
@@ -27,23 +27,23 @@ _numbers = itertools.count()
 _modules: dict[str, tuple[dict[str, int], ModuleType]] = {}
 
 
-def class_of(folder: str, path: str, name: str, table: str) -> type[Any]:
+def class_of(folder: str, path: str, name: str, at: str) -> type[Any]:
     """A class in a Python file, which is run: call it only if the user allowed it.
 
     folder : of the scene file, to which `path` is relative
     name : of the class, or the same in snake_case
-    table : of the scene file, for messages
+    at : the table of the scene file, for messages
 
     Raises SceneError if the file does not exist, is no Python file, fails, or lacks the class.
     """
     file = os.path.realpath(os.path.join(folder, path))
     if not os.path.isfile(file):
-        raise SceneError(table, "module", path, f"there is no file {file}")
+        raise SceneError(f"there is no file {file}", at=f"{at}.module", value=path)
     if not file.endswith(".py"):
-        raise SceneError(table, "module", path, "is no Python file (.py)")
+        raise SceneError("is no Python file (.py)", at=f"{at}.module", value=path)
     known, module = _modules.get(file, ({}, None))
     if module is None or known != _changed(known):
-        module = _run(file, path, table)
+        module = _run(file, path, at)
         _modules[file] = _changed([file, *getattr(module, _BESIDE)]), module
     classes: dict[str, type[Any]] = {
         word: value
@@ -55,7 +55,8 @@ def class_of(folder: str, path: str, name: str, table: str) -> type[Any]:
     )
     if found is None:
         rule = f"has no class {name}; it has {', '.join(classes) or 'none'}"
-        raise SceneError(table, "module", path, rule, nearest(name, list(classes)))
+        close = nearest(name, list(classes))
+        raise PartError(rule, at=f"{at}.module", value=path, nearest=close, source=file)
     return found
 
 
@@ -64,7 +65,7 @@ def _plain(name: str) -> str:
     return name.replace("_", "").lower()
 
 
-def _run(file: str, path: str, table: str) -> ModuleType:
+def _run(file: str, path: str, at: str) -> ModuleType:
     name = f"own_code_{next(_numbers)}"
     spec: Any = importlib.util.spec_from_file_location(name, file)
     module = importlib.util.module_from_spec(spec)
@@ -79,7 +80,7 @@ def _run(file: str, path: str, table: str) -> ModuleType:
         line = next((f.lineno for f in frames if f.filename == file), None)
         where = f" (line {line})" if line else ""
         rule = f"raises {type(error).__name__}{where}: {error}"
-        raise SceneError(table, "module", path, rule) from None
+        raise PartError(rule, at=f"{at}.module", value=path, source=file, line=line) from None
     return module
 
 

@@ -51,7 +51,7 @@ def refuse_hostile(path: str) -> None:
     claimed = sum(max(array.size, array.chunk) for array in arrays.values())
     if claimed > budget or sum(array.chunks for array in arrays.values()) > MOST:
         rule = f"claims to hold {claimed / 1e6:,.0f} MB in a store of {stored / 1e6:,.3f} MB"
-        raise FileError("", "file", None, rule, file=path)
+        raise FileError(rule, at="file", file=path)
     for entry in found:
         if entry.name not in _METADATA:
             _refuse_swollen(entry.path, arrays)
@@ -66,7 +66,7 @@ def _files(path: str) -> Iterator[os.DirEntry[str]]:
                 count += 1
                 if count > MOST:
                     rule = f"has more than {MOST:,} files"
-                    raise FileError("", "file", None, rule, file=path)
+                    raise FileError(rule, at="file", file=path)
                 if entry.is_dir(follow_symlinks=False):
                     folders.append(entry.path)
                 else:
@@ -83,7 +83,7 @@ def _damaged(path: str) -> Iterator[None]:
         raise
     except Exception as error:  # anything may stand in them, and NumPy reads names of types
         rule = f"is no metadata of zarr that results have: {error}"
-        raise FileError("", "file", None, rule, file=path) from None
+        raise FileError(rule, at="file", file=path) from None
 
 
 def _described(data: dict[str, Any]) -> _Array | None:
@@ -126,7 +126,7 @@ def _refuse_swollen(path: str, arrays: dict[str, _Array]) -> None:
         announced = _announced(arrays[folder].packer, file.read(18))
     if announced > arrays[folder].chunk:
         rule = f"unpacks to {announced:,} bytes, a chunk has {arrays[folder].chunk:,}"
-        raise FileError("", "chunk", None, rule, file=path)
+        raise FileError(rule, at="chunk", file=path)
 
 
 def _announced(packer: str, head: bytes) -> int:

@@ -250,4 +250,4 @@ def _about(axis: int, angle: NDArray[Any]) -> NDArray[Any]:
 def _check_known(coordinates: str) -> None:
     """SceneError for a word that names no coordinates."""
     if coordinates not in NAMED:
-        raise unknown("", "coordinates", coordinates, "coordinates", NAMED)
+        raise unknown("coordinates", NAMED, at="coordinates", value=coordinates)

@@ -40,7 +40,7 @@ def aligned(*arguments: tuple[str, ArrayLike, int]) -> tuple[Shape, list[NDArray
             f"leading shapes do not broadcast: {shapes}; "
             "give an axis of length 1 where they differ, e.g. (bodies, 1) and (times,)"
         )
-        raise SceneError("", arguments[0][0], None, rule) from None
+        raise SceneError(rule, at=arguments[0][0]) from None
     return shape, [_components_first(a, shape) for a in arrays]
 
 
@@ -67,7 +67,7 @@ def spread(
             f"times {t.shape} do not broadcast against bodies {shape}; give an axis of length 1, "
             "e.g. bodies (n, 1) and times (m,)"
         )
-        raise SceneError("", "t", None, rule) from None
+        raise SceneError(rule, at="t") from None
     rows: NDArray[Any] = np.arange(int(np.prod(shape, dtype=int))).reshape(shape)
     return whole, np.broadcast_to(rows, whole).reshape(-1), np.broadcast_to(t, whole).reshape(-1)
 

@@ -82,7 +82,7 @@ def of_particles(masses: ArrayLike, positions: ArrayLike) -> NDArray[np.float64]
     if not vectors or masses.shape[-1:] != positions.shape[-2:-1]:
         count = masses.shape[-1] if masses.ndim else 1
         wanted = f"masses {masses.shape} need positions of shape (..., {count}, 3)"
-        raise SceneError("", "positions", None, f"{wanted}, not {positions.shape}")
+        raise SceneError(f"{wanted}, not {positions.shape}", at="positions")
     tensor: NDArray[np.float64] = np.einsum("...n,...nij->...ij", masses, shift(positions))
     return tensor
 
@@ -99,17 +99,17 @@ def moments_of_density(
     """
     x, y, z, volume = _nodes(region, points)
     try:
-        given = floats(density(x, y, z) if callable(density) else density, "density", table="body")
+        given = floats(density(x, y, z) if callable(density) else density, "body.density")
         values = np.broadcast_to(given, x.shape)
     except SceneError:
         raise
     except (TypeError, ValueError) as error:
         rule = f"must be a number or take and give arrays of one shape: {error}"
-        raise SceneError("body", "density", None, rule) from None
+        raise SceneError(rule, at="body.density") from None
     good = np.isfinite(values) & (values >= 0.0)
     if not good.all():
         rule = "must be finite and not negative"
-        raise SceneError("body", "density", float(values[~good][0]), rule)
+        raise SceneError(rule, at="body.density", value=float(values[~good][0]))
     mass = (volume * values).ravel()
     place = np.stack([x, y, z]).reshape(3, -1)
     return np.concatenate([[mass.sum()], place @ mass, ((place * mass) @ place.T).ravel()])
@@ -123,18 +123,18 @@ def _nodes(region: tuple[Any, ...], points: int) -> tuple[NDArray[np.float64], .
             'expected ("box", (x0, x1), (y0, y1), (z0, z1)), ("cylinder", radius, (z0, z1)), '
             "or three pairs of limits"
         )
-        raise SceneError("body", "region", word, rule)
+        raise SceneError(rule, at="body.region", value=word)
     node, weight = np.polynomial.legendre.leggauss(points)
     # sin(pi t/2) smooths limits that meet like square roots: the error of a ball is 1e-14, not 3e-5
     node, weight = np.sin(0.5 * np.pi * node), 0.5 * np.pi * np.cos(0.5 * np.pi * node) * weight
 
     def stretched(low: Any, high: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(nodes, weights) from limits (...) to limits (...), along a new last axis."""
-        low, high = floats(low, "region", table="body"), floats(high, "region", table="body")
+        low, high = floats(low, "body.region"), floats(high, "body.region")
         low, high = np.broadcast_arrays(low[..., None], high[..., None])
         if not (low <= high).all():
             rule = "a lower limit lies above its upper one, or is not finite"
-            raise SceneError("body", "region", None, rule)
+            raise SceneError(rule, at="body.region")
         return 0.5 * (high + low) + 0.5 * (high - low) * node, 0.5 * (high - low) * weight
 
     if word == "cylinder":
@@ -227,7 +227,7 @@ def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.f
     tensor = floats(tensor, "tensor")
     if tensor.shape[-2:] != (3, 3):
         rule = f"has shape {tensor.shape}; its last two axes must be 3 and 3"
-        raise SceneError("", "tensor", None, rule)
+        raise SceneError(rule, at="tensor")
     if not tensor.size:
         return np.empty(tensor.shape[:-1]), np.empty(tensor.shape)
     flat = tensor.reshape(-1, 3, 3)

@@ -95,7 +95,7 @@ def grioli(moments: ArrayLike, weight: ArrayLike, t: ArrayLike) -> Precession:
     low, middle, high = np.moveaxis(moments, -1, 0)
     if not (np.all(low < middle) and np.all(middle < high) and np.all(k > 0)):
         rule = "Grioli's precession needs I1 < I2 < I3 and a weight"
-        raise SceneError("", "moments", moments.tolist(), rule)
+        raise SceneError(rule, at="moments", value=moments.tolist())
     e1, e3 = np.sqrt((middle - low) / (high - low)), np.sqrt((high - middle) / (high - low))
     j, d = low + high - middle, e1 * e3 * (low - high)
     rate = np.sqrt(k / np.hypot(j, d))
@@ -143,10 +143,10 @@ def _check_ratio(
     """SceneError for moments not in the ratio (a, b, 1)."""
     wanted = moments[..., 2:] * np.array(ratio)
     if not np.all(np.abs(moments - wanted) <= 1e-12 * wanted):
-        raise SceneError("", "moments", np.asarray(moments).tolist(), rule)
+        raise SceneError(rule, at="moments", value=np.asarray(moments).tolist())
 
 
 def _check_zero(part: NDArray[np.float64], whole: NDArray[np.float64], key: str, rule: str) -> None:
     """SceneError for a part that is not 0 to 1e-9 of the vector `whole`."""
     if not np.all(np.abs(part) <= 1e-9 * np.linalg.norm(whole, axis=-1)):
-        raise SceneError("", key, np.asarray(whole).tolist(), rule)
+        raise SceneError(rule, at=key, value=np.asarray(whole).tolist())

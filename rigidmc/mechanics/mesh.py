@@ -41,37 +41,37 @@ def load(path: "str | os.PathLike[str] | Mesh", scale: float = 1.0) -> NDArray[n
         import trimesh  # noqa: F401
     except ImportError as error:
         rule = f"meshes need trimesh: pip install 'rigidmc[mesh]' ({error})"
-        raise SceneError("", "mesh", name, rule) from None
+        raise SceneError(rule, at="mesh", value=name) from None
     if not os.path.exists(path):
         raise FileNotFoundError(f"{path}: no such file")
     try:
         refuse_unreadable(name, "mesh")
         mesh: Any = loaded(name)
     except FileError as error:
-        raise SceneError("", "mesh", name, error.rule) from None
+        raise SceneError(error.rule, at="mesh", value=name) from None
     except Exception as error:  # the readers of trimesh raise all kinds of exceptions
         rule = f"is no mesh that trimesh can read: {error}"
-        raise SceneError("", "mesh", name, rule) from None
+        raise SceneError(rule, at="mesh", value=name) from None
     return _closed(mesh, name, scale)
 
 
 def _closed(mesh: Mesh, name: str, scale: float) -> NDArray[np.float64]:
     """The triangles (n, 3, 3) of a mesh, checked."""
     if not len(mesh.faces):
-        raise SceneError("", "mesh", name, "has no triangles")
+        raise SceneError("has no triangles", at="mesh", value=name)
     vertices = np.asarray(mesh.vertices, dtype=float) + 0.0  # turns -0.0 into 0.0
     faces = np.asarray(mesh.faces)
     if not (faces.min() >= 0 and faces.max() < len(vertices)):
-        raise SceneError("", "mesh", name, "has triangles of corners that it does not have")
+        raise SceneError("has triangles of corners that it does not have", at="mesh", value=name)
     if not np.isfinite(vertices).all():
-        raise SceneError("", "mesh", name, "has corners that are not finite")
+        raise SceneError("has corners that are not finite", at="mesh", value=name)
     faces = merged(vertices)[faces]
     # a triangle with two equal corners encloses nothing, and its edges would count as holes
     one, two, three = faces.T
     thin = (one == two) | (two == three) | (three == one)
     faces = faces[~thin]
     if not len(faces):
-        raise SceneError("", "mesh", name, "has no triangles with an area")
+        raise SceneError("has no triangles with an area", at="mesh", value=name)
     check(faces, name)
     triangles: NDArray[np.float64] = scale * vertices[faces]
     return triangles
@@ -125,7 +125,7 @@ def check(faces: ArrayLike, name: str = "mesh") -> None:
     faults = [f"{n:,} {what}" for n, what in wrong if n]
     if faults:
         rule = f"is not watertight: {', '.join(faults)}; repair it first"
-        raise SceneError("", "mesh", name, rule)
+        raise SceneError(rule, at="mesh", value=name)
 
 
 def mass_properties(
@@ -146,7 +146,7 @@ def mass_properties(
     total = volume.sum()
     if not total > 0.0:
         rule = f"encloses the volume {total:.3g}: its triangles must be wound to face outward"
-        raise SceneError("", "mesh", None, rule)
+        raise SceneError(rule, at="mesh")
     middle = local.sum(1)
     centre = (volume @ middle) / 4.0 / total
     second = np.einsum("n,ni,nj->ij", volume, middle, middle)

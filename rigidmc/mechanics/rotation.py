@@ -45,7 +45,7 @@ def quaternion(attitude: Attitude) -> _Floats:
         return quaternion_from_matrix(array)
     if array.shape[-1:] != (4,):
         allowed = "quaternions (..., 4), matrices (..., 3, 3) or a scipy Rotation"
-        raise SceneError("", "attitude", None, f"has shape {array.shape}: give {allowed}")
+        raise SceneError(f"has shape {array.shape}: give {allowed}", at="attitude")
     norm = np.linalg.norm(array, axis=-1, keepdims=True)
     bad = ~(norm[..., 0] > 0.0) | ~np.isfinite(norm[..., 0])
     flag(bad, "a quaternion must be finite and have a norm")
@@ -73,12 +73,12 @@ def matrix(attitude: Attitude) -> _Floats:
     return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
-def quaternion_from_matrix(matrix: ArrayLike, table: str = "", key: str = "matrix") -> _Floats:
+def quaternion_from_matrix(matrix: ArrayLike, at: str = "matrix") -> _Floats:
     """Quaternions (..., 4) of rotation matrices (..., 3, 3).
 
     Bad are matrices whose A A^T differs from 1 by more than 1e-9, or whose determinant is negative.
 
-    table, key : where the matrix stands, for the message
+    at : where the matrix stands, for the message
     """
     from scipy.spatial.transform import Rotation
 
@@ -94,7 +94,7 @@ def quaternion_from_matrix(matrix: ArrayLike, table: str = "", key: str = "matri
             if not (defect[bad] < 1e-9).all()
             else "its determinant is -1, a mirror image"
         )
-        flag(bad, f"no rotation: {how}", table, key)
+        flag(bad, f"no rotation: {how}", at)
     q = np.full((len(flat), 4), np.nan)
     if not bad.all():
         q[~bad] = Rotation.from_matrix(flat[~bad]).as_quat(scalar_first=True)
@@ -220,7 +220,7 @@ def angular_velocity_of_series(
             "give at least 2 ascending times and as many attitudes, "
             f"not shapes {t.shape} and {q.shape}"
         )
-        raise SceneError("", "t", None, rule)
+        raise SceneError(rule, at="t")
     points = min(points, t.size)
     first = np.clip(np.arange(t.size) - points // 2, 0, t.size - points)
     stencil = first[:, None] + np.arange(points)

@@ -48,7 +48,7 @@ def hollow_cylinder(mass: float, inner: float, outer: float, height: float) -> S
     """Tube about its centre: M/12 (3 (a^2 + b^2) + h^2), M (a^2 + b^2)/2."""
     if not inner < outer:
         rule = f"must be less than outer = {outer:g}"
-        raise SceneError("body.hollow_cylinder", "inner", inner, rule)
+        raise SceneError(rule, at="body.hollow_cylinder.inner", value=inner)
     side = (3 * (inner**2 + outer**2) + height**2) / 12
     return _diagonal(mass, side, side, (inner**2 + outer**2) / 2)
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.errors import SceneError
+from rigidmc.errors import PartError, SceneError
 from rigidmc.mechanics.inertia import broken
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import labelled
@@ -34,21 +34,21 @@ def check(scene: Scene, recording: Recording) -> None:
     run, model = scene.run, scene.model
     if run.integrator == "auto" and run.tolerance is None:
         rule = 'is missing: integrator = "auto" chooses integrator and step for a tolerance'
-        raise SceneError("run", "tolerance", None, rule)
+        raise SceneError(rule, at="run.tolerance")
     if run.tolerance is not None and "tolerance" in (why := idle(run)):
-        raise SceneError("run", "tolerance", run.tolerance, why["tolerance"])
+        raise SceneError(why["tolerance"], at="run.tolerance", value=run.tolerance)
     works = recording.has_work
     if works and not model.effects:
-        raise SceneError("run", "save", "work", "the scene has no effects that could do work")
+        raise SceneError("the scene has no effects that could do work", at="run.save", value="work")
     if works and run.dtype == "float32":
         rule = "needs float64: sums in float32 keep their remainders, and sums of work cannot"
-        raise SceneError("run", "save", "work", rule)
+        raise SceneError(rule, at="run.save", value="work")
     if run.integrator != "auto":
         refused = refusal(
             run.integrator, model.effects, run.compensated, works, scene.known_integrators()
         )
         if refused:
-            raise SceneError("run", "integrator", run.integrator, refused)
+            raise SceneError(refused, at="run.integrator", value=run.integrator)
     _check_monitored(run, recording)
     _check_points(model, run)
     model = model.coarse()
@@ -62,14 +62,14 @@ def _check_points(model: Model, run: Run) -> None:
     last = run.first + run.members
     if run.points != "independent" and not is_drawn(model):
         rule = "nothing in the scene is drawn: all numbers are given"
-        raise SceneError("run", "points", run.points, rule)
+        raise SceneError(rule, at="run.points", value=run.points)
     if run.points in DESIGNS:
         refuse_indexed(model, "members of a family differ by what is drawn")
     if run.points == "sobol" and last > 2**30:
-        raise SceneError("run", "members", last, "there are 2^30 Sobol points")
+        raise SceneError("there are 2^30 Sobol points", at="run.members", value=last)
     if run.points == "latin_hypercube" and last > (run.strata or last):
         rule = f"a Latin hypercube of {run.strata:,} strata has as many members"
-        raise SceneError("run", "members", last, rule)
+        raise SceneError(rule, at="run.members", value=last)
 
 
 def _check_parts(
@@ -91,11 +91,11 @@ def _check_sampled(model: Model, run: Run) -> None:
             "give one bath: two act as one with gamma = gamma_1 + gamma_2 and"
             " kT = (gamma_1 kT_1 + gamma_2 kT_2)/gamma"
         )
-        raise SceneError("effects", "bath", None, rule)
+        raise SceneError(rule, at="effects.bath")
     count, last = rows(*model.quantities()), run.first + run.members
     if count is not None and count < last:
         rule = f"the scene has arrays with rows for {count} members only"
-        raise SceneError("run", "members", last, rule)
+        raise SceneError(rule, at="run.members", value=last)
     _check_bodies(model, run.seed)
     _check_orbit(model, run.seed)
     for label, effect in labelled(model.effects):
@@ -114,13 +114,13 @@ def _check_bodies(model: Model, seed: int) -> None:
             "beside an uncertain tensor it is no table: its axes differ from member to member; give"
             " laws, or moments and starts of each member"
         )
-        raise SceneError("start", model.start.which, None, rule)
+        raise SceneError(rule, at=f"start.{model.start.which}")
     for label, effect in labelled(model.effects) if model.body.given == "tensor" else ():
         for name in facts(effect).in_body:
             if rows(*getattr(effect, name)) is not None:
                 # results have it in the axes of the members
                 rule = "beside an uncertain tensor what is fixed in the body is no table: give laws"
-                raise SceneError(f"effects.{label}", name, None, rule)
+                raise SceneError(rule, at=f"effects.{label}.{name}")
     moments, mass, _ = model.body.sample(seed, 0, PILOT)
     bad = np.flatnonzero(broken(moments) | ~(mass > 0))
     if bad.size > (PILOT // 2 if isinstance(model.body.moments, Correlated) else 0):
@@ -129,7 +129,7 @@ def _check_bodies(model: Model, seed: int) -> None:
             f"{bad.size} of the first {PILOT} sampled bodies are impossible (e.g. {example}):"
             " moments must be positive and obey I_i <= I_j + I_k"
         )
-        raise SceneError("body", "moments", None, rule)
+        raise SceneError(rule, at="body.moments")
 
 
 def _check_orbit(model: Model, seed: int) -> None:
@@ -154,24 +154,25 @@ def _check_orbit(model: Model, seed: int) -> None:
             if law or known
             else "give moments about the centre of mass and leave centre out"
         )
-        raise SceneError("body", "centre", centre[:, off][:, 0].tolist(), rule)
+        raise SceneError(rule, at="body.centre", value=centre[:, off][:, 0].tolist())
 
 
 def _check_parameters(run: Run, label: str, effect: Effect) -> None:
     """Raise SceneError if a sampled parameter of an effect lies outside its limits, or if a damping
     drives some rotations."""
-    table = f"effects.{label}"
+    at = f"effects.{label}"
 
     def drawn(name: str, value: Any) -> np.ndarray:
         several = value if shape(effect, name) else (value,)
-        return draw(several, run.seed, f"{table}.{name}", 0, PILOT)
+        return draw(several, run.seed, f"{at}.{name}", 0, PILOT)
 
     values = {name: drawn(name, value) for name, value in zip(effect._fields, effect, strict=True)}
     for name, sample in values.items():
         low, high = limits(effect, name, run.anti_damping)
         bad = sample[~((sample >= low) & (sample <= high))]
         if bad.size:
-            raise SceneError(table, name, float(bad[0]), outside(effect, low, high))
+            wrong = float(bad[0])
+            raise SceneError(outside(effect, low, high), at=f"{at}.{name}", value=wrong)
     if implements(effect, "drives") and not run.anti_damping:
         sampled: Any = type(effect)(*values.values())
         driven = np.flatnonzero(sampled.drives())
@@ -179,7 +180,7 @@ def _check_parameters(run: Run, label: str, effect: Effect) -> None:
             numbers = np.concatenate(list(values.values()))[:, driven[0]]
             example = ", ".join(f"{x:.4g}" for x in numbers)
             rule = f"({example}) drives some rotations, which {ALLOWED}"
-            raise SceneError(table, effect._fields[0], None, rule)
+            raise SceneError(rule, at=f"{at}.{effect._fields[0]}")
 
 
 def _check_variables(recording: Recording) -> None:
@@ -191,7 +192,7 @@ def _check_variables(recording: Recording) -> None:
         for name in names:
             if name in taken:
                 rule = f"gives the variable '{name}', which a result has already: rename it"
-                raise SceneError("observables", type(one).__name__, None, rule)
+                raise PartError.of(one, rule, "observables")
             taken.add(name)
 
 
@@ -200,7 +201,7 @@ def _check_monitored(run: Run, recording: Recording) -> None:
     rule = _not_monitored(run, recording)
     if rule:
         labels = ", ".join(label for label, _ in recording.monitored)
-        raise SceneError("run", "save", labels, rule)
+        raise SceneError(rule, at="run.save", value=labels)
 
 
 def _not_monitored(run: Run, recording: Recording) -> str:

@@ -156,7 +156,7 @@ def _some(bad: NDArray[np.bool_]) -> str:
 
 
 def _uncovered(why: str) -> SceneError:
-    return SceneError("", "scene", None, f"no closed form covers it: {why}; covered are {COVERED}")
+    return SceneError(f"no closed form covers it: {why}; covered are {COVERED}", at="scene")
 
 
 def closed_values(

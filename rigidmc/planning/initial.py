@@ -271,7 +271,7 @@ def check_starts(model: Model, sampler: Source, seed: int) -> None:
         rule = (
             f"none of the first {PILOT} members has one: its energy, temperature or size cannot be"
         )
-        raise SceneError("start", spin, None, rule)
+        raise SceneError(rule, at=f"start.{spin}")
 
 
 def _check_ensemble(model: Model, seed: int) -> None:
@@ -288,7 +288,7 @@ def _check_ensemble(model: Model, seed: int) -> None:
             "needs the largest potential energy that an attitude may have: an effect of your own "
             "tells it by energy_scale(self, body) [J]"
         )
-        raise SceneError("start", "attitude", "ensemble", rule)
+        raise SceneError(rule, at="start.attitude", value="ensemble")
     accepted = float(np.nanmean(share(tried)))
     if not accepted >= 0.01:
         rule = (
@@ -296,7 +296,7 @@ def _check_ensemble(model: Model, seed: int) -> None:
             "cold to be drawn so; under gravity alone a body with its centre on axis 3 is "
             "exp(-V/kT) by attitude = { pointing = { direction = [0, 0, -1], kappa = m g h/kT } }"
         )
-        raise SceneError("start", "attitude", "ensemble", rule)
+        raise SceneError(rule, at="start.attitude", value="ensemble")
 
 
 def ledger(effects: Sequence[Any], has_work: bool) -> tuple[Flag, ...]:

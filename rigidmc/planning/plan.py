@@ -190,7 +190,7 @@ def make_plan(
         notes += (f"[run] turn = {run.turn:g}: {rule}; dt goes by no start",)
     if (saves := found.steps // found.stride) > MOST_SAVES:
         rule = f"{saves:,} saves are more than the limit of {MOST_SAVES:,}"
-        raise SceneError("run", "every", run.every, rule)
+        raise SceneError(rule, at="run.every", value=run.every)
     if found.is_shortened:
         _refuse_counts(run, monitors)
     slots = np.append(np.arange(0, found.steps, found.stride), found.steps)
@@ -249,7 +249,7 @@ def _refuse_counts(run: Run, monitors: Monitors) -> None:
                 f"does not divide t_end = {run.t_end:g} s, and the last steps are shorter:"
                 f" {label} needs a method reweighed, or an `every` that divides t_end"
             )
-            raise SceneError("run", "every", run.every, rule)
+            raise SceneError(rule, at="run.every", value=run.every)
 
 
 def _step_notes(kind: Integrator, steps: _Steps) -> tuple[str, ...]:

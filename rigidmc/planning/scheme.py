@@ -47,7 +47,7 @@ def make_scheme(
                 f"a step may turn by {turns.spin:.3g} rad, more than the {largest:g} for which "
                 f"{run.integrator} can be solved; use {key} <= {unit * largest / turns.spin:.2g}"
             )
-            raise SceneError("run", key, getattr(run, key), rule)
+            raise SceneError(rule, at=f"run.{key}", value=getattr(run, key))
     return form(kind, turns, model.effects)._replace(name=run.integrator), rate, turns.spin
 
 

@@ -216,7 +216,7 @@ def _refuse_many(steps: int | Fraction, key: str, length: float, t_end: float) -
         # a whole number of more than 309 digits is no float
         count = f"{float(steps):.3g}" if steps < 10**300 else "over 1e+300"
         rule = f"{count} steps to t_end = {t_end:g}, more than the limit of {MOST_STEPS:.3g}"
-        raise SceneError("run", key, length, rule)
+        raise SceneError(rule, at=f"run.{key}", value=length)
 
 
 def rounds(t_end: float, every: float | None) -> Grid:

@@ -113,7 +113,7 @@ def _scaled_effects(
                 if unit is not None:
                     why = f"{kind} tells an unknown unit of {name}, '{unit}'"
                 rule = f"the scene cannot be put in other units: {why}"
-                raise SceneError(f"effects.{kind}", name, None, rule) from None
+                raise SceneError(rule, at=f"effects.{kind}.{name}") from None
         scaled.append(filled(type(effect), values))
     return tuple(scaled)
 
@@ -207,7 +207,7 @@ def _sized(values: Any, by: float, energy: float) -> Any:
         return tuple(_times(x, by) for x in values)
     if _is_unsized(values):
         rule = f"the scene cannot be put in other units: {values.word} has no `sized`"
-        raise SceneError("start", values.word, None, rule)
+        raise SceneError(rule, at=f"start.{values.word}")
     changed = {}
     for name, power in values.sized.items():
         scale = energy if power == "energy" else by**power

@@ -61,7 +61,7 @@ def signed(dataset: xr.Dataset, name: str, times: Array) -> Array:
             f"has negative values, which no time of an event has: state `event_times=()` in the"
             f' class that gives {name}, or in Python `ds.{name}.attrs["{CENSORED}"] = "no"`'
         )
-        raise OptionError("", "measure", name, rule)
+        raise OptionError(rule, at="measure", value=name)
     lag = float(dataset[name].attrs.get(LAG, 0.0))
     ends = ends_of(dataset) - lag
     come = np.isfinite(times) & ~(times > ends * SAME)
@@ -114,7 +114,7 @@ def refuse_beyond(text: str, times: Array, number: float) -> None:
     ends = np.abs(times[is_censored(times)])
     if ends.size and not number <= (last := float(np.nanmax(np.abs(times)))) * SAME:
         rule = f"members were followed to {last:g} s: nothing is known of {number:g} s"
-        raise OptionError("", "measure", text, rule)
+        raise OptionError(rule, at="measure", value=text)
 
 
 def share(times: Array) -> Array:

@@ -66,7 +66,7 @@ def estimate_by(dataset: xr.Dataset, text: str, by: str, confidence: float = 0.9
     groups, group = np.unique(labels[some], return_inverse=True)
     if groups.size > MOST_GROUPS:
         rule = f"takes {groups.size:,} values: at most {MOST_GROUPS:,} groups are told apart"
-        raise OptionError("", "by", by, rule)
+        raise OptionError(rule, at="by", value=by)
     order, counts = np.argsort(group, kind="stable"), np.bincount(group, minlength=groups.size)
     values = np.full((groups.size, counts.max(initial=0)), np.nan, asked.dtype)
     there = np.arange(values.shape[1]) < counts[:, None]
@@ -93,7 +93,7 @@ def _labels(dataset: xr.Dataset, by: str) -> NDArray[np.generic]:
     known = [str(name) for name, v in dataset.variables.items() if v.dims == ("member",)]
     if by not in known:
         rule = f"no such number of the members; known: {', '.join(known)}"
-        raise OptionError("", "by", by, rule, nearest(by, known))
+        raise OptionError(rule, at="by", value=by, nearest=nearest(by, known))
     labels: NDArray[np.generic] = dataset[by].values
     return labels
 
@@ -140,19 +140,19 @@ def component_of(scene: Scene, text: str, key: str) -> Component:
     """The Component of a text such as "omega[1]"; OptionError that names the option `key`."""
     match = re.fullmatch(rf"\s*{NAME}\s*", text)
     if match is None:
-        raise OptionError("", key, text, "expected an observable: NAME or NAME[3]")
+        raise OptionError("expected an observable: NAME or NAME[3]", at=key, value=text)
     name, component = match["name"], match["component"]
     names = dict.fromkeys((*OBSERVABLES, *own(scene.observables), *recording(scene).recorded))
     known = [word for word in names if of_the_state(scene, word)]
     if name not in known:
         rule = f"no such observable of the state at save times; known: {', '.join(known)}"
-        raise OptionError("", key, text, rule, nearest(name, known))
+        raise OptionError(rule, at=key, value=text, nearest=nearest(name, known))
     dims = named(scene.observables, name).dims
     labels = [str(label) for label in DIMENSIONS[dims[0]].labels] if dims else []
     if (component is None) == bool(labels) or (labels and component not in labels):
         rule = f"has the components {', '.join(labels)}" if labels else "has no components"
         example = f": expected one, as in {name}[{labels[0]}]" if labels else ""
-        raise OptionError("", key, text, f"{name} {rule}{example}")
+        raise OptionError(f"{name} {rule}{example}", at=key, value=text)
     return Component(name, labels.index(component) if labels else 0)
 
 

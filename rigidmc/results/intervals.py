@@ -106,12 +106,12 @@ def probability(
     Brown, Cai & DasGupta, Stat. Sci. 16 (2001) 101.
     """
     if method not in METHODS:
-        raise unknown("", "method", method, "interval", METHODS, OptionError)
+        raise unknown("interval", METHODS, at="method", value=method, error=OptionError)
     k, n = np.broadcast_arrays(np.asarray(successes, float), np.asarray(trials, float))
     bad = (k < 0) | (k > n)
     if np.any(bad):
         rule = "expected counts between 0 and the trials"
-        raise OptionError("", "successes", float(k[bad].flat[0]), rule)
+        raise OptionError(rule, at="successes", value=float(k[bad].flat[0]))
     _check(confidence)
     with np.errstate(all="ignore"):
         p, tail = k / n, 0.5 * (1.0 - confidence)
@@ -219,7 +219,7 @@ def quantile(
     """
     _check(confidence)
     if not 0.0 < q < 1.0:
-        raise OptionError("", "q", q, "expected a share between 0 and 1")
+        raise OptionError("expected a share between 0 and 1", at="q", value=q)
     x = np.asarray(values, float)
     x = np.sort(x[np.isfinite(x) | ((x == np.inf) & infinite)])
     if not x.size:
@@ -272,7 +272,7 @@ def quantiles(values: ArrayLike, q: float, confidence: float = 0.95) -> Interval
 
 def _check(confidence: float) -> None:
     if not 0.0 < confidence < 1.0:
-        raise OptionError("", "confidence", confidence, "expected a number between 0 and 1")
+        raise OptionError("expected a number between 0 and 1", at="confidence", value=confidence)
 
 
 ULPS = 32.0  # resolutions by which numbers that should be the same may differ

@@ -218,7 +218,7 @@ class Measure(NamedTuple):
             f" for median({name}), quantile({name}, SHARE) or p({name} <= NUMBER), or only those"
             f" members that had one, by the condition `| {name} <= {some}`"
         )
-        raise OptionError("", "measure", self.text, rule)
+        raise OptionError(rule, at="measure", value=self.text)
 
     def _plain(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """The numbers of the result, nan for times that have not come."""
@@ -265,13 +265,13 @@ def measure(text: str, variables: Variables, may_save_more: bool = True) -> Meas
     matches = ((kind, form.fullmatch(text.strip())) for kind, form in _FORMS.items())
     kind, match = next(((kind, m) for kind, m in matches if m), ("", None))
     if match is None:
-        raise OptionError("", "measure", text, RULE)
+        raise OptionError(RULE, at="measure", value=text)
     parts = match.groupdict()
     if any(math.isinf(float(x)) for key, x in parts.items() if x and key.endswith("number")):
-        raise OptionError("", "measure", text, "expected numbers below 1.8e308")
+        raise OptionError("expected numbers below 1.8e308", at="measure", value=text)
     number = float(parts.get("number") or (0.5 if kind == "median" else 0.0))
     if kind == "quantile" and not 0.0 < number < 1.0:
-        raise OptionError("", "measure", text, "a quantile has a share between 0 and 1")
+        raise OptionError("a quantile has a share between 0 and 1", at="measure", value=text)
     results = {}
     for of in ("", "other_", "given_"):
         if name := parts.get(f"{of}name"):
@@ -299,7 +299,7 @@ def _check_axis(
     dims = _dims(text, name, variables, may_save_more)
     if (dims == ("axis", "member")) != bool(axis):
         rule = f"three components: give one, as in {name}[3]" if not axis else "no components"
-        raise OptionError("", "measure", text, f"{name} has {rule}")
+        raise OptionError(f"{name} has {rule}", at="measure", value=text)
 
 
 def _dims(text: str, name: str, variables: Variables, may_save_more: bool) -> tuple[str, ...]:
@@ -313,7 +313,7 @@ def _dims(text: str, name: str, variables: Variables, may_save_more: bool) -> tu
     if not may_save_more:
         rule = f"the result has no such number of its members; known: {', '.join(known)}"
         more = f"{rule}; `rigidmc run SCENE --save NAME` saves more"
-        raise OptionError("", "measure", text, more, nearest(name, known))
+        raise OptionError(more, at="measure", value=text, nearest=nearest(name, known))
     free = [k for k in WATCHED.values() if not k._fields or k._field_defaults]
     known += [n for kind in free for n in kind.outputs]
     known = list(dict.fromkeys([*known, *WATCHED_STATISTICS]))
@@ -321,4 +321,4 @@ def _dims(text: str, name: str, variables: Variables, may_save_more: bool) -> tu
         f"no result of that name with one number per member; known: {', '.join(known)};"
         " passages of a scene with [observables.passage]"
     )
-    raise OptionError("", "measure", text, rule, nearest(name, known))
+    raise OptionError(rule, at="measure", value=text, nearest=nearest(name, known))

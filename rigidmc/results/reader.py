@@ -6,7 +6,7 @@ the scene in it demands.
 
 import os
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import STATUSES
-from rigidmc.errors import FileError, RigidmcError, SceneWarning
+from rigidmc.errors import FileError, RigidmcError, SceneWarning, in_file
 from rigidmc.files.netcdf import open_undecoded
 from rigidmc.physics.effects import labelled
 from rigidmc.physics.effects.protocol import shape
@@ -43,14 +43,15 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     path = os.fspath(path)
     dataset = open_undecoded(path)
     try:
-        scene_text(dataset)
-        if "status" not in dataset:
-            rule = (
-                "a map or a study, not a result with members; xarray.open_dataset reads it, and"
-                " `rigidmc map FILE` a map"
-            )
-            raise FileError("", "file", None, rule, file=path)
-        result, strange = as_result(dataset, path)
+        with in_file(path):
+            scene_text(dataset)
+            if "status" not in dataset:
+                rule = (
+                    "a map or a study, not a result with members; xarray.open_dataset reads it, and"
+                    " `rigidmc map FILE` a map"
+                )
+                raise FileError(rule, at="file")
+            result, strange = as_result(dataset, path)
     except BaseException:
         dataset.close()
         raise
@@ -84,33 +85,27 @@ def _added(dataset: xr.Dataset, name: str) -> xr.Variable:
 _OVER = ("time", "thinned_time", "member", "flagged")
 
 
-Complaint = Callable[..., FileError]  # (key, rule, value=None) -> the error of a file
-
-
 def as_result(dataset: xr.Dataset, path: str) -> tuple[xr.Dataset, list[str]]:
     """Check an undecoded Dataset. Returns it as results of its scene are laid out, and the names of
     variables that no such result has. Raises FileError if it is not a result."""
 
-    def wrong(key: str, rule: str, value: Any = None) -> FileError:
-        return FileError("", key, value, rule, file=path)
-
     scene = _scene_of(dataset, path)
     for name in ("member", "time"):
         if name not in dataset.variables or dataset.sizes.get(name, 0) < 1:
-            raise wrong(name, "a result has at least one")
+            raise FileError("a result has at least one", at=name)
     axes, known, needed = _layout(scene, dataset)
     sizes, expected = axes.lengths(0), axes.coordinates()
     for name in needed:
         if name not in dataset.variables:
-            raise wrong(name, "is missing, and every result of its scene has it")
+            raise FileError("is missing, and every result of its scene has it", at=name)
     for name, (dims, dtype, attrs) in known.items():
         if name in dataset.variables:
-            _refuse_unlike(dataset[name], dims, np.dtype(dtype), attrs, sizes, wrong)
+            _refuse_unlike(dataset[name], dims, np.dtype(dtype), attrs, sizes)
     for name, (dims, values, attrs) in expected.items():
         if name in dataset.variables and values.dtype.kind != "U":
-            _refuse_unlike(dataset[name], dims, values.dtype, attrs, sizes, wrong)
-    _refuse_members(dataset, scene, wrong)
-    _refuse_attributes(dataset.attrs, scene.run, wrong)
+            _refuse_unlike(dataset[name], dims, values.dtype, attrs, sizes)
+    _refuse_members(dataset, scene)
+    _refuse_attributes(dataset.attrs, scene.run)
     strange = [
         str(name) for name in dataset.variables if name not in known and name not in expected
     ]
@@ -220,57 +215,64 @@ def _refuse_unlike(
     dtype: np.dtype[Any],
     attrs: dict[str, Any],
     sizes: dict[str, Any],
-    wrong: Complaint,
 ) -> None:
     """Raise FileError for a variable of other dimensions, another type or another unit than a scene
     demands, or one that is packed."""
     name = str(variable.name)
     if variable.dims != tuple(dims):
         given = ", ".join(map(str, variable.dims)) or "none"
-        raise wrong(name, f"has the dimensions {given}, expected {', '.join(dims)}")
+        raise FileError(f"has the dimensions {given}, expected {', '.join(dims)}", at=name)
     for dim in dims:
         size = None if dim in ("member", "flagged") else sizes[dim]
         if size is not None and variable.sizes[dim] != size:
-            raise wrong(name, f"is {variable.sizes[dim]:,} long along {dim}, expected {size:,}")
+            raise FileError(
+                f"is {variable.sizes[dim]:,} long along {dim}, expected {size:,}", at=name
+            )
     if variable.dtype.kind != dtype.kind:
-        raise wrong(name, f"is of type {variable.dtype}, expected {dtype}")
+        raise FileError(f"is of type {variable.dtype}, expected {dtype}", at=name)
     if packed := [word for word in ("scale_factor", "add_offset") if word in variable.attrs]:
-        raise wrong(name, f"is packed, by {' and '.join(packed)}: results are not")
+        raise FileError(f"is packed, by {' and '.join(packed)}: results are not", at=name)
     units = variable.attrs.get("units", "")
     if not isinstance(units, str) or ("units" in attrs and units not in ("", attrs["units"])):
-        raise wrong(name, f"is in units of {units!r}, expected {attrs.get('units', 'text')!r}")
+        raise FileError(
+            f"is in units of {units!r}, expected {attrs.get('units', 'text')!r}", at=name
+        )
     digits = variable.attrs.get("significant_digits", 1)
     if not isinstance(digits, (int, np.integer)) or not 1 <= digits <= 15:
-        raise wrong(name, "expected 1 to 15 significant digits", value=str(digits))
+        raise FileError("expected 1 to 15 significant digits", at=name, value=str(digits))
 
 
-def _refuse_members(dataset: xr.Dataset, scene: Scene, wrong: Complaint) -> None:
+def _refuse_members(dataset: xr.Dataset, scene: Scene) -> None:
     """Raise FileError for members that the scene lacks, disordered times and unknown statuses."""
     run, members = scene.run, dataset.member.values
     last = run.first + run.members - 1
     if members.min() < run.first or members.max() > last:
-        raise wrong("member", f"its scene has the members {run.first:,} to {last:,}")
+        raise FileError(f"its scene has the members {run.first:,} to {last:,}", at="member")
     if not (np.diff(members) > 0).all() and np.unique(members).size < members.size:
-        raise wrong("member", "is there twice")
+        raise FileError("is there twice", at="member")
     for name in ("time", "thinned_time"):
         if dataset.sizes.get(name, 0) and name in dataset.variables:
-            _refuse_times(name, dataset[name].values, run.t_end, wrong)
+            _refuse_times(name, dataset[name].values, run.t_end)
     if not np.isin(dataset.status.values, list(STATUSES.values())).all():
-        raise wrong("status", f"expected {min(STATUSES.values())} to {max(STATUSES.values())}")
+        raise FileError(
+            f"expected {min(STATUSES.values())} to {max(STATUSES.values())}", at="status"
+        )
     if (
         "flagged_member" in dataset.variables
         and not np.isin(dataset.flagged_member.values, members).all()
     ):
-        raise wrong("flagged_member", "is none of the members")
+        raise FileError("is none of the members", at="flagged_member")
 
 
-def _refuse_times(name: str, times: NDArray[Any], t_end: float, wrong: Complaint) -> None:
+def _refuse_times(name: str, times: NDArray[Any], t_end: float) -> None:
     ascending = np.isfinite(times).all() and (np.diff(times) > 0.0).all()
     if not ascending or times[0] < 0.0 or times[-1] > t_end * (1 + 1e-9):
-        raise wrong(name, f"expected times that ascend from 0 to t_end = {t_end:g} s at most")
+        raise FileError(
+            f"expected times that ascend from 0 to t_end = {t_end:g} s at most", at=name
+        )
 
 
-def _refuse_attributes(attrs: dict[str, Any], run: Run, wrong: Complaint) -> None:
+def _refuse_attributes(attrs: dict[str, Any], run: Run) -> None:
     """Raise FileError for attributes that contradict the scene, and add those that are missing."""
     demanded = {
         "integrator": run.integrator,
@@ -287,7 +289,9 @@ def _refuse_attributes(attrs: dict[str, Any], run: Run, wrong: Complaint) -> Non
             or isinstance(given, str) != isinstance(value, str)
             or given != value
         ):
-            raise wrong(name, f"contradicts the scene, which has {value!r}", value=str(given))
+            raise FileError(
+                f"contradicts the scene, which has {value!r}", at=name, value=str(given)
+            )
     attrs |= demanded
     steps = attrs.get("steps", 0)
     whole = isinstance(steps, (int, np.integer))
@@ -298,4 +302,4 @@ def _refuse_attributes(attrs: dict[str, Any], run: Run, wrong: Complaint) -> Non
     most = run.dt if run.every is not None and run.every < run.t_end else 0.0
     if not whole or not -1e-6 * run.t_end < off < most + 1e-6 * run.t_end:
         rule = f"steps of {run.dt:g} s do not make t_end = {run.t_end:g} s"
-        raise wrong("steps", rule, value=str(steps))
+        raise FileError(rule, at="steps", value=str(steps))

@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from rigidmc.errors import FileError, OutputExists, SceneWarning
+from rigidmc.errors import FileError, OutputExists, SceneWarning, in_file
 from rigidmc.files.locks import lock, unlock
 from rigidmc.files.opening import below, held, plain, refuse_unnamed, regular
 from rigidmc.files.outputs import Path, clear, is_part
@@ -73,7 +73,11 @@ class _Facts(BaseModel):
 
 def read_facts(path: str) -> dict[str, Any]:
     """The facts of a run.json; FileError if it is damaged or of another format."""
-    text = text_of(path, links=False)
+    with in_file(path):
+        return _facts_of(text_of(path, links=False))
+
+
+def _facts_of(text: str) -> dict[str, Any]:
     try:
         facts = json_of(text)
         if isinstance(facts, dict):
@@ -83,21 +87,21 @@ def read_facts(path: str) -> dict[str, Any]:
         first = error.errors()[0]
         key = str(first["loc"][0]) if first["loc"] else "run.json"
         rule = f"is damaged: {first['msg'][0].lower()}{first['msg'][1:]}"
-        raise FileError("", key, None, rule, file=path) from None
+        raise FileError(rule, at=key) from None
     except ValueError as error:
-        raise FileError("", "run.json", None, f"is damaged: {error}", file=path) from None
+        raise FileError(f"is damaged: {error}", at="run.json") from None
     if rendered(facts) != text:
         rule = "is damaged, or was changed by hand: its checksum does not match"
-        raise FileError("", "run.json", None, rule, file=path)
+        raise FileError(rule, at="run.json")
     if facts["format"] != FORMAT:
         rule = f"this version reads format {FORMAT}"
-        raise FileError("", "format", facts["format"], rule, file=path)
+        raise FileError(rule, at="format", value=facts["format"])
     if facts["first"] + facts["members"] > 2**53 or facts["shard"] % facts["block"]:
         rule = "is damaged: a shard must be whole blocks, and members below 2^53"
-        raise FileError("", "members", None, rule, file=path)
+        raise FileError(rule, at="members")
     if facts["members"] > MOST * facts["shard"]:
         rule = f"is damaged: a run has at most {MOST:,} shards"
-        raise FileError("", "shard", facts["shard"], rule, file=path)
+        raise FileError(rule, at="shard", value=facts["shard"])
     return dict(facts)
 
 
@@ -149,7 +153,7 @@ class RunDirectory:
         for folder in (self._folder, self.unfinished):
             if os.path.islink(folder):
                 rule = "is a link, and a run keeps to its folder"
-                raise FileError("", os.path.basename(folder), None, rule, file=self.path)
+                raise FileError(rule, at=os.path.basename(folder), file=self.path)
 
     @property
     def _folder(self) -> str:
@@ -165,7 +169,7 @@ class RunDirectory:
         if not os.path.lexists(self.path):
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), self.path)
         if not os.path.isfile(name):
-            raise FileError("", "run", self.path, "is no run directory: it has no run.json")
+            raise FileError("is no run directory: it has no run.json", at="run", value=self.path)
         return read_facts(name)
 
     @property
@@ -191,12 +195,12 @@ class RunDirectory:
             return None
         name = os.path.join(self.path, CHOSEN)
         if not os.path.isfile(name):
-            raise FileError("", CHOSEN, None, "is missing", file=self.path)
+            raise FileError("is missing", at=CHOSEN, file=self.path)
         with open(name, "rb", opener=plain) as file:
             count = min(int(self.facts["members"]), held(file.fileno()) // 8)
             members = np.fromfile(file, "<i8", count)
         if facts_of_chosen(members)["chosen"] != self.facts["chosen"]:
-            raise FileError("", CHOSEN, None, "was changed: its sum is another", file=self.path)
+            raise FileError("was changed: its sum is another", at=CHOSEN, file=self.path)
         return members.astype(np.int64)
 
     def places(self, i: int) -> range:
@@ -246,7 +250,7 @@ class RunDirectory:
                 f"{', '.join(strays)}: no shard of this run; "
                 "take it away first, or see `rigidmc verify`"
             )
-            raise FileError("", "run", self.path, rule)
+            raise FileError(rule, at="run", value=self.path)
 
     def temporary(self, i: int) -> str:
         """Where shard i is written until it is whole."""

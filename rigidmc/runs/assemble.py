@@ -111,4 +111,5 @@ def make_program(plan: Plan, device: str = "cpu", compiled: bool = True) -> Prog
         if not table:
             raise
         rule = f"cannot be compiled: {reason(error)}; {RULE}"
-        raise SceneError(table, ", ".join(filter(None, names.values())), None, rule) from error
+        whole = f"{table}.{', '.join(filter(None, names.values()))}"
+        raise PartError(rule, at=whole, table=table) from error

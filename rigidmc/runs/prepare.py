@@ -176,14 +176,14 @@ class PreparedRun:
             members = _indices(np.asarray(members))
         elif members.step != 1 or members.start < 0 or not members:
             rule = "expected a range of member indices with step 1"
-            raise SceneError("run", "members", members, rule)
+            raise SceneError(rule, at="run.members", value=members)
         run, last = self.scene.run, int(members[-1]) + 1
         most, what = rows(*self.plan.model.quantities()), "arrays with rows for"
         if run.strata is not None:
             most, what = run.strata, "a Latin hypercube of"
         if most is not None and last > most:
             rule = f"the scene has {what} {most:,} members only"
-            raise SceneError("run", "members", last, rule)
+            raise SceneError(rule, at="run.members", value=last)
         return members
 
     def with_paired_noise(self) -> "PreparedRun":
@@ -266,7 +266,7 @@ class PreparedRun:
             )
         if any(isinstance(q, Varied) for q in self.plan.model.quantities()):
             rule = f"is missing: the run varies {', '.join(self.scene.run.varied or ())}"
-            raise OptionError("", "values", None, rule)
+            raise OptionError(rule, at="values")
         threads = threads_available() if threads is None else counted(threads, "threads")
         device = "cpu" if self.plan.scheme is None else settled_device(device)
         streaming = output is not None and is_streamed(output)
@@ -371,7 +371,7 @@ def prepare(
     """
     which = None
     if not isinstance(members, (int, range)):
-        members = placed(members, "run", "members")
+        members = placed(members, "run.members")
     if isinstance(members, (list, tuple)):
         members = np.array(members)
     if isinstance(members, np.ndarray):
@@ -388,7 +388,7 @@ def _indices(members: NDArray[Any]) -> NDArray[np.int64]:
     """The indices of members as they are asked for; SceneError unless they rise from 0 or more."""
     sound = members.ndim == 1 and members.size and members.dtype.kind in "iu"
     if not sound or members[0] < 0 or not (np.diff(members) > 0).all():
-        raise SceneError("run", "members", None, "expected indices of members that rise")
+        raise SceneError("expected indices of members that rise", at="run.members")
     return members.astype(np.int64)
 
 
@@ -398,7 +398,7 @@ def _with_settings(scene: Scene, members: int | range | None, settings: Mapping[
     if isinstance(members, range):
         if members.step != 1 or members.start < 0 or not members:
             rule = "expected a range of member indices with step 1"
-            raise SceneError("run", "members", members, rule)
+            raise SceneError(rule, at="run.members", value=members)
         first, members = members.start, len(members)
     elif members is None:
         members = (scene if first is None else scene.with_run(first=first)).rows_to_run()

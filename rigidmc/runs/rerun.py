@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning
+from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning, in_file
 from rigidmc.files.opening import is_zarr
 from rigidmc.files.outputs import Path, refuse_existing
 from rigidmc.physics.effects.protocol import is_random
@@ -106,7 +106,7 @@ def rerun(
     members = chosen_members(member, scene.run, source, name)
     between = scene.run.every
     if every is not None:
-        between = _whole_steps(scene.run, seconds(every, "every", "run"))
+        between = _whole_steps(scene.run, seconds(every, "run.every", error=SceneError))
     scene = _saving(scene, save, between, members, every)
     again = simulate(scene, members=members, **options)
     again.attrs["rerun"] = _compared(again, source.sel(member=list(members)), original, name)
@@ -125,11 +125,12 @@ def chosen_members(member: int | range, run: Run, result: xr.Dataset, name: str)
     known = range(run.first, run.first + run.members)
     if not members or members.step != 1 or members[0] not in known or members[-1] not in known:
         rule = f"{name} has the members {known[0]} to {known[-1]}"
-        raise OptionError("", "member", member, rule)
-    refuse_twice(result.member.values, name)
+        raise OptionError(rule, at="member", value=member)
+    with in_file(name):
+        refuse_twice(result.member.values)
     if not np.isin(members, result.member.values).all():
         there = f"{result.sizes['member']:,} of its {run.members:,} members"
-        raise OptionError("", "member", member, f"{name} has only {there}, and not this one")
+        raise OptionError(f"{name} has only {there}, and not this one", at="member", value=member)
     return members
 
 
@@ -144,7 +145,7 @@ def _whole_steps(run: Run, every: float) -> float:
             f"the last steps of this run are shorter, because its every = {run.every:.10g} s does"
             f" not divide t_end = {run.t_end:.10g} s: other saves would change the steps"
         )
-        raise SceneError("run", "every", every, rule)
+        raise SceneError(rule, at="run.every", value=every)
     nearest = run.t_end * count / known.steps
     if every == run.every or abs(every / nearest - 1.0) < 1e-9:
         return every
@@ -178,7 +179,7 @@ def _saving(
             f"members have steps of their own in each {run.every} s:"
             " another time between saves changes them"
         )
-        raise SceneError("run", "every", every, rule)
+        raise SceneError(rule, at="run.every", value=every)
     free = run.turn is not None or run.integrator == "closed"
     if (
         not free
@@ -189,7 +190,7 @@ def _saving(
             f"saves {between / run.dt:.0f} steps of {run.dt:.10g} s apart do not fit"
             f" t_end = {run.t_end:g} s without another step"
         )
-        raise SceneError("run", "every", every, rule)
+        raise SceneError(rule, at="run.every", value=every)
     return more
 
 
@@ -262,7 +263,7 @@ def _refuse_other_inputs(pair: Pair, members: NDArray[np.int64], source: str) ->
             f"the inputs of member {members[other[0]]} ({pair.name}) are not those of this scene"
             " and seed: the result was changed, or put together from several runs"
         )
-        raise FileError("", "member", None, rule, file=source)
+        raise FileError(rule, at="member", file=source)
 
 
 def _equal(pair: Pair, tolerance: float | None) -> bool:

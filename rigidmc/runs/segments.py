@@ -39,12 +39,12 @@ class Moving:
         """Raises SceneError for closed forms and for steps of members' own (`turn`)."""
         if scene.run.turn is not None:
             rule = "the members of such a study make the same steps: give dt"
-            raise SceneError("run", "turn", scene.run.turn, rule)
+            raise SceneError(rule, at="run.turn", value=scene.run.turn)
         run = prepared(scene)
         program = run.program(settled_device(device))
         if program is None:
             rule = "is told at its ends only: such a study follows members, so take exact"
-            raise SceneError("run", "integrator", scene.run.integrator, rule)
+            raise SceneError(rule, at="run.integrator", value=scene.run.integrator)
         self.prepared, self.plan, self._units = run, run.plan, run.units
         self._program, self._threads = program, threads
         self.ends = np.unique(np.linspace(0, self.plan.grid.steps, parts + 1).astype(int))

@@ -4,11 +4,12 @@ members, "1h30m"."""
 import contextlib
 import math
 import re
+from collections.abc import Iterator
 from fractions import Fraction
 from numbers import Integral, Real
 from typing import Any, TypeGuard
 
-from rigidmc.errors import OptionError, RigidmcError, SceneError
+from rigidmc.errors import OptionError, RigidmcError
 
 _UNITS: dict[str, tuple[Fraction, str]] = {  # unit: (seconds, pattern of its names)
     "d": (Fraction(86400), "d|days?"),
@@ -29,11 +30,10 @@ _PLAIN = re.compile(rf"[-+]?{_NUMBER}", re.ASCII | re.IGNORECASE)
 TIME = 'expected a finite number of seconds, or a time such as "90 s", "1h30m", "2 min", "250 ms"'
 
 
-def seconds(value: Any, key: str | None, table: str = "", positive: bool = True) -> float:
+def parse_seconds(value: Any, positive: bool = True) -> float:
     """A time [s] from a number, or from text such as "90 s", "1h30m", "250 ms".
 
-    Raises SceneError, or without a table OptionError, for anything else, and with `positive` for 0
-    or less.
+    Raises ValueError for anything else, and with `positive` for 0 or less.
     """
     number = math.nan
     with contextlib.suppress(OverflowError):  # whole numbers of Python may be larger than floats
@@ -42,15 +42,27 @@ def seconds(value: Any, key: str | None, table: str = "", positive: bool = True)
         elif _is_number(value):
             number = float(value)
     if not math.isfinite(number):
-        raise _refused(table, key, value, TIME)
+        raise ValueError(TIME)
     if positive and not number > 0.0:
-        raise _refused(table, key, value, "has to be greater than 0")
+        raise ValueError("has to be greater than 0")
     return number
 
 
-def _refused(table: str, key: str | None, value: Any, rule: str) -> RigidmcError:
-    """A SceneError about a key of a table, or an OptionError about an argument."""
-    return (SceneError if table else OptionError)(table, key or "", value, rule)
+def seconds(
+    value: Any, at: str, positive: bool = True, error: type[RigidmcError] = OptionError
+) -> float:
+    """The time [s] that an argument of this name stands for; an error of this kind."""
+    with _argument(value, at, error):
+        return parse_seconds(value, positive)
+
+
+@contextlib.contextmanager
+def _argument(value: Any, at: str, error: type[RigidmcError] = OptionError) -> Iterator[None]:
+    """Make an error at a place of a ValueError, which has a rule alone."""
+    try:
+        yield
+    except ValueError as wrong:
+        raise error(str(wrong), at=at, value=value) from None
 
 
 def _seconds_of(text: str) -> float:
@@ -67,17 +79,11 @@ def _seconds_of(text: str) -> float:
     return float(-total if match[1] == "-" else total)
 
 
-def counted(
-    value: Any,
-    key: str | None,
-    least: int | None = 1,
-    most: int | None = None,
-    table: str = "",
-) -> int:
+def parse_count(value: Any, least: int | None = 1, most: int | None = None) -> int:
     """A whole number, also written as a float such as 1e6.
 
-    Raises SceneError, or without a table OptionError, for anything else, and for a number outside
-    least ... most (by default 64 bits).
+    Raises ValueError for anything else, and for a number outside least ... most (by default 64
+    bits).
     """
     low = -LARGEST - 1 if least is None else least
     high = LARGEST if most is None else most
@@ -85,19 +91,25 @@ def counted(
         if low <= value <= high:
             return int(value)
         if not -LARGEST - 1 <= value <= LARGEST:
-            raise _refused(table, key, value, "expected a whole number of 64 bits")
+            raise ValueError("expected a whole number of 64 bits")
     limits = f" from {low:,} to {high:,}" if most is not None else f" of at least {low:,}"
     limits = "" if least is None else limits
-    raise _refused(table, key, value, f"expected a whole number{limits}")
+    raise ValueError(f"expected a whole number{limits}")
 
 
-def counted_text(text: str, key: str, least: int = 1, most: int | None = None) -> int:
+def counted(value: Any, at: str, least: int | None = 1, most: int | None = None) -> int:
+    """The whole number that an argument of this name stands for; OptionError."""
+    with _argument(value, at):
+        return parse_count(value, least, most)
+
+
+def counted_text(text: str, at: str, least: int = 1, most: int | None = None) -> int:
     """A whole number from the text of the command line; OptionError."""
     plain = text.strip().replace("_", "") if isinstance(text, str) else ""
     if not _PLAIN.fullmatch(plain):
-        return counted(text, key, least, most)
+        return counted(text, at, least, most)
     exact = Fraction(plain)
-    return counted(int(exact) if exact.denominator == 1 else float(plain), key, least, most)
+    return counted(int(exact) if exact.denominator == 1 else float(plain), at, least, most)
 
 
 def _is_number(value: Any) -> TypeGuard[float]:

@@ -96,19 +96,19 @@ class Body(BodyChanges):
         whole = isinstance(self.moments, Law)
         uncertain = isinstance(self.moments, UncertainInertia)
         check = checked if whole else vector
-        object.__setattr__(self, "moments", check(self.moments, "body", self.given))
-        object.__setattr__(self, "mass", quantity(self.mass, "body", "mass"))
-        object.__setattr__(self, "centre", vector(self.centre, "body", "centre"))
+        object.__setattr__(self, "moments", check(self.moments, f"body.{self.given}"))
+        object.__setattr__(self, "mass", quantity(self.mass, "body.mass"))
+        object.__setattr__(self, "centre", vector(self.centre, "body.centre"))
         if isinstance(self.moments, UncertainInertia):
             self._check_uncertain(self.moments)
         else:
             object.__setattr__(self, "axes", _checked_axes(self.axes))
         if not uncertain and self.axes != IDENTITY and not is_shared(self.centre):
             rule = "a body given by a tensor takes plain numbers; give principal moments instead"
-            raise SceneError("body", "centre", None, rule)
+            raise SceneError(rule, at="body.centre")
         if not is_open(self.mass) and not np.min(self.mass) > 0:
             shown = self.mass if is_shared(self.mass) else None
-            raise SceneError("body", "mass", shown, "the mass must be positive")
+            raise SceneError("the mass must be positive", at="body.mass", value=shown)
         if not whole:
             self._check_moments()
 
@@ -128,10 +128,10 @@ class Body(BodyChanges):
         for key in ("mass", "centre"):
             if not is_shared(getattr(self, key)):
                 rule = "beside an uncertain tensor it is a plain number, the mean"
-                raise SceneError("body", key, None, rule)
+                raise SceneError(rule, at=f"body.{key}")
         if law.centre is not None and any(self.centre):
             rule = "the tensor has a centre of its own, about which the body turns: leave this out"
-            raise SceneError("body", "centre", list(self.centre), rule)
+            raise SceneError(rule, at="body.centre", value=list(self.centre))
         law.bodies(0, "body.tensor", 0, 1, self.mass, self.centre)
         _, axes = inertia.principal_axes(law.mean_tensor(self.mass))
         object.__setattr__(self, "axes", tuple(map(tuple, axes.tolist())))
@@ -141,7 +141,7 @@ class Body(BodyChanges):
         shown = list(self.moments) if is_shared(self.moments) else None
         known = [m for m in self.moments if not is_open(m)]
         if not all(np.min(m) > 0 for m in known):
-            raise SceneError("body", "moments", shown, "principal moments must be positive")
+            raise SceneError("principal moments must be positive", at="body.moments", value=shown)
         if len(known) < 3:
             return
         moments = np.array(np.broadcast_arrays(*self.moments)).reshape(3, -1)
@@ -154,7 +154,7 @@ class Body(BodyChanges):
                 f"{row}the triangle inequality is broken: {large:g} exceeds the sum of the other"
                 f" two, {rest:g}; no rigid body has these moments"
             )
-            raise SceneError("body", "moments", shown, rule)
+            raise SceneError(rule, at="body.moments", value=shown)
 
     @_between_axes(
         "described",
@@ -378,12 +378,12 @@ def _checked_axes(axes: Any) -> tuple[tuple[float, ...], ...]:
     """Axes as a tuple of rows; SceneError unless they are a right-handed set of unit vectors."""
     if isinstance(axes, tuple) and axes == IDENTITY:
         return IDENTITY
-    columns = floats(axes, "axes", 3, "body")
+    columns = floats(axes, "body.axes", last=3)
     square = columns.shape == (3, 3) and np.isfinite(columns).all()
     # as of `rotation.quaternion_from_matrix`, without an import of scipy
     if not square or np.abs(columns @ columns.T - np.eye(3)).max() > 1e-9:
         rule = "expected 3x3 numbers whose columns are unit vectors at right angles"
-        raise SceneError("body", "axes", None, rule)
+        raise SceneError(rule, at="body.axes")
     if np.linalg.det(columns) < 0.0:
-        raise SceneError("body", "axes", None, "are left-handed: turn one of them round")
+        raise SceneError("are left-handed: turn one of them round", at="body.axes")
     return tuple(map(tuple, columns.tolist()))

@@ -60,15 +60,18 @@ class BodyChanges(BodyMakers):
         """
         if isinstance(point, str):
             raise SceneError(
-                "body", "pivot", point, 'expected three numbers, or "centre"', "centre"
+                'expected three numbers, or "centre"',
+                at="body.pivot",
+                value=point,
+                nearest="centre",
             )
-        point = vector(point, "body", "pivot")
+        point = vector(point, "body.pivot")
         if not is_shared(self.moments, self.mass, self.centre, point):
             rule = (
                 "only a body given by plain numbers can be moved; give moments about the new point"
                 " instead"
             )
-            raise SceneError("body", "pivot", None, rule)
+            raise SceneError(rule, at="body.pivot")
         new = np.array(self.centre) - np.array(point)
         bare = inertia.about_centre(self.tensor, self.mass, self.centre)
         tensor = inertia.about_point(bare, self.mass, new)
@@ -175,10 +178,10 @@ class BodyChanges(BodyMakers):
                 body.moments, body.mass, body.centre
             ):
                 rule = "only bodies given by plain numbers can be joined"
-                raise SceneError("body", "join", None, rule)
-        place = vector(at, "body", "at")
+                raise SceneError(rule, at="body.join")
+        place = vector(at, "body.at")
         if not is_shared(place):
-            raise SceneError("body", "at", None, "expected plain numbers")
+            raise SceneError("expected plain numbers", at="body.at")
         a, origin = rotation.matrix(turned), np.array(place)
         centre = a @ np.array(other.centre)
         bare = inertia.about_centre(a @ other.tensor @ a.T, other.mass, centre)
@@ -186,7 +189,7 @@ class BodyChanges(BodyMakers):
         mass = self.mass + sign * other.mass
         if not mass > 0:
             rule = "nothing remains: the part taken away is not lighter than the body"
-            raise SceneError("body", "mass", mass, rule)
+            raise SceneError(rule, at="body.mass", value=mass)
         middle = (self.mass * np.array(self.centre) + sign * other.mass * (origin + centre)) / mass
         # a remainder must be a body about its own centre of mass too
         inertia.principal_axes(inertia.about_centre(tensor, mass, middle))

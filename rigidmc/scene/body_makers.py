@@ -117,14 +117,14 @@ class BodyMakers(metaclass=_Hints):
         """A body of a tensor (3, 3), with the solids that pictures draw."""
         wanted = "expected 3x3 finite numbers, not"
         cure = "; bodies that differ are given by moments, or by rm.UncertainInertia"
-        matrix = floats(tensor, "tensor", table="body", rule=f"{wanted} laws or words{cure}")
+        matrix = floats(tensor, "body.tensor", rule=f"{wanted} laws or words{cure}")
         if matrix.shape != (3, 3):
             rule = f"{wanted} {matrix.shape or 'one number'}{cure}"
-            raise SceneError("body", "tensor", None, rule)
+            raise SceneError(rule, at="body.tensor")
         try:
             moments, axes = inertia.principal_axes(matrix)
         except SceneError as error:
-            raise SceneError("body", "tensor", matrix.tolist(), error.rule) from None
+            raise SceneError(error.rule, at="body.tensor", value=matrix.tolist()) from None
         return cls(tuple(moments.tolist()), mass, centre, tuple(map(tuple, axes.tolist())), parts)
 
     @classmethod
@@ -159,15 +159,15 @@ class BodyMakers(metaclass=_Hints):
         >>> rm.Body.from_particles([1, 1, 1, 1], corners).moments
         (8.0, 2.0, 10.0)
         """
-        m = floats(masses, "masses", table="body.particles")
-        x = floats(positions, "positions", table="body.particles")
+        m = floats(masses, "body.particles.masses")
+        x = floats(positions, "body.particles.positions")
         if m.ndim != 1 or x.shape != (m.size, 3):
             rule = f"{m.size} masses need positions of shape ({m.size}, 3), not {x.shape}"
-            raise SceneError("body", "particles", None, rule)
+            raise SceneError(rule, at="body.particles")
         finite = np.isfinite(m).all() and np.isfinite(x).all()
         if not (finite and (m >= 0).all() and m.sum() > 0):
             rule = "masses and positions must be finite, no mass negative, and some mass positive"
-            raise SceneError("body", "particles", None, rule)
+            raise SceneError(rule, at="body.particles")
         mass = float(m.sum())
         centre = tuple((m @ x / mass).tolist())
         tensor = inertia.of_particles(m, x)
@@ -203,22 +203,22 @@ class BodyMakers(metaclass=_Hints):
         0.025
         """
         if name not in solids.SOLIDS:
-            raise unknown("body", name, None, "solid", solids.SOLIDS)
-        make, table = solids.SOLIDS[name], f"body.{name}"
+            raise unknown("solid", solids.SOLIDS, at="body", key=name)
+        make, at = solids.SOLIDS[name], f"body.{name}"
         wanted = tuple(inspect.signature(make).parameters)
         for key in sizes:
             if key not in wanted:
-                raise unknown(table, key, None, "key", wanted)
+                raise unknown("key", wanted, at=at, key=key)
         given: dict[str, Any] = {}
         for key in wanted:
             if key not in sizes:
-                raise SceneError(table, key, None, "is missing")
+                raise SceneError("is missing", at=f"{at}.{key}")
             count = solids.COMPONENTS.get((name, key))
             if count is None:
-                given[key] = _positive(sizes[key], key, table)
+                given[key] = _positive(sizes[key], f"{at}.{key}")
             else:
-                parts = vector(sizes[key], table, key, count)
-                given[key] = tuple(_positive(part, key, table) for part in parts)
+                parts = vector(sizes[key], f"{at}.{key}", count)
+                given[key] = tuple(_positive(part, f"{at}.{key}") for part in parts)
         mass, centre, tensor = make(**given)
         sizes = {key: given[key] for key in shape.sizes_of(name)}
         parts = (shape.Part(name, sizes),)
@@ -316,12 +316,12 @@ class BodyMakers(metaclass=_Hints):
         >>> [round(moment, 12) for moment in rm.Body.from_density(2.0, box).moments]
         [13.0, 10.0, 5.0]
         """
-        region = placed(region, "body", "region")
+        region = placed(region, "body.region")
         coarse, fine = (inertia.moments_of_density(density, region, points) for points in (24, 40))
         mass, first, second = fine[0], fine[1:4], fine[4:].reshape(3, 3)
         if not mass > 0:
             rule = f"the mass is {mass:.3g}; it must be positive"
-            raise SceneError("body", "density", None, rule)
+            raise SceneError(rule, at="body.density")
         # mass and second moments differ in units: their geometric mean measures first moments
         scale = np.array([mass, *[np.sqrt(mass * np.trace(second))] * 3, *[np.trace(second)] * 9])
         error = (np.abs(fine - coarse) / scale).max()
@@ -330,7 +330,7 @@ class BodyMakers(metaclass=_Hints):
                 f"the integral has not converged: two rules differ by {error:.1e} of it, more than"
                 f" {tolerance:g}; cut the region where the density jumps"
             )
-            raise SceneError("body", "density", None, rule)
+            raise SceneError(rule, at="body.density")
         tensor, centre = np.trace(second) * np.eye(3) - second, first / mass
         parts = shape.of_region(region)
         return cls._of_tensor(tensor, float(mass), tuple(centre.tolist()), parts)
@@ -376,25 +376,28 @@ class BodyMakers(metaclass=_Hints):
         """
         from rigidmc.mechanics import mesh
 
-        table = "body.mesh"
         if (density is None) == (mass is None):
-            raise SceneError(table, "density", density, "give either density or mass, one of them")
-        loaded = mesh.load(path, _positive(scale, "scale", table))
+            raise SceneError(
+                "give either density or mass, one of them",
+                at="body.mesh.density",
+                value=density,
+            )
+        loaded = mesh.load(path, _positive(scale, "body.mesh.scale"))
         volume, centre, tensor = mesh.mass_properties(loaded, 1.0)
         if mass is None:
-            by = _positive(density, "density", table)
+            by = _positive(density, "body.mesh.density")
         else:
-            by = _positive(mass, "mass", table) / volume
+            by = _positive(mass, "body.mesh.mass") / volume
         parts = (shape.of_mesh(loaded),)
         return cls._of_tensor(by * tensor, float(by * volume), tuple(centre.tolist()), parts)
 
 
-def _positive(value: Any, key: str, table: str = "body") -> float:
+def _positive(value: Any, at: str) -> float:
     """A positive plain number; SceneError."""
-    number = quantity(value, table, key)
+    number = quantity(value, at)
     if not isinstance(number, float):
         rule = "shapes take plain numbers; for bodies that differ give moments instead"
-        raise SceneError(table, key, None, rule)
+        raise SceneError(rule, at=at)
     if not number > 0:
-        raise SceneError(table, key, number, "must be positive")
+        raise SceneError("must be positive", at=at, value=number)
     return number

@@ -94,13 +94,17 @@ class Distribution:
         given = {**self.as_table(), "between": [low, high]}
         reals = all(is_number(x) or x in (-math.inf, math.inf) for x in (low, high))
         if not reals or not low < high:
-            raise SceneError("", "between", given, "expected between = [low, high] with low < high")
+            raise SceneError(
+                "expected between = [low, high] with low < high", at="between", value=given
+            )
         if self.name == "uniform":
             low, high = max(low, self.parameters[0]), min(high, self.parameters[1])
         law = Truncated("truncated", (self, float(low), float(high)))
         # a probability
         if not law.share() > 1e-300:
-            raise SceneError("", "between", given, "the distribution has no numbers between these")
+            raise SceneError(
+                "the distribution has no numbers between these", at="between", value=given
+            )
         # a uniform one has bits of its own, which are the same for every version of scipy
         return uniform(low, high) if self.name == "uniform" else law
 
@@ -274,10 +278,10 @@ def distribution(name: str, /, *values: float, **parameters: float) -> Distribut
     allowed = len(values) == 2 and not parameters and all(is_number(v) for v in values)
     if name == "normal" and not (allowed and values[1] > 0):
         rule = "expected normal = [mean, standard deviation > 0], finite numbers"
-        raise SceneError("", "distribution", given, rule)
+        raise SceneError(rule, at="distribution", value=given)
     if name == "uniform" and not (allowed and values[1] > values[0]):
         rule = "expected uniform = [low, high] with low < high, finite numbers"
-        raise SceneError("", "distribution", given, rule)
+        raise SceneError(rule, at="distribution", value=given)
     return Distribution(name, tuple(float(v) for v in values))
 
 
@@ -290,7 +294,9 @@ def _scipy_distribution(
         import scipy.stats
 
         known = [word for word in dir(scipy.stats) if _scipy(word) is not None]
-        error = unknown("", "distribution", name, "distribution", ["normal", "uniform", *known])
+        error = unknown(
+            "distribution", ["normal", "uniform", *known], at="distribution", value=name
+        )
         error.rule = (
             "no such distribution; known: normal = [mean, sd], uniform = [low, high], and the"
             " continuous ones of scipy.stats"
@@ -301,13 +307,13 @@ def _scipy_distribution(
     numbers = parameters is not None and all(is_number(v) for v in parameters.values())
     if parameters is None or not numbers or not parameters.keys() <= set(allowed):
         rule = f"scipy's {name} takes a table of numbers with the keys {', '.join(allowed)}"
-        raise SceneError("", "distribution", given, rule)
+        raise SceneError(rule, at="distribution", value=given)
     missing = [word for word in shapes if word not in parameters]
     law = Distribution(name, tuple((key, float(value)) for key, value in parameters.items()))
     if missing or not np.isfinite(law.ppf(np.array([0.25, 0.75]))).all():
         what = ", ".join(missing) or "a parameter"
         rule = f"{what} is missing or outside the domain of the distribution"
-        raise SceneError("", "distribution", given, rule)
+        raise SceneError(rule, at="distribution", value=given)
     return law
 
 
@@ -375,7 +381,7 @@ class Mixture(Distribution):
     def between(self, low: float, high: float) -> Distribution:
         """Refused: a mixture has no quantiles in closed form."""
         given = {**self.as_table(), "between": [low, high]}
-        raise SceneError("", "between", given, "give the bounds to the parts of the mixture")
+        raise SceneError("give the bounds to the parts of the mixture", at="between", value=given)
 
 
 def mixture(*parts: tuple[float, Distribution]) -> Distribution:
@@ -410,5 +416,5 @@ def mixture(*parts: tuple[float, Distribution]) -> Distribution:
         is_number(weight) and weight > 0 and isinstance(law, Distribution) for weight, law in pairs
     )
     if not known or len(pairs) != len(parts) or len(parts) < 2:
-        raise SceneError("", "mixture", [str(part) for part in parts], rule)
+        raise SceneError(rule, at="mixture", value=[str(part) for part in parts])
     return Mixture("mixture", tuple((float(weight), law) for weight, law in pairs))

@@ -71,7 +71,7 @@ def with_parameter(
     if solid is not None:
         return replace(scene, body=_of_mass(scene.body, solid, name, value, key))
     if name not in names:
-        raise unknown("", key, name, "scene parameter", names)
+        raise unknown("scene parameter", names, at=key, value=name)
     if table in ("body", "start"):
         part = getattr(scene, table)
         changed = {first: _put(getattr(part, first), rest, value)}
@@ -115,7 +115,7 @@ def _of_mass(body: Any, solid: str, name: str, value: Any, key: str) -> Any:
             " and the moments with it; to vary others give moments, mass and centre in place of"
             f" the {solid}"
         )
-        raise SceneError("", key, name, rule, right)
+        raise SceneError(rule, at=key, value=name, nearest=right)
     moments, mass, _ = body.sample(0, 0, 1)
     each = (moments[:, 0] / mass[0]).tolist()
     by_mass = value.times if isinstance(value, Grid) else value.__mul__

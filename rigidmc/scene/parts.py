@@ -109,7 +109,7 @@ class Parts:
         for key, kind in (("body", Body), ("start", Start), ("run", Run)):
             value = getattr(self, key)
             if not isinstance(value, kind):
-                raise SceneError("", key, value, f"expected a {kind.__name__}{_CURES[key]}")
+                raise SceneError(f"expected a {kind.__name__}{_CURES[key]}", at=key, value=value)
         several = isinstance(self.effects, (list, tuple)) and not is_effect(self.effects)
         effects: Iterable[Any] = self.effects if several else (self.effects,)
         effects = canonical(tuple(checked_effect(e, self.run.anti_damping) for e in effects))
@@ -262,7 +262,7 @@ class Parts:
             scene, (given["integrator"],) = self.with_integrators([given["integrator"]])
         run, integrators = changed(self.run, given), (*scene.known_integrators(), "auto")
         if run.integrator not in integrators:
-            raise unknown("run", "integrator", run.integrator, "integrator", integrators)
+            raise unknown("integrator", integrators, at="run.integrator", value=run.integrator)
         check_saved(run.save, observables)
         check_keep(run.keep, observables)
         return replace(scene, run=run, observables=observables)

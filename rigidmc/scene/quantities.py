@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from rigidmc.arrays import placed
 from rigidmc.engine.streams import uniforms
-from rigidmc.errors import RigidmcError, SceneError
+from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.functions import power
-from rigidmc.scene.amounts import counted
+from rigidmc.scene.amounts import parse_count
 from rigidmc.scene.distributions import Distribution, is_number
 
 Array = NDArray[np.float64]
@@ -110,12 +110,12 @@ def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False
     if not (is_number(low) and is_number(high) and low < high) or (log and not low > 0):
         above = ", above 0 if log = true" if log else ""
         rule = f"expected grid = [low, high, count] with low < high{above}"
-        raise SceneError("", "grid", given, rule)
+        raise SceneError(rule, at="grid", value=given)
     for name, value in (("count", count), ("stride", stride)):
         try:
-            counted(value, name)
-        except RigidmcError as error:
-            raise SceneError("", "grid", given, f"{name}: {error.rule}") from None
+            parse_count(value)
+        except ValueError as error:
+            raise SceneError(f"{name}: {error}", at="grid", value=given) from None
     return Grid(float(low), float(high), int(count), int(stride), bool(log))
 
 
@@ -134,42 +134,42 @@ class Varied:
         return Varied(self.value * by)
 
 
-def quantity(value: Any, table: str, key: str) -> Any:
+def quantity(value: Any, at: str) -> Any:
     """A number, a Distribution, a Grid, or a 1-D array with one entry per member; SceneError for
     anything else."""
     if isinstance(value, (Distribution, Grid, Varied)):
         return value
-    value = placed(value, table, key)
+    value = placed(value, at)
     if is_number(value):
         return float(value)
     if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiu":
         if not value.size:
-            raise SceneError(table, key, None, "an array needs at least one row")
+            raise SceneError("an array needs at least one row", at=at)
         with np.errstate(over="ignore"):  # of long doubles
             column = np.array(value, dtype=float)
         if not np.isfinite(column).all():
             row = int(np.flatnonzero(~np.isfinite(column))[0])
-            raise SceneError(table, key, float(column[row]), f"row {row} is not finite")
+            raise SceneError(f"row {row} is not finite", at=at, value=float(column[row]))
         column.flags.writeable = False
         return column
     rule = (
         "expected a finite number, a distribution, a grid, or a 1-D array with one entry per member"
     )
-    raise SceneError(table, key, value, rule)
+    raise SceneError(rule, at=at, value=value)
 
 
-def vector(values: Any, table: str, key: str, size: int = 3) -> tuple[Any, ...]:
+def vector(values: Any, at: str, size: int = 3) -> tuple[Any, ...]:
     """A tuple of `size` quantities, from a sequence of them or an array (members, size)."""
-    values = placed(values, table, key)
+    values = placed(values, at)
     rule = f"expected {size} components, or an array of shape (members, {size})"
     if isinstance(values, np.ndarray) and values.ndim != 1:
         if values.ndim != 2 or values.shape[1] != size:
             turned = "; give its transpose" if values.shape == (size, *values.shape[1:2]) else ""
-            raise SceneError(table, key, None, f"has the shape {values.shape}: {rule}{turned}")
+            raise SceneError(f"has the shape {values.shape}: {rule}{turned}", at=at)
         values = [np.ascontiguousarray(values[:, i]) for i in range(size)]
     if isinstance(values, str) or not hasattr(values, "__len__") or len(values) != size:
-        raise SceneError(table, key, values, rule)
-    return tuple(quantity(v, table, key) for v in values)
+        raise SceneError(rule, at=at, value=values)
+    return tuple(quantity(v, at) for v in values)
 
 
 def rows(*quantities: Any) -> int | None:
@@ -177,7 +177,7 @@ def rows(*quantities: Any) -> int | None:
     sizes = {q.size for q in quantities if isinstance(q, np.ndarray)}
     if len(sizes) > 1:
         rule = "arrays with one row per member must all have the same number of rows"
-        raise SceneError("", "arrays", sorted(sizes), rule)
+        raise SceneError(rule, at="arrays", value=sorted(sizes))
     return sizes.pop() if sizes else None
 
 

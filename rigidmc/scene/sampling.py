@@ -299,29 +299,29 @@ def refuse_indexed(model: Model, study: str, tables: bool = True) -> None:
     study : what it does with members, such as "families of members differ by what is drawn"
     tables : False if these may stay
     """
-    for table, key, value in _named(model):
+    for at, value in _named(model):
         if isinstance(value, Grid) or (tables and isinstance(value, np.ndarray)):
             kind = "a grid" if isinstance(value, Grid) else "a table with one row per member"
             rule = (
                 f"is {kind}: {study}; give distributions in place of grids and tables, or ask for"
                 " each row by itself"
             )
-            raise SceneError(table, key, None, rule)
+            raise SceneError(rule, at=at)
 
 
-def _named(model: Model) -> Iterator[tuple[str, str, Any]]:
-    """(table, key, quantity) of all quantities."""
+def _named(model: Model) -> Iterator[tuple[str, Any]]:
+    """(path, quantity) of all quantities."""
     body, start = model.body, model.start
-    given: list[tuple[str, str, Any]] = [
-        ("body", body.given, body.moments), ("body", "mass", body.mass),
-        ("body", "centre", body.centre), ("start", start.which, getattr(start, start.which)),
-        ("start", "attitude", start.attitude),
+    given: list[tuple[str, Any]] = [
+        (f"body.{body.given}", body.moments), ("body.mass", body.mass),
+        ("body.centre", body.centre), (f"start.{start.which}", getattr(start, start.which)),
+        ("start.attitude", start.attitude),
     ]  # fmt: skip
     for label, effect in labelled(model.effects):
         given += [
-            (f"effects.{label}", key, value)
+            (f"effects.{label}.{key}", value)
             for key, value in zip(effect._fields, effect, strict=True)
         ]
-    for table, key, value in given:
+    for at, value in given:
         parts = numbers_of(value) if isinstance(value, Law) else value
-        yield from ((table, key, one) for one in (parts if type(parts) is tuple else (parts,)))
+        yield from ((at, one) for one in (parts if type(parts) is tuple else (parts,)))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
-from rigidmc.errors import RigidmcError, SceneError
+from rigidmc.errors import SceneError, in_file
 from rigidmc.files.opening import is_zarr
 from rigidmc.scene.body import Body
 from rigidmc.scene.library import read_source
@@ -142,7 +142,7 @@ def _given(scene: Any) -> Scene:
             "a body alone does not say how it starts: give"
             " rm.Scene(body, start=rm.Start(omega=(0.0, 0.0, 1.0)))"
         )
-    raise SceneError("", "scene", None, f"is a {type(scene).__name__}; {rule}")
+    raise SceneError(f"is a {type(scene).__name__}; {rule}", at="scene")
 
 
 def loads(
@@ -161,12 +161,9 @@ def loads(
     allow_code : as for `Scene.load`; with None code is neither run nor refused: classes without
         physics stand in for it
     """
-    try:
+    with in_file(file):
         scene = Scene(**parts_of(text, file, settings, stored, title, allow_code))
         return scene.with_run(members=scene.rows_to_run())
-    except RigidmcError as error:
-        error.file = error.file or file
-        raise
 
 
 def scene_of(
@@ -191,5 +188,5 @@ def scene_of(
     if allow_code is False:
         allow_code = bool(source.encoding.get("allow_code"))
     file = source.encoding.get("source", "result")
-    rows = stored_rows(source, file)
+    rows = stored_rows(source)
     return loads(scene_text(source), file, settings, rows, allow_code=allow_code)

@@ -28,22 +28,21 @@ from pydantic import (
     ConfigDict,
     Field,
     ValidationError,
-    ValidationInfo,
     model_validator,
 )
 
-from rigidmc.errors import RigidmcError, SceneError, unknown
+from rigidmc.errors import SceneError, from_pydantic
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.scene.amounts import counted, seconds
+from rigidmc.scene.amounts import parse_count, parse_seconds
 
 
-def _time(value: Any, info: ValidationInfo) -> float:
-    return seconds(value, info.field_name, "run", positive=False)
+def _time(value: Any) -> float:
+    return parse_seconds(value, positive=False)
 
 
-def _count(value: Any, info: ValidationInfo) -> int:
-    return counted(value, info.field_name, None, table="run")
+def _count(value: Any) -> int:
+    return parse_count(value, least=None)
 
 
 Time = Annotated[float, BeforeValidator(_time), Field(gt=0)]
@@ -164,7 +163,7 @@ class Run(Table):
             for key, value in data.items()
         }
         if data.get("dt") is not None and data.get("turn") is not None:
-            raise SceneError("run", "turn", data["turn"], "give dt or turn, not both")
+            raise SceneError("give dt or turn, not both", at="run.turn", value=data["turn"])
         if data.get("tolerance") is not None and data.get("integrator") is None:
             data["integrator"] = "auto"
         return data
@@ -251,23 +250,6 @@ def _no_such(function: str, word: str, known: list[str]) -> str:
     return f"{function}() got an unexpected keyword argument '{word}'{hint}"
 
 
-def complaint(
-    error: ValidationError, table: str, model: type[BaseModel], data: Mapping[str, Any]
-) -> RigidmcError:
-    """The first complaint of pydantic as a SceneError about a key of a table."""
-    # a misspelt key comes before the right one that it leaves missing
-    first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-    key = str(first["loc"][0]) if first["loc"] else "scene"
-    if first["type"] == "extra_forbidden":
-        what = "key" if table else "table or key"
-        return unknown(table, key, None, what, list(model.model_fields))
-    if first["type"] == "missing":
-        return SceneError(table, key, None, "is missing")
-    if isinstance(ours := first.get("ctx", {}).get("error"), RigidmcError):
-        return ours
-    return SceneError(table, key, data.get(key), first["msg"][0].lower() + first["msg"][1:])
-
-
 # turn_rate stays in a run even if an override leaves it without effect, because `auto` tries
 # integrators that use it.
 STAYS = {"turn_rate"}
@@ -323,4 +305,4 @@ def changed(run: Run, given: Mapping[str, Any]) -> Run:
         lost = idle(new).keys() - idle(run).keys() - given.keys() - STAYS
         return Run.model_validate({k: v for k, v in settings.items() if k not in lost})
     except ValidationError as error:
-        raise complaint(error, "run", Run, given) from None
+        raise from_pydantic(error, "run", Run.model_fields, given) from None

@@ -69,7 +69,7 @@ def sizes_of(solid: str) -> tuple[str, ...]:
     if solid == "mesh":
         return ("corners", "faces")
     if solid not in SOLIDS:
-        raise unknown("body.shape", "solid", solid, "solid", (*SOLIDS, "particles", "mesh"))
+        raise unknown("solid", (*SOLIDS, "particles", "mesh"), at="body.shape.solid", value=solid)
     names = inspect.signature(SOLIDS[solid]).parameters
     return tuple(name for name in names if name not in ("mass", "density"))
 
@@ -82,38 +82,38 @@ def shape_of(tables: Any) -> Shape:
     """
     tables = [tables] if isinstance(tables, dict) else tables
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise SceneError("body", "shape", None, "expected tables [[body.shape]]")
+        raise SceneError("expected tables [[body.shape]]", at="body.shape")
     if len(tables) > MOST_PARTS:
-        raise SceneError("body", "shape", None, f"has more than {MOST_PARTS} parts")
+        raise SceneError(f"has more than {MOST_PARTS} parts", at="body.shape")
     return tuple(map(_part_of, tables))
 
 
 def _part_of(table: dict[str, Any]) -> Part:
-    where = "body.shape"
+    at = "body.shape"
     if not isinstance(table.get("solid"), str):
         rule = 'each part names its solid, e.g. solid = "cylinder"'
-        raise SceneError(where, "solid", table.get("solid"), rule)
+        raise SceneError(rule, at=f"{at}.solid", value=table.get("solid"))
     solid = table["solid"]
     wanted = sizes_of(solid)
     for key in table:
         if key not in ("solid", "at", "turned", "hole", *wanted):
-            raise unknown(where, key, None, "key", (*wanted, "at", "turned", "hole"))
+            raise unknown("key", (*wanted, "at", "turned", "hole"), at=at, key=key)
     for key in wanted:
         if key not in table:
-            raise SceneError(where, key, None, f"is missing: a {solid} has {', '.join(wanted)}")
+            raise SceneError(f"is missing: a {solid} has {', '.join(wanted)}", at=f"{at}.{key}")
     hole = table.get("hole", False)
     if not isinstance(hole, bool):
-        raise SceneError(where, "hole", hole, "expected true or false")
+        raise SceneError("expected true or false", at=f"{at}.hole", value=hole)
     sizes = {key: _size(solid, key, table[key]) for key in wanted}
     if solid == "mesh" and not 0 <= np.min(sizes["faces"]) <= np.max(sizes["faces"]) < len(
         sizes["corners"]
     ):
-        raise SceneError(where, "faces", None, "name corners that there are not")
+        raise SceneError("name corners that there are not", at=f"{at}.faces")
     if solid == "particles" and len(sizes["masses"]) != len(sizes["positions"]):
-        raise SceneError(where, "positions", None, "expected one for each of the masses")
-    at = _numbers("at", table.get("at", ORIGIN), (3,))
+        raise SceneError("expected one for each of the masses", at=f"{at}.positions")
+    place = _numbers("at", table.get("at", ORIGIN), (3,))
     turned = rotation.quaternion(_numbers("turned", table.get("turned", UPRIGHT), (4,)))
-    return Part(solid, sizes, tuple(at.tolist()), tuple(turned.tolist()), hole)
+    return Part(solid, sizes, tuple(place.tolist()), tuple(turned.tolist()), hole)
 
 
 def _size(solid: str, key: str, value: Any) -> Any:
@@ -122,12 +122,12 @@ def _size(solid: str, key: str, value: Any) -> Any:
         columns = () if key == "masses" else (3,)
         array = _numbers(key, value, (np.shape(value)[:1] or (1,)) + columns)
         if key == "faces" and not (array == np.floor(array)).all():
-            raise SceneError("body.shape", key, None, "expected numbers of corners")
+            raise SceneError("expected numbers of corners", at=f"body.shape.{key}")
         return _tuples(array.astype(int) if key == "faces" else array)
     count = COMPONENTS.get((solid, key))
     array = _numbers(key, value, () if count is None else (count,))
     if not (array > 0.0).all():
-        raise SceneError("body.shape", key, value, "must be positive")
+        raise SceneError("must be positive", at=f"body.shape.{key}", value=value)
     return _tuples(array)
 
 
@@ -139,7 +139,9 @@ def _numbers(key: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float64
         array = np.array(np.nan)
     if array.shape != shape or not np.isfinite(array).all():
         words = f"finite numbers, {' x '.join(map(str, shape))}" if shape else "a finite number"
-        raise SceneError("body.shape", key, value if array.size < 20 else None, f"expected {words}")
+        raise SceneError(
+            f"expected {words}", at=f"body.shape.{key}", value=value if array.size < 20 else None
+        )
     return array
 
 

@@ -56,15 +56,13 @@ class Start:
 
     def __post_init__(self) -> None:
         if (self.omega is None) == (self.momentum is None):
-            raise SceneError("start", "omega", None, "give either omega or momentum, one of them")
+            raise SceneError("give either omega or momentum, one of them", at="start.omega")
         given = self._given
         whole = isinstance(given, Law)
-        put = checked(given, "start", self.which) if whole else vector(given, "start", self.which)
+        put = (checked if whole else vector)(given, f"start.{self.which}")
         object.__setattr__(self, self.which, put)
         whole = isinstance(self.attitude, Law)
-        attitude = (
-            checked(self.attitude, "start", "attitude") if whole else _attitude(self.attitude)
-        )
+        attitude = checked(self.attitude, "start.attitude") if whole else _attitude(self.attitude)
         object.__setattr__(self, "attitude", attitude)
         if self.attitude == "ensemble" and not (
             isinstance(given, Ensemble) and given.direction is None
@@ -73,7 +71,7 @@ class Start:
                 "follows the law of the momentum: give momentum = { gibbs = kT }, or"
                 " { shell = { energy = E } } without a direction"
             )
-            raise SceneError("start", "attitude", self.attitude, rule)
+            raise SceneError(rule, at="start.attitude", value=self.attitude)
 
     @property
     def which(self) -> str:
@@ -203,28 +201,28 @@ def _attitude(value: Any) -> Any:
     """An attitude that is no law, with its numbers checked."""
     if isinstance(value, str):
         if value not in ("uniform", "ensemble"):
-            raise unknown("start", "attitude", value, "attitude", ["uniform", "ensemble"])
+            raise unknown("attitude", ["uniform", "ensemble"], at="start.attitude", value=value)
         return value
     if hasattr(value, "as_quat"):  # scipy's Rotation
         value = np.asarray(value.as_quat(scalar_first=True))
         value = value if value.ndim == 2 else tuple(value.tolist())
-    value = placed(value, "start", "attitude")
+    value = placed(value, "start.attitude")
     if not hasattr(value, "__len__"):
         rule = (
             'expected "uniform", "ensemble", a quaternion (w, x, y, z), Euler angles (phi, theta,'
             " psi), or a 3x3 matrix"
         )
-        raise SceneError("start", "attitude", value, rule)
+        raise SceneError(rule, at="start.attitude", value=value)
     shape = _shape(value)
     if shape in ((3, 3), (len(value), 3, 3)) and not _is_columns(value):
-        matrices = floats(value, "attitude", table="start")
-        q = quaternion_from_matrix(matrices, "start", "attitude")
+        matrices = floats(value, "start.attitude")
+        q = quaternion_from_matrix(matrices, "start.attitude")
         value = tuple(q.tolist()) if q.ndim == 1 else q
     by_member = isinstance(value, np.ndarray) and len(shape) == 2
     if by_member and shape[0] == 4:
         _refuse_turned(value)
     size = 3 if (shape[1] if by_member else len(value)) == 3 else 4
-    parts = vector(value, "start", "attitude", size)
+    parts = vector(value, "start.attitude", size)
     if size == 4:
         _check_quaternion(parts, value)
     return parts
@@ -238,7 +236,7 @@ def _refuse_turned(value: Any) -> None:
             f"has the shape {value.shape}, and its columns are quaternions: an array has one row"
             " per member; give its transpose"
         )
-        raise SceneError("start", "attitude", None, rule)
+        raise SceneError(rule, at="start.attitude")
 
 
 def _is_columns(value: Any) -> bool:
@@ -255,7 +253,7 @@ def _is_columns(value: Any) -> bool:
             " members: give a matrix as one array, np.array(rows), and Euler angles as quaternions,"
             " rigidmc.mechanics.rotation.from_euler(np.column_stack(angles))"
         )
-        raise SceneError("start", "attitude", None, rule)
+        raise SceneError(rule, at="start.attitude")
     return True
 
 
@@ -264,11 +262,11 @@ def _check_quaternion(parts: tuple[Any, ...], value: Any) -> None:
     if is_open(parts):
         if rows(*parts) is not None:
             rule = "a quaternion has distributions or arrays as components, not both"
-            raise SceneError("start", "attitude", None, rule)
+            raise SceneError(rule, at="start.attitude")
     # pure: components of a quaternion
     elif np.min(sum(p * p for p in parts)) < 1e-200:
         shown = value if is_shared(parts) else None
-        raise SceneError("start", "attitude", shown, "a quaternion of norm 0 is no attitude")
+        raise SceneError("a quaternion of norm 0 is no attitude", at="start.attitude", value=shown)
 
 
 def _shape(value: Any) -> tuple[int, ...]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rigidmc.arrays import placed
-from rigidmc.errors import SceneError, unknown
+from rigidmc.errors import PartError, SceneError, unknown
 from rigidmc.physics.dynamics.methods import implements, word_of
 from rigidmc.physics.effects import EFFECTS, name_of
 from rigidmc.physics.effects.protocol import Effect, facts, is_effect, shape
@@ -45,18 +45,19 @@ def checked_effect(effect: Any, driven: bool) -> Effect:
     if not is_effect(effect):
         known = ", ".join(kind.__name__ for kind in EFFECTS.values())
         rule = f"expected an effect with its parameters, one of {known}"
-        raise SceneError("effects", "effect", effect, rule)
-    table, values = f"effects.{name_of(effect)}", []
+        raise SceneError(rule, at="effects.effect", value=effect)
+    values = []
     for name, value in zip(effect._fields, effect, strict=True):
+        at = f"effects.{name_of(effect)}.{name}"
         size, (low, high) = shape(effect, name), limits(effect, name, driven)
-        value = placed(value, table, name)
+        value = placed(value, at)
         if isinstance(value, str) or (size is None and isinstance(value, (tuple, list))):
-            raise SceneError(table, name, value, _one_number(effect, name, value))
-        one = quantity(value, table, name) if size is None else vector(value, table, name, size)
+            raise SceneError(_one_number(effect, name, value), at=at, value=value)
+        one = quantity(value, at) if size is None else vector(value, at, size)
         for part in (one,) if size is None else one:
             if not is_open(part) and not (low <= np.min(part) and np.max(part) <= high):
                 wrong = float(np.min(part) if np.min(part) < low else np.max(part))
-                raise SceneError(table, name, wrong, outside(effect, low, high))
+                raise SceneError(outside(effect, low, high), at=at, value=wrong)
         values.append(one)
     return type(effect)(*values)
 
@@ -85,14 +86,14 @@ def checked_observable(observable: Any) -> OverSteps | Observable:
         kinds = (*WITH_TABLE.values(), *WATCHED.values())
         shipped = ", ".join(kind.__name__ for kind in kinds)
         rule = f"expected one of {shipped}, or one of your own, with its parameters"
-        raise SceneError("observables", "observable", observable, rule)
+        raise SceneError(rule, at="observables.observable", value=observable)
     word = word_of_observable(observable)
     if is_own(observable) and word in KNOWN:
         rule = f"'{word}' is an observable of the package: give the class another name"
-        raise SceneError("observables", type(observable).__name__, None, rule)
+        raise PartError.of(observable, rule, "observables")
     whole = {}  # 1e2 bins are 100 bins
     for name, kind in type(observable).__annotations__.items():
-        value = placed(getattr(observable, name), f"observables.{word}", name)
+        value = placed(getattr(observable, name), f"observables.{word}.{name}")
         real = isinstance(value, Real) and not isinstance(value, bool)
         if kind is int and real and float(value) == float(value) // 1:
             whole[name] = int(value)
@@ -110,16 +111,16 @@ def check_saved(names: Iterable[str], observables: Sequence[Any]) -> None:
         word, kind = word_of_observable(one), type(one)
         if given.setdefault(word, kind) is not kind:
             rule = f"there are two classes whose name is '{word}': give one of them another name"
-            raise SceneError("observables", kind.__name__, None, rule)
+            raise PartError.of(kind, rule, "observables")
     for name in names:
         if name not in (names_known := known(observables)):
-            raise unknown("run", "save", name, "observable", names_known)
+            raise unknown("observable", names_known, at="run.save", value=name)
         shipped = {**WITH_TABLE, **WATCHED}.get(name)
         if shipped is not None and name not in given:
             missing = [f for f in shipped._fields if f not in shipped._field_defaults]
             if missing:
                 rule = f"needs a table [observables.{name}] with {', '.join(missing)}"
-                raise SceneError("run", "save", name, rule)
+                raise SceneError(rule, at="run.save", value=name)
 
 
 # members whose sampled values are checked before a run; always the first ones, so that no result
@@ -133,18 +134,18 @@ def check_histogram(one: Histogram, given: Sequence[Any]) -> None:
 
     given : the observables of the scene, with their numbers
     """
-    table = "observables.histogram"
+    at = "observables.histogram.of"
     if any(is_opaque(x) and word_of_observable(x) == one.name for x in given):
         return
     known = [name for name in (*OBSERVABLES, *own(given)) if name != "work"]
     if one.name not in known:
-        raise unknown(table, "of", one.name, "observable", known)
+        raise unknown("observable", known, at=at, value=one.name)
     count = size(named(given, one.name).dims)
     if (count > 1) != one.of.endswith("]") or one.component >= count:
         rule = f"{one.name} has no components"
         if count > 1:
             rule = f"{one.name} has {count} components: give one, as in {one.name}[{count}]"
-        raise SceneError(table, "of", one.of, rule)
+        raise SceneError(rule, at=at, value=one.of)
 
 
 def limits(effect: Effect | type[Effect], name: str, driven: bool) -> tuple[float, float]:

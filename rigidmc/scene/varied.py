@@ -46,7 +46,7 @@ def nominal_of(scene: Scene, names: Iterable[str]) -> Nominal:
     found: Nominal = {}
     for name in names:
         if name not in names_of(scene):
-            raise unknown("", "varied", name, "scene parameter", names_of(scene))
+            raise unknown("scene parameter", names_of(scene), at="varied", value=name)
         value = value_at(scene, name)
         found[name] = list(map(_middle, value)) if isinstance(value, tuple) else _middle(value)
     return found
@@ -121,9 +121,9 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
     for name in {**values, **known}:
         if name not in known:
             rule = f"is not varied; varied: {', '.join(known) or 'nothing'}"
-            raise OptionError("", "values", name, rule, nearest(name, known))
+            raise OptionError(rule, at="values", value=name, nearest=nearest(name, known))
         if name not in values:
-            raise OptionError("", "values", None, f"lacks {name}, which is varied")
+            raise OptionError(f"lacks {name}, which is varied", at="values")
     given = {name: np.asarray(array, dtype=float) for name, array in values.items()}
     counts = {name: array.shape[0] if array.ndim else 0 for name, array in given.items()}
     count = max(counts.values())
@@ -132,6 +132,6 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
         wanted = (count,) if size is None else (count, size)
         if array.shape != wanted or not count:
             rule = f"{name} has the shape {array.shape}, expected {wanted}"
-            raise OptionError("", "values", None, rule)
+            raise OptionError(rule, at="values")
         scene = put(scene, name, array if size is None else tuple(np.ascontiguousarray(array.T)))
     return replace(scene, run=scene.run.model_copy(update={"first": 0, "members": count})), count

@@ -30,7 +30,7 @@ def compare(scene: Scene, at: float, members: int) -> list[str]:
     motion, good = case.motion(at), case.form != NONE
     if not good.any():
         rule = f"none of the first {members:,} is a body with a start: no motion to compare"
-        raise OptionError("", "members", None, rule)
+        raise OptionError(rule, at="members")
     motions, plural = case.kinds(), "s" * (members > 1)
     lines = [
         f"{scene.title}: {case.name}, closed form at t = {at:g} s, {members:,} member{plural}",
@@ -140,14 +140,14 @@ def _beside(motion: Motion, result: xr.Dataset) -> list[str]:
     last, status = result.isel(time=-1), result.status.values
     if integrator == "closed":
         rule = "the closed form is not compared with itself; use exact, rk8 or srkn11"
-        raise SceneError("run", "integrator", integrator, rule)
+        raise SceneError(rule, at="run.integrator", value=integrator)
     good = status == 0
     if not good.any():
         counts = {word: int((status == code).sum()) for word, code in STATUSES.items()}
         words = ", ".join(f"{count:,} {word}" for word, count in counts.items() if count)
         rule = f"all {members:,} members are flagged ({words}): there is no integration"
         raise SceneError(
-            "run", "integrator", integrator, f"{rule} to compare with; perhaps dt is too long"
+            f"{rule} to compare with; perhaps dt is too long", at="run.integrator", value=integrator
         )
     shown = int(np.argmax(good))
     omega = last.omega.transpose("member", "axis").values

@@ -54,7 +54,7 @@ def goal(text: str, variables: Variables) -> Goal:
     parts = _SIGN.split(text.strip())
     width = _WIDTH.fullmatch(parts[1]) if len(parts) == 2 else None
     if width is None or not float(width[1]) > 0.0:
-        raise OptionError("run", "until", text, RULE)
+        raise OptionError(RULE, at="run.until", value=text)
     half = float(width[1]) / (100.0 if width[2] else 1.0)
     return Goal(measure(parts[0], variables), half, bool(width[2]))
 
@@ -125,7 +125,7 @@ def simulate_until(
     """
     if options.get("members") is not None:
         rule = "there are as many members as it takes, `most` at most: give that"
-        raise OptionError("run", "members", options["members"], rule)
+        raise OptionError(rule, at="run.members", value=options["members"])
     most = counted(most, "most")
     if output is not None:
         refuse_existing(output, force)
@@ -157,10 +157,10 @@ def _refuse_no_sample(scene: Scene, until: str) -> None:
     """SceneError for members whose spread gives no interval, or whose first ones are no sample."""
     if scene.run.points != "independent":
         rule = f"the spread of {scene.run.points} points gives no interval: see rigidmc.randomised"
-        raise SceneError("run", "points", scene.run.points, f"{rule}; use independent ones")
+        raise SceneError(f"{rule}; use independent ones", at="run.points", value=scene.run.points)
     if not is_sample(scene.model):
         rule = "has no interval that members make narrower: nothing in the scene is drawn"
-        raise OptionError("run", "until", until, rule)
+        raise OptionError(rule, at="run.until", value=until)
     refuse_indexed(
         scene.model, "the first members have only the first of its numbers", tables=False
     )
@@ -200,7 +200,7 @@ def _grown(
             return size, interval
         if wanted.measure.kind == "quantile" and interval.low == interval.until:
             rule = f"is later than {interval.until:g} s, until which members were followed"
-            raise OptionError("run", "until", until, f"{rule}: give a longer t_end")
+            raise OptionError(f"{rule}: give a longer t_end", at="run.until", value=until)
         if known == 0:
             _check_first(until, wanted, interval, size)
         if size >= most:
@@ -212,7 +212,7 @@ def _grown(
         if known == 0 and needed > most:
             by = f"by the first {size:,} ({interval.value:.4g} +- {interval.half:.2g})"
             rule = f"needs about {needed:,} members {by}, more than the limit of {most:,}"
-            raise OptionError("run", "until", until, rule)
+            raise OptionError(rule, at="run.until", value=until)
         known, size = size, min(most, max(needed, size + FIRST))
 
 
@@ -220,10 +220,10 @@ def _check_first(until: str, wanted: Goal, interval: Estimate, size: int) -> Non
     """OptionError if the first round shows that no number of members reaches the goal."""
     if np.isnan(interval.value):
         rule = f"none of the first {size:,} members has a {wanted.measure.result.name}"
-        raise OptionError("run", "until", until, rule)
+        raise OptionError(rule, at="run.until", value=until)
     if wanted.half_at(interval.value) == 0.0:
         rule = f"is 0 for the first {size:,} members: no number of them brings it to a share of 0"
-        raise OptionError("run", "until", until, f"{rule}; give the width itself")
+        raise OptionError(f"{rule}; give the width itself", at="run.until", value=until)
 
 
 def goal_reached(until: str, interval: Interval) -> bool:

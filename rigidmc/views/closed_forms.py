@@ -188,7 +188,7 @@ def case_summary(case: Case, title: str, t_end: float) -> Figure:
     form = int(case.form[0])
     if form == NONE:
         rule = "the first member has no body or no start: no motion to draw"
-        raise OptionError("", "members", None, rule)
+        raise OptionError(rule, at="members")
     if form == 0:
         return free_summary(moments, momentum, attitude, t_end, title)
     moments, momentum, attitude = with_axis_third(form, moments, momentum, attitude)

@@ -301,11 +301,11 @@ def body_of(
 
     if density is not None or mass is not None or scale != 1.0:
         rule = "are for meshes; a scene has its mass in its [body]"
-        raise OptionError("", "--density, --mass, --scale", None, rule)
+        raise OptionError(rule, at="density, mass, scale")
     scene = Scene.load(source)
     if not is_shared(*scene.body.quantities()):
         rule = "the body differs from member to member; give plain numbers to see one"
-        raise SceneError("body", "moments", None, f"{rule}, e.g. in a copy of the scene")
+        raise SceneError(f"{rule}, e.g. in a copy of the scene", at="body.moments")
     return scene.body, scene.title
 
 

@@ -148,7 +148,7 @@ def _times(body: Body, motion: Motion, t_end: float | None) -> tuple[float, floa
     )
     if not rate > 0.0:
         rule = "nothing moves: give a spin, or --gravity and a --pivot"
-        raise OptionError("", "--spin", ",".join(f"{w:g}" for w in motion.spin), rule)
+        raise OptionError(rule, at="spin", value=",".join(f"{w:g}" for w in motion.spin))
     end = _round(TURNS * 2.0 * math.pi / max(spin, swing)) if t_end is None else t_end
     every = _decimal(end / _saves(end, scene))
     # a save is a whole, round number of steps

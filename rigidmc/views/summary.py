@@ -78,7 +78,7 @@ def _measured(dataset: xr.Dataset, text: str, confidence: float) -> str:
     try:
         return f"  {text}: {estimate(dataset, text, confidence).words(confidence)}"
     except OptionError as error:
-        error.key = "of"
+        error.at = "of"
         raise
 
 

@@ -29,7 +29,9 @@ def test_controls_are_shown_as_escapes():
     safe = "\\x1b]0;title\\x07\\x1b[2J\\x9b31m\\u202egnp.exe\\r\\x00\\x7f"
     assert shown(EVIL) == safe
     assert shown("plain |L|², Größe\té\n") == "plain |L|², Größe\té\n"
-    assert str(SceneError(EVIL, EVIL, EVIL, EVIL, EVIL, EVIL)).isprintable()
+    assert str(
+        SceneError(EVIL, at=f"{EVIL}.{EVIL}", value=EVIL, nearest=EVIL, file=EVIL)
+    ).isprintable()
     out = io.StringIO()
     print(EVIL, file=Stream(out))
     assert out.getvalue() == safe + "\n"

@@ -15,7 +15,7 @@ import pytest
 import zarr
 
 import rigidmc as rm
-from rigidmc.errors import FileError, RigidmcError, SceneError, nearest
+from rigidmc.errors import FileError, RigidmcError, SceneError, nearest, path_of
 from rigidmc.files import reading
 from rigidmc.files.zarr_store import refuse_hostile
 from rigidmc.mechanics import mesh
@@ -86,13 +86,13 @@ def test_strings_of_toml_are_found_as_toml_has_them():
 def test_messages_are_no_longer_than_a_screen():
     long = "x" * 10**6
     for error in (
-        RigidmcError(long, long, long, long, long, long),
-        SceneError("", "key", 10**5000, f"known: {long}"),
+        RigidmcError(long, at=path_of(long, long), value=long, nearest=long, file=long),
+        SceneError(f"known: {long}", at="key", value=10**5000),
     ):
         assert len(str(error)) < 2 * 80 * 24
     assert nearest(long, [long, long + "y"]) is None
     assert nearest("abcd", (f"abc{i}" for i in range(10**6))) in [f"abc{i}" for i in range(10)]
-    assert len(str(rm.errors.unknown("", "a", None, "key", [long] * 1000))) < 2 * 80 * 24
+    assert len(str(rm.errors.unknown("key", [long] * 1000, key="a"))) < 2 * 80 * 24
 
 
 def table(folder, text, name="a"):

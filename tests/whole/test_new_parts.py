@@ -180,8 +180,8 @@ class Ring(Law):
     of = ("omega", "momentum")
     sized = {"size": 1}
 
-    def checked(self, where):
-        return Ring(number(self.size, where, "size", least=0.0))
+    def checked(self, at):
+        return Ring(number(self.size, f"{at}.size", least=0.0))
 
     def sample(self, source, name, first, count, facts):
         size, angle = draw((self.size, AROUND), source, f"{name}.ring", first, count)

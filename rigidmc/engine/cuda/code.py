@@ -177,7 +177,7 @@ def ptx_of(module: llvm.ModuleRef, capability: tuple[int, int]) -> str:
     if lacking:
         names = ", ".join(_plain(name) for name in lacking)
         rule = f"calls {names}, which no device has: write it with the functions of rigidmc"
-        raise OptionError("", "device", "cuda", f"code of your own {rule}")
+        raise OptionError(f"code of your own {rule}", at="device", value="cuda")
     return str(machine.emit_assembly(made))
 
 

@@ -79,7 +79,7 @@ def settled_device(word: str | None) -> str:
         return device_now()
     if word not in WORDS and not re.fullmatch(r"cuda:\d{1,3}", word):
         rule = "expected cpu, cuda, cuda:NUMBER or auto"
-        raise OptionError("", "device", word, rule, nearest(word, WORDS))
+        raise OptionError(rule, at="device", value=word, nearest=nearest(word, WORDS))
     if word == "auto":
         try:
             chosen(None)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.errors import SceneError, nearest
+from rigidmc.errors import PartError, SceneError, nearest
 from rigidmc.physics.dynamics.methods import Method, arguments, implements
 
 RULE = (
@@ -47,16 +47,16 @@ class Trial(NamedTuple):
     """A user's class under trial: the table of the scene that names it, for messages, and an
     instance whose numbers are floats, as compiled code has them."""
 
-    table: str
+    at: str
     part: Any
 
-    def complaint(self, name: str, rule: str, line: int | None = None) -> SceneError:
+    def complaint(self, name: str, rule: str, line: int | None = None) -> PartError:
         """The error about a method or a fact of the class, with its line if that is known."""
         kind = type(self.part)
         # a class of a notebook has no file itself
         file = getattr(kind, name).__code__.co_filename if line else ""
         place = f"{file}, line {line}: {linecache.getline(file, line).strip()}: " if line else ""
-        return SceneError(self.table, f"{kind.__name__}.{name}", None, place + rule)
+        return PartError.of(kind, place + rule, self.at, name, line)
 
     def read(self, *methods: Method) -> None:
         """Raise SceneError for a method that asks for what there is not, or that has a loop whose

@@ -110,7 +110,7 @@ def word_of_observable(value: Any) -> str:
     """The name of an observable; SceneError for anything else."""
     if not is_observable(value):
         rule = "expected names of observables, or observables such as rigidmc.Flips()"
-        raise SceneError("run", "save", value, rule)
+        raise SceneError(rule, at="run.save", value=value)
     return word_of(type(value))
 
 

@@ -18,14 +18,14 @@ RULE = (
 )
 
 
-def check(table: str, key: str, about: Any) -> None:
+def check(about: Any, at: str) -> None:
     """Raise SceneError for what is no direction."""
     if isinstance(about, str):
         if about not in WORDS:
-            raise unknown(table, key, about, "direction", WORDS)
+            raise unknown("direction", WORDS, at=at, value=about)
         return
     if not is_vector(about):
-        raise SceneError(table, key, about, RULE)
+        raise SceneError(RULE, at=at, value=about)
 
 
 def is_vector(value: Any) -> bool:
@@ -44,7 +44,7 @@ def _is_finite(x: Any) -> bool:
     return isinstance(x, (int, float)) and not isinstance(x, bool) and math.isfinite(x)
 
 
-def source(table: str, key: str, about: str, effects: Sequence[Any]) -> int:
+def source(about: str, effects: Sequence[Any], at: str) -> int:
     """The place of the effect that has the orbit or the field; SceneError if there is none."""
     field = about == "field"
     kinds = (UniformField, RotatingField) if field else (GravityGradient,)
@@ -52,9 +52,9 @@ def source(table: str, key: str, about: str, effects: Sequence[Any]) -> int:
     if not found:
         names = "uniform_field] or [effects.rotating_field" if field else "gravity_gradient"
         rule = f"there is no {'field' if field else 'orbit'}: it needs [effects.{names}]"
-        raise SceneError(table, key, about, rule)
+        raise SceneError(rule, at=at, value=about)
     if field and len(found) > 1:
-        raise SceneError(table, key, about, "expected one field; the scene has several")
+        raise SceneError("expected one field; the scene has several", at=at, value=about)
     return found[0]
 
 
@@ -83,13 +83,13 @@ class Direction(NamedTuple):
     vector: tuple[float, ...] = ()
 
 
-def compiled(table: str, key: str, about: Any, effects: Sequence[Any]) -> Direction:
+def compiled(about: Any, effects: Sequence[Any], at: str) -> Direction:
     """The Direction that `about` means; SceneError without the orbit or the field it needs."""
     if not isinstance(about, str):
         size = math.hypot(*about)
         return Direction(vector=tuple(x / size for x in about))
     if about in (*ORBIT, "field"):
-        which = source(table, key, about, effects)
+        which = source(about, effects, at)
         if about == "field":
             turns = flag(isinstance(effects[which], RotatingField))
             return Direction(field=ON, which=static_count(which), other=turns)

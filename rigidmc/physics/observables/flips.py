@@ -67,11 +67,11 @@ class Flips(NamedTuple):
         """Raise SceneError for an axis or an angle that is not allowed."""
         if isinstance(self.axis, bool) or self.axis not in (0, 1, 2, 3):
             rule = "expected 1, 2, 3, or 0 for the axis of the middle moment"
-            raise SceneError(TABLE, "axis", self.axis, rule)
+            raise SceneError(rule, at=f"{TABLE}.axis", value=self.axis)
         real = isinstance(self.within, (int, float)) and not isinstance(self.within, bool)
         if not real or not 0.0 < self.within <= 0.5 * math.pi:
             rule = "expected an angle between 0 and pi/2 [rad]"
-            raise SceneError(TABLE, "within", self.within, rule)
+            raise SceneError(rule, at=f"{TABLE}.within", value=self.within)
 
     def compiled(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "Component":
         """The event for bodies of these moments (3, n); complete : whether these are all bodies."""
@@ -85,7 +85,7 @@ class Flips(NamedTuple):
                     "no body of the scene has three different moments, so that none has a middle "
                     "axis; give axis = 1, 2 or 3"
                 )
-                raise SceneError(TABLE, "axis", self.axis, rule)
+                raise SceneError(rule, at=f"{TABLE}.axis", value=self.axis)
             axes = sorted({int(i) for i in order[1]}) if complete else [0, 1, 2]
             some_alike = not complete or not different.all()
         one, two, three = (flag(i in axes) for i in range(3))

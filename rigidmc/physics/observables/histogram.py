@@ -47,17 +47,19 @@ class Histogram(NamedTuple):
         """Raise SceneError for a text or a number that is not allowed."""
         if not isinstance(self.of, str) or not re.fullmatch(r"[a-z0-9_]+(\[[1-4]\])?", self.of):
             rule = 'expected the name of an observable, as in "energy" or "omega[3]"'
-            raise SceneError(TABLE, "of", self.of, rule)
+            raise SceneError(rule, at=f"{TABLE}.of", value=self.of)
         for key, end in (("low", self.low), ("high", self.high)):
             real = isinstance(end, (int, float)) and not isinstance(end, bool)
             if not real or not math.isfinite(end):
-                raise SceneError(TABLE, key, end, "expected a finite number")
+                raise SceneError("expected a finite number", at=f"{TABLE}.{key}", value=end)
         if not self.low < self.high:
-            raise SceneError(TABLE, "high", self.high, f"expected more than low = {self.low:g}")
+            raise SceneError(
+                f"expected more than low = {self.low:g}", at=f"{TABLE}.high", value=self.high
+            )
         whole = isinstance(self.bins, int) and not isinstance(self.bins, bool)
         if not whole or not 1 <= self.bins <= 100_000:
             rule = "expected a whole number between 1 and 100000"
-            raise SceneError(TABLE, "bins", self.bins, rule)
+            raise SceneError(rule, at=f"{TABLE}.bins", value=self.bins)
 
     @property
     def name(self) -> str:

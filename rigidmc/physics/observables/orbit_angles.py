@@ -57,7 +57,7 @@ class OrbitAngles(NamedTuple):
         whole = three and all(type(i) is int and abs(i) in (1, 2, 3) for i in self.axes)
         if not whole or np.linalg.det([unit(i) for i in self.axes]) < 0.5:
             rule = "expected three different axes that are right-handed, such as [2, -3, -1]"
-            raise SceneError(TABLE, "axes", self.axes, rule)
+            raise SceneError(rule, at=f"{TABLE}.axes", value=self.axes)
 
     def words(self) -> dict[str, Any]:
         """The axes."""
@@ -65,7 +65,7 @@ class OrbitAngles(NamedTuple):
 
     def under(self, effects: Sequence[Any]) -> Self:
         """The same as it is compiled: unit vectors, then how many effects are before the orbit."""
-        before = static_count(source(TABLE, "axes", "orbit", effects))
+        before = static_count(source("orbit", effects, f"{TABLE}.axes"))
         return self._replace(axes=(*map(unit, self.axes), before))
 
     def value(self, effects, t, q):

@@ -78,23 +78,25 @@ class Passage(NamedTuple):
         """Raise SceneError for an axis, an angle or a word that is not allowed."""
         if isinstance(self.axis, bool) or self.axis not in (1, 2, 3, -1, -2, -3):
             rule = "expected 1, 2 or 3, or -1, -2, -3 for the other end of the axis"
-            raise SceneError(TABLE, "axis", self.axis, rule)
+            raise SceneError(rule, at=f"{TABLE}.axis", value=self.axis)
         real = isinstance(self.angle, (int, float)) and not isinstance(self.angle, bool)
         if not real or not 0.0 < self.angle < math.pi:
             rule = "expected an angle between 0 and pi [rad]"
-            raise SceneError(TABLE, "angle", self.angle, rule)
-        directions.check(TABLE, "about", self.about)
+            raise SceneError(rule, at=f"{TABLE}.angle", value=self.angle)
+        directions.check(self.about, f"{TABLE}.about")
         for key, word, known in (
             ("way", self.way, WAY),
             ("at_start", self.at_start, AT_START),
         ):
             if word not in known:
-                raise unknown(TABLE, key, word, "word", known)
+                raise unknown("word", known, at=f"{TABLE}.{key}", value=word)
         real = isinstance(self.hold, (int, float)) and not isinstance(self.hold, bool)
         if not real or not 0.0 <= self.hold < math.inf:
-            raise SceneError(TABLE, "hold", self.hold, "expected a time of 0 or more [s]")
+            raise SceneError(
+                "expected a time of 0 or more [s]", at=f"{TABLE}.hold", value=self.hold
+            )
         if not isinstance(self.stop, bool):
-            raise SceneError(TABLE, "stop", self.stop, "expected true or false")
+            raise SceneError("expected true or false", at=f"{TABLE}.stop", value=self.stop)
 
     def compiled(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "Cone":
         """The event, the same for all bodies; SceneError without the orbit or field it needs."""
@@ -106,7 +108,7 @@ class Passage(NamedTuple):
             outward * math.cos(self.angle),
             flag(self.stop),
             flag(self.at_start == "ignore"),
-            directions.compiled(TABLE, "about", self.about, effects),
+            directions.compiled(self.about, effects, f"{TABLE}.about"),
             (float(self.hold), *flag(smooth)) if self.hold else (),
         )
 

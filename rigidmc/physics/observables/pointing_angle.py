@@ -50,8 +50,8 @@ class PointingAngle(NamedTuple):
         whole = type(self.axis) is int and abs(self.axis) in (1, 2, 3)
         if not whole and not is_vector(self.axis):
             rule = "expected 1, 2, 3, -1, -2 or -3, or a direction of three numbers"
-            raise SceneError(TABLE, "axis", self.axis, rule)
-        directions.check(TABLE, "about", self.about)
+            raise SceneError(rule, at=f"{TABLE}.axis", value=self.axis)
+        directions.check(self.about, f"{TABLE}.about")
 
     def words(self) -> dict[str, Any]:
         """Both directions."""
@@ -65,7 +65,7 @@ class PointingAngle(NamedTuple):
             axis = directions.unit(axis)
         else:
             axis = tuple(x / math.hypot(*axis) for x in axis)
-        about = directions.compiled(TABLE, "about", self.about, effects)
+        about = directions.compiled(self.about, effects, f"{TABLE}.about")
         return self._replace(axis=axis, about=about)  # type: ignore[arg-type]
 
     def value(self, effects, t, q, l):

@@ -150,7 +150,7 @@ def choose(
         rule = (
             "expected an error between 0 and 1: of the momentum's size, and of the attitude in rad"
         )
-        raise SceneError("run", "tolerance", tolerance, rule)
+        raise SceneError(rule, at="run.tolerance", value=tolerance)
     check_quiet(scene)
     first = pilot(scene, members)
     check_pilot(scene, first)
@@ -284,7 +284,7 @@ def check_quiet(scene: Scene) -> None:
             f"{', '.join(noisy)} is random: no path is right, and what can be measured is the "
             "error of averages, by halving dt"
         )
-        raise SceneError("effects", noisy[0], None, rule)
+        raise SceneError(rule, at=f"effects.{noisy[0]}")
 
 
 def check_pilot(scene: Scene, pilot: Pilot) -> None:
@@ -295,7 +295,7 @@ def check_pilot(scene: Scene, pilot: Pilot) -> None:
             f"{bad} of {pilot.members} members of the pilot are no bodies: mend the scene before "
             "asking for accuracy"
         )
-        raise SceneError("body", "moments", None, rule)
+        raise SceneError(rule, at="body.moments")
 
 
 def _gain(pilot: Pilot, growth: float) -> float:
@@ -323,7 +323,7 @@ def _unreachable(
             " jump: round it off over a width that some steps resolve, as `rest` of dry_friction"
             " does, or give an integrator and a step in place of a tolerance"
         )
-        return SceneError("run", "tolerance", tolerance, rule)
+        return SceneError(rule, at="run.tolerance", value=tolerance)
     reason = (
         f"{why}; over {scene.run.t_end:g} s a change of the start grows {worst:.1e} times in the "
         "worst 1 % of members"
@@ -333,7 +333,7 @@ def _unreachable(
         f"out of reach of double precision here: the best is {nearest:.1e}. "
         f"{reason[0].upper()}{reason[1:]}. Ask for less, or for a shorter t_end"
     )
-    return SceneError("run", "tolerance", tolerance, rule)
+    return SceneError(rule, at="run.tolerance", value=tolerance)
 
 
 Candidate = tuple[str, str]  # integrator and dtype

@@ -83,7 +83,7 @@ def integrated(
             f"{bad} of {pilot.members} members end non-finite with rk8 and {other} at {steps:,} "
             "steps: no truth to compare with"
         )
-        raise SceneError("", "pilot", None, rule)
+        raise SceneError(rule, at="pilot")
     sums = " (sums compensated)" if compensated else ""
     count = f"{'up to ' if pilot.member_steps else ''}{steps:,} steps"
     return Truth(ends[0], f"rk8 in {count}, which {other} confirms{sums}", apart)
@@ -133,7 +133,7 @@ def check_agreement(apart: Array, known: Array, true: Truth, other: str) -> None
             f"{limit[at]:.1e}. One of them is wrong, so neither is used; please report this "
             "scene, and give an integrator and a step instead"
         )
-        raise SceneError("", "pilot", None, rule)
+        raise SceneError(rule, at="pilot")
 
 
 def closed_states(pilot: Pilot) -> States:

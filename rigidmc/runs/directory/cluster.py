@@ -84,7 +84,7 @@ def checked(cluster: str) -> tuple[str, str]:
     local = kind == "local" and rest.isascii() and rest.isdigit() and 0 < int(rest) <= 1024
     if not local and not (kind in ("tcp", "tls", "ucx") and rest.startswith("//")):
         rule = "expected tcp://host:port of a scheduler, or local:N for N processes here"
-        raise OptionError("", "--cluster", cluster, rule)
+        raise OptionError(rule, at="cluster", value=cluster)
     return kind, rest
 
 
@@ -134,7 +134,7 @@ def _connected(cluster: str, directory: RunDirectory) -> "Iterator[Client]":
         from distributed import Client, LocalCluster
     except ImportError as error:
         rule = f"needs dask.distributed: pip install 'rigidmc[cluster]' ({error})"
-        raise OptionError("", "--cluster", cluster, rule) from None
+        raise OptionError(rule, at="cluster", value=cluster) from None
     kind, rest = checked(cluster)
     # its log would repeat the errors that are raised here
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
@@ -148,7 +148,7 @@ def _connected(cluster: str, directory: RunDirectory) -> "Iterator[Client]":
             client = stack.enter_context(Client(address, timeout=10))
         except (OSError, ValueError, RuntimeError) as error:
             # RuntimeError: a process on this machine ended before it began
-            raise OptionError("", "--cluster", cluster, f"does not answer: {error}") from None
+            raise OptionError(f"does not answer: {error}", at="cluster", value=cluster) from None
         yield client
 
 
@@ -242,7 +242,7 @@ def _store(computed: Computed, cluster: str, directory: RunDirectory) -> None:
             " in this one: give a path that means the same directory everywhere, or exists only"
             " here"
         )
-        raise OptionError("", "--cluster", cluster, rule)
+        raise OptionError(rule, at="cluster", value=cluster)
 
 
 def _appeared(path: str) -> bool:

@@ -89,7 +89,7 @@ def create(
     limit = _limit(size, limit, only)
     size = SHARD if size is None else size
     if not isinstance(size, (int, float)) or not 0.0 < size < math.inf:
-        raise OptionError("", "size", size, "expected the bytes of a shard")
+        raise OptionError("expected the bytes of a shard", at="size", value=size)
     path = free_place(path)
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
@@ -121,8 +121,8 @@ def _limit(size: float | None, limit: float | None, only: range | None) -> float
         return TIME if size is None and only is None else math.inf
     if only is not None:
         rule = "every task of a job array would measure a rate of its own: give --shard-size"
-        raise OptionError("", "--shard-time", limit, rule)
-    return seconds(limit, "--shard-time")
+        raise OptionError(rule, at="shard_time", value=limit)
+    return seconds(limit, "shard_time")
 
 
 def written(
@@ -267,7 +267,7 @@ def refuse_many(count: int, what: str = "shards") -> None:
     if count > MOST:
         cure = "make them larger" if what == "shards" else "take fewer"
         rule = f"{count:,} {what} are too many, {MOST:,} is the most of a run: {cure}"
-        raise OptionError("", "--shard-size" if what == "shards" else "-o", None, rule)
+        raise OptionError(rule, at="shard_size" if what == "shards" else "output")
 
 
 def refuse_beyond(only: range | None, count: int) -> None:
@@ -277,4 +277,4 @@ def refuse_beyond(only: range | None, count: int) -> None:
     if not isinstance(only, range) or only.step != 1 or not only or not 0 <= only[0] < count:
         given = f"{only.start}:{only.stop}" if isinstance(only, range) else only
         rule = f"expected a range of shards; the run has 0 to {count - 1}"
-        raise OptionError("", "--shards", given, rule)
+        raise OptionError(rule, at="shards", value=given)

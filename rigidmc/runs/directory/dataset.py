@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.errors import FileError, SceneWarning
+from rigidmc.errors import FileError, SceneWarning, in_file
 from rigidmc.files.netcdf import open_undecoded, read
 from rigidmc.files.outputs import Path
 from rigidmc.results.layout import ResultLayout
@@ -32,14 +32,14 @@ def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
         import dask.array  # noqa: F401
     except ImportError as error:
         rule = f"is read through dask: pip install 'rigidmc[cluster]', or consolidate it ({error})"
-        raise FileError("", "run", os.fspath(path), rule) from None
+        raise FileError(rule, at="run", value=os.fspath(path)) from None
     directory = RunDirectory(path)
     own = bool(directory.facts["code"]) and not allow_code
     run = None if own else load_run(directory, allow_code)
     directory.refuse_strays()
     shards = _Chunks(directory)
     if not shards.paths:
-        raise FileError("", "run", directory.path, "no shard is there yet: resume it first")
+        raise FileError("no shard is there yet: resume it first", at="run", value=directory.path)
     if len(shards.paths) < directory.count:
         there = sum(len(members) for members in shards.members)
         warnings.warn(
@@ -95,7 +95,8 @@ def _of_shard(directory: RunDirectory, path: str) -> _Layout:
     names = ("members", "first") if directory.chosen is None else ()
     text = text_of_run(directory, **{name: int(directory.facts[name]) for name in names})
     with open_undecoded(path) as shard:
-        result, _ = as_result(shard.assign_attrs(scene=text), path)
+        with in_file(path):
+            result, _ = as_result(shard.assign_attrs(scene=text), path)
         variables = {
             str(name): Variable(tuple(map(str, v.dims)), v.dtype.str[1:], dict(v.attrs))
             for name, v in result.data_vars.items()
@@ -171,7 +172,7 @@ def _read(
         values = read(path, "member", name, mark=mark, newer=NEWER)
     except OSError as error:  # the file is gone
         rule = f"cannot be read: {error}; `rigidmc verify` tells more"
-        raise FileError("", name, None, rule, file=path) from None
+        raise FileError(rule, at=name, file=path) from None
     except FileError as error:
         # a chunk with a wrong checksum, a file that is not netCDF, or a shard of another run
         error.rule = f"cannot be read: {error.rule}; `rigidmc verify` tells more"
@@ -181,7 +182,7 @@ def _read(
     members_agree = values["member"].ravel()[:1].tolist() == [first]
     if not members_agree or (array.shape, array.dtype) != (tuple(shape), np.dtype(dtype)):
         rule = "has the members of another shard; `rigidmc verify` tells more"
-        raise FileError("", name, None, rule, file=path)
+        raise FileError(rule, at=name, file=path)
     return array
 
 

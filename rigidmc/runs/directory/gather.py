@@ -101,7 +101,7 @@ def merge(path: Path, others: Sequence[Path]) -> tuple[RunDirectory, int]:
     before stays, and is not copied again.
     """
     if isinstance(others, (str, os.PathLike)) or not others:
-        raise OptionError("", "others", others, "expected a list of run directories")
+        raise OptionError("expected a list of run directories", at="others", value=others)
     path = place_of(path)
     parts = [RunDirectory(other) for other in others]
     for part in parts[1:]:
@@ -131,10 +131,10 @@ def _copy_shards(source: RunDirectory, target: RunDirectory) -> int:
                     f"has another shard {i} than {target.path};"
                     " `rigidmc verify` tells which is right"
                 )
-                raise FileError("", "run", source.path, rule)
+                raise FileError(rule, at="run", value=source.path)
             continue
         if fault := fault_of(source, i, shard):
-            raise FileError("", "run", source.path, fault)
+            raise FileError(fault, at="run", value=source.path)
         final = os.path.join(target.path, "shards", os.path.basename(shard))
         with Part(final, True) as unfinished, naming(final, unfinished):
             copy(shard, unfinished)
@@ -153,7 +153,7 @@ def _refuse_unlike(one: RunDirectory, other: RunDirectory) -> None:
     ]
     if apart:
         rule = f"is of another run than {one.path}: {', '.join(apart)} differ"
-        raise FileError("", "run", other.path, rule)
+        raise FileError(rule, at="run", value=other.path)
 
 
 def consolidate(
@@ -166,7 +166,7 @@ def consolidate(
     run = load_run(directory, allow_code)
     if (missing := directory.missing()).size:
         rule = f"{missing.size:,} of {directory.count:,} shards are missing: resume it first"
-        raise FileError("", "run", directory.path, rule)
+        raise FileError(rule, at="run", value=directory.path)
     block, members = block_of_run(directory, run), run.plan.members
     refuse_hopeless(needs(run.layout, run.plan, members, block, 1), members, 1, output)
     directory.refuse_strays()
@@ -190,7 +190,7 @@ def _write_shards(writer: Writer, directory: RunDirectory, layout: ResultLayout)
         places = directory.places(i)
         if fault := fault_of(directory, i, shards[i]):
             rule = f"{fault}; `rigidmc resume --repair` computes it again"
-            raise FileError("", "run", directory.path, rule)
+            raise FileError(rule, at="run", value=directory.path)
         of_members = read(shards[i], *by_member, newer=NEWER)
         writer.write(places.start, len(places), of_members)
         for name, values in (read(shards[i], *summed) if summed else {}).items():

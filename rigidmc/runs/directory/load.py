@@ -40,7 +40,7 @@ def block_of_run(
         block = block_of_shard(run.plan, facts["shard"]) if on_device else int(facts["block"])
     if facts["shard"] % block:
         rule = f"has to divide the {facts['shard']:,} members of a shard"
-        raise SceneError("run", "block", block, rule)
+        raise SceneError(rule, at="run.block", value=block)
     return block
 
 
@@ -51,7 +51,7 @@ def refuse_study(directory: RunDirectory) -> None:
         rule = (
             f"has no members but the tasks of a study: `rigidmc {name} {directory.path}` tells it"
         )
-        raise FileError("", "run", None, rule, file=directory.path)
+        raise FileError(rule, at="run", file=directory.path)
 
 
 def scene_of_run(directory: RunDirectory, allow_code: bool | None = False) -> Scene:
@@ -70,7 +70,7 @@ def scene_of_run(directory: RunDirectory, allow_code: bool | None = False) -> Sc
         ]
         if changed:
             rule = "is not the file that the run was started with"
-            raise FileError("", "code", ", ".join(changed), rule, file=directory.path)
+            raise FileError(rule, at="code", value=", ".join(changed), file=directory.path)
     scene = scene_in(directory.path, facts, allow_code)
     known = hash_of(scene)
     if allow_code is None:  # what stands in for code has no file that its text could name
@@ -78,7 +78,7 @@ def scene_of_run(directory: RunDirectory, allow_code: bool | None = False) -> Sc
         known = hashlib.sha256(text.encode()).hexdigest()
     if known != facts["scene"]:
         rule = "is not the scene that the run was started with and its shards were computed from"
-        raise FileError("", "scene.toml", None, rule, file=directory.path)
+        raise FileError(rule, at="scene.toml", file=directory.path)
     if not facts.get("chosen"):  # scene.toml has the members before the run was extended
         scene = scene.with_run(members=facts["members"], first=facts["first"])
     return scene
@@ -98,7 +98,7 @@ def scene_in(folder: str, facts: dict[str, Any], allow_code: bool | None) -> Sce
         file = os.path.join(folder, "columns.nc")
         if not os.path.isfile(file) or hash_of_file(file, plain) != facts["columns"]:
             rule = "is missing or was changed: the rows of the members are lost"
-            raise FileError("", "columns.nc", None, rule, file=folder)
+            raise FileError(rule, at="columns.nc", file=folder)
         stored = read(file).get
     name = os.path.join(folder, "scene.toml")
     scene: Scene = loads(text_of(name, links=False), name, stored=stored, allow_code=allow_code)
@@ -124,4 +124,4 @@ def refuse_others(directory: RunDirectory, accept: bool) -> None:
             f"was started with other versions: {'; '.join(other)}. The bits of new members may "
             "differ from those of old ones; --accept goes on nevertheless"
         )
-        raise FileError("", "run", directory.path, rule)
+        raise FileError(rule, at="run", value=directory.path)

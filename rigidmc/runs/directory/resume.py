@@ -172,20 +172,24 @@ def extend(
     refuse_others(directory, accept)
     if directory.chosen is not None:
         rule = "the members were chosen by what others of them say: start a new run"
-        raise OptionError("run", "members", members, rule)
+        raise OptionError(rule, at="run.members", value=members)
     if members <= facts["members"]:
-        raise OptionError("run", "members", members, f"the run has {facts['members']:,} already")
+        raise OptionError(
+            f"the run has {facts['members']:,} already", at="run.members", value=members
+        )
     if facts["first"] + members > 2**53:
         rule = "are more than 2^53, and could not be told apart"
-        raise OptionError("run", "members", members, rule)
+        raise OptionError(rule, at="run.members", value=members)
     directory.refuse_strays()
     refuse_many(-(-members // facts["shard"]))
     scene = scene_of_run(directory, allow_code)
     if scene.run.points == "latin_hypercube":
         rule = "a Latin hypercube has as many members as strata: start a new run"
-        raise OptionError("run", "members", members, rule)
+        raise OptionError(rule, at="run.members", value=members)
     if (most := rows(*scene.quantities())) is not None and members + facts["first"] > most:
-        raise OptionError("run", "members", members, f"the scene has rows for {most:,} members")
+        raise OptionError(
+            f"the scene has rows for {most:,} members", at="run.members", value=members
+        )
     run, more = load_run(directory, allow_code), members - facts["members"]
     threads, block = threads_available(), block_of_run(directory, run)
     name = os.path.join(directory.path, "run.json")

@@ -245,7 +245,9 @@ class Shards:
         def named(file: str) -> str:
             path = self.directory.shard_path(i, flagged, file)
             if os.path.isdir(path) and not os.path.islink(path):
-                raise FileError("", "shard", i, "a folder has its name; take it away", file=path)
+                raise FileError(
+                    "a folder has its name; take it away", at="shard", value=i, file=path
+                )
             return path
 
         path, attrs = self.directory.temporary(i), {"run": self.directory.mark}

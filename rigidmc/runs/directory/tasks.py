@@ -144,7 +144,7 @@ def found_in(directory: RunDirectory) -> dict[int, Found]:
         number = int(directory.members(i)[0])
         if values.get("member", np.empty(0)).tolist() != [number]:
             rule = "has another task; `rigidmc verify` tells more"
-            raise FileError("", "shard", i, rule, file=shard)
+            raise FileError(rule, at="shard", value=i, file=shard)
         found[number] = {k: v for k, v in values.items() if k not in ("member", "status")}
     return found
 

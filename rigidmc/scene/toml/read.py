@@ -16,9 +16,10 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from rigidmc.errors import FileError, SceneError, unknown
+from rigidmc.errors import FileError, PartError, SceneError, from_pydantic, unknown
 from rigidmc.files.opening import is_zarr
 from rigidmc.files.reading import toml
+from rigidmc.files.user_code import source_of
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import EFFECTS
@@ -26,7 +27,7 @@ from rigidmc.physics.effects.protocol import Effect, given
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import WATCHED, WITH_TABLE
 from rigidmc.scene.body import Body
-from rigidmc.scene.settings import Run, Table, changed, complaint
+from rigidmc.scene.settings import Run, Table, changed
 from rigidmc.scene.shape import shape_of
 from rigidmc.scene.start import Start
 from rigidmc.scene.toml.values import Columns, numbers, only, parse
@@ -56,7 +57,7 @@ def located(source: str | os.PathLike[str]) -> str:
     if not os.path.isdir(source) or is_zarr(source):
         return source
     if not os.path.isfile(os.path.join(source, "scene.toml")):
-        raise FileError("", "scene", None, "is a folder, and no run directory", file=source)
+        raise FileError("is a folder, and no run directory", at="scene", file=source)
     return os.path.join(source, "scene.toml")
 
 
@@ -78,7 +79,7 @@ def parts_of(
     try:
         tables = _File(**data)
     except ValidationError as error:
-        raise complaint(error, "", _File, data) from None
+        raise from_pydantic(error, "", _File.model_fields, data) from None
     return {
         "effects": effects_of(tables.effects, columns),
         "observables": observables_of(tables.observables, columns.code),
@@ -101,7 +102,7 @@ def _run(table: dict[str, Any], overridden: set[str], of_result: bool) -> Run:
     try:
         run = Run.model_validate({k: v for k, v in settings.items() if k not in overridden})
     except ValidationError as error:
-        raise complaint(error, "run", Run, table) from None
+        raise from_pydantic(error, "run", Run.model_fields, table) from None
     return changed(run, {k: v for k, v in settings.items() if k in overridden})
 
 
@@ -110,7 +111,7 @@ def _put(components: list[Any], dotted: str, value: Any) -> None:
     word = dotted.split(".")[-1]
     if not word.isdigit() or not 1 <= int(word) <= len(components):
         rule = f"expected a component from 1 to {len(components)}"
-        raise SceneError("", dotted, value, rule)
+        raise SceneError(rule, at=dotted, table="", value=value)
     components[int(word) - 1] = value
 
 
@@ -141,7 +142,7 @@ def _set(data: dict[str, Any], dotted: str, value: str) -> None:
             _put(data, dotted, given)
             return
         if not isinstance(data, dict):
-            raise SceneError("", dotted, value, f"'{table}' is not a table")
+            raise SceneError(f"'{table}' is not a table", at=dotted, table="", value=value)
     data[key] = given
     if tables[-1:] == ["body"] and key in (*BODIES, "mass", "centre"):
         # another body than the one that has this shape
@@ -170,20 +171,20 @@ def body_of(table: dict[str, Any], stored: Columns) -> Body:
     keys = [key for key in BODIES if key in table]
     if len(keys) != 1:
         rule = f"give exactly one of these, not {len(keys)}"
-        raise SceneError("body", " | ".join(BODIES), None, rule)
+        raise SceneError(rule, at=f"body.{' | '.join(BODIES)}")
     key = keys[0]
     if key in SHAPES:
         body = _shaped(table, key)
     else:
-        more = {k: parse(table[k], "body", k, stored) for k in ("mass", "centre") if k in table}
+        more = {k: parse(table[k], f"body.{k}", stored) for k in ("mass", "centre") if k in table}
         if key == "moments":
-            body = Body.from_moments(parse(table[key], "body", key, stored), **more)
+            body = Body.from_moments(parse(table[key], f"body.{key}", stored), **more)
         elif isinstance(table[key], dict):
-            body = Body.from_tensor(parse(table[key], "body", key, stored), **more)
+            body = Body.from_tensor(parse(table[key], f"body.{key}", stored), **more)
         else:
-            body = Body.from_tensor(numbers(table[key], "body", key), **more)
+            body = Body.from_tensor(numbers(table[key], f"body.{key}"), **more)
     if "axes" in table:
-        axes = numbers(table["axes"], "body", "axes")
+        axes = numbers(table["axes"], "body.axes")
         body = replace(body, axes=tuple(map(tuple, axes)))
     if "shape" in table:
         body = replace(body, shape=shape_of(table["shape"]))
@@ -199,27 +200,27 @@ def _shaped(table: dict[str, Any], key: str) -> Body:
     for extra in ("mass", "centre"):
         if extra in table:
             rule = f"a {key} has its mass and centre inside its own table: {', '.join(keys)}"
-            raise SceneError("body", extra, table[extra], rule)
+            raise SceneError(rule, at=f"body.{extra}", value=table[extra])
     only(table[key], keys, f"body.{key}", required=keys)
-    return make(**{k: numbers(table[key][k], f"body.{key}", k) for k in keys})
+    return make(**{k: numbers(table[key][k], f"body.{key}.{k}") for k in keys})
 
 
 def start_of(table: dict[str, Any], stored: Columns) -> Start:
     """The start of the table [start]."""
     only(table, ("omega", "momentum", "attitude"), "start")
-    return Start(**{key: parse(value, "start", key, stored) for key, value in table.items()})
+    return Start(**{key: parse(value, f"start.{key}", stored) for key, value in table.items()})
 
 
 def effects_of(tables: dict[str, Any], stored: Columns) -> tuple[Effect, ...]:
     """The effects of the tables [effects.NAME]."""
     effects = []
     for name, table in _each(tables, "effects"):
-        kind, where = _kind("effects", name, table, EFFECTS, stored.code), f"effects.{name}"
+        kind, at = _kind("effects", name, table, EFFECTS, stored.code), f"effects.{name}"
         fields = given(kind)
         required = [field for field in fields if field not in kind._field_defaults]
         more = () if name in EFFECTS else ("module",)
-        only(table, (*fields, *more), where, required)
-        values = {k: parse(v, where, k, stored) for k, v in table.items() if k not in more}
+        only(table, (*fields, *more), at, required)
+        values = {k: parse(v, f"{at}.{k}", stored) for k, v in table.items() if k not in more}
         effects.append(kind(**values))
     return tuple(effects)
 
@@ -255,7 +256,7 @@ def _tuple(value: Any) -> Any:
     return tuple(map(_tuple, value)) if isinstance(value, list) else value
 
 
-def _each(tables: dict[str, Any], key: str) -> Iterator[tuple[str, Any]]:
+def _each(tables: dict[str, Any], at: str) -> Iterator[tuple[str, Any]]:
     """(name, table) of [effects.spring], or of each [[effects.spring]]; SceneError for too many."""
     every = [
         (name, one)
@@ -264,7 +265,7 @@ def _each(tables: dict[str, Any], key: str) -> Iterator[tuple[str, Any]]:
     ]
     if len(every) > MOST:
         rule = f"has more than {MOST} tables, the limit for one kernel"
-        raise SceneError("", key, None, rule)
+        raise SceneError(rule, at=at)
     return iter(every)
 
 
@@ -274,16 +275,16 @@ def _kind(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code)
         return shipped[name]
     one = {"effects": "effect", "observables": "observable over all steps"}.get(kind, "integrator")
     if not isinstance(table, dict) or "module" not in table:
-        error = unknown(kind, name, None, one, shipped or INTEGRATORS)
+        error = unknown(one, shipped or INTEGRATORS, at=kind, key=name)
         error.rule += f'; an {one.split()[0]} of your own needs module = "file.py"'
         raise error
-    where = f"{kind}.{name}"
-    found = own_class(name, table["module"], where, code)
+    at = f"{kind}.{name}"
+    found = own_class(name, table["module"], at, code)
     if found is None:
         return stand_in(kind, name, table)
     if not implements(found, "_fields"):
         rule = f"{found.__name__} is no NamedTuple, as an {one.split()[0]} has to be"
-        raise SceneError(where, "module", table["module"], rule)
+        raise PartError(rule, at=f"{at}.module", value=table["module"], source=source_of(found))
     return found
 
 
@@ -297,11 +298,11 @@ def scene_text(dataset: xr.Dataset) -> str:
     text = dataset.attrs.get("scene")
     if not isinstance(text, str):
         rule = "not a result of rigidmc: it has no attribute 'scene' with the text of one"
-        raise FileError("", "scene", None, rule, file=dataset.encoding.get("source"))
+        raise FileError(rule, at="scene", file=dataset.encoding.get("source"))
     return text
 
 
-def stored_rows(dataset: xr.Dataset, file: str) -> Callable[[str], NDArray[Any] | None]:
+def stored_rows(dataset: xr.Dataset) -> Callable[[str], NDArray[Any] | None]:
     """A function that gives the rows (..., members) of a variable of a result, None if it has none.
 
     The members may be any selection, in any order: members between them have no rows and need none.
@@ -310,17 +311,17 @@ def stored_rows(dataset: xr.Dataset, file: str) -> Callable[[str], NDArray[Any] 
     def stored(name: str) -> NDArray[Any] | None:
         if name not in dataset.variables or dataset[name].dims[-1:] != ("member",):
             return None
-        members, rows = _members(dataset, file), dataset[name].values
+        members, rows = _members(dataset), dataset[name].values
         if rows.dtype.kind not in "iuf" or "scale_factor" in dataset[name].attrs:
             rule = "has no rows of plain numbers"
-            raise FileError("", name, None, rule, file=file)
+            raise FileError(rule, at=name)
         count = int(members.max()) + 1
         if count > max(ROWS, 100 * members.size):
             rule = (
                 f"has the rows of {members.size:,} members only, up to member {count - 1:,}: "
                 "open the whole result"
             )
-            raise FileError("", "member", None, rule, file=file)
+            raise FileError(rule, at="member")
         whole = np.repeat(rows[..., :1], count, axis=-1)
         whole[..., members] = rows
         return whole
@@ -328,18 +329,18 @@ def stored_rows(dataset: xr.Dataset, file: str) -> Callable[[str], NDArray[Any] 
     return stored
 
 
-def _members(dataset: xr.Dataset, file: str) -> NDArray[Any]:
+def _members(dataset: xr.Dataset) -> NDArray[Any]:
     """The indices of the members; FileError if a result cannot have them."""
     if "member" not in dataset.variables or dataset.sizes["member"] < 1:
-        raise FileError("", "member", None, "a result has at least one", file=file)
+        raise FileError("a result has at least one", at="member")
     members = dataset["member"].values
     if members.ndim != 1 or members.dtype.kind not in "iu" or members.min() < 0:
-        raise FileError("", "member", None, "expected indices of members", file=file)
-    refuse_twice(members, file)
+        raise FileError("expected indices of members", at="member")
+    refuse_twice(members)
     return np.asarray(members)
 
 
-def refuse_twice(members: NDArray[Any], file: str) -> None:
+def refuse_twice(members: NDArray[Any]) -> None:
     """FileError if a result has a member more than once, as two results put together have."""
     known, times = np.unique(members, return_counts=True)
     if (times > 1).any():
@@ -347,4 +348,4 @@ def refuse_twice(members: NDArray[Any], file: str) -> None:
             f"has member {known[times > 1][0]} more than once: these are members of several runs"
             " put together; take the result of one run"
         )
-        raise FileError("", "member", None, rule, file=file)
+        raise FileError(rule, at="member")

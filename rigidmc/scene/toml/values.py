@@ -10,9 +10,10 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.errors import RigidmcError, SceneError, nearest, unknown
+from rigidmc.errors import PartError, RigidmcError, SceneError, nearest, rule_of, unknown
 from rigidmc.files.reading import numbers_of
 from rigidmc.files.trial import refuse_unreadable
+from rigidmc.files.user_code import source_of
 from rigidmc.physics.dynamics.methods import word_of
 from rigidmc.scene.distributions import Distribution, distribution, is_distribution, mixture
 from rigidmc.scene.quantities import Grid, grid
@@ -34,31 +35,32 @@ class Columns(NamedTuple):
     code: Code = False
 
 
-def numbers(value: Any, table: str, key: str) -> Any:
+def numbers(value: Any, at: str) -> Any:
     """A number or lists of numbers, unchanged; SceneError for anything else."""
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
-        raise SceneError(table, key, value, "expected numbers") from None
+        raise SceneError("expected numbers", at=at, value=value) from None
     if isinstance(value, str) or not np.isfinite(array).all():
-        raise SceneError(table, key, value, "expected finite numbers")
+        raise SceneError("expected finite numbers", at=at, value=value)
     return value
 
 
-def only(table: Any, allowed: Iterable[str], name: str, required: Iterable[str] = ()) -> None:
+def only(table: Any, allowed: Iterable[str], at: str, required: Iterable[str] = ()) -> None:
     """SceneError for a value that is no table, for a key that is not allowed, and for a required
     key that is missing."""
     if not isinstance(table, dict):
-        raise SceneError("", name, table, f"expected a table with the keys {', '.join(allowed)}")
+        rule = f"expected a table with the keys {', '.join(allowed)}"
+        raise SceneError(rule, at=at, table="", value=table)
     for key in table:
         if key not in allowed:
-            raise unknown(name, key, None, "key", allowed)
+            raise unknown("key", allowed, at=at, key=key)
     for key in required:
         if key not in table:
-            raise SceneError(name, key, None, "is missing")
+            raise SceneError("is missing", at=f"{at}.{key}")
 
 
-def parse(value: Any, table: str, key: str, stored: Columns) -> Any:
+def parse(value: Any, at: str, stored: Columns) -> Any:
     """A value of a scene file as a quantity.
 
     Numbers, lists, { distribution = parameters }, the same with between = [low, high],
@@ -66,86 +68,86 @@ def parse(value: Any, table: str, key: str, stored: Columns) -> Any:
     { law = table }, { table = file, columns = names } and { stored = name, axis = i }
     """
     if isinstance(value, list):
-        return [parse(v, table, key, stored) for v in value]
+        return [parse(v, at, stored) for v in value]
     if not isinstance(value, dict):
         return value
     if "stored" in value:
-        return _rows_of(value, table, key, stored.of_result)
+        return _rows_of(value, at, stored.of_result)
     if "table" in value:
-        return _columns_of(value, table, key, stored.folder)
+        return _columns_of(value, at, stored.folder)
     if "grid" in value:
-        only(value, ("grid", "stride", "log"), f"{table}.{key}")
+        only(value, ("grid", "stride", "log"), at)
         if not isinstance(value["grid"], list) or len(value["grid"]) != 3:
-            raise SceneError(table, key, value, "expected grid = [low, high, count]")
+            raise SceneError("expected grid = [low, high, count]", at=at, value=value)
         more = {k: v for k, v in value.items() if k != "grid"}
-        return _named(table, key, value, grid, *value["grid"], **more)
+        return _named(at, value, grid, *value["grid"], **more)
     if "between" in value:
-        return _truncated(value, table, key, stored)
+        return _truncated(value, at, stored)
     if "mixture" in value:
-        return _mixture(value, table, key, stored)
+        return _mixture(value, at, stored)
     if "module" in value:
-        return _own_law(value, table, key, stored)
+        return _own_law(value, at, stored)
     if len(value) != 1:
         rule = "expected a number or one distribution, e.g. { normal = [0.0, 0.001] }"
         words = [nearest(word, ["between", "mixture", "grid"]) for word in value]
-        raise SceneError(table, key, value, rule, next(filter(None, words), None))
+        raise SceneError(rule, at=at, value=value, nearest=next(filter(None, words), None))
     ((name, parameters),) = value.items()
-    law = law_of_table(name, parameters, key, lambda part: parse(part, table, key, stored))
+    law = law_of_table(name, parameters, at, lambda part: parse(part, at, stored))
     if law is not None:
         return law
-    if laws_of(key) and not is_distribution(name):
-        raise _no_such_law(name, value, table, key)
+    if laws_of(at) and not is_distribution(name):
+        raise _no_such_law(name, value, at)
     if isinstance(parameters, dict):
-        return _named(table, key, value, distribution, name, **parameters)
+        return _named(at, value, distribution, name, **parameters)
     several = parameters if isinstance(parameters, list) else [parameters]
-    return _named(table, key, value, distribution, name, *several)
+    return _named(at, value, distribution, name, *several)
 
 
-def _own_law(value: dict[str, Any], table: str, key: str, stored: Columns) -> Law:
+def _own_law(value: dict[str, Any], at: str, stored: Columns) -> Law:
     """A law of the user's own, { my_law = { ... }, module = "file.py" }; SceneError."""
     names = [name for name in value if name != "module"]
     if len(names) != 1:
         rule = 'expected one law of your own, { my_law = { ... }, module = "file.py" }'
-        raise SceneError(table, key, value, rule)
+        raise SceneError(rule, at=at, value=value)
     name, parameters = names[0], value[names[0]]
-    kind = own_class(name, value["module"], f"{table}.{key}", stored.code)
+    kind = own_class(name, value["module"], at, stored.code)
     if kind is None:
-        kind = law_stand_in(name, parameters, key)
+        kind = law_stand_in(name, parameters, at)
     if not issubclass(kind, Law):
         rule = f"{kind.__name__} is no law: a frozen dataclass, a subclass of Law"
-        raise SceneError(table, key, None, rule)
-    law = law_of_table(name, parameters, key, lambda x: parse(x, table, key, stored), kind)
+        raise PartError(rule, at=at, source=source_of(kind))
+    law = law_of_table(name, parameters, at, lambda x: parse(x, at, stored), kind)
     assert law is not None
     return law
 
 
-def _truncated(value: dict[str, Any], table: str, key: str, stored: Columns) -> Distribution:
+def _truncated(value: dict[str, Any], at: str, stored: Columns) -> Distribution:
     """A distribution with bounds; SceneError."""
     bounds, inner = value["between"], {k: v for k, v in value.items() if k != "between"}
-    law = parse(inner, table, key, stored) if inner else None
+    law = parse(inner, at, stored) if inner else None
     if not isinstance(law, Distribution) or not isinstance(bounds, list) or len(bounds) != 2:
         rule = "expected one distribution with bounds, { normal = [1, 0.1], between = [0.5, 1.5] }"
-        raise SceneError(table, key, value, rule)
-    return _named(table, key, value, law.between, *bounds)
+        raise SceneError(rule, at=at, value=value)
+    return _named(at, value, law.between, *bounds)
 
 
-def _mixture(value: dict[str, Any], table: str, key: str, stored: Columns) -> Distribution:
+def _mixture(value: dict[str, Any], at: str, stored: Columns) -> Distribution:
     """A mixture of distributions; SceneError."""
-    only(value, ("mixture",), f"{table}.{key}")
+    only(value, ("mixture",), at)
     parts = value["mixture"]
     if not isinstance(parts, list) or not all(isinstance(p, dict) and "weight" in p for p in parts):
         rule = "expected mixture = [{ weight = 9, normal = [0, 1] }, { weight = 1, ... }]"
-        raise SceneError(table, key, value, rule)
+        raise SceneError(rule, at=at, value=value)
     pairs = []
     for part in parts:
-        law = parse({k: v for k, v in part.items() if k != "weight"}, table, key, stored)
+        law = parse({k: v for k, v in part.items() if k != "weight"}, at, stored)
         pairs.append((part["weight"], law))
-    return _named(table, key, value, mixture, *pairs)
+    return _named(at, value, mixture, *pairs)
 
 
-def _no_such_law(name: str, value: Any, table: str, key: str) -> SceneError:
+def _no_such_law(name: str, value: Any, at: str) -> SceneError:
     """The error about a word that names neither a law of this key nor a distribution."""
-    known = laws_of(key)
+    known, key = laws_of(at), at.rpartition(".")[2]
     elsewhere = next((kind.of for kind in LAWS if kind.word == name), None)
     rule = f"no law or distribution '{name}'"
     if elsewhere is not None:
@@ -154,44 +156,48 @@ def _no_such_law(name: str, value: Any, table: str, key: str) -> SceneError:
         f"; laws of {key}: {', '.join(known)}; distributions: normal, uniform and the continuous"
         ' ones of scipy.stats; a law of your own needs module = "file.py"'
     )
-    return SceneError(table, key, value, rule, nearest(name, [*known, "normal", "uniform"]))
+    return SceneError(
+        rule,
+        at=at,
+        value=value,
+        nearest=nearest(name, [*known, "normal", "uniform"]),
+    )
 
 
-def _columns_of(value: dict[str, Any], table: str, key: str, folder: str) -> Any:
+def _columns_of(value: dict[str, Any], at: str, folder: str) -> Any:
     """The column or columns of a file that a value refers to; SceneError."""
     single = "column" in value
-    only(value, ("table", "column" if single else "columns"), f"{table}.{key}")
+    only(value, ("table", "column" if single else "columns"), at)
     names = [value["column"]] if single else value.get("columns")
     words = isinstance(names, list) and all(isinstance(x, str) for x in (*names, value["table"]))
     if not isinstance(names, list) or not words:
         rule = 'expected { table = "file.csv", columns = ["w1", "w2", "w3"] }, or column = "w1"'
-        raise SceneError(table, key, value, rule)
-    columns = [column(folder, value["table"], name, table, key) for name in names]
+        raise SceneError(rule, at=at, value=value)
+    columns = [column(folder, value["table"], name, at) for name in names]
     if not single and len(columns) not in (3, 4):
         rule = f"{len(columns)} columns: a vector has 3 components, a quaternion 4"
-        raise SceneError(table, key, value, rule)
+        raise SceneError(rule, at=at, value=value)
     return columns[0] if single else columns
 
 
 def _rows_of(
     value: dict[str, Any],
-    table: str,
-    key: str,
+    at: str,
     of_result: Callable[[str], np.ndarray | None] | None,
 ) -> np.ndarray:
     """The rows of a result to which { stored = name, axis = i } refers; SceneError."""
     if of_result is None:
         rule = "refers to the rows of a result file; load that file instead"
-        raise SceneError(table, key, value, rule)
-    only(value, ("stored", "axis"), f"{table}.{key}")
+        raise SceneError(rule, at=at, value=value)
+    only(value, ("stored", "axis"), at)
     name, axis = value["stored"], value.get("axis")
     rows = of_result(name) if isinstance(name, str) else None
     if rows is None or rows.dtype.kind != "f" or rows.ndim != (1 if axis is None else 2):
-        raise SceneError(table, key, value, "refers to rows that the result does not have")
+        raise SceneError("refers to rows that the result does not have", at=at, value=value)
     if axis is None:
         return rows
     if type(axis) is not int or not 1 <= axis <= len(rows):
-        raise SceneError(table, key, value, f"expected an axis between 1 and {len(rows)}")
+        raise SceneError(f"expected an axis between 1 and {len(rows)}", at=at, value=value)
     column: np.ndarray = rows[axis - 1]
     return column
 
@@ -200,19 +206,18 @@ Quantity = TypeVar("Quantity")
 
 
 def _named(
-    table: str,
-    key: str,
+    at: str,
     value: Any,
     make: Callable[..., Quantity],
     /,
     *arguments: Any,
     **words: Any,
 ) -> Quantity:
-    """make(...), with an error that names the key of the table."""
+    """make(...), with an error that names the key."""
     try:
         return make(*arguments, **words)
     except RigidmcError as error:
-        raise SceneError(table, key, value, error.rule, error.nearest) from None
+        raise SceneError(error.rule, at=at, value=value, nearest=error.nearest) from None
 
 
 def plain(value: Any, name: str, axis: int | None = None) -> Any:
@@ -238,7 +243,7 @@ SUFFIXES = (".csv", ".nc")
 _MOST = 6  # components of a variable
 
 
-def column(folder: str, file: str, name: str, table: str, key: str) -> NDArray[np.float64]:
+def column(folder: str, file: str, name: str, at: str) -> NDArray[np.float64]:
     """A column of a file as an array; SceneError that names the file and its columns.
 
     CSV : comma-separated, with the names of the columns in the first line
@@ -247,60 +252,62 @@ def column(folder: str, file: str, name: str, table: str, key: str) -> NDArray[n
     """
     path = os.path.join(folder or "", file)
     if not file.endswith(SUFFIXES):
-        raise SceneError(table, key, file, f"expected a file that ends in {' or '.join(SUFFIXES)}")
+        raise SceneError(
+            f"expected a file that ends in {' or '.join(SUFFIXES)}",
+            at=at,
+            value=file,
+        )
     if not os.path.exists(path):
         where = os.path.abspath(folder or os.curdir)
-        raise SceneError(table, key, file, f"no such file in {where}")
+        raise SceneError(f"no such file in {where}", at=at, value=file)
     try:
-        columns = _csv(path, table, key, file) if file.endswith(".csv") else _netcdf(path)
-    except RigidmcError as why:
-        raise why if why.table else SceneError(table, key, file, why.rule) from None
+        columns = _csv(path) if file.endswith(".csv") else _netcdf(path)
+    except ValueError as error:
+        raise SceneError(rule_of(error), at=at, value=file) from None
     if name not in columns:
-        error = unknown(table, key, name, f"column of {file}", columns)
-        error.rule += (
+        wrong = unknown(f"column of {file}", columns, at=at, value=name)
+        wrong.rule += (
             "; columns are separated by commas"
             if file.endswith(".csv")
             else "; columns are variables with one number per member, and NAME[1], NAME[2], ... of"
             " variables with the dimensions (axis, member)"
         )
-        raise error
+        raise wrong
     if columns[name] is None:
         rule = f"{name} is the name of several columns: give each of them a name of its own"
-        raise SceneError(table, key, file, rule)
+        raise SceneError(rule, at=at, value=file)
     values = np.ascontiguousarray(columns[name], float)
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         rule = f"row {bad[0] + 1} is not finite ({bad.size} of {values.size} rows are not)"
-        raise SceneError(table, key, f"{file}: {name}", rule)
+        raise SceneError(rule, at=at, value=f"{file}: {name}")
     return values
 
 
-def _csv(path: str, table: str, key: str, file: str) -> dict[str, Any]:
-    """{name: values} of the columns of a CSV file, None for a name of several; SceneError."""
+def _csv(path: str) -> dict[str, Any]:
+    """{name: values} of the columns of a CSV file, None for a name of several; ValueError."""
     try:
         names, rows = numbers_of(path)
     except UnicodeDecodeError:
-        raise SceneError(table, key, file, "is not text in UTF-8") from None
+        raise ValueError("is not text in UTF-8") from None
     except RigidmcError:
         raise
     except ValueError as error:
         why = str(error).splitlines()[-1].strip()
-        raise SceneError(table, key, file, f"not a table of numbers: {why}") from None
+        raise ValueError(f"not a table of numbers: {why}") from None
     if not rows.size:
-        rule = "has no rows below its first line, which names the columns"
-        raise SceneError(table, key, file, rule)
+        raise ValueError("has no rows below its first line, which names the columns")
     if rows.shape[1] != len(names):
-        rule = (
+        raise ValueError(
             f"its first line names {len(names)} columns ({', '.join(names[:20])}), its rows have"
             f" {rows.shape[1]}; columns are separated by commas"
         )
-        raise SceneError(table, key, file, rule)
     counts, pairs = Counter(names), zip(names, rows.T, strict=True)
     return {name: None if counts[name] > 1 else values for name, values in pairs}
 
 
 def _netcdf(path: str) -> dict[str, Any]:
-    """{name: values} of the columns of a netCDF file; SceneError."""
+    """{name: values} of the columns of a netCDF file; ValueError."""
     import xarray as xr
 
     refuse_unreadable(path)
@@ -315,7 +322,7 @@ def _netcdf(path: str) -> dict[str, Any]:
                 rows = _components(v)
                 columns |= {f"{name}[{i + 1}]": row for i, row in enumerate(rows)}
     except (OSError, ValueError, TypeError, RuntimeError, KeyError, IndexError) as error:
-        raise SceneError("", "file", None, f"cannot be read: {error}") from None
+        raise ValueError(f"cannot be read: {error}") from None
     return columns
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.errors import SceneError
+from rigidmc.errors import PartError
 from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.dynamics.so3 import conjugate, dot, into_body
@@ -71,20 +71,20 @@ def known_facts(value: Any, word: str) -> Integrator:
 
     word : its name in a scene
     """
-    table, name = f"integrators.{word}", getattr(value, "__name__", type(value).__name__)
+    at = f"integrators.{word}"
     if not is_integrator(value):
         rule = "expected a name, or an integrator such as Kutta38(): a NamedTuple with `step`"
-        raise SceneError(table, name, None, rule)
+        raise PartError.of(value, rule, at)
     if word in (*INTEGRATORS, "auto"):
         rule = f"'{word}' is an integrator of the package: give the class another name"
-        raise SceneError(table, name, None, rule)
+        raise PartError.of(value, rule, at)
     for fact, (right, expected) in _FACTS.items():
         if not implements(value, fact):
-            raise SceneError(table, f"{name}.{fact}", None, f"is missing: {expected}")
+            raise PartError.of(value, f"is missing: {expected}", at, fact)
         free = fact == "accepts" and implements(value, "splitting")  # in other words
         if not free and not right(getattr(value, fact)):
             rule = f"is {getattr(value, fact)!r}, expected {expected}"
-            raise SceneError(table, f"{name}.{fact}", None, rule)
+            raise PartError.of(value, rule, at, fact)
     return completed(value)
 
 

@@ -35,15 +35,15 @@ _FACTS: dict[str, dict[str, Any]] = {
 }
 
 
-def own_class(name: str, module: Any, where: str, code: Code) -> type[Any] | None:
+def own_class(name: str, module: Any, at: str, code: Code) -> type[Any] | None:
     """The class of a part from the Python file that defines it; SceneError.
 
-    where : the table, such as effects.Wind
+    at : the table, such as effects.Wind
     code : folder of the Python files that may be run; False if none may be run; None if stand-ins
         without physics stand for their classes, which are then None
     """
     if not isinstance(module, str):
-        raise SceneError(where, "module", module, "expected the name of a Python file")
+        raise SceneError("expected the name of a Python file", at=f"{at}.module", value=module)
     if code is None:
         return None
     if not isinstance(code, str):
@@ -51,8 +51,8 @@ def own_class(name: str, module: Any, where: str, code: Code) -> type[Any] | Non
             "is code, and scene files execute nothing; look at it, then allow it with --allow-code"
             " (in Python allow_code=True)"
         )
-        raise SceneError(where, "module", module, rule)
-    return class_of(code, module, name, where)
+        raise SceneError(rule, at=f"{at}.module", value=module)
+    return class_of(code, module, name, at)
 
 
 def stand_in(kind: str, name: str, table: dict[str, Any]) -> type[Any]:
@@ -64,7 +64,7 @@ def stand_in(kind: str, name: str, table: dict[str, Any]) -> type[Any]:
         made = make(name, fields)
     except ValueError as error:
         rule = f"cannot be a class with these parameters: {error}"
-        raise SceneError(kind, name, None, rule) from None
+        raise SceneError(rule, at=f"{kind}.{name}") from None
     made.shapes = {key: len(value) for key, value in table.items() if isinstance(value, list)}
     for fact, value in {**_FACTS[kind], "stand_in": True}.items():
         setattr(made, fact, value)
@@ -72,11 +72,11 @@ def stand_in(kind: str, name: str, table: dict[str, Any]) -> type[Any]:
     return whole
 
 
-def law_stand_in(name: str, table: Any, key: str) -> type[Law]:
-    """The same for a law of a key such as omega."""
+def law_stand_in(name: str, table: Any, at: str) -> type[Law]:
+    """The same for a law of a key such as start.omega."""
     if not isinstance(table, dict) or not all(map(str.isidentifier, (name, *table))):
-        raise SceneError("start", key, table, "expected the parameters of a law")
-    facts = {"of": (key,), "checked": lambda self, where: self, "stand_in": True}
+        raise SceneError("expected the parameters of a law", at=at, value=table)
+    facts = {"of": (at.rpartition(".")[2],), "checked": lambda self, at: self, "stand_in": True}
     made: type[Law] = make_dataclass(name, list(table), bases=(Law,), namespace=facts, frozen=True)
     return made
 

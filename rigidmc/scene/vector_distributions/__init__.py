@@ -27,47 +27,48 @@ LAWS: list[type[Law]] = [
 ]
 
 
-def laws_of(key: str) -> dict[str, type[Law]]:
-    """{word: law} of the laws that a key of a scene takes, such as "omega"."""
+def laws_of(at: str) -> dict[str, type[Law]]:
+    """{word: law} of the laws that a key of a scene takes, such as "omega" or "start.omega"."""
+    key = at.rpartition(".")[2]
     return {kind.word: kind for kind in LAWS if key in kind.of}
 
 
-def checked(law: Law, table: str, key: str) -> Law:
+def checked(law: Law, at: str) -> Law:
     """A law with its parameters checked; SceneError."""
-    kinds = laws_of(key)
+    kinds = laws_of(at)
     if type(law) not in LAWS:
         # its trials import a file of this package, which runs this one first
         from rigidmc.scene.user_parts.distributions import check_user_law
 
-        return check_user_law(law, table, key)
+        return check_user_law(law, at)
     if type(law) not in kinds.values():
         rule = f"expected one of {', '.join(kinds)}, or three components"
-        raise SceneError(table, key, law, rule)
-    return law.checked(f"{table}.{key}.{law.word}")
+        raise SceneError(rule, at=at, value=law)
+    return law.checked(f"{at}.{law.word}")
 
 
 def law_of_table(
-    word: str, table: Any, key: str, parse: Callable[[Any], Any], own: type[Law] | None = None
+    word: str, table: Any, at: str, parse: Callable[[Any], Any], own: type[Law] | None = None
 ) -> Law | None:
-    """The law of a table in a scene file; None if the word names no law of this key.
+    """The law of a table in a scene file; None if the word names no law of the key `at`.
 
     parse : function that turns a value of the file into a quantity
     own : the class, if it is one of the user's own
     """
-    kind = own or laws_of(key).get(word)
+    kind = own or laws_of(at).get(word)
     if kind is None:
         return None
-    where, fields = f"{key}.{word}", kind.names()
+    at, fields = f"{at.rpartition('.')[2]}.{word}", kind.names()
     whole = not isinstance(table, dict) or (table and not set(table) & set(fields))
     if whole and len(fields) == 1:  # { sphere = 2.0 } instead of { sphere = { size = 2.0 } }
         table = {fields[0]: table}
     if not isinstance(table, dict):
         rule = f"expected a table with the keys {', '.join(fields)}"
-        raise SceneError("", where, table, rule)
+        raise SceneError(rule, at=at, table="", value=table)
     for name in table:
         if name not in fields:
-            raise unknown(where, name, None, "key", fields)
+            raise unknown("key", fields, at=at, key=name)
     for name in kind.required():
         if name not in table:
-            raise SceneError(where, name, None, "is missing")
+            raise SceneError("is missing", at=f"{at}.{name}")
     return kind(**{name: parse(value) for name, value in table.items()})

@@ -57,9 +57,9 @@ class Fisher(Law):
     of = ("attitude",)
     by_scipy = True  # scipy integrates its distribution function
 
-    def checked(self, where: str) -> "Fisher":
-        mean = plain(self.attitude, where, "attitude", 4)
-        return Fisher(mean, concentration(self.kappa, where))
+    def checked(self, at: str) -> "Fisher":
+        mean = plain(self.attitude, f"{at}.attitude", 4)
+        return Fisher(mean, concentration(self.kappa, f"{at}.kappa"))
 
     def sample(
         self, source: Source, name: str, first: int, count: int, facts: Facts | None
@@ -104,9 +104,9 @@ class Pointing(Law):
     word = "pointing"
     of = ("attitude",)
 
-    def checked(self, where: str) -> "Pointing":
-        direction = plain(self.direction, where, "direction", 3)
-        return Pointing(direction, concentration(self.kappa, where))
+    def checked(self, at: str) -> "Pointing":
+        direction = plain(self.direction, f"{at}.direction", 3)
+        return Pointing(direction, concentration(self.kappa, f"{at}.kappa"))
 
     def sample(
         self, source: Source, name: str, first: int, count: int, facts: Facts | None

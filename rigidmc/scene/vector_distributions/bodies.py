@@ -44,8 +44,8 @@ class SecondMoments(Law):
     of = ("moments",)
     sized = {"values": 1}
 
-    def checked(self, where: str) -> "SecondMoments":
-        return SecondMoments(numbers(self.values, where, "values", 3))
+    def checked(self, at: str) -> "SecondMoments":
+        return SecondMoments(numbers(self.values, f"{at}.values", 3))
 
     def sample(
         self, source: Source, name: str, first: int, count: int, facts: Facts | None
@@ -103,12 +103,12 @@ class UncertainInertia(Law):
     word = "uncertain_inertia"
     of = ("tensor",)
 
-    def checked(self, where: str) -> "UncertainInertia":
-        mean = matrix(self.mean, where, "mean", (3,))
-        covariance = matrix(self.covariance, where, "covariance", (6, 9, 10))
-        centre = self.centre if self.centre is None else numbers(self.centre, where, "centre", 3)
+    def checked(self, at: str) -> "UncertainInertia":
+        mean = matrix(self.mean, f"{at}.mean", (3,))
+        covariance = matrix(self.covariance, f"{at}.covariance", (6, 9, 10))
+        centre = self.centre if self.centre is None else numbers(self.centre, f"{at}.centre", 3)
         if centre is not None and not all(isinstance(x, float) for x in centre):
-            raise SceneError(where, "centre", None, "expected plain numbers, the mean")
+            raise SceneError("expected plain numbers, the mean", at=f"{at}.centre")
         return UncertainInertia(mean, covariance, centre)
 
     def mean_tensor(self, mass: float) -> Array:
@@ -190,7 +190,7 @@ def _spread(law: UncertainInertia, mass: float, centre: tuple[float, ...]) -> tu
         middle = numbers_of(parameters)
     except (ValueError, ZeroDivisionError):
         rule = "no body has this tensor, mass and centre of mass, or it is flat"
-        raise SceneError("body", "tensor", [list(row) for row in law.mean], rule) from None
+        raise SceneError(rule, at="body.tensor", value=[list(row) for row in law.mean]) from None
     columns = zip(*factor(law.covariance), strict=True)
     rest = [0.0] * (len(parameters) - len(law.covariance))
     ways = [rates_of(parameters, [*column, *rest]) for column in columns]

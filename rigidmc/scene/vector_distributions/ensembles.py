@@ -56,11 +56,11 @@ class Shell(Ensemble):
     of = ("momentum",)
     sized = {"energy": "energy"}
 
-    def checked(self, where: str) -> "Shell":
-        energy = number(self.energy, where, "energy")
+    def checked(self, at: str) -> "Shell":
+        energy = number(self.energy, f"{at}.energy")
         if self.direction is None:
             return Shell(energy)
-        return Shell(energy, plain(self.direction, where, "direction", 3))
+        return Shell(energy, plain(self.direction, f"{at}.direction", 3))
 
     def share(self, seed: int, first: int, count: int, facts: Facts) -> Density:
         """sqrt(E - V(q)), the part of the shell that an attitude leaves to momenta, divided by its
@@ -112,8 +112,8 @@ class GibbsMomentum(Ensemble):
     of = ("momentum",)
     sized = {"kT": "energy"}
 
-    def checked(self, where: str) -> "GibbsMomentum":
-        return GibbsMomentum(number(self.kT, where, "kT", least=0.0))
+    def checked(self, at: str) -> "GibbsMomentum":
+        return GibbsMomentum(number(self.kT, f"{at}.kT", least=0.0))
 
     def share(self, seed: int, first: int, count: int, facts: Facts) -> Density:
         """exp(-V(q)/kT), divided by its bound."""
@@ -135,7 +135,7 @@ def attitudes_of_ensemble(share: Density, seed: Source, first: int, count: int) 
     uniform attitude of a member that is accepted; nan if none of TRIES is."""
     if not is_seed(seed):
         rule = "attitudes of an ensemble are drawn by rejection, which takes independent points"
-        raise SceneError("run", "points", None, rule)
+        raise SceneError(rule, at="run.points")
     q, left = np.full((4, count), np.nan), np.ones(count, bool)
     for i in range(TRIES):
         u, v, w, x = uniforms(seed, "start.attitude.ensemble", first, count, i)

@@ -55,15 +55,15 @@ class Law:
         if "word" not in vars(cls):
             cls.word = word_of(cls)
 
-    def checked(self, where: str) -> Self:
-        """The law with its parameters checked; SceneError that names the table `where`.
+    def checked(self, at: str) -> Self:
+        """The law with its parameters checked; SceneError below the path `at`.
 
         By default each is a number, a distribution or a grid, or several of them.
         """
         parts = {
-            name: numbers(value, where, name, len(value))
+            name: numbers(value, f"{at}.{name}", len(value))
             if isinstance(value, (list, tuple))
-            else number(value, where, name)
+            else number(value, f"{at}.{name}")
             for name, value in self.as_dict().items()
         }
         return replace(self, **parts)
@@ -113,64 +113,64 @@ def numbers_of(law: Law) -> tuple[Any, ...]:
     return tuple(x for x in flat if x is not None)
 
 
-def number(value: Any, where: str, name: str, least: float = -np.inf) -> Any:
+def number(value: Any, at: str, least: float = -np.inf) -> Any:
     """A number, a distribution or a grid whose values are at least `least`; SceneError.
 
     Of a distribution the 1e-9 quantile counts. A normal distribution is taken as meant.
     """
-    value = quantity(value, where, name)
+    value = quantity(value, at)
     if isinstance(value, np.ndarray):
-        raise SceneError(where, name, None, "expected a number, a distribution or a grid")
+        raise SceneError("expected a number, a distribution or a grid", at=at)
     if isinstance(value, Distribution):
         low = 0.0 if value.name == "normal" else value.least()
     else:
         low = value if isinstance(value, float) else value.low
     if low < least:
-        raise SceneError(where, name, low, f"has to be {least:g} or more")
+        raise SceneError(f"has to be {least:g} or more", at=at, value=low)
     return value
 
 
-def numbers(values: Any, where: str, name: str, size: int) -> tuple[Any, ...]:
+def numbers(values: Any, at: str, size: int) -> tuple[Any, ...]:
     """`size` numbers, distributions or grids; SceneError."""
-    values = placed(values, where, name)
+    values = placed(values, at)
     if isinstance(values, str) or not hasattr(values, "__len__") or len(values) != size:
-        raise SceneError(where, name, values, f"expected {size} numbers")
-    return tuple(number(x, where, name) for x in values)
+        raise SceneError(f"expected {size} numbers", at=at, value=values)
+    return tuple(number(x, at) for x in values)
 
 
-def matrix(value: Any, where: str, name: str, sizes: Sequence[int]) -> tuple[Any, ...]:
+def matrix(value: Any, at: str, sizes: Sequence[int]) -> tuple[Any, ...]:
     """A symmetric matrix without negative eigenvalues, of one of these sizes, as a tuple of rows;
     SceneError."""
     wanted = " or ".join(f"{size}x{size}" for size in sizes)
     rule = f"expected a symmetric matrix of {wanted} finite numbers without negative eigenvalues"
-    array = floats(value, name, table=where, rule=rule)
+    array = floats(value, at, rule=rule)
     if array.shape not in {(size, size) for size in sizes} or not np.isfinite(array).all():
-        raise SceneError(where, name, array.tolist(), rule)
+        raise SceneError(rule, at=at, value=array.tolist())
     scale = np.sqrt(np.abs(array.diagonal()))
     scale = np.outer(scale, scale)
     if (np.abs(array - array.T) > 1e-9 * scale).any():
-        raise SceneError(where, name, array.tolist(), rule)
+        raise SceneError(rule, at=at, value=array.tolist())
     # what is divided by 1 is not taken
     ones = np.where(scale > 0.0, array / np.where(scale > 0.0, scale, 1.0), 0.0)
     if np.linalg.eigvalsh(ones).min() < -1e-9 or (array[scale == 0.0] != 0.0).any():
-        raise SceneError(where, name, array.tolist(), rule)
+        raise SceneError(rule, at=at, value=array.tolist())
     return tuple(map(tuple, (0.5 * (array + array.T)).tolist()))
 
 
-def plain(values: Any, where: str, name: str, size: int) -> tuple[float, ...]:
+def plain(values: Any, at: str, size: int) -> tuple[float, ...]:
     """A vector of `size` plain numbers that has a direction; SceneError."""
-    vector = numbers(values, where, name, size)
+    vector = numbers(values, at, size)
     if not all(isinstance(x, float) for x in vector):
-        raise SceneError(where, name, None, "expected plain numbers")
+        raise SceneError("expected plain numbers", at=at)
     if not any(vector):
-        raise SceneError(where, name, list(vector), "a vector of length 0 has no direction")
+        raise SceneError("a vector of length 0 has no direction", at=at, value=list(vector))
     return vector
 
 
-def concentration(value: Any, where: str) -> float:
+def concentration(value: Any, at: str) -> float:
     """The concentration kappa of a law of directions; SceneError."""
-    kappa = number(value, where, "kappa")
+    kappa = number(value, at)
     if not isinstance(kappa, float) or not 0.0 <= kappa <= 1e12:
         shown = value if isinstance(value, (int, float)) else None
-        raise SceneError(where, "kappa", shown, "expected a number between 0 and 1e12")
+        raise SceneError("expected a number between 0 and 1e12", at=at, value=shown)
     return kappa

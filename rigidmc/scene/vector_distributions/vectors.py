@@ -54,15 +54,15 @@ class Cone(Law):
     of = ("omega", "momentum")
     sized = {"size": 1}
 
-    def checked(self, where: str) -> "Cone":
+    def checked(self, at: str) -> "Cone":
         if isinstance(self.axis, bool) or self.axis not in (1, 2, 3, -1, -2, -3):
             rule = "expected 1, 2 or 3, or -1, -2, -3 for the other end of the axis"
-            raise SceneError(where, "axis", self.axis, rule)
+            raise SceneError(rule, at=f"{at}.axis", value=self.axis)
         return Cone(
             int(self.axis),
-            number(self.size, where, "size", least=0.0),
-            number(self.angle, where, "angle"),
-            number(self.azimuth, where, "azimuth"),
+            number(self.size, f"{at}.size", least=0.0),
+            number(self.angle, f"{at}.angle"),
+            number(self.azimuth, f"{at}.azimuth"),
         )
 
     def sample(
@@ -102,8 +102,8 @@ class Sphere(Law):
     of = ("omega", "momentum")
     sized = {"size": 1}
 
-    def checked(self, where: str) -> "Sphere":
-        return Sphere(number(self.size, where, "size", least=0.0))
+    def checked(self, at: str) -> "Sphere":
+        return Sphere(number(self.size, f"{at}.size", least=0.0))
 
     def sample(
         self, source: Source, name: str, first: int, count: int, facts: Facts | None
@@ -143,8 +143,10 @@ class Correlated(Law):
     of = ("omega", "momentum", "moments")
     sized = {"mean": 1, "covariance": 2}
 
-    def checked(self, where: str) -> "Correlated":
-        return Correlated(numbers(self.mean, where, "mean", 3), _covariance(self.covariance, where))
+    def checked(self, at: str) -> "Correlated":
+        return Correlated(
+            numbers(self.mean, f"{at}.mean", 3), _covariance(self.covariance, f"{at}.covariance")
+        )
 
     def sample(
         self, source: Source, name: str, first: int, count: int, facts: Facts | None
@@ -166,17 +168,17 @@ def lower_factor(c: Any) -> tuple[tuple[float, ...], ...]:
     return (a,), (b, e), (d, f, math.sqrt(c[2][2] - d * d - f * f))
 
 
-def _covariance(value: Any, where: str) -> tuple[tuple[float, ...], ...]:
+def _covariance(value: Any, at: str) -> tuple[tuple[float, ...], ...]:
     """A symmetric positive definite 3x3 matrix as a tuple of rows; SceneError."""
     rule = "expected a symmetric matrix of 3x3 finite numbers"
-    matrix = floats(value, "covariance", table=where, rule=rule)
+    matrix = floats(value, at, rule=rule)
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        raise SceneError(where, "covariance", matrix.tolist(), rule)
+        raise SceneError(rule, at=at, value=matrix.tolist())
     if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
-        raise SceneError(where, "covariance", matrix.tolist(), rule)
+        raise SceneError(rule, at=at, value=matrix.tolist())
     if np.linalg.eigvalsh(matrix).min() <= 0.0:
         rule = "expected a positive definite matrix: all variances are positive"
-        raise SceneError(where, "covariance", matrix.tolist(), rule)
+        raise SceneError(rule, at=at, value=matrix.tolist())
     return tuple(map(tuple, matrix.tolist()))
 
 

@@ -52,9 +52,9 @@ def long_drift(
     names = given or [name for name in (*LONG, *own) if name in able]
     for name in names:
         if name not in known:
-            raise unknown("", "integrators", name, "integrator", known, OptionError)
+            raise unknown("integrator", known, at="integrators", value=name, error=OptionError)
         if why := refusal(name, scene.effects, known=known):
-            raise OptionError("", "integrators", name, why)
+            raise OptionError(why, at="integrators", value=name)
     dt = seconds(dt or scene.run.dt, "dt")
     steps, members = counted(steps, "steps"), counted(members, "members")
     refuse_count(members, "members of a pilot", 8 * layout.EFFECTS)

@@ -105,9 +105,9 @@ def accuracy(
     known = scene.known_integrators()
     for name in integrators or ():
         if name not in known:  # before the truth, which takes seconds
-            raise unknown("", "integrators", name, "integrator", known, OptionError)
+            raise unknown("integrator", known, at="integrators", value=name, error=OptionError)
         if why := refusal(name, scene.effects, known=known):
-            raise OptionError("", "integrators", name, why)
+            raise OptionError(why, at="integrators", value=name)
     members = counted(members, "members")
     refuse_count(members, "members of a pilot", 8 * layout.EFFECTS)
     check_quiet(scene)

@@ -214,7 +214,7 @@ def _share_of(text: str, variables: Variables, may_save_more: bool = True) -> Me
     asked = measure(text, variables, may_save_more)
     if asked.kind != "p":
         rule = 'does not tell two basins apart: take p(NAME >= NUMBER), as "p(omega_last[3] >= 0)"'
-        raise OptionError("", "of", text, rule)
+        raise OptionError(rule, at="of", value=text)
     return asked
 
 

@@ -131,7 +131,7 @@ def stored(
     scene = scene_of(result, allow_code=allow_code)
     if scene.run.points != points:
         rule = f'a study of {study} needs members drawn with [run] points = "{points}"'
-        raise OptionError("run", "points", scene.run.points, rule)
+        raise OptionError(rule, at="run.points", value=scene.run.points)
     texts = (of,) if isinstance(of, str) else tuple(of)
     return scene, texts, result.data_vars
 
@@ -141,7 +141,7 @@ def refuse_noise(scene: Scene) -> None:
     for label, effect in labelled(scene.effects):
         if is_random(effect):
             rule = "noise takes neighbours anywhere: this is a study of scenes without"
-            raise SceneError("effects", label, None, rule)
+            raise SceneError(rule, at=f"effects.{label}")
 
 
 def started(part: xr.Dataset, name: str) -> tuple[Array, str]:

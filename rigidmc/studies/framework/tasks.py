@@ -108,7 +108,7 @@ def kind_of(directory: RunDirectory) -> tuple[Kind, dict[str, Any]] | None:
     name, request = study
     if name not in STUDIES:
         rule = f"is no study of this version; known: {', '.join(STUDIES)}"
-        raise FileError("", "study", name, rule, file=directory.path)
+        raise FileError(rule, at="study", value=name, file=directory.path)
     kind: Kind = importlib.import_module(STUDIES[name]).KIND
     return kind, request
 
@@ -150,7 +150,7 @@ def resume(
         more = np.asarray(kind.more(scene, request, found_in(directory)), np.int64)
         if more.size and only is not None:
             rule = "all tasks must be there before the next are known: leave it out"
-            raise OptionError("", "--shards", f"{only.start}:{only.stop}", rule)
+            raise OptionError(rule, at="shards", value=f"{only.start}:{only.stop}")
         directory = grow(directory, more, int(more.size > 0))
         if not more.size or (left is not None and left <= 0.0):
             return directory, flagged
@@ -175,10 +175,10 @@ def found(path: Path, name: str, allow_code: bool = False) -> tuple[Scene, Any, 
     study = kind_of(directory)
     if study is None or study[0].name != name:
         rule = f"is no run of `rigidmc {name} SCENE -o RUN/`"
-        raise FileError("", "run", None, rule, file=directory.path)
+        raise FileError(rule, at="run", file=directory.path)
     done = found_in(directory)
     if not done:
-        raise FileError("", "run", directory.path, "no task is done yet: resume it first")
+        raise FileError("no task is done yet: resume it first", at="run", value=directory.path)
     return scene_of_run(directory, allow_code), study[1], done
 
 

@@ -34,7 +34,7 @@ def frequency_map(
     for name in names:
         if name not in known:
             rule = f"the study has no such number of its members; known: {', '.join(known)}"
-            raise OptionError("", "x and y", name, rule, nearest(name, known))
+            raise OptionError(rule, at="x and y", value=name, nearest=nearest(name, known))
     good = study.status.values == 0
     title = f"{study.attrs['title']}: frequencies of {study.attrs['of']}"
     figure = figure or new_figure(title, (7.4, 5.4))

@@ -128,7 +128,7 @@ def frequencies_of(
     name = component_of(scene, of, "of").name
     if name not in result or "time" not in result[name].dims:
         rule = f"the result has no {name} at save times; `rigidmc run SCENE --save {name}`"
-        raise OptionError("", "of", of, rule, nearest(name, map(str, result)))
+        raise OptionError(rule, at="of", value=of, nearest=nearest(name, map(str, result)))
     return _joined(scene, of, terms, pieces(result, _size(result.sizes["time"])))
 
 
@@ -143,7 +143,7 @@ def _joined(scene: Scene, of: str, terms: int, parts: Iterable[xr.Dataset]) -> x
     for part in parts:
         if part.sizes["time"] < LEAST:
             rule = f"a spectrum needs {LEAST} saves or more, and there are {part.sizes['time']}"
-            raise OptionError("run", "every", scene.run.every, rule)
+            raise OptionError(rule, at="run.every", value=scene.run.every)
         signal = np.where(part.status.values == 0, asked.values(part), np.nan)
         found.append(_studied(part, signal, terms, resolution_of(scene)))
     study: xr.Dataset = xr.concat(found, "member", data_vars="minimal")

@@ -33,9 +33,9 @@ def ftle_field(
     for name in names:
         if name not in known:
             rule = f"the study has no such number of a start; known: {', '.join(known)}"
-            raise OptionError("", "x and y", name, rule, nearest(name, known))
+            raise OptionError(rule, at="x and y", value=name, nearest=nearest(name, known))
     if not names:
-        raise OptionError("", "x and y", None, "the start is a law of several numbers at once")
+        raise OptionError("the start is a law of several numbers at once", at="x and y")
     time = f"{study.attrs['t_end']:g} s"
     title = f"{study.attrs['title']}: how much a change of the start has grown after {time}"
     figure = figure or new_figure(title, (8.2, 6.2))

@@ -109,10 +109,10 @@ def designed(scene: Scene, families: int, **settings: Any) -> Scene:
     for name in names:
         if not name.startswith("start."):
             rule = "is uncertain, and no number of the start: give it one value"
-            raise SceneError("", name, None, rule)
+            raise SceneError(rule, at=name)
     if len(dimensions) > 6:
         rule = f"{len(dimensions)} numbers are drawn, and a state has six: give some one value"
-        raise SceneError("start", scene.start.which, None, rule)
+        raise SceneError(rule, at=f"start.{scene.start.which}")
     return scene
 
 
@@ -127,7 +127,7 @@ def ftle_of(result: xr.Dataset, unit: float | None = None, allow_code: bool = Fa
     for name in STATE:
         if name not in variables:
             rule = f"the result has no {name}; `rigidmc run SCENE --save {','.join(STATE)}`"
-            raise OptionError("run", "save", list(scene.run.save), rule)
+            raise OptionError(rule, at="run.save", value=list(scene.run.save))
     return _dataset(scene, pieces(result, CHUNK), unit)
 
 
@@ -204,7 +204,7 @@ def _dataset(scene: Scene, parts: Iterable[xr.Dataset], unit: float | None) -> x
         # seconds: if nothing turns, no unit of angular velocities counts
         unit = 1.0 / math.sqrt(square) if square > 0.0 else 1.0
     elif not 0.0 < unit < math.inf:
-        raise OptionError("", "unit", unit, "expected a time above 0 s")
+        raise OptionError("expected a time above 0 s", at="unit", value=unit)
     start, end = states.reshape(2, count, many, 7)
     found, apart = exponents(start, end, unit, scene.run.t_end)
     sure = resolved(start, end, unit, resolution_of(scene))

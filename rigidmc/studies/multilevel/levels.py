@@ -169,7 +169,7 @@ def stand(request: Request, asked: Asked, sums: Mapping[int, Sums]) -> Stand:
             wanted.append(float(request.batch))
         if short := _too_dear(request, asked, found, wanted):
             if len(rounds) == 1:
-                raise OptionError("run", "until", asked.text, short)
+                raise OptionError(short, at="run.until", value=asked.text)
             return Stand(levels, rounds, found, [], "", short)
         line = _plan(found, wanted)
 
@@ -192,7 +192,7 @@ def _wanted(request: Request, asked: Asked, levels: Sequence[Level], half: float
     """Members of each level for a goal, whole batches."""
     if not half > 0.0:
         rule = "is 0 by the first members: no number of them brings it to a share of 0"
-        raise OptionError("run", "until", asked.text, f"{rule}; give the width itself")
+        raise OptionError(f"{rule}; give the width itself", at="run.until", value=asked.text)
     needed = members_for(levels, asked.order, SAMPLING * half, asked.confidence)
     size = request.batch
     return [
@@ -212,13 +212,13 @@ def _filled(request: Request, level: Level, more: Sequence[Sums]) -> Level:
         if one["without"] > 0.0:
             name = request.measure.result.name
             rule = f"{int(one['without']):,} of {request.batch:,} members have no {name}"
-            raise OptionError("run", "until", request.measure.text, rule)
+            raise OptionError(rule, at="run.until", value=request.measure.text)
         names = "members", "flagged", "mean", "squares"
         level = level.with_more(*(float(one[name]) for name in names))
     if level.flagged > FLAGGED * _taken(level):
         rule = f"{level.flagged:,.0f} of {_taken(level):,.0f} members of level {level.number} are"
         rule += " flagged, whose steps are too long: begin with shorter ones"
-        raise SceneError("run", "dt", request.scene.run.dt, rule)
+        raise SceneError(rule, at="run.dt", value=request.scene.run.dt)
     return level
 
 
@@ -246,7 +246,7 @@ def _refuse_slow(asked: Asked, found: Estimate, levels: Sequence[Level]) -> None
             f" {asked.order:g}: extremes and events between steps do so. Take NAME_final or"
             " NAME_mean, or a shorter first step"
         )
-        raise OptionError("run", "until", asked.text, rule)
+        raise OptionError(rule, at="run.until", value=asked.text)
     if len(levels) == MOST_LEVELS:
         rule = f"the error of the step is {found.bias:.2g} after {MOST_LEVELS} levels"
-        raise OptionError("run", "until", asked.text, rule)
+        raise OptionError(rule, at="run.until", value=asked.text)

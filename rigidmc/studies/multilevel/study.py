@@ -144,7 +144,7 @@ def understood(
     wanted = goal(until, known)
     if wanted.measure.kind != "mean" or wanted.measure.given is not None:
         rule = "has no corrections that become small: take the mean(NAME) of all members"
-        raise OptionError("run", "until", until, rule)
+        raise OptionError(rule, at="run.until", value=until)
     order = min(scene.integrator.order, 2 if any(map(is_random, scene.effects)) else 8)
     request = Request(scene, wanted.measure, prepared(scene).plan.grid.steps, batch)
     return request, Asked(until, wanted, order, confidence, float(most))
@@ -189,7 +189,7 @@ def _dataset(scene: Scene, request: runs.Request, found: dict[int, runs.Found]) 
     now = stand(*known, found)
     if now.found is None:
         rule = f"{len(now.next):,} tasks of the first round are missing: resume it first"
-        raise FileError("", "run", None, rule)
+        raise FileError(rule, at="run")
     if now.short:
         text = f"{request['until']} is not reached: {now.short}"
         warnings.warn(text, SceneWarning, stacklevel=3)
@@ -201,12 +201,12 @@ def _with_steps(scene: Scene) -> Scene:
     run = scene.run
     if run.points != "independent":
         rule = "the levels of a study need independent members"
-        raise SceneError("run", "points", run.points, rule)
+        raise SceneError(rule, at="run.points", value=run.points)
     if run.turn is not None:
-        raise SceneError("run", "turn", run.turn, "a level has steps of one length: give dt")
+        raise SceneError("a level has steps of one length: give dt", at="run.turn", value=run.turn)
     if run.integrator in ("auto", "closed"):
         rule = "levels are made of the steps of one integrator: name it"
-        raise SceneError("run", "integrator", run.integrator, rule)
+        raise SceneError(rule, at="run.integrator", value=run.integrator)
     refuse_indexed(scene.model, "every level draws members of its own")
     return scene
 

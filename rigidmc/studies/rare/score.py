@@ -98,7 +98,7 @@ def scored(scene: Scene, of: str) -> tuple[Scene, Score]:
     scene = observing(scene.with_run(points="independent"), (of,))
     asked = measure(of, variables_of(scene))
     if asked.kind != "p" or asked.given is not None or asked.relation == "==":
-        raise OptionError("", "of", of, f"is no event: give it {WHOLE}")
+        raise OptionError(f"is no event: give it {WHOLE}", at="of", value=of)
     recorded = recording(scene)
     watched = [(label, one) for label, one in recorded.monitored if isinstance(one, Event)]
     at_times = set(recorded.names)
@@ -114,11 +114,11 @@ def scored(scene: Scene, of: str) -> tuple[Scene, Score]:
             if name == asked.result.name and kind == "first" and not more:
                 if getattr(one, "hold", 0.0):
                     rule = f"a stay that begins by then may last longer: ask p({label}s >= 1)"
-                    raise OptionError("", "of", of, rule)
+                    raise OptionError(rule, at="of", value=of)
                 return _until(scene, of, asked.number), Score(of, asked.result, 1.0, 1.0, False, i)
     grows = asked.result.name.endswith("_max" if more else "_min")
     if is_noisy(scene) and not grows:
-        raise OptionError("", "of", of, RULE)
+        raise OptionError(RULE, at="of", value=of)
     sign = 1.0 if more else -1.0
     if asked.result.timed:
         _until(scene, of, asked.number)
@@ -135,7 +135,7 @@ def _until(scene: Scene, of: str, end: float) -> Scene:
     """The scene that ends where the event no longer counts; OptionError."""
     if not 0.0 < end <= scene.run.t_end * (1.0 + 1e-9):
         rule = f"the run ends at t_end = {scene.run.t_end:g} s: give it a later end"
-        raise OptionError("", "of", of, rule)
+        raise OptionError(rule, at="of", value=of)
     return scene.with_run(t_end=end)
 
 
@@ -146,4 +146,4 @@ def _refuse_unwatched(scene: Scene, of: str, name: str) -> None:
         rule = (
             f"is nothing that is watched over the steps; watched: {', '.join(known) or 'nothing'}"
         )
-        raise OptionError("", "of", of, rule)
+        raise OptionError(rule, at="of", value=of)

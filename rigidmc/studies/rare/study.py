@@ -140,7 +140,7 @@ def asked(
 ) -> tuple[Scene, dict[str, Any]]:
     """(the scene of a study, its request); arguments and errors as of `rare`."""
     if not 0.0 < target < 1.0:
-        raise OptionError("", "target", target, "expected a probability between 0 and 1")
+        raise OptionError("expected a probability between 0 and 1", at="target", value=target)
     members, repetitions = (
         counted(members, "members", LEAST),
         counted(repetitions, "repetitions", 2),
@@ -150,7 +150,7 @@ def asked(
     moved, _ = scored(scene, of)
     if not is_noisy(moved) and not drawn(moved.model):
         rule = "nothing is random: no effect has noise, and all numbers of the scene are given"
-        raise OptionError("", "scene", None, rule)
+        raise OptionError(rule, at="scene")
     request: dict[str, Any] = {
         "of": of,
         "target": target,

@@ -70,16 +70,16 @@ def _values(study: xr.Dataset, text: str) -> NDArray[np.float64]:
     known = [*(str(n) for n, v in study.data_vars.items() if "point" in v.dims), *EULER]
     if name not in known:
         rule = f"the section has no such quantity; known: {', '.join(known)}; --save adds others"
-        raise OptionError("", "x and y", text, rule, nearest(name, known))
+        raise OptionError(rule, at="x and y", value=text, nearest=nearest(name, known))
     one = study[name]
     if one.ndim == 2:
         labels = [str(label) for label in one[one.dims[0]].values]
         if component not in labels:
             rule = f"expected one of the components {', '.join(labels)}, as in {name}[{labels[0]}]"
-            raise OptionError("", "x and y", text, rule)
+            raise OptionError(rule, at="x and y", value=text)
         one = one[labels.index(component)]
     elif component is not None:
-        raise OptionError("", "x and y", text, f"{name} has no components")
+        raise OptionError(f"{name} has no components", at="x and y", value=text)
     values: NDArray[np.float64] = one.values
     return values
 

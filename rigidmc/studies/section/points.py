@@ -173,13 +173,15 @@ class Crossing(NamedTuple):
 def crossing_of(scene: Scene, at: str, way: str) -> Crossing:
     """The Crossing of a text; OptionError."""
     if way not in WAYS:
-        raise OptionError("", "way", way, f"expected {', '.join(WAYS)}", nearest(way, WAYS))
+        raise OptionError(
+            f"expected {', '.join(WAYS)}", at="way", value=way, nearest=nearest(way, WAYS)
+        )
     match = _CROSSING.fullmatch(at)
     if match is None or math.isinf(float(match["value"])):
-        raise OptionError("", "at", at, RULE)
+        raise OptionError(RULE, at="at", value=at)
     if noisy := [label for label, effect in labelled(scene.effects) if is_random(effect)]:
         rule = "a path with noise is not known between saves: no section"
-        raise SceneError("effects", noisy[0], None, rule)
+        raise SceneError(rule, at=f"effects.{noisy[0]}")
     return Crossing(component_of(scene, match["of"], "at"), float(match["value"]), way)
 
 
@@ -191,7 +193,7 @@ def period_of(scene: Scene, at: str) -> float | None:
     if word != "orbit":
         period = float(word)
         if not 0.0 < period < math.inf:
-            raise OptionError("", "at", at, RULE)
+            raise OptionError(RULE, at="at", value=at)
         return period
     for label, effect in labelled(scene.effects):
         if label == "gravity_gradient":
@@ -199,9 +201,9 @@ def period_of(scene: Scene, at: str) -> float | None:
             if isinstance(mu, float) and isinstance(distance, float):
                 return 2.0 * math.pi * math.sqrt(distance**3 / mu)
             rule = "members have orbits of their own: give a time"
-            raise OptionError("", "at", at, rule)
+            raise OptionError(rule, at="at", value=at)
     rule = "the scene has no gravity_gradient, and so no orbit"
-    raise OptionError("", "at", at, rule)
+    raise OptionError(rule, at="at", value=at)
 
 
 STATE = ("attitude", "momentum")

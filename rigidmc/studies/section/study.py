@@ -101,7 +101,7 @@ def designed(scene: Scene, at: str, **settings: Any) -> Scene:
     if period := period_of(scene, at):
         if not period / scene.run.dt < MOST_STEPS:
             rule = f"more than {MOST_STEPS:.3g} steps to the first point"
-            raise OptionError("", "at", at, rule)
+            raise OptionError(rule, at="at", value=at)
         count = max(1, math.floor(scene.run.t_end / period * (1.0 + 1e-9)))
         dt = period / math.ceil(period / scene.run.dt * (1.0 - 1e-9))  # whole steps in a period
         return _saving(scene, every=period, t_end=count * period, dt=dt)
@@ -128,7 +128,9 @@ def section_of(
     for name in names:
         if name not in result or "time" not in result[name].dims:
             rule = f"needs {name} at save times; `rigidmc run SCENE --save {','.join(names)}`"
-            raise OptionError("", "at", at, f"a section {rule}", nearest(name, list(result)))
+            raise OptionError(
+                f"a section {rule}", at="at", value=at, nearest=nearest(name, list(result))
+            )
     parts = pieces(result, _size(result.sizes["time"]))
     return _joined(scene, at, way, parts, threads)
 

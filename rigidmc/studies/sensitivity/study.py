@@ -230,7 +230,7 @@ def _mean_of(text: str, variables: Variables, may_save_more: bool = True) -> Mea
     asked = measure(text, variables, may_save_more)
     if asked.kind not in KINDS:
         rule = "has no variance over members to share: take mean(NAME) or p(NAME >= NUMBER)"
-        raise OptionError("", "of", text, rule)
+        raise OptionError(rule, at="of", value=text)
     return asked
 
 

@@ -102,7 +102,7 @@ def prepared_case(
 ) -> Prepared:
     """One of MAPS before its first step; the arguments are those of `case_map`."""
     if name not in MAPS:
-        raise unknown("", "map", name, "map", MAPS, OptionError)
+        raise unknown("map", MAPS, at="map", value=name, error=OptionError)
     case = MAPS[name]()
     given = {key: value for key, value in settings.items() if value is not None}
     standard = {

@@ -103,17 +103,17 @@ def question(
     """The Question of a user; OptionError for sides, measures and sizes that are none."""
     texts = (of,) if isinstance(of, str) else tuple(of)
     if not texts or not all(isinstance(text, str) for text in texts):
-        raise OptionError("", "of", texts, 'expected measures, such as "p(flips >= 1)"')
+        raise OptionError('expected measures, such as "p(flips >= 1)"', at="of", value=texts)
     across, upwards = _whole_side("x", x), _whole_side("y", y)
     if x[0] == y[0]:
-        raise OptionError("", "y", y[0], "is already the parameter of x")
+        raise OptionError("is already the parameter of x", at="y", value=y[0])
     if z is None and layers is not None:
-        raise OptionError("", "layers", layers, "are those of a third parameter: give z")
+        raise OptionError("are those of a third parameter: give z", at="layers", value=layers)
     if z is not None:
         more["z"] = _whole_side("z", z)
         more["layers"] = counted(LAYERS if layers is None else layers, "layers", 1, MOST_LAYERS)
         if z[0] in (x[0], y[0]):
-            raise OptionError("", "z", z[0], "is already the parameter of x or y")
+            raise OptionError("is already the parameter of x or y", at="z", value=z[0])
     columns, rows = columns_and_rows(resolution)
     return Question(across, upwards, texts, columns, rows, counted(replicas, "members"), **more)
 
@@ -123,7 +123,7 @@ def columns_and_rows(resolution: Resolution) -> tuple[int, int]:
     shape = resolution if isinstance(resolution, (list, tuple)) else (resolution, resolution)
     if len(shape) != 2:
         rule = "expected pixels per side, or (columns, rows)"
-        raise OptionError("", "resolution", resolution, rule)
+        raise OptionError(rule, at="resolution", value=resolution)
     columns, rows = (counted(side, "resolution", 1, MOST) for side in shape)
     return columns, rows
 
@@ -140,7 +140,7 @@ def _whole_side(key: str, side: Side) -> Whole:
     if isinstance(side, str) or len(side) not in (3, 4) or not isinstance(side[0], str):
         rule = "expected (parameter, low, high) or (parameter, low, high, True)"
         example = 'such as ("body.moments.1", 0.1, 0.9)'
-        raise OptionError("", key, side, f"{rule}, {example}")
+        raise OptionError(f"{rule}, {example}", at=key, value=side)
     name, low, high, *log = side
     return name, low, high, bool(log and log[0])
 
@@ -154,7 +154,7 @@ def stored_question(text: str, path: str) -> Question:
             raise ValueError("impossible sizes")
     except ValueError:  # also of pydantic
         rule = "there is no map that can be read"
-        raise FileError("", "map", None, rule, file=path) from None
+        raise FileError(rule, at="map", file=path) from None
     return found
 
 
@@ -166,7 +166,7 @@ def _grid(key: str, side: Whole, count: int, stride: int) -> Grid:
     except RigidmcError as error:
         rule = f"expected low < high{', both above 0 for even ratios' if log else ''}"
         rule = error.rule if "whole number" in error.rule else rule
-        raise OptionError("", key, f"{name} from {low} to {high}", rule) from None
+        raise OptionError(rule, at=key, value=f"{name} from {low} to {high}") from None
     return values
 
 

@@ -71,11 +71,11 @@ def borders_of(measures: Sequence[Measure], given: Borders = ()) -> Borders:
         found = tuple((str(text).strip(), tuple(map(float, values))) for text, values in given)
     except (TypeError, ValueError):
         rule = "expected (measure, values that divide its classes) for each measure"
-        raise OptionError("", "adaptive", given, rule) from None
+        raise OptionError(rule, at="adaptive", value=given) from None
     texts = [one.text for one in measures]
     for text, _ in found:
         if text not in texts:
-            raise unknown("", "adaptive", text, "measure of the map", texts, OptionError)
+            raise unknown("measure of the map", texts, at="adaptive", value=text, error=OptionError)
     one = measures[0]
     usual = (0.5,) if one.kind == "p" else (4.0,) if one.result.name == "megno" else ()
     return found or ((one.text, usual),)

@@ -143,7 +143,7 @@ def _map_in_file(path: str, allow_code: bool) -> xr.Dataset:
         def numbers(name: str, kinds: str) -> NDArray[Any]:
             variable = file.variables.get(name)
             if variable is None or variable.shape != shape or variable.dtype.kind not in kinds:
-                raise FileError("", name, None, f"expected {shape} numbers", file=path)
+                raise FileError(f"expected {shape} numbers", at=name, file=path)
             return np.asarray(variable.values).reshape(-1)
 
         intervals = {}
@@ -158,7 +158,7 @@ def _map_in_file(path: str, allow_code: bool) -> xr.Dataset:
         more = {key: file.attrs[key] for key in ("seconds", "missing") if key in file.attrs}
         sound = all(isinstance(value, (float, int, np.number)) for value in more.values())
     if not sound:
-        raise FileError("", "seconds", None, "expected a number", file=path)
+        raise FileError("expected a number", at="seconds", file=path)
     whole = finished(ready, Pixels(intervals, counts), computed)
     return with_theory(whole, asked.name).assign_attrs(more)
 
@@ -167,7 +167,7 @@ def question_of(directory: RunDirectory) -> Question:
     """What the map of a run directory asks; FileError if it is no map."""
     text = directory.facts["attributes"].get(MAP)
     if text is None:
-        raise FileError("", "map", None, "is the run of a scene, and no map", file=directory.path)
+        raise FileError("is the run of a scene, and no map", at="map", file=directory.path)
     asked = stored_question(str(text), directory.path)
     if asked.borders is not None:
         return asked
@@ -177,11 +177,11 @@ def question_of(directory: RunDirectory) -> Question:
 def members_of_pixels(path: Path, replicas: int) -> int:
     """How many members a map has with so many in each pixel."""
     if replicas > (most := 2**53 // MOST**2):
-        raise OptionError("", "members", replicas, f"a pixel has at most {most:,} members")
+        raise OptionError(f"a pixel has at most {most:,} members", at="members", value=replicas)
     asked = question_of(RunDirectory(path))
     if asked.borders is not None:
         rule = "an adaptive map chose its pixels by the members that these have: start a new map"
-        raise OptionError("", "members", replicas, rule)
+        raise OptionError(rule, at="members", value=replicas)
     return replicas * asked.pixels
 
 
@@ -195,7 +195,7 @@ def map_of_run(path: Path, allow_code: bool = False) -> xr.Dataset:
     directory.refuse_strays()
     ready, collected = there(directory, allow_code)
     if not directory.shards():
-        raise FileError("", "run", directory.path, "no shard is there yet: resume it first")
+        raise FileError("no shard is there yet: resume it first", at="run", value=directory.path)
     asked, pixels = ready.question, collected.pixel_values()
     found = with_theory(finished(ready, pixels), asked.name)
     missing = collected.missing()
@@ -225,7 +225,7 @@ def there(directory: RunDirectory, allow_code: bool = False) -> tuple[Prepared, 
         )
         if not fits or not np.array_equal(values["member"], members):
             rule = "has the members of another shard; `rigidmc verify` tells more"
-            raise FileError("", "shard", i, rule, file=shard)
+            raise FileError(rule, at="shard", value=i, file=shard)
         t_end = {"t_end": ready.scene.run.t_end}
         collected.take(xr.Dataset(variables, {"member": members, "axis": [1, 2, 3]}, t_end))
     return ready, collected
@@ -245,7 +245,7 @@ def resume_growing(
     """
     if only is not None and directory.chosen is not None:
         rule = "all shards of an adaptive map must be there before the next are known: leave it out"
-        raise OptionError("", "--shards", f"{only.start}:{only.stop}", rule)
+        raise OptionError(rule, at="shards", value=f"{only.start}:{only.stop}")
     stop = None if max_wall is None else time.monotonic() + seconds(max_wall, "max_wall")
     options |= {"only": only, "allow_code": allow_code}
     directory, flagged = resume(directory, max_wall=max_wall, **options)
@@ -341,8 +341,8 @@ def _side(key: str, side: Whole, ends: Ends) -> Whole:
     try:
         low, high = map(float, ends)
     except (TypeError, ValueError):
-        raise OptionError("", key, ends, f"expected (low, high) of {side[0]}") from None
+        raise OptionError(f"expected (low, high) of {side[0]}", at=key, value=ends) from None
     if low < side[1] or high > side[2]:
         rule = f"is no part of the map, whose {side[0]} goes from {side[1]:g} to {side[2]:g}"
-        raise OptionError("", key, f"{low:g} to {high:g}", rule)
+        raise OptionError(rule, at=key, value=f"{low:g} to {high:g}")
     return side[0], low, high, side[3]

@@ -148,7 +148,7 @@ def prepare_map(asked: Question, scene: Scene, **settings: Any) -> Prepared:
     scene = asked.of_scene(scene).with_run(save=settings.pop("save", ()), **settings)
     if scene.run.points != "independent":
         rule = "the interval of a pixel needs independent members"
-        raise SceneError("run", "points", scene.run.points, rule)
+        raise SceneError(rule, at="run.points", value=scene.run.points)
     scene = observing(scene, asked.of)
     whole = _with_integrator(scene)
     run = prepared(whole)
@@ -190,7 +190,7 @@ def finished(
         (x, *ends), (y, *others) = asked.x[:3], asked.y[:3]
         between = f"between {ends[0]:g} and {ends[1]:g}, and {others[0]:g} and {others[1]:g} of {y}"
         rule = f"{between} no pixel has a body and a start: moments must obey I_i <= I_j + I_k"
-        raise OptionError("", "x", x, rule)
+        raise OptionError(rule, at="x", value=x)
     if asked.borders is not None and computed is None:
         state = refined(asked, pixels)
         pixels, computed = pixels.at(state.source), state.known

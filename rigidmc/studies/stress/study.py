@@ -55,10 +55,10 @@ def stress(
     names, chosen = list(integrators or (QUICK if quick else INTEGRATORS)), list(groups or GROUPS)
     for name in names:
         if name not in INTEGRATORS:
-            raise unknown("", "--integrator", name, "integrator", INTEGRATORS, OptionError)
+            raise unknown("integrator", INTEGRATORS, at="integrator", value=name, error=OptionError)
     for group in chosen:
         if group not in GROUPS:
-            raise unknown("", "--group", group, "group of hard cases", GROUPS, OptionError)
+            raise unknown("group of hard cases", GROUPS, at="group", value=group, error=OptionError)
     cases, known = catalogue(), shipped_bounds()
     for key, bound in (bounds or {}).items():
         known[key] = (_checked(key, bound), known.get(key, (0.0, math.nan))[1])
@@ -115,9 +115,16 @@ def load_bounds(path: str | PathLike[str]) -> dict[Key, float]:
     cases = {case.name for case in catalogue()}
     for name, integrator in table:
         if name not in cases:
-            raise unknown(path, "case", name, "case", cases, FileError)
+            raise unknown("case", cases, at=f"{path}.case", table=path, value=name, error=FileError)
         if integrator not in INTEGRATORS:
-            raise unknown(path, "integrator", integrator, "integrator", INTEGRATORS, FileError)
+            raise unknown(
+                "integrator",
+                INTEGRATORS,
+                at=f"{path}.integrator",
+                table=path,
+                value=integrator,
+                error=FileError,
+            )
     return {key: _checked(key, bound, FileError) for key, (bound, _) in table.items()}
 
 
@@ -146,7 +153,7 @@ def _read(text: str, file: str) -> dict[Key, tuple[float, float]]:
     try:
         rows = list(csv.DictReader(text.splitlines()))
     except csv.Error as error:
-        raise FileError("", "bounds", None, f"is no table: {error}", file=file) from None
+        raise FileError(f"is no table: {error}", at="bounds", file=file) from None
     bounds: dict[Key, tuple[float, float]] = {}
     for number, row in enumerate(rows, 2):
         try:
@@ -154,7 +161,13 @@ def _read(text: str, file: str) -> dict[Key, tuple[float, float]]:
             bounds[row["case"], row["integrator"]] = float(row["bound"]), measured
         except (KeyError, TypeError, ValueError):
             rule = f"expected the columns {', '.join(_COLUMNS)}, numbers in the last two"
-            raise FileError(f"line {number}", "bound", row.get("bound"), rule, file=file) from None
+            raise FileError(
+                rule,
+                at=f"line {number}.bound",
+                table=f"line {number}",
+                value=row.get("bound"),
+                file=file,
+            ) from None
     return bounds
 
 
@@ -162,7 +175,8 @@ def _checked(key: Key, bound: float, error: type[RigidmcError] = OptionError) ->
     """A bound; an error if it is negative or not finite."""
     if not (bound >= 0.0 and math.isfinite(bound)):
         rule = "a bound must be finite and not negative"
-        raise error(f"{key[0]}, {key[1]}", "bound", bound, rule)
+        table = f"{key[0]}, {key[1]}"
+        raise error(rule, at=f"{table}.bound", table=table, value=bound)
     return bound
 
 

@@ -27,7 +27,7 @@ def map_data(ds: xr.Dataset, allow_code: bool) -> tuple[Scene, dict[str, Any], l
     """(scene, what the page knows of a map, moments of its bodies)."""
     if "z" in ds.coords:
         rule = "a stack of maps has no page: draw it with `rigidmc map FILE --plot`"
-        raise OptionError("", "view", None, rule)
+        raise OptionError(rule, at="view")
     scene = scene_of(ds, allow_code=allow_code)
     places = _places(ds)
     facts, bodies = [], list[list[float]]()

@@ -68,7 +68,7 @@ def check_k3d() -> None:
         import k3d  # noqa: F401
     except ImportError as error:
         rule = f"pages are drawn by k3d: pip install 'rigidmc[view]' ({error})"
-        raise FileError("", "view", None, rule) from None
+        raise FileError(rule, at="view") from None
 
 
 class Page:
@@ -88,19 +88,19 @@ def _chosen(ds: xr.Dataset, members: Sequence[int] | None) -> list[int]:
     started = known[status != 2]  # one that never started has no motion
     if members is None:
         if not started.size:
-            raise OptionError("", "members", None, "no member of the result has started")
+            raise OptionError("no member of the result has started", at="members")
         even = started[np.unique(np.linspace(0, started.size - 1, SHOWN).round().astype(int))]
         flagged = known[(status != 0) & (status != 2)][:1]
         return sorted({*even.tolist(), *flagged.tolist()})
     if not 1 <= len(members) <= MOST:
-        raise OptionError("", "members", len(members), f"a page shows 1 to {MOST} members")
+        raise OptionError(f"a page shows 1 to {MOST} members", at="members", value=len(members))
     for member in members:
         if member not in known:
             rule = f"the result has the members {known[0]} to {known[-1]}"
-            raise OptionError("", "members", member, rule)
+            raise OptionError(rule, at="members", value=member)
         if member not in started:
             rule = "this member never started: it has no such body or start"
-            raise OptionError("", "members", member, rule)
+            raise OptionError(rule, at="members", value=member)
     return list(dict.fromkeys(members))
 
 
@@ -112,7 +112,7 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
     end = last if until is None else until
     if end > last * (1.0 + 1e-9):
         rule = f"the run ends at {last:g} s; of a scene --set run.t_end={end:g} makes it longer"
-        raise OptionError("", "until", end, rule)
+        raise OptionError(rule, at="until", value=end)
     for member in members:
         count, reached, rate = reach(ds.sel(member=[member]), end)
         shown = frames(ds, member, count, allow_code, until=reached)
