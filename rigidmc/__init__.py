@@ -62,6 +62,7 @@ _HOMES = {
     "Histogram": "physics.observables",
     "RigidmcError": "errors",
     "SceneError": "errors",
+    "PartError": "errors",
     "OptionError": "errors",
     "NoDevice": "errors",
     "FileError": "errors",
@@ -78,6 +79,7 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.errors import NoDevice as NoDevice
     from rigidmc.errors import OptionError as OptionError
     from rigidmc.errors import OutputExists as OutputExists
+    from rigidmc.errors import PartError as PartError
     from rigidmc.errors import RigidmcError as RigidmcError
     from rigidmc.errors import SceneError as SceneError
     from rigidmc.errors import SceneWarning as SceneWarning

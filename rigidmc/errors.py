@@ -126,7 +126,7 @@ class PartError(SceneError):
     ...     def torque(self, v):
     ...         return v, 0.0, 0.0
     >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), (Wind(3.0),), rm.Start(omega=(0.0, 1.0, 0.0)))
-    >>> scene.check()  # doctest: +ELLIPSIS
+    >>> rm.prepare(scene)  # doctest: +ELLIPSIS
     Traceback (most recent call last):
     rigidmc.errors.PartError: [effects] Wind.torque: asks for 'v'; it may name ...
     """

@@ -8,7 +8,7 @@ from rigidmc.engine.cuda.devices import number_of
 from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
 from rigidmc.engine.program import Program
-from rigidmc.errors import SceneError
+from rigidmc.errors import PartError
 from rigidmc.physics.dynamics.trials import RULE
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import blank

@@ -40,7 +40,15 @@ NO_NUMBERS = {
         "prepare",
         "PreparedRun",
     ),  # they compute nothing, or give back what was stored
-    *("RigidmcError", "SceneError", "OptionError", "NoDevice", "FileError", "OutputExists"),
+    *(
+        "RigidmcError",
+        "SceneError",
+        "PartError",
+        "OptionError",
+        "NoDevice",
+        "FileError",
+        "OutputExists",
+    ),
     "SceneWarning",
 }
 # of `ds.rigid`: the names of the scene, words and pictures of the numbers that are asked, files

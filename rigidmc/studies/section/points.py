@@ -101,7 +101,7 @@ class Paths:
         steps = np.maximum(np.nan_to_num(turns) / arc, spans / dt * (1.0 - 1e-9))
         if steps.max(initial=0.0) > MOST:
             rule = f"between two saves a member turns by {turns.max():.3g} rad: save more often"
-            raise OptionError("", "every", None, rule)
+            raise OptionError(rule, at="every")
         self._steps = np.maximum(1, np.ceil(steps)).astype(int)
         self.sure = np.ones(m.size, bool)
         self._settle()
