@@ -10,7 +10,8 @@ Reading order: `scene` and `parts` (a scene, from Python or from a file), `model
 pictures draw), `start`, `settings` (the table [run], from which keywords and options follow),
 `amounts` (1e6, "1h30m"), `validation` (parts that a user gives), `recording` (what is saved and
 monitored), `quantities` and `distributions` (how members differ), `sampling` (where uniform numbers
-come from), `parameters` (numbers of a scene by their names), `drifts` (by what law drifts grow);
+come from), `parameters` (numbers of a scene by their names), `varied` (those that a prepared run
+takes anew), `drifts` (by what law drifts grow);
 and the rooms `vector_distributions`, `toml` (scene files), `user_parts` (classes that users wrote)
 and `library` (shipped scenes).
 
