@@ -68,6 +68,22 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
+Model = TypeVar("Model", bound=Table)
+
+
+def table_of(
+    model: type[Model], settings: Mapping[str, Any], at: str, given: Mapping[str, Any] | None = None
+) -> Model:
+    """A table with its keys and values checked; SceneError.
+
+    given : the values that an error shows, by default the settings
+    """
+    try:
+        return model.model_validate(settings)
+    except ValidationError as error:
+        raise from_pydantic(error, at, model.model_fields, given or settings) from None
+
+
 class Run(Table):
     """The settings of a run.
 
@@ -300,9 +316,6 @@ def changed(run: Run, given: Mapping[str, Any]) -> Run:
     if "save" in given and isinstance(run.keep, dict):
         kept["keep"] = {name: word for name, word in run.keep.items() if name in given["save"]}
     settings = {**kept, **given}
-    try:
-        new = Run.model_validate(settings)
-        lost = idle(new).keys() - idle(run).keys() - given.keys() - STAYS
-        return Run.model_validate({k: v for k, v in settings.items() if k not in lost})
-    except ValidationError as error:
-        raise from_pydantic(error, "run", Run.model_fields, given) from None
+    new = table_of(Run, settings, "run", given)
+    lost = idle(new).keys() - idle(run).keys() - given.keys() - STAYS
+    return table_of(Run, {k: v for k, v in settings.items() if k not in lost}, "run", given)

@@ -239,7 +239,7 @@ def test_shards_take_so_long_at_most_where_that_is_measured(tmp_path, monkeypatc
     with pytest.raises(rm.OptionError, match="every task of a job array would measure"):
         made("task", None, range(1), limit=1.0)
     for bad in (0.0, -1.0, "soon", float("nan")):
-        with pytest.raises(rm.OptionError, match="shard-time"):
+        with pytest.raises(rm.OptionError, match="shard_time"):
             made("bad", limit=bad)
 
 

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
-from rigidmc.errors import FileError, PartError, SceneError, from_pydantic, unknown
+from rigidmc.errors import FileError, PartError, SceneError, unknown
 from rigidmc.files.opening import is_zarr
 from rigidmc.files.reading import toml
 from rigidmc.files.user_code import source_of
@@ -27,7 +26,7 @@ from rigidmc.physics.effects.protocol import Effect, given
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import WATCHED, WITH_TABLE
 from rigidmc.scene.body import Body
-from rigidmc.scene.settings import Run, Table, changed
+from rigidmc.scene.settings import Run, Table, changed, table_of
 from rigidmc.scene.shape import shape_of
 from rigidmc.scene.start import Start
 from rigidmc.scene.toml.values import Columns, numbers, only, parse
@@ -76,10 +75,7 @@ def parts_of(
     overridden = {key.split(".")[1] for key, _ in settings if key.startswith("run.")}
     folder = os.path.dirname(file)
     columns = Columns(stored, folder, folder if allow_code else allow_code)
-    try:
-        tables = _File(**data)
-    except ValidationError as error:
-        raise from_pydantic(error, "", _File.model_fields, data) from None
+    tables = table_of(_File, data, "")
     return {
         "effects": effects_of(tables.effects, columns),
         "observables": observables_of(tables.observables, columns.code),
@@ -99,10 +95,8 @@ def _run(table: dict[str, Any], overridden: set[str], of_result: bool) -> Run:
     if of_result and settings.get("integrator", "auto") != "auto":
         # results of version 0.1 have the tolerance for which their integrator was chosen
         settings.pop("tolerance", None)
-    try:
-        run = Run.model_validate({k: v for k, v in settings.items() if k not in overridden})
-    except ValidationError as error:
-        raise from_pydantic(error, "run", Run.model_fields, table) from None
+    known = {k: v for k, v in settings.items() if k not in overridden}
+    run = table_of(Run, known, "run", table)
     return changed(run, {k: v for k, v in settings.items() if k in overridden})
 
 

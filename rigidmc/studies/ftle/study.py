@@ -109,7 +109,7 @@ def designed(scene: Scene, families: int, **settings: Any) -> Scene:
     for name in names:
         if not name.startswith("start."):
             rule = "is uncertain, and no number of the start: give it one value"
-            raise SceneError(rule, at=name)
+            raise SceneError(rule, at=name, table="")
     if len(dimensions) > 6:
         rule = f"{len(dimensions)} numbers are drawn, and a state has six: give some one value"
         raise SceneError(rule, at=f"start.{scene.start.which}")
