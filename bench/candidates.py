@@ -10,7 +10,7 @@ from bench import baselines, tops
 from bench.baselines import naive
 from rigidmc.engine.machine import threads_available
 from rigidmc.physics.effects import Gravity
-from rigidmc.physics.integrators import INTEGRATORS, Turns, form
+from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, scheme_of
 
 MEMBERS, STEPS, H, EACH = 65536, 1000, 0.01, 100
 SAVES = ("omega", "attitude", "energy", "l2")
@@ -43,7 +43,7 @@ def kernels(ensemble):
     all_cores = tops.pool(threads_available())
 
     def candidate(name, effects, attitude=True, pool=all_cores, same_as="kernel rk4 free"):
-        steps_form = form(INTEGRATORS[name], Turns(0.1), effects)
+        steps_form = scheme_of(INTEGRATORS[name], TurnBounds(0.1), effects)
 
         def run(parts):
             tops.advance(parts, steps_form, effects, attitude, H, STEPS, pool)

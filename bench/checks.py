@@ -11,7 +11,7 @@ from bench import harness, tops
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.machine import threads_available
 from rigidmc.physics.effects import Gravity
-from rigidmc.physics.integrators import INTEGRATORS, Turns, form
+from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, scheme_of
 from rigidmc.planning.limits import Limits
 
 MEMBERS, STEPS, H = 65536, 1000, 0.01
@@ -49,7 +49,7 @@ def run(quick):
     ensemble, pool, rows = tops.random_tops(MEMBERS), tops.pool(threads_available()), []
     shift = shifted(pool)
     for name, effects, attitude in CASES:
-        steps_form = form(INTEGRATORS[name], Turns(0.1), effects)
+        steps_form = scheme_of(INTEGRATORS[name], TurnBounds(0.1), effects)
         with_all = tuple(
             Limits(
                 0.05,
@@ -74,7 +74,7 @@ def run(quick):
         field = {"with": advance("with", with_all), "without": advance("without", ())}
         seconds = harness.interleaved(field, 5 if quick else 21, cpu)
         rest = [
-            np.concatenate([part[: layout.REST] for part in ends[word]], axis=1) for word in field
+            np.concatenate([part[: layout.EXTRA] for part in ends[word]], axis=1) for word in field
         ]
         flagged = sum(int(part[layout.STATUS].any()) for part in ends["with"])
         assert not flagged, f"{name}: members of the bench are flagged"

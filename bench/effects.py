@@ -19,7 +19,7 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import lanes_for
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import filled, is_random
-from rigidmc.physics.integrators import INTEGRATORS, Turns, form
+from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, scheme_of
 from rigidmc.runs.prepare import prepared
 from rigidmc.runs.price import cost_per_step, prices
 from rigidmc.scene.body import Body
@@ -47,7 +47,7 @@ def some(kind):
 def added(quick):
     """Rows with the time that each effect adds to a step of a free body by rk4, interleaved."""
     ensemble, pool = tops.random_tops(MEMBERS), tops.pool(threads_available())
-    steps_form = form(INTEGRATORS["rk4"], Turns(0.1), ())
+    steps_form = scheme_of(INTEGRATORS["rk4"], TurnBounds(0.1), ())
 
     def run(effects):
         def move(parts):
@@ -109,7 +109,13 @@ def fingerprint():
     ensemble, gravity = tops.random_tops(256), (some(EFFECTS["gravity"]),)
     parts = tops.blocks(ensemble, gravity)
     tops.advance(
-        parts, form(INTEGRATORS["rk4"], Turns(0.1), ()), gravity, True, H, 100, tops.pool(1)
+        parts,
+        scheme_of(INTEGRATORS["rk4"], TurnBounds(0.1), ()),
+        gravity,
+        True,
+        H,
+        100,
+        tops.pool(1),
     )
     digest = [
         hashlib.sha256(x).hexdigest()[:16]

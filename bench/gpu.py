@@ -120,7 +120,7 @@ def assembled(text, capability):
 def inspected(what, name, scene, watched, capability):
     """The row of a kernel."""
     scene = scene.with_run(integrator=name, save=("omega", "attitude", *watched))
-    with mock.patch.object(cuda, "chosen", lambda number: (NOBODY,)):
+    with mock.patch.object(cuda, "select_devices", lambda number: (NOBODY,)):
         program = make_program(prepared(scene).plan, "cuda", compiled=False)
         began = time.perf_counter()
         text = program.ptx(capability)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.arguments import Run
+from rigidmc.engine.kernel.arguments import StepRange
 from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.engine.threads import run_block
 from rigidmc.physics.dynamics.euler import MassProperties
@@ -55,7 +55,7 @@ def blocks(tops, effects, size=BLOCK):
     n = tops.omega.shape[1]
     rows = np.zeros((layout.EFFECTS + parameter_count(*effects), n))
     rows[layout.ATTITUDE : layout.MOMENTUM] = tops.attitude
-    rows[layout.MOMENTUM : layout.REST] = tops.momentum
+    rows[layout.MOMENTUM : layout.EXTRA] = tops.momentum
     rows[layout.BODY : layout.EFFECTS], rows[layout.STEPS] = tops.body, 1.0
     for row, (_, _, value) in enumerate(
         (n for effect in effects for n in numbers(effect)), layout.EFFECTS
@@ -69,7 +69,7 @@ def advance(parts, steps_form, effects, attitude, h, steps, pool, dtype="float64
     program = Program(steps_form, blank(effects), (), attitude, dtype=dtype, limits=limits)
 
     def move(block):
-        program.advance(block, Run(h, 1, steps, steps, 0, 0, steps))
+        program.advance(block, StepRange(h, 1, steps, steps, 0, 0, steps))
 
     for _ in pool.map(move, parts):
         pass
@@ -106,7 +106,7 @@ def advance_own(parts, steps_form, effects, turn, t_end, pool, dtype="float64"):
                 1,
             )
         )
-        block[: layout.REST, order] = given[: layout.REST]
+        block[: layout.EXTRA, order] = given[: layout.EXTRA]
 
     for _ in pool.map(move, parts):
         pass
@@ -114,7 +114,7 @@ def advance_own(parts, steps_form, effects, turn, t_end, pool, dtype="float64"):
 
 def state(parts):
     """(attitude (4, n), momentum (3, n)) of blocks."""
-    rows = np.concatenate([block[: layout.REST] for block in parts], axis=1)
+    rows = np.concatenate([block[: layout.EXTRA] for block in parts], axis=1)
     return rows[: layout.MOMENTUM], rows[layout.MOMENTUM :]
 
 

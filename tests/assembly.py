@@ -3,14 +3,14 @@
 import re
 from typing import Any, NamedTuple
 
-from rigidmc.engine.compiler.kernels import dispatcher_of, signature_of
-from rigidmc.engine.inspection import DIVISION, ROOT, why_one_at_a_time
+from rigidmc.engine.compiler.kernels import KernelKey, dispatcher_of, signature_of
+from rigidmc.engine.inspection import DIVISION, ROOT, why_scalar
 from rigidmc.engine.kernel.march import march
 from rigidmc.engine.machine import vector_bits
 from rigidmc.engine.program import MARCH, lanes_for
 from rigidmc.physics.dynamics.methods import OFF, ON, flag, static_count
 from rigidmc.physics.effects.protocol import blank
-from rigidmc.physics.integrators import INTEGRATORS, Turns, form
+from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, scheme_of
 from rigidmc.physics.integrators.protocol import group_count
 
 ARITHMETIC = re.compile(r"v?(mul|add|sub|div|sqrt|fn?m(?:add|sub)\d+)([ps])([ds])\s")
@@ -80,7 +80,7 @@ class Case(NamedTuple):
 def case(name, effects=(), attitude=ON, compensated=OFF, dtype="float64", works=()):
     """The Case of an integrator, by name."""
     return Case(
-        form(INTEGRATORS[name], Turns(0.1, 0.1), effects),
+        scheme_of(INTEGRATORS[name], TurnBounds(0.1, 0.1), effects),
         blank(effects),
         attitude,
         compensated,
@@ -92,20 +92,18 @@ def case(name, effects=(), attitude=ON, compensated=OFF, dtype="float64", works=
 def assembly_of(case, lanes):
     """The assembly of freshly compiled steps; those from the disk cache have none to read."""
     groups = static_count(min(lanes, group_count(case.made.integrator)))
-    several = flag(len(case.made.parts) > 2)
+    several = flag(len(case.made.substeps) > 2)
     made, effects, works = case.made.integrator, case.effects, case.works
     parts = made, effects, case.attitude, case.compensated, works, groups, several, OFF
     compiled = dispatcher_of(march)
-    compiled.compile(signature_of(parts, case.dtype, lanes, MARCH))
+    compiled.compile(signature_of(KernelKey(march, parts, case.dtype, lanes, MARCH)))
     (assembly,) = compiled.inspect_asm().values()
     return assembly
 
 
 def counted(case):
     """What the loop over steps contains."""
-    lanes = (
-        1 if case.effects and any(map(why_one_at_a_time, case.effects)) else lanes_for(case.dtype)
-    )
+    lanes = 1 if case.effects and any(map(why_scalar, case.effects)) else lanes_for(case.dtype)
     assembly = assembly_of(case, lanes)
     loop = loop_of(assembly)
     wanted = "s" if case.dtype == "float32" else "d"
@@ -116,8 +114,8 @@ def counted(case):
     return {
         "packed": len(packed) / vectors,
         "flops": sum(2 if kind.startswith("f") else 1 for _, kind in packed) / vectors,
-        "parts": len(case.made.parts) - 1,
-        "slots": slots(loop) / vectors * (len(case.made.parts) - 1),
+        "parts": len(case.made.substeps) - 1,
+        "slots": slots(loop) / vectors * (len(case.made.substeps) - 1),
         "spills": sum("(%rsp)" in i and i.startswith("vmov") for i in loop) / vectors,
         "widest": all(
             {512: "%zmm", 256: "%ymm", 128: "%xmm"}[vector_bits()] in i for i, _ in packed

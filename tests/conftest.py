@@ -16,7 +16,7 @@ from rigidmc.engine.compiler import kernels
 compile_helper.threads_available = lambda: 1
 
 
-def _compiled(dispatcher, signature, compiled=kernels._compiled):
+def _compiled(dispatcher, signature, compiled=kernels._compile):
     """The code of a piece. What Numba keeps of it is looked through for garbage once and never
     again: 1.8 s and not 3.1 of the 33 s that tests/physics/effects/test_user.py takes."""
     address = compiled(dispatcher, signature)
@@ -25,7 +25,7 @@ def _compiled(dispatcher, signature, compiled=kernels._compiled):
     return address
 
 
-kernels._compiled = _compiled
+kernels._compile = _compiled
 
 # `CliRunner` makes all commands anew in each call, 25 of the 50 ms that `rigidmc show` takes.
 typer.testing._get_command = functools.cache(typer.main.get_command)

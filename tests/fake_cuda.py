@@ -17,7 +17,7 @@ import pytest
 
 from rigidmc.engine.cuda import devices as cuda_device
 from rigidmc.engine.cuda import program as cuda
-from rigidmc.engine.cuda.code import kernel_of, optimised
+from rigidmc.engine.cuda.code import link_kernel, optimise
 
 
 class Code(int):
@@ -245,7 +245,7 @@ class FakeDriver(types.ModuleType):
 @functools.cache
 def optimised_text(text):
     """A kernel's code, optimised for this processor: many tests take the same scene."""
-    return str(optimised(llvm.parse_assembly(text), host()))
+    return str(optimise(llvm.parse_assembly(text), host()))
 
 
 @functools.cache
@@ -279,10 +279,10 @@ def fake(monkeypatch):
         monkeypatch.setitem(sys.modules, "cuda.bindings", package.bindings)
         monkeypatch.setitem(sys.modules, "cuda.bindings.driver", driver)
         if compiled:
-            monkeypatch.setattr(cuda, "kernel_of", functools.partial(kernel_of, host=True))
+            monkeypatch.setattr(cuda, "link_kernel", functools.partial(link_kernel, host=True))
             monkeypatch.setattr(cuda, "ptx_of", lambda module, _: optimised_text(str(module)))
             # which is no PTX and must not go to the disk cache
-            monkeypatch.setattr(cuda, "kept_text", lambda types, more, make: make())
+            monkeypatch.setattr(cuda, "cached_text", lambda types, more, make: make())
         cuda_device.devices.cache_clear()
         return driver
 

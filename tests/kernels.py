@@ -13,7 +13,7 @@ from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects.protocol import blank, numbers, parameter_count
-from rigidmc.physics.integrators import Turns, form
+from rigidmc.physics.integrators import TurnBounds, scheme_of
 from rigidmc.physics.integrators.protocol import closed, constants, opened, step
 from rigidmc.physics.observables.protocol import size
 
@@ -29,7 +29,7 @@ def make_block(body, effects, attitude, momentum, more=0):
     members = momentum.shape[1]
     rows = np.zeros((K.EFFECTS + parameter_count(*effects) + more, members))
     rows[K.ATTITUDE : K.MOMENTUM] = attitude.reshape(4, -1)
-    rows[K.MOMENTUM : K.REST] = momentum
+    rows[K.MOMENTUM : K.EXTRA] = momentum
     for row, field in enumerate(
         [*body, *(value for effect in effects for _, _, value in numbers(effect))], start=K.BODY
     ):
@@ -85,7 +85,7 @@ def run(
 
     made : a Form;  cuts : steps at which the run is split into several calls
     watch : events, running observables and neighbour; the block then has `more` rows, see
-        `rigidmc.engine.kernel.layout.watch_rows`
+        `rigidmc.engine.kernel.layout.monitor_rows`
     slots_each : rounds of length h, in which each member makes block[STEPS] steps; `steps` and
         `stride` then count slots
     lanes : members side by side
@@ -94,12 +94,12 @@ def run(
     rows = sum(size(o.dims) for o in observables)  # of works nothing where none are kept
     width = block.shape[1] if observables else 0
     out = np.full(slots(steps, stride) * rows * width, -1.0) if observables else NOTHING
-    saves = arguments.Saves(out, width, 0, np.arange(block.shape[1]))
+    saves = arguments.SaveTarget(out, width, 0, np.arange(block.shape[1]))
     moves = program(made, effects, observables, attitude, compensated, dtype, limits, watch, lanes)
     for first, last in pairwise([0, *cuts, steps]):
         moves.advance(
             block,
-            arguments.Run(
+            arguments.StepRange(
                 float(h), slots_each or 1, stride, steps, int(slots_each is not None), first, last
             ),
             noise,
@@ -121,21 +121,22 @@ def march(kind, problems, h, steps, effects=None, made=None, **options):
         **options,
     )
     assert not block[K.STATUS].any()
-    return block[: K.MOMENTUM, : len(problems)], block[K.MOMENTUM : K.REST, : len(problems)]
+    return block[: K.MOMENTUM, : len(problems)], block[K.MOMENTUM : K.EXTRA, : len(problems)]
 
 
 def prepare(kind, turn, effects=(), symmetric=False):
     """The Form for steps that turn by `turn` [rad]."""
-    return form(kind, Turns(turn, 3.0 * turn, symmetric), effects)
+    return scheme_of(kind, TurnBounds(turn, 3.0 * turn, symmetric), effects)
 
 
 def one_step(made, body, effects, t, h, q, l):
     """One step in plain Python, opened before and closed after."""
     if len(q) == 2 and implements(made.integrator, "with_sums"):
         made = made._replace(
-            integrator=made.integrator.with_sums(), parts=np.vstack([np.zeros(4), made.parts[1:]])
+            integrator=made.integrator.with_sums(),
+            substeps=np.vstack([np.zeros(4), made.substeps[1:]]),
         )
-    lead, rows = [h * x for x in made.parts[0]], made.parts[1:]
+    lead, rows = [h * x for x in made.substeps[0]], made.substeps[1:]
     q, l = opened(made.integrator, body, effects, t + lead[3], lead, q, l)
     once = constants(made.integrator, body, tuple(h * rows[0][:3]), l)
     for row in rows:

@@ -47,11 +47,11 @@ def doctor(
 
 def _different() -> int:
     """Print how graphics processors compare with this one; how many cases have other bits."""
-    from rigidmc.engine.cuda.devices import chosen
+    from rigidmc.engine.cuda.devices import select_devices
     from rigidmc.studies.bits import compared, speeds
 
     wrong = 0
-    for one in chosen(None):
+    for one in select_devices(None):
         word, equal = f"cuda:{one.number}", list[bool]()
         print(f"{word}: {one.name}")
         for name, same in compared(word):

@@ -23,12 +23,12 @@ def show(
 ) -> None:
     """Say what a scene is, which effects are compiled, and what a run would take; run nothing."""
     with reported(scene):
-        from rigidmc.engine.cuda.devices import settled_device
+        from rigidmc.engine.cuda.devices import resolve_device
         from rigidmc.engine.machine import threads_available
         from rigidmc.views.descriptions import describe_scene
 
         loaded = load_scene(scene, settings, allow_code, run)
-        many, where = threads or threads_available(), settled_device(device)
+        many, where = threads or threads_available(), resolve_device(device)
         print(describe_scene(loaded, many, where))
 
 

@@ -13,31 +13,32 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from rigidmc.engine.compiler.kernels import Asked, is_kept, piece
+from rigidmc.engine.compiler.kernels import KernelKey, compile_kernel, is_cacheable
+from rigidmc.engine.kernel.arguments import record_type
 from rigidmc.engine.machine import threads_available
 from rigidmc.files.processes import can_start, start
 
 PATIENCE = 60.0  # [s] for what takes 1 to 3 s on two cores
 
 
-def helped(asked: Mapping[str, Asked]) -> list[str]:
+def helper_can(keys: Mapping[str, KernelKey]) -> list[str]:
     """Names of the pieces that another process could compile.
 
     These are the pieces that the disk cache keeps, if there is another core and a Python to start.
-    asked : {name: what `piece` takes}
+    keys : by the names of the kernels
     """
     if not can_start() or threads_available() < 2:
         return []
-    return [name for name, one in asked.items() if is_kept(*one)]
+    return [name for name, key in keys.items() if is_cacheable(key)]
 
 
 @contextlib.contextmanager
-def beside(asked: Sequence[Asked]) -> Iterator[None]:
+def compile_in_helper(keys: Sequence[KernelKey]) -> Iterator[None]:
     """Have pieces compiled by another process while the body runs.
 
-    At the end the other process has compiled them or is given up.  asked : what `piece` takes
+    At the end the other process has compiled them or is given up.  keys : of the kernels
     """
-    process = _started(asked) if asked else None
+    process = _started(keys) if keys else None
     try:
         yield
         if process is not None:
@@ -49,11 +50,11 @@ def beside(asked: Sequence[Asked]) -> Iterator[None]:
             process.wait()
 
 
-def _started(asked: Sequence[Asked]) -> subprocess.Popen[str] | None:
+def _started(keys: Sequence[KernelKey]) -> subprocess.Popen[str] | None:
     """The process, None if the system cannot start one."""
     written = [
-        [_name(function), _written(parts), dtype, lanes, arguments]
-        for function, parts, dtype, lanes, arguments in asked
+        [_name(key.function), _written(key.parts), key.dtype, key.lanes, key.arguments]
+        for key in keys
     ]
     try:
         process = start(__name__, answers=False)
@@ -68,7 +69,8 @@ def _started(asked: Sequence[Asked]) -> subprocess.Popen[str] | None:
 def main() -> None:
     """Compile what is written on the standard input."""
     for function, parts, dtype, lanes, arguments in json.load(sys.stdin):
-        piece(_named(function), _read(parts), dtype, lanes, arguments)
+        record = record_type(dtype) if "r" in arguments else None
+        compile_kernel(KernelKey(_named(function), _read(parts), dtype, lanes, arguments, record))
 
 
 def _name(thing: Callable[..., Any]) -> str:

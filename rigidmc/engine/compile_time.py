@@ -11,7 +11,7 @@ import time
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-from rigidmc.engine.compiler.disk_cache import home
+from rigidmc.engine.compiler.disk_cache import cache_home
 from rigidmc.files.opening import plain
 from rigidmc.progress import say
 
@@ -21,11 +21,12 @@ compiled: list[str] = []  # labels of what this process has compiled
 # CPU seconds in a process that compiles nothing else, on 2 cores of Intel Xeon (family 6, model
 # 167): within 15 % of what programs of rk4, rk8 and strang took before
 # `rigidmc.engine.compiler.pipeline`, times the 0.78 that it saves.
-PIECES = {
-    "enter": 0.08, "leave": 0.08, "begin": 0.3, "look": 0.4, "record": 0.12, "advance": 0.85,
-    "begin_watch": 0.27, "watch": 0.55, "seek": 0.27, "begin_near": 0.2, "meet": 0.3,
+KERNELS = {
+    "gather": 0.08, "scatter": 0.08, "initialise": 0.3, "assess": 0.4, "record": 0.12,
+    "advance": 0.85, "begin_monitors": 0.27, "monitor_steps": 0.55, "refine_event": 0.27,
+    "begin_shadow": 0.2, "renormalise_shadow": 0.3,
     "formulas": 0.8,  # 0.4 to 1.5
-    "kernel": 2.5,  # of a graphics processor, all pieces for one member: 2.2 (rk4) to 5.4 (rk8)
+    "kernel": 2.5,  # of a GPU, all kernels for one member in one: 2.2 (rk4) to 5.4 (rk8)
 }  # fmt: skip
 MARCH = {"rk8": 1.6}  # of a free body
 OTHERS = 0.8  # 0.7 (cf4, rk4); splittings 1.8, what their `begin` takes longer included
@@ -43,19 +44,19 @@ LATER = 0.45
 
 
 @contextlib.contextmanager
-def announced(
+def announce_compiling(
     label: str, missing: Sequence[str], effects: Sequence[Any] = (), theirs: Collection[str] = ()
 ) -> Iterator[None]:
     """Say what is compiled in the body, and learn from it how fast this machine is.
 
     label : of the program;  missing : names of its pieces that are to be compiled
-    effects : of the program;  theirs : see `divided`
+    effects : of the program;  theirs : see `split_work`
     """
     if not missing:
         yield
         return
     cold, began = _cold(), time.process_time()
-    wait = rounded(seconds(label, missing, effects, theirs))
+    wait = seconds_text(seconds(label, missing, effects, theirs))
     say(f"compiling {summary(label, missing)}, first use: about {wait} s")
     expected = seconds(label, [name for name in missing if name not in theirs], effects)
     yield
@@ -78,7 +79,7 @@ def seconds(
     return _pace() * max(here, there)
 
 
-def divided(
+def split_work(
     label: str, missing: Sequence[str], effects: Sequence[Any], able: Collection[str]
 ) -> list[str]:
     """Names of the pieces that a second process is to compile.
@@ -103,7 +104,7 @@ def divided(
 def _cost(name: str, label: str, effects: Sequence[Any]) -> float:
     """CPU seconds of a piece of a program on the machine above, as the first to be compiled."""
     if name != "march":
-        return PIECES.get(name, 0.0)
+        return KERNELS.get(name, 0.0)
     free = MARCH.get(label.split(" ")[0], OTHERS)
     return free + TORQUE * bool(effects) + EFFECT * max(0, len(effects) - 1) * free / OTHERS
 
@@ -113,12 +114,12 @@ def _cold() -> bool:
     return not set(compiled) - {"formulas"}
 
 
-def rounded(number: float) -> str:
+def seconds_text(number: float) -> str:
     """Seconds for people."""
     return f"{number:.0f}" if number >= 0.95 else f"{max(0.1, number):.1f}"
 
 
-def listed(label: str, missing: Sequence[str]) -> str:
+def list_kernels(label: str, missing: Sequence[str]) -> str:
     """What is compiled, every piece by its name."""
     march = [f"march of {label}"] * ("march" in missing)
     return ", ".join(march + [name for name in missing if name != "march"])
@@ -129,13 +130,13 @@ def summary(label: str, missing: Sequence[str]) -> str:
     if label in missing:
         return label
     words = {
-        "seek": "events",
-        "watch": "running observables",
-        "meet": "neighbour",
+        "refine_event": "events",
+        "monitor_steps": "running observables",
+        "renormalise_shadow": "neighbour",
         "record": "saves",
     }
-    if "seek" in missing:  # `watch` is there for the events then
-        del words["watch"]
+    if "refine_event" in missing:  # then the steps are monitored for the events
+        del words["monitor_steps"]
     parts = [word for name, word in words.items() if name in missing]
     if "march" in missing:
         return " + ".join([label, *(word for word in parts if word != "saves")])
@@ -167,4 +168,4 @@ def _learn(pace: float) -> None:
 
 def _file() -> str:
     """The file of the pace; OSError if the folder of the cache is not private."""
-    return os.path.join(home(), "pace")
+    return os.path.join(cache_home(), "pace")

@@ -19,12 +19,18 @@ import numpy as np
 from numba.core import types
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.engine.compile_time import announced
+from rigidmc.engine.compile_time import announce_compiling
 from rigidmc.engine.compiler.compose import NumbaError, compile_method, inline, inline_all
 from rigidmc.engine.compiler.intrinsics import coded
-from rigidmc.engine.compiler.kernels import WIDTH, is_ready, piece, run
+from rigidmc.engine.compiler.kernels import (
+    WIDTH,
+    KernelKey,
+    call_kernel,
+    compile_kernel,
+    is_compiled,
+)
 from rigidmc.engine.compiler.memory import put
-from rigidmc.engine.compiler.trees import filled, parts_of
+from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
 from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.machine import threads_available
 from rigidmc.physics.dynamics.euler import MassProperties
@@ -46,28 +52,41 @@ def values(formula):
 
 
 def fill(
-    kinds, numbers, room, known, table, fields, index, columns, more, count, out, width, begin, end
+    tree,
+    numbers,
+    workspace,
+    flat,
+    table,
+    fields,
+    index,
+    columns,
+    extra,
+    count,
+    out,
+    width,
+    begin,
+    end,
 ):
     """out[:, e] = values of the formula with fields table[index[e]] and columns[:, e].
 
     begin, end : elements, begin <= e < end;  count : columns of `columns` and `out`
-    room : rows for the fields and the values;  known : the same memory as plain numbers
-    fields, more, width : columns of `table`, rows of `columns`, rows of `out`
+    workspace : rows for the fields and the values;  flat : the same memory as plain numbers
+    fields, extra, width : columns of `table`, rows of `columns`, rows of `out`
     """
-    (formula,) = parts_of(kinds, numbers)
-    step = side(room)
+    (formula,) = tree_unpack(tree, numbers)
+    step = side(workspace)
     for low in range(begin, end, step):
         for k in range(step):
-            e = min(low + k, end - 1)
+            element = min(low + k, end - 1)
             for i in range(fields):
-                known[i * step + k] = table[index[e] * fields + i]
-            for i in range(more):
-                known[(fields + i) * step + k] = columns[i * count + e]
-        first = fields + more
-        put(values(filled(formula, room, 0)), room, first)
+                flat[i * step + k] = table[index[element] * fields + i]
+            for i in range(extra):
+                flat[(fields + i) * step + k] = columns[i * count + element]
+        first = fields + extra
+        put(values(tree_unflatten(formula, workspace, 0)), workspace, first)
         for i in range(width):
             for k in range(min(step, end - low)):
-                out[i * count + low + k] = known[(first + i) * step + k]
+                out[i * count + low + k] = flat[(first + i) * step + k]
     return 0
 
 
@@ -86,7 +105,7 @@ def _side(typing_context, rows):
 
 inline(values.default)
 compile_method(values)
-FILL = "wppinpiipiii"  # the arguments of `fill`, see `piece`
+FILL = "wppinpiipiii"  # the arguments of `fill`, see `KernelKey`
 
 
 def evaluate(
@@ -106,22 +125,22 @@ def evaluate(
     side : elements side by side, on which no result depends
     """
     columns = np.ascontiguousarray(columns, dtype=float)
-    more, count = columns.shape
+    extra, count = columns.shape
     table = np.empty((1, 0)) if table is None else np.ascontiguousarray(table, dtype=float)
     index = np.zeros(count) if index is None else index
     index = np.ascontiguousarray(index, dtype=np.int64)
     fields, out = table.shape[1], np.empty((width, count))
-    formula = kind if isinstance(kind, tuple) else kind(*[0.0] * (fields + more))
-    asked = fill, (formula,), "float64", side, FILL
-    with announced("formulas", () if is_ready(*asked) else ("formulas",)):
-        compiled, _alive = piece(*asked)
+    formula = kind if isinstance(kind, tuple) else kind(*[0.0] * (fields + extra))
+    key = KernelKey(fill, (formula,), "float64", side, FILL)
+    with announce_compiling("formulas", () if is_compiled(key) else ("formulas",)):
+        compiled, _alive = compile_kernel(key)
     shared = (
-        table.ravel(), fields, index, columns.ravel(), more, count, out.ravel(), width,
+        table.ravel(), fields, index, columns.ravel(), extra, count, out.ravel(), width,
     )  # fmt: skip
 
     def part(low: int) -> None:
-        room = np.empty((fields + more + width) * side)
-        run(compiled, FILL, room, room, *shared, low, min(low + size, count))
+        room = np.empty((fields + extra + width) * side)
+        call_kernel(compiled, FILL, room, room, *shared, low, min(low + size, count))
 
     threads = threads or threads_available()
     size = min(PIECE, max(LEAST, WIDTH * -(-count // (threads * WIDTH))))
@@ -138,7 +157,7 @@ def evaluate(
 Vector = Any  # a tuple of numbers or of arrays that broadcast
 
 
-class Felt(NamedTuple):
+class Forces(NamedTuple):
     """The torque of effects on a body [N m], and its potential energy [J]."""
 
     q: tuple[float, ...]
@@ -162,7 +181,7 @@ def energies(effects: Any, body: Any, q: Vector) -> Any:
     try:
         return total_energy(effects, body, q)
     except (TypeError, ValueError):  # a branch, or a function of math, which takes no array
-        return evaluated(effects, body, q, (0.0, 0.0, 0.0))[3]
+        return evaluate_forces(effects, body, q, (0.0, 0.0, 0.0))[3]
 
 
 def torques(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float64]:
@@ -170,15 +189,15 @@ def torques(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float64
     try:
         return np.array(np.broadcast_arrays(*total_torque(effects, body, 0.0, q, l)))
     except (TypeError, ValueError):
-        return evaluated(effects, body, q, l)[:3]
+        return evaluate_forces(effects, body, q, l)[:3]
 
 
-def evaluated(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float64]:
+def evaluate_forces(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float64]:
     """Torque and energy (4, ...) by compiled code."""
     parameters = (value for e in effects for _, _, value in numbers(e))
     columns = np.broadcast_arrays(*q, *l, *body, *parameters)
     rows = [column.ravel() for column in columns]
-    formula = Felt((0.0,) * 4, (0.0,) * 3, _BODY, blank(effects))
+    formula = Forces((0.0,) * 4, (0.0,) * 3, _BODY, blank(effects))
     try:
         values = evaluate(formula, 4, rows, threads=1)
     except NumbaError:  # a user's code that takes one member at a time
@@ -187,7 +206,7 @@ def evaluated(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float
     return np.reshape(values, (4, *columns[0].shape))
 
 
-class Moved(NamedTuple):
+class AdvancedState(NamedTuple):
     """One step of an integrator, see `rigidmc.engine.formulas`.
 
     effects, observables, integrator : as they are compiled;  t, h : when the state (q, l) is known,
@@ -209,16 +228,16 @@ class Moved(NamedTuple):
         q, l = step(
             self.integrator, self.body, self.effects, self.t, self.h, part, self.q, self.l, ()
         )
-        return q + l + seen(self.observables, self.body, self.effects, self.t + self.h, q, l)
+        return q + l + observe_all(self.observables, self.body, self.effects, self.t + self.h, q, l)
 
 
-def seen(observables, body, effects, t, q, l):
+def observe_all(observables, body, effects, t, q, l):
     """The numbers of observables of the state and the time, one after the other."""
     if len(observables) == 0:
         return ()
     zero = 0.0 * t
     first = value(observables[0], body, effects, t, q, l, (zero, zero, zero, zero), ())
-    return first + seen(observables[1:], body, effects, t, q, l)
+    return first + observe_all(observables[1:], body, effects, t, q, l)
 
 
 inline_all(sys.modules[__name__])

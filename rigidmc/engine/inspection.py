@@ -14,12 +14,19 @@ from typing import Any, NamedTuple
 from numba import njit, typeof
 from numba.core.registry import cpu_target
 
-from rigidmc.engine.compiler.compose import NumbaError, inline_all, reason
-from rigidmc.engine.compiler.disk_cache import kept_text
-from rigidmc.engine.compiler.kernels import WIDTH, config, dispatcher_of, kind_of, signature_of
+from rigidmc.engine.compiler.compose import NumbaError, inline_all, innermost_cause
+from rigidmc.engine.compiler.disk_cache import cached_text
+from rigidmc.engine.compiler.kernels import (
+    WIDTH,
+    KernelKey,
+    config,
+    dispatcher_of,
+    signature_of,
+    type_key,
+)
 from rigidmc.engine.compiler.memory import four_at, put, three_at
 from rigidmc.engine.compiler.pipeline import FLAGS
-from rigidmc.engine.compiler.trees import filled, parts_of
+from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
 from rigidmc.errors import PartError
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import implements
@@ -58,7 +65,7 @@ _OPERATION = re.compile(
 )
 _CHOICE = re.compile(r"= (?:fcmp|select)\b[^<]*?(?:<(\d+) x )?double")
 DIVISION, ROOT = 10, 18  # in times of a product, in packed arithmetic (Zen 4, 512 bits)
-ONE_AT_A_TIME = "branches, or calls what takes one number at a time"
+SCALAR_REASON = "branches, or calls what takes one number at a time"
 _BODY, _AT, _SPIN = MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -97,10 +104,10 @@ class Operations(NamedTuple):
 
 def torque_operations(effect: Any) -> Operations:
     """Operations of one evaluation of an effect's torque."""
-    return _counted(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN)
+    return _count(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN)
 
 
-def why_refused(effect: Any) -> str:
+def refusal_of(effect: Any) -> str:
     """Why the torque of a user's effect cannot go into a kernel: "takes memory", or ""."""
     if config.DISABLE_JIT:
         return ""
@@ -110,34 +117,34 @@ def why_refused(effect: Any) -> str:
 def refuse_memory(effects: Iterable[Any]) -> None:
     """Raise SceneError for a user's effect that takes memory."""
     for effect in effects:
-        if type(effect) not in EFFECTS.values() and (wrong := why_refused(effect)):
+        if type(effect) not in EFFECTS.values() and (wrong := refusal_of(effect)):
             raise PartError.of(effect, f"{wrong}; {RULE}", "effects", "torque")
 
 
-def why_one_at_a_time(effect: Any) -> str:
+def why_scalar(effect: Any) -> str:
     """Why members cannot be worked on side by side with a user's effect, or ""."""
     if type(effect) in EFFECTS.values():
         return ""
-    if type(effect) not in _side_by_side:
-        signature = signature_of(blank((effect,)), "float64", WIDTH, "s")
+    if type(effect) not in _why_scalar:
+        signature = signature_of(KernelKey(_all_methods, blank((effect,)), "float64", WIDTH, "s"))
 
         def tried() -> str:
             try:
                 dispatcher_of(_all_methods).compile(signature)
             except NumbaError:
-                return ONE_AT_A_TIME
+                return SCALAR_REASON
             return ""
 
-        _side_by_side[type(effect)] = kept_text([signature], "why_one_at_a_time", tried)
-    return _side_by_side[type(effect)]
+        _why_scalar[type(effect)] = cached_text([signature], "why_one_at_a_time", tried)
+    return _why_scalar[type(effect)]
 
 
-def step_operations(form: Any, effects: Any, attitude: bool) -> Operations:
-    """Operations of one step of a Form with these effects, all its parts together."""
+def step_operations(scheme: Any, effects: Any, attitude: bool) -> Operations:
+    """Operations of one step of a StepScheme with these effects, all substeps together."""
     part, q = (0.0, 0.0, 0.0), _AT if attitude else (1.0, 0.0, 0.0, 0.0)
-    first = tuple(_STEP * x for x in form.parts[1, :3].tolist())
-    q, l = opened(form.integrator, _STILL, blank(effects), 0.0, first, q, _SPIN)
-    once = constants(form.integrator, _STILL, first, l)
+    first = tuple(_STEP * x for x in scheme.substeps[1, :3].tolist())
+    q, l = opened(scheme.integrator, _STILL, blank(effects), 0.0, first, q, _SPIN)
+    once = constants(scheme.integrator, _STILL, first, l)
 
     def whole_state(integrator, effects, t, part, q, l):
         return step(integrator, _STILL, effects, t, _STEP, part, q, l, once)
@@ -146,24 +153,24 @@ def step_operations(form: Any, effects: Any, attitude: bool) -> Operations:
         return step(integrator, _STILL, effects, t, _STEP, part, q, l, once)[1]
 
     function = whole_state if attitude else momentum_alone
-    one_part = _counted(function, form.integrator, blank(effects), 0.0, part, q, l)
-    return one_part.times(len(form.parts) - 1)
+    one_part = _count(function, scheme.integrator, blank(effects), 0.0, part, q, l)
+    return one_part.times(len(scheme.substeps) - 1)
 
 
-_codes: dict[type, str] = {}
-_side_by_side: dict[type, str] = {}
+_torque_codes: dict[type, str] = {}
+_why_scalar: dict[type, str] = {}
 
 
 def _torque_code(effect: Any) -> str:
     """LLVM's code of an effect's torque, compiled once for each class."""
-    if type(effect) not in _codes:
+    if type(effect) not in _torque_codes:
         given = *blank((effect,)), _BODY, 0.0, _AT, _SPIN
         kinds = tuple(map(typeof, given))
         machine = cpu_target.target_context.codegen().magic_tuple()
-        _codes[type(effect)] = kept_text(
+        _torque_codes[type(effect)] = cached_text(
             [kinds], f"torque {machine}", lambda: _code(_torque, *given)
         )
-    return _codes[type(effect)]
+    return _torque_codes[type(effect)]
 
 
 def _torque(effect, body, t, q, l):
@@ -173,9 +180,9 @@ def _torque(effect, body, t, q, l):
 
 def _all_methods(kinds, numbers, at):
     """What is compiled to see whether all methods of an effect run on vectors."""
-    (one,) = parts_of(kinds, numbers)
-    one = filled(one, at, 30)
-    body, q, l, t, h = filled(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
+    (one,) = tree_unpack(kinds, numbers)
+    one = tree_unflatten(one, at, 30)
+    body, q, l, t, h = tree_unflatten(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
     put(
         torque(one, body, t, q, l)
         + kick(one, body, t, h, q, l)
@@ -193,7 +200,7 @@ def _all_methods(kinds, numbers, at):
 _STILL, _STEP = MassProperties.of((0.61, 0.83, 1.07), (0.053, -0.022, 0.31)), 0.013
 
 
-def _counted(function: Callable[..., Any], *arguments: Any) -> Operations:
+def _count(function: Callable[..., Any], *arguments: Any) -> Operations:
     """The operations of a function, compiled for the types of these arguments."""
     code = _code(function, *arguments).splitlines()
     matches = [m for line in code if (m := _OPERATION.search(line))]
@@ -213,10 +220,10 @@ def _code(function: Callable[..., Any], *arguments: Any) -> str:
 
 
 _UNIT_BODY = MassProperties(*[1.0] * 9)
-_found: dict[Any, str] = {}  # by the types of the part and of the effects
+_why_scalar_parts: dict[Any, str] = {}  # by the types of the part and of the effects
 
 
-def slow_parts(
+def scalar_parts(
     integrator: Any, effects: Sequence[Any], watched: Iterable[Any]
 ) -> list[tuple[str, str]]:
     """[(class, why)] of the user's own parts with which members cannot be worked on side by side.
@@ -226,62 +233,67 @@ def slow_parts(
     """
     if config.DISABLE_JIT:
         return []
-    found = [(type(effect).__name__, why_one_at_a_time(effect)) for effect in effects]
-    kinds = [("run", integrator, _made), *(("observables", one, _seen) for one in watched)]
+    found = [(type(effect).__name__, why_scalar(effect)) for effect in effects]
+    kinds = [
+        ("run", integrator, _probe_integrator),
+        *(("observables", one, _probe_observable) for one in watched),
+    ]
     for at, part, probe in kinds:
-        for own in _own(part):
-            found.append((type(own).__name__, _why(at, own, part, effects, probe)))
+        for own in _user_parts(part):
+            found.append((type(own).__name__, _why_scalar_part(at, own, part, effects, probe)))
     return [(name, why) for name, why in found if why]
 
 
-def _own(part: Any) -> Iterator[Any]:
+def _user_parts(part: Any) -> Iterator[Any]:
     """The NamedTuples of the user's own among nested tuples."""
     if isinstance(part, tuple):
         if implements(part, "_fields") and not type(part).__module__.startswith("rigidmc."):
             yield part
         for one in part:
-            yield from _own(one)
+            yield from _user_parts(one)
 
 
-def _why(at: str, own: Any, whole: Any, effects: Sequence[Any], probe: Callable[..., int]) -> str:
+def _why_scalar_part(
+    at: str, own: Any, whole: Any, effects: Sequence[Any], probe: Callable[..., int]
+) -> str:
     """Why members cannot be worked on side by side with a part, or ""; SceneError."""
     parts = whole, tuple(effects)
-    key = probe, kind_of(parts)
+    key = probe, type_key(parts)
 
     def tried() -> str:
         found = ""
         try:
-            code = _compiled(probe, parts, WIDTH)
+            code = _llvm_of_probe(probe, parts, WIDTH)
         except NumbaError:
-            found = ONE_AT_A_TIME
+            found = SCALAR_REASON
             try:
-                code = _compiled(probe, parts, 1)
+                code = _llvm_of_probe(probe, parts, 1)
             except NumbaError as error:
-                rule = f"cannot be compiled: {reason(error)}; {RULE}"
+                rule = f"cannot be compiled: {innermost_cause(error)}; {RULE}"
                 raise PartError.of(own, rule, at) from None
         if "NRT_" in code:
             raise PartError.of(own, f"takes memory; {RULE}", at)
         return found
 
-    if key not in _found:
-        signature = signature_of(parts, "float64", WIDTH, "s")
-        _found[key] = kept_text([signature], f"own_parts {probe.__name__}", tried)
-    return _found[key]
+    if key not in _why_scalar_parts:
+        signature = signature_of(KernelKey(probe, parts, "float64", WIDTH, "s"))
+        _why_scalar_parts[key] = cached_text([signature], f"own_parts {probe.__name__}", tried)
+    return _why_scalar_parts[key]
 
 
-def _compiled(probe: Callable[..., int], parts: Any, lanes: int) -> str:
+def _llvm_of_probe(probe: Callable[..., int], parts: Any, lanes: int) -> str:
     """LLVM's code of a probe for so many members side by side."""
     compiled = dispatcher_of(probe)
-    compiled.compile(signature_of(parts, "float64", lanes, "s"))
+    compiled.compile(signature_of(KernelKey(probe, parts, "float64", lanes, "s")))
     (code,) = compiled.inspect_llvm().values()
     return str(code)
 
 
-def _seen(kinds, numbers, at):
+def _probe_observable(kinds, numbers, at):
     """What is compiled to see whether all methods of an observable run on vectors."""
-    one, effects = parts_of(kinds, numbers)
-    present = filled(effects, at, 30)
-    body, q, l, t = filled(_UNIT_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7]
+    one, effects = tree_unpack(kinds, numbers)
+    present = tree_unflatten(effects, at, 30)
+    body, q, l, t = tree_unflatten(_UNIT_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7]
     put(value(one, body, present, t, q, l, four_at(at, 8), ()), at, 0)
     height = level(one, body, present, t, q, l)
     waits = armed(one, body, q, l, height, height < 0.0)
@@ -302,11 +314,17 @@ def put_pairs(pairs, at):
     return put_pairs(pairs[1:], at)
 
 
-def _made(kinds, numbers, at):
+def _probe_integrator(kinds, numbers, at):
     """What is compiled to see whether a step runs on vectors."""
-    integrator, effects = parts_of(kinds, numbers)
-    present = filled(effects, at, 30)
-    body, q, l, t, h = filled(_UNIT_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
+    integrator, effects = tree_unpack(kinds, numbers)
+    present = tree_unflatten(effects, at, 30)
+    body, q, l, t, h = (
+        tree_unflatten(_UNIT_BODY, at, 8),
+        four_at(at, 0),
+        three_at(at, 4),
+        at[7],
+        at[29],
+    )
     part = h, h, h
     q, l = opened(integrator, body, present, t, part, q, l)
     once = constants(integrator, body, part, l)

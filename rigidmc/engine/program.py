@@ -7,48 +7,58 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from rigidmc.engine.compile_helper import beside, helped
-from rigidmc.engine.compile_time import announced, divided
-from rigidmc.engine.compiler.kernels import Asked, config, is_ready, piece, run
+from rigidmc.engine.compile_helper import compile_in_helper, helper_can
+from rigidmc.engine.compile_time import announce_compiling, split_work
+from rigidmc.engine.compiler.kernels import (
+    NO_FUNCTION,
+    CompiledFunction,
+    KernelKey,
+    call_kernel,
+    compile_kernel,
+    config,
+    is_compiled,
+)
 from rigidmc.engine.compiler.memory import aligned
 from rigidmc.engine.compiler.pipeline import LINE
-from rigidmc.engine.compiler.trees import row_count
-from rigidmc.engine.inspection import slow_parts
-from rigidmc.engine.kernel import events as event
-from rigidmc.engine.kernel import last_interval, member
-from rigidmc.engine.kernel import monitoring as watching
-from rigidmc.engine.kernel import shadow as neighbour
+from rigidmc.engine.compiler.trees import tree_size
+from rigidmc.engine.inspection import scalar_parts
+from rigidmc.engine.kernel import last_interval, member, monitoring
 from rigidmc.engine.kernel.arguments import (  # fmt: skip
-    NOTHING,
-    Noise,
-    Piece,
-    Pieces,
-    Room,
-    Run,
-    Saves,
-    Shape,
-    frame_type,
+    KernelShape,
+    KernelTable,
+    NoiseKeys,
+    SaveTarget,
+    StepRange,
+    Workspace,
+    record_type,
 )
 from rigidmc.engine.kernel.block import TRACE, advance
-from rigidmc.engine.kernel.layout import BODY, BODY_AT, KNOWN, LANES, START, places
+from rigidmc.engine.kernel.events import TRIES, refine_event
+from rigidmc.engine.kernel.layout import BODY, BODY_AT, LANES, MEMBER_ROWS, START, map_rows
 from rigidmc.engine.kernel.march import march
+from rigidmc.engine.kernel.shadow import begin_shadow, renormalise_shadow
 from rigidmc.engine.machine import vector_bits
 from rigidmc.physics.dynamics.methods import OFF, Flag, flag, implements, static_count
 from rigidmc.physics.effects import labelled
 from rigidmc.physics.effects.protocol import takes_noise
-from rigidmc.physics.integrators.protocol import changes_form, group_count, keeping, keeps_its_own
+from rigidmc.physics.integrators.protocol import (
+    changes_state_form,
+    group_count,
+    has_extra_state,
+    stepping_form,
+)
 from rigidmc.physics.observables.protocol import size
 
-MARCH = "piswsikkuiii"  # the arguments of `march`, see `piece`
-NO_NOISE = Noise(np.uint64(0), np.uint64(0), np.zeros(1, np.uint64), np.zeros(0, np.int64))
-NO_SAVES = Saves(np.empty(0), 0, 0, np.empty(0, np.int64))
+MARCH = "piswsikkuiii"  # the arguments of `march`, see `KernelKey`
+NO_NOISE = NoiseKeys(np.uint64(0), np.uint64(0), np.zeros(1, np.uint64), np.zeros(0, np.int64))
+NO_SAVES = SaveTarget(np.empty(0), 0, 0, np.empty(0, np.int64))
 CALL = 3_000_000  # member-steps per call: 10 to 60 ms at 50 to 300 M/s on two threads
 
 
 class Program:
     """What moves the members of a scene, compiled.
 
-    form : a Form, see `rigidmc.physics.integrators.protocol`;  effects : blank ones
+    scheme : a StepScheme, see `rigidmc.physics.integrators.protocol`;  effects : blank ones
     attitude : whether it is followed;  compensated : whether sums keep their remainders
     dtype : of the numbers in which steps are made
     limits : () if only non-finite members are flagged; else the largest drift of energy (of the
@@ -69,110 +79,112 @@ class Program:
     """
 
     def __init__(
-        self, form: Any, effects: Sequence[Any], observables: Sequence[Any] = (),
+        self, scheme: Any, effects: Sequence[Any], observables: Sequence[Any] = (),
         attitude: bool = True, compensated: bool = False, dtype: DTypeLike = "float64",
         limits: Sequence[float] = (), ledger: Sequence[Any] = (), events: Sequence[Any] = (),
         running: Sequence[Any] = (), shadow: Flag = OFF, lanes: int | None = None,
         ask: bool = False, nodes: int = 0, paired: bool = False, shortens: bool = False,
     ) -> None:  # fmt: skip
-        compensated = compensated and not keeps_its_own(form.integrator)
-        if compensated and implements(form.integrator, "with_sums"):
-            form = form._replace(
-                integrator=form.integrator.with_sums(),
-                parts=form.parts * (np.arange(len(form.parts)) > 0)[:, None],
+        compensated = compensated and not has_extra_state(scheme.integrator)
+        if compensated and implements(scheme.integrator, "with_sums"):
+            scheme = scheme._replace(
+                integrator=scheme.integrator.with_sums(),
+                substeps=scheme.substeps * (np.arange(len(scheme.substeps)) > 0)[:, None],
             )
-        self.form, self.effects, self.dtype = form, effects, np.dtype(dtype).name
+        self.scheme, self.effects, self.dtype = scheme, effects, np.dtype(dtype).name
         watches = *observables, *events, *(one for one, _ in running)
-        one = config.DISABLE_JIT or slow_parts(form.integrator, effects, watches)
+        one = config.DISABLE_JIT or scalar_parts(scheme.integrator, effects, watches)
         self.lanes = 1 if one else lanes or lanes_for(dtype)
-        self.parts = np.ascontiguousarray(form.parts, dtype=float).ravel()
+        self.substeps = np.ascontiguousarray(scheme.substeps, dtype=float).ravel()
 
         marks = [len(m) for _, m in running]
-        rows = places(row_count(effects), len(ledger), len(events), marks, bool(shadow))
+        rows = map_rows(tree_size(effects), len(ledger), len(events), marks, bool(shadow))
         self.rows = rows.end
         random = any(map(takes_noise, effects))
-        self.shape = Shape(
+        self.shape = KernelShape(
             lanes=self.lanes,
             values=sum(size(o.dims, len(ledger)) for o in observables),
-            works_at=rows.in_state(rows.works),
+            work_row=rows.in_state(rows.works),
             works=len(ledger),
-            watched=KNOWN + rows.events,
-            near_at=rows.in_state(rows.neighbour),
-            looks=int(bool(events or running)),
+            monitor_row=MEMBER_ROWS + rows.events,
+            shadow_row=rows.in_state(rows.shadow),
+            monitors=int(bool(events or running)),
             nodes=nodes,
             shadow=len(shadow),
             records=2 * len(events),
-            tries=0 if random else event.TRIES,
-            noisy=int(random),
-            reopens=int(shortens and changes_form(form.integrator)),
+            tries=0 if random else TRIES,
+            is_random=int(random),
+            changes_length=int(shortens and changes_state_form(scheme.integrator)),
             reweighs=int(shortens and bool(running)),
         )
         kept = flag(attitude), flag(compensated)
         self.paired = flag(paired)
-        self.asked = self._asked(kept, observables, tuple(limits), ledger, events, running, shadow)
+        self.kernel_keys = self._make_keys(
+            kept, observables, tuple(limits), ledger, events, running, shadow
+        )
         if not ask:
             self._compile()
 
-    def _asked(
+    def _make_keys(
         self, marks: tuple[Any, Any], observables: Any, limits: Any, ledger: Any, events: Any,
         running: Any, shadow: Any,
-    ) -> dict[str, Asked | None]:  # fmt: skip
-        """{name: what `piece` takes} of all pieces, None for those without a use.
+    ) -> dict[str, KernelKey | None]:  # fmt: skip
+        """{name: KernelKey} of all kernels, None for those without a use.
 
         marks : flags of attitude and of remainders
         """
-        integrator, effects, shape = self.form.integrator, self.effects, self.shape
+        integrator, effects, shape = self.scheme.integrator, self.effects, self.shape
         groups = static_count(min(self.lanes, group_count(integrator)))
-        several, works = flag(len(self.form.parts) > 2), static_count(len(ledger))
+        several, works = flag(len(self.scheme.substeps) > 2), static_count(len(ledger))
         moved = (integrator, effects, *marks, works, groups, several, self.paired)
-        kept, dense = keeping(integrator), static_count(min(shape.nodes, 2))
+        kept, dense = stepping_form(integrator), static_count(min(shape.nodes, 2))
 
-        def asked(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
-            return (function, parts, self.dtype, self.lanes, arguments) if wanted else None
+        def key(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
+            return KernelKey(function, parts, self.dtype, self.lanes, arguments) if wanted else None
 
         some = events or running
-        pieces = Pieces(
-            enter=asked(True, member.enter, (), "piiiiffsw"),
-            leave=asked(True, member.leave, (), "piiiiiiisw"),
-            begin=asked(True, member.begin, (kept, effects, limits, ledger), "psw"),
-            march=asked(True, march, moved, MARCH),
-            look=asked(True, member.look, (kept, effects, *marks, limits, ledger), "pswffff"),
-            record=asked(observables, member.record, (observables, effects, ledger), "wpiifi"),
-            begin_watch=asked(some, watching.begin_watch, (effects, events, running), "pswi"),
-            watch=asked(some, watching.watch, (kept, effects, events, running, dense), "pswsiiii"),
-            seek=asked(events, event.seek, (kept, effects, events), "pwswiiiff"),
-            begin_near=asked(shadow, neighbour.begin_near, (kept, effects), "pswsif"),
-            meet=asked(shadow, neighbour.meet, (kept, effects), "pswsifff"),
-            reopen=asked(
-                shape.reopens, last_interval.reopen, (kept, effects, marks[1], ledger), "pswfffi"
-            ),
-            reweigh=asked(shape.reweighs, last_interval.reweigh, (events, running), "wif"),
+        stops, steps = (kept, effects, events), (kept, effects, events, running, dense)
+        last = kept, effects, marks[1], ledger
+        table = KernelTable(
+            gather=key(True, member.gather, (), "piiiiffsw"),
+            scatter=key(True, member.scatter, (), "piiiiiiisw"),
+            initialise=key(True, member.initialise, (kept, effects, limits, ledger), "psw"),
+            march=key(True, march, moved, MARCH),
+            assess=key(True, member.assess, (kept, effects, *marks, limits, ledger), "pswffff"),
+            record=key(observables, member.record, (observables, effects, ledger), "wpiifi"),
+            begin_monitors=key(some, monitoring.begin_monitors, (effects, events, running), "pswi"),
+            monitor_steps=key(some, monitoring.monitor_steps, steps, "pswsiiii"),
+            refine_event=key(events, refine_event, stops, "pwswiiiff"),
+            begin_shadow=key(shadow, begin_shadow, (kept, effects), "pswsif"),
+            renormalise_shadow=key(shadow, renormalise_shadow, (kept, effects), "pswsifff"),
+            change_length=key(shape.changes_length, last_interval.change_length, last, "pswfffi"),
+            reweigh=key(shape.reweighs, last_interval.reweigh, (events, running), "wif"),
         )
-        return {**pieces._asdict(), "advance": (advance, (), self.dtype, 0, "r")}
+        return {**table._asdict(), "advance": advance_key(self.dtype)}
 
     def _compile(self) -> None:
         """Compile the pieces that are missing, some of them in a second process."""
-        missing, theirs = self.missing(), self.theirs()
-        with announced(self.label, missing, self.effects, theirs):
-            with beside([asked for name in theirs if (asked := self.asked[name])]):
+        missing, theirs = self.missing(), self.helper_share()
+        with announce_compiling(self.label, missing, self.effects, theirs):
+            with compile_in_helper([key for name in theirs if (key := self.kernel_keys[name])]):
                 for name in missing:
-                    if name not in theirs and (asked := self.asked[name]):
-                        piece(*asked)
-            pieces = {
-                name: piece(*asked) if asked else (NOTHING, None)
-                for name, asked in self.asked.items()
-            }
-        # a piece knows only where its numbers are: they have to live as long as the program
-        self._numbers = [numbers for _, numbers in pieces.values()]
-        *others, self._advance = (one for one, _ in pieces.values())
-        kind = frame_type(self.dtype)
-        empty = SimpleNamespace(real=1.0) if config.DISABLE_JIT else np.zeros(1, kind)
-        self._frame = framed(empty, Pieces(*others), self.shape)
+                    if name not in theirs and (key := self.kernel_keys[name]):
+                        compile_kernel(key)
+            compiled = [
+                compile_kernel(key) if key else (NO_FUNCTION, None)
+                for key in self.kernel_keys.values()
+            ]
+        # A kernel knows only where its numbers are: they have to live as long as the program.
+        self._numbers = [numbers for _, numbers in compiled]
+        *table, self._advance = (kernel for kernel, _ in compiled)
+        record = record_type(self.dtype)
+        empty = SimpleNamespace(real=1.0) if config.DISABLE_JIT else np.zeros(1, record)
+        self._frame = fill_record(empty, KernelTable(*table), self.shape)
 
     @property
     def label(self) -> str:
         """What it is, in the words of a scene."""
-        integrator = self.form.name or type(self.form.integrator).__name__
+        integrator = self.scheme.name or type(self.scheme.integrator).__name__
         words = [integrator, *(label for label, _ in labelled(self.effects))]
         return " + ".join(words) + " in float32" * (self.dtype == "float32")
 
@@ -181,14 +193,14 @@ class Program:
 
         "advance" is the loop that calls the others.
         """
-        return [name for name, asked in self.asked.items() if asked and not is_ready(*asked)]
+        return [name for name, key in self.kernel_keys.items() if key and not is_compiled(key)]
 
-    def theirs(self) -> list[str]:
+    def helper_share(self) -> list[str]:
         """Names of the missing pieces that a second process is to compile."""
         if not (missing := self.missing()):
             return []
-        able = helped({name: asked for name in missing if (asked := self.asked[name])})
-        return divided(self.label, missing, self.effects, able)
+        able = helper_can({name: key for name in missing if (key := self.kernel_keys[name])})
+        return split_work(self.label, missing, self.effects, able)
 
     def workers(self, threads: int, blocks: int, members: int, saves: int) -> int:
         """How many threads take `blocks` blocks of so many members, who save so often.
@@ -202,7 +214,7 @@ class Program:
         return "one thread", f"{threads} threads"
 
     def through(
-        self, block: NDArray[np.float64], steps: Run, noise: Noise, saves: Saves
+        self, block: NDArray[np.float64], steps: StepRange, noise: NoiseKeys, saves: SaveTarget
     ) -> Generator[int, bool | None, None]:
         """`advance` by calls that are no longer than a blink; the step after each of them.
 
@@ -210,7 +222,7 @@ class Program:
         call to the block, from which other calls may go on at that step.
         """
         # a step in many parts takes as many times as long
-        most = max(1, CALL // (max(1, block.shape[1]) * (len(self.form.parts) - 1)))
+        most = max(1, CALL // (max(1, block.shape[1]) * (len(self.scheme.substeps) - 1)))
         for first in range(steps.first, steps.last, most):
             last = min(steps.last, first + most)
             self.advance(block, steps._replace(first=first, last=last), noise, saves)
@@ -218,27 +230,27 @@ class Program:
                 pass
 
     def advance(
-        self, block: NDArray[np.float64], steps: Run, noise: Noise | None = None,
-        saves: Saves | None = None,
+        self, block: NDArray[np.float64], steps: StepRange, noise: NoiseKeys | None = None,
+        saves: SaveTarget | None = None,
     ) -> None:  # fmt: skip
         """Take a block through the steps of a Run; see `rigidmc.engine.kernel.block.advance`."""
         lanes, (rows, members) = self.lanes, block.shape
         noise = noise or NO_NOISE._replace(members=np.arange(members))
         saves = saves or NO_SAVES
         places_of_saves = 8 * lanes, saves.out.ctypes.data, 8 * saves.columns, 8 * saves.column
-        room = Room(
-            parts=self.parts,
-            part_rows=self.parts.size // 4,
+        room = Workspace(
+            substeps=self.substeps,
+            substep_rows=self.substeps.size // 4,
             block=block,
             rows=rows,
             width=members,
-            past=int(all(place % LINE == 0 for place in places_of_saves)),
+            skips_cache=int(all(place % LINE == 0 for place in places_of_saves)),
             **{
                 name: aligned(count * lanes, kind)
                 for name, (count, kind) in self.working_memory(rows).items()
             },
         )
-        run(self._advance, "p", framed(self._frame, steps, noise, saves, room))
+        call_kernel(self._advance, "p", fill_record(self._frame, steps, noise, saves, room))
 
     def working_memory(self, rows: int) -> dict[str, tuple[int, DTypeLike]]:
         """{name in Room: (how many numbers, of which kind)} that a member works in.
@@ -248,27 +260,32 @@ class Program:
         state = BODY_AT + rows - BODY, self.dtype
         return {
             "state": state,
-            "near": state,
-            "work": (KNOWN + rows, float),
-            "aside": (KNOWN, float),
+            "shadow_state": state,
+            "work": (MEMBER_ROWS + rows, float),
+            "spare_work": (MEMBER_ROWS, float),
             "trace": (7 * (TRACE + 1) + START + self.shape.works, self.dtype),
             "saved": (max(1, self.shape.values), float),
         }
 
 
-def framed(frame: Any, *given: NamedTuple) -> Any:
-    """The record of `frame_type` with fields from NamedTuples.
+def advance_key(dtype: str) -> KernelKey:
+    """The KernelKey of `advance`, one for all scenes."""
+    return KernelKey(advance, (), dtype, 0, "r", record_type(dtype))
+
+
+def fill_record(frame: Any, *groups: NamedTuple) -> Any:
+    """The record of `record_type` with fields from NamedTuples.
 
     Uncompiled it is something with attributes of their names.
     """
-    fields: Mapping[str, Any] = {k: v for part in given for k, v in part._asdict().items()}
+    fields: Mapping[str, Any] = {k: v for group in groups for k, v in group._asdict().items()}
     if config.DISABLE_JIT:
         flat = {k: v.ravel() if isinstance(v, np.ndarray) else v for k, v in fields.items()}
         return SimpleNamespace(**vars(frame), **flat)
     frame = frame.copy()
     for name, value in fields.items():
-        if isinstance(value, Piece):
-            frame[name] = value.code, value.numbers
+        if isinstance(value, CompiledFunction):
+            frame[name] = value.address, value.numbers
         elif isinstance(value, np.ndarray):
             frame[name] = value.__array_interface__["data"][0]
         else:

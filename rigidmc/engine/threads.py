@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rigidmc.engine.kernel.arguments import Run, Saves
+from rigidmc.engine.kernel.arguments import SaveTarget, StepRange
 from rigidmc.threads import Late, Task, drop, is_late, threads_of
 
 EVERY = np.empty(0, np.int64)  # the order of members that are in their order
@@ -52,9 +52,14 @@ def run_block(
     if progress is not None and done:
         progress(size * done * rounds_a_step)
     order = EVERY if job.order is None else job.order
-    saves, member_steps = Saves(job.out, job.width, job.column, order), int(job.order is not None)
+    saves, member_steps = (
+        SaveTarget(job.out, job.width, job.column, order),
+        int(job.order is not None),
+    )
     length = job.head, job.last_h
-    steps = Run(job.h, job.slots, job.stride, job.total, member_steps, done, job.total, *length)
+    steps = StepRange(
+        job.h, job.slots, job.stride, job.total, member_steps, done, job.total, *length
+    )
     with closing(job.program.through(block, steps, job.noise, saves)) as calls:
         for last in calls:
             if progress is not None:

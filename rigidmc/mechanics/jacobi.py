@@ -11,7 +11,7 @@ import sys
 from typing import NamedTuple
 
 from rigidmc.engine.compiler.compose import inline_all
-from rigidmc.physics.dynamics.arc import arc
+from rigidmc.physics.dynamics.arc import elliptic_arc
 from rigidmc.physics.dynamics.functions import arctan2
 from rigidmc.physics.dynamics.vectors import rounded, select
 
@@ -178,7 +178,7 @@ def _signed(sign, angles):
 def jacobi(u, m, mc, thirds):
     """(sn u, cn u, dn u, angles of the Thirds at u) for |u| <= K."""
     mc = max(mc, SMALLEST)
-    start = arc(abs(u) / 2048.0, 1.0, m)
+    start = elliptic_arc(abs(u) / 2048.0, 1.0, m)
     state = (start.s, 1.0 - start.g1, 1.0 - start.g3, _first_angles(m, thirds, start.s))
     # eleven doublings: for u <= K(SMALLEST), u/2^11 <= 0.069, where the series errs by 1e-16
     both = m, mc

@@ -14,7 +14,7 @@ from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.physics.effects.protocol import Effect, facts, is_random, shape
 from rigidmc.physics.integrators import refusal
 from rigidmc.physics.observables import OUTCOMES, is_own, outputs
-from rigidmc.physics.observables.protocol import DIMENSIONS, Ensemble, Neighbour
+from rigidmc.physics.observables.protocol import DIMENSIONS, EnsembleObservable, Neighbour
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import Grid, draw, is_shared, rows
 from rigidmc.scene.recording import Recording
@@ -209,7 +209,7 @@ def _not_monitored(run: Run, recording: Recording) -> str:
     observables = [one for _, one in recording.monitored]
     stops = [one for one in observables if one.stop]
     if run.integrator == "closed":
-        if any(not isinstance(one, Ensemble) for one in observables):
+        if any(not isinstance(one, EnsembleObservable) for one in observables):
             return "closed forms make no steps that could be watched: use exact"
         if any(map(is_own, recording.recorded.values())):
             return "closed forms know no observables of your own: use exact"

@@ -110,7 +110,7 @@ def case_of(effects: Sequence[Any], block: Array, start: Start) -> Case:
     """The Case of an initial block; SceneError if no closed form covers one of the healthy
     members."""
     moments = start["moments"].T
-    momentum, attitude = block[layout.MOMENTUM : layout.REST].T, block[: layout.MOMENTUM].T
+    momentum, attitude = block[layout.MOMENTUM : layout.EXTRA].T, block[: layout.MOMENTUM].T
     if uncovered := sorted({name_of(e) for e in effects} - {"gravity", "viscous_damping"}):
         raise _uncovered(f"the scene has {', '.join(uncovered)}")
     g, rate = np.zeros(len(moments)), np.zeros(len(moments))
@@ -122,7 +122,7 @@ def case_of(effects: Sequence[Any], block: Array, start: Start) -> Case:
     with np.errstate(all="ignore"):
         weight = (g * start["mass"] * start["centre"]).T
     healthy = block[layout.STATUS] == 0.0
-    healthy &= np.isfinite(block[: layout.REST]).all(0) & np.isfinite(weight).all(1)
+    healthy &= np.isfinite(block[: layout.EXTRA]).all(0) & np.isfinite(weight).all(1)
     heavy = np.abs(weight) > 1e-12 * np.abs(weight).max(1, keepdims=True)
     form = np.where(healthy, np.where(heavy.any(1), heavy.argmax(1) + 1, 0), NONE)
     if np.any(damped := (form > 0) & (rate != 0.0)):
@@ -174,7 +174,7 @@ def closed_values(
     """
     motion = case_of(effects, block, start).motion(times)
     q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)
-    q[0], l[0] = block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.REST]  # the start itself
+    q[0], l[0] = block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.EXTRA]  # the start itself
     body, arrays = physics(effects, block)
     with np.errstate(all="ignore"):
         first = _first(body, arrays, q[0], l[0])
@@ -198,7 +198,7 @@ def closed_values(
     block[layout.STATUS] = np.where(keeps_status, block[layout.STATUS], fault)
     largest = np.where(healthy[:, None], drifts, 0.0).max(0)
     block[layout.DRIFT : layout.STATUS] = np.where(healthy[0], largest, np.nan)
-    block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.REST] = q[-1], l[-1]
+    block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.EXTRA] = q[-1], l[-1]
     steps = clock.steps(times)
     block[layout.GOOD_STEP] = steps[last[-1]]
     bad_save = np.minimum(healthy.sum(0), len(times) - 1)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.formulas import energies
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.arguments import Noise
+from rigidmc.engine.kernel.arguments import NoiseKeys
 from rigidmc.engine.streams import key_of, stream_of, uniforms
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import broken, quaternions, tensors_into, vectors_into
@@ -48,7 +48,7 @@ Source = int | Antithetic | Design | Given | Points | Recorder
 def block_rows(effects: Sequence[Any], has_work: bool) -> int:
     """How many rows a block has, without those for what is monitored."""
     works = len(effects) if has_work else 0
-    return layout.places(parameter_count(*effects), works).end
+    return layout.map_rows(parameter_count(*effects), works).end
 
 
 def initial_block(
@@ -171,7 +171,7 @@ def filled(effects: Sequence[Any]) -> tuple[slice, ...]:
     """The rows of a block that `fill` sets; the others are 0 until the engine begins."""
     end = layout.EFFECTS + parameter_count(*effects)
     return (
-        slice(layout.ATTITUDE, layout.REST),
+        slice(layout.ATTITUDE, layout.EXTRA),
         slice(layout.STATUS, layout.STATUS + 1),
         slice(layout.STEPS, end),
     )
@@ -225,7 +225,7 @@ def fill(block: Array, model: Model, sampler: Source, first: int, has_attitude: 
             start["start_euler"] = draw(
                 model.start.attitude, sampler, "start.attitude", first, count
             )
-    block[layout.MOMENTUM : layout.REST] = spin * moments if word == "omega" else spin
+    block[layout.MOMENTUM : layout.EXTRA] = spin * moments if word == "omega" else spin
     # the spin is nan if a shell has too little energy
     bad = broken(moments) | ~(mass > 0) | np.isnan(spin).any(0) | np.isnan(block[layout.ATTITUDE])
     block[layout.STATUS, bad] = layout.STATUSES["invalid_input"]
@@ -307,7 +307,7 @@ def ledger(effects: Sequence[Any], has_work: bool) -> tuple[Flag, ...]:
     return tuple(flag(not implements(effect, "energy")) for effect in effects)
 
 
-def noise(effects: Sequence[Any], seed: int, members: NDArray[np.int64]) -> Noise:
+def noise(effects: Sequence[Any], seed: int, members: NDArray[np.int64]) -> NoiseKeys:
     """What decides the noise of random effects, for members by their indices."""
     streams = [
         stream_of(f"effects.{label}.noise")
@@ -315,4 +315,4 @@ def noise(effects: Sequence[Any], seed: int, members: NDArray[np.int64]) -> Nois
         if takes_noise(effect)
     ]
     key, other = key_of(seed)
-    return Noise(key, other, np.array(streams or [0], np.uint64), members)
+    return NoiseKeys(key, other, np.array(streams or [0], np.uint64), members)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigidmc.physics.integrators import Form
+from rigidmc.physics.integrators import StepScheme
 from rigidmc.physics.integrators.protocol import Integrator
 from rigidmc.physics.integrators.splitting import PANEL_TURN, Exact, Split
 from rigidmc.scene.settings import Run
@@ -47,7 +47,7 @@ def make_limits(
     has_attitude: bool,
     theta: float,
     steps: float,
-    form: Form | None = None,
+    form: StepScheme | None = None,
     spin: float = 0.0,
 ) -> Limits | tuple[()]:
     """The Limits of a run, or () if only non-finite members are flagged (checks = false).
@@ -99,7 +99,9 @@ def _largest_drift(dtype: str, order: float, theta: float, steps: float) -> floa
     return min(COARSE, max(error, rounding))
 
 
-def _largest_turn(kind: Integrator, turn: float | None, form: Form | None, spin: float) -> float:
+def _largest_turn(
+    kind: Integrator, turn: float | None, form: StepScheme | None, spin: float
+) -> float:
     """The largest turn of a step [rad] that an integrator stands."""
     drift = getattr(form.integrator, "drift", None) if form else None
     largest = math.pi if drift is None else SPLIT if isinstance(drift, Split) else math.inf

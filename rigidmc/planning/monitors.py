@@ -8,9 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.events import record_of
-from rigidmc.engine.kernel.layout import EVENT, SHADOW, STATUSES, SUMS, Places, watch_rows
-from rigidmc.engine.kernel.layout import places as places_for
+from rigidmc.engine.kernel.events import event_record
+from rigidmc.engine.kernel.layout import (
+    EVENT_ROWS,
+    SHADOW_ROWS,
+    STATUSES,
+    SUMS,
+    RowMap,
+    monitor_rows,
+)
+from rigidmc.engine.kernel.layout import map_rows as places_for
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import (
     OFF,
@@ -23,7 +30,7 @@ from rigidmc.physics.dynamics.methods import (
 from rigidmc.physics.effects.protocol import parameter_count
 from rigidmc.physics.observables import dimensions, outputs, under
 from rigidmc.physics.observables.protocol import (
-    Ensemble,
+    EnsembleObservable,
     Event,
     Neighbour,
     Running,
@@ -69,13 +76,15 @@ class Monitors(NamedTuple):
     @property
     def rows(self) -> int:
         """How many rows of a block it takes."""
-        return int(watch_rows(*self.compiled))
+        return int(monitor_rows(*self.compiled))
 
 
 def make_monitors(model: Model, recording: Recording, seed: int) -> Monitors:
     """The Monitors of a run; SceneError for an event that it cannot have."""
     observables = [
-        (label, one) for label, one in recording.monitored if not isinstance(one, Ensemble)
+        (label, one)
+        for label, one in recording.monitored
+        if not isinstance(one, EnsembleObservable)
     ]
     events = tuple((label, one) for label, one in observables if isinstance(one, Event))
     shadow = tuple((label, one) for label, one in observables if isinstance(one, Neighbour))
@@ -114,7 +123,7 @@ _VALUES = {
 _SAVED = {**_VALUES, "start": (1.0, 1.0, 1.0, 1.0)}
 
 
-def places_of(effects: Sequence[Any], has_work: bool, monitors: Monitors) -> Places:
+def places_of(effects: Sequence[Any], has_work: bool, monitors: Monitors) -> RowMap:
     """The rows of a block beyond those that every block has."""
     works = len(effects) if has_work else 0
     marks = [len(numbers) for _, numbers in monitors.running]
@@ -147,7 +156,7 @@ def has_attitude(effects: Sequence[Any], recording: Recording, monitors: Monitor
 
 def results(
     monitors: Monitors,
-    places: Places,
+    places: RowMap,
     block: NDArray[np.float64],
     clock: Clock,
     total: Any,
@@ -176,8 +185,8 @@ def results(
             variables[name] = np.where(known, x, np.nan)
 
     for i, (label, one) in enumerate(monitors.of_events):
-        at = places.events + EVENT * i
-        record = record_of(block[at : at + EVENT], everyone)
+        at = places.events + EVENT_ROWS * i
+        record = event_record(block[at : at + EVENT_ROWS], everyone)
         add(label, one, one.results(record).values())
         if one.stop:
             seen = np.where(healthy, record.seen, np.nan)
@@ -188,7 +197,7 @@ def results(
         add(label, one, one.results(block[at : at + len(marks)], seen).values())
         at += len(marks)
     for label, one in monitors.of_shadow:
-        distances = block[places.neighbour + SUMS : places.neighbour + SHADOW]
+        distances = block[places.shadow + SUMS : places.shadow + SHADOW_ROWS]
         add(label, one, one.results(distances, clock.position(total), clock.dt).values())
     if lags:
         started = block[layout.STATUS] != float(STATUSES["invalid_input"])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.compiler.compose import NumbaError
-from rigidmc.engine.inspection import slow_parts, why_refused
+from rigidmc.engine.inspection import refusal_of, scalar_parts
 from rigidmc.engine.machine import is_uncompiled
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import TOO_FAR, broken, too_far
@@ -121,9 +121,9 @@ def _one_at_a_time(seen: Seen) -> Iterator[str]:
     scheme, effects = seen.plan.scheme, blank(seen.model.effects)
     # what cannot be compiled at all is refused later
     with suppress(NumbaError, SceneError):
-        if scheme is None or any(why_refused(e) for e in effects if not is_shipped(e)):
+        if scheme is None or any(refusal_of(e) for e in effects if not is_shipped(e)):
             return
-        for name, why in slow_parts(scheme.integrator, effects, watches):
+        for name, why in scalar_parts(scheme.integrator, effects, watches):
             yield (
                 f"{name} {why}: members are not worked on side by side, and "
                 "the step is much slower than it might be"

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.layout import Places, whole_lanes
+from rigidmc.engine.kernel.layout import RowMap, whole_lanes
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.methods import Flag, implements
 from rigidmc.physics.effects import labelled
 from rigidmc.physics.effects.protocol import facts, is_conservative, is_random
-from rigidmc.physics.integrators import Form, keeps_remainders
-from rigidmc.physics.integrators.protocol import Integrator, keeps_its_own
+from rigidmc.physics.integrators import StepScheme, keeps_remainders
+from rigidmc.physics.integrators.protocol import Integrator, has_extra_state
 from rigidmc.physics.observables import value_rows
 from rigidmc.physics.observables.saving import thinned
 from rigidmc.physics.observables.statistics import counts_steps
@@ -79,7 +79,7 @@ class Plan(NamedTuple):
     mean_steps: float
     times: NDArray[np.float64]
     thinned: NDArray[np.int64]
-    scheme: Form | None
+    scheme: StepScheme | None
     has_attitude: bool
     angle: float
     turn_rate: float | None
@@ -90,7 +90,7 @@ class Plan(NamedTuple):
     labels: tuple[str, ...]
     works: tuple[Flag, ...]
     monitors: Monitors
-    places: Places
+    places: RowMap
     nodes: int
     saved: dict[str, slice]
     conserved: dict[str, str]
@@ -214,7 +214,7 @@ def make_plan(
         angle=steps.angle,
         turn_rate=rate,
         dtype=run.dtype,
-        compensated=not (scheme and keeps_its_own(scheme.integrator))
+        compensated=not (scheme and has_extra_state(scheme.integrator))
         and keeps_remainders(kind, effects, run.dtype, run.compensated),
         notes=notes,
         limits=make_limits(*bounds) if scheme else (),

@@ -9,7 +9,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects.sums import total_energy_scale
-from rigidmc.physics.integrators import Form, Turns, form
+from rigidmc.physics.integrators import StepScheme, TurnBounds, scheme_of
 from rigidmc.physics.integrators.protocol import Integrator
 from rigidmc.planning.steps import Array, physics, rates
 from rigidmc.scene.model import Model
@@ -24,7 +24,7 @@ OWN_MARGIN = 1.25
 
 def make_scheme(
     kind: Integrator, model: Model, run: Run, pilot: Array, dt: float
-) -> tuple[Form, float | None, float]:
+) -> tuple[StepScheme, float | None, float]:
     """(Form of an integrator, bound on the rate of free motion, turn |omega| dt of a step)
     for steps of dt [s], or for member steps of at most dt.
 
@@ -35,12 +35,12 @@ def make_scheme(
     bound is in units of the members' rates. Raises SceneError if a step turns a body too far for
     the integrator.
     """
-    rate, turns = None, Turns()
+    rate, turns = None, TurnBounds()
     if implements(kind, "prepared"):
         bound = _turn_rates(model, pilot, run.turn is not None)
         rate = bound.free if run.turn_rate is None else run.turn_rate
         unit, key = (dt, "dt") if run.turn is None else (run.turn, "turn")
-        turns = Turns(rate * unit, bound.spin * unit, bound.symmetric)
+        turns = TurnBounds(rate * unit, bound.spin * unit, bound.symmetric)
         largest = kind.largest_spin
         if turns.spin > largest:
             rule = (
@@ -48,13 +48,13 @@ def make_scheme(
                 f"{run.integrator} can be solved; use {key} <= {unit * largest / turns.spin:.2g}"
             )
             raise SceneError(rule, at=f"run.{key}", value=getattr(run, key))
-    return form(kind, turns, model.effects)._replace(name=run.integrator), rate, turns.spin
+    return scheme_of(kind, turns, model.effects)._replace(name=run.integrator), rate, turns.spin
 
 
 def largest_rates(effects: Sequence[Any], pilot: Array) -> tuple[float, float]:
     """(largest |omega| at the start, largest of the `rates`) of the pilot [rad/s]."""
     with np.errstate(all="ignore"):
-        omega = pilot[layout.BODY : layout.BODY + 3] * pilot[layout.MOMENTUM : layout.REST]
+        omega = pilot[layout.BODY : layout.BODY + 3] * pilot[layout.MOMENTUM : layout.EXTRA]
         spins = np.sqrt((omega**2).sum(0))
         return _largest(spins), _largest(rates(effects, pilot))
 
@@ -78,7 +78,7 @@ class _TurnRates(NamedTuple):
 
 def _turn_rates(model: Model, block: Array, own_steps: bool) -> _TurnRates:
     body, effects = physics(model.effects, block)
-    l = block[layout.MOMENTUM : layout.REST]
+    l = block[layout.MOMENTUM : layout.EXTRA]
     a, i = np.array([body.a1, body.a2, body.a3]), np.array([body.i1, body.i2, body.i3])
     with np.errstate(all="ignore"):
         products = np.stack(

@@ -45,7 +45,7 @@ def rates(effects: Sequence[Any], block: Array) -> Array:
     """
     body, effects = physics(effects, block)
     q = tuple(block[layout.ATTITUDE : layout.MOMENTUM])
-    l = tuple(block[layout.MOMENTUM : layout.REST])
+    l = tuple(block[layout.MOMENTUM : layout.EXTRA])
     with np.errstate(all="ignore"):
         highest = total_energy_scale(effects, body)
         smallest = 1.0 / np.max([body.i1, body.i2, body.i3], axis=0)

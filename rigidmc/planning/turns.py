@@ -195,7 +195,7 @@ def turning_at_start(model: Model, run: Run) -> Turning:
     block = _first_block(model, run)
     with np.errstate(all="ignore"):
         moments = 1.0 / block[layout.BODY : layout.BODY + 3]
-    return turning(moments, block[layout.MOMENTUM : layout.REST], drive(model, run))
+    return turning(moments, block[layout.MOMENTUM : layout.EXTRA], drive(model, run))
 
 
 def sparse_saves(model: Model, run: Run) -> tuple[str, Sparse] | None:

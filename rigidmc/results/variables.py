@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.engine.kernel.block import LOOK
+from rigidmc.engine.kernel.block import ASSESS_INTERVAL
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import labelled
@@ -154,7 +154,7 @@ def parameter_variable(
 def _health_variables(effects: Sequence[Any], has_work: bool) -> dict[str, Variable]:
     """Drifts and status of the members."""
     conserved = conservation(effects, has_work)
-    over = f"largest over every {LOOK}th step and all saves"
+    over = f"largest over every {ASSESS_INTERVAL}th step and all saves"
     drift = "relative to the start's energy (to 1e-3 of the energies in play where that is smaller)"
     energy = "|E - E(0)|"
     if has_work:
@@ -177,7 +177,7 @@ def _health_variables(effects: Sequence[Any], has_work: bool) -> dict[str, Varia
     }
     step = {
         "long_name": "steps made when a member was found not to be ok, at most "
-        f"{LOOK} after it happened; -1 for those that are",
+        f"{ASSESS_INTERVAL} after it happened; -1 for those that are",
         "units": "1",
     }
     return {

@@ -3,7 +3,7 @@
 from functools import partial
 from typing import Any
 
-from rigidmc.engine.compiler.compose import NumbaError, reason
+from rigidmc.engine.compiler.compose import NumbaError, innermost_cause
 from rigidmc.engine.cuda.devices import number_of
 from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
@@ -43,7 +43,7 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
         "dtype": plan.dtype,
         "compensated": int(plan.compensated),
         **plan.bounds(),
-        "parts_per_step": len(plan.scheme.parts) - 1 if plan.scheme else 0,
+        "parts_per_step": len(plan.scheme.substeps) - 1 if plan.scheme else 0,
         **({"drawn": through} if (through := scene.drawn_through()) else {}),
         **(UNCOMPILED if plan.scheme is not None and is_uncompiled() else {}),
     }
@@ -110,6 +110,6 @@ def make_program(plan: Plan, device: str = "cpu", compiled: bool = True) -> Prog
         table = ", ".join(table for table, words in names.items() if words)
         if not table:
             raise
-        rule = f"cannot be compiled: {reason(error)}; {RULE}"
+        rule = f"cannot be compiled: {innermost_cause(error)}; {RULE}"
         whole = f"{table}.{', '.join(filter(None, names.values()))}"
         raise PartError(rule, at=whole, table=table) from error

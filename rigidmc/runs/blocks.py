@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.arguments import Noise
+from rigidmc.engine.kernel.arguments import NoiseKeys
 from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.engine.threads import Keeper, run_blocks
 from rigidmc.planning import monitors
@@ -43,7 +43,7 @@ class BlockJob(NamedTuple):
     members: NDArray[np.int64]
     start: Start
     program: Program | None
-    noise: Noise
+    noise: NoiseKeys
     block: Array
     order: NDArray[np.int64] | None
     out: Array

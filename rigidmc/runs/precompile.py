@@ -5,7 +5,7 @@ import time
 from typing import NamedTuple
 
 from rigidmc.engine.compile_time import compiled
-from rigidmc.engine.compiler.user_stamps import why_unkept
+from rigidmc.engine.compiler.user_stamps import why_not_cached
 from rigidmc.errors import RigidmcError
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.closed_form import closed_values
@@ -75,7 +75,7 @@ def _warmed(scene: Scene) -> Warmed:
     began, name, before = time.perf_counter(), scene.run.integrator, len(compiled)
     run = prepared(scene)
     parts = [type(part) for part in own_parts(run.scene) if not isinstance(part, Law)]
-    if found := {kind.__name__: why for kind in parts if (why := why_unkept(kind))}:
+    if found := {kind.__name__: why for kind in parts if (why := why_not_cached(kind))}:
         rule = "; ".join(
             f"{user} is compiled in every process: {why}" for user, why in found.items()
         )

@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import placed
-from rigidmc.engine.cuda.devices import settled_device
+from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import Program
@@ -123,7 +123,7 @@ class PreparedRun:
         >>> rm.prepare("dzhanibekov", members=4, t_end=1.0).compile().plan.members
         4
         """
-        self.program(settled_device(device))
+        self.program(resolve_device(device))
         return self
 
     def program(self, device: str = "cpu") -> Program | None:
@@ -268,7 +268,7 @@ class PreparedRun:
             rule = f"is missing: the run varies {', '.join(self.scene.run.varied or ())}"
             raise OptionError(rule, at="values")
         threads = threads_available() if threads is None else counted(threads, "threads")
-        device = "cpu" if self.plan.scheme is None else settled_device(device)
+        device = "cpu" if self.plan.scheme is None else resolve_device(device)
         streaming = output is not None and is_streamed(output)
         size = block or block_of(self.plan, threads, device, streaming)
         room = needs(self.layout, self.plan, self.plan.members, size, threads)

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from rigidmc.engine.cuda.devices import settled_device
+from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.inspection import step_operations, torque_operations
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.arguments import Run
+from rigidmc.engine.kernel.arguments import StepRange
 from rigidmc.engine.kernel.layout import LANES
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import NO_SAVES
@@ -63,7 +63,7 @@ def cost_per_step(
         if own:
             block[layout.STEPS] = steps
         began = time.perf_counter()
-        frame = Run(plan.grid.dt, steps if own else 1, steps, steps, own, 0, steps)
+        frame = StepRange(plan.grid.dt, steps if own else 1, steps, steps, own, 0, steps)
         program.advance(block, frame, random, order)
         return time.perf_counter() - began
 
@@ -95,7 +95,7 @@ def predicted_seconds(
     Runs of 8192 and of three times as many members tell the cost of a member. Their results go to
     memory or to a file of the same kind, which the measured time of a kernel leaves out.
     """
-    plan, device = run.plan, settled_device(device)
+    plan, device = run.plan, resolve_device(device)
     size = REHEARSED if device == "cpu" else WAVE
     if plan.members < 8 * size:
         if device == "cpu":
@@ -186,7 +186,7 @@ def price(
     return Price(
         plan.members,
         plan.mean_steps if plan.scheme else 0.0,
-        _seconds(run, studied, threads, folder, settled_device(device)),
+        _seconds(run, studied, threads, folder, resolve_device(device)),
         threads,
         needs(run.layout, plan, plan.members, LANES, threads).file if folder else 0,
     )

@@ -7,7 +7,7 @@ import os
 import shutil
 from typing import NamedTuple
 
-from rigidmc.engine.cuda.devices import chosen, number_of
+from rigidmc.engine.cuda.devices import number_of, select_devices
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.layout import BLOCK, LANES, whole_lanes
 from rigidmc.errors import NoRoom
@@ -26,7 +26,7 @@ BASE = 0.25e9  # interpreter, libraries and kernels [bytes]
 
 def movers(threads: int, device: str) -> int:
     """How many threads or graphics processors move members at once."""
-    return threads if device == "cpu" else len(chosen(number_of(device)))
+    return threads if device == "cpu" else len(select_devices(number_of(device)))
 
 
 def moved_at_once(members: int, threads: int, device: str) -> float:

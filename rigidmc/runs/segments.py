@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.cuda.devices import settled_device
+from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.arguments import Run
+from rigidmc.engine.kernel.arguments import StepRange
 from rigidmc.engine.kernel.layout import LANES, whole_lanes
 from rigidmc.engine.program import NO_SAVES
 from rigidmc.errors import SceneError
@@ -41,7 +41,7 @@ class Moving:
             rule = "the members of such a study make the same steps: give dt"
             raise SceneError(rule, at="run.turn", value=scene.run.turn)
         run = prepared(scene)
-        program = run.program(settled_device(device))
+        program = run.program(resolve_device(device))
         if program is None:
             rule = "is told at its ends only: such a study follows members, so take exact"
             raise SceneError(rule, at="run.integrator", value=scene.run.integrator)
@@ -72,7 +72,7 @@ class Moving:
         first, last = map(int, self.ends[part : part + 2])
         grid, effects, seed = plan.grid, plan.model.effects, plan.run.seed
         lengths = grid.head, grid.last_dt
-        run = Run(grid.dt, 1, grid.stride, grid.steps, 0, first, last, *lengths)
+        run = StepRange(grid.dt, 1, grid.stride, grid.steps, 0, first, last, *lengths)
         size, end = max(SHARE, whole_lanes(-(-count // self._threads))), end_of_work()
 
         def advance(low: int) -> Array:
@@ -103,7 +103,7 @@ class Moving:
     def event(self, i: int, block: Array) -> tuple[Array, Array]:
         """(count, level) of the event i of the scene for each member; the level is 0 while it
         cannot happen next."""
-        at = self.plan.places.events + layout.EVENT * i
+        at = self.plan.places.events + layout.EVENT_ROWS * i
         return block[at + layout.COUNT], block[at + layout.LEVEL]
 
     def events(self) -> Sequence[tuple[str, Any]]:

@@ -56,7 +56,9 @@ def drift_laws(
         for i, (name, scale) in enumerate((("energy_drift", play), ("l2", 1.0))):
             if conserved[name] != "yes":
                 continue
-            most, early, least = (rows[at + i] for at in (layout.DRIFT, layout.EARLY, layout.LEAST))
+            most, early, least = (
+                rows[at + i] for at in (layout.DRIFT, layout.EARLY_DRIFT, layout.LATE_DRIFT)
+            )
             stays = (least >= BACK * early) & (not returns)
             law = np.where(stays, LAWS["one_way"], LAWS["bounded"])
             law = np.where(most * scale <= floor, LAWS["rounding"], law)

@@ -7,7 +7,7 @@ from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import labelled
 from rigidmc.physics.effects.protocol import facts, is_conservative, is_random
 from rigidmc.physics.observables import named, recorded, saved, under, watched
-from rigidmc.physics.observables.protocol import Ensemble
+from rigidmc.physics.observables.protocol import EnsembleObservable
 from rigidmc.physics.observables.saving import kept, summaries
 from rigidmc.scene.parts import Parts
 
@@ -39,7 +39,9 @@ class Recording(NamedTuple):
     @property
     def histograms(self) -> Labelled:
         """The counts over all members."""
-        return tuple((label, one) for label, one in self.monitored if isinstance(one, Ensemble))
+        return tuple(
+            (label, one) for label, one in self.monitored if isinstance(one, EnsembleObservable)
+        )
 
 
 def recording(scene: Parts) -> Recording:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.engine.cuda.devices import device, settled_device
+from rigidmc.engine.cuda.devices import device, resolve_device
 from rigidmc.engine.inspection import step_operations
 from rigidmc.physics.effects import Bath, Gravity, RotatingField, SpaceTorque, ViscousDamping
 from rigidmc.physics.integrators import accepting
@@ -131,6 +131,6 @@ def speeds(word: str) -> Iterator[tuple[str, float, float]]:
     for motion, name in (("free", "rk4"), ("heavy", "rk4"), ("free", "rk8"), ("free", "exact")):
         scene = _motions()[motion].with_run(integrator=name, dt=0.01, save=("energy",))
         run = prepared(scene)
-        plan, rate = run.plan, 1e9 / cost_per_step(run, settled_device(word))
+        plan, rate = run.plan, 1e9 / cost_per_step(run, resolve_device(word))
         each = step_operations(plan.scheme, scene.effects, plan.has_attitude).all
         yield f"{motion}, {name}", rate, rate * each

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.compile_time import listed, rounded, seconds
-from rigidmc.engine.inspection import torque_operations, why_one_at_a_time
+from rigidmc.engine.compile_time import list_kernels, seconds, seconds_text
+from rigidmc.engine.inspection import torque_operations, why_scalar
 from rigidmc.engine.program import Program
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.files.reading import MESHES
 from rigidmc.mechanics import inertia
 from rigidmc.physics.effects import EFFECTS, labelled
 from rigidmc.physics.effects.protocol import given
-from rigidmc.physics.integrators.protocol import keeps_its_own
+from rigidmc.physics.integrators.protocol import has_extra_state
 from rigidmc.physics.observables import OBSERVABLES
-from rigidmc.physics.observables.protocol import Ensemble
+from rigidmc.physics.observables.protocol import EnsembleObservable
 from rigidmc.planning.limits import Limits
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.turns import sparse_saves
@@ -120,7 +120,7 @@ def _compiled(run: PreparedRun) -> list[str]:
     lines = [f"compiled     {scene.run.integrator}; effects: {words}; {attitude} attitude"]
     for effect in scene.effects:
         if type(effect) not in EFFECTS.values():
-            why = why_one_at_a_time(effect)
+            why = why_scalar(effect)
             how = f"not packed: {why}" if why else "packed: members side by side, as built-in ones"
             operations = torque_operations(effect)
             lines.append(f"own effect   {type(effect).__name__}: {operations}, {how}")
@@ -135,7 +135,7 @@ def _steps(prepared_run: PreparedRun) -> list[str]:
     plan = plan if units is None else units.back(plan)
     scene, run, grid = layout.scene, layout.scene.run, plan.grid
     lines = [f"flagged      {_limits(plan.limits)}"] if plan.limits else []
-    parts = len(plan.scheme.parts) - 1 if plan.scheme else 1
+    parts = len(plan.scheme.substeps) - 1 if plan.scheme else 1
     pieces = f" of {parts} parts each" if parts > 1 else ""
     end = f"t_end = {run.t_end:g} s, omega dt <= {plan.angle:.2g} rad"
     if plan.has_member_steps:
@@ -204,7 +204,9 @@ def _cost(run: PreparedRun, threads: int, device: str) -> list[str]:
     works, quiet, effects = recorded.has_work, cost, plan.model.effects
     if plan.monitors.rows or works:
         quiet = cost_per_step(some_of(run, range(len(effects))), device)
-    watched = [label for label, one in recorded.monitored if not isinstance(one, Ensemble)]
+    watched = [
+        label for label, one in recorded.monitored if not isinstance(one, EnsembleObservable)
+    ]
     if watched:
         more = " and the ledger of work" if works else ""
         names = ", ".join(watched)
@@ -226,8 +228,8 @@ def to_compile(program: Program) -> str:
     missing = program.missing()
     if not missing:
         return "nothing to compile"
-    pieces = listed(program.label, missing)
-    time = rounded(seconds(program.label, missing, program.effects, program.theirs()))
+    pieces = list_kernels(program.label, missing)
+    time = seconds_text(seconds(program.label, missing, program.effects, program.helper_share()))
     return f"to be compiled, on first use: {pieces}: about {time} s (done now, to measure the cost)"
 
 
@@ -240,7 +242,7 @@ def single_precision(plan: Plan) -> str:
         f"rounding a body's numbers to 6e-8 misplaces it by {error:.1e} rad"
         f" in a turn of {angle:.3g} rad, whatever the step"
     )
-    if not plan.compensated and not (plan.scheme and keeps_its_own(plan.scheme.integrator)):
+    if not plan.compensated and not (plan.scheme and has_extra_state(plan.scheme.integrator)):
         # rk4 over 10 s without remainders: 7.2e-6 in 512 steps, 1.9e-3 in 131,072
         drift = 1.5e-8 * plan.mean_steps
         error = max(error, drift)

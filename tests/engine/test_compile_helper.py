@@ -14,17 +14,17 @@ import pytest
 import rigidmc as rm
 from rigidmc.engine import compile_helper as module
 from rigidmc.engine import compile_time
-from rigidmc.engine.compile_helper import _named, _read, _written, beside, helped
-from rigidmc.engine.compile_time import divided, seconds
-from rigidmc.engine.compiler.kernels import config, kind_of
+from rigidmc.engine.compile_helper import _named, _read, _written, compile_in_helper, helper_can
+from rigidmc.engine.compile_time import seconds, split_work
+from rigidmc.engine.compiler.kernels import config, type_key
 from tests.plans import program_of
 
-EVERY = ["enter", "leave", "begin", "march", "look", "record", "advance"]
+EVERY = ["gather", "scatter", "initialise", "march", "assess", "record", "advance"]
 
 
 def asked(scene="heavy_top", **settings):
     scene = rm.Scene.load(scene).with_run(**settings)
-    return {name: one for name, one in program_of(scene).asked.items() if one}
+    return {name: one for name, one in program_of(scene).kernel_keys.items() if one}
 
 
 def test_a_request_reaches_the_other_process_unchanged():
@@ -35,7 +35,7 @@ def test_a_request_reaches_the_other_process_unchanged():
     ):
         for one in asked(**settings).values():
             parts = _read(json.loads(json.dumps(_written(one[1]))))
-            assert parts == one[1] and kind_of(parts) == kind_of(one[1])
+            assert parts == one[1] and type_key(parts) == type_key(one[1])
 
 
 def test_nothing_but_the_package_is_imported():
@@ -45,16 +45,16 @@ def test_nothing_but_the_package_is_imported():
 
 SCRIPT = """
 import rigidmc as rm
-from rigidmc.engine.compile_helper import beside
-from rigidmc.engine.compiler.kernels import is_ready
+from rigidmc.engine.compile_helper import compile_in_helper
+from rigidmc.engine.compiler.kernels import is_compiled
 from tests.plans import program_of
 scene = rm.Scene.load("nasa_brick").with_run(integrator="rk4", members=4, t_end=1.0)
-asked = program_of(scene).asked
-some = [asked["enter"], asked["advance"]]
-print([is_ready(*one) for one in some])
-with beside(some):
+asked = program_of(scene).kernel_keys
+some = [asked["gather"], asked["advance"]]
+print([is_compiled(one) for one in some])
+with compile_in_helper(some):
     pass
-print([is_ready(*one) for one in (*some, asked["march"])])
+print([is_compiled(one) for one in (*some, asked["march"])])
 """
 
 
@@ -77,7 +77,7 @@ def test_a_process_that_fails_or_hangs_is_abandoned(script, tmp_path, monkeypatc
     monkeypatch.setattr(sys, "executable", str(path))
     monkeypatch.setattr(module, "PATIENCE", 0.2)
     began = time.perf_counter()
-    with beside([asked()["advance"]]):
+    with compile_in_helper([asked()["advance"]]):
         pass
     assert time.perf_counter() - began < 10.0
 
@@ -88,18 +88,18 @@ def test_user_effects_are_compiled_in_this_process(monkeypatch):
 
     monkeypatch.setattr(module, "threads_available", lambda: 2)
     own = (asked()["march"][0], (Push(1.0),), "float64", 8, "psw")
-    assert "march" not in helped({"march": own})
-    assert config.DISABLE_JIT or "march" in helped(asked())
+    assert "march" not in helper_can({"march": own})
+    assert config.DISABLE_JIT or "march" in helper_can(asked())
     monkeypatch.setattr(module, "threads_available", lambda: 1)
-    assert helped(asked()) == []
+    assert helper_can(asked()) == []
 
 
 def test_work_is_divided_if_that_saves_time(tmp_path, monkeypatch):
     monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(compile_time, "compiled", [])
-    theirs = divided("rk4", EVERY, (), EVERY)
+    theirs = split_work("rk4", EVERY, (), EVERY)
     assert "advance" in theirs and "march" not in theirs
     assert seconds("rk4", EVERY, (), theirs) < 0.75 * seconds("rk4", EVERY)
-    assert divided("rk4", EVERY, (), []) == [] == divided("rk4", ["record"], (), EVERY)
+    assert split_work("rk4", EVERY, (), []) == [] == split_work("rk4", ["record"], (), EVERY)
     compile_time.compiled.append("rk4")
-    assert divided("rk4", ["march", "look"], (), EVERY) == []
+    assert split_work("rk4", ["march", "assess"], (), EVERY) == []

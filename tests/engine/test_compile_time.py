@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.engine import compile_time
-from rigidmc.engine.compile_time import listed, seconds, summary
+from rigidmc.engine.compile_time import list_kernels, seconds, summary
 from rigidmc.engine.machine import this_machine
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.results import run_directory
@@ -88,40 +88,47 @@ def test_compilation_is_announced_if_progress_is_shown(capfd, caplog):
 
 def test_the_message_names_what_is_compiled():
     every = [
-        "enter",
-        "leave",
-        "begin",
+        "gather",
+        "scatter",
+        "initialise",
         "march",
-        "look",
+        "assess",
         "record",
-        "begin_watch",
-        "watch",
-        "seek",
+        "begin_monitors",
+        "monitor_steps",
+        "refine_event",
         "advance",
     ]
     assert summary("rk8 + gravity", every) == "rk8 + gravity + events"
     assert (
-        summary("rk4", ["march", "begin_watch", "watch", "begin_near", "meet"])
+        summary(
+            "rk4",
+            ["march", "begin_monitors", "monitor_steps", "begin_shadow", "renormalise_shadow"],
+        )
         == "rk4 + running observables + neighbour"
     )
-    assert summary("rk4", ["record", "begin_watch", "watch", "seek"]) == "events, saves of rk4"
-    assert summary("rk4", ["look"]) == "look of rk4"
+    assert (
+        summary("rk4", ["record", "begin_monitors", "monitor_steps", "refine_event"])
+        == "events, saves of rk4"
+    )
+    assert summary("rk4", ["assess"]) == "assess of rk4"
     assert summary("formulas", ("formulas",)) == "formulas"
     assert (
-        listed("rk8 + gravity", ["begin", "march", "look"]) == "march of rk8 + gravity, begin, look"
+        list_kernels("rk8 + gravity", ["initialise", "march", "assess"])
+        == "march of rk8 + gravity, initialise, assess"
     )
 
 
 def test_seconds_follow_the_machine_and_what_is_compiled(tmp_path, monkeypatch):
     monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(compile_time, "compiled", [])
-    one = seconds("rk4", ["march", "look"])
-    bare = compile_time.OTHERS + compile_time.PIECES["look"]
+    one = seconds("rk4", ["march", "assess"])
+    bare = compile_time.OTHERS + compile_time.KERNELS["assess"]
     assert one == pytest.approx(compile_time.FIRST + bare)
     assert (
-        seconds("rk8", ["march", "look"])
+        seconds("rk8", ["march", "assess"])
         > one
-        < seconds("rk4 + gravity", ["march", "look"], (rm.Gravity(1.0),))
+        < seconds("rk4 + gravity", ["march", "assess"], (rm.Gravity(1.0),))
     )
     for text, factor in (
         ("2.0\n", 2.0),
@@ -132,9 +139,9 @@ def test_seconds_follow_the_machine_and_what_is_compiled(tmp_path, monkeypatch):
         ("", 1.0),
     ):
         (tmp_path / "rigidmc-kernels" / "pace").write_text(text, encoding="latin-1")
-        assert seconds("rk4", ["march", "look"]) == pytest.approx(factor * one)
+        assert seconds("rk4", ["march", "assess"]) == pytest.approx(factor * one)
     compile_time.compiled.append("rk4")
-    assert seconds("rk4", ["march", "look"]) == pytest.approx(compile_time.LATER * bare)
+    assert seconds("rk4", ["march", "assess"]) == pytest.approx(compile_time.LATER * bare)
 
 
 def test_integrators_that_cannot_run_a_scene_are_skipped(monkeypatch):

@@ -103,13 +103,13 @@ def test_a_shorter_last_interval_has_the_same_bits(settings, fake):
 def test_the_comparison_sees_one_bit(fake, monkeypatch):
     """A kernel that fuses one more product with a sum is not the processor's."""
     fake()
-    made = cuda_code.kernel_of
+    made = cuda_code.link_kernel
 
     def fusing(*given, **named):
         text = re.sub(r"= fmul <1", "= fmul contract <1", str(made(*given, host=True)))
         return llvm.parse_assembly(re.sub(r"= fadd <1", "= fadd contract <1", text))
 
-    monkeypatch.setattr(cuda, "kernel_of", fusing)
+    monkeypatch.setattr(cuda, "link_kernel", fusing)
     with rm.device("cuda"):
         assert changed(sums((0,), ("rk4",), ("heavy",)))
 
@@ -137,7 +137,7 @@ def test_ptx_has_only_operations_of_ieee_754(name, fake):
             modes = {mode for _, mode in ROUNDED.findall(ptx)}
             assert modes == {".rn"}, (label, modes)
             called = set(re.findall(r"call\.uni[^;]*?\b(\w+),?\s*\(", ptx))
-            assert called <= set(program.asked), (label, called)
+            assert called <= set(program.kernel_keys), (label, called)
     assert APPROXIMATE.search("\tsqrt.approx.f64 %fd1, %fd2;")
     assert ROUNDED.findall("\tfma.f64 %fd1, %fd2, %fd3, %fd4;") == [("fma", "")]
 
@@ -152,12 +152,12 @@ def test_ptx_has_the_operations_of_the_processor(name, fake):
     fake(compiled=False)
     sort = {"fma": 0, "div": 1, "rcp": 1, "sqrt": 2}
     for label, program in kernels((name,)).items():
-        _, text = pieces.code_of(*program.asked["march"])
+        _, text = pieces.llvm_of(program.kernel_keys["march"])
         here = by_sort(sort, (one or other for one, other in OF_LLVM.findall(text)))
         for capability in cuda_device.TARGETS:
             machine = cuda_code.machine_for(capability)
             module = llvm.parse_assembly(cuda_code.MACHINE.sub("", text))
-            ptx = machine.emit_assembly(cuda_code.optimised(module, machine))
+            ptx = machine.emit_assembly(cuda_code.optimise(module, machine))
             there = by_sort(sort, (kind for kind, _ in ROUNDED.findall(ptx)))
             assert here == there and here[0] > 0, label
 

@@ -42,7 +42,7 @@ def test_all_effects_at_once_compiled():
     effects = tuple(
         filled(type(e), [v * some.uniform(0.8, 1.2, 50) for _, _, v in numbers(e)]) for e in effects
     )
-    found = formulas.evaluated(effects, body, tuple(Q), tuple(L))
+    found = formulas.evaluate_forces(effects, body, tuple(Q), tuple(L))
     assert worst(effects, found[:3], found[3]) < 2e-14  # measured 1.8e-15
     other = formulas.torques(effects, body, tuple(Q), tuple(L)), formulas.energies(effects, body, Q)
     assert worst(effects, *other) < 2e-14

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from rigidmc.engine.inspection import step_operations, torque_operations
 from rigidmc.physics.effects import Gravity, ViscousDamping
-from rigidmc.physics.integrators import INTEGRATORS, Turns, form
+from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, scheme_of
 
 
 class Known(NamedTuple):
@@ -27,7 +27,9 @@ def test_operations_of_a_torque():
 
 
 def counted(name, effects=(), attitude=True):
-    return step_operations(form(INTEGRATORS[name], Turns(0.1, 0.1), effects), effects, attitude).all
+    return step_operations(
+        scheme_of(INTEGRATORS[name], TurnBounds(0.1, 0.1), effects), effects, attitude
+    ).all
 
 
 def test_operations_of_a_step():

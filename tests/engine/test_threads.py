@@ -13,7 +13,7 @@ import pytest
 
 from rigidmc.engine import program as engine
 from rigidmc.engine import threads as blocks
-from rigidmc.physics.integrators import form
+from rigidmc.physics.integrators import scheme_of
 from rigidmc.physics.integrators.rk4 import RK4
 from rigidmc.threads import Task, Threads
 from tests.engine.kernel.test_kernel import EFFECTS, EVERYTHING, ROWS, tops
@@ -24,8 +24,8 @@ H, TOTAL, STRIDE, MEMBERS = 0.01, 200, 30, 96
 
 def job(low, size, out):
     return SimpleNamespace(
-        program=program(form(RK4()), EFFECTS, EVERYTHING), noise=None, order=None, h=H, slots=1,
-        total=TOTAL, stride=STRIDE, rounds=TOTAL, done=0, head=TOTAL, last_h=H,
+        program=program(scheme_of(RK4()), EFFECTS, EVERYTHING), noise=None, order=None, h=H,
+        slots=1, total=TOTAL, stride=STRIDE, rounds=TOTAL, done=0, head=TOTAL, last_h=H,
         block=np.ascontiguousarray(tops()[:, low : low + size]), out=out, width=MEMBERS, column=low,
     )  # fmt: skip
 

@@ -51,7 +51,7 @@ def test_a_fault_at_the_start(fault, row, value):
     moved(sick)
     assert sick[K.STATUS, SICK] == K.STATUSES[fault]
     assert sick[K.GOOD_STEP, SICK] == sick[K.FAULT_STEP, SICK] == 0
-    assert np.array_equal(sick[: K.REST, SICK], before[: K.REST, SICK], equal_nan=True)
+    assert np.array_equal(sick[: K.EXTRA, SICK], before[: K.EXTRA, SICK], equal_nan=True)
     others = np.arange(32) != SICK
     assert np.array_equal(sick[:, others], well[:, others])
     assert (well[K.STATUS] == 0).all()
@@ -67,21 +67,21 @@ def test_a_drift_beyond_its_limit(fault, limits):
     before was.
     """
     sick = block()
-    sick[K.MOMENTUM : K.REST, SICK] *= 6.0
+    sick[K.MOMENTUM : K.EXTRA, SICK] *= 6.0
     slow, alone = block(), sick.copy()
     moved(sick, limits)
     assert sick[K.STATUS, SICK] == K.STATUSES[fault]
     found = int(sick[K.FAULT_STEP, SICK])
     assert 32 < found < STEPS
-    assert sick[K.GOOD_STEP, SICK] == found - cpu.LOOK
+    assert sick[K.GOOD_STEP, SICK] == found - cpu.ASSESS_INTERVAL
     row = K.DRIFT + (fault == "momentum_drift")
     assert 1e-6 < sick[row, SICK] < 1e-5  # the drift that flagged it
-    moved(alone, (), found - cpu.LOOK)
+    moved(alone, (), found - cpu.ASSESS_INTERVAL)
     assert alone[row, SICK] < 1e-6
-    assert np.array_equal(sick[: K.REST, SICK], alone[: K.REST, SICK])
+    assert np.array_equal(sick[: K.EXTRA, SICK], alone[: K.EXTRA, SICK])
     moved(slow, ())
     others = np.arange(32) != SICK
-    assert np.array_equal(sick[: K.REST, others], slow[: K.REST, others])
+    assert np.array_equal(sick[: K.EXTRA, others], slow[: K.EXTRA, others])
 
 
 class Untrue(NamedTuple):

@@ -120,5 +120,5 @@ def test_the_disturbance_has_the_right_size():
     found = pilot.pilot(HEAVY, 64)
     block = found.block.copy()
     pilot.push(block, 1e-6, True, np.random.default_rng(0))
-    l, l0 = block[K.MOMENTUM : K.REST], found.block[K.MOMENTUM : K.REST]
+    l, l0 = block[K.MOMENTUM : K.EXTRA], found.block[K.MOMENTUM : K.EXTRA]
     assert np.allclose(np.linalg.norm(l - l0, axis=0) / np.linalg.norm(l0, axis=0), 1e-6, rtol=1e-6)

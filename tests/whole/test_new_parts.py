@@ -65,7 +65,7 @@ class TorsionSpring(NamedTuple):
 from typing import NamedTuple
 
 from rigidmc.physics.dynamics.euler import scaled
-from rigidmc.physics.dynamics.so3 import gain, gain4, whole
+from rigidmc.physics.dynamics.so3 import add_compensated, add_compensated4, value_of
 from rigidmc.physics.integrators.rk8 import changes, combined
 
 _START = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -83,7 +83,7 @@ class CashKarp(NamedTuple):
     largest_turn = 3.0
 
     def step(self, body, effects, t, h, q, l):
-        y, rates = (whole(q), whole(l)), scaled(body, h)
+        y, rates = (value_of(q), value_of(l)), scaled(body, h)
         k1 = changes(rates, effects, body, t, h, y[0], y[1])
         z = combined(y, (1 / 5,), (k1,))
         k2 = changes(rates, effects, body, t + h / 5, h, z[0], z[1])
@@ -98,7 +98,7 @@ class CashKarp(NamedTuple):
         k6 = changes(rates, effects, body, t + 7 * h / 8, h, z[0], z[1])
         b = (37 / 378, 250 / 621, 125 / 594, 512 / 1771)
         dq, dl = combined(_START, b, (k1, k3, k4, k6))
-        return gain4(q, dq), gain(l, dl)
+        return add_compensated4(q, dq), add_compensated(l, dl)
 
 
 INTEGRATORS = {"cash_karp": CashKarp()}

@@ -16,7 +16,7 @@ from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.physics.dynamics.so3 import dot, multiply, up
 from rigidmc.physics.effects import Gravity, ViscousDamping
 from rigidmc.physics.effects.sums import total_energy, total_energy_scale
-from rigidmc.physics.integrators import INTEGRATORS, Turns, accepting, form
+from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, accepting, scheme_of
 from rigidmc.planning.limits import Limits
 from tests.kernels import make_block, run
 from tests.reference import attitude_error
@@ -108,13 +108,13 @@ def moved(top, name, h=None, steps=STEPS, way=1.0):
     )
     run(
         block,
-        form(INTEGRATORS[name], Turns(TURN, 3.0 * TURN), effects),
+        scheme_of(INTEGRATORS[name], TurnBounds(TURN, 3.0 * TURN), effects),
         effects,
         way * h,
         steps,
     )
     assert not block[K.STATUS].any()
-    return block[: K.MOMENTUM, 0].copy(), block[K.MOMENTUM : K.REST, 0].copy()
+    return block[: K.MOMENTUM, 0].copy(), block[K.MOMENTUM : K.EXTRA, 0].copy()
 
 
 def distance(top, one, two):
@@ -261,22 +261,22 @@ def test_never_a_nan_without_a_flag(moments, momentum, exponent, weight, h, name
         np.array([[1.0], [0.0], [0.0], [0.0]]),
         l[:, None],
     )
-    before = block[: K.REST].copy()
+    before = block[: K.EXTRA].copy()
     limits = SAFE if weight else SAFE._replace(l2=0.05)
     run(
         block,
-        form(INTEGRATORS[name], Turns(TURN, 3.0 * TURN), effects),
+        scheme_of(INTEGRATORS[name], TurnBounds(TURN, 3.0 * TURN), effects),
         effects,
         h,
         64,
         limits=tuple(limits),
     )
     ok = block[K.STATUS] == 0.0
-    assert np.isfinite(block[: K.REST]).all() or np.array_equal(
-        block[: K.REST], before, equal_nan=True
+    assert np.isfinite(block[: K.EXTRA]).all() or np.array_equal(
+        block[: K.EXTRA], before, equal_nan=True
     )
     if ok.all():
-        q, l1 = block[: K.MOMENTUM, 0], block[K.MOMENTUM : K.REST, 0]
+        q, l1 = block[: K.MOMENTUM, 0], block[K.MOMENTUM : K.EXTRA, 0]
         assert abs(q @ q - 1.0) < 1e-9
         body = MassProperties.of(moments, (0.3 * weight, 0.0, weight))
         play = kinetic_energy(body, l) + total_energy_scale(effects, body)

@@ -17,15 +17,15 @@ from typing import Any, cast
 
 from numba import njit
 from numba.core import types
-from numba.core.errors import NumbaError as NumbaError  # for callers of `reason`
+from numba.core.errors import NumbaError as NumbaError  # for callers of `innermost_cause`
 from numba.core.typing.templates import AbstractTemplate
 
 import rigidmc.physics.effects.protocol
 import rigidmc.physics.integrators.protocol
 import rigidmc.physics.observables.protocol  # noqa: F401  (imported so that METHODS is complete)
-from rigidmc.engine.compiler.intrinsics import CODED, coded, known_by
+from rigidmc.engine.compiler.intrinsics import INTRINSICS, coded, register_template
 from rigidmc.engine.compiler.pipeline import INLINE
-from rigidmc.engine.compiler.user_stamps import note
+from rigidmc.engine.compiler.user_stamps import observe
 from rigidmc.files.user_code import is_own
 from rigidmc.physics.dynamics.methods import METHODS, arguments
 
@@ -35,7 +35,7 @@ _inlined: set[Function] = set()
 _done: set[str] = set()  # modules of the package
 
 
-def reason(error: Exception) -> str:
+def innermost_cause(error: Exception) -> str:
     """The innermost cause of a failed compilation, with its file and line, on one line."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     failed = [i + 1 for i, line in enumerate(lines) if "Failed in nopython mode" in line]
@@ -52,7 +52,7 @@ def inline(function: Function) -> Function:
     Numba's `overload` would do, but it compiles a function once more for each kind of caller: a
     third of all that is compiled.
     """
-    if function not in _inlined and function not in CODED:
+    if function not in _inlined and function not in INTRINSICS:
         _inlined.add(function)
         compiled: dict[tuple[Any, ...], Any] = {}  # by the types of the arguments
 
@@ -68,7 +68,7 @@ def inline(function: Function) -> Function:
             def get_impl_key(self, sig: Any) -> Any:
                 return compiled[sig.args]
 
-        known_by(Template)
+        register_template(Template)
     return function
 
 
@@ -87,7 +87,7 @@ def compile_method(call: Any) -> None:
 
     def resolve(typing_context: Any, part: Any, *values: Any) -> Any:
         if not part.instance_class.__module__.startswith("rigidmc."):
-            note(part.instance_class)
+            observe(part.instance_class)
         method = getattr(part.instance_class, name, None)
         named = available if method is None else arguments(method)
         places = [available.index(argument) for argument in named]

@@ -46,19 +46,19 @@ def cached(kernel: Any) -> Any:
     the log says so.
     """
     try:
-        folder = kernels()
+        folder = kernel_folder()
         stamp = os.path.basename(folder)
-        forget_old(stamp)
+        delete_old(stamp)
         # fails if Numba changes
 
         kernel._cache = cache_class(folder)(kernel.py_func)
-        kernel._cache._cache_file = Files(folder, "kernel", stamp)
+        kernel._cache._cache_file = CacheFiles(folder, "kernel", stamp)
     except (ImportError, AttributeError, OSError, RuntimeError) as error:
         log_once(error)
     return kernel
 
 
-def is_kept(kernel: Any, signature: Any) -> bool:
+def is_cacheable(kernel: Any, signature: Any) -> bool:
     """Whether the disk cache keeps a kernel that another process can compile: one of the package's
     classes."""
     return hasattr(kernel._cache, "_cache_file") and of_package(signature)
@@ -83,11 +83,11 @@ def text_path(signatures: Sequence[Any], more: str) -> str | None:
     if None in homes:
         return None
     name = hashlib.sha256(repr((signatures, homes, more)).encode()).hexdigest()
-    return os.path.join(kernels(), name)
+    return os.path.join(kernel_folder(), name)
 
 
 def has_text(signatures: Sequence[Any], more: str) -> bool:
-    """Whether the text of `kept_text` is in memory or in the disk cache."""
+    """Whether the text of `cached_text` is in memory or in the disk cache."""
     if (*signatures, more) in _texts:
         return True
     with contextlib.suppress(OSError):  # there is no cache
@@ -96,7 +96,7 @@ def has_text(signatures: Sequence[Any], more: str) -> bool:
     return False
 
 
-def kept_text(signatures: Sequence[Any], more: str, make: Callable[[], str]) -> str:
+def cached_text(signatures: Sequence[Any], more: str, make: Callable[[], str]) -> str:
     """The text that `make` makes, which follows from the types of pieces and from `more`.
 
     From memory, or from the disk cache, where its sha256 stands before it.
@@ -141,7 +141,7 @@ _CALLED = re.compile(rf"llvm\.|(numba_)?({'|'.join(dir(math))})f?$")
 _PRIVATE = 8, 9  # linkages of LLVM's that no other code sees: internal, private
 
 
-class Files(caching.IndexDataCacheFile):
+class CacheFiles(caching.IndexDataCacheFile):
     """One file for each kernel, named by its key: processes that compile at once do not collide.
 
     Behind what Numba writes stands its sha256: code with a flipped bit would crash, and is not
@@ -155,7 +155,7 @@ class Files(caching.IndexDataCacheFile):
     def save(self, key: Any, data: Any) -> None:
         try:
             file = io.BytesIO()
-            _Pickler(file, _own(key[0])).dump(data)
+            _Pickler(file, _user_classes(key[0])).dump(data)
             packed = file.getvalue()
             with self._open_for_write(self._data_path(self._name(key))) as file:
                 file.write(packed + hashlib.sha256(packed).digest())
@@ -168,7 +168,7 @@ class Files(caching.IndexDataCacheFile):
             with open(path, "rb", opener=plain) as file:
                 data = file.read()
             if hashlib.sha256(data[:-_SUM]).digest() == data[-_SUM:]:
-                return _Unpickler(io.BytesIO(data), _own(key[0])).load()
+                return _Unpickler(io.BytesIO(data), _user_classes(key[0])).load()
             os.unlink(path)
         except FileNotFoundError:
             return None
@@ -177,7 +177,7 @@ class Files(caching.IndexDataCacheFile):
         return None
 
 
-def _own(signature: Any) -> list[type]:
+def _user_classes(signature: Any) -> list[type]:
     """The classes of the user's own in a signature."""
     return [one for one in classes_of(signature) if not one.__module__.startswith("rigidmc.")]
 
@@ -305,22 +305,22 @@ def cache_folder() -> str:
     return os.path.join(platformdirs.user_cache_dir("rigidmc", appauthor=False), "kernels")
 
 
-def home() -> str:
+def cache_home() -> str:
     """The folder of the cache, made if there is none; OSError if it cannot be used."""
     if named := os.environ.get("RIGIDMC_CACHE_DIR"):
-        private(named)
-    return private(cache_folder())
+        make_private(named)
+    return make_private(cache_folder())
 
 
-def kernels() -> str:
+def kernel_folder() -> str:
     """The folder of the kernels of these sources and compilers; OSError if it cannot be used."""
-    folder = private(os.path.join(home(), source_stamp()))
+    folder = make_private(os.path.join(cache_home(), source_stamp()))
     with contextlib.suppress(FileExistsError):
         os.close(os.open(os.path.join(folder, _MARK), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
     return folder
 
 
-def private(folder: str) -> str:
+def make_private(folder: str) -> str:
     """Make a folder that only this user can write to; OSError if that cannot be.
 
     A folder of others is not touched: what they planted there could lead anywhere.
@@ -337,10 +337,10 @@ def private(folder: str) -> str:
     return folder
 
 
-def forget_old(stamp: str) -> None:
+def delete_old(stamp: str) -> None:
     """Delete the kernels of other versions of the sources after a month: folders that have the
     name and the mark of such kernels, and nothing else."""
-    for entry in os.scandir(home()):
+    for entry in os.scandir(cache_home()):
         with contextlib.suppress(OSError):  # another process deletes it
             facts = entry.stat(follow_symlinks=False)
             ours = _STAMP.fullmatch(entry.name) and stat.S_ISDIR(facts.st_mode)

@@ -12,12 +12,19 @@ from numba.core import types
 from numba.core.typing.templates import infer, infer_global, make_intrinsic_template
 from numba.extending import intrinsic
 
-from rigidmc.engine.compiler.vector_types import Mask, Vec, first_of, inverted, llvm_type, of_llvm
+from rigidmc.engine.compiler.vector_types import (
+    MaskType,
+    VectorType,
+    first_of,
+    inverted,
+    llvm_type,
+    of_llvm,
+)
 from rigidmc.physics.dynamics.functions import as_float, as_given, as_word, double
 from rigidmc.physics.dynamics.so3 import by_precision, opposite, root, select, select_each
 
 Define = Callable[..., Any]
-CODED: set[Callable[..., Any]] = set()  # functions with code of their own
+INTRINSICS: set[Callable[..., Any]] = set()  # functions with code of their own
 
 
 def coded(function: Callable[..., Any]) -> Callable[[Define], Define]:
@@ -29,14 +36,14 @@ def coded(function: Callable[..., Any]) -> Callable[[Define], Define]:
     """
 
     def register(define: Define) -> Define:
-        CODED.add(function)
-        known_by(make_intrinsic_template(function, define, function.__name__))
+        INTRINSICS.add(function)
+        register_template(make_intrinsic_template(function, define, function.__name__))
         return define
 
     return register
 
 
-def known_by(template: Any) -> None:
+def register_template(template: Any) -> None:
     """Let the compiler know a function by a template of its types."""
     infer(template)
     infer_global(template.key, types.Function(template))
@@ -54,13 +61,17 @@ def _select(typing_context, condition, one, other):
             kind(condition, kind, kind),
             lambda context, builder, sig, args: builder.select(*args),
         )
-    if not isinstance(condition, Mask):
+    if not isinstance(condition, MaskType):
         return None
-    vectors = [t for t in (one, other) if isinstance(t, (Vec, Mask))]
+    vectors = [t for t in (one, other) if isinstance(t, (VectorType, MaskType))]
     if any(t != vectors[0] for t in vectors):
         return None
     truths = isinstance(one, types.Boolean) and isinstance(other, types.Boolean)
-    kind = vectors[0] if vectors else (Mask if truths else Vec)(condition.dtype, condition.count)
+    kind = (
+        vectors[0]
+        if vectors
+        else (MaskType if truths else VectorType)(condition.dtype, condition.count)
+    )
     return kind(condition, kind, kind), lambda context, builder, sig, args: builder.select(*args)
 
 
@@ -87,7 +98,7 @@ def _select_each(typing_context, condition, one, other):
 def _opposite(typing_context, condition):
     if isinstance(condition, types.Boolean):
         return condition(condition), lambda context, builder, sig, args: builder.not_(args[0])
-    if isinstance(condition, Mask):
+    if isinstance(condition, MaskType):
         return condition(condition), lambda context, builder, sig, args: inverted(
             builder, condition, args[0]
         )
@@ -96,7 +107,7 @@ def _opposite(typing_context, condition):
 
 @coded(root)
 def _root(typing_context, x):
-    if isinstance(x, Vec):
+    if isinstance(x, VectorType):
         return x(x), lambda context, builder, sig, args: of_llvm("sqrt")(builder, x, *args)
     kind = x if isinstance(x, types.Float) else types.float64
     return kind(kind), lambda context, builder, sig, args: builder.call(
@@ -106,7 +117,7 @@ def _root(typing_context, x):
 
 @coded(by_precision)
 def _by_precision(typing_context, x, double, single):
-    place = 2 if isinstance(x, Vec) and x.dtype == types.float32 else 1
+    place = 2 if isinstance(x, VectorType) and x.dtype == types.float32 else 1
     kind = types.unliteral((double, single)[place - 1])
     return kind(x, double, single), lambda context, builder, sig, args: args[place]
 
@@ -129,7 +140,7 @@ def _reinterpreted(kind: Any) -> Define:
     """The definition of a function that takes the bits of numbers for those of another kind."""
 
     def define(typing_context, x):
-        other = Vec(kind, x.count) if isinstance(x, Vec) else kind
+        other = VectorType(kind, x.count) if isinstance(x, VectorType) else kind
         return other(x), lambda context, builder, sig, args: builder.bitcast(
             args[0], context.get_value_type(other)
         )
@@ -141,9 +152,9 @@ coded(as_float)(_reinterpreted(types.float64))
 coded(as_word)(_reinterpreted(types.uint64))
 
 
-def _converted(context: Any, builder: Any, x: Any, kind: Vec, value: Any) -> Any:
+def _converted(context: Any, builder: Any, x: Any, kind: VectorType, value: Any) -> Any:
     """A number of type x as one of type `kind`."""
-    if not isinstance(x, Vec):
+    if not isinstance(x, VectorType):
         return context.cast(builder, value, x, kind)
     if x.dtype == kind.dtype:
         return value
@@ -151,16 +162,16 @@ def _converted(context: Any, builder: Any, x: Any, kind: Vec, value: Any) -> Any
     return convert(value, llvm_type(kind))
 
 
-def like(x, other):
+def cast_like(x, other):
     """x as a number, or as rows have it: as many at once as `other`, in its precision."""
     return x
 
 
-@coded(like)
-def _like(typing_context, x, other):
+@coded(cast_like)
+def _cast_like(typing_context, x, other):
     if not getattr(other, "count", 0):  # Vecs and Rows of vectors have one
         return x(x, other), _first_argument
-    kind = Vec(other.dtype, other.count)
+    kind = VectorType(other.dtype, other.count)
     return kind(x, other), lambda context, builder, sig, args: _converted(
         context, builder, x, kind, args[0]
     )
@@ -168,11 +179,11 @@ def _like(typing_context, x, other):
 
 @coded(as_given)
 def _as_given(typing_context, x, other):
-    return _like(typing_context, x, other)
+    return _cast_like(typing_context, x, other)
 
 
 def in_precision(values, other):
-    """A tuple of numbers as `like` has each."""
+    """A tuple of numbers as `cast_like` has each."""
     return tuple(values)
 
 
@@ -180,7 +191,7 @@ def in_precision(values, other):
 def _in_precision(typing_context, values, other):
     if not getattr(other, "count", 0) or not len(values):
         return values(values, other), _first_argument
-    kind = Vec(other.dtype, other.count)
+    kind = VectorType(other.dtype, other.count)
 
     def generate(context, builder, sig, args):
         each = (
@@ -194,9 +205,9 @@ def _in_precision(typing_context, values, other):
 
 @coded(double)
 def _double(typing_context, x):
-    if not (isinstance(x, Vec) and x.dtype == types.float32):
+    if not (isinstance(x, VectorType) and x.dtype == types.float32):
         return x(x), _first_argument
-    kind = Vec(types.float64, x.count)
+    kind = VectorType(types.float64, x.count)
     return kind(x), lambda context, builder, sig, args: builder.fpext(args[0], llvm_type(kind))
 
 

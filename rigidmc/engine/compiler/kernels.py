@@ -16,7 +16,7 @@ import operator
 import sys
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -28,12 +28,11 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.compiler import disk_cache
 from rigidmc.engine.compiler.compose import inline, inline_all
-from rigidmc.engine.compiler.intrinsics import coded, like, plain
+from rigidmc.engine.compiler.intrinsics import cast_like, coded, plain
 from rigidmc.engine.compiler.memory import Rows
 from rigidmc.engine.compiler.pipeline import FLAGS, INLINE
-from rigidmc.engine.compiler.trees import Kinds, numbers_of
-from rigidmc.engine.compiler.vector_types import Vec
-from rigidmc.engine.kernel.arguments import Piece, frame_type
+from rigidmc.engine.compiler.trees import StaticTree, tree_flatten
+from rigidmc.engine.compiler.vector_types import VectorType
 from rigidmc.engine.machine import use_widest_vectors
 from rigidmc.physics.dynamics import functions
 from rigidmc.physics.dynamics.so3 import arctan2, expm1
@@ -42,95 +41,126 @@ config: Any = numba.config
 Function = Callable[..., Any]
 # Python's 1000 frames are too few: each plain function that a piece calls, and each element of a
 # tuple, takes about 30.
-DEEPEST = 5000
+DEEPEST_RECURSION = 5000
 WIDTH = 8  # float64 side by side in formulas: one vector of 512 bits, or two or four narrower ones
 use_widest_vectors()
 _INT, _REAL, _PLAIN = types.int64, types.float64, Rows(types.float64, 0)
-# Letters as of `piece`; the rest are addresses.
+# Letters as of a KernelKey; the rest are addresses.
 _IN_C: dict[str, Any] = {"i": ctypes.c_int64, "k": ctypes.c_uint64, "f": ctypes.c_double}
 _by_types: dict[tuple[Any, ...], int] = {}  # addresses of pieces, by what they are compiled for
 _addresses: dict[tuple[Any, ...], int] = {}  # the same, found without asking Numba for types
-_codes: dict[tuple[Any, ...], tuple[str, str]] = {}
+_llvm_code: dict[tuple[Any, ...], tuple[str, str]] = {}
 _compiling = threading.Lock()
 _dispatchers: dict[Any, Any] = {}
 
 
-Asked = tuple[Any, Any, str, int, str]  # the arguments of `piece`
+class CompiledFunction(NamedTuple):
+    """A kernel in memory: the addresses of its code and of its numbers.
+
+    Uncompiled it is the function, its StaticTree, and the array of its numbers.
+    """
+
+    address: Any
+    tree: Any
+    numbers: Any
 
 
-def signature_of(parts: Any, dtype: str, lanes: int, arguments: str) -> Any:
-    """The types of a piece for NamedTuples `parts`, see `piece`."""
-    real = types.float64 if dtype == "float64" else types.float32
-    known = {
-        "s": Rows(real, lanes),
-        "w": Rows(_REAL, lanes),
+NO_FUNCTION = CompiledFunction(0, 0, 0)  # for a kernel that a scene does not use
+
+
+class KernelKey(NamedTuple):
+    """What a kernel is compiled for: function(tree, numbers, *arguments).
+
+    parts : NamedTuples, whose types the code follows from, and whose numbers it reads
+    dtype, lanes : precision of the run, and how many members are worked on side by side
+    arguments : the types of the other arguments in letters: s for rows in the precision of the run,
+        w for rows in float64, p for plain numbers in memory, n and u for integers and words in
+        memory, i for an integer, k for a word, f for a number, r for a record of the type `record`
+    """
+
+    function: Function
+    parts: Any
+    dtype: str
+    lanes: int
+    arguments: str
+    record: Any = None
+
+    @property
+    def of_types(self) -> Any:
+        """The same for all numbers of `parts`."""
+        return (*self[:1], type_key(self.parts), *self[2:])
+
+
+def signature_of(key: KernelKey) -> Any:
+    """The types of the arguments of a kernel, and of its result."""
+    real = types.float64 if key.dtype == "float64" else types.float32
+    types_of = {
+        "s": Rows(real, key.lanes),
+        "w": Rows(_REAL, key.lanes),
         "p": _PLAIN,
         "n": Rows(_INT, 0),
         "u": Rows(types.uint64, 0),
         "i": _INT,
         "f": _REAL,
         "k": types.uint64,
-        "r": numba.from_dtype(frame_type(dtype)),
     }
-    return _INT(typeof(Kinds(*parts)), _PLAIN, *(known[letter] for letter in arguments))
+    if key.record is not None:
+        types_of["r"] = numba.from_dtype(key.record)
+    arguments = (types_of[letter] for letter in key.arguments)
+    return _INT(typeof(StaticTree(*key.parts)), _PLAIN, *arguments)
 
 
-def piece(
-    function: Function, parts: Any, dtype: str, lanes: int, arguments: str
-) -> tuple[Piece, NDArray[np.float64]]:
-    """(the Piece of function(kinds, numbers, *arguments) for NamedTuples `parts`, its numbers).
+def compile_kernel(key: KernelKey) -> tuple[CompiledFunction, NDArray[np.float64]]:
+    """(the compiled kernel of a key, its numbers).
 
-    The array of the numbers has to live as long as the piece is called.
-    arguments : the types of the other arguments in letters: s for rows in the precision of the run,
-        w for rows in float64, p for plain numbers in memory, n and u for integers and words in
-        memory, i for an integer, k for a word, f for a number, r for a record of `frame_type`
+    The array of the numbers has to live as long as the kernel is called.
     """
-    numbers = np.array(numbers_of(parts) or [0.0])
+    numbers = np.array(tree_flatten(key.parts) or [0.0])
     if config.DISABLE_JIT:
-        return Piece(function, Kinds(*parts), numbers), numbers
-    key = function, dtype, lanes, kind_of(parts), arguments
-    if key not in _addresses:
-        _addresses[key] = _address(function, signature_of(parts, dtype, lanes, arguments))
-    return Piece(_addresses[key], 0, numbers.ctypes.data), numbers
+        return CompiledFunction(key.function, StaticTree(*key.parts), numbers), numbers
+    known = key.of_types
+    if known not in _addresses:
+        _addresses[known] = _address(key.function, signature_of(key))
+    return CompiledFunction(_addresses[known], 0, numbers.ctypes.data), numbers
 
 
-def is_ready(function: Function, parts: Any, dtype: str, lanes: int, arguments: str) -> bool:
-    """Whether the code of a `piece` is in memory or in the disk cache."""
-    if config.DISABLE_JIT or (function, dtype, lanes, kind_of(parts), arguments) in _addresses:
+def is_compiled(key: KernelKey) -> bool:
+    """Whether the code of a kernel is in memory or in the disk cache."""
+    if config.DISABLE_JIT or key.of_types in _addresses:
         return True
-    signature = signature_of(parts, dtype, lanes, arguments)
-    compiled = (function, signature.args) in _by_types
-    return compiled or disk_cache.is_cached(_cached_dispatcher(function), signature)
+    signature = signature_of(key)
+    compiled = (key.function, signature.args) in _by_types
+    return compiled or disk_cache.is_cached(_cached_dispatcher(key.function), signature)
 
 
-def is_kept(function: Function, parts: Any, dtype: str, lanes: int, arguments: str) -> bool:
-    """Whether the disk cache keeps the code of a `piece`: another process may compile it then."""
-    return not config.DISABLE_JIT and disk_cache.is_kept(
-        _cached_dispatcher(function), signature_of(parts, dtype, lanes, arguments)
+def is_cacheable(key: KernelKey) -> bool:
+    """Whether the disk cache keeps the code of a kernel: another process may compile it then."""
+    return not config.DISABLE_JIT and disk_cache.is_cacheable(
+        _cached_dispatcher(key.function), signature_of(key)
     )
 
 
-def kind_of(argument: Any) -> Any:
+def type_key(argument: Any) -> Any:
     """A key that differs for nested NamedTuples and numbers whenever Numba's `typeof` differs.
 
     It takes 9 us where `typeof` takes 90.
     """
     if isinstance(argument, tuple):
-        return (type(argument), *map(kind_of, argument))
+        return (type(argument), *map(type_key, argument))
     return type(argument)
 
 
-def run(piece: Piece, letters: str, *arguments: Any) -> Any:
-    """Call a piece from Python, outside its global lock, with memory as arrays.
+def call_kernel(kernel: CompiledFunction, letters: str, *arguments: Any) -> Any:
+    """Call a kernel from Python, outside its global lock, with memory as arrays.
 
-    letters : as of `piece`; any but i, k and f stand for memory
+    letters : as of a KernelKey; any but i, k and f stand for memory
     """
     if config.DISABLE_JIT:
-        return piece.code(piece.kinds, piece.numbers, *arguments)
+        return kernel.address(kernel.tree, kernel.numbers, *arguments)
     result, error = ctypes.c_int64(), ctypes.c_void_p()
     memory = (a.ctypes.data if isinstance(a, np.ndarray) else a for a in arguments)
-    _in_python(piece.code, letters)(
-        ctypes.byref(result), ctypes.byref(error), None, piece.numbers, *memory
+    _in_python(kernel.address, letters)(
+        ctypes.byref(result), ctypes.byref(error), None, kernel.numbers, *memory
     )
     return result.value
 
@@ -142,9 +172,9 @@ def _in_python(address: int, letters: str) -> Any:
     By Numba's way of calling it takes an address for the result, one for an error, one that is not
     used, and the arguments.
     """
-    kinds = (_IN_C.get(letter, ctypes.c_void_p) for letter in letters)
+    tree = (_IN_C.get(letter, ctypes.c_void_p) for letter in letters)
     return ctypes.CFUNCTYPE(
-        ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, *kinds
+        ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, *tree
     )(address)
 
 
@@ -166,24 +196,21 @@ def _address(function: Function, signature: Any) -> int:
     key = function, signature.args
     with _compiling:
         if key not in _by_types:
-            _by_types[key] = _compiled(_cached_dispatcher(function), signature)
+            _by_types[key] = _compile(_cached_dispatcher(function), signature)
     return _by_types[key]
 
 
-def code_of(
-    function: Function, parts: Any, dtype: str, lanes: int, arguments: str
-) -> tuple[str, str]:
-    """(the name of a `piece`'s function in LLVM's code, this code); the disk cache has none."""
-    key = function, dtype, lanes, kind_of(parts), arguments
+def llvm_of(key: KernelKey) -> tuple[str, str]:
+    """(the name of a kernel's function in LLVM's code, this code); the disk cache has none."""
+    known = key.of_types
     with _compiling:
-        if key not in _codes:
-            signature = signature_of(parts, dtype, lanes, arguments)
-            result = _result(dispatcher_of(function), signature)
-            _codes[key] = result.fndesc.llvm_func_name, result.library.get_llvm_str()
-    return _codes[key]
+        if known not in _llvm_code:
+            result = _result(dispatcher_of(key.function), signature_of(key))
+            _llvm_code[known] = result.fndesc.llvm_func_name, result.library.get_llvm_str()
+    return _llvm_code[known]
 
 
-def _compiled(dispatcher: Any, signature: Any) -> int:
+def _compile(dispatcher: Any, signature: Any) -> int:
     """Compile a piece, or load it from the disk cache; the address of its code."""
     result = _result(dispatcher, signature)
     return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
@@ -192,7 +219,7 @@ def _compiled(dispatcher: Any, signature: Any) -> int:
 def _result(dispatcher: Any, signature: Any) -> Any:
     """What Numba makes of a piece."""
     deepest, collects = sys.getrecursionlimit(), gc.isenabled()
-    sys.setrecursionlimit(max(deepest, DEEPEST))
+    sys.setrecursionlimit(max(deepest, DEEPEST_RECURSION))
     gc.disable()  # saves a sixth of the time, for 70 MB
     try:
         dispatcher.compile(signature)
@@ -203,13 +230,13 @@ def _result(dispatcher: Any, signature: Any) -> Any:
     return dispatcher.overloads[signature.args]
 
 
-def call(piece, arguments):
+def call_address(kernel, arguments):
     """Call a piece with a tuple of arguments, arrays as `memory`."""
-    return piece.code(piece.kinds, piece.numbers, *arguments)
+    return kernel.address(kernel.tree, kernel.numbers, *arguments)
 
 
-@coded(call)
-def _call(typing_context, piece, arguments):
+@coded(call_address)
+def _call(typing_context, kernel, arguments):
     given = [_PLAIN, _PLAIN, *map(types.unliteral, arguments)]
 
     def generate(context, builder, sig, args):
@@ -232,10 +259,10 @@ def _call(typing_context, piece, arguments):
             context.call_conv.return_status_propagate(builder, status)
         return result
 
-    return _INT(piece, arguments), generate
+    return _INT(kernel, arguments), generate
 
 
-_OF_ONE: dict[Any, Any] = {
+_OF_ONE_ARGUMENT: dict[Any, Any] = {
     math.sin: functions.sine,
     math.cos: functions.cosine,
     math.tan: functions.tangent,
@@ -249,26 +276,30 @@ _OF_ONE: dict[Any, Any] = {
     math.sinh: functions.hyperbolic_sine,
     math.cosh: functions.hyperbolic_cosine,
 }
-_OF_TWO: dict[Any, Any] = {
+_OF_TWO_ARGUMENTS: dict[Any, Any] = {
     math.atan2: arctan2,
     math.pow: functions.power,
     math.hypot: functions.hypotenuse,
 }
-_ONE_AT_A_TIME = (
+_SCALAR_ONLY = (
     math.gamma, math.lgamma, math.erf, math.erfc, math.log10, math.log2, math.log1p, math.asinh,
     math.acosh, math.atanh, math.degrees, math.radians,
 )  # fmt: skip
 
 
-def _for_one(known: Callable[..., Any]) -> None:
+def _overload_scalar(known: Callable[..., Any]) -> None:
     """Let compiled code call a function of `math` for a vector of one number."""
 
     @overload(known, jit_options=INLINE)
     def one(x):
-        return (lambda x: like(known(plain(x)), x)) if isinstance(x, Vec) and x.count == 1 else None
+        return (
+            (lambda x: cast_like(known(plain(x)), x))
+            if isinstance(x, VectorType) and x.count == 1
+            else None
+        )
 
 
-def _for_vectors(known: Callable[..., Any], straight: Callable[..., Any], count: int) -> None:
+def _overload_vector(known: Callable[..., Any], straight: Callable[..., Any], count: int) -> None:
     """Let compiled code call `straight` for a function of `math` of so many arguments.
 
     One of the arguments is a vector.
@@ -278,29 +309,29 @@ def _for_vectors(known: Callable[..., Any], straight: Callable[..., Any], count:
 
         @overload(known, jit_options=INLINE)
         def one(x):
-            return (lambda x: straight(x)) if isinstance(x, Vec) else None
+            return (lambda x: straight(x)) if isinstance(x, VectorType) else None
 
     else:
 
         @overload(known, jit_options=INLINE)
         def two(x, y):
-            vector = isinstance(x, Vec) or isinstance(y, Vec)
+            vector = isinstance(x, VectorType) or isinstance(y, VectorType)
             return (lambda x, y: straight(x, y)) if vector else None
 
 
 inline_all(functions)
-for _known, _straight in _OF_ONE.items():
-    _for_vectors(_known, _straight, 1)
-for _known, _straight in _OF_TWO.items():
-    _for_vectors(_known, _straight, 2)
-for _known in _ONE_AT_A_TIME:
-    _for_one(_known)
+for _known, _straight in _OF_ONE_ARGUMENT.items():
+    _overload_vector(_known, _straight, 1)
+for _known, _straight in _OF_TWO_ARGUMENTS.items():
+    _overload_vector(_known, _straight, 2)
+for _known in _SCALAR_ONLY:
+    _overload_scalar(_known)
 
 
 @overload(operator.pow, jit_options=INLINE)
 def _compiled_power(x, y):
-    if isinstance(x, Vec) and isinstance(y, types.Integer):
+    if isinstance(x, VectorType) and isinstance(y, types.Integer):
         return lambda x, y: functions.whole_power(x, y)
-    if isinstance(x, Vec) and isinstance(y, (Vec, types.Float)):
+    if isinstance(x, VectorType) and isinstance(y, (VectorType, types.Float)):
         return lambda x, y: functions.power(x, y)
     return None

@@ -15,7 +15,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from rigidmc.engine.compiler.intrinsics import coded
 from rigidmc.engine.compiler.pipeline import LINE
-from rigidmc.engine.compiler.vector_types import ELEMENT, Vec, llvm_type
+from rigidmc.engine.compiler.vector_types import ELEMENT, VectorType, llvm_type
 
 _WORD = ir.IntType(64)
 
@@ -45,7 +45,7 @@ class Rows(types.Type):
     @property
     def item(self) -> Any:
         """The type of rows[i]."""
-        return Vec(self.dtype, self.count) if self.count else self.dtype
+        return VectorType(self.dtype, self.count) if self.count else self.dtype
 
 
 register_default(Rows)(OpaqueModel)
@@ -69,7 +69,7 @@ def load(rows, array, index):
 
 @coded(load)
 def _load(typing_context, rows, array, index):
-    kind = Vec(array.dtype, rows.count)
+    kind = VectorType(array.dtype, rows.count)
 
     def generate(context, builder, sig, args):
         return builder.load(
@@ -111,13 +111,13 @@ def _memory(typing_context, address, number):
     )
 
 
-def stream(rows, marks, number):
+def group_of(rows, marks, number):
     """Part `number` of rows that are divided into as many parts as there are marks."""
     return rows
 
 
-@coded(stream)
-def _stream(typing_context, rows, marks, number):
+@coded(group_of)
+def _group_of(typing_context, rows, marks, number):
     kind = Rows(rows.dtype, rows.count // len(marks), rows.count)
 
     def generate(context, builder, sig, args):
@@ -231,7 +231,7 @@ def _put(typing_context, values, rows, row):
     return types.intp(values, rows, types.intp), generate
 
 
-def spread(values, rows, array, at, pitch, past):
+def store_rows(values, rows, array, at, pitch, past):
     """Write a tuple to a flat array, at `at`, at + pitch, ..., and return the place after them.
 
     past : whether past the cache, which takes whole cache lines. Rows of a result lie 2^15 bytes
@@ -242,8 +242,8 @@ def spread(values, rows, array, at, pitch, past):
     return at + len(values) * pitch
 
 
-@coded(spread)
-def _spread(typing_context, values, rows, array, at, pitch, past):
+@coded(store_rows)
+def _store_rows(typing_context, values, rows, array, at, pitch, past):
     kind = rows.item
 
     def generate(context, builder, sig, args):

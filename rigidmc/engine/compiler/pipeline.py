@@ -22,7 +22,7 @@ from numba.core.typed_passes import NativeLowering, NopythonTypeInference
 from numba.core.typeinfer import TypeInferer
 
 from rigidmc.engine.compiler.fma import fuse
-from rigidmc.engine.compiler.user_stamps import compare, tag_of
+from rigidmc.engine.compiler.user_stamps import compare_globals, tag_of
 from rigidmc.engine.machine import vector_bits
 
 _POWERS = operator.pow, operator.ipow  # of a constant exponent they have code of its own
@@ -157,7 +157,7 @@ class FusingLeanLower(Fusing, LeanLower):
     """The same for a function of the package."""
 
 
-class Inlined(JITCodeLibrary):
+class InlineLibrary(JITCodeLibrary):
     """Code that is inlined wherever it is called.
 
     By itself it is neither linked, nor optimised, nor made into machine code.
@@ -193,7 +193,7 @@ def in_written_order() -> Iterator[None]:
         llvm.set_option("rigidmc", "-enable-misched=1")
 
 
-class Flat(JITCodeLibrary):
+class KernelLibrary(JITCodeLibrary):
     """A piece: all calls, and the calls in those, are inlined first; then it is optimised once."""
 
     def _finalize_specific(self) -> None:
@@ -236,10 +236,10 @@ class FusingLowering(NativeLowering):
         if not state.flags.forceinline:
             identity = state.func_ir.func_id
             identity.unique_id = f"{identity.unique_id}{tag_of(state.args)}"
-            state.library = Flat(context.codegen(), name)
+            state.library = KernelLibrary(context.codegen(), name)
             state.library.enable_object_caching()
             return bool(super().run_pass(state))
-        state.library, state.flags.no_compile = Inlined(context.codegen(), name), True
+        state.library, state.flags.no_compile = InlineLibrary(context.codegen(), name), True
         super().run_pass(state)
         result = state.cr
         module = result.fndesc.lookup_module()
@@ -261,7 +261,7 @@ class OwnFusingLowering(FusingLowering):
     _name = "rigidmc_own_fusing_lowering"
 
     def run_pass(self, state: Any) -> bool:
-        compare(state.func_id.func, state.func_ir)
+        compare_globals(state.func_id.func, state.func_ir)
         return super().run_pass(state)
 
 
@@ -278,7 +278,7 @@ class LeanFusingLowering(FusingLowering):
 
 # Passes for closures, `with`, arrays, exceptions and Numba's other ways to inline. The package's
 # functions use none of them: an eighth of the time.
-NEEDLESS = {
+UNUSED_PASSES = {
     "WithLifting", "InlineClosureLikes", "RewriteDynamicRaises", "MakeFunctionToJitFunction",
     "InlineInlinables", "FindLiterallyCalls", "LiteralUnroll", "LiteralPropagationSubPipelinePass",
     "InlineOverloads", "NopythonRewrites",
@@ -297,7 +297,7 @@ class Pipeline(compiler.CompilerBase):
         others: dict[type, type] = {NativeLowering: OwnFusingLowering}
         needless: Collection[str] = ()
         if str(self.state.func_id.func.__module__).startswith("rigidmc."):
-            passes.__class__, needless = LeanPasses, NEEDLESS
+            passes.__class__, needless = LeanPasses, UNUSED_PASSES
             self.state.targetctx.enable_nrt = False  # none of their values counts references
             others = {NativeLowering: LeanFusingLowering, NopythonTypeInference: LeanInference}
         passes.passes = [

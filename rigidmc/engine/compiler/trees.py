@@ -1,7 +1,8 @@
 """Nested NamedTuples as arguments of compiled code: their types are compiled, not their numbers.
 
-A Kinds has the types; the numbers come from flat memory (`parts_of`) or from rows (`filled`). A
-piece of code for one scene is thus called in the same way as that for any other.
+A StaticTree has the types; the numbers come from flat memory (`tree_unpack`) or from rows
+(`tree_unflatten`). A piece of code for one scene is thus called in the same way as that for any
+other.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,7 +24,7 @@ _Tuple: Any = types.BaseTuple
 _NamedTuple: Any = types.BaseNamedTuple
 
 
-class Kinds:
+class StaticTree:
     """What a piece of code is compiled for: NamedTuples, and tuples of them, without their numbers.
 
     In compiled code it takes no memory: its type has all that it tells.
@@ -33,7 +34,7 @@ class Kinds:
         self.parts = parts
 
 
-class KindsType(types.Type):
+class StaticTreeType(types.Type):
     """The type of Kinds."""
 
     def __init__(self, parts: Any) -> None:
@@ -48,34 +49,34 @@ class KindsType(types.Type):
         return iter(self.parts)
 
 
-register_default(KindsType)(OpaqueModel)
+register_default(StaticTreeType)(OpaqueModel)
 
 
-@typeof_impl.register(Kinds)
-def _typeof_kinds(value: Kinds, context: Any) -> KindsType:
-    return KindsType(typeof(value.parts))
+@typeof_impl.register(StaticTree)
+def _typeof_tree(value: StaticTree, context: Any) -> StaticTreeType:
+    return StaticTreeType(typeof(value.parts))
 
 
-def numbers_of(part: Any) -> list[float]:
-    """The numbers in nested tuples, one after the other: what `parts_of` reads."""
+def tree_flatten(part: Any) -> list[float]:
+    """The numbers in nested tuples, one after the other: what `tree_unpack` reads."""
     if isinstance(part, tuple):
-        return [number for one in part for number in numbers_of(one)]
+        return [number for one in part for number in tree_flatten(one)]
     return [float(part)]
 
 
-def parts_of(kinds, numbers):
-    """The parts of Kinds, with the numbers that `numbers_of` wrote to flat memory."""
-    return kinds.parts
+def tree_unpack(tree, numbers):
+    """The parts of Kinds, with the numbers that `tree_flatten` wrote to flat memory."""
+    return tree.parts
 
 
-@coded(parts_of)
-def _parts_of(typing_context, kinds, numbers):
-    return _read(kinds.parts, numbers, kinds, numbers)
+@coded(tree_unpack)
+def _tree_unpack(typing_context, tree, numbers):
+    return _read(tree.parts, numbers, tree, numbers)
 
 
-def filled(part, rows, first):
+def tree_unflatten(part, rows, first):
     """Nested tuples of the type of `part` whose numbers are rows[first], rows[first + 1], ..."""
-    left = iter(range(first, first + row_count(part)))
+    left = iter(range(first, first + tree_size(part)))
 
     def like(one):
         if not isinstance(one, tuple):
@@ -85,8 +86,8 @@ def filled(part, rows, first):
     return like(part)
 
 
-@coded(filled)
-def _filled(typing_context, part, rows, first):
+@coded(tree_unflatten)
+def _tree_unflatten(typing_context, part, rows, first):
     return _read(part, rows, part, rows, first)
 
 
@@ -111,7 +112,7 @@ def _read(part: Any, rows: Any, *arguments: Any) -> tuple[Any, Callable[..., Any
         memory = values[sig.args.index(rows)]
         first = values[-1] if len(values) > 2 else context.get_constant(word, 0)
         read = partial(get_row, context, builder, rows.item(rows, word))
-        count = iter(range(_row_count(part)))
+        count = iter(range(_size_of_type(part)))
 
         def like(one: Any) -> Any:
             if not isinstance(one, _Tuple):
@@ -123,22 +124,22 @@ def _read(part: Any, rows: Any, *arguments: Any) -> tuple[Any, Callable[..., Any
     return kind_of(part)(*arguments), generate
 
 
-def row_count(part):
+def tree_size(part):
     """How many numbers nested tuples have, which is how many rows they take."""
-    return sum(map(row_count, part)) if isinstance(part, tuple) else 1
+    return sum(map(tree_size, part)) if isinstance(part, tuple) else 1
 
 
-@coded(row_count)
-def _constant_row_count(typing_context, part):
-    count = _row_count(part)
+@coded(tree_size)
+def _tree_size(typing_context, part):
+    count = _size_of_type(part)
     return types.intp(part), lambda context, builder, sig, args: context.get_constant(
         types.intp, count
     )
 
 
-def _row_count(kind: Any) -> int:
+def _size_of_type(kind: Any) -> int:
     """How many numbers a type of nested tuples has."""
-    return sum(map(_row_count, kind)) if isinstance(kind, _Tuple) else 1
+    return sum(map(_size_of_type, kind)) if isinstance(kind, _Tuple) else 1
 
 
 def noise_of(effect):

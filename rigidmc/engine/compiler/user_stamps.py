@@ -68,14 +68,14 @@ _compiled: dict[int, tuple[Any, set[Any]]] = {}
 
 
 def stamp_of(kind: type[Any]) -> str | None:
-    """The stamp of a class of the user's own; None if it has none, see `why_unkept`."""
+    """The stamp of a class of the user's own; None if it has none, see `why_not_cached`."""
     try:
         return _stamp(kind)
     except Unknown:
         return None
 
 
-def why_unkept(kind: type[Any]) -> str:
+def why_not_cached(kind: type[Any]) -> str:
     """Why a class has no stamp, "" if it has one."""
     try:
         _stamp(kind)
@@ -121,13 +121,13 @@ def tag_of(signature: Any) -> str:
     return hashlib.sha256(repr(homes_of(signature)).encode()).hexdigest()[:16]
 
 
-def note(thing: Any) -> None:
+def observe(thing: Any) -> None:
     """See what a function or class of the user's reads, before it is compiled."""
     with _lock:
         _walk(thing)
 
 
-def compare(function: Any, code: Any) -> None:
+def compare_globals(function: Any, code: Any) -> None:
     """See whether Numba reads of a function what its stamp has of it.
 
     code : Numba's form of the function
@@ -147,16 +147,16 @@ class _Listener(event.Listener):
     """Sees what every function of the user's reads, before Numba compiles it."""
 
     def on_start(self, event: Any) -> None:
-        if dispatcher := _own(event):
-            note(dispatcher.py_func)
+        if dispatcher := _user_dispatcher(event):
+            observe(dispatcher.py_func)
 
     def on_end(self, event: Any) -> None:
-        if (dispatcher := _own(event)) and event.data["return_type"] is None:
+        if (dispatcher := _user_dispatcher(event)) and event.data["return_type"] is None:
             known = _compiled.setdefault(id(dispatcher), (dispatcher, set()))[1]
             known.add(tuple(event.data["args"]))
 
 
-def _own(event: Any) -> Any:
+def _user_dispatcher(event: Any) -> Any:
     """What compiles a function of the user's, None for others."""
     dispatcher = event.data.get("dispatcher")
     function = getattr(dispatcher, "py_func", None)

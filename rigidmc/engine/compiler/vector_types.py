@@ -31,7 +31,7 @@ _PLAIN = (types.Float, types.Integer)
 _INDEX = ir.IntType(32)
 
 
-class Vec(types.Type):
+class VectorType(types.Type):
     """`count` numbers of one dtype side by side."""
 
     def __init__(self, dtype: Any, count: int) -> None:
@@ -48,7 +48,7 @@ class Vec(types.Type):
         return Conversion.safe if isinstance(other, _PLAIN) else None
 
 
-class Mask(types.Type):
+class MaskType(types.Type):
     """`count` truth values, from comparisons of numbers of one dtype."""
 
     def __init__(self, dtype: Any, count: int) -> None:
@@ -57,7 +57,7 @@ class Mask(types.Type):
 
     def can_convert_from(self, typingctx: Any, other: Any) -> Conversion | None:
         """Plain truth values are broadcast; a mask of other numbers is the same."""
-        same = isinstance(other, Mask) and other.count == self.count
+        same = isinstance(other, MaskType) and other.count == self.count
         return Conversion.safe if same or isinstance(other, types.Boolean) else None
 
     def can_convert_to(self, typingctx: Any, other: Any) -> Conversion | None:
@@ -65,13 +65,13 @@ class Mask(types.Type):
         return Conversion.unsafe if self.count == 1 and isinstance(other, types.Boolean) else None
 
 
-def llvm_type(kind: "Vec | Mask") -> ir.VectorType:
-    """LLVM's type of a Vec or Mask."""
-    element = ELEMENT[kind.dtype.name] if isinstance(kind, Vec) else ir.IntType(1)
+def llvm_type(kind: "VectorType | MaskType") -> ir.VectorType:
+    """LLVM's type of a VectorType or MaskType."""
+    element = ELEMENT[kind.dtype.name] if isinstance(kind, VectorType) else ir.IntType(1)
     return ir.VectorType(element, kind.count)
 
 
-for _kind in (Vec, Mask):
+for _kind in (VectorType, MaskType):
 
     @register_default(_kind)
     class _Model(PrimitiveModel):
@@ -87,24 +87,24 @@ def broadcast(builder: Any, kind: ir.VectorType, x: Any) -> Any:
     return builder.shuffle_vector(first, none, places)
 
 
-@lower_cast(types.Float, Vec)
-@lower_cast(types.Integer, Vec)
+@lower_cast(types.Float, VectorType)
+@lower_cast(types.Integer, VectorType)
 def _to_vec(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any:
     return broadcast(builder, llvm_type(toty), context.cast(builder, value, fromty, toty.dtype))
 
 
-@lower_cast(types.Boolean, Mask)
+@lower_cast(types.Boolean, MaskType)
 def _to_mask(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any:
     bit = builder.trunc(value, ir.IntType(1)) if value.type.width > 1 else value
     return broadcast(builder, llvm_type(toty), bit)
 
 
-@lower_cast(Mask, Mask)
+@lower_cast(MaskType, MaskType)
 def _same_mask(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any:
     return value
 
 
-@lower_cast(Mask, types.Boolean)
+@lower_cast(MaskType, types.Boolean)
 def _from_mask(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any:
     return builder.extract_element(value, ir.Constant(_INDEX, 0))
 
@@ -127,7 +127,7 @@ def _define(
     arity: int,
     build: Build,
     result: Callable[[Any], Any] | None = None,
-    kind: type = Vec,
+    kind: type = VectorType,
     plain: tuple[type, ...] = _PLAIN,
     only: Callable[[Any], bool] | None = None,
 ) -> None:
@@ -187,12 +187,12 @@ def _masks_compared(sign: str) -> Build:
     return lambda b, t, x, y: b.icmp_unsigned(sign, x, y)
 
 
-def _mask_of(kind: Vec) -> Mask:
+def _mask_of(kind: VectorType) -> MaskType:
     """The type of a comparison."""
-    return Mask(types.float64 if kind.dtype == types.uint64 else kind.dtype, kind.count)
+    return MaskType(types.float64 if kind.dtype == types.uint64 else kind.dtype, kind.count)
 
 
-def inverted(b: Any, t: Mask, x: Any) -> Any:
+def inverted(b: Any, t: MaskType, x: Any) -> Any:
     """A mask with every truth value inverted."""
     return b.xor(x, ir.Constant(llvm_type(t), [1] * t.count))
 
@@ -226,7 +226,7 @@ for _operation, _name in ((operator.and_, "and_"), (operator.or_, "or_"), (opera
         _operation,
         2,
         lambda b, t, x, y, name=_name: getattr(b, name)(x, y),
-        kind=Mask,
+        kind=MaskType,
         plain=_TRUTH,
     )
 for _operation, _name in ((operator.lshift, "shl"), (operator.rshift, "lshr")):
@@ -241,7 +241,7 @@ for _operation, _sign in (
 ):
     _define(_operation, 2, _compared(_sign), result=_mask_of)
 for _operation, _sign in ((operator.eq, "=="), (operator.ne, "!=")):
-    _define(_operation, 2, _masks_compared(_sign), kind=Mask, plain=_TRUTH)
+    _define(_operation, 2, _masks_compared(_sign), kind=MaskType, plain=_TRUTH)
 _define(operator.neg, 1, lambda b, t, x: b.fneg(x), only=_floats)
 _define(operator.pos, 1, lambda b, t, x: x)
 _define(abs, 1, of_llvm("fabs"), only=_floats)
@@ -254,4 +254,4 @@ _define(math.copysign, 2, of_llvm("copysign"), only=_floats)
 # as Python's own: max(a, b) is b if b > a else a
 _define(max, 2, lambda b, t, x, y: b.select(b.fcmp_ordered(">", y, x), y, x), only=_floats)
 _define(min, 2, lambda b, t, x, y: b.select(b.fcmp_ordered("<", y, x), y, x), only=_floats)
-_define(bool, 1, first_of, lambda t: types.boolean, Mask, only=lambda t: t.count == 1)
+_define(bool, 1, first_of, lambda t: types.boolean, MaskType, only=lambda t: t.count == 1)

@@ -1,10 +1,10 @@
 """Code for a graphics processor: a thread lives the life of one member.
 
-The pieces of a program are compiled for one member, with `rigidmc.engine.kernel.block.live`, which
-calls them, and linked into one kernel. LLVM makes PTX of it, which a driver takes. The operations
-are those of the processor's code: a product and a sum are fused where `rigidmc.engine.compiler.fma`
-says so and nowhere else, and divisions and roots are those of IEEE 754. A member thus has the same
-bits.
+The kernels of a program are compiled for one member, with `run_lanes` of
+`rigidmc.engine.kernel.block`, which calls them, and linked into one. LLVM makes PTX of it, which a
+driver takes. The operations are those of the CPU's code: a product and a sum are fused where
+`rigidmc.engine.compiler.fma` says so and nowhere else, and divisions and roots are those of
+IEEE 754. A member thus has the same bits.
 """
 
 import re
@@ -16,9 +16,9 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from rigidmc.engine.compiler.compose import inline_all
-from rigidmc.engine.compiler.kernels import Asked, code_of
-from rigidmc.engine.kernel.arguments import Shape, frame_type
-from rigidmc.engine.kernel.block import live
+from rigidmc.engine.compiler.kernels import KernelKey, llvm_of
+from rigidmc.engine.kernel.arguments import KernelShape, record_type
+from rigidmc.engine.kernel.block import run_lanes
 from rigidmc.errors import OptionError
 
 TRIPLE = "nvptx64-nvidia-cuda"
@@ -52,30 +52,33 @@ define internal i64 @thread() alwaysinline {
 """
 
 
-def member(kinds, numbers, frame, low):
-    """The life of one member of a block, see `rigidmc.engine.kernel.block.live`."""
-    return live(frame, low)
+def run_member(kinds, numbers, frame, low):
+    """The life of one member of a block, see `rigidmc.engine.kernel.block.run_lanes`."""
+    return run_lanes(frame, low)
 
 
 inline_all(sys.modules[__name__])
 
 
-def kernel_of(
-    asked: Mapping[str, Asked | None], shape: Shape, room: Mapping[str, int], host: bool = False
+def link_kernel(
+    keys: Mapping[str, KernelKey | None],
+    shape: KernelShape,
+    room: Mapping[str, int],
+    host: bool = False,
 ) -> llvm.ModuleRef:
     """LLVM's code of members(frame, first, count), in which thread i < count takes the member at
     place first + i.
 
-    asked : the pieces of a program for one member, by their names;  shape : of its members
+    keys : the kernels of a program for one member, by their names;  shape : of its members
     room : bytes of the memory that a member works in, by the names of
-        `rigidmc.engine.kernel.arguments.Room`
+        `rigidmc.engine.kernel.arguments.Workspace`
     host : for one thread of this processor, which tests run
     """
-    dtype = next(one for one in asked.values() if one)[2]
-    pieces = {name: code_of(*one) for name, one in asked.items() if one and name != "advance"}
-    whole = code_of(member, (), dtype, 0, "ri")
+    dtype = next(key for key in keys.values() if key).dtype
+    pieces = {name: llvm_of(key) for name, key in keys.items() if key and name != "advance"}
+    whole = llvm_of(KernelKey(run_member, (), dtype, 0, "ri", record_type(dtype)))
     names = {name: function for name, (function, _) in pieces.items()}
-    entry = _entry(whole[0], names, shape, room, frame_type(dtype))
+    entry = _entry(whole[0], names, shape, room, record_type(dtype))
     module = llvm.parse_assembly(entry + (_ALONE if host else _THREAD))
     for _, text in (whole, *pieces.values()):
         module.link_in(llvm.parse_assembly(MACHINE.sub("", text)))
@@ -96,7 +99,7 @@ def kernel_of(
 def _entry(
     whole: str,
     names: Mapping[str, str],
-    shape: Shape,
+    shape: KernelShape,
     room: Mapping[str, int],
     record: np.dtype[Any],
 ) -> str:
@@ -146,7 +149,7 @@ end:
     )
 
 
-def optimised(module: llvm.ModuleRef, machine: llvm.TargetMachine) -> llvm.ModuleRef:
+def optimise(module: llvm.ModuleRef, machine: llvm.TargetMachine) -> llvm.ModuleRef:
     """A module, optimised for a machine."""
     module.triple = machine.triple
     module.data_layout = str(machine.target_data)
@@ -154,7 +157,7 @@ def optimised(module: llvm.ModuleRef, machine: llvm.TargetMachine) -> llvm.Modul
     options.loop_vectorization = options.slp_vectorization = False
     builder = llvm.create_pass_builder(machine, options)
     first = llvm.create_new_module_pass_manager()
-    first.add_always_inliner_pass()  # `live`, and what it calls
+    first.add_always_inliner_pass()  # `run_lanes`, and what it calls
     first.run(module, builder)
     builder.getModulePassManager().run(module, builder)
     return module
@@ -172,7 +175,7 @@ def ptx_of(module: llvm.ModuleRef, capability: tuple[int, int]) -> str:
     """The PTX of a module for devices of a compute capability or a later one."""
     machine = machine_for(capability)
     text = str(module).replace(f"define void @{KERNEL}(", f"define ptx_kernel void @{KERNEL}(")
-    made = optimised(llvm.parse_assembly(text), machine)
+    made = optimise(llvm.parse_assembly(text), machine)
     lacking = [f.name for f in made.functions if f.is_declaration and not _HAS.match(f.name)]
     if lacking:
         names = ", ".join(_plain(name) for name in lacking)

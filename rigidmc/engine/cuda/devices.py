@@ -55,7 +55,7 @@ def device(word: str | None) -> Iterator[str]:
     >>> with rm.device("auto"):
     ...     ds = rm.simulate(scene)
     """
-    token = _NOW.set(settled_device(word))
+    token = _NOW.set(resolve_device(word))
     try:
         yield _NOW.get()
     finally:
@@ -64,7 +64,7 @@ def device(word: str | None) -> Iterator[str]:
 
 def use(word: str) -> None:
     """Let all runs and studies from here on move their members on a device, as `device`."""
-    _NOW.set(settled_device(word))
+    _NOW.set(resolve_device(word))
 
 
 def device_now() -> str:
@@ -72,7 +72,7 @@ def device_now() -> str:
     return _NOW.get()
 
 
-def settled_device(word: str | None) -> str:
+def resolve_device(word: str | None) -> str:
     """The device of a word, which has to be there; None for the device that runs take now. Raises
     as `device`."""
     if word is None:
@@ -82,12 +82,12 @@ def settled_device(word: str | None) -> str:
         raise OptionError(rule, at="device", value=word, nearest=nearest(word, WORDS))
     if word == "auto":
         try:
-            chosen(None)
+            select_devices(None)
         except NoDevice:
             return "cpu"
         return "cuda"
     if word != "cpu":
-        chosen(number_of(word))
+        select_devices(number_of(word))
     return word
 
 
@@ -140,7 +140,7 @@ def _library() -> Any:
     return driver
 
 
-def asked(name: str, *arguments: Any) -> Any:
+def call_driver(name: str, *arguments: Any) -> Any:
     """What a function of the driver answers; NoDevice with its reason if it fails."""
     driver = _library()
     try:
@@ -164,26 +164,28 @@ def _text(word: bytes | None) -> str:
 @cache
 def devices() -> tuple[Device, ...]:
     """The devices of this machine; NoDevice if there are none that can be used."""
-    asked("cuInit", 0)
-    version = asked("cuDriverGetVersion")
+    call_driver("cuInit", 0)
+    version = call_driver("cuDriverGetVersion")
     kind = _library().CUdevice_attribute
     found = []
-    for number in range(asked("cuDeviceGetCount")):
-        one = asked("cuDeviceGet", number)
+    for number in range(call_driver("cuDeviceGetCount")):
+        one = call_driver("cuDeviceGet", number)
 
         def told(word: str, one: Any = one) -> int:
             return int(
-                asked("cuDeviceGetAttribute", getattr(kind, f"CU_DEVICE_ATTRIBUTE_{word}"), one)
+                call_driver(
+                    "cuDeviceGetAttribute", getattr(kind, f"CU_DEVICE_ATTRIBUTE_{word}"), one
+                )
             )
 
         found.append(
             Device(
                 number,
-                _text(asked("cuDeviceGetName", 256, one)),
+                _text(call_driver("cuDeviceGetName", 256, one)),
                 (told("COMPUTE_CAPABILITY_MAJOR"), told("COMPUTE_CAPABILITY_MINOR")),
                 told("MULTIPROCESSOR_COUNT"),
                 1e3 * told("CLOCK_RATE"),
-                int(asked("cuDeviceTotalMem", one)),
+                int(call_driver("cuDeviceTotalMem", one)),
                 (version // 1000, version % 1000 // 10),
             )
         )
@@ -192,7 +194,7 @@ def devices() -> tuple[Device, ...]:
     return tuple(found)
 
 
-def chosen(number: int | None) -> tuple[Device, ...]:
+def select_devices(number: int | None) -> tuple[Device, ...]:
     """The devices that a run is to use: the one of a number, or all that are not too old.
 
     NoDevice if there is none.
@@ -217,53 +219,53 @@ class Module:
     """
 
     def __init__(self, device: Device, ptx: str, kernel: str, arrays: Sequence[Array]) -> None:
-        one = asked("cuDeviceGet", device.number)
+        one = call_driver("cuDeviceGet", device.number)
         with suppress(NoDevice):  # a thread that waits leaves its core to others
-            asked("cuDevicePrimaryCtxSetFlags", one, BLOCKING)
-        self._context = asked("cuDevicePrimaryCtxRetain", one)
+            call_driver("cuDevicePrimaryCtxSetFlags", one, BLOCKING)
+        self._context = call_driver("cuDevicePrimaryCtxRetain", one)
         with self.entered():
-            self._handle = asked("cuModuleLoadData", ptx.encode() + b"\0")
-            self.kernel = asked("cuModuleGetFunction", self._handle, kernel.encode())
+            self._handle = call_driver("cuModuleLoadData", ptx.encode() + b"\0")
+            self.kernel = call_driver("cuModuleGetFunction", self._handle, kernel.encode())
             self.threads, self.resident = self._threads()
-            self._held = [asked("cuMemAlloc", one.nbytes) for one in arrays]
+            self._held = [call_driver("cuMemAlloc", one.nbytes) for one in arrays]
             self.numbers = list(map(int, self._held))
             for address, one in zip(self.numbers, arrays, strict=True):
-                asked("cuMemcpyHtoD", address, one.ctypes.data, one.nbytes)
+                call_driver("cuMemcpyHtoD", address, one.ctypes.data, one.nbytes)
 
     @contextmanager
     def entered(self) -> Iterator[None]:
         """Let this thread use this device in the body of a `with`."""
-        asked("cuCtxPushCurrent", self._context)
+        call_driver("cuCtxPushCurrent", self._context)
         try:
             yield
         finally:
-            asked("cuCtxPopCurrent")
+            call_driver("cuCtxPopCurrent")
 
     def _threads(self) -> tuple[int, int]:
         name = "cuOccupancyMaxActiveBlocksPerMultiprocessor"
-        at_work = {size: size * int(asked(name, self.kernel, size, 0)) for size in THREADS}
+        at_work = {size: size * int(call_driver(name, self.kernel, size, 0)) for size in THREADS}
         best = max(at_work, key=lambda size: at_work[size])
         return best, at_work[best]
 
     def __del__(self) -> None:
         with suppress(Exception), self.entered():  # the driver may be gone at the end
             for address in self._held:
-                asked("cuMemFree", address)
-            asked("cuModuleUnload", self._handle)
+                call_driver("cuMemFree", address)
+            call_driver("cuModuleUnload", self._handle)
 
 
-class Stream:
+class CudaStream:
     """A stream of a device, and the memory that its work takes."""
 
     def __init__(self, module: Module) -> None:
         self.module, self._held = module, list[Any]()
         self._pinned: tuple[Array, int] = (np.empty(0), 0)
         with module.entered():
-            self._handle = asked("cuStreamCreate", 1)  # which waits for no other
+            self._handle = call_driver("cuStreamCreate", 1)  # which waits for no other
 
     def room(self, size: int) -> int:
         """The address of so many bytes on the device, until `free`."""
-        self._held.append(asked("cuMemAlloc", max(1, size)))
+        self._held.append(call_driver("cuMemAlloc", max(1, size)))
         return int(self._held[-1])
 
     def put(self, array: Array) -> int:
@@ -275,19 +277,19 @@ class Stream:
 
     def write(self, address: int, array: Array) -> None:
         """Copy an array to the device."""
-        asked("cuMemcpyHtoDAsync", address, array.ctypes.data, array.nbytes, self._handle)
+        call_driver("cuMemcpyHtoDAsync", address, array.ctypes.data, array.nbytes, self._handle)
         self.wait()
 
     def read(self, array: Array, address: int) -> None:
         """Copy from the device to an array."""
-        asked("cuMemcpyDtoHAsync", array.ctypes.data, address, array.nbytes, self._handle)
+        call_driver("cuMemcpyDtoHAsync", array.ctypes.data, address, array.nbytes, self._handle)
         self.wait()
 
     def pinned(self, count: int) -> Array:
         """Memory of this machine for so many numbers, which a device writes to at full speed."""
         if self._pinned[0].size < count:
             self._unpin()
-            address = int(asked("cuMemAllocHost", 8 * count))
+            address = int(call_driver("cuMemAllocHost", 8 * count))
             memory = (ctypes.c_double * count).from_address(address)
             self._pinned = np.ctypeslib.as_array(memory), address
         return self._pinned[0][:count]
@@ -297,26 +299,26 @@ class Stream:
         size = self.module.threads
         given = (frame, 0, members), (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
         grid = -(-members // size), 1, 1, size, 1, 1
-        asked("cuLaunchKernel", self.module.kernel, *grid, 0, self._handle, given, 0)
+        call_driver("cuLaunchKernel", self.module.kernel, *grid, 0, self._handle, given, 0)
 
     def wait(self) -> None:
         """Until all that was asked of the device is done."""
-        asked("cuStreamSynchronize", self._handle)
+        call_driver("cuStreamSynchronize", self._handle)
 
     def free(self) -> None:
         """Give back the memory of `room` and `put`."""
         while self._held:
             with suppress(NoDevice):  # a device that is lost has said so before
-                asked("cuMemFree", self._held.pop())
+                call_driver("cuMemFree", self._held.pop())
 
     def _unpin(self) -> None:
         _, address = self._pinned
         self._pinned = np.empty(0), 0
         if address:
-            asked("cuMemFreeHost", address)
+            call_driver("cuMemFreeHost", address)
 
     def __del__(self) -> None:
         with suppress(Exception), self.module.entered():  # the driver may be gone at the end
             self.free()
             self._unpin()
-            asked("cuStreamDestroy", self._handle)
+            call_driver("cuStreamDestroy", self._handle)

@@ -16,14 +16,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.compile_time import announced
-from rigidmc.engine.compiler.disk_cache import has_text, kept_text
-from rigidmc.engine.compiler.kernels import config, signature_of
-from rigidmc.engine.compiler.trees import numbers_of
-from rigidmc.engine.cuda.code import KERNEL, kernel_of, ptx_of
-from rigidmc.engine.cuda.devices import TARGETS, Device, Module, Stream, asked, chosen
-from rigidmc.engine.kernel.arguments import Noise, Piece, Pieces, Room, Run, Saves, frame_type
-from rigidmc.engine.program import NO_NOISE, NO_SAVES, Program, framed
+from rigidmc.engine.compile_time import announce_compiling
+from rigidmc.engine.compiler.disk_cache import cached_text, has_text
+from rigidmc.engine.compiler.kernels import CompiledFunction, config, signature_of
+from rigidmc.engine.compiler.trees import tree_flatten
+from rigidmc.engine.cuda.code import KERNEL, link_kernel, ptx_of
+from rigidmc.engine.cuda.devices import (
+    TARGETS,
+    CudaStream,
+    Device,
+    Module,
+    call_driver,
+    select_devices,
+)
+from rigidmc.engine.kernel.arguments import (
+    KernelTable,
+    NoiseKeys,
+    SaveTarget,
+    StepRange,
+    Workspace,
+    record_type,
+)
+from rigidmc.engine.program import NO_NOISE, NO_SAVES, Program, fill_record
 from rigidmc.errors import NoDevice, NoRoom
 
 Array = NDArray[Any]
@@ -43,7 +57,7 @@ class CudaProgram(Program):
     def __init__(self, *arguments: Any, number: int | None = None, **named: Any) -> None:
         if config.DISABLE_JIT:
             raise NoDevice("cuda: runs compiled code only, and NUMBA_DISABLE_JIT is set")
-        self.devices = chosen(number)
+        self.devices = select_devices(number)
         first = os.getpid() % len(self.devices)  # processes side by side begin with several
         self._turn = itertools.cycle(self.devices[first:] + self.devices[:first])
         self._streams = threading.local()
@@ -56,26 +70,26 @@ class CudaProgram(Program):
         """["kernel"] if it is neither in memory nor in the disk cache."""
         return [] if has_text(*self._key(self._capability)) else ["kernel"]
 
-    def theirs(self) -> list[str]:
+    def helper_share(self) -> list[str]:
         """None: one process makes the one kernel."""
         return []
 
     def _compile(self) -> None:
-        with announced(self.label, self.missing(), self.effects):
+        with announce_compiling(self.label, self.missing(), self.effects):
             self._code = self.ptx(self._capability)
-        self._frame = np.zeros(1, frame_type(self.dtype))
+        self._frame = np.zeros(1, record_type(self.dtype))
 
     def ptx(self, capability: tuple[int, int]) -> str:
         """The code of its kernel for devices of a compute capability or a later one."""
 
         def make() -> str:
-            return ptx_of(kernel_of(self.asked, self.shape, self._sizes()), capability)
+            return ptx_of(link_kernel(self.kernel_keys, self.shape, self._sizes()), capability)
 
-        return kept_text(*self._key(capability), make)
+        return cached_text(*self._key(capability), make)
 
     def _key(self, capability: tuple[int, int]) -> tuple[list[Any], str]:
         """(types of the pieces, what else the code follows from)."""
-        types = [signature_of(*one[1:]) for one in self.asked.values() if one]
+        types = [signature_of(key) for key in self.kernel_keys.values() if key]
         return types, f"{self.shape} {self._sizes()} {capability}"
 
     def _sizes(self) -> dict[str, int]:
@@ -101,32 +115,36 @@ class CudaProgram(Program):
         each = 8 * (self.rows * members + count + min(count * saves, max(count, SAVED // 8)))
         need = each * -(-blocks // len(self.devices))
         with self._stream().module.entered():
-            free, _ = asked("cuMemGetInfo")
+            free, _ = call_driver("cuMemGetInfo")
         if need > free:
             rule = f"take {need / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free"
             ways = "take smaller blocks or fewer threads"
             raise NoRoom(f"cuda: {blocks} blocks of {members:,} members at once {rule}; {ways}")
         return threads
 
-    def _stream(self) -> Stream:
+    def _stream(self) -> CudaStream:
         """The stream of this thread."""
         if not hasattr(self._streams, "mine"):
             with self._loading:
                 device = next(self._turn)
                 if device not in self._modules:
                     self._modules[device] = self._load(device)
-            self._streams.mine = Stream(self._modules[device])
-        stream: Stream = self._streams.mine
+            self._streams.mine = CudaStream(self._modules[device])
+        stream: CudaStream = self._streams.mine
         return stream
 
     def _load(self, device: Device) -> Module:
-        """The code on a device, and the numbers of the pieces and of the parts of a step."""
-        parts = [one[1] if one else () for name, one in self.asked.items() if name != "advance"]
-        numbers = [np.array(numbers_of(part) or [0.0]) for part in parts]
-        return Module(device, self._code, KERNEL, [*numbers, self.parts])
+        """The code on a device, and the numbers of the kernels and of the substeps."""
+        keys = [key for name, key in self.kernel_keys.items() if name != "advance"]
+        numbers = [np.array(tree_flatten(key.parts if key else ()) or [0.0]) for key in keys]
+        return Module(device, self._code, KERNEL, [*numbers, self.substeps])
 
     def advance(
-        self, block: Array, steps: Run, noise: Noise | None = None, saves: Saves | None = None
+        self,
+        block: Array,
+        steps: StepRange,
+        noise: NoiseKeys | None = None,
+        saves: SaveTarget | None = None,
     ) -> None:
         """As `Program.advance`."""
         noise = noise or NO_NOISE._replace(members=np.arange(block.shape[1]))
@@ -134,7 +152,7 @@ class CudaProgram(Program):
             pass
 
     def through(
-        self, block: Array, steps: Run, noise: Noise, saves: Saves
+        self, block: Array, steps: StepRange, noise: NoiseKeys, saves: SaveTarget
     ) -> Generator[int, bool | None, None]:
         """As `Program.through`."""
         stream = self._stream()
@@ -145,7 +163,12 @@ class CudaProgram(Program):
                 stream.free()
 
     def _through(
-        self, stream: Stream, block: Array, steps: Run, noise: Noise, saves: Saves
+        self,
+        stream: CudaStream,
+        block: Array,
+        steps: StepRange,
+        noise: NoiseKeys,
+        saves: SaveTarget,
     ) -> Generator[int, bool | None, None]:
         members = block.shape[1]
         count = self.shape.values * members if saves.columns else 0  # numbers of a save
@@ -158,8 +181,8 @@ class CudaProgram(Program):
             beyond = (first // steps.stride + most) * steps.stride
             last = min(steps.last, first + length, beyond)
             slots = saved_in(steps, first, last)
-            out = Saves(values - 8 * count * slots.start, members if count else 0, 0, order)
-            stream.write(frame_at, framed(frame, steps._replace(first=first, last=last), out))
+            out = SaveTarget(values - 8 * count * slots.start, members if count else 0, 0, order)
+            stream.write(frame_at, fill_record(frame, steps._replace(first=first, last=last), out))
             began = time.perf_counter()
             stream.launch(frame_at, members)
             stream.wait()
@@ -172,24 +195,28 @@ class CudaProgram(Program):
             first = last
         stream.read(block, place)
 
-    def _on_device(self, stream: Stream, block: Array, noise: Noise) -> tuple[Any, int]:
+    def _on_device(self, stream: CudaStream, block: Array, noise: NoiseKeys) -> tuple[Any, int]:
         """(the frame of a block that is now on the device, the address of the block there)."""
-        *pieces, parts = stream.module.numbers
+        *kernels, substeps = stream.module.numbers
         place, (rows, members) = stream.put(block), block.shape
-        room = Room(
-            parts=parts,
-            part_rows=self.parts.size // 4,
+        room = Workspace(
+            substeps=substeps,
+            substep_rows=self.substeps.size // 4,
             block=place,
             rows=rows,
             width=members,
-            past=0,
+            skips_cache=0,
             **dict.fromkeys(self.working_memory(rows), 0),  # each thread has its own
         )
-        known = Pieces(*(Piece(0, 0, numbers) for numbers in pieces))
-        whose = Noise(noise.key, noise.other, stream.put(noise.streams), stream.put(noise.members))
-        return framed(self._frame, known, self.shape, whose, room), place
+        known = KernelTable(*(CompiledFunction(0, 0, numbers) for numbers in kernels))
+        whose = NoiseKeys(
+            noise.key, noise.second_key, stream.put(noise.streams), stream.put(noise.members)
+        )
+        return fill_record(self._frame, known, self.shape, whose, room), place
 
-    def _keep(self, stream: Stream, values: int, slots: range, saves: Saves, members: int) -> None:
+    def _keep(
+        self, stream: CudaStream, values: int, slots: range, saves: SaveTarget, members: int
+    ) -> None:
         """Bring the saves of a launch from the device to where they go."""
         shape = len(slots), self.shape.values, members
         got = stream.pinned(math.prod(shape))
@@ -200,7 +227,7 @@ class CudaProgram(Program):
         wide[:, :, saves.column : saves.column + members] = got.reshape(shape)
 
 
-def saved_in(steps: Run, first: int, last: int) -> range:
+def saved_in(steps: StepRange, first: int, last: int) -> range:
     """The numbers of the saves that steps from `first` to `last` make."""
     begin = 0 if first == 0 else first // steps.stride + 1
     final = -(-steps.total // steps.stride) if last == steps.total else last // steps.stride

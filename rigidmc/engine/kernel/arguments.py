@@ -1,88 +1,81 @@
 """What the loop over members is called with, by name.
 
-The pieces of a program, the shape of its members, the steps to make, whose noise it is, where saves
-go, and the memory to work in. Compiled code takes all of them as one record.
+The kernels of a program, the shape of its members, the steps to make, whose noise it is, where
+saves go, and the memory to work in. `advance` takes all of them as one record, the frame: a new
+argument is a new field here, and no signature changes.
 """
 
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import DTypeLike
+
+from rigidmc.engine.compiler.kernels import CompiledFunction
 
 Memory = Any  # an array, or its address on a device
 
 
-class Piece(NamedTuple):
-    """A piece of compiled code: the addresses of the code and of its numbers.
+NO_STEP = 2**62  # the number of a step that no run makes
 
-    Uncompiled it is the function, its Kinds, and the array of its numbers.
+
+class KernelTable(NamedTuple):
+    """The compiled kernels of a program, NO_FUNCTION for those that a scene does not use.
+
+    gather, scatter, initialise, assess, record : `rigidmc.engine.kernel.member`
+    march : `rigidmc.engine.kernel.march`
+    begin_monitors, monitor_steps : `rigidmc.engine.kernel.monitoring`
+    refine_event : `rigidmc.engine.kernel.events`
+    begin_shadow, renormalise_shadow : `rigidmc.engine.kernel.shadow`
+    change_length, reweigh : `rigidmc.engine.kernel.last_interval`
     """
 
-    code: Any
-    kinds: Any
-    numbers: Any
+    gather: CompiledFunction
+    scatter: CompiledFunction
+    initialise: CompiledFunction
+    march: CompiledFunction
+    assess: CompiledFunction
+    record: CompiledFunction
+    begin_monitors: CompiledFunction
+    monitor_steps: CompiledFunction
+    refine_event: CompiledFunction
+    begin_shadow: CompiledFunction
+    renormalise_shadow: CompiledFunction
+    change_length: CompiledFunction
+    reweigh: CompiledFunction
 
 
-NOTHING = Piece(0, 0, 0)  # for a piece that a scene does not use
-NEVER = 2**62  # the number of a step that no run makes
-
-
-class Pieces(NamedTuple):
-    """The compiled pieces of a program, NOTHING for those that a scene does not use.
-
-    enter, leave, begin, look, record : see `rigidmc.engine.kernel.member`;  march :
-        `rigidmc.engine.kernel.march`
-    begin_watch, watch : `rigidmc.engine.kernel.monitoring`;  seek : `rigidmc.engine.kernel.events`
-    begin_near, meet : `rigidmc.engine.kernel.shadow`;  reopen, reweigh :
-        `rigidmc.engine.kernel.last_interval`
-    """
-
-    enter: Piece
-    leave: Piece
-    begin: Piece
-    march: Piece
-    look: Piece
-    record: Piece
-    begin_watch: Piece
-    watch: Piece
-    seek: Piece
-    begin_near: Piece
-    meet: Piece
-    reopen: Piece
-    reweigh: Piece
-
-
-class Shape(NamedTuple):
-    """What the members of a program have, and in which rows of their state.
+class KernelShape(NamedTuple):
+    """What the members of a program have, and in which rows.
 
     lanes : how many members are worked on side by side;  values : numbers of a save
-    works_at, works : the first row of the works, and how many works are kept
-    watched, near_at : the first row of what is watched, in `work`, and of the neighbour
-    looks, shadow : whether steps are watched, and whether there is a neighbour
-    nodes : states that are watched in a step, the last of them at its end
+    work_row, works : the first row of the works in `state`, and how many works are saved
+    monitor_row, shadow_row : the first row of what is monitored in `work`, and of the shadow in
+        `state`
+    monitors, shadow : whether steps are monitored, and whether there is a shadow trajectory
+    nodes : states of a step that are monitored, the last of them at its end
     records : of events, two each;  tries : steps back to find the time of an event
-    noisy : whether effects are random
-    reopens, reweighs : whether the last interval, if its steps have a length of their own, begins
-        with the pieces of these names
+    is_random : whether effects are random
+    changes_length, reweighs : whether the kernels `change_length` and `reweigh` begin the last
+        interval
     """
 
     lanes: int
     values: int
-    works_at: int
+    work_row: int
     works: int
-    watched: int
-    near_at: int
-    looks: int
+    monitor_row: int
+    shadow_row: int
+    monitors: int
     nodes: int
     shadow: int
     records: int
     tries: int
-    noisy: int
-    reopens: int
+    is_random: int
+    changes_length: int
     reweighs: int
 
 
-class Run(NamedTuple):
+class StepRange(NamedTuple):
     """From step `first` to step `last`, of `total`, and when to save.
 
     h : the step [s], with member steps the length of a round [s]
@@ -99,21 +92,23 @@ class Run(NamedTuple):
     member_steps: int
     first: int
     last: int
-    head: int = NEVER
+    head: int = NO_STEP
     last_h: float = 1.0
 
 
-class Noise(NamedTuple):
-    """Whose noise: two words of the seed, the stream of each random effect, the indices of the
-    members of the block."""
+class NoiseKeys(NamedTuple):
+    """Whose noise: the two words of the seed, the stream of each random effect, and the indices of
+    the
+        members of the block.
+    """
 
     key: Any
-    other: Any
+    second_key: Any
     streams: Memory
     members: Memory
 
 
-class Saves(NamedTuple):
+class SaveTarget(NamedTuple):
     """Where saves go: out[(s*R + r)*columns + column + m], R = value rows in all.
 
     s, r, m : save, value row and member. If the members of a block are not in their order, the last
@@ -126,43 +121,45 @@ class Saves(NamedTuple):
     order: Memory
 
 
-class Room(NamedTuple):
-    """Where everything is in memory.
+class Workspace(NamedTuple):
+    """The addresses of all memory.
 
-    parts, part_rows : the parts of a step, and how many rows they are
+    substeps, substep_rows : those of a StepScheme, and how many they are
     block, rows, width : the block, its rows and its members
-    state, near : two states;  work, aside : what is known of members, and room for a second one
+    state, shadow_state : two states;  work, spare_work : two times what is known of members
     trace : the states before and after TRACE steps, and one more;  saved : a save
-    past : whether saves may go past the cache
+    skips_cache : whether saves may go past the cache
     """
 
-    parts: Memory
-    part_rows: int
+    substeps: Memory
+    substep_rows: int
     block: Memory
     rows: int
     width: int
     state: Memory
-    near: Memory
+    shadow_state: Memory
     work: Memory
-    aside: Memory
+    spare_work: Memory
     trace: Memory
     saved: Memory
-    past: int
+    skips_cache: int
 
 
-def frame_type(real: DTypeLike) -> np.dtype[Any]:
-    """The record of all of these that compiled code takes, arrays by their addresses.
+@cache
+def record_type(dtype: str) -> np.dtype[Any]:
+    """The type of the record of all of these, for a precision of the run: arrays by addresses.
 
-    Its field `real` is a number of the precision of the run.
+    Its field `real` is a number of that precision, which tells compiled code the type of states.
     """
-    code = np.dtype([("code", np.intp), ("numbers", np.intp)])
-    kinds: dict[str, Any] = {
+    kernel = np.dtype([("address", np.intp), ("numbers", np.intp)])
+    others: dict[str, Any] = {
         "h": np.float64,
         "last_h": np.float64,
         "key": np.uint64,
-        "other": np.uint64,
+        "second_key": np.uint64,
     }
-    numbers = [name for kind in (Shape, Run, Noise, Saves, Room) for name in kind._fields]
-    pieces = [(name, code) for name in Pieces._fields]
-    plain = [(name, kinds.get(name, np.intp)) for name in numbers]
-    return np.dtype([*pieces, *plain, ("real", real)])
+    groups = KernelShape, StepRange, NoiseKeys, SaveTarget, Workspace
+    names = [name for group in groups for name in group._fields]
+    kernels = [(name, kernel) for name in KernelTable._fields]
+    plain = [(name, others.get(name, np.intp)) for name in names]
+    return np.dtype([*kernels, *plain, ("real", dtype)])

@@ -1,8 +1,9 @@
 """The state of a member within a step: dense output, by Hermite interpolation.
 
-Attitude and momentum are polynomials of degree 5 in the part of the step that is done. They have
-the value, the first and the second derivative of the motion at both ends of the step. Over a turn
-of x [rad] the error of the attitude is (x/2)^6/46080 or less.
+Attitude and momentum are polynomials of degree 5 in the fraction x of the step that is done. They
+have the value, the first and the second derivative of the motion at both ends of the step. Over a
+turn of x [rad] the error of the attitude is (x/2)^6/46080 or less. No integrator has to provide
+this: derivatives follow from the torque at the ends.
 Source: Hairer, Norsett & Wanner, Solving ODEs I (1993), II.6.
 """
 
@@ -22,12 +23,12 @@ from rigidmc.physics.dynamics.so3 import (
 )
 from rigidmc.physics.effects.sums import changes
 
-# Part of a step over which differences stand for derivatives along the motion. Their errors are
+# Fraction of a step over which differences stand for derivatives along the motion. Their errors are
 # 1e-4 of the next derivative, which moves an interpolated attitude by 1e-7, and rounding by 1e-12.
 AHEAD = 1e-4
 
 
-class Corner(NamedTuple):
+class Endpoint(NamedTuple):
     """One end of a step: state, and its changes in the time of a step at the rates there."""
 
     q: Any
@@ -52,32 +53,32 @@ class Step(NamedTuple):
     m: Any
 
 
-def begun(step):
-    """The Corner at the start of a step."""
+def start_of_step(step):
+    """The Endpoint at the start of a step."""
     t, rates = step.t - step.h, scaled(step.body, step.h)
     dq, dl = changes(rates, step.effects, step.body, t, step.h, step.p, step.m)
-    return Corner(step.p, step.m, dq, dl)
+    return Endpoint(step.p, step.m, dq, dl)
 
 
-def ended(step):
-    """The Corner at the end of a step."""
+def end_of_step(step):
+    """The Endpoint at the end of a step."""
     rates = scaled(step.body, step.h)
     dq, dl = changes(rates, step.effects, step.body, step.t, step.h, step.q, step.l)
-    return Corner(step.q, step.l, dq, dl)
+    return Endpoint(step.q, step.l, dq, dl)
 
 
 def ahead(corner):
-    """(q, L) after the part AHEAD of a step from a Corner."""
+    """(q, L) after the fraction AHEAD of a step from an Endpoint."""
     return axpy4(corner.q, AHEAD, corner.dq), axpy(corner.l, AHEAD, corner.dl)
 
 
-def time(step, x):
-    """The time after the part x of a step."""
+def time_within(step, x):
+    """The time after the fraction x of a step [s]."""
     return step.t - (1.0 - x) * step.h
 
 
-class Smooth(NamedTuple):
-    """A Step, the Corners at its ends, and the second derivatives there, times h^2."""
+class Interpolant(NamedTuple):
+    """A Step, the Endpoints of it, and the second derivatives there, times h^2."""
 
     step: Any
     a: Any
@@ -86,38 +87,39 @@ class Smooth(NamedTuple):
     last: Any
 
 
-def smooth(step):
-    """The Smooth of a Step."""
-    a, b = begun(step), ended(step)
-    return Smooth(step, a, b, bend(step, step.t - step.h, a), bend(step, step.t, b))
+def make_interpolant(step):
+    """The Interpolant of a Step."""
+    a, b = start_of_step(step), end_of_step(step)
+    first, last = second_derivative(step, step.t - step.h, a), second_derivative(step, step.t, b)
+    return Interpolant(step, a, b, first, last)
 
 
-def bend(step, t, corner):
-    """(q, L): their second derivatives at a Corner, times h^2."""
+def second_derivative(step, t, corner):
+    """(q, L): their second derivatives at an Endpoint, times h^2."""
     q, l = ahead(corner)
-    rates, then = scaled(step.body, step.h), t + AHEAD * step.h
-    dq, dl = changes(rates, step.effects, step.body, then, step.h, q, l)
+    rates, later = scaled(step.body, step.h), t + AHEAD * step.h
+    dq, dl = changes(rates, step.effects, step.body, later, step.h, q, l)
     return (
         scale4(1.0 / AHEAD, difference4(dq, corner.dq)),
         scale(1.0 / AHEAD, difference(dl, corner.dl)),
     )
 
 
-def between(smooth, x):
-    """(q, L) after the part x of a step."""
+def interpolate(path, x):
+    """(q, L) after the fraction x of a step."""
     y = 1.0 - x
     xx, yy = x * x, y * y
     cube, rest = x * xx, y * yy
     change = cube * (10.0 + x * (6.0 * x - 15.0))
     first, last = x * rest * (1.0 + 3.0 * x), -cube * y * (1.0 + 3.0 * y)
     second, final = 0.5 * xx * rest, 0.5 * cube * yy
-    a, b = smooth.a, smooth.b
+    a, b = path.a, path.b
     q = axpy4(a.q, change, difference4(b.q, a.q))
     q = axpy4(axpy4(q, first, a.dq), last, b.dq)
-    q = axpy4(axpy4(q, second, smooth.first[0]), final, smooth.last[0])
+    q = axpy4(axpy4(q, second, path.first[0]), final, path.last[0])
     l = axpy(a.l, change, difference(b.l, a.l))
     l = axpy(axpy(l, first, a.dl), last, b.dl)
-    l = axpy(axpy(l, second, smooth.first[1]), final, smooth.last[1])
+    l = axpy(axpy(l, second, path.first[1]), final, path.last[1])
     return touch_up(q), l
 
 

@@ -1,18 +1,16 @@
 """Events: whether one happened in a step, and when, to the order of the integrator.
 
-An event is EVENT rows of what is known of a member, see `rigidmc.engine.kernel.monitoring`. When it
-happens, the state at the end of that step is noted. At the end of the run (`find` of
-`rigidmc.engine.kernel.block`) single steps are made back from there, by regula falsi for the length
-at which the level is 0: the time is as exact as the integrator.
+An event happens when its level rises through 0 while it is armed. Its EVENT_ROWS are part of what
+is known of a member, see `rigidmc.engine.kernel.layout`. At first only a bracket is recorded: the
+state at the end of the step, and two levels of opposite sign. After the last step, `refine_events`
+of `rigidmc.engine.kernel.block` makes single steps back from that state, whose length the Illinois
+method (regula falsi that halves the level at an end which stays) shortens until the level is 0. The
+time is thus as exact as the integrator.
 
-Stays: events that count only once their level has been above 0 for some time.
-
-A stay begins where the level rises through 0 and ends where it falls through 0. Both times are
-sought on the dense output, so that it does not depend on the step whether a stay counts. The row
-SINCE of the event has the time at which the present stay began, inf if there is none or if it
-counts already.
-
-The search for a root within a step, by regula falsi after Illinois.
+An event with a dwell time counts only once its level has stayed above 0 for so long. A dwell begins
+where the level rises through 0 and ends where it falls through 0. Both times are found on the dense
+output, so that no length of a step decides whether a dwell counts. The row DWELL_START has the time
+at which the present dwell began, inf if there is none or if it counts already.
 """
 
 import math
@@ -23,46 +21,44 @@ import numpy as np
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import any_of, in_precision
 from rigidmc.engine.compiler.memory import four_at, put, three_at
-from rigidmc.engine.compiler.trees import filled, parts_of
-from rigidmc.engine.kernel.dense_output import between, smooth, time
+from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
+from rigidmc.engine.kernel.dense_output import interpolate, make_interpolant, time_within
 from rigidmc.engine.kernel.layout import (  # fmt: skip
     ATTITUDE,
-    BEGAN,
-    BODY,
+    CHECKED_STATE,
     COUNT,
-    EFFECTS,
-    EVENT,
+    DWELL_START,
+    EVENT_ROWS,
     FIRST_TAU,
-    KNOWN,
-    LENGTH,
     LEVEL,
-    RECORD,
+    RECORD_ROWS,
     RECORDS,
-    SINCE,
+    ROUND_START,
     SQUARES,
+    STEP_LENGTH,
     TAU,
     TIMES,
-    TRUE,
-    body_at,
+    body_and_effects,
     momentum_at,
-    put_opened,
+    opening_substep,
+    put_stepping,
 )
 from rigidmc.physics.dynamics.so3 import opposite, select, select_each
 from rigidmc.physics.integrators.protocol import closed, opened
 from rigidmc.physics.observables.protocol import Record, armed, holds, level, past, stops
 
-# Steps back: regula falsi after Illinois has order 3 in three steps, and after five steps the error
-# is 1e-15 of a step.
+# Steps back: three steps of the Illinois method together have order 3, and after five the error is
+# 1e-15 of a step.
 TRIES = 8
 
 
-def record_of(rows, healthy):
+def event_record(rows, healthy):
     """The Record of an event from its rows of a block; nan for members that are not healthy."""
     count = np.where(healthy, rows[COUNT], np.nan)
     never = ~(count > 0.0)
     times = rows[TIMES], rows[TIMES + 1], rows[RECORDS]
-    first, last, seen = (np.where(never, np.nan, x) for x in times)
-    return Record(count, first, last, rows[TAU], rows[FIRST_TAU], rows[SQUARES], seen)
+    first, last, step_end = (np.where(never, np.nan, x) for x in times)
+    return Record(count, first, last, rows[TAU], rows[FIRST_TAU], rows[SQUARES], step_end)
 
 
 def begin_events(events, body, effects, t, q, l, work, row):
@@ -70,19 +66,20 @@ def begin_events(events, body, effects, t, q, l, work, row):
     if len(events) == 0:
         return 0
     now = level(events[0], body, effects, t, q, l)
-    count, since = at_start(holds(events[0]), past(events[0], now), t)
+    count, since = start_counts(holds(events[0]), past(events[0], now), t)
+    # `now != now` is False as a mask of this width: no step was made in which it was armed.
     first = select(armed(events[0], body, q, l, now, now != now), now, 0.0)
     put((first, count, t, t, since, t, t), work, row)
     noted = (t, 0.0, now, 0.0, now) + q + l
     put(noted + noted, work, row + RECORDS)
-    return begin_events(events[1:], body, effects, t, q, l, work, row + EVENT)
+    return begin_events(events[1:], body, effects, t, q, l, work, row + EVENT_ROWS)
 
 
 def levels_at(events, work, row):
     """The levels of events after the last step, from their rows."""
     if len(events) == 0:
         return ()
-    return (work[row + LEVEL],) + levels_at(events[1:], work, row + EVENT)
+    return (work[row + LEVEL],) + levels_at(events[1:], work, row + EVENT_ROWS)
 
 
 def put_levels(levels, work, row):
@@ -90,7 +87,7 @@ def put_levels(levels, work, row):
     if len(levels) == 0:
         return 0
     work[row + LEVEL] = levels[0]
-    return put_levels(levels[1:], work, row + EVENT)
+    return put_levels(levels[1:], work, row + EVENT_ROWS)
 
 
 def levels_of(events, body, effects, t, q, l):
@@ -101,268 +98,290 @@ def levels_of(events, body, effects, t, q, l):
     return (first,) + levels_of(events[1:], body, effects, t, q, l)
 
 
-def happened(before, now):
+def has_happened(before, now):
     """Whether an event happened between two levels."""
     return (before * now <= 0.0) & (before != 0.0)
 
 
-def any_happened(before, now):
+def any_has_happened(before, now):
     """Whether any event happened in a step."""
     if len(now) == 1:
-        return happened(before[0], now[0])
-    return happened(before[0], now[0]) | any_happened(before[1:], now[1:])
+        return has_happened(before[0], now[0])
+    return has_happened(before[0], now[0]) | any_has_happened(before[1:], now[1:])
 
 
-def armed_again(events, moves, body, q, l, before, now):
+def rearm(events, moves, body, q, l, before, now):
     """The levels from which events may happen in the next step, 0 if they cannot.
 
     For members that made no step they are those before.
     """
     if len(events) == 0:
         return ()
-    still = (before[0] != 0.0) & opposite(happened(before[0], now[0]))
+    still = (before[0] != 0.0) & opposite(has_happened(before[0], now[0]))
     new = select(armed(events[0], body, q, l, now[0], still), now[0], 0.0)
-    rest = armed_again(events[1:], moves, body, q, l, before[1:], now[1:])
+    rest = rearm(events[1:], moves, body, q, l, before[1:], now[1:])
     return (select(moves, new, before[0]),) + rest
 
 
-def stopped(events, work, row):
-    """1 if an event has stopped the member, else 0."""
+def is_stopped(events, work, row):
+    """1 if an event has stopped the member, else 0; at most one event of a scene stops members."""
     if len(events) == 0:
         return 0.0
     if len(stops(events[0])) == 0:
-        return stopped(events[1:], work, row + EVENT)
+        return is_stopped(events[1:], work, row + EVENT_ROWS)
     return select(work[row + COUNT] > 0.0, 1.0, 0.0)  # at most one event stops members
 
 
-def held(events, work, row, q, l):
+def stopped_state(events, work, row, q, l):
     """(q, L), or if an event has stopped the member the state at the end of that step."""
     if len(events) == 0:
         return q, l
     if len(stops(events[0])) == 0:
-        return held(events[1:], work, row + EVENT, q, l)
+        return stopped_state(events[1:], work, row + EVENT_ROWS, q, l)
     here, at = work[row + COUNT] > 0.0, row + RECORDS + 5
     q, l = select_each(here, four_at(work, at), q), select_each(here, three_at(work, at + 4), l)
-    return held(events[1:], work, row + EVENT, q, l)
+    return stopped_state(events[1:], work, row + EVENT_ROWS, q, l)
 
 
-def passed(events, moves, step, before, work, row):
-    """The levels of events after a step of which only the end is watched."""
+def events_at_end(events, moves, step, before, work, row):
+    """The levels of events after a step of which only the end is monitored."""
     if len(events) == 0:
         return ()
     now = levels_of(events, step.body, step.effects, step.t, step.q, step.l)
-    backs, back = all_begun(before), (0.0, 0.0)
-    return settled(events, moves, step, backs, before, back, step.q, step.l, now, work, row)
+    befores, after = step_starts(before), (0.0, 0.0)
+    return update_events(
+        events, moves, step, befores, before, after, step.q, step.l, now, work, row
+    )
 
 
-def all_begun(levels):
-    """For each level a whole step back, and no part of a step more."""
+def step_starts(levels):
+    """For each level a whole step back, and nothing beyond it, as `record_events` takes it."""
     if len(levels) == 0:
         return ()
-    return ((1.0, 0.0),) + all_begun(levels[1:])
+    return ((1.0, 0.0),) + step_starts(levels[1:])
 
 
-def settled(events, moves, step, backs, before, back, q, l, now, work, row):
-    """The levels of events after a part of a step that ends in (q, L); what happened is written
-    down. Arguments as of `note`."""
-    if any_of(any_happened(before, now)):
-        note(events, moves, step, backs, before, back, now, work, row)
-    all_lasting(events, moves, step, back[0], now, work, row)
-    return armed_again(events, moves, step.body, q, l, before, now)
+def update_events(events, moves, step, befores, before, after, q, l, now, work, row):
+    """The levels of events after an interval that ends in (q, L), recorded if they happened;
+    arguments
+        as of `record_events`.
+    """
+    # A branch for all lanes at once: in most steps nothing happens, and what records is long.
+    if any_of(any_has_happened(before, now)):
+        record_events(events, moves, step, befores, before, after, now, work, row)
+    count_dwells(events, moves, step, after[0], now, work, row)
+    return rearm(events, moves, step.body, q, l, before, now)
 
 
-def all_lasting(events, moves, step, back, now, work, row):
-    """Count the events that have lasted by the end of a part of a step."""
+def count_dwells(events, moves, step, after, now, work, row):
+    """Count the events that have dwelled long enough by the end of an interval."""
     if len(events) == 0:
         return 0
-    lasting(holds(events[0]), moves, step, back, now[0], work, row)
-    return all_lasting(events[1:], moves, step, back, now[1:], work, row + EVENT)
+    count_dwell(holds(events[0]), moves, step, after, now[0], work, row)
+    return count_dwells(events[1:], moves, step, after, now[1:], work, row + EVENT_ROWS)
 
 
-def note(events, moves, step, backs, before, back, now, work, row):
-    """Write down the events between two states of a step, of members that move.
+def record_events(events, moves, step, befores, before, after, now, work, row):
+    """Record the events between two states of a step, of members that move.
 
-    step : its Step;  backs, back : of the two states the parts of a step from its end back to
-        them, and how much further the event may be; the first may differ by event
+    step : its Step;  befores, after : of the two states the fraction of the step from its end back
+        to them, and how much further the event may be; the first may differ from event to event
     before, now : the levels in the states
 
-    A stopped member makes steps until the next look: it does not move, and nothing is written.
+    A stopped member makes steps until the next assessment: it does not move, and nothing is
+    written.
     """
     if len(events) == 0:
         return 0
-    hit = happened(before[0], now[0]) & moves
-    note_one(events[0], hit, step, backs[0], before[0], back, now[0], work, row)
-    return note(events[1:], moves, step, backs[1:], before[1:], back, now[1:], work, row + EVENT)
+    hit = has_happened(before[0], now[0]) & moves
+    record_event(events[0], hit, step, befores[0], before[0], after, now[0], work, row)
+    return record_events(
+        events[1:], moves, step, befores[1:], before[1:], after, now[1:], work, row + EVENT_ROWS
+    )
 
 
-def note_one(event, hit, step, first_back, before, back, now, work, row):
-    """Write down an event of the members that it hit; arguments as of `note`."""
-    return note_by(holds(event), event, hit, step, first_back, before, back, now, work, row)
+def record_event(event, hit, step, start_back, before, after, now, work, row):
+    """Record an event of the members that it hit; arguments as of `record_events`."""
+    return record_event_of(
+        holds(event), event, hit, step, start_back, before, after, now, work, row
+    )
 
 
-def note_by(wait, event, hit, step, first_back, before, back, now, work, row):
-    """`note_one` of an event that has to last if there is a `wait`."""
+def record_event_of(wait, event, hit, step, start_back, before, after, now, work, row):
+    """`record_event` of an event with a dwell time if there is a `wait`."""
     if len(wait) == 0:
-        return note_pass(hit, step, first_back, before, back, now, work, row)
-    return note_end(wait, event, hit, step, first_back, before, back, now, work, row)
+        return record_crossing(hit, step, start_back, before, after, now, work, row)
+    return record_dwell(wait, event, hit, step, start_back, before, after, now, work, row)
 
 
-def note_pass(hit, step, first_back, before, back, now, work, row):
-    """`note_one` of an event that counts when its level passes through 0."""
+def record_crossing(hit, step, start_back, before, after, now, work, row):
+    """`record_event` of an event that counts when its level passes through 0."""
     t, h, q, l = step.t, step.h, step.q, step.l
+    # By a straight line here: the exact time is found once, after the run, for the first and the
+    # last event alone.
     count, last = work[row + COUNT], work[row + TAU]
-    apart = now - before
-    # both 0: the share of the step is 0, whatever the unit of the level
-    share = now / select(apart == 0.0, 1.0, apart)
-    tau = t - h * (back[0] + (first_back[0] - back[0]) * share)
+    rise = now - before
+    # Both 0: the fraction of the step is 0, in any unit of the level.
+    fraction = now / select(rise == 0.0, 1.0, rise)
+    tau = t - h * (after[0] + (start_back[0] - after[0]) * fraction)
     wait = select(hit & (count > 0.0), tau - last, 0.0)
     work[row + SQUARES] = work[row + SQUARES] + wait * wait
     work[row + TAU] = select(hit, tau, last)
     work[row + COUNT] = select(hit, count + 1.0, count)
     first = hit & (count == 0.0)
     work[row + FIRST_TAU] = select(first, tau, work[row + FIRST_TAU])
-    noted = (t, back[0] - back[1], now, first_back[0] + first_back[1], before) + q + l
+    noted = (t, after[0] - after[1], now, start_back[0] + start_back[1], before) + q + l
     if any_of(first):
-        write(first, noted, work, row + RECORDS)
-    write(hit, noted, work, row + RECORDS + RECORD)
+        write_if(first, noted, work, row + RECORDS)
+    write_if(hit, noted, work, row + RECORDS + RECORD_ROWS)
     return 0
 
 
-def seek(kinds, numbers, parts, work, spare, aside, row, which, tried, ends, longer):
-    """One try for the exact time of an event: prepare a step back to where its level should be 0.
+def refine_event(
+    tree, numbers, substeps, work, spare_state, spare_work, row, record, steps_back, long_until,
+    ratio,
+):  # fmt: skip
+    """One iteration for the exact time of an event: prepare a step back to where its level should
+    be 0.
 
-    which : 2 i for the first, 2 i + 1 for the last of event i;  tried : steps back made so far
-    spare, aside : a state, and what is known of it, for the step back. In the rows TRUE of `aside`
-        are the ends between which the level is 0, and the length of the step
-    ends, longer : when the steps before the last interval end [s], and how many times as long as
-        those in it they are
+    record : 2 i for the first, 2 i + 1 for the last of event i;  steps_back : steps back made so
+        far
+    spare_state, spare_work : a state and its `work` for the step back; the rows CHECKED_STATE of
+        `spare_work` keep the bracket and the length of the step
+    long_until, ratio : when the steps before the last interval end [s], and how many times as long
+        as its steps they are
     """
-    integrator, effects, events = parts_of(kinds, numbers)
-    at = row + which // 2 * EVENT + RECORDS + which % 2 * RECORD
-    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
-    t, last_h, within = work[at], work[LENGTH], four_at(work, at + 1)
-    h = select(t < ends + 0.5 * last_h, last_h * longer, last_h)
-    there, before = within[1], within[3]
-    if tried > 0:
-        share = aside[TRUE + 4]
-        by = -share * h
-        part = parts[0] * by, parts[1] * by, parts[2] * by
-        q = in_precision(four_at(spare, ATTITUDE), work)
-        l = in_precision(momentum_at(integrator, spare), work)
-        q, l = closed(integrator, body, present, t + by + parts[3] * by, part, q, l)
-        here = level_of(events, which // 2, body, present, t + by, q, l)
-        within = narrowed(four_at(aside, TRUE), share, here)
-    share = guess(within)
-    by = -share * h
-    put(within + (share,), aside, TRUE)
-    part = parts[0] * by, parts[1] * by, parts[2] * by
+    integrator, effects, events = tree_unpack(tree, numbers)
+    at = row + record // 2 * EVENT_ROWS + RECORDS + record % 2 * RECORD_ROWS
+    body, present = body_and_effects(effects, work)
+    t, last_h, bracket = work[at], work[STEP_LENGTH], four_at(work, at + 1)
+    h = select(t < long_until + 0.5 * last_h, last_h * ratio, last_h)
+    older, level_before = bracket[1], bracket[3]
+    if steps_back > 0:
+        fraction = spare_work[CHECKED_STATE + 4]
+        back_step = -fraction * h
+        substep = opening_substep(substeps, back_step)
+        q = in_precision(four_at(spare_state, ATTITUDE), work)
+        l = in_precision(momentum_at(integrator, spare_state), work)
+        torque_time = t + back_step + substeps[3] * back_step
+        q, l = closed(integrator, body, present, torque_time, substep, q, l)
+        level_here = level_at(events, record // 2, body, present, t + back_step, q, l)
+        bracket = shrink_bracket(four_at(spare_work, CHECKED_STATE), fraction, level_here)
+    fraction = interpolate_root(bracket)
+    back_step = -fraction * h
+    put(bracket + (fraction,), spare_work, CHECKED_STATE)
+    substep = opening_substep(substeps, back_step)
     q, l = four_at(work, at + 5), three_at(work, at + 9)
-    q, l = opened(integrator, body, present, t + parts[3] * by, part, q, l)
-    put_opened(in_precision(q, spare), in_precision(l, spare), spare)
-    put((t, by), aside, BEGAN)
-    at_start = (before < 0.0) == (there < 0.0)
-    work[row + which // 2 * EVENT + TIMES + which % 2] = select(at_start, t, t + by)
+    q, l = opened(integrator, body, present, t + substeps[3] * back_step, substep, q, l)
+    put_stepping(in_precision(q, spare_state), in_precision(l, spare_state), spare_state)
+    put((t, back_step), spare_work, ROUND_START)
+    at_start = (level_before < 0.0) == (older < 0.0)
+    work[row + record // 2 * EVENT_ROWS + TIMES + record % 2] = select(at_start, t, t + back_step)
     return 0
 
 
-def level_of(events, which, body, effects, t, q, l):
-    """The level of one event."""
+def level_at(events, index, body, effects, t, q, l):
+    """The level of one event, whose index is known when the code runs."""
     if len(events) == 1:
         return level(events[0], body, effects, t, q, l)
-    if which == 0:
+    if index == 0:
         return level(events[0], body, effects, t, q, l)
-    return level_of(events[1:], which - 1, body, effects, t, q, l)
+    return level_at(events[1:], index - 1, body, effects, t, q, l)
 
 
-# Levels that are tried on the dense output: an end of a stay is then known to 1e-6 of a step, which
-# is less than the dense output is off.
+# Levels that are tried on the dense output: the end of a dwell is then known to 1e-6 of a step, and
+# the dense output itself is off by more.
 DWELL_TRIES = 4
 
 
-def at_start(wait, there, t):
-    """(count, SINCE) of an event that is `there` at the start."""
+def start_counts(wait, there, t):
+    """(count, DWELL_START) of an event that is `there` at the start."""
     if len(wait) == 0:
         return select(there, 1.0, 0.0), 0.0
     return 0.0, select(there, t, math.inf)
 
 
-def note_end(wait, event, hit, step, first_back, before, back, now, work, row):
-    """Write down that a stay begins or ends; one that ends counts if it has lasted.
+def record_dwell(wait, event, hit, step, start_back, before, after, now, work, row):
+    """Record that a dwell begins or ends; one that ends counts if it has lasted.
 
-    wait : see `holds` of `rigidmc.physics.observables.protocol`;  the rest : as of `note_one`
+    wait : see `holds` of `rigidmc.physics.observables.protocol`;  the rest : as of `record_event`
     """
-    t = crossing(wait[1:], event, step, first_back[0], before, back[0], now)
-    count_stay(wait, hit & (before > 0.0), t, step, work, row)
-    since = work[row + SINCE]
-    work[row + SINCE] = select(hit, select(before < 0.0, t, math.inf), since)
+    t = crossing_time(wait[1:], event, step, start_back[0], before, after[0], now)
+    count_if_lasted(wait, hit & (before > 0.0), t, step, work, row)
+    since = work[row + DWELL_START]
+    work[row + DWELL_START] = select(hit, select(before < 0.0, t, math.inf), since)
     return 0
 
 
-def crossing(known, event, step, first_back, before, back, now):
-    """The time at which the level of an event passes through 0 between two states of a step; by a
-    straight line if the motion between them is not known."""
+def crossing_time(dense, event, step, start_back, before, after, now):
+    """The time at which the level passes through 0 between two states of a step, by a straight line
+    if
+        there is no dense output.
+    """
     zero = 0.0 * now
-    ends = zero + (1.0 - first_back), before, zero + (1.0 - back), now
-    if len(known) == 0:
-        return time(step, guess(ends))
-    path, x = smooth(step), guess(ends)
+    bracket = zero + (1.0 - start_back), before, zero + (1.0 - after), now
+    if len(dense) == 0:
+        return time_within(step, interpolate_root(bracket))
+    path, x = make_interpolant(step), interpolate_root(bracket)
     for _ in range(DWELL_TRIES):
-        q, l = between(path, x)
-        here = level(event, step.body, step.effects, time(step, x), q, l)
-        ends = narrowed(ends, x, here)
-        x = guess(ends)
-    return time(step, x)
+        q, l = interpolate(path, x)
+        level_here = level(event, step.body, step.effects, time_within(step, x), q, l)
+        bracket = shrink_bracket(bracket, x, level_here)
+        x = interpolate_root(bracket)
+    return time_within(step, x)
 
 
-def lasting(wait, moves, step, back, now, work, row):
-    """Count a stay as soon as it has lasted; back, now : part of the step after the present state,
-    and the level there."""
+def count_dwell(wait, moves, step, after, now, work, row):
+    """Count a dwell as soon as it has lasted; after, now : the fraction of the step after the
+    present
+        state, and the level there.
+    """
     if len(wait) == 0:
         return 0
-    return count_stay(wait, moves & (now >= 0.0), step.t - back * step.h, step, work, row)
+    return count_if_lasted(wait, moves & (now >= 0.0), step.t - after * step.h, step, work, row)
 
 
-def count_stay(wait, beyond, t, step, work, row):
-    """Count the stay of members that are `beyond` until t, if it has lasted."""
-    since, count = work[row + SINCE], work[row + COUNT]
+def count_if_lasted(wait, beyond, t, step, work, row):
+    """Count the dwell of members that are `beyond` until t, if it has lasted."""
+    since, count = work[row + DWELL_START], work[row + COUNT]
     lasted = beyond & (t - since >= wait[0])
     first = lasted & (count == 0.0)
     work[row + COUNT] = select(lasted, count + 1.0, count)
     work[row + TAU] = select(lasted, since, work[row + TAU])
     work[row + FIRST_TAU] = select(first, since, work[row + FIRST_TAU])
-    work[row + SINCE] = select(lasted, math.inf, since)
+    work[row + DWELL_START] = select(lasted, math.inf, since)
     if any_of(first):  # where an event that stops members stops them
         zero = 0.0 * t
         noted = (zero + step.t, zero, zero, zero, zero) + step.q + step.l
-        write(first, noted, work, row + RECORDS)
+        write_if(first, noted, work, row + RECORDS)
     return 0
 
 
-def write(condition, values, work, row):
+def write_if(condition, values, work, row):
     """Write a tuple to rows if the condition holds."""
-    return put(select_each(condition, values, filled(values, work, row)), work, row)
+    return put(select_each(condition, values, tree_unflatten(values, work, row)), work, row)
 
 
-def guess(ends):
-    """Where the level is 0 by a straight line between two steps back, and within the step.
+def interpolate_root(bracket):
+    """Where the level is 0 by a straight line, within the bracket.
 
-    ends = (share of the step, level there, share, level there)
+    bracket = (fraction of the step, level there, fraction, level there)
     """
-    low, below, high, above = ends
-    apart = above - below
-    # what is divided by 1 is not taken
-    share = low - (high - low) * (below / select(apart == 0.0, 1.0, apart))
-    return select(apart == 0.0, low, min(max(share, min(low, high)), max(low, high)))
+    low, below, high, above = bracket
+    rise = above - below
+    # With equal levels the quotient is not used: 1 only keeps it finite.
+    fraction = low - (high - low) * (below / select(rise == 0.0, 1.0, rise))
+    return select(rise == 0.0, low, min(max(fraction, min(low, high)), max(low, high)))
 
 
-def narrowed(ends, share, here):
-    """The next ends after Illinois, one of them `share` with the level `here`.
+def shrink_bracket(bracket, fraction, here):
+    """The next bracket of the Illinois method, one end of it `fraction` with the level `here`.
 
-    An end that stays has its level halved.
+    An end that stays has its level halved: else one end would stay for ever, and the order be 1.
     """
-    low, below, high, above = ends
-    between = here * above < 0.0  # the level is 0 between `share` and the newer end
-    return select(between, high, low), select(between, above, 0.5 * below), share, here
+    low, below, high, above = bracket
+    is_newer = here * above < 0.0  # the level is 0 between `fraction` and the newer end
+    return select(is_newer, high, low), select(is_newer, above, 0.5 * below), fraction, here
 
 
 inline_all(sys.modules[__name__])

@@ -1,58 +1,62 @@
-"""The life of one member: it enters, begins, is looked at, is recorded, and leaves.
+"""The life of one member: gathered, initialised, assessed, saved, scattered.
 
-Between looks it makes steps (`rigidmc.engine.kernel.march`). Written for one number and compiled
-for vectors of them (`rigidmc.engine.compiler.vector_types`), so that several members live it side
-by side; uncompiled it runs on floats. The functions enter, leave, begin, look and record are
-pieces: each is compiled by itself and called by `rigidmc.engine.kernel.block`, so that another
-observable compiles `record` alone.
+Between two assessments the member makes steps (`rigidmc.engine.kernel.march`). These functions are
+written for one number and compiled for vectors of them (`rigidmc.engine.compiler.vector_types`), so
+that several members live side by side; uncompiled they run on floats. `gather`, `scatter`,
+`initialise`, `assess` and `record` are kernels: each is compiled by itself and called by
+`rigidmc.engine.kernel.block` through its address, so that another observable compiles `record`
+alone.
 
-kinds, numbers : what the piece is compiled for, and its numbers, see
+Arguments of all kernels:
+
+tree, numbers : what the kernel is compiled for, and the numbers of it, see
     `rigidmc.engine.compiler.trees`
-parts : those of a Form, see `rigidmc.physics.integrators.protocol`, flat
-state, work : rows, see `rigidmc.engine.kernel.layout`
+substeps : rows of a StepScheme (`rigidmc.physics.integrators.protocol`), one after the other
+state, work : rows of the members, see `rigidmc.engine.kernel.layout`
 """
 
 import math
 import sys
 
 from rigidmc.engine.compiler.compose import inline_all
-from rigidmc.engine.compiler.intrinsics import in_precision, like
-from rigidmc.engine.compiler.memory import four_at, load, put, spread, store, three_at, tuple_at
-from rigidmc.engine.compiler.trees import filled, parts_of, row_count
+from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
+from rigidmc.engine.compiler.memory import four_at, load, put, store, store_rows, three_at, tuple_at
+from rigidmc.engine.compiler.trees import tree_size, tree_unflatten, tree_unpack
 from rigidmc.engine.kernel.layout import (  # fmt: skip
     ATTITUDE,
-    BEGAN,
     BODY,
     BODY_AT,
+    CHECKED_STATE,
     DRIFT,
-    EACH,
-    EARLY,
+    EARLY_DRIFT,
     EFFECTS,
     EFFECTS_AT,
+    EXTRA,
     FAULT_STEP,
-    GOOD,
+    GOOD_STATE,
     GOOD_STEP,
-    HELD,
-    KNOWN,
-    LEAST,
-    LENGTH,
+    IS_STOPPED,
+    LATE_DRIFT,
+    MEMBER_ROWS,
+    MEMBER_STEPS,
     MOMENTUM,
-    REST,
+    ROUND_START,
     START,
     STATUS,
+    STEP_LENGTH,
     STEPS,
-    STOPPED,
-    TRUE,
-    body_at,
-    more_of,
-    more_row,
+    STOPPED_STATE,
+    body_and_effects,
+    extra_flags,
+    extra_row,
+    opening_substep,
 )
 from rigidmc.physics.dynamics.euler import angular_velocity, kinetic_energy
 from rigidmc.physics.dynamics.so3 import (
+    concat,
     dot,
     first_three,
     inverse,
-    joined,
     larger,
     scale,
     select,
@@ -60,277 +64,318 @@ from rigidmc.physics.dynamics.so3 import (
     up,
 )
 from rigidmc.physics.effects.sums import (
-    booked,
-    gross,
-    marked,
-    spent,
+    corrected_by_work,
+    has_untracked,
+    total_abs_work,
     total_energy,
     total_energy_scale,
+    untracked_work,
 )
 from rigidmc.physics.integrators.protocol import closed, keeps, opened
 from rigidmc.physics.observables.protocol import value
 
-ALWAYS = 1e300  # steps of a round, of members without a number of their own
+UNLIMITED = 1e300  # steps of a round, for members without a number of their own
 
 
-def enter(kinds, numbers, block, rows, members, low, member_steps, h, round_time, state, work):
-    """Bring the rows of the members from `low` on side by side, from a block (rows, members).
+def gather(tree, numbers, block, rows, members, low, member_steps, h, round_time, state, work):
+    """Copy the rows of the members from `low` on from a block (rows, members) to `state` and
+    `work`.
 
     member_steps : whether members have steps of their own, which then divide a round of length h
-    round_time : when the round began
+    round_time : when the round began [s]
     """
-    for i in range(rows):
-        x = load(work, block, i * members + low)
-        work[KNOWN + i] = x
-        if i < START:
-            state[i] = like(x, state)
-        if i >= BODY:
-            state[BODY_AT + i - BODY] = like(x, state)
-    each = load(work, block, STEPS * members + low) if member_steps != 0 else like(ALWAYS, work)
-    work[EACH] = each
-    work[LENGTH] = h / each if member_steps != 0 else like(h, work)
-    work[BEGAN] = like(round_time, work)
-    work[STOPPED] = like(0.0, work)
+    for row in range(rows):
+        x = load(work, block, row * members + low)
+        work[MEMBER_ROWS + row] = x
+        if row < START:
+            state[row] = cast_like(x, state)
+        if row >= BODY:
+            state[BODY_AT + row - BODY] = cast_like(x, state)
+    own = member_steps != 0
+    steps = load(work, block, STEPS * members + low) if own else cast_like(UNLIMITED, work)
+    # Without steps of its own a member never finishes its round: no branch for it in `march`.
+    work[MEMBER_STEPS] = steps
+    work[STEP_LENGTH] = h / steps if own else cast_like(h, work)
+    work[ROUND_START] = cast_like(round_time, work)
+    work[IS_STOPPED] = cast_like(0.0, work)
     return 0
 
 
-def leave(kinds, numbers, block, rows, members, low, works, works_at, near, done, state, work):
-    """Put the rows of the members from `low` on back; if the run is done, with the last good state.
+def scatter(
+    tree, numbers, block, rows, members, low, works, work_row, shadow_row, done, state, work
+):
+    """Copy the rows of the members from `low` on back to the block, after the run the last good
+    state.
 
-    works : how many, in the rows from `works_at` of the block on, followed by the last good ones
-    near : the first row of the neighbour, after those of what is watched
+    works : how many, in the rows from `work_row` of the block on, followed by the last good ones
+    shadow_row : the first row of the shadow trajectory, after those of what is monitored
     """
-    for i in range(rows):
-        at = i * members + low
-        if i < START:
-            x = work[KNOWN + GOOD + i] if (done != 0 and i < REST) else like(state[i], work)
-            store(block, at, x)
-        elif i < BODY:
-            store(block, at, work[KNOWN + i])
-        elif i >= near:
-            store(block, at, like(state[BODY_AT + i - BODY], work))
-        elif i >= works_at + works:
-            store(block, at, work[KNOWN + i])
-        elif i >= works_at:
-            x = work[KNOWN + i + works] if done != 0 else like(state[BODY_AT + i - BODY], work)
-            store(block, at, x)
+    for row in range(rows):
+        place = row * members + low
+        if row < START:
+            last = done != 0 and row < EXTRA
+            x = work[MEMBER_ROWS + GOOD_STATE + row] if last else cast_like(state[row], work)
+            store(block, place, x)
+        elif row < BODY:
+            store(block, place, work[MEMBER_ROWS + row])
+        elif row >= shadow_row:
+            store(block, place, cast_like(state[BODY_AT + row - BODY], work))
+        elif row >= work_row + works:
+            store(block, place, work[MEMBER_ROWS + row])
+        elif row >= work_row:
+            now = cast_like(state[BODY_AT + row - BODY], work)
+            store(block, place, work[MEMBER_ROWS + row + works] if done != 0 else now)
     return 0
 
 
-def begin(kinds, numbers, parts, state, work):
-    """Note energy and momentum of the start, judge it, and open the state for the integrator."""
-    integrator, effects, limits, ledger = parts_of(kinds, numbers)
-    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
-    q, l, h = four_at(work, KNOWN + ATTITUDE), three_at(work, KNOWN + MOMENTUM), work[LENGTH]
-    kinetic, squared = kinetic_energy(body, l), dot(l, l)
+def initialise(tree, numbers, substeps, state, work):
+    """Write energy and momentum of the start, classify it, and bring it to stepping form."""
+    integrator, effects, limits, work_flags = tree_unpack(tree, numbers)
+    body, present = body_and_effects(effects, work)
+    q, l = four_at(work, MEMBER_ROWS + ATTITUDE), three_at(work, MEMBER_ROWS + MOMENTUM)
+    h = work[STEP_LENGTH]
+    kinetic, l2 = kinetic_energy(body, l), dot(l, l)
     energy = kinetic + total_energy(present, body, q)
-    # a user's potential may tell no bound on itself
-    in_play = larger(kinetic + total_energy_scale(present, body), abs(energy))
-    compared = larger(abs(energy), 1e-3 * in_play)
-    widest = 2.0 * in_play / min(min(body.i1, body.i2), body.i3)
-    put((energy, compared, squared, in_play, dot(up(q), l), widest), work, KNOWN + START)
-    put((0.0 * kinetic, 0.0 * kinetic), work, KNOWN + START + 6)
+    # a user's potential may state no bound
+    energy_in_play = larger(kinetic + total_energy_scale(present, body), abs(energy))
+    # A total energy near 0, as of a pendulum on the separatrix, is no scale: below 1e-3 of the
+    # energies in play a drift is relative to these.
+    energy_scale = larger(abs(energy), 1e-3 * energy_in_play)
+    max_l2 = 2.0 * energy_in_play / min(min(body.i1, body.i2), body.i3)
+    start = energy, energy_scale, l2, energy_in_play, dot(up(q), l), max_l2
+    put(start, work, MEMBER_ROWS + START)
+    put((0.0 * kinetic, 0.0 * kinetic), work, MEMBER_ROWS + START + 6)
 
-    endless = select(is_finite(q, l, energy, squared), 0.0, 1.0)
+    not_finite = select(is_finite(q, l, energy, l2), 0.0, 1.0)
     omega = angular_velocity(body, l)
-    flaw = fault(limits, endless, work, ledger, (), 0.0, q, l, omega, h, energy, squared)
-    status = work[KNOWN + STATUS]
-    status = select(status == 0.0, flaw, status)
+    fault = classify_state(
+        limits, not_finite, work, work_flags, (), 0.0, q, l, omega, h, energy, l2
+    )
+    status = work[MEMBER_ROWS + STATUS]
+    status = select(status == 0.0, fault, status)
     healthy = status == 0.0
-    drift, most = select(healthy, 0.0, math.nan), select(healthy, math.inf, math.nan)
-    put((drift, drift, status, 0.0, select(healthy, -1.0, 0.0)), work, KNOWN + DRIFT)
-    put((drift, drift, most, most), work, KNOWN + EARLY)
-    put(q + l, work, KNOWN + GOOD)
+    # nan marks drifts that nobody measured, and inf the smallest of none.
+    drift, smallest = select(healthy, 0.0, math.nan), select(healthy, math.inf, math.nan)
+    put((drift, drift, status, 0.0, select(healthy, -1.0, 0.0)), work, MEMBER_ROWS + DRIFT)
+    put((drift, drift, smallest, smallest), work, MEMBER_ROWS + EARLY_DRIFT)
+    put(q + l, work, MEMBER_ROWS + GOOD_STATE)
 
-    l = joined(l, tuple_at(ledger, work, KNOWN + EFFECTS + row_count(effects)))
-    part = parts[0] * h, parts[1] * h, parts[2] * h
-    q, l = opened(integrator, body, present, work[BEGAN] + parts[3] * h, part, q, l)
+    l = concat(l, tuple_at(work_flags, work, MEMBER_ROWS + EFFECTS + tree_size(effects)))
+    t, substep = work[ROUND_START] + substeps[3] * h, opening_substep(substeps, h)
+    q, l = opened(integrator, body, present, t, substep, q, l)
     put(in_precision(q + first_three(l), state), state, ATTITUDE)
-    row = more_row(keeps(integrator), EFFECTS_AT + row_count(effects))
+    row = extra_row(keeps(integrator), EFFECTS_AT + tree_size(effects))
     put(in_precision(l[3:], state), state, row)
     return 0
 
 
-def look(kinds, numbers, parts, state, work, rounds, slot, late, planned):
-    """Look at the state after `slot` steps of a round, `rounds` of which are done.
+def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
+    """Assess the state after `slot` steps of a round, `rounds` of which are done.
 
-    late : 1 in the second half of the run, else 0;  planned : 1 at a look that no save asked for
+    late : 1 in the second half of the run, else 0;  planned : 1 if no save asked for it, else 0
 
-    Its drifts and its health are noted. A member that is not well goes back to its last good state
-    and stays there. If works are kept, the drift of the energy is what exceeds the work of effects
-    without an energy.
+    This updates the drifts and the status. A member that is no longer ok goes back to its last good
+    state and stays there. If works are saved, the drift of the energy is what exceeds the work of
+    effects without an energy.
     """
-    integrator, effects, attitude, compensated, limits, ledger = parts_of(kinds, numbers)
-    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
-    works_at = EFFECTS_AT + row_count(effects)
-    good_works = KNOWN + EFFECTS + row_count(effects) + len(ledger)
-    h, done = work[LENGTH], min(work[EACH], slot)
-    q, l = seen(state, work, compensated)
-    more = more_of(keeps(integrator), ledger)
-    row = more_row(keeps(integrator), works_at)
-    l = joined(l, in_precision(tuple_at(more, state, row), work))
-    t = work[BEGAN] + (done + parts[3]) * h
-    q, l = closed(integrator, body, present, t, (parts[0] * h, parts[1] * h, parts[2] * h), q, l)
-    works, stopped = l[3:], work[STOPPED] > 0.0
-    q = carried(attitude, q, four_at(work, KNOWN + GOOD))
-    q = select_each(stopped, four_at(work, HELD), q)
-    l = select_each(stopped, three_at(work, HELD + 4), first_three(l))
-    energy, squared = kinetic_energy(body, l) + total_energy(present, body, q), dot(l, l)
-    put(q + l + (energy, squared), work, TRUE)
+    integrator, effects, attitude, compensated, limits, work_flags = tree_unpack(tree, numbers)
+    body, present = body_and_effects(effects, work)
+    work_row = EFFECTS_AT + tree_size(effects)
+    good_work_row = MEMBER_ROWS + EFFECTS + tree_size(effects) + len(work_flags)
+    h, steps_done = work[STEP_LENGTH], min(work[MEMBER_STEPS], slot)
+    q, l = state_in_double(state, work, compensated)
+    extra = extra_flags(keeps(integrator), work_flags)
+    row = extra_row(keeps(integrator), work_row)
+    l = concat(l, in_precision(tuple_at(extra, state, row), work))
+    t = work[ROUND_START] + (steps_done + substeps[3]) * h
+    q, l = closed(integrator, body, present, t, opening_substep(substeps, h), q, l)
+    works, stopped = l[3:], work[IS_STOPPED] > 0.0
+    q = next_attitude(attitude, q, four_at(work, MEMBER_ROWS + GOOD_STATE))
+    q = select_each(stopped, four_at(work, STOPPED_STATE), q)
+    l = select_each(stopped, three_at(work, STOPPED_STATE + 4), first_three(l))
+    energy, l2 = kinetic_energy(body, l) + total_energy(present, body, q), dot(l, l)
+    put(q + l + (energy, l2), work, CHECKED_STATE)
 
     kinetic = kinetic_energy(body, l)
-    # a saved drift knows of planned looks alone: else it would depend on what else is saved
-    known = fastest(marked(ledger), work, 6, kinetic)
-    most = fastest(marked(ledger), work, 7, kinetic)
-    work[KNOWN + START + 6] = select(planned > 0.0, known, work[KNOWN + START + 6])
-    work[KNOWN + START + 7] = most
-    start = begun(work, ledger, works, most, squared)
-    endless = select(is_finite(q, l, energy, squared), 0.0, 1.0)
+    # Saved drifts use the maximum over planned assessments (row 6) alone: with those of saves it
+    # would depend on how often something else is saved.
+    untracked = has_untracked(work_flags)
+    planned_kinetic = largest_kinetic_energy(untracked, work, 6, kinetic)
+    max_kinetic = largest_kinetic_energy(untracked, work, 7, kinetic)
+    row_6 = MEMBER_ROWS + START + 6
+    work[row_6] = select(planned > 0.0, planned_kinetic, work[row_6])
+    work[MEMBER_ROWS + START + 7] = max_kinetic
+    start = start_values(work, work_flags, works, max_kinetic, l2)
+    not_finite = select(is_finite(q, l, energy, l2), 0.0, 1.0)
     omega = angular_velocity(body, l)
-    flaw = fault(limits, endless, work, ledger, works, most, q, l, omega, h, energy, squared)
-    steps = rounds * work[EACH] + done
-    good = judged(flaw, start, energy, squared, steps, q, l, work, late)
-    frozen = work[KNOWN + STATUS] > 0.0
-    last_works = tuple_at(ledger, work, good_works)
-    keep(frozen, last_works, works, work, good_works, state, works_at)
-    freeze(frozen | stopped, good, state)
+    fault = classify_state(
+        limits, not_finite, work, work_flags, works, max_kinetic, q, l, omega, h, energy, l2
+    )
+    steps = rounds * work[MEMBER_STEPS] + steps_done
+    good = update_status(fault, start, energy, l2, steps, q, l, work, late)
+    frozen = work[MEMBER_ROWS + STATUS] > 0.0
+    last_good = tuple_at(work_flags, work, good_work_row)
+    keep_good_works(frozen, last_good, works, work, good_work_row, state, work_row)
+    restore_good(frozen | stopped, good, state)
     return 0
 
 
-def record(kinds, numbers, work, out, at, width, t, past):
-    """Write the values of all observables of the last good state to `out`, from `at` on.
+def record(tree, numbers, work, out, at, width, t, skips_cache):
+    """Write the values of all observables in the last good state to `out`, from `at` on.
 
-    width : from one value to the next;  past : see `rigidmc.engine.compiler.memory.spread`
+    width : from one value to the next;  skips_cache : as of `store_rows`
     """
-    observables, effects, ledger = parts_of(kinds, numbers)
-    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
-    works = tuple_at(ledger, work, KNOWN + EFFECTS + row_count(effects) + len(ledger))
-    q, l = four_at(work, KNOWN + GOOD), three_at(work, KNOWN + GOOD + 4)
-    most = fastest(marked(ledger), work, 6, kinetic_energy(body, l))
-    start = begun(work, ledger, works, most, dot(l, l))
-    write_all(observables, body, present, t, q, l, start, works, work, out, at, width, past)
+    observables, effects, work_flags = tree_unpack(tree, numbers)
+    body, present = body_and_effects(effects, work)
+    works = tuple_at(work_flags, work, MEMBER_ROWS + EFFECTS + tree_size(effects) + len(work_flags))
+    q, l = four_at(work, MEMBER_ROWS + GOOD_STATE), three_at(work, MEMBER_ROWS + GOOD_STATE + 4)
+    kinetic = kinetic_energy(body, l)
+    max_kinetic = largest_kinetic_energy(has_untracked(work_flags), work, 6, kinetic)
+    start = start_values(work, work_flags, works, max_kinetic, dot(l, l))
+    write_values(
+        observables, body, present, t, q, l, start, works, work, out, at, width, skips_cache
+    )
     return 0
 
 
-def carried(attitude, moved, q):
-    """The attitude after a step, if it is followed at all."""
+def next_attitude(attitude, new, q):
+    """The attitude after a step: the new one if the attitude is followed at all, else q."""
     if len(attitude) == 0:
         return q
-    return moved
+    return new
 
 
-def is_finite(q, l, energy, squared):
-    """Whether all numbers of a state are finite: 0 times infinity or nan is not 0."""
-    return 0.0 * (energy + squared + q[0] + q[1] + q[2] + q[3]) == 0.0
+def is_finite(q, l, energy, l2):
+    """Whether all numbers of a state are finite."""
+    # 0 times inf or nan is nan, which equals nothing. LLVM may not fold this: FLAGS of the pipeline
+    # promise neither nnan nor ninf.
+    return 0.0 * (energy + l2 + q[0] + q[1] + q[2] + q[3]) == 0.0
 
 
-def fastest(marks, work, row, kinetic):
-    """The largest kinetic energy, of now and of the looks so far, which counts as in play: of
-    bodies that start without any energy, and if the work of effects without an energy is booked.
-    Else 0.  row : 6 for planned looks, 7 for all"""
-    most = larger(work[KNOWN + START + row], kinetic)
-    if len(marks) == 0:
-        return select(work[KNOWN + START + 3] == 0.0, most, 0.0)
-    return most
+def largest_kinetic_energy(untracked, work, row, kinetic):
+    """The largest kinetic energy so far, if it counts among the energies in play, else 0.
+
+    It counts for bodies that start without any energy, and where works are corrected for.
+
+    untracked : ON if an effect has no energy;  row : 6 for planned assessments, 7 for all
+    """
+    largest = larger(work[MEMBER_ROWS + START + row], kinetic)
+    if len(untracked) == 0:
+        return select(work[MEMBER_ROWS + START + 3] == 0.0, largest, 0.0)
+    return largest
 
 
-def begun(work, ledger, works, most, squared):
+def start_values(work, work_flags, works, max_kinetic, l2):
     """(E, 1/scale of E, |L|^2, 1/|L|^2) at the start, corrected by the works since.
 
-    The scale is no less than `most`, the energy that `fastest` counts, and |L|^2 of a body that
-    starts at rest is compared with that of now, `squared`: a drift is a pure number in every unit.
-    0 stands for 1/0: there is nothing to compare with.
+    max_kinetic : the scale of E is no less, see `largest_kinetic_energy`
+    l2 : |L|^2 now, with which a body that starts at rest is compared
+
+    A drift is thus a pure number in every unit. 0 stands for 1/0: there is nothing to compare with.
     """
-    energy, compared, first = three_at(work, KNOWN + START)
-    scale = inverse(larger(compared, most))
-    start = energy, scale, first, inverse(select(first > 0.0, first, squared))
-    return booked(start, ledger, works)
+    energy, energy_scale, first_l2 = three_at(work, MEMBER_ROWS + START)
+    scale = inverse(larger(energy_scale, max_kinetic))
+    start = energy, scale, first_l2, inverse(select(first_l2 > 0.0, first_l2, l2))
+    return corrected_by_work(start, work_flags, works)
 
 
-def fault(limits, endless, work, ledger, works, most, q, l, omega, h, energy, squared):
-    """The status of a member: 1 if it is not finite, else the first limit that it exceeds, or 0.
+def classify_state(
+    limits, not_finite, work, work_flags, works, max_kinetic, q, l, omega, h, energy, l2
+):
+    """The status of a state: 1 if it is not finite, else the first limit that it exceeds, or 0.
 
-    endless : 1 if it is not finite;  most : of `fastest`
+    limits : of `rigidmc.engine.program.Program`;  not_finite : 1 or 0
+    max_kinetic : of `largest_kinetic_energy`
     """
     if len(limits) == 0:
-        return endless
-    first, at_start = work[KNOWN + START + 2], three_at(work, KNOWN + START + 3)
-    in_play = larger(at_start[0], most) + gross(works)
-    before = work[KNOWN + START] + spent(ledger, works)
-    w, rise = scale(h, omega), dot(up(q), l) - at_start[1]
-    widest = limits[2] * limits[2] * larger(at_start[2], squared)
-    status = select(abs(squared - first) > limits[1] * first, 4.0, 0.0)
-    status = select(rise * rise > widest, 4.0, status)
-    status = select(abs(energy - before) > limits[0] * in_play, 3.0, status)
-    status = select(dot(w, w) > limits[3] * limits[3], 5.0, status)
-    status = select(
-        abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) > limits[4], 6.0, status
-    )
-    return select(endless == 0.0, status, 1.0)
+        return not_finite
+    first_l2, of_start = work[MEMBER_ROWS + START + 2], three_at(work, MEMBER_ROWS + START + 3)
+    energy_in_play = larger(of_start[0], max_kinetic) + total_abs_work(works)
+    expected = work[MEMBER_ROWS + START] + untracked_work(work_flags, works)
+    turn, rise = scale(h, omega), dot(up(q), l) - of_start[1]
+    max_rise2 = limits[2] * limits[2] * larger(of_start[2], l2)
+    # The later a line, the more its status says: a step too large explains a drift, and a
+    # quaternion off the unit sphere explains both. Squares are compared, to save roots.
+    status = select(abs(l2 - first_l2) > limits[1] * first_l2, 4.0, 0.0)
+    status = select(rise * rise > max_rise2, 4.0, status)
+    status = select(abs(energy - expected) > limits[0] * energy_in_play, 3.0, status)
+    status = select(dot(turn, turn) > limits[3] * limits[3], 5.0, status)
+    off_unit = abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0)
+    status = select(off_unit > limits[4], 6.0, status)
+    return select(not_finite == 0.0, status, 1.0)
 
 
-def judged(flaw, start, energy, squared, steps, q, l, work, late):
-    """The last good state of a member after a look that found this flaw; drifts are noted too."""
-    before = work[KNOWN + STATUS]
-    well = before == 0.0
-    counted = well & (flaw != 1.0)  # the drift that flags a member is part of its largest drift
-    healthy, caught = well & (flaw == 0.0), well & (flaw > 0.0)
-    drifts = abs((energy - start[0]) * start[1]), abs((squared - start[2]) * start[3])
-    most = work[KNOWN + DRIFT], work[KNOWN + DRIFT + 1]
-    new = max(most[0], drifts[0]), max(most[1], drifts[1])
-    put(select_each(counted, new, most), work, KNOWN + DRIFT)
+def update_status(fault, start, energy, l2, steps, q, l, work, late):
+    """Update drifts, status and last good state after an assessment; the last good state."""
+    status = work[MEMBER_ROWS + STATUS]
+    was_ok = status == 0.0
+    # The drift that flags a member counts too; one of a state that is not finite would be nan.
+    counted = was_ok & (fault != 1.0)
+    healthy, faulty = was_ok & (fault == 0.0), was_ok & (fault > 0.0)
+    drifts = abs((energy - start[0]) * start[1]), abs((l2 - start[2]) * start[3])
+    largest = work[MEMBER_ROWS + DRIFT], work[MEMBER_ROWS + DRIFT + 1]
+    new = max(largest[0], drifts[0]), max(largest[1], drifts[1])
+    put(select_each(counted, new, largest), work, MEMBER_ROWS + DRIFT)
+    # Two halves tell a drift that grows from one that comes back, see `rigidmc.scene.drifts`.
     if late == 0.0:
-        put(select_each(counted, new, most), work, KNOWN + EARLY)
+        put(select_each(counted, new, largest), work, MEMBER_ROWS + EARLY_DRIFT)
     else:
-        least = work[KNOWN + LEAST], work[KNOWN + LEAST + 1]
-        lower = min(least[0], drifts[0]), min(least[1], drifts[1])
-        put(select_each(counted, lower, least), work, KNOWN + LEAST)
-    work[KNOWN + STATUS] = select(well, flaw, before)
-    work[KNOWN + GOOD_STEP] = select(healthy, steps, work[KNOWN + GOOD_STEP])
-    work[KNOWN + FAULT_STEP] = select(caught, steps, work[KNOWN + FAULT_STEP])
-    attitude = select_each(healthy, q, four_at(work, KNOWN + GOOD))
-    good = attitude + select_each(healthy, l, three_at(work, KNOWN + GOOD + 4))
-    put(good, work, KNOWN + GOOD)
+        smallest = work[MEMBER_ROWS + LATE_DRIFT], work[MEMBER_ROWS + LATE_DRIFT + 1]
+        lower = min(smallest[0], drifts[0]), min(smallest[1], drifts[1])
+        put(select_each(counted, lower, smallest), work, MEMBER_ROWS + LATE_DRIFT)
+    work[MEMBER_ROWS + STATUS] = select(was_ok, fault, status)
+    work[MEMBER_ROWS + GOOD_STEP] = select(healthy, steps, work[MEMBER_ROWS + GOOD_STEP])
+    work[MEMBER_ROWS + FAULT_STEP] = select(faulty, steps, work[MEMBER_ROWS + FAULT_STEP])
+    attitude = select_each(healthy, q, four_at(work, MEMBER_ROWS + GOOD_STATE))
+    good = attitude + select_each(healthy, l, three_at(work, MEMBER_ROWS + GOOD_STATE + 4))
+    put(good, work, MEMBER_ROWS + GOOD_STATE)
     return good
 
 
-def seen(state, work, compensated):
+def state_in_double(state, work, compensated):
     """(q, L) of a state in float64, with the remainders of sums if they are kept."""
     q = in_precision(four_at(state, ATTITUDE), work)
     l = in_precision(three_at(state, MOMENTUM), work)
     if len(compensated) == 0:
         return q, l
-    rest = in_precision(four_at(state, REST), work)
-    more = in_precision(three_at(state, REST + 4), work)
+    q_remainder = in_precision(four_at(state, EXTRA), work)
+    l_remainder = in_precision(three_at(state, EXTRA + 4), work)
     return (
-        (q[0] + rest[0], q[1] + rest[1], q[2] + rest[2], q[3] + rest[3]),
-        (l[0] + more[0], l[1] + more[1], l[2] + more[2]),
+        (
+            q[0] + q_remainder[0],
+            q[1] + q_remainder[1],
+            q[2] + q_remainder[2],
+            q[3] + q_remainder[3],
+        ),
+        (l[0] + l_remainder[0], l[1] + l_remainder[1], l[2] + l_remainder[2]),
     )
 
 
-def freeze(frozen, good, state):
-    """Put the state of a frozen member back to its last good one, without remainders of sums."""
-    back = select_each(frozen, in_precision(good, state), filled(good, state, ATTITUDE))
-    put(back, state, ATTITUDE)
-    put(select_each(frozen, (0.0,) * 7, filled(good, state, REST)), state, REST)
+def restore_good(frozen, good, state):
+    """Put the state of a frozen member back to its last good one, with remainders of 0."""
+    restored = select_each(frozen, in_precision(good, state), tree_unflatten(good, state, ATTITUDE))
+    put(restored, state, ATTITUDE)
+    put(select_each(frozen, (0.0,) * 7, tree_unflatten(good, state, EXTRA)), state, EXTRA)
     return 0
 
 
-def keep(frozen, good, works, work, row, state, at):
-    """Note works as the last good ones, or put these back if a member is frozen."""
+def keep_good_works(frozen, good, works, work, row, state, at):
+    """Keep the works as the last good ones, or put these back if a member is frozen."""
     put(select_each(frozen, good, works), work, row)
-    put(select_each(frozen, in_precision(good, state), filled(good, state, at)), state, at)
+    put(select_each(frozen, in_precision(good, state), tree_unflatten(good, state, at)), state, at)
     return 0
 
 
-def write_all(observables, body, effects, t, q, l, start, works, work, out, at, width, past):
+def write_values(
+    observables, body, effects, t, q, l, start, works, work, out, at, width, skips_cache
+):
     """Write the values of observables, one after the other; the place after them."""
     if len(observables) == 0:
         return at
     values = value(observables[0], body, effects, t, q, l, start, works)
-    at = spread(values, work, out, at, width, past)
-    return write_all(
-        observables[1:], body, effects, t, q, l, start, works, work, out, at, width, past
+    at = store_rows(values, work, out, at, width, skips_cache)
+    return write_values(
+        observables[1:], body, effects, t, q, l, start, works, work, out, at, width, skips_cache
     )
 
 

@@ -23,7 +23,7 @@ _SIGN = np.uint64(0x8000000000000000)
 _ROOT_HALF = 0.70710678118654752440
 
 
-def product(a, b):
+def wide_product(a, b):
     """(high, low) words of a b, by products of half words, which vectors have.
 
     With the low word written as a b, LLVM recognises a scalar product of 128 bits: 3 ns a member
@@ -40,8 +40,8 @@ def rounds(left, c, key):
     """The four words after len(left) rounds of Philox."""
     if len(left) == 0:
         return c
-    high0, low0 = product(_M0, c[0])
-    high1, low1 = product(_M1, c[2])
+    high0, low0 = wide_product(_M0, c[0])
+    high1, low1 = wide_product(_M1, c[2])
     return rounds(
         left[1:],
         (high1 ^ c[1] ^ key[0], low1, high0 ^ c[3] ^ key[1], low0),
@@ -83,7 +83,7 @@ def normals(words):
     return a * x, a * y, b * direction(words[3])[0]
 
 
-def deviates(paired, key, member, number, stream):
+def normal_deviates(paired, key, member, number, stream):
     """Three normal deviates of a member for the step `number`, which is less than 2^63.
 
     paired : ON for a step that has the noise of two steps of half its length: the sums of the

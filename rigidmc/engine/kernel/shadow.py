@@ -1,96 +1,103 @@
-"""A neighbour of each member, which makes the same steps: how fast it moves away.
+"""A shadow trajectory of each member, which makes the same steps: how fast does it move away?
 
-At each meeting the growth of its distance is noted and it is brought back to the distance NEAR:
-every OFTEN steps, after each of the first OFTEN, and after the last.
-Its rows are those up to SHADOW of `rigidmc.engine.kernel.layout`, from `row` of the member's state
-on; while steps are made its state is in `near`. Pieces as those of `rigidmc.engine.kernel.member`.
+At each renormalisation the growth of its distance is added up and the shadow is brought back to
+SHADOW_DISTANCE: every RENORMALISE_EVERY steps, at first more often, and after the last step. Its
+rows are those up to SHADOW_ROWS of `rigidmc.engine.kernel.layout`, from `row` of the member's state
+on; while steps are made its state is in `shadow`. Kernels as those of
+`rigidmc.engine.kernel.member`.
 """
 
 import math
 import sys
 
 from rigidmc.engine.compiler.compose import inline_all
-from rigidmc.engine.compiler.intrinsics import in_precision, like
+from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
 from rigidmc.engine.compiler.memory import four_at, put, three_at
-from rigidmc.engine.compiler.trees import filled, parts_of
+from rigidmc.engine.compiler.trees import tree_unpack
 from rigidmc.engine.kernel.layout import (  # fmt: skip
     ATTITUDE,
-    BEGAN,
-    BODY,
-    EACH,
-    EFFECTS,
-    GOOD,
-    KNOWN,
-    LENGTH,
+    GOOD_STATE,
+    MEMBER_ROWS,
+    MEMBER_STEPS,
+    ROUND_START,
+    STEP_LENGTH,
     SUMS,
     WEIGHT,
-    body_at,
+    body_and_effects,
     momentum_at,
-    put_opened,
+    opening_substep,
+    put_stepping,
 )
 from rigidmc.physics.dynamics.euler import kinetic_energy
 from rigidmc.physics.dynamics.functions import logarithm
 from rigidmc.physics.dynamics.so3 import difference, difference4, dot, select
 from rigidmc.physics.effects.sums import total_energy_scale, total_torque
 from rigidmc.physics.integrators.protocol import closed, opened
-from rigidmc.physics.observables.chaos import NEAR, TRIED
+from rigidmc.physics.observables.chaos import SHADOW_DISTANCE, TORQUE_TRIALS
 
 
-def begin_near(kinds, numbers, parts, state, work, near, row, span):
-    """Put the neighbour at the distance NEAR, in a direction that is special for no body.
+def begin_shadow(tree, numbers, substeps, state, work, shadow, row, duration):
+    """Put the shadow at SHADOW_DISTANCE, in a direction that is special for no body.
 
-    span : of the run [s]
+    duration : of the run [s]
     """
-    _, effects = parts_of(kinds, numbers)
-    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
-    q, l = four_at(work, KNOWN + GOOD), three_at(work, KNOWN + GOOD + 4)
+    _, effects = tree_unpack(tree, numbers)
+    body, present = body_and_effects(effects, work)
+    q, l = four_at(work, MEMBER_ROWS + GOOD_STATE), three_at(work, MEMBER_ROWS + GOOD_STATE + 4)
     lightest = min(min(body.i1, body.i2), body.i3)
-    weight = 0.5 * lightest / in_play(present, body, lightest, q, l, span)
-    root = NEAR / math.sqrt(weight)
-    a, b, c = 0.5 * NEAR * 0.31, 0.5 * NEAR * 0.43, 0.5 * NEAR * 0.38
-    turned = (
+    weight = 0.5 * lightest / energy_measure(present, body, lightest, q, l, duration)
+    size = SHADOW_DISTANCE / math.sqrt(weight)
+    half = 0.5 * SHADOW_DISTANCE
+    a, b, c = half * 0.31, half * 0.43, half * 0.38
+    new_q = (
         q[0] - q[1] * a - q[2] * b - q[3] * c,
         q[1] + q[0] * a + q[2] * c - q[3] * b,
         q[2] + q[0] * b + q[3] * a - q[1] * c,
         q[3] + q[0] * c + q[1] * b - q[2] * a,
     )
-    moved, zero = (l[0] + 0.54 * root, l[1] + 0.47 * root, l[2] + 0.25 * root), 0.0 * weight
-    settle(kinds, numbers, parts, work, 0.0, turned, moved, near, state)
+    zero = 0.0 * weight
+    new_l = l[0] + 0.54 * size, l[1] + 0.47 * size, l[2] + 0.25 * size
+    set_shadow(tree, numbers, substeps, work, 0.0, new_q, new_l, shadow, state)
     put(in_precision((zero, zero, zero, weight), state), state, row + SUMS)
     return 0
 
 
-def in_play(effects, body, lightest, q, l, span):
-    """The energy [J] by which the momentum of a motion is measured, of the largest of these:
+def energy_measure(effects, body, lightest, q, l, duration):
+    """The energy [J] by which the momentum of a motion is measured.
 
-    the kinetic energy at the start and the bounds on those of the effects; for effects without an
-    energy the largest torque on the body at the start, at TRIED times of the run, over 1 rad. A
-    body that nothing moves is measured by 1 rad in the run. lightest : 1/(largest moment)
+    It is the largest of the kinetic energy at the start plus the bounds on the energies of the
+    effects, and, for effects without an energy, the largest torque on the body at the start, at
+    TORQUE_TRIALS times of the run, over 1 rad. A body that nothing moves is measured by 1 rad in
+    the run.
+
+    lightest : 1/(largest moment)
     """
-    energy, most = kinetic_energy(body, l) + total_energy_scale(effects, body), 0.0 * lightest
-    for k in range(TRIED):
-        # the golden section of the run goes through no period of a torque
-        t = span * (k * 0.6180339887498949 % 1.0)
-        torque = total_torque(effects, body, like(t, most), q, l)
-        most = max(most, dot(torque, torque))
-    energy = max(energy, math.sqrt(most))
-    return select(energy > 0.0, energy, 0.5 / (lightest * span * span))
+    energy, largest = kinetic_energy(body, l) + total_energy_scale(effects, body), 0.0 * lightest
+    for k in range(TORQUE_TRIALS):
+        # Multiples of the golden section, modulo 1, spread over the run in step with no period of a
+        # torque.
+        t = duration * (k * 0.6180339887498949 % 1.0)
+        torque = total_torque(effects, body, cast_like(t, largest), q, l)
+        largest = max(largest, dot(torque, torque))
+    energy = max(energy, math.sqrt(largest))
+    return select(energy > 0.0, energy, 0.5 / (lightest * duration * duration))
 
 
-def meet(kinds, numbers, parts, state, work, near, row, slot, now, before):
-    """Note how far the neighbour has moved away since the last meeting, and bring it back.
+def renormalise_shadow(tree, numbers, substeps, state, work, shadow, row, slot, now, before):
+    """Add up how far the shadow has moved away since the last renormalisation, and bring it back.
 
-    slot : steps made so far;  now, before : the times of this and of the last meeting, in steps of
-        the first length
+    slot : steps made so far;  now, before : the times of this and of the last renormalisation, in
+        steps of the first length
 
-    Between two meetings the distance is taken to grow at one rate: the integrals over it are exact.
+    Between the two the distance is taken to grow at one rate: the integrals over that are exact.
     """
-    integrator, effects = parts_of(kinds, numbers)
-    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
-    t, part = opening(parts, work, slot)
-    q, l = closed(integrator, body, present, t, part, *in_double(integrator, state, work))
-    p, m = closed(integrator, body, present, t, part, *in_double(integrator, near, work))
-    sums, weight = in_precision(three_at(state, row + SUMS), work), like(state[row + WEIGHT], work)
+    integrator, effects = tree_unpack(tree, numbers)
+    body, present = body_and_effects(effects, work)
+    t, substep = opening_after(substeps, work, slot)
+    q, l = closed(integrator, body, present, t, substep, *to_double(integrator, state, work))
+    p, m = closed(integrator, body, present, t, substep, *to_double(integrator, shadow, work))
+    sums = in_precision(three_at(state, row + SUMS), work)
+    weight = cast_like(state[row + WEIGHT], work)
     dq, dl = difference4(p, q), difference(m, l)
     # fmt: off
     square = (
@@ -98,41 +105,40 @@ def meet(kinds, numbers, parts, state, work, near, row, slot, now, before):
         + weight * dot(dl, dl)
     )
     # fmt: on
-    grown = 0.5 * logarithm(square * (1.0 / (NEAR * NEAR)))
-    back = NEAR / math.sqrt(square)
-    turned = q[0] + back * dq[0], q[1] + back * dq[1], q[2] + back * dq[2], q[3] + back * dq[3]
-    moved = l[0] + back * dl[0], l[1] + back * dl[1], l[2] + back * dl[2]
-    settle(kinds, numbers, parts, work, slot, turned, moved, near, state)
+    growth = 0.5 * logarithm(square * (1.0 / (SHADOW_DISTANCE * SHADOW_DISTANCE)))
+    f = SHADOW_DISTANCE / math.sqrt(square)
+    new_q = q[0] + f * dq[0], q[1] + f * dq[1], q[2] + f * dq[2], q[3] + f * dq[3]
+    new_l = l[0] + f * dl[0], l[1] + f * dl[1], l[2] + f * dl[2]
+    set_shadow(tree, numbers, substeps, work, slot, new_q, new_l, shadow, state)
     # S = int (d'/d) s ds and int 2 S/s ds, in steps
-    middle = 0.5 * (now + before)
-    longer = logarithm(like(now / max(before, 1.0), grown))
-    rest = sums[1] - grown * (0.5 * before * before / (now - before))
-    new = (
-        sums[0] + grown, sums[1] + middle * grown, sums[2] + 2.0 * rest * longer + middle * grown
-    )  # fmt: skip
+    midpoint = 0.5 * (now + before)
+    log_ratio = logarithm(cast_like(now / max(before, 1.0), growth))
+    rest = sums[1] - growth * (0.5 * before * before / (now - before))
+    mean_growth = sums[2] + 2.0 * rest * log_ratio + midpoint * growth
+    new = sums[0] + growth, sums[1] + midpoint * growth, mean_growth
     put(in_precision(new, state), state, row + SUMS)
     return 0
 
 
-def opening(parts, work, slot):
-    """(time of the torque, times) of the part that opens a state after `slot` steps of a round."""
-    h, done = work[LENGTH], min(work[EACH], slot)
-    return work[BEGAN] + (done + parts[3]) * h, (parts[0] * h, parts[1] * h, parts[2] * h)
+def opening_after(substeps, work, slot):
+    """(time of the torque, times of row 0) for a state after `slot` steps of a round."""
+    h, done = work[STEP_LENGTH], min(work[MEMBER_STEPS], slot)
+    return work[ROUND_START] + (done + substeps[3]) * h, opening_substep(substeps, h)
 
 
-def in_double(integrator, state, work):
+def to_double(integrator, state, work):
     """(q, L) of a state in float64, with what the integrator keeps."""
     q = in_precision(four_at(state, ATTITUDE), work)
     return q, in_precision(momentum_at(integrator, state), work)
 
 
-def settle(kinds, numbers, parts, work, slot, q, l, near, state):
-    """Make (q, L) the state of the neighbour, as the integrator keeps it."""
-    integrator, effects = parts_of(kinds, numbers)
-    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
-    t, part = opening(parts, work, slot)
-    q, l = opened(integrator, body, present, t, part, q, l)
-    put_opened(in_precision(q, state), in_precision(l, state), near)
+def set_shadow(tree, numbers, substeps, work, slot, q, l, shadow, state):
+    """Make (q, L) the state of the shadow, in stepping form."""
+    integrator, effects = tree_unpack(tree, numbers)
+    body, present = body_and_effects(effects, work)
+    t, substep = opening_after(substeps, work, slot)
+    q, l = opened(integrator, body, present, t, substep, q, l)
+    put_stepping(in_precision(q, state), in_precision(l, state), shadow)
     return 0
 
 

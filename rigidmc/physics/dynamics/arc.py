@@ -9,7 +9,7 @@ from typing import NamedTuple
 from rigidmc.physics.dynamics.methods import OFF, ON
 
 
-class Arc(NamedTuple):
+class EllipticArc(NamedTuple):
     """How far the flow goes in a time h: S, g1 = 1 - f1 and g3 = 1 - f3, where S is like sn.
 
     S' = f1 f3,   f1' = -x S f3,   f3' = -y S f1
@@ -20,7 +20,7 @@ class Arc(NamedTuple):
     g3: float
 
 
-def arc(h, x, y):
+def elliptic_arc(h, x, y):
     """The Arc of a short time, by the series of S and f1^2 = 1 - x S^2, f3^2 = 1 - y S^2.
 
     The series leaves out 0.0036 (h sqrt(max(x, y)))^12 of S or less, 4e-15 at 0.1
@@ -36,7 +36,7 @@ def arc(h, x, y):
     t = (uu + 12.0 * p) * (1 / 120) - t
     s = h * (1.0 - (u * (1 / 6) - t))
     ss = s * s
-    return Arc(s, _less_than_root(x * ss), _less_than_root(y * ss))
+    return EllipticArc(s, _less_than_root(x * ss), _less_than_root(y * ss))
 
 
 def _less_than_root(z):
@@ -49,7 +49,7 @@ def _less_than_root(z):
     return 0.5 * z * (1.0 + z * (1 / 4 + z * p))
 
 
-def _over(u, near):
+def _reciprocal(u, near):
     """1/(1 - u) to rounding; near : OFF for any u, ON for |u| < 0.1.
 
     For small u by a series to u^3 and two Newton steps, which is faster than a division
@@ -62,21 +62,23 @@ def _over(u, near):
     return r + r * (1.0 - d * r)
 
 
-def doubled(a, x, y, near=OFF):
-    """The Arc of twice the time; near : ON for short times, see `_over`.
+def double_arc(a, x, y, near=OFF):
+    """The Arc of twice the time; near : ON for short times, see `_reciprocal`.
 
     g = 1 - f of the doubled time comes from a factored form, so no digit cancels.
     """
     ss = a.s * a.s
     f1, f3 = 1.0 - a.g1, 1.0 - a.g3
-    r = _over((x * ss) * (y * ss), near)
-    return Arc(2.0 * a.s * f1 * f3 * r, 2.0 * x * ss * f3 * f3 * r, 2.0 * y * ss * f1 * f1 * r)
+    r = _reciprocal((x * ss) * (y * ss), near)
+    return EllipticArc(
+        2.0 * a.s * f1 * f3 * r, 2.0 * x * ss * f3 * f3 * r, 2.0 * y * ss * f1 * f1 * r
+    )
 
 
 def increment(body, a, p, l, near=OFF):
     """L(t + h) - L(t) of a free body for the Arc of h; p : P of `squares`.
 
-    near : ON if h is the time of an Arc without doublings, or of one panel; see `_over`
+    near : ON if h is the time of an Arc without doublings, or of one panel; see `_reciprocal`
 
     T and |L|^2 are conserved to rounding for any S in the range of `near`, and the errors do not
     add up: the plain form L1' = (f1 L1 + f3 S a1 L2 L3)/D drifts linearly (9e-13 after 1e4 steps),
@@ -84,7 +86,7 @@ def increment(body, a, p, l, near=OFF):
     """
     f1, f3 = 1.0 - a.g1, 1.0 - a.g3
     u = p * (a.s * a.s)
-    r = _over(u, near)
+    r = _reciprocal(u, near)
     return (
         r * (f3 * a.s * body.a1 * l[1] * l[2] + (u - a.g1) * l[0]),
         r * (a.s * body.a2 * l[0] * l[2] + (u - (a.g1 + a.g3 - a.g1 * a.g3)) * l[1]),
@@ -104,27 +106,27 @@ def squares(body, l):
     )
 
 
-def half_and_whole(h, x, y, halvings):
+def half_and_full(h, x, y, halvings):
     """(Arc of h/2, Arc of h): the series at h/2^(1 + len(halvings)), then doublings."""
     if len(halvings) == 0:
-        half = arc(0.5 * h, x, y)
-        return half, doubled(half, x, y, ON)
-    half = half_and_whole(0.5 * h, x, y, halvings[1:])[1]
-    return half, doubled(half, x, y)
+        half = elliptic_arc(0.5 * h, x, y)
+        return half, double_arc(half, x, y, ON)
+    half = half_and_full(0.5 * h, x, y, halvings[1:])[1]
+    return half, double_arc(half, x, y)
 
 
-def near_of(halvings):
+def near_flag(halvings):
     """`near` of an Arc with these halvings: ON if there are none."""
     if len(halvings) == 0:
         return ON
     return OFF
 
 
-def of_a_panel(half, whole, h, x, y, panels):
+def panel_arcs(half, whole, h, x, y, panels):
     """(Arc of half a panel, Arc of a panel) of a time h cut into panels.
 
     half, whole : the Arcs of h/2 and h
     """
     if len(panels) == 1:
         return half, whole
-    return half_and_whole(panels[0] * h, x, y, ())
+    return half_and_full(panels[0] * h, x, y, ())

@@ -95,7 +95,7 @@ def scaled(body, h):
     )
 
 
-def twice(rates):
+def double_rates(rates):
     """The Rates over 2h, by additions."""
     r = rates
     return Rates(r.w1 + r.w1, r.w2 + r.w2, r.w3 + r.w3, r.a1 + r.a1, r.a2 + r.a2, r.a3 + r.a3)
@@ -106,13 +106,13 @@ def half_rotation(rates, l):
     return rates.w1 * l[0], rates.w2 * l[1], rates.w3 * l[2]
 
 
-def spun(rates, onto, l):
+def add_free_change(rates, onto, l):
     """onto + h L x omega: `onto` plus the free change of the momentum at l.
 
     Numbers that follow the three components of `onto` stay as they are.
     """
     if len(onto) > 3:
-        return spun(rates, first_three(onto), l) + onto[3:]
+        return add_free_change(rates, first_three(onto), l) + onto[3:]
     return (
         onto[0] + rates.a1 * (l[1] * l[2]),
         onto[1] + rates.a2 * (l[2] * l[0]),

@@ -13,11 +13,11 @@ import math
 from typing import Any, NamedTuple
 
 from rigidmc.physics.dynamics.arc import (
-    Arc,
-    half_and_whole,
+    EllipticArc,
+    half_and_full,
     increment,
-    near_of,
-    of_a_panel,
+    near_flag,
+    panel_arcs,
     squares,
 )
 from rigidmc.physics.dynamics.euler import angular_velocity
@@ -50,7 +50,7 @@ class Axes(NamedTuple):
     a3: float
 
 
-class Motion(NamedTuple):
+class FreeFlow(NamedTuple):
     """The constants of a free motion in units of |L|.
 
     The momentum is a unit vector u, and axis 2 has the middle moment.
@@ -73,12 +73,12 @@ class Motion(NamedTuple):
     x: float
     y: float
     time: float
-    whole: Arc
-    half: Arc
-    panel: Arc
+    whole: EllipticArc
+    half: EllipticArc
+    panel: EllipticArc
 
 
-class Share(NamedTuple):
+class PhaseFraction(NamedTuple):
     """f = 1/(1 + c), v = c/(1 + c) and v', v'' along a free motion; c = |u_j|, j = 3 or 1."""
 
     f: float
@@ -87,19 +87,19 @@ class Share(NamedTuple):
     second: float
 
 
-def _share(m, u, c, f):
+def _fraction(m, u, c, f):
     """The Share of a unit momentum, given c and f."""
     p, q1, q3 = squares(m.body, u)
     rate = m.sign * select(m.on_third, m.body.a3 * u[0], m.body.a1 * u[2]) * u[1]
     ff = f * f
     second = ff * (c * (p - select(m.on_third, q1, q3)) - 2.0 * rate * rate * f)
-    return Share(f, c * f, rate * ff, second)
+    return PhaseFraction(f, c * f, rate * ff, second)
 
 
-def share(m, u):
+def phase_fraction(m, u):
     """The Share of a unit momentum."""
     c = m.sign * select(m.on_third, u[2], u[0])
-    return _share(m, u, c, 1.0 / (1.0 + c))
+    return _fraction(m, u, c, 1.0 / (1.0 + c))
 
 
 def slopes(a):
@@ -108,13 +108,13 @@ def slopes(a):
     return half / (1.0 - a.g1), half / (1.0 - a.g3)
 
 
-def strayed(m, u):
+def drift_of_invariants(m, u):
     """(x, y) of a unit momentum less those of the start: the accumulated rounding errors."""
     p, q1, q3 = squares(m.body, u)
     return (p + q3) - m.x, (p + q1) - m.y
 
 
-def followed(m, a, slopes, u):
+def arc_for(m, a, slopes, u):
     """The Arc for a unit momentum that has strayed from x and y of the start.
 
     slopes : those of the Arc, or () if x and y are those of u
@@ -124,18 +124,18 @@ def followed(m, a, slopes, u):
     """
     if len(slopes) == 0:
         return a
-    dx, dy = strayed(m, u)
-    return Arc(a.s, a.g1 + slopes[0] * dx, a.g3 + slopes[1] * dy)
+    dx, dy = drift_of_invariants(m, u)
+    return EllipticArc(a.s, a.g1 + slopes[0] * dx, a.g3 + slopes[1] * dy)
 
 
-def shares_back(m):
-    """(1/4x, 1/4y) for `returned`; 0 if x or y is 0, in any unit."""
+def return_factors(m):
+    """(1/4x, 1/4y) for `pull_back`; 0 if x or y is 0, in any unit."""
     x, y = m.x > 0.0, m.y > 0.0
     # what is divided by 1 is not taken
     return select(x, 0.25 / select(x, m.x, 1.0), 0.0), select(y, 0.25 / select(y, m.y, 1.0), 0.0)
 
 
-def returned(m, back, u, end):
+def pull_back(m, back, u, end):
     """The end of a step from a unit momentum u that has strayed, moved half of the way back.
 
     Axes 1 and 2 of `end` are multiplied by 1 - dy/4y, axes 2 and 3 by 1 - dx/4x. So T and |L|^2 do
@@ -143,17 +143,17 @@ def returned(m, back, u, end):
     this (tests/physics/dynamics/test_free_flow.py). For a body with two equal moments x or y is 0,
     and |L| cannot be told from it.
     """
-    dx, dy = strayed(m, u)
+    dx, dy = drift_of_invariants(m, u)
     x, y = back[0] * dx, back[1] * dy
     return end[0] - y * end[0], end[1] - (x + y) * end[1], end[2] - x * end[2]
 
 
-def summed(m, panels, u, at, slopes=()):
+def integrate_phase(m, panels, u, at, slopes=()):
     """(integral of v over the panels of a step from u, the Share at its end).
 
-    The integral lacks the terms that `corrected` adds.
+    The integral lacks the terms that `end_correction` adds.
 
-    at : the Share at u;  slopes : see `followed`
+    at : the Share at u;  slopes : see `arc_for`
 
     The rule of a panel is exact for polynomials of degree 7: v, v', v'' at both ends, where they
     come free with the flow, and v in the middle; its error is h^9 v^(8)/(7! 8!). Over many panels
@@ -168,17 +168,17 @@ def summed(m, panels, u, at, slopes=()):
     third = f3 * u[2] + f1 * m.half.s * m.body.a3 * u[0] * u[1]
     middle = m.sign * select(m.on_third, third, first)
     below = 1.0 - p * (m.half.s * m.half.s) + middle
-    u = add(u, increment(m.body, followed(m, m.panel, slopes, u), p, u, ON))
+    u = add(u, increment(m.body, arc_for(m, m.panel, slopes, u), p, u, ON))
     c = m.sign * select(m.on_third, u[2], u[0])
     both = 1.0 / ((1.0 + c) * below)  # one division for two
-    end = _share(m, u, c, below * both)
-    more, last = summed(m, panels[1:], u, end, slopes)
+    end = _fraction(m, u, c, below * both)
+    more, last = integrate_phase(m, panels[1:], u, end, slopes)
     inner = (19 / 35) * end.v + (16 / 35) * (middle * ((1.0 + c) * both))
     return h * (inner + h * h * ((1 / 420) * end.second)) + more, last
 
 
-def corrected(m, panels, start, end):
-    """The end terms of the integral that `summed` takes over any number of steps.
+def end_correction(m, panels, start, end):
+    """The end terms of the integral that `integrate_phase` takes over any number of steps.
 
     start, end : the Shares at the start of the first step and the end of the last one
     """
@@ -198,7 +198,7 @@ def phase(m, time, integral):
     return m.twice_energy * (time - integral) + m.inverse * integral
 
 
-def motion(body, halvings, panels, h, l):
+def make_flow(body, halvings, panels, h, l):
     """(Motion, u) of a free body; halvings, panels : see `free_flow`."""
     square = dot(l, l)
     # the ends of float64 and float32, see _REST
@@ -213,14 +213,14 @@ def motion(body, halvings, panels, h, l):
     axes = Axes(i1, i3, *relabel(first, third, (body.a1, body.a2, body.a3)))
     time = h * size
     p, q1, q3 = squares(axes, u)
-    half, whole = half_and_whole(time, p + q3, p + q1, halvings)
+    half, whole = half_and_full(time, p + q3, p + q1, halvings)
     on_third = q3 >= q1
     # the sign is a constant of the motion; computed anew it could change where u_j is 0 to
     # rounding, and would turn the body over
     sign = select(select(on_third, u[2], u[0]) < 0.0, -1.0, 1.0)
-    one, panel = of_a_panel(half, whole, time, p + q3, p + q1, panels)
+    one, panel = panel_arcs(half, whole, time, p + q3, p + q1, panels)
     inverse = select(on_third, i3, i1)
-    return Motion(
+    return FreeFlow(
         size,
         first,
         third,
@@ -239,9 +239,9 @@ def motion(body, halvings, panels, h, l):
 
 
 def advance(m, halvings, u, slopes=()):
-    """The change of the unit momentum u in a step; slopes : see `followed`."""
+    """The change of the unit momentum u in a step; slopes : see `arc_for`."""
     p = m.body.a1 * m.body.a3 * u[1] * u[1]
-    return increment(m.body, followed(m, m.whole, slopes, u), p, u, near_of(halvings))
+    return increment(m.body, arc_for(m, m.whole, slopes, u), p, u, near_flag(halvings))
 
 
 def turn_between(m, u, change, angle, start, end):
@@ -265,11 +265,11 @@ def turn_between(m, u, change, angle, start, end):
     s = size * m.sign * s
     turn = size * c + turn[0], s * u[0] + turn[1], s * u[1] + turn[2], s * u[2] + turn[3]
     r = 0.5 * math.sqrt(start.f * end.f)  # |P(u)|^2 = 2 (1 + c) before normalisation
-    one, two, three = back(m, scale(r, turn[1:]))
+    one, two, three = to_body(m, scale(r, turn[1:]))
     return r * turn[0], one, two, three
 
 
-def back(m, v):
+def to_body(m, v):
     """The components of a vector on the axes of the body, from those of the Motion."""
     return relabel(m.third, m.first, v)
 
@@ -292,11 +292,11 @@ def free_flow(body, halvings, panels, h, l):
         would
         be a float64 also in float32 kernels
     """
-    m, u = motion(body, halvings, panels, h, l)
-    change, start = advance(m, halvings, u), share(m, u)
-    integral, end = summed(m, panels, u, start)
-    angle = 0.5 * phase(m, m.time, integral + corrected(m, panels, start, end))
-    return turn_between(m, u, change, angle, start, end), scale(m.size, back(m, change))
+    m, u = make_flow(body, halvings, panels, h, l)
+    change, start = advance(m, halvings, u), phase_fraction(m, u)
+    integral, end = integrate_phase(m, panels, u, start)
+    angle = 0.5 * phase(m, m.time, integral + end_correction(m, panels, start, end))
+    return turn_between(m, u, change, angle, start, end), scale(m.size, to_body(m, change))
 
 
 def middle_axis(body):

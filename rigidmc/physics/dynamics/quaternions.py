@@ -71,7 +71,7 @@ def spin(p, w):
     )
 
 
-def turned(q, p, w):
+def advance_attitude(q, p, w):
     """q + p (0, w) by fused multiply-adds.
 
     With w = h omega/2 this is q + h dq/dt, with the rate of the attitude p: dq/dt = 1/2 p (0,
@@ -120,7 +120,7 @@ def touch_up(q):
     return r * q[0], r * q[1], r * q[2], r * q[3]
 
 
-def renewed(q):
+def renormalise(q):
     """q/|q| by two Newton steps, without root or division.
 
     Exact to rounding if |q| is within 1e-4 of 1; the error is 3.4e-12 at 1e-3
@@ -132,7 +132,7 @@ def renewed(q):
     return r * q[0], r * q[1], r * q[2], r * q[3]
 
 
-def third_of(q):
+def inverse_near_three(q):
     """1/|q| for a quaternion of norm about 3, by two Newton steps, without root or division.
 
     Exact to rounding if | |q|/3 - 1 | < 1e-4 (tests/physics/dynamics/test_series.py).
@@ -142,12 +142,12 @@ def third_of(q):
     return r * (0.5 - ((1.0 / 54.0) * s) * (r * r))
 
 
-def third(q):
-    """q/|q| for a quaternion of norm about 3; see `third_of`."""
-    return scale4(third_of(q), q)
+def divide_by_three(q):
+    """q/|q| for a quaternion of norm about 3; see `inverse_near_three`."""
+    return scale4(inverse_near_three(q), q)
 
 
-def whole(x):
+def value_of(x):
     """The value of a state: of a pair (value, remainder) the value."""
     if len(x) == 2:
         return x[0]
@@ -164,7 +164,7 @@ def two_sum(a, b):
     return s, (a - (s - c)) + (b - c)
 
 
-def gain(l, dl):
+def add_compensated(l, dl):
     """l + dl of 3-vectors.
 
     Of a pair (value, remainder) the pair of the sum, which loses nothing of dl.
@@ -178,7 +178,7 @@ def gain(l, dl):
     return add(l, dl)
 
 
-def gain4(q, dq):
+def add_compensated4(q, dq):
     """q + dq of quaternions, brought back to |q| = 1; of a pair (value, remainder) the pair."""
     if len(q) == 2:
         value, rest = q
@@ -194,10 +194,10 @@ def gain4(q, dq):
         c, dc = two_sum(c, r * c + dc)
         d, dd = two_sum(d, r * d + dd)
         return (a, b, c, d), (da, db, dc, dd)
-    return renewed(add4(q, dq))
+    return renormalise(add4(q, dq))
 
 
-def moved(q, turn):
+def apply_rotation(q, turn):
     """q turn of unit quaternions, `turn` in body axes; of a pair (value, remainder) the pair."""
     if len(q) == 2:
         value, rest = q
@@ -206,5 +206,5 @@ def moved(q, turn):
         x, y, z = scale(sign, turn[1:])
         # 1 + cos of half an angle: pure
         less = -(x * x + y * y + z * z) / (1.0 + abs(turn[0])), x, y, z
-        return gain4(q, add4(multiply(value, less), multiply(rest, less)))
+        return add_compensated4(q, add4(multiply(value, less), multiply(rest, less)))
     return touch_up(multiply(q, turn))

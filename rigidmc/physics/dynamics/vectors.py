@@ -31,7 +31,7 @@ def first_three(a):
     return a[0], a[1], a[2]
 
 
-def joined(a, more):
+def concat(a, more):
     """The tuple `a` followed by `more`."""
     if len(more) == 0:
         return a

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from rigidmc.physics.dynamics.euler import angular_velocity
 from rigidmc.physics.dynamics.so3 import axpy, dot, expm1, root, scale
-from rigidmc.physics.effects.flows import faded, solved, symmetric_times
+from rigidmc.physics.effects.flows import damp_flow, solve3, symmetric_times
 from rigidmc.physics.effects.protocol import Number, Vector, effect
 
 
@@ -132,7 +132,7 @@ class MatrixDamping(NamedTuple):
         x, y, z = 0.5 * h * body.i1, 0.5 * h * body.i2, 0.5 * h * body.i3
         m = self.matrix
         back = axpy(l, -1.0, symmetric_times(m, (x * l[0], y * l[1], z * l[2])))
-        return solved(
+        return solve3(
             (1.0 + m[0] * x, m[5] * x, m[4] * x),
             (m[5] * y, 1.0 + m[1] * y, m[3] * y),
             (m[4] * z, m[3] * z, 1.0 + m[2] * z),
@@ -178,8 +178,8 @@ class QuadraticDrag(NamedTuple):
 
     def kick(self, body, h, l):
         w = angular_velocity(body, l)
-        w = angular_velocity(body, faded(body, 0.5 * h * self.drag * root(dot(w, w)), l))
-        return faded(body, h * self.drag * root(dot(w, w)), l)
+        w = angular_velocity(body, damp_flow(body, 0.5 * h * self.drag * root(dot(w, w)), l))
+        return damp_flow(body, h * self.drag * root(dot(w, w)), l)
 
 
 @effect(
@@ -224,5 +224,5 @@ class DryFriction(NamedTuple):
     def kick(self, body, h, l):
         w = angular_velocity(body, l)
         half = 0.5 * h * self.friction / root(dot(w, w) + self.rest * self.rest)
-        w = angular_velocity(body, faded(body, half, l))
-        return faded(body, h * self.friction / root(dot(w, w) + self.rest * self.rest), l)
+        w = angular_velocity(body, damp_flow(body, half, l))
+        return damp_flow(body, h * self.friction / root(dot(w, w) + self.rest * self.rest), l)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from rigidmc.physics.dynamics.euler import angular_velocity
 from rigidmc.physics.dynamics.so3 import add, axpy, cross, difference, dot, root, scale, select
-from rigidmc.physics.effects.flows import turned_vector
+from rigidmc.physics.effects.flows import rotate_flow
 from rigidmc.physics.effects.protocol import Number, Vector, effect
 
 _NONE = (0.0, 0.0, 0.0)
@@ -73,9 +73,9 @@ class EnergyDissipation(NamedTuple):
         wheel = axpy(self.wheel, t, self.motor)
         g = add(l, wheel)
         by = -h * self.loss / _size(g)
-        half = turned_vector(scale(0.5 * by, cross(g, angular_velocity(body, l))), g)
+        half = rotate_flow(scale(0.5 * by, cross(g, angular_velocity(body, l))), g)
         slope = cross(half, angular_velocity(body, difference(half, wheel)))
-        return difference(turned_vector(scale(by, slope), g), wheel)
+        return difference(rotate_flow(scale(by, slope), g), wheel)
 
 
 def _size(v):

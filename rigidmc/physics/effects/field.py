@@ -91,16 +91,16 @@ class RotatingField(NamedTuple):
     rate: Number
 
     def torque(self, t, q):
-        return cross(self.dipole, into_body(q, turned(self.field, self.rate, t)))
+        return cross(self.dipole, into_body(q, field_at(self.field, self.rate, t)))
 
     def torque_rate(self, t, q, w):
-        return cross(self.dipole, cross(into_body(q, turned(self.field, self.rate, t)), w))
+        return cross(self.dipole, cross(into_body(q, field_at(self.field, self.rate, t)), w))
 
     def energy_scale(self):
         return _sizes(self.dipole, self.field)
 
 
-def turned(field, rate, t):
+def field_at(field, rate, t):
     """R_z(rate t) field."""
     s, c = sincos(rate * t)
     x, y, z = field

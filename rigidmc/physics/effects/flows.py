@@ -3,7 +3,7 @@
 from rigidmc.physics.dynamics.so3 import cross, dot, exponential, into_body, scale
 
 
-def faded(body, c, l):
+def damp_flow(body, c, l):
     """L after dL/dt = -c omega over unit time, by the trapezoidal rule, of order 2.
 
     Each component is multiplied by (1 - c/2I)/(1 + c/2I), which lies between -1 and 1 if c > 0.
@@ -12,7 +12,7 @@ def faded(body, c, l):
     return (1.0 - x) / (1.0 + x) * l[0], (1.0 - y) / (1.0 + y) * l[1], (1.0 - z) / (1.0 + z) * l[2]
 
 
-def turned_vector(u, l):
+def rotate_flow(u, l):
     """L rotated by |u| about u: the flow of dL/dt = u x L over unit time."""
     q = exponential(u)
     return into_body((q[0], -q[1], -q[2], -q[3]), l)
@@ -27,7 +27,7 @@ def symmetric_times(m, v):
     )
 
 
-def solved(a, b, c, v):
+def solve3(a, b, c, v):
     """The solution x of (a b c) x = v by Cramer's rule; a, b, c are the columns of the matrix."""
     n = cross(b, c)
     r = 1.0 / dot(a, n)

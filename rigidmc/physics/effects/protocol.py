@@ -44,10 +44,10 @@ class Effect(Protocol):
     t, h, w : time [s], time step [s], angular velocity in the principal axes [rad/s]
 
     A method names the arguments that it depends on and no others
-    (`rigidmc.physics.dynamics.methods`). The decorator `effect` states its facts, see `Facts`. Two
-    more depend on the parameters: the property `conservative` says whether the energy of the body
-    is conserved (default: whether there is an `energy`), and `drives(self)` says whether a damping
-    drives the body instead.
+    (`rigidmc.physics.dynamics.methods`). The decorator `effect` states its facts, see
+    `EffectFacts`. Two more depend on the parameters: the property `conservative` says whether the
+    energy of the body is conserved (default: whether there is an `energy`), and `drives(self)` says
+    whether a damping drives the body instead.
     """
 
     _fields: ClassVar[tuple[str, ...]]
@@ -58,7 +58,7 @@ class Effect(Protocol):
     def __iter__(self) -> Iterator[Any]: ...
 
 
-class Facts(NamedTuple):
+class EffectFacts(NamedTuple):
     """What a class of effects states in `@effect(...)` or as class attributes, with the defaults.
 
     units : of each parameter, "1" if it has none
@@ -94,8 +94,8 @@ class Facts(NamedTuple):
 
 
 def effect(**stated: Any) -> Callable[[Kind], Kind]:
-    """Decorator: states some `Facts` of a class of effects, which become class attributes."""
-    Facts(**stated)  # raises TypeError for any other name
+    """Decorator: states some `EffectFacts` of a class of effects, which become class attributes."""
+    EffectFacts(**stated)  # raises TypeError for any other name
 
     def put(kind: Kind) -> Kind:
         for name, value in stated.items():
@@ -114,16 +114,16 @@ def _shown(effect: Any) -> str:
     return f"{type(effect).__name__}({words})"
 
 
-def facts(effect: Effect | type[Effect]) -> Facts:
+def facts(effect: Effect | type[Effect]) -> EffectFacts:
     """The facts of an effect or of its class, with the defaults of those that it leaves out."""
     return _facts(effect if isinstance(effect, type) else type(effect))
 
 
 @cache
-def _facts(kind: type[Effect]) -> Facts:
+def _facts(kind: type[Effect]) -> EffectFacts:
     # kept, because a run of few members asks 74 times: 0.2 ms of its 5 at 2.6 us each
-    stated = {name for name in Facts._fields if hasattr(kind, name)} - {*kind._fields}
-    return Facts(**{name: getattr(kind, name) for name in stated})
+    stated = {name for name in EffectFacts._fields if hasattr(kind, name)} - {*kind._fields}
+    return EffectFacts(**{name: getattr(kind, name) for name in stated})
 
 
 def is_effect(value: object) -> TypeGuard[Effect]:
@@ -209,25 +209,25 @@ def torque_rate(effect, body, t, q, w):
     return 0.0, 0.0, 0.0
 
 
-class Idle(NamedTuple):
+class NoEffect(NamedTuple):
     """An effect that does nothing, in the place of one that is left out."""
 
     def kick(self, l):
         return l
 
 
-def idle_unless(mark, effect):
+def effect_or_none(mark, effect):
     """The effect, or Idle if the mark is OFF."""
     if len(mark) == 0:
-        return Idle()
+        return NoEffect()
     return effect
 
 
-def chosen(effects, which):
+def masked_effects(effects, which):
     """The effects, with Idle in each place where `which` has OFF."""
     if len(effects) == 0:
         return ()
-    return (idle_unless(which[0], effects[0]),) + chosen(effects[1:], which[1:])
+    return (effect_or_none(which[0], effects[0]),) + masked_effects(effects[1:], which[1:])
 
 
 def shape(kind: Effect | type[Effect], field: str) -> int | None:

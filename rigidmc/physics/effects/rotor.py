@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from rigidmc.physics.dynamics.euler import angular_velocity
 from rigidmc.physics.dynamics.so3 import axpy, cross, root, select
-from rigidmc.physics.effects.flows import turned_vector
+from rigidmc.physics.effects.flows import rotate_flow
 from rigidmc.physics.effects.protocol import Vector, effect
 
 
@@ -62,7 +62,7 @@ class Rotor(NamedTuple):
         one, two, three = root(body.i1), root(body.i2), root(body.i3)
         wheel = axpy(self.momentum, t, self.motor)
         x, y, z = axpy(l, -0.5 * h, self.motor)
-        x, y, z = turned_vector(
+        x, y, z = rotate_flow(
             (h * two * three * wheel[0], h * three * one * wheel[1], h * one * two * wheel[2]),
             (one * x, two * y, three * z),
         )

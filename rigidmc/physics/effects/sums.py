@@ -8,19 +8,19 @@ The ledger of work: how much energy each effect has given to the body.
 A run that saves `work` carries one number for each effect behind the three components of L.
 """
 
-from rigidmc.physics.dynamics.euler import angular_velocity, half_rotation, spun
+from rigidmc.physics.dynamics.euler import add_free_change, angular_velocity, half_rotation
 from rigidmc.physics.dynamics.methods import OFF
 from rigidmc.physics.dynamics.so3 import (
     add,
+    add_compensated,
     axpy,
+    concat,
     difference,
     dot,
     first_three,
-    gain,
-    joined,
     scale,
     spin,
-    whole,
+    value_of,
 )
 from rigidmc.physics.effects.protocol import (
     energy,
@@ -68,11 +68,11 @@ def total_energy_scale(effects, body):
     return energy_scale(effects[0], body) + total_energy_scale(effects[1:], body)
 
 
-def impelled(effects, body, t, q, l, by, onto):
+def add_torques(effects, body, t, q, l, by, onto):
     """onto + by * (sum of the torques), component by component."""
     if len(effects) == 0:
         return onto
-    return impelled(effects[1:], body, t, q, l, by, impel(effects[0], body, t, q, l, by, onto))
+    return add_torques(effects[1:], body, t, q, l, by, impel(effects[0], body, t, q, l, by, onto))
 
 
 def push(effects, body, t, h, q, l, change):
@@ -81,52 +81,54 @@ def push(effects, body, t, h, q, l, change):
         return change
     if len(l) > 3:
         at = first_three(l)
-        pushed = impelled(effects, body, t, q, at, (h, h, h), first_three(change))
-        w = slipped(effects, body, t, 2.0, q, at, angular_velocity(body, at))
-        works = worked(effects, body, t, h, q, at, w, change[3:])
-        return pushed + carried_along(effects, effects, body, t, h, q, at, works)
-    return impelled(effects, body, t, q, l, (h, h, h), change)
+        pushed = add_torques(effects, body, t, q, at, (h, h, h), first_three(change))
+        w = add_slip(effects, body, t, 2.0, q, at, angular_velocity(body, at))
+        works = add_work(effects, body, t, h, q, at, w, change[3:])
+        return pushed + pay_for_slip(effects, effects, body, t, h, q, at, works)
+    return add_torques(effects, body, t, q, l, (h, h, h), change)
 
 
 def changes(rates, effects, body, t, h, q, l):
     """(h dq/dt, h dL/dt) in a state; rates : Rates of the body over h."""
-    half = slipped(effects, body, t, h, q, l, half_rotation(rates, l))
-    return spin(q, half), push(effects, body, t, h, q, l, spun(rates, (0.0, 0.0, 0.0), l))
+    half = add_slip(effects, body, t, h, q, l, half_rotation(rates, l))
+    return spin(q, half), push(
+        effects, body, t, h, q, l, add_free_change(rates, (0.0, 0.0, 0.0), l)
+    )
 
 
-def carried_along(effects, every, body, t, h, q, l, works):
+def pay_for_slip(effects, every, body, t, h, q, l, works):
     """Works, where an effect that adds to the angular velocity pays for the work that all torques
     do along with it: 1/2 L . I^-1 L does not get it."""
     if len(effects) == 0:
         return ()
     more = slip(effects[0], body, t, q, l)
-    first = paid(more, every, body, t, h, q, l, works[0])
-    return (first,) + carried_along(effects[1:], every, body, t, h, q, l, works[1:])
+    first = less_work_along(more, every, body, t, h, q, l, works[0])
+    return (first,) + pay_for_slip(effects[1:], every, body, t, h, q, l, works[1:])
 
 
-def paid(more, every, body, t, h, q, l, work):
+def less_work_along(more, every, body, t, h, q, l, work):
     """The work of an effect less that of all torques along its `slip`, () for none."""
     if len(more) == 0:
         return work
     return work - h * dot(total_torque(every, body, t, q, l), more)
 
 
-def slipped(effects, body, t, h, q, l, half):
+def add_slip(effects, body, t, h, q, l, half):
     """Half the rotation vector of a time h, with what effects add to the angular velocity."""
     if len(effects) == 0:
         return half
-    more = slipped_one(slip(effects[0], body, t, q, first_three(l)), h, half)
-    return slipped(effects[1:], body, t, h, q, l, more)
+    more = add_one_slip(slip(effects[0], body, t, q, first_three(l)), h, half)
+    return add_slip(effects[1:], body, t, h, q, l, more)
 
 
-def slipped_one(more, h, half):
+def add_one_slip(more, h, half):
     """The same with the angular velocity that one effect adds, () for none."""
     if len(more) == 0:
         return half
     return axpy(half, 0.5 * h, more)
 
 
-def kicked(effects, body, t, h, q, l):
+def kick_by_torques(effects, body, t, h, q, l):
     """L after a kick over h by torques of attitude and time.
 
     q, l : values, or pairs (value, remainder)
@@ -135,12 +137,12 @@ def kicked(effects, body, t, h, q, l):
         return l
     if len(l) > 3:  # the works by their exact flow too, which is linear in L
         before = first_three(l)
-        after = impelled(effects, body, t, whole(q), before, (h, h, h), before)
+        after = add_torques(effects, body, t, value_of(q), before, (h, h, h), before)
         w = angular_velocity(body, scale(0.5, add(before, after)))
-        return after + worked(effects, body, t, h, q, before, w, l[3:])
+        return after + add_work(effects, body, t, h, q, before, w, l[3:])
     if len(l) == 2:
-        return gain(l, scale(h, total_torque(effects, body, t, whole(q), l[0])))
-    return impelled(effects, body, t, whole(q), l, (h, h, h), l)
+        return add_compensated(l, scale(h, total_torque(effects, body, t, value_of(q), l[0])))
+    return add_torques(effects, body, t, value_of(q), l, (h, h, h), l)
 
 
 def kick_all(effects, body, t, h, q, l):
@@ -150,8 +152,8 @@ def kick_all(effects, body, t, h, q, l):
     if len(l) > 3:
         before = first_three(l)
         after = kick(effects[0], body, t, h, q, before)
-        rest = kick_all(effects[1:], body, t, h, q, joined(after, l[4:]))
-        work = worked_along(effects[0], body, t, h, q, before, after, l[3])
+        rest = kick_all(effects[1:], body, t, h, q, concat(after, l[4:]))
+        work = add_flow_work(effects[0], body, t, h, q, before, after, l[3])
         return first_three(rest) + (work,) + rest[3:]
     return kick_all(effects[1:], body, t, h, q, kick(effects[0], body, t, h, q, l))
 
@@ -161,10 +163,10 @@ def kick_all_back(effects, body, t, h, q, l):
     if len(effects) == 0:
         return l
     if len(l) > 3:
-        rest = kick_all_back(effects[1:], body, t, h, q, joined(first_three(l), l[4:]))
+        rest = kick_all_back(effects[1:], body, t, h, q, concat(first_three(l), l[4:]))
         before = first_three(rest)
         after = kick(effects[0], body, t, h, q, before)
-        return after + (worked_along(effects[0], body, t, h, q, before, after, l[3]),) + rest[3:]
+        return after + (add_flow_work(effects[0], body, t, h, q, before, after, l[3]),) + rest[3:]
     return kick(effects[0], body, t, h, q, kick_all_back(effects[1:], body, t, h, q, l))
 
 
@@ -177,22 +179,22 @@ def shake_all(effects, body, h, l):
         after = shake(effects[0], body, h, before)
         middle = scale(0.5, add(before, after))
         done = dot(angular_velocity(body, middle), difference(after, before))
-        rest = shake_all(effects[1:], body, h, joined(after, l[4:]))
+        rest = shake_all(effects[1:], body, h, concat(after, l[4:]))
         return first_three(rest) + (l[3] + done,) + rest[3:]
     return shake_all(effects[1:], body, h, shake(effects[0], body, h, l))
 
 
-def worked(effects, body, t, h, q, l, w, works):
+def add_work(effects, body, t, h, q, l, w, works):
     """The work of each effect, increased by h torque(t, q, L) . w; works = () counts as 0 each."""
     if len(effects) == 0:
         return ()
     done = h * dot(torque(effects[0], body, t, q, l), w)
     if len(works) == 0:
-        return (done,) + worked(effects[1:], body, t, h, q, l, w, works)
-    return (works[0] + done,) + worked(effects[1:], body, t, h, q, l, w, works[1:])
+        return (done,) + add_work(effects[1:], body, t, h, q, l, w, works)
+    return (works[0] + done,) + add_work(effects[1:], body, t, h, q, l, w, works[1:])
 
 
-def worked_along(effect, body, t, h, q, before, after, work):
+def add_flow_work(effect, body, t, h, q, before, after, work):
     """The work of one effect whose flow over h takes L from `before` to `after`.
 
     By the torque at the middle of the two: order 2.
@@ -201,7 +203,7 @@ def worked_along(effect, body, t, h, q, before, after, work):
     return work + h * dot(torque(effect, body, t, q, middle), angular_velocity(body, middle))
 
 
-def booked(start, ledger, works):
+def corrected_by_work(start, ledger, works):
     """The start's (E, 1/scale of E, ...), corrected by the works done since.
 
     E grows by the work of the effects without an energy; the scale grows by the sum of all |work|.
@@ -209,14 +211,17 @@ def booked(start, ledger, works):
     """
     if len(works) == 0:
         return start
-    return (start[0] + spent(ledger, works), start[1] / (1.0 + start[1] * gross(works))) + start[2:]
+    return (
+        start[0] + untracked_work(ledger, works),
+        start[1] / (1.0 + start[1] * total_abs_work(works)),
+    ) + start[2:]
 
 
-def marked(ledger):
+def has_untracked(ledger):
     """ON if an effect of the ledger has no energy, else OFF."""
     if len(ledger) == 0:
         return OFF
-    return either(ledger[0], marked(ledger[1:]))
+    return either(ledger[0], has_untracked(ledger[1:]))
 
 
 def either(marks, others):
@@ -226,22 +231,22 @@ def either(marks, others):
     return marks
 
 
-def spent(ledger, works):
+def untracked_work(ledger, works):
     """The sum of the works of those effects that are ON in `ledger`."""
     if len(works) == 0:
         return 0.0
-    return spent_first(ledger[0], works[0], spent(ledger[1:], works[1:]))
+    return add_if_untracked(ledger[0], works[0], untracked_work(ledger[1:], works[1:]))
 
 
-def spent_first(mark, work, others):
+def add_if_untracked(mark, work, others):
     """others + work, or others alone if the mark is OFF."""
     if len(mark) == 0:
         return others
     return work + others
 
 
-def gross(works):
+def total_abs_work(works):
     """The sum of all |work|."""
     if len(works) == 0:
         return 0.0
-    return abs(works[0]) + gross(works[1:])
+    return abs(works[0]) + total_abs_work(works[1:])

@@ -13,9 +13,23 @@ from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import name_of
 from rigidmc.physics.effects.protocol import depends_on_momentum, is_random
 from rigidmc.physics.integrators.closed_form import ClosedForm
-from rigidmc.physics.integrators.protocol import Form, Integrator, Turns, completed, form
+from rigidmc.physics.integrators.protocol import (
+    Integrator,
+    StepScheme,
+    TurnBounds,
+    scheme_of,
+    with_defaults,
+)
 
-__all__ = ["INTEGRATORS", "Form", "Turns", "accepting", "form", "keeps_remainders", "refusal"]
+__all__ = [
+    "INTEGRATORS",
+    "StepScheme",
+    "TurnBounds",
+    "accepting",
+    "keeps_remainders",
+    "refusal",
+    "scheme_of",
+]
 
 # Each file names its integrators in a dict INTEGRATORS. The order is that of lists and legends.
 _FILES = (
@@ -28,7 +42,7 @@ _FILES = (
     "closed_form",
 )
 INTEGRATORS: dict[str, Integrator] = {
-    name: completed(integrator)
+    name: with_defaults(integrator)
     for file in _FILES
     for name, integrator in import_module(f"rigidmc.physics.integrators.{file}").INTEGRATORS.items()
 }

@@ -11,7 +11,7 @@ import numpy as np
 
 from rigidmc.physics.dynamics.methods import flag, static_count
 from rigidmc.physics.effects.protocol import depends_on_momentum, is_random
-from rigidmc.physics.integrators.protocol import ONE, Form, Turns
+from rigidmc.physics.integrators.protocol import ONE_SUBSTEP, StepScheme, TurnBounds
 from rigidmc.physics.integrators.splitting import (
     ForceGradient,
     Kicks,
@@ -19,7 +19,7 @@ from rigidmc.physics.integrators.splitting import (
     Split,
     Splitting,
     exact_drift,
-    pieces,
+    substep_count,
 )
 
 
@@ -74,25 +74,25 @@ class Composition:
         shorter = (*shorter, *shorter[-1 if middle_is_longer else -2 :: -1])
         return (longer, shorter) if self.drift_first else (shorter, longer)
 
-    def prepared(self, turns: Turns, effects: Sequence[Any]) -> Form:
+    def prepared(self, turns: TurnBounds, effects: Sequence[Any]) -> StepScheme:
         """The Form for steps that turn by `turns`."""
         if any(is_random(e) for e in effects):
             return self._noisy(turns, effects)
         lead, parts = self._parts()
         drift = Split() if self.split else exact_drift(turns, max(abs(a) for a, _ in parts))
         if any(depends_on_momentum(e) for e in effects):
-            n = 1 if self.split else pieces(turns, 1.0)
+            n = 1 if self.split else substep_count(turns, 1.0)
             rows = [(1.0 / n, 0.5 * (k == 0), 0.5 * (k == n - 1), 0.0) for k in range(n)]
-            return Form(Kicks(drift), np.array([ONE[0], *rows]))
+            return StepScheme(Kicks(drift), np.array([ONE_SUBSTEP[0], *rows]))
         rows = [(*lead, 0.0, lead[0])]
         times = accumulate((a for a, _ in parts), initial=lead[0])
         for i, ((a, b), time) in enumerate(zip(parts, times, strict=False)):
-            n = 1 if self.split else pieces(turns, a)
+            n = 1 if self.split else substep_count(turns, a)
             rows += [(a / n, 0.0, 0.0, time + a * k / n) for k in range(1, n)]
             middle = self.gradient if 2 * (i + 1) == len(parts) else 0.0
             rows.append((a / n, b, middle, time + a))
         splitting = Splitting(drift, flag(self.drift_first))
-        return Form(ForceGradient(drift) if self.gradient else splitting, np.array(rows))
+        return StepScheme(ForceGradient(drift) if self.gradient else splitting, np.array(rows))
 
     def _parts(self) -> tuple[tuple[float, float], list[tuple[float, float]]]:
         """(opening, parts) as (drift, kick) each: what opens the first step ends all the others."""
@@ -104,17 +104,17 @@ class Composition:
         drifts_after = [*drifts[1:-1], drifts[-1] + drifts[0]]
         return (drifts[0], kicks[0]), [*zip(drifts_after, [*kicks[1:], kicks[0]], strict=True)]
 
-    def _noisy(self, turns: Turns, effects: Sequence[Any]) -> Form:
+    def _noisy(self, turns: TurnBounds, effects: Sequence[Any]) -> StepScheme:
         """BAOAB: half a kick, half a drift, flows and noise, half a drift, half a kick.
 
         The last half kick of a step and the first of the next are one kick.
         """
         drift = Split() if self.split else exact_drift(turns, 0.5)
-        n = 1 if self.split else pieces(turns, 0.5)
+        n = 1 if self.split else substep_count(turns, 0.5)
         rows = [(0.0, 0.5, 0.0, 0.0), (0.5 / n, 1.0, 0.0, 1.0)]
         pushes = tuple(flag(not depends_on_momentum(e) and not is_random(e)) for e in effects)
         flows = tuple(flag(depends_on_momentum(e)) for e in effects)
-        return Form(Langevin(drift, static_count(n), pushes, flows), np.array(rows))
+        return StepScheme(Langevin(drift, static_count(n), pushes, flows), np.array(rows))
 
 
 def _with_rest(total: float, *given: float) -> tuple[float, ...]:

@@ -9,29 +9,35 @@ import numpy as np
 
 from rigidmc.physics.dynamics.free_flow import (
     advance,
-    back,
-    corrected,
-    motion,
+    end_correction,
+    integrate_phase,
+    make_flow,
     phase,
-    returned,
-    share,
-    shares_back,
+    phase_fraction,
+    pull_back,
+    return_factors,
     slopes,
-    summed,
+    to_body,
     turn_between,
 )
 from rigidmc.physics.dynamics.methods import static_count
 from rigidmc.physics.dynamics.so3 import (
     add,
+    apply_rotation,
     difference,
     first_three,
-    moved,
     rounded,
     scale,
     two_sum,
 )
-from rigidmc.physics.integrators.protocol import Form, Turns
-from rigidmc.physics.integrators.splitting import Exact, Splitting, Symmetric, exact_drift, pieces
+from rigidmc.physics.integrators.protocol import StepScheme, TurnBounds
+from rigidmc.physics.integrators.splitting import (
+    Exact,
+    Splitting,
+    Symmetric,
+    exact_drift,
+    substep_count,
+)
 
 _KEPT = static_count(7)
 
@@ -54,32 +60,32 @@ class FreeSteps(NamedTuple):
         return _KEPT
 
     def constants(self, body, part, l):
-        m, _ = motion(body, self.drift.halvings, self.drift.panels, part[0], l[7:])
-        return m, slopes(m.whole), slopes(m.panel), shares_back(m)
+        m, _ = make_flow(body, self.drift.halvings, self.drift.panels, part[0], l[7:])
+        return m, slopes(m.whole), slopes(m.panel), return_factors(m)
 
     def step(self, constants, q, l):
         m, of_step, of_panel, shares = constants
         u = first_three(l)
-        integral, _ = summed(m, self.drift.panels, u, share(m, u), of_panel)
+        integral, _ = integrate_phase(m, self.drift.panels, u, phase_fraction(m, u), of_panel)
         turns, rest = two_sum(q[0], (0.25 / math.pi) * phase(m, m.time, integral) + q[1])
         end = add(u, advance(m, self.drift.halvings, u, of_step))
-        return (turns - rounded(turns), rest, q[2], q[3]), returned(m, shares, u, end) + l[3:]
+        return (turns - rounded(turns), rest, q[2], q[3]), pull_back(m, shares, u, end) + l[3:]
 
     def opened(self, body, part, q, l):
-        _, u = motion(body, self.drift.halvings, self.drift.panels, part[0], l)
+        _, u = make_flow(body, self.drift.halvings, self.drift.panels, part[0], l)
         zero = 0.0 * l[0]
         return (zero, zero, zero, zero), u + q + l
 
     def closed(self, body, part, q, l):
-        m, start = motion(body, self.drift.halvings, self.drift.panels, part[0], l[7:])
+        m, start = make_flow(body, self.drift.halvings, self.drift.panels, part[0], l[7:])
         u = first_three(l)
-        one, two = share(m, start), share(m, u)
+        one, two = phase_fraction(m, start), phase_fraction(m, u)
         angle = (2.0 * math.pi) * (q[0] + q[1]) + 0.5 * phase(
-            m, 0.0, corrected(m, self.drift.panels, one, two)
+            m, 0.0, end_correction(m, self.drift.panels, one, two)
         )
-        return moved(l[3:7], turn_between(m, start, difference(u, start), angle, one, two)), scale(
-            m.size, back(m, u)
-        )
+        return apply_rotation(
+            l[3:7], turn_between(m, start, difference(u, start), angle, one, two)
+        ), scale(m.size, to_body(m, u))
 
 
 @dataclass(frozen=True)
@@ -101,12 +107,12 @@ class FreeMotion:
     conserves = ("|q|", "|L|^2", "T", "L in space")
     accepts = "no torque"
 
-    def prepared(self, turns: Turns, effects: Sequence[Any]) -> Form:
+    def prepared(self, turns: TurnBounds, effects: Sequence[Any]) -> StepScheme:
         """The Form for steps that turn by `turns`."""
-        n, drift = pieces(turns, 1.0), exact_drift(turns, 1.0)
+        n, drift = substep_count(turns, 1.0), exact_drift(turns, 1.0)
         steps = Splitting(drift) if isinstance(drift, Symmetric) else FreeSteps(drift)
         # row 0, which opens a state, has the length of the others
-        return Form(steps, np.array([(1.0 / n, 0.0, 0.0, 0.0)] * (n + 1)))
+        return StepScheme(steps, np.array([(1.0 / n, 0.0, 0.0, 0.0)] * (n + 1)))
 
 
 INTEGRATORS = {"exact": FreeMotion()}

@@ -5,16 +5,16 @@ from typing import NamedTuple
 from rigidmc.physics.dynamics.euler import angular_velocity, free_rate
 from rigidmc.physics.dynamics.so3 import (
     add,
+    add_compensated,
+    apply_rotation,
     axpy,
     cross,
     exponential,
-    gain,
-    moved,
     multiply,
     scale,
-    whole,
+    value_of,
 )
-from rigidmc.physics.effects.sums import push, slipped
+from rigidmc.physics.effects.sums import add_slip, push
 
 
 def _rotation_rate(u, w):
@@ -46,7 +46,7 @@ class RKMK4(NamedTuple):
 
     def step(self, body, effects, t, h, q, l):
         state, momentum = q, l
-        q, l = whole(q), whole(l)
+        q, l = value_of(q), value_of(l)
         w1 = angular_velocity(body, l)
         dl1 = _force(body, effects, t, q, l)
         u2, l2 = (0.5 * h * w1[0], 0.5 * h * w1[1], 0.5 * h * w1[2]), axpy(l, 0.5 * h, dl1)
@@ -60,7 +60,7 @@ class RKMK4(NamedTuple):
         dl4 = _force(body, effects, t + h, multiply(q, exponential(u4)), l4)
         u = axpy(axpy((0.0, 0.0, 0.0), h / 6.0, add(w1, w4)), h / 3.0, add(w2, w3))
         dl = axpy(scale(h / 6.0, add(dl1, dl4)), h / 3.0, add(dl2, dl3))
-        return moved(state, exponential(u)), gain(momentum, dl)
+        return apply_rotation(state, exponential(u)), add_compensated(momentum, dl)
 
 
 def _force(body, effects, t, q, l):
@@ -70,7 +70,7 @@ def _force(body, effects, t, q, l):
 
 def _turning(body, effects, t, q, l):
     """The angular velocity of the body, with the `slip` of effects."""
-    return slipped(effects, body, t, 2.0, q, l, angular_velocity(body, l))
+    return add_slip(effects, body, t, 2.0, q, l, angular_velocity(body, l))
 
 
 class CF4(NamedTuple):
@@ -94,7 +94,7 @@ class CF4(NamedTuple):
 
     def step(self, body, effects, t, h, q, l):
         state, momentum = q, l
-        q, l = whole(q), whole(l)
+        q, l = value_of(q), value_of(l)
         w1 = _turning(body, effects, t, q, l)
         dl1 = _force(body, effects, t, q, l)
         half = exponential(scale(0.5 * h, w1))
@@ -111,7 +111,9 @@ class CF4(NamedTuple):
         first = scale(h / 12.0, axpy(axpy(scale(2.0, middle), 3.0, w1), -1.0, w4))
         last = scale(h / 12.0, axpy(axpy(scale(2.0, middle), 3.0, w4), -1.0, w1))
         dl = axpy(scale(h / 6.0, add(dl1, dl4)), h / 3.0, add(dl2, dl3))
-        return moved(state, multiply(exponential(first), exponential(last))), gain(momentum, dl)
+        return apply_rotation(
+            state, multiply(exponential(first), exponential(last))
+        ), add_compensated(momentum, dl)
 
 
 def _low_storage(body, effects, t, h, a, b, u, v, r, q, l, dl):
@@ -141,7 +143,7 @@ class CK45(NamedTuple):
     largest_turn = 2.0
 
     def step(self, body, effects, t, h, q, l):
-        at, now = whole(q), whole(l)
+        at, now = value_of(q), value_of(l)
         b = 1432997174477.0 / 9575080441755.0
         u, v = scale(h, angular_velocity(body, now)), scale(h, _force(body, effects, t, at, now))
         r, dl = exponential(scale(b, u)), scale(b, v)
@@ -156,7 +158,7 @@ class CK45(NamedTuple):
         c = 2802321613138.0 / 2924317926251.0
         a, b = -1275806237668.0 / 842570457699.0, 2277821191437.0 / 14882151754819.0
         u, v, r, dl = _low_storage(body, effects, t + c * h, h, a, b, u, v, r, at, now, dl)
-        return moved(q, r), gain(l, dl)
+        return apply_rotation(q, r), add_compensated(l, dl)
 
 
 INTEGRATORS = {"rkmk4": RKMK4(), "cf4": CF4(), "ck45": CK45()}

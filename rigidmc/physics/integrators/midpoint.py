@@ -6,34 +6,42 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.physics.dynamics.euler import half_rotation, scaled, spun
+from rigidmc.physics.dynamics.euler import add_free_change, half_rotation, scaled
 from rigidmc.physics.dynamics.methods import Count, static_count
-from rigidmc.physics.dynamics.so3 import gain, gain4, scale, scale4, spin, turned, whole
+from rigidmc.physics.dynamics.so3 import (
+    add_compensated,
+    add_compensated4,
+    advance_attitude,
+    scale,
+    scale4,
+    spin,
+    value_of,
+)
 from rigidmc.physics.effects.sums import push
-from rigidmc.physics.integrators.protocol import ONE, Form, Turns
+from rigidmc.physics.integrators.protocol import ONE_SUBSTEP, StepScheme, TurnBounds
 
 
-def _better(half, effects, body, t, h, q, l, at, now):
+def _iterate(half, effects, body, t, h, q, l, at, now):
     """One fixed-point iteration for the middle (at, now) of a step from (q, L)."""
-    now = push(effects, body, t, h, at, now, spun(half, l, now))
-    return turned(q, at, half_rotation(half, now)), now
+    now = push(effects, body, t, h, at, now, add_free_change(half, l, now))
+    return advance_attitude(q, at, half_rotation(half, now)), now
 
 
-def _four(half, effects, body, t, h, q, l, at, now):
+def _iterate_four(half, effects, body, t, h, q, l, at, now):
     """Four iterations."""
-    at, now = _better(half, effects, body, t, h, q, l, at, now)
-    at, now = _better(half, effects, body, t, h, q, l, at, now)
-    at, now = _better(half, effects, body, t, h, q, l, at, now)
-    return _better(half, effects, body, t, h, q, l, at, now)
+    at, now = _iterate(half, effects, body, t, h, q, l, at, now)
+    at, now = _iterate(half, effects, body, t, h, q, l, at, now)
+    at, now = _iterate(half, effects, body, t, h, q, l, at, now)
+    return _iterate(half, effects, body, t, h, q, l, at, now)
 
 
-def _solved(eights, half, effects, body, t, h, q, l, at, now):
+def _solve_stage(eights, half, effects, body, t, h, q, l, at, now):
     """The middle of a step by iterations, eight for each element of `eights`."""
     if len(eights) == 0:
         return at, now
-    at, now = _four(half, effects, body, t, h, q, l, at, now)
-    at, now = _four(half, effects, body, t, h, q, l, at, now)
-    return _solved(eights[1:], half, effects, body, t, h, q, l, at, now)
+    at, now = _iterate_four(half, effects, body, t, h, q, l, at, now)
+    at, now = _iterate_four(half, effects, body, t, h, q, l, at, now)
+    return _solve_stage(eights[1:], half, effects, body, t, h, q, l, at, now)
 
 
 class Midpoint(NamedTuple):
@@ -61,26 +69,34 @@ class Midpoint(NamedTuple):
         """Torques a step: one for each iteration, and the last."""
         return 8 * len(self.eights) + 1
 
-    def prepared(self, turns: Turns, effects: Sequence[Any]) -> Form:
+    def prepared(self, turns: TurnBounds, effects: Sequence[Any]) -> StepScheme:
         """The Form for steps that turn by `turns`."""
         # Each iteration multiplies the error by |omega| h/2; it is to end at 1e-17. Of 8, 16 or 32
         # iterations, so that few kernels are compiled.
         rate = max(0.55 * turns.spin, 1e-3)
         count = math.log(1e-17) / math.log(min(rate, 0.66)) / 8.0
         doublings = max(0, math.ceil(math.log2(count)))
-        return Form(Midpoint(static_count(2**doublings)), np.array(ONE))
+        return StepScheme(Midpoint(static_count(2**doublings)), np.array(ONE_SUBSTEP))
 
     def step(self, body, effects, t, h, q, l):
-        at, now = whole(q), whole(l)
+        at, now = value_of(q), value_of(l)
         half = scaled(body, 0.5 * h)
-        middle, spun_up = _solved(
+        middle, spun_up = _solve_stage(
             self.eights, half, effects, body, t + 0.5 * h, 0.5 * h, at, now, at, now
         )
         zero = (0.0, 0.0, 0.0)
-        dl = push(effects, body, t + 0.5 * h, 0.5 * h, middle, spun_up, spun(half, zero, spun_up))
-        return gain4(q, scale4(2.0, spin(middle, half_rotation(half, spun_up)))), gain(
-            l, scale(2.0, dl)
+        dl = push(
+            effects,
+            body,
+            t + 0.5 * h,
+            0.5 * h,
+            middle,
+            spun_up,
+            add_free_change(half, zero, spun_up),
         )
+        return add_compensated4(
+            q, scale4(2.0, spin(middle, half_rotation(half, spun_up)))
+        ), add_compensated(l, scale(2.0, dl))
 
 
 INTEGRATORS = {"midpoint": Midpoint()}

@@ -38,8 +38,8 @@ class Integrator(Protocol):
     The program of a step is a NamedTuple with the methods below (`step`, ...). It is the integrator
     itself, or comes in a Form from one of these::
 
-        form(self) -> Form
-        prepared(self, turns, effects) -> Form    if it depends on the angle of a step, a `Turns`
+        form(self) -> StepScheme
+        prepared(self, turns, effects) -> StepScheme    if it depends on the angle of a step
 
     A program whose sums keep no remainders has `with_sums(self)`, which gives one whose sums do. A
     program with `keeps` looks after its own rounding: it is the same whether sums are compensated.
@@ -65,7 +65,7 @@ _DEFAULTS = {
 }
 
 
-def completed(integrator: Any) -> Integrator:
+def with_defaults(integrator: Any) -> Integrator:
     """An integrator whose class has the default of each fact that it leaves out."""
     for name, value in _DEFAULTS.items():
         if not hasattr(integrator, name):
@@ -117,29 +117,29 @@ def closed(integrator, body, effects, t, part, q, l):
     return q, l
 
 
-class AsItIs(NamedTuple):
+class PlainState(NamedTuple):
     """Stands for every program that keeps (q, L) between steps as they are."""
 
 
-def keeps_its_own(integrator: Any) -> bool:
+def has_extra_state(integrator: Any) -> bool:
     """Whether a program keeps more of a state than (q, L), so that compensated sums add nothing."""
     return implements(integrator, "keeps")
 
 
-def keeping(integrator: Any) -> Any:
+def stepping_form(integrator: Any) -> Any:
     """What says in which form a program keeps (q, L) between steps: the program, or AsItIs.
 
     What is compiled for AsItIs serves most integrators.
     """
-    return integrator if changes_form(integrator) else AsItIs()
+    return integrator if changes_state_form(integrator) else PlainState()
 
 
-def changes_form(integrator: Any) -> bool:
+def changes_state_form(integrator: Any) -> bool:
     """Whether a program keeps (q, L) between steps in a form of its own."""
     return any(implements(integrator, verb) for verb in ("keeps", "opened", "closed"))
 
 
-class Turns(NamedTuple):
+class TurnBounds(NamedTuple):
     """By how much a step turns the fastest member of a scene [rad].
 
     free : lambda dt, the angle by which free motion turns L in the body
@@ -152,28 +152,30 @@ class Turns(NamedTuple):
     symmetric: bool = False
 
 
-class Form(NamedTuple):
+class StepScheme(NamedTuple):
     """An integrator as the engine takes it.
 
     integrator : the NamedTuple whose type is compiled
-    parts : (1 + n, 4) rows of (drift, kick, gradient, time of the torque) in units of the step;
+    substeps : (1 + n, 4) rows of (drift, kick, gradient, time of the torque) in units of the step;
         row 0 opens the state, the n others are one step
     name : by which a scene asks for it
     """
 
     integrator: Any
-    parts: NDArray[np.float64]
+    substeps: NDArray[np.float64]
     name: str = ""
 
 
-ONE = ((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0))  # a step in one part
+ONE_SUBSTEP = ((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0))  # a step in one part
 
 
-def form(kind: Any, turns: Turns | None = None, effects: Sequence[Any] = ()) -> Form:
+def scheme_of(
+    kind: Any, turns: TurnBounds | None = None, effects: Sequence[Any] = ()
+) -> StepScheme:
     """The Form of an integrator of INTEGRATORS for steps that turn by `turns`."""
-    compiled = Form(kind, np.array(ONE))
+    compiled = StepScheme(kind, np.array(ONE_SUBSTEP))
     if implements(kind, "prepared"):
-        compiled = kind.prepared(turns or Turns(), effects)
+        compiled = kind.prepared(turns or TurnBounds(), effects)
     elif implements(kind, "form"):
         compiled = kind.form()
     return compiled

@@ -4,27 +4,33 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigidmc.physics.dynamics.euler import angular_velocity, half_rotation, scaled, spun, twice
+from rigidmc.physics.dynamics.euler import (
+    add_free_change,
+    angular_velocity,
+    double_rates,
+    half_rotation,
+    scaled,
+)
 from rigidmc.physics.dynamics.so3 import (
     add,
     add4,
+    add_compensated,
+    add_compensated4,
+    advance_attitude,
     axpy,
     axpy4,
     by_precision,
+    concat,
     difference,
     difference4,
+    divide_by_three,
     first_three,
-    gain,
-    gain4,
-    joined,
     scale4,
     select,
-    third,
-    turned,
-    whole,
+    value_of,
 )
-from rigidmc.physics.effects.sums import changes, impelled, push, worked
-from rigidmc.physics.integrators.protocol import Form
+from rigidmc.physics.effects.sums import add_torques, add_work, changes, push
+from rigidmc.physics.integrators.protocol import StepScheme
 from rigidmc.physics.integrators.rk8 import combined
 
 _START = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -35,7 +41,7 @@ def compensated_step(body, effects, t, h, state, momentum):
 
     The stages themselves are rounded to the last digit of q, and so would be their changes.
     """
-    start, rates = (whole(state), whole(momentum)), scaled(body, h)
+    start, rates = (value_of(state), value_of(momentum)), scaled(body, h)
     k1 = changes(rates, effects, body, t, h, start[0], start[1])
     y = combined(start, (0.5,), (k1,))
     k2 = changes(rates, effects, body, t + 0.5 * h, h, y[0], y[1])
@@ -44,7 +50,7 @@ def compensated_step(body, effects, t, h, state, momentum):
     y = combined(start, (1.0,), (k3,))
     k4 = changes(rates, effects, body, t + h, h, y[0], y[1])
     dq, dl = combined(_START, (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0), (k1, k2, k3, k4))
-    return gain4(state, dq), gain(momentum, dl)
+    return add_compensated4(state, dq), add_compensated(momentum, dl)
 
 
 class RK4(NamedTuple):
@@ -69,9 +75,9 @@ class RK4(NamedTuple):
     def group_count(self) -> int:
         return 2
 
-    def form(self) -> Form:
+    def form(self) -> StepScheme:
         """The Form of steps without remainders."""
-        return Form(ScaledRK4(), np.array([(1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0)]))
+        return StepScheme(ScaledRK4(), np.array([(1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0)]))
 
     def step(self, body, effects, t, h, q, l):
         # Rates are scaled by h/2 once, the stages x, y, z take fused multiply-adds, and the stages
@@ -79,19 +85,19 @@ class RK4(NamedTuple):
         if len(q) == 2:  # pairs (value, remainder)
             return compensated_step(body, effects, t, h, q, l)
         half = scaled(body, 0.5 * h)
-        x = turned(q, q, half_rotation(half, l))
-        lx = push(effects, body, t, 0.5 * h, q, l, spun(half, l, l))
-        y = turned(q, x, half_rotation(half, lx))
-        ly = push(effects, body, t + 0.5 * h, 0.5 * h, x, lx, spun(half, l, lx))
+        x = advance_attitude(q, q, half_rotation(half, l))
+        lx = push(effects, body, t, 0.5 * h, q, l, add_free_change(half, l, l))
+        y = advance_attitude(q, x, half_rotation(half, lx))
+        ly = push(effects, body, t + 0.5 * h, 0.5 * h, x, lx, add_free_change(half, l, lx))
         wy = half_rotation(half, ly)
-        z = turned(q, y, add(wy, wy))
-        lz = push(effects, body, t + 0.5 * h, h, y, ly, spun(twice(half), l, ly))
+        z = advance_attitude(q, y, add(wy, wy))
+        lz = push(effects, body, t + 0.5 * h, h, y, ly, add_free_change(double_rates(half), l, ly))
         # l is summed by small differences, so that what it conserves is right to the last digit
         dl = axpy(add(difference(lx, l), difference(lz, l)), 2.0, difference(ly, l))
-        dl = push(effects, body, t + h, 0.5 * h, z, lz, spun(half, dl, lz))
+        dl = push(effects, body, t + h, 0.5 * h, z, lz, add_free_change(half, dl, lz))
         l = axpy(l, 1.0 / 3.0, dl)
-        return third(
-            turned(axpy4(add4(difference4(x, q), z), 2.0, y), z, half_rotation(half, lz))
+        return divide_by_three(
+            advance_attitude(axpy4(add4(difference4(x, q), z), 2.0, y), z, half_rotation(half, lz))
         ), l
 
 
@@ -112,43 +118,47 @@ class ScaledRK4(NamedTuple):
 
     def opened(self, body, effects, part, q, l):
         x, y, z = quarters(body, part[0])
-        return tripled(effects, q), joined((x * l[0], y * l[1], z * l[2]), l[3:])
+        return to_norm_three(effects, q), concat((x * l[0], y * l[1], z * l[2]), l[3:])
 
     def closed(self, body, effects, part, q, l):
-        return normal(effects, q), joined(momentum(body, part[0], l), l[3:])
+        return from_norm_three(effects, q), concat(momentum(body, part[0], l), l[3:])
 
     def step(self, body, effects, t, h, q, l):
         works, l = l[3:], first_three(l)
         k = couplings(body)
-        x = turned(q, q, l)
-        wx = pushed(effects, body, t, h, 0.5, q, l, advanced(k, l, l))
-        y = turned(q, x, wx)
-        wy = pushed(effects, body, t + 0.5 * h, h, 0.5, x, wx, advanced(k, l, wx))
+        x = advance_attitude(q, q, l)
+        wx = add_push(effects, body, t, h, 0.5, q, l, add_rate(k, l, l))
+        y = advance_attitude(q, x, wx)
+        wy = add_push(effects, body, t + 0.5 * h, h, 0.5, x, wx, add_rate(k, l, wx))
         double = add(wy, wy)
-        z = turned(q, y, double)
-        wz = pushed(effects, body, t + 0.5 * h, h, 1.0, y, wy, advanced_by_two(k, l, wy, double))
+        z = advance_attitude(q, y, double)
+        wz = add_push(effects, body, t + 0.5 * h, h, 1.0, y, wy, add_twice_rate(k, l, wy, double))
         # w is summed by small differences, so that what it conserves is right to the last digit
         dw = axpy(add(difference(wx, l), difference(wz, l)), 2.0, difference(wy, l))
-        dw = pushed(effects, body, t + h, h, 0.5, z, wz, advanced(k, dw, wz))
-        new = turned(axpy4(add4(difference4(x, q), z), 2.0, y), z, wz)
-        works = works_after(works, effects, body, t, h, (q, x, y, z), (l, wx, wy, wz))
-        return renormed(effects, q, new), joined(axpy(l, 1.0 / 3.0, dw), works)
+        dw = add_push(effects, body, t + h, h, 0.5, z, wz, add_rate(k, dw, wz))
+        new = advance_attitude(axpy4(add4(difference4(x, q), z), 2.0, y), z, wz)
+        works = works_after_step(works, effects, body, t, h, (q, x, y, z), (l, wx, wy, wz))
+        return keep_norm(effects, q, new), concat(axpy(l, 1.0 / 3.0, dw), works)
 
 
-def works_after(works, effects, body, t, h, attitudes, rates):
+def works_after_step(works, effects, body, t, h, attitudes, rates):
     """The works of the effects after a step with these stages; () if no works are kept."""
     if len(works) == 0:
         return ()
-    one = worked_at(works, effects, body, t, h, h * (1.0 / 6.0), attitudes[0], rates[0])
-    two = worked_at(one, effects, body, t + 0.5 * h, h, h * (1.0 / 3.0), attitudes[1], rates[1])
-    three = worked_at(two, effects, body, t + 0.5 * h, h, h * (1.0 / 3.0), attitudes[2], rates[2])
-    return worked_at(three, effects, body, t + h, h, h * (1.0 / 6.0), attitudes[3], rates[3])
+    one = add_stage_work(works, effects, body, t, h, h * (1.0 / 6.0), attitudes[0], rates[0])
+    two = add_stage_work(
+        one, effects, body, t + 0.5 * h, h, h * (1.0 / 3.0), attitudes[1], rates[1]
+    )
+    three = add_stage_work(
+        two, effects, body, t + 0.5 * h, h, h * (1.0 / 3.0), attitudes[2], rates[2]
+    )
+    return add_stage_work(three, effects, body, t + h, h, h * (1.0 / 6.0), attitudes[3], rates[3])
 
 
-def worked_at(works, effects, body, t, h, share, q, w):
+def add_stage_work(works, effects, body, t, h, share, q, w):
     """The works, increased by the power at a stage times `share` [s]."""
     l = momentum(body, h, w)
-    return worked(effects, body, t, share, q, l, angular_velocity(body, l), works)
+    return add_work(effects, body, t, share, q, l, angular_velocity(body, l), works)
 
 
 def momentum(body, h, w):
@@ -182,7 +192,7 @@ def couplings(body):
     )
 
 
-def advanced(k, onto, w):
+def add_rate(k, onto, w):
     """onto + h/2 dw/dt of a free body."""
     return (
         onto[0] + k[0] * (w[1] * w[2]),
@@ -191,7 +201,7 @@ def advanced(k, onto, w):
     )
 
 
-def advanced_by_two(k, onto, w, double):
+def add_twice_rate(k, onto, w, double):
     """onto + h dw/dt of a free body, double = 2 w."""
     return (
         onto[0] + k[0] * (double[1] * w[2]),
@@ -200,30 +210,30 @@ def advanced_by_two(k, onto, w, double):
     )
 
 
-def pushed(effects, body, t, h, share, q, w, change):
+def add_push(effects, body, t, h, share, q, w, change):
     """change + share h dw/dt by the torques at (t, q, L)."""
     if len(effects) == 0:
         return change
     x, y, z = quarters(body, h)
     by = (share * h * x, share * h * y, share * h * z)
-    return impelled(effects, body, t, q, momentum(body, h, w), by, change)
+    return add_torques(effects, body, t, q, momentum(body, h, w), by, change)
 
 
-def tripled(effects, q):
+def to_norm_three(effects, q):
     """3 q of a free body, else q: torques need a unit quaternion."""
     if len(effects) == 0:
         return scale4(3.0, q)
     return q
 
 
-def normal(effects, q):
-    """The unit quaternion; undoes `tripled`."""
+def from_norm_three(effects, q):
+    """The unit quaternion; undoes `to_norm_three`."""
     if len(effects) == 0:
-        return third(q)
+        return divide_by_three(q)
     return q
 
 
-def renormed(effects, q, new):
+def keep_norm(effects, q, new):
     """`new`, the attitude after a step from q, with the norm that q has: 3 of a free body, else 1.
 
     Of a free body by one Newton step: the error of a step in the norm, about ``(turn/2)^6/144`` of
@@ -234,7 +244,7 @@ def renormed(effects, q, new):
         return scale4(
             0.5 - (1.0 / 54.0) * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), new
         )
-    return third(new)
+    return divide_by_three(new)
 
 
 INTEGRATORS = {"rk4": RK4()}

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from rigidmc.physics.dynamics.euler import scaled
-from rigidmc.physics.dynamics.so3 import axpy, axpy4, gain, gain4, whole
+from rigidmc.physics.dynamics.so3 import add_compensated, add_compensated4, axpy, axpy4, value_of
 from rigidmc.physics.effects.sums import changes
 
 # Coefficients of the 12-stage method of DOP853, without the columns that are zero; `step` says
@@ -100,7 +100,7 @@ class RK8(NamedTuple):
 
     def step(self, body, effects, t, h, q, l):
         state, momentum = q, l
-        q, l = whole(q), whole(l)
+        q, l = value_of(q), value_of(l)
         start, rates = (q, l), scaled(body, h)
         k1 = changes(rates, effects, body, t, h, q, l)
         y = combined(start, _A2, (k1,))
@@ -128,7 +128,7 @@ class RK8(NamedTuple):
         dq, dl = combined(
             ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), _B, (k1, k6, k7, k8, k9, k10, k11, k12)
         )
-        return gain4(state, dq), gain(momentum, dl)
+        return add_compensated4(state, dq), add_compensated(momentum, dl)
 
 
 INTEGRATORS = {"rk8": RK8()}

@@ -6,10 +6,9 @@ and, with the exact drift, symplectic to rounding. The error of the energy stays
 gravity L_z is conserved. The last kick (or drift) of a step and the first of the next are one:
 between steps the state is kept just after it, and a step back shows it.
 
-The rows of `Form.parts` give the drifts and kicks in units of the step, so that all compositions
-(`rigidmc.physics.integrators.compositions`) share one compiled program for each type of drift.
-
-The free motion over a time h, exact or by rotations: what splittings alternate with kicks.
+The rows of `StepScheme.substeps` give the drifts and kicks in units of the step, so that all
+compositions (`rigidmc.physics.integrators.compositions`) share one compiled program for each type
+of drift: the free motion over a time h, exact or by rotations.
 """
 
 import math
@@ -19,36 +18,36 @@ from rigidmc.physics.dynamics.euler import angular_velocity
 from rigidmc.physics.dynamics.free_flow import free_flow, split_flow, symmetric_flow
 from rigidmc.physics.dynamics.methods import OFF, Count, Flag, method, static_count
 from rigidmc.physics.dynamics.so3 import (
+    add_compensated,
+    apply_rotation,
     axpy,
     cross,
     difference,
     dot,
     first_three,
-    gain,
-    moved,
     scale,
     select,
-    whole,
+    value_of,
 )
-from rigidmc.physics.effects.protocol import chosen
+from rigidmc.physics.effects.protocol import masked_effects
 from rigidmc.physics.effects.sums import (
     kick_all,
     kick_all_back,
-    kicked,
+    kick_by_torques,
     shake_all,
     total_torque,
     total_torque_rate,
 )
-from rigidmc.physics.integrators.protocol import Turns
+from rigidmc.physics.integrators.protocol import TurnBounds
 
 
-def drifted(drift, body, h, q, l):
+def drift_state(drift, body, h, q, l):
     """(q, L) after a drift over h."""
-    rotation, change = flow(drift, body, h, first_three(whole(l)))
-    return moved(q, rotation), gain(l, levelled(l, change))
+    rotation, change = flow(drift, body, h, first_three(value_of(l)))
+    return apply_rotation(q, rotation), add_compensated(l, without_radial_part(l, change))
 
 
-def levelled(l, change):
+def without_radial_part(l, change):
     """The change of L; if l is a pair (value, remainder), without its part along L.
 
     That part is 0 but for rounding: the constants of motion are rounded alike at every step, so
@@ -57,7 +56,7 @@ def levelled(l, change):
     """
     if len(l) > 2:
         return change
-    middle = axpy(whole(l), 0.5, change)
+    middle = axpy(value_of(l), 0.5, change)
     square = dot(middle, middle)
     # at rest L has no direction, and the part along it is 0 by anything
     return axpy(change, -dot(middle, change) / select(square > 0.0, square, 1.0), middle)
@@ -73,18 +72,18 @@ class Splitting(NamedTuple):
     leads: Flag = OFF
 
     def step(self, body, effects, t, part, q, l):
-        q, l = drifted(self.drift, body, part[0], q, l)
-        return q, kicked(effects, body, t, part[1], q, l)
+        q, l = drift_state(self.drift, body, part[0], q, l)
+        return q, kick_by_torques(effects, body, t, part[1], q, l)
 
     def opened(self, body, effects, t, part, q, l):
         if len(self.leads) > 0:
-            q, l = drifted(self.drift, body, part[0], q, l)
-        return q, kicked(effects, body, t, part[1], q, l)
+            q, l = drift_state(self.drift, body, part[0], q, l)
+        return q, kick_by_torques(effects, body, t, part[1], q, l)
 
     def closed(self, body, effects, t, part, q, l):
-        l = kicked(effects, body, t, -part[1], q, l)
+        l = kick_by_torques(effects, body, t, -part[1], q, l)
         if len(self.leads) > 0:
-            q, l = drifted(self.drift, body, -part[0], q, l)
+            q, l = drift_state(self.drift, body, -part[0], q, l)
         return q, l
 
 
@@ -95,16 +94,16 @@ class Kicks(NamedTuple):
 
     def step(self, body, effects, t, h, part, q, l):
         l = kick_all(effects, body, t, part[1], q, l)
-        q, l = drifted(self.drift, body, part[0], q, l)
+        q, l = drift_state(self.drift, body, part[0], q, l)
         return q, kick_all_back(effects, body, t + h, part[2], q, l)
 
 
-def drifted_often(often, drift, body, h, q, l):
+def repeat_drift(often, drift, body, h, q, l):
     """(q, L) after one drift over h for each element of `often`."""
     if len(often) == 0:
         return q, l
-    q, l = drifted(drift, body, h, q, l)
-    return drifted_often(often[1:], drift, body, h, q, l)
+    q, l = drift_state(drift, body, h, q, l)
+    return repeat_drift(often[1:], drift, body, h, q, l)
 
 
 class Langevin(NamedTuple):
@@ -121,19 +120,19 @@ class Langevin(NamedTuple):
     flows: tuple[Flag, ...] = ()
 
     def step(self, body, effects, t, h, part, q, l):
-        q, l = drifted_often(self.often, self.drift, body, part[0], q, l)
-        flows, middle = chosen(effects, self.flows), t - 0.5 * h
+        q, l = repeat_drift(self.often, self.drift, body, part[0], q, l)
+        flows, middle = masked_effects(effects, self.flows), t - 0.5 * h
         l = kick_all(flows, body, middle, 0.5 * h, q, l)
         l = shake_all(effects, body, h, l)
         l = kick_all_back(flows, body, middle, 0.5 * h, q, l)
-        q, l = drifted_often(self.often, self.drift, body, part[0], q, l)
-        return q, kicked(chosen(effects, self.pushes), body, t, part[1], q, l)
+        q, l = repeat_drift(self.often, self.drift, body, part[0], q, l)
+        return q, kick_by_torques(masked_effects(effects, self.pushes), body, t, part[1], q, l)
 
     def opened(self, body, effects, t, part, q, l):
-        return q, kicked(chosen(effects, self.pushes), body, t, part[1], q, l)
+        return q, kick_by_torques(masked_effects(effects, self.pushes), body, t, part[1], q, l)
 
     def closed(self, body, effects, t, part, q, l):
-        return q, kicked(chosen(effects, self.pushes), body, t, -part[1], q, l)
+        return q, kick_by_torques(masked_effects(effects, self.pushes), body, t, -part[1], q, l)
 
 
 class ForceGradient(NamedTuple):
@@ -146,24 +145,24 @@ class ForceGradient(NamedTuple):
     drift: Any
 
     def step(self, body, effects, t, h, part, q, l):
-        q, l = drifted(self.drift, body, part[0], q, l)
-        at = whole(q)
-        torque = total_torque(effects, body, t, at, whole(l))
+        q, l = drift_state(self.drift, body, part[0], q, l)
+        at = value_of(q)
+        torque = total_torque(effects, body, t, at, value_of(l))
         eta = angular_velocity(body, torque)
         more = difference(total_torque_rate(effects, body, t, at, eta), cross(torque, eta))
-        return q, gain(l, scale(part[1], axpy(torque, h * part[2], more)))
+        return q, add_compensated(l, scale(part[1], axpy(torque, h * part[2], more)))
 
     def opened(self, body, effects, t, part, q, l):
-        return q, kicked(effects, body, t, part[1], q, l)
+        return q, kick_by_torques(effects, body, t, part[1], q, l)
 
     def closed(self, body, effects, t, part, q, l):
-        return q, kicked(effects, body, t, -part[1], q, l)
+        return q, kick_by_torques(effects, body, t, -part[1], q, l)
 
 
 # Angle lambda h of one panel [rad]. Errors: attitude 4.4e-16, momentum 1.4e-16 (25 random bodies
 # against 40 digits).
 PANEL_TURN = 0.125
-PIECE_TURN = 1.0  # [rad] longer drifts are cut: 8 panels compile in 2 s, and more are no faster
+SUBSTEP_TURN = 1.0  # [rad] longer drifts are cut: 8 panels compile in 2 s, and more are no faster
 
 
 @method
@@ -200,7 +199,7 @@ class Split(NamedTuple):
         return split_flow(body, h, l)
 
 
-def exact_drift(turns: Turns, largest: float) -> Symmetric | Exact:
+def exact_drift(turns: TurnBounds, largest: float) -> Symmetric | Exact:
     """The exact drift for steps that turn by `turns`, at most PIECE_TURN at a time.
 
     largest : the longest drift of a step, as a share of the step
@@ -208,14 +207,16 @@ def exact_drift(turns: Turns, largest: float) -> Symmetric | Exact:
     if turns.symmetric:
         return Symmetric()
     # 1e-300 rad: a free rate of 0 has no logarithm
-    angle = max(min(turns.free * largest, PIECE_TURN), 1e-300)
+    angle = max(min(turns.free * largest, SUBSTEP_TURN), 1e-300)
     doublings = max(0, math.ceil(math.log2(angle / PANEL_TURN) - 1e-9))
     return Exact(static_count(doublings), (0.5**doublings,) * 2**doublings)
 
 
-def pieces(turns: Turns, drift: float) -> int:
+def substep_count(turns: TurnBounds, drift: float) -> int:
     """The number of pieces of a drift, so that none turns by more than PIECE_TURN.
 
     drift : length of the drift, as a share of the step
     """
-    return 1 if turns.symmetric else max(1, math.ceil(abs(drift) * turns.free / PIECE_TURN - 1e-9))
+    return (
+        1 if turns.symmetric else max(1, math.ceil(abs(drift) * turns.free / SUBSTEP_TURN - 1e-9))
+    )

@@ -39,7 +39,7 @@ from typing import Any
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.methods import argument_names, implements, numbered, word_of
 from rigidmc.physics.observables.protocol import (
-    Ensemble,
+    EnsembleObservable,
     Event,
     Neighbour,
     Observable,
@@ -88,7 +88,7 @@ _of_observables: set[type] = set()
 def is_observable(value: Any) -> bool:
     """Whether a value is an observable of any kind, such as Flips(): an instance, not its class."""
     if type(value) not in _of_observables:
-        kinds = Observable, Event, Running, Neighbour, Ensemble
+        kinds = Observable, Event, Running, Neighbour, EnsembleObservable
         if not isinstance(value, tuple) or not (isinstance(value, kinds) or is_opaque(value)):
             return False
         _of_observables.add(type(value))
@@ -131,12 +131,12 @@ def own(given: Iterable[Any]) -> dict[str, Any]:
 
 def named(given: Iterable[Any], name: str) -> Any:
     """The observable at save times of this name or label."""
-    if name in alone(given):
+    if name in default_names(given):
         return {**OBSERVABLES, **WITH_TABLE}[name]()
     return dict(labelled(given))[name]
 
 
-def alone(given: Iterable[Any]) -> tuple[str, ...]:
+def default_names(given: Iterable[Any]) -> tuple[str, ...]:
     """The names of shipped observables at save times of which none is given with its numbers."""
     return (*OBSERVABLES, *(name for name in WITH_TABLE if name not in own(given)))
 
@@ -169,7 +169,7 @@ def saved(save: Iterable[str], given: Sequence[Any] = ()) -> tuple[str, ...]:
     labels = own(given)
     names: dict[str, None] = {}
     for name in save:
-        if name in alone(given):
+        if name in default_names(given):
             names[name] = None
         names |= {k: None for k, one in labels.items() if name in (k, word_of(type(one)))}
     return tuple(names)
@@ -178,7 +178,7 @@ def saved(save: Iterable[str], given: Sequence[Any] = ()) -> tuple[str, ...]:
 def recorded(save: Sequence[str], given: Sequence[Any]) -> dict[str, Any]:
     """{name: observable} of what a kernel records at save times: what is saved, then what only
     histograms need."""
-    hidden = (one.name for _, one in watched(save, given) if isinstance(one, Ensemble))
+    hidden = (one.name for _, one in watched(save, given) if isinstance(one, EnsembleObservable))
     return {name: named(given, name) for name in dict.fromkeys((*saved(save, given), *hidden))}
 
 

@@ -8,12 +8,12 @@ from rigidmc.physics.observables.protocol import Array, neighbour
 
 # Steps between two meetings with the neighbour, which is then brought back to NEAR: a meeting takes
 # as long as 3 steps of rk4.
-OFTEN = 8
+RENORMALISE_EVERY = 8
 # Distance of the neighbour, relative to the size of the motion: the terms of second order are 1e-8,
 # and so is rounding.
-NEAR = 1e-8
+SHADOW_DISTANCE = 1e-8
 # Times of the run at which the torque on the body at the start is tried for the size of the motion.
-TRIED = 32
+TORQUE_TRIALS = 32
 
 
 @neighbour(

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from rigidmc.errors import SceneError, unknown
 from rigidmc.physics.dynamics.methods import OFF, ON, Count, Flag, flag, static_count
 from rigidmc.physics.dynamics.so3 import dot, first_three, into_body, up
-from rigidmc.physics.effects.field import RotatingField, UniformField, turned
+from rigidmc.physics.effects.field import RotatingField, UniformField, field_at
 from rigidmc.physics.effects.gravity_gradient import GravityGradient, place
 
 ORBIT = ("local_vertical", "along_track", "orbit_normal")
@@ -160,5 +160,5 @@ def on_field(effects, which, turns, t):
     if len(which) > 0:
         return on_field(effects[1:], which[1:], turns, t)
     if len(turns) > 0:
-        return turned(effects[0].field, effects[0].rate, t)
+        return field_at(effects[0].field, effects[0].rate, t)
     return effects[0].field

@@ -73,7 +73,7 @@ class Flips(NamedTuple):
             rule = "expected an angle between 0 and pi/2 [rad]"
             raise SceneError(rule, at=f"{TABLE}.within", value=self.within)
 
-    def compiled(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "Component":
+    def compiled(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "FlipLevel":
         """The event for bodies of these moments (3, n); complete : whether these are all bodies."""
         axes, some_alike = [self.axis - 1], False
         if self.axis == 0:
@@ -89,7 +89,7 @@ class Flips(NamedTuple):
             axes = sorted({int(i) for i in order[1]}) if complete else [0, 1, 2]
             some_alike = not complete or not different.all()
         one, two, three = (flag(i in axes) for i in range(3))
-        return Component(one, two, three, math.cos(self.within) ** 2, flag(some_alike))
+        return FlipLevel(one, two, three, math.cos(self.within) ** 2, flag(some_alike))
 
     def words(self) -> dict[str, Any]:
         """The axis and the angle."""
@@ -113,7 +113,7 @@ class Flips(NamedTuple):
         }
 
 
-class Component(NamedTuple):
+class FlipLevel(NamedTuple):
     """A component of L, as an event.
 
     one, two, three : ON if the axis of some body is this one; if several are, the axis of the
@@ -133,21 +133,21 @@ class Component(NamedTuple):
 
     def armed(self, body, l, level, armed):
         near = armed | (level * level > self.square * dot(l, l))
-        return with_middle(self.alike, body, near)
+        return armed_if_unequal(self.alike, body, near)
 
     def past(self):
         return False
 
 
-def with_middle(alike, body, near):
+def armed_if_unequal(alike, body, near):
     """`near` for a body of three different moments; False for others, if there may be some."""
     if len(alike) == 0:
         return near
     one, two, three = body.i1, body.i2, body.i3  # the inverse moments, as different as these
-    return near & unlike(one, two) & unlike(two, three) & unlike(three, one)
+    return near & differ(one, two) & differ(two, three) & differ(three, one)
 
 
-def unlike(a, b):
+def differ(a, b):
     """Whether two moments differ by more than rounding."""
     return abs(a - b) > ALIKE * select(a > b, a, b)
 
@@ -162,10 +162,10 @@ def component(marks, body, l):
             (body.i2 <= body.i1) & (body.i1 <= body.i3)
         )
         return select(second, l[1], select(first, l[0], l[2]))
-    return only(marks[0], l[0], only(marks[1], l[1], l[2]))
+    return first_if(marks[0], l[0], first_if(marks[1], l[1], l[2]))
 
 
-def only(mark, this, other):
+def first_if(mark, this, other):
     """`this` if the mark is ON, else `other`."""
     if len(mark) == 0:
         return other

@@ -14,7 +14,7 @@ from rigidmc.physics.observables.directions import Direction, length, seen
 from rigidmc.physics.observables.protocol import Array, Record, event
 
 TABLE = "observables.passage"
-WAY, AT_START = ("leaves", "reaches"), ("count", "ignore")
+WAYS, AT_START = ("leaves", "reaches"), ("count", "ignore")
 _CONE = "the cone of {angle:g} rad about the {about}{start}"
 
 
@@ -85,7 +85,7 @@ class Passage(NamedTuple):
             raise SceneError(rule, at=f"{TABLE}.angle", value=self.angle)
         directions.check(self.about, f"{TABLE}.about")
         for key, word, known in (
-            ("way", self.way, WAY),
+            ("way", self.way, WAYS),
             ("at_start", self.at_start, AT_START),
         ):
             if word not in known:
@@ -98,11 +98,11 @@ class Passage(NamedTuple):
         if not isinstance(self.stop, bool):
             raise SceneError("expected true or false", at=f"{TABLE}.stop", value=self.stop)
 
-    def compiled(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "Cone":
+    def compiled(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "ConeLevel":
         """The event, the same for all bodies; SceneError without the orbit or field it needs."""
         smooth = not any(map(is_random, effects))
         outward = -1.0 if self.way == "leaves" else 1.0
-        return Cone(
+        return ConeLevel(
             tuple(flag(abs(self.axis) == i) for i in (1, 2, 3)),
             outward * math.copysign(1.0, self.axis),
             outward * math.cos(self.angle),
@@ -132,7 +132,7 @@ class Passage(NamedTuple):
         return {"passages": record.count, "passage_first": first, "passage_last": last}
 
 
-class Cone(NamedTuple):
+class ConeLevel(NamedTuple):
     """An axis e of the body against a cone about a vector d.
 
         level = sign (e . d) - cosine |d|, which rises through 0 at the event

@@ -148,7 +148,7 @@ class Neighbour(OverSteps, Protocol):
 
 
 @runtime_checkable
-class Ensemble(OverSteps, Protocol):
+class EnsembleObservable(OverSteps, Protocol):
     """Counts of all members at save times, from an observable of which no member is stored.
 
     name, component : of the observable
@@ -198,7 +198,7 @@ _DEFAULTS: dict[type, dict[str, Any]] = {
     Event: {**_OVER_STEPS, "compiled": _as_it_stands},
     Running: _OVER_STEPS,
     Neighbour: _OVER_STEPS,
-    Ensemble: _OVER_STEPS,
+    EnsembleObservable: _OVER_STEPS,
 }
 _STATED = ("word", "squares")  # of statistics, see `rigidmc.physics.observables.statistics`
 Kind = TypeVar("Kind", bound=type)
@@ -245,7 +245,7 @@ observable = _decorator(Observable)
 event = _decorator(Event)
 running = _decorator(Running)
 neighbour = _decorator(Neighbour)
-ensemble = _decorator(Ensemble)
+ensemble = _decorator(EnsembleObservable)
 
 
 @method

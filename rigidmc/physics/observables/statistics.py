@@ -51,38 +51,38 @@ def above(kept):
     return ((-math.inf, kept[0]),) + above(kept[1:])
 
 
-def free(steady, values):
+def unless_steady(steady, values):
     """The values, none of what is steady."""
     if len(steady) > 0:
         return ()
     return values
 
 
-def smooth(of, values):
+def extremal_numbers(of, values):
     """Numbers with the extremes of an observable, none if it is steady."""
-    return free(steady(of), monotone(of, values))
+    return unless_steady(steady(of), monotone(of, values))
 
 
-def changing(steady):
+def negate(steady):
     """ON for what is not steady."""
     if len(steady) > 0:
         return OFF
     return ON
 
 
-def summed(sums, values, shifts):
+def add_differences(sums, values, shifts):
     """Sums to which values less their shifts are added."""
     if len(sums) == 0:
         return ()
-    return (sums[0] + (values[0] - shifts[0]),) + summed(sums[1:], values[1:], shifts[1:])
+    return (sums[0] + (values[0] - shifts[0]),) + add_differences(sums[1:], values[1:], shifts[1:])
 
 
-def squared(sums, values, shifts):
+def add_squares(sums, values, shifts):
     """Sums to which the squares of values less their shifts are added."""
     if len(sums) == 0:
         return ()
     off = values[0] - shifts[0]
-    return (sums[0] + off * off,) + squared(sums[1:], values[1:], shifts[1:])
+    return (sums[0] + off * off,) + add_squares(sums[1:], values[1:], shifts[1:])
 
 
 def offsets(values, shifts):
@@ -92,13 +92,13 @@ def offsets(values, shifts):
     return (values[0] - shifts[0],) + offsets(values[1:], shifts[1:])
 
 
-def weighed(sums, ends, longer):
+def weigh_sums(sums, ends, longer):
     """Sums over steps times `longer`, by the trapezoidal rule: of the last value, which is `ends`,
     half belongs to the steps to come."""
     if len(sums) == 0:
         return ()
     first = sums[0] + (longer - 1.0) * (sums[0] - 0.5 * ends[0])
-    return (first,) + weighed(sums[1:], ends[1:], longer)
+    return (first,) + weigh_sums(sums[1:], ends[1:], longer)
 
 
 def zeros(values):
@@ -168,10 +168,10 @@ class Minimum(NamedTuple):
         return smaller(kept, seen(self.of, body, effects, t, q, l))
 
     def turning(self, body, effects, t, q, l):
-        return smooth(self.of, seen(self.of, body, effects, t, q, l))
+        return extremal_numbers(self.of, seen(self.of, body, effects, t, q, l))
 
     def sought(self, kept):
-        return below(smooth(self.of, kept))
+        return below(extremal_numbers(self.of, kept))
 
     def results(self, kept: Array, steps: Array) -> dict[str, Array]:
         """The smallest values."""
@@ -196,10 +196,10 @@ class Maximum(NamedTuple):
         return larger(kept, seen(self.of, body, effects, t, q, l))
 
     def turning(self, body, effects, t, q, l):
-        return smooth(self.of, seen(self.of, body, effects, t, q, l))
+        return extremal_numbers(self.of, seen(self.of, body, effects, t, q, l))
 
     def sought(self, kept):
-        return above(smooth(self.of, kept))
+        return above(extremal_numbers(self.of, kept))
 
     def results(self, kept: Array, steps: Array) -> dict[str, Array]:
         """The largest values."""
@@ -227,16 +227,16 @@ class Mean(NamedTuple):
     def update(self, kept, body, effects, t, q, l):
         values = seen(self.of, body, effects, t, q, l)
         shifts = head(values, kept)
-        return shifts + summed(head(values, rest(values, kept)), values, shifts) + values
+        return shifts + add_differences(head(values, rest(values, kept)), values, shifts) + values
 
     def averages(self):
-        return changing(steady(self.of))
+        return negate(steady(self.of))
 
     def reweighed(self, kept, longer):
         shifts = head(third(kept), kept)
         sums = rest(shifts, kept)
         last = rest(shifts, sums)
-        return shifts + weighed(head(shifts, sums), offsets(last, shifts), longer) + last
+        return shifts + weigh_sums(head(shifts, sums), offsets(last, shifts), longer) + last
 
     def results(self, kept: Array, steps: Array) -> dict[str, Array]:
         """The mean; without steps it is the first value."""
@@ -269,13 +269,13 @@ class Variance(NamedTuple):
         shifts, sums = head(values, kept), rest(values, kept)
         return (
             shifts
-            + summed(head(values, sums), values, shifts)
-            + squared(head(values, rest(values, sums)), values, shifts)
+            + add_differences(head(values, sums), values, shifts)
+            + add_squares(head(values, rest(values, sums)), values, shifts)
             + values
         )
 
     def averages(self):
-        return changing(steady(self.of))
+        return negate(steady(self.of))
 
     def reweighed(self, kept, longer):
         shifts = head(fourth(kept), kept)
@@ -285,8 +285,8 @@ class Variance(NamedTuple):
         end = offsets(last, shifts)
         return (
             shifts
-            + weighed(head(shifts, sums), end, longer)
-            + weighed(head(shifts, squares), squared(zeros(end), last, shifts), longer)
+            + weigh_sums(head(shifts, sums), end, longer)
+            + weigh_sums(head(shifts, squares), add_squares(zeros(end), last, shifts), longer)
             + last
         )
 

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.arguments import Run, Saves
+from rigidmc.engine.kernel.arguments import SaveTarget, StepRange
 from rigidmc.engine.kernel.layout import BLOCK
 from rigidmc.engine.program import Program
 from rigidmc.physics.effects.protocol import blank
-from rigidmc.physics.integrators import Form, keeps_remainders
+from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.observables.protocol import size
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.initial import block_rows, initial_block
@@ -78,7 +78,7 @@ class Costs:
         h = scene.run.t_end / steps
         form = self.pilot.scheme(scene, h)
         compensated = keeps_remainders(scene.integrator, scene.effects, dtype)
-        key = type(form.integrator), form.integrator, len(form.parts), dtype
+        key = type(form.integrator), form.integrator, len(form.substeps), dtype
         return self._once(
             key, lambda: self._stepped(form, dtype, OBSERVED, compensated=compensated)
         )
@@ -134,7 +134,7 @@ class Costs:
 
     def _stepped(
         self,
-        form: Form,
+        form: StepScheme,
         dtype: str,
         observables: tuple[Any, ...],
         stride: int | None = None,
@@ -155,12 +155,12 @@ class Costs:
         values = sum(size(o.dims) for o in observables)
         best, spent = math.inf, -1.0
         while spent < 0.03:
-            saves = Saves(np.empty((steps + 1) * values * width), width, 0, order)
+            saves = SaveTarget(np.empty((steps + 1) * values * width), width, 0, order)
             moved, span, slots = block.copy(), h, 1
             if own:
                 moved[layout.STEPS], span, slots = steps, h * steps, steps
             began = time.perf_counter()
-            run = Run(span, slots, stride or steps, steps, own, 0, steps)
+            run = StepRange(span, slots, stride or steps, steps, own, 0, steps)
             program.advance(moved, run, saves=saves)
             took = time.perf_counter() - began
             if spent >= 0.0:  # the first may have compiled

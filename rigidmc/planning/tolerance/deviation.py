@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from rigidmc.engine.formulas import energies
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.arguments import Run
+from rigidmc.engine.kernel.arguments import StepRange
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.physics.dynamics.euler import kinetic_energy
 from rigidmc.physics.dynamics.so3 import dot, up
@@ -80,14 +80,14 @@ def drift_along(
     at = [int(n) for n in np.atleast_1d(at)]
     body, effects = physics(pilot.scene.effects, pilot.block[:, : pilot.members])
     q0 = pilot.block[layout.ATTITUDE : layout.MOMENTUM, : pilot.members]
-    l0 = pilot.block[layout.MOMENTUM : layout.REST, : pilot.members]
+    l0 = pilot.block[layout.MOMENTUM : layout.EXTRA, : pilot.members]
     first, (play, size) = _conserved(body, effects, q0, l0), _sizes(body, effects, l0)
     scales = {"energy": play, "l2": size**2, "lz": size}
     scene = pilot.scene.with_run(integrator=integrator, dt=dt)
     largest: dict[str, dict[int, float]] = {name: {} for name in scales}
     for total in dict.fromkeys((min(steps, looks), steps)):
         stride = max(1, total // looks)
-        run = Run(dt, 1, stride, total, int(scene.run.turn is not None), 0, total)
+        run = StepRange(dt, 1, stride, total, int(scene.run.turn is not None), 0, total)
         states = states_along(pilot, scene, pilot.block, run)
         after = np.append(np.arange(stride, total, stride), total)
         q, l = np.moveaxis(states.q, 1, 0), np.moveaxis(states.l, 1, 0)

@@ -126,7 +126,7 @@ def _first_multiple(pilot: Pilot, integrator: str) -> float:
         # one step between checks, or pieces of each member's own
         scene = pilot.stepped(pilot.base)[0].with_run(integrator=integrator)
         whole = pilot.scheme(scene, pilot.scene.run.t_end)
-        in_pieces = pilot.member_steps and len(whole.parts) > 2
+        in_pieces = pilot.member_steps and len(whole.substeps) > 2
         multiple = math.ceil(pilot.turn(pilot.base)) if in_pieces else 1.0
     if pilot.monitors.each_step:
         longest = longest_monitored(pilot.scene.effects)

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.arguments import Run, Saves
+from rigidmc.engine.kernel.arguments import SaveTarget, StepRange
 from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import Program
 from rigidmc.physics.effects.protocol import blank
-from rigidmc.physics.integrators import Form, keeps_remainders
+from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.check import check
 from rigidmc.planning.initial import (
@@ -82,7 +82,7 @@ class Pilot(NamedTuple):
         block[layout.STEPS] = own_steps(rates(scene.effects, block), span, scene.run.turn)
         return scene, block
 
-    def scheme(self, scene: Scene, h: float) -> Form:
+    def scheme(self, scene: Scene, h: float) -> StepScheme:
         """How the integrator that a scene of the pilot names makes steps of h [s]; SceneError if
         they are too long for it."""
         return make_scheme(scene.integrator, scene.model, scene.run, self.bounds, h)[0]
@@ -162,7 +162,7 @@ def follow(
     if nudge:
         chance = np.random.default_rng(seed)
         disturb = partial(push, size=nudge, has_attitude=pilot.has_attitude, chance=chance)
-    run = Run(h, slots, stride, total, int(scene.run.turn is not None), 0, total)
+    run = StepRange(h, slots, stride, total, int(scene.run.turn is not None), 0, total)
     return states_along(pilot, scene, block, run, dtype, compensated, disturb)
 
 
@@ -170,7 +170,7 @@ def states_along(
     pilot: Pilot,
     scene: Scene,
     block: Array,
-    run: Run,
+    run: StepRange,
     dtype: str = "float64",
     compensated: bool = False,
     disturb: Callable[[Array], None] | None = None,
@@ -190,7 +190,7 @@ def states_along(
     out = np.empty(saves * 7 * width)
 
     def advance(i: int, first: int, last: int) -> None:
-        saved = Saves(out, width, i * share, np.arange(parts[i].shape[1]))
+        saved = SaveTarget(out, width, i * share, np.arange(parts[i].shape[1]))
         program.advance(parts[i], run._replace(first=first, last=last), saves=saved)
 
     stride = run.stride if disturb else run.total
@@ -208,7 +208,7 @@ def states_along(
 
 def push(block: Array, size: float, has_attitude: bool, chance: np.random.Generator) -> None:
     """Move the states of a block by `size` of their own size in random directions."""
-    l = block[layout.MOMENTUM : layout.REST]
+    l = block[layout.MOMENTUM : layout.EXTRA]
     direction = chance.normal(size=l.shape)
     l += size * direction * np.linalg.norm(l, axis=0) / np.linalg.norm(direction, axis=0)
     if has_attitude:
@@ -220,7 +220,7 @@ def push(block: Array, size: float, has_attitude: bool, chance: np.random.Genera
 def first_steps(pilot: Pilot) -> int:
     """Steps of a quarter of a radian at the start's spin, at least 40; a multiple of the base."""
     inverse = pilot.block[layout.BODY : layout.BODY + 3]
-    momentum = pilot.block[layout.MOMENTUM : layout.REST]
+    momentum = pilot.block[layout.MOMENTUM : layout.EXTRA]
     omega: NDArray[np.float64] = np.sqrt(((inverse * momentum) ** 2).sum(0))
     rate = float(np.max(omega, where=np.isfinite(omega), initial=0.0))
     steps = max(pilot.scene.run.t_end * rate / 0.25, 40)

@@ -95,7 +95,7 @@ def _closed_truth(pilot: Pilot, case: Case) -> Truth:
     size, block = 1e-10, pilot.block[:, : pilot.members].copy()
     push(block, size, pilot.has_attitude, np.random.default_rng(0))
     attitude = block[: layout.MOMENTUM].T if pilot.has_attitude else case.attitude
-    momentum = block[layout.MOMENTUM : layout.REST].T
+    momentum = block[layout.MOMENTUM : layout.EXTRA].T
     moved = _motion(pilot, case._replace(momentum=momentum, attitude=attitude))
     error = ROUNDING / size * errors(pilot, moved, states)["state"]
     return Truth(states, f"closed form of the {case.name}", error)

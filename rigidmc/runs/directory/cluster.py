@@ -31,7 +31,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rigidmc.engine.cuda.devices import device as moved_on
-from rigidmc.engine.cuda.devices import device_now, settled_device
+from rigidmc.engine.cuda.devices import device_now, resolve_device
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import content_of, write_bytes
@@ -293,6 +293,6 @@ def _compute(path: str, i: int, allow_code: bool, accept: bool) -> dict[str, int
     """Compute one shard of a run directory; {status: members}."""
     directory = RunDirectory(path)
     refuse_others(directory, accept)
-    run, device = load_run(directory, allow_code), settled_device(None)
+    run, device = load_run(directory, allow_code), resolve_device(None)
     block = block_of_run(directory, run, device)
     return compute_shards(directory, run, [i], 1, block, device)

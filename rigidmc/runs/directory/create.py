@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.cuda.devices import settled_device
+from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.kernel.layout import BLOCK
 from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OptionError, OutputExists, SceneWarning
@@ -93,7 +93,7 @@ def create(
     path = free_place(path)
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
-    run, device = prepared(scene), settled_device(None)
+    run, device = prepared(scene), resolve_device(None)
     for note in run.notes:
         warnings.warn(note, SceneWarning, stacklevel=2)
     if chosen is not None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.cuda.devices import settled_device
+from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import Path, make_durable, write_bytes
@@ -66,7 +66,7 @@ def resume(
         checked(cluster)
     with directory.locked():
         numbers = missing_of(directory, only)
-        run, device = load_run(directory, allow_code), settled_device(None)
+        run, device = load_run(directory, allow_code), resolve_device(None)
         size = block_of_run(directory, run, device, block)
         many = threads or threads_available()
         if numbers.size:

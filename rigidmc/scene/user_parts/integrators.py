@@ -19,12 +19,12 @@ from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.protocol import (
     Integrator,
     closed,
-    completed,
     constants,
     group_count,
     keeps,
     opened,
     step,
+    with_defaults,
 )
 
 _BODY = MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3))
@@ -85,7 +85,7 @@ def known_facts(value: Any, word: str) -> Integrator:
         if not free and not right(getattr(value, fact)):
             rule = f"is {getattr(value, fact)!r}, expected {expected}"
             raise PartError.of(value, rule, at, fact)
-    return completed(value)
+    return with_defaults(value)
 
 
 def check_user_integrator(one: Any, word: str) -> None:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.engine.cuda.devices import settled_device
+from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import FileError, OptionError
 from rigidmc.files.outputs import Path
@@ -64,7 +64,7 @@ class Kind(NamedTuple):
 
     def price(self, scene: Scene, request: Request, numbers: Sequence[int], threads: int) -> str:
         """What tasks will cost, in words, by steps that are measured now."""
-        steps, device = self.cost(scene, request, numbers), settled_device(None)
+        steps, device = self.cost(scene, request, numbers), resolve_device(None)
         took = 1e-9 * steps * cost_per_step(prepared(scene), device) / movers(threads, device)
         return (
             f"{len(numbers):,} tasks x {steps / max(1, len(numbers)):,.0f} member-steps,"

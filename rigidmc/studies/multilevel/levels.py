@@ -6,11 +6,11 @@ change the mean. Members are added to levels, and levels to the study, until its
 
 Level l makes n 2^l steps. Its members have the indices from l 2^40 on, so that no two levels share
 a draw and the variances of their means add up. From level 1 on a member also goes half as many
-steps, each with the noise of two fine ones, see `rigidmc.engine.kernel.noise.deviates`. The paths
-of a free body in a bath and of the same body with steps twice as long then differ by a multiple of
-the step, and the variance of what they show by its square. Weights that follow the friction,
-exp(-gamma h) : 1 in place of 1 : 1, would take out only the part of that which friction causes, not
-that of the torques.
+steps, each with the noise of two fine ones, see `rigidmc.engine.kernel.noise.normal_deviates`. The
+paths of a free body in a bath and of the same body with steps twice as long then differ by a
+multiple of the step, and the variance of what they show by its square. Weights that follow the
+friction, exp(-gamma h) : 1 in place of 1 : 1, would take out only the part of that which friction
+causes, not that of the torques.
 """
 
 import math

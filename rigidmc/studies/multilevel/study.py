@@ -13,7 +13,7 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning
 from rigidmc.files.outputs import Path
 from rigidmc.physics.effects.protocol import is_random
-from rigidmc.physics.observables import alone, own, squared
+from rigidmc.physics.observables import default_names, own, squared
 from rigidmc.progress import Progress, say
 from rigidmc.results.measures import observing
 from rigidmc.results.variables import saved_variables, variables_of
@@ -213,7 +213,7 @@ def _with_steps(scene: Scene) -> Scene:
 
 def _showing(scene: Scene, until: str) -> Scene:
     """The scene that saves what a measure names and nothing else."""
-    names = (*alone(scene.observables), *own(scene.observables))
+    names = (*default_names(scene.observables), *own(scene.observables))
     finals = tuple(name for name in names if f"{name}_final" in until)
     shown: Scene = observing(scene.with_run(save=finals, keep="final"), [until])
     return shown

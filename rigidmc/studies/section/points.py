@@ -14,8 +14,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.optimize import elementwise
 
-from rigidmc.engine.compiler.trees import numbers_of
-from rigidmc.engine.formulas import Moved, evaluate
+from rigidmc.engine.compiler.trees import tree_flatten
+from rigidmc.engine.formulas import AdvancedState, evaluate
 from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError, SceneError, nearest
@@ -82,17 +82,17 @@ class Paths:
         end = layout.EFFECTS + parameter_count(*scene.effects)
         table = block[layout.BODY : end].T
         observables = tuple(observed.values())
-        fixed = np.array(numbers_of(observables))
+        fixed = np.array(tree_flatten(observables))
         fixed = np.broadcast_to(fixed, (len(table), fixed.size))
         self._table = np.concatenate([table, fixed], axis=1)
-        self._kind = Moved(
+        self._kind = AdvancedState(
             MassProperties(*[0.0] * 9), blank(scene.effects), observables, INTEGRATORS["rk8"],
             0.0, 0.0, (0.0,) * 4, (0.0,) * 3,
         )  # fmt: skip
         self._width = 7 + sum(size(one.dims) for one in observables)
         self._threads = threads
         at = block[:, m]
-        at[layout.ATTITUDE : layout.REST] = self._start
+        at[layout.ATTITUDE : layout.EXTRA] = self._start
         rate = rates(scene.effects, at)
         turns = rate * spans
         # what a member that moves at its rate has at least, for those that come to rest at a save

@@ -136,12 +136,12 @@ class Runs:
         block, effects = self.pilot.block, self.pilot.scene.effects
         if not all(facts(effect).isotropic for effect in effects):
             return
-        q, l = block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.REST]
+        q, l = block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.EXTRA]
         body, _ = physics(effects, block)
         moments = 1.0 / np.array([body.i1, body.i2, body.i3])
         static = np.array([body.p1, body.p2, body.p3])
         permuted = block.copy()
-        permuted[layout.MOMENTUM : layout.REST] = np.roll(l, 1, 0)  # axis 1 becomes axis 2, ...
+        permuted[layout.MOMENTUM : layout.EXTRA] = np.roll(l, 1, 0)  # axis 1 becomes axis 2, ...
         permuted[: layout.MOMENTUM] = multiply(tuple(q), _BACK)
         permuted[layout.BODY : layout.EFFECTS] = MassProperties.of(
             tuple(np.roll(moments, 1, 0)), tuple(np.roll(static, 1, 0))
@@ -165,11 +165,11 @@ class Runs:
         states, count = self.states, self.pilot.members
         block = self.pilot.block.copy()
         block[: layout.MOMENTUM, :count] = states.q[-1]
-        block[layout.MOMENTUM : layout.REST, :count] = -states.l[-1]
+        block[layout.MOMENTUM : layout.EXTRA, :count] = -states.l[-1]
         back = self.from_block(block)
         start = self.pilot.block[:, :count]
         q = np.concatenate([start[None, : layout.MOMENTUM], states.q[:-1]])[::-1]
-        l = np.concatenate([start[None, layout.MOMENTUM : layout.REST], states.l[:-1]])[::-1]
+        l = np.concatenate([start[None, layout.MOMENTUM : layout.EXTRA], states.l[:-1]])[::-1]
         true = States(q, l, states.status)
         error: Errors = np.maximum.accumulate(_distance(States(back.q, -back.l, back.status), true))
         return error

@@ -42,7 +42,7 @@ from rigidmc.engine.compiler import kernels
 from rigidmc.engine.kernel import arguments, block as one_block
 from rigidmc.engine.kernel import layout as K
 from rigidmc.engine.compiler.disk_cache import cached
-from rigidmc.physics.integrators import form
+from rigidmc.physics.integrators import scheme_of
 from rigidmc.physics.integrators.rk4 import RK4
 
 if sys.argv[1] == "import only":
@@ -63,15 +63,16 @@ class Own(NamedTuple):
 effect = {"damping": ViscousDamping(2.0), "own": Own(0.5), "none": None}[sys.argv[1]]
 effects = (effect,) if effect else ()
 block = np.zeros((K.EFFECTS + len(effects), K.LANES))
-block[:K.REST] = np.array([0.6, 0.0, 0.8, 0.0, 1.0, 2.0, 3.0])[:, None]
+block[:K.EXTRA] = np.array([0.6, 0.0, 0.8, 0.0, 1.0, 2.0, 3.0])[:, None]
 block[K.BODY:K.EFFECTS] = np.array(MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3)))[:, None]
 block[K.EFFECTS:] = effect[0] if effect else 0.0
 compile_helper.threads_available = lambda: 1  # no second process: what is counted is compiled here
-program.Program(form(RK4()), effects).advance(block, arguments.Run(0.01, 1, 4, 4, 0, 0, 4))
+steps = arguments.StepRange(0.01, 1, 4, 4, 0, 0, 4)
+program.Program(scheme_of(RK4()), effects).advance(block, steps)
 known = kernels._dispatchers.values()
 hits = sum(sum(d.stats.cache_hits.values()) for d in known)
 misses = sum(sum(d.stats.cache_misses.values()) for d in known)
-state, home = block[:K.REST, 0].tolist(), os.path.dirname(one_block.__file__)
+state, home = block[:K.EXTRA, 0].tolist(), os.path.dirname(one_block.__file__)
 print(json.dumps({"state": state, "hits": hits, "misses": misses, "home": home}))
 """
 
@@ -109,7 +110,7 @@ def ran(place, effect="damping", cache=None, sign=1):
     return found, done.stderr
 
 
-PIECES = 6  # enter, leave, begin, march, look, and the loop over members
+PIECES = 6  # gather, scatter, initialise, march, assess, and the loop over members
 
 
 def kernels_in(folder):
@@ -200,7 +201,7 @@ def test_a_folder_that_is_not_private_is_not_touched(tmp_path, monkeypatch):
     assert compile_time._pace() == 1.0
     compile_time._learn(2.0)
     with pytest.raises(PermissionError, match="not private"):
-        disk_cache.kernels()
+        disk_cache.kernel_folder()
     assert cached(numba.njit(lambda x: 2.0 * x))(1.5) == 3.0
     assert sorted(map(str, tmp_path.rglob("*"))) == there and mine.read_text() == "mine"
 

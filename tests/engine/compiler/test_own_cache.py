@@ -20,7 +20,7 @@ from numba.core.compiler import CompilerBase
 
 from rigidmc.engine.compiler import disk_cache, kernels, user_stamps
 from rigidmc.engine.compiler.kernels import config
-from rigidmc.engine.formulas import evaluated
+from rigidmc.engine.formulas import evaluate_forces
 from rigidmc.files.user_code import class_of
 from rigidmc.physics.dynamics.euler import MassProperties
 
@@ -142,17 +142,17 @@ compiler.CompilerBase.__init__ = counted
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects.sums import total_torque
 from rigidmc.engine.compiler import kernels, user_stamps
-from rigidmc.engine.formulas import evaluated
+from rigidmc.engine.formulas import evaluate_forces
 from rigidmc.files.user_code import class_of
 
 state, lines = ((0.5, 0.5, 0.1, 0.7), (1.0, 2.0, 3.0)), []
 body = MassProperties(*[1.0] * 9)
 for folder in sys.argv[1:]:
     kind, before = class_of(folder, "mine.py", "Push", "effects"), count[0]
-    found = evaluated((kind(0.3, 0.7),), body, *state)[:3]
+    found = evaluate_forces((kind(0.3, 0.7),), body, *state)[:3]
     lines.append([kind, found, count[0] - before])
 for kind, found, compiled in lines:  # at the end: Python, too, lets Numba compile `quick`
-    why = user_stamps.why_unkept(kind)
+    why = user_stamps.why_not_cached(kind)
     wanted = total_torque((kind(0.3, 0.7),), body, 0.0, *state)
     right = bool(np.allclose(found, wanted, rtol=1e-12, atol=0.0))
     print(json.dumps([found[0].hex(), right, compiled, why]))
@@ -329,7 +329,7 @@ def test_a_stamp_tells_numbers_by_their_bits_and_nothing_else(place):
 )  # fmt: skip
 def test_other_values_have_no_stamp(place, value):
     kind = loaded(place, "other", f"{HALF}0.0\nNUMBER = {value}")
-    assert user_stamps.why_unkept(kind) and user_stamps.stamp_of(kind) is None
+    assert user_stamps.why_not_cached(kind) and user_stamps.stamp_of(kind) is None
 
 
 def test_what_changes_in_a_process_has_no_stamp_from_then_on(place):
@@ -340,13 +340,13 @@ def test_what_changes_in_a_process_has_no_stamp_from_then_on(place):
     names["NUMBER"] = 2.0
     assert user_stamps.stamp_of(kind) is None
     names["NUMBER"] = 1.0
-    assert "half has changed since" in user_stamps.why_unkept(kind)
+    assert "half has changed since" in user_stamps.why_not_cached(kind)
     assert user_stamps.stamp_of(loaded(place, "steady again", HALF + "1.0")) == first
 
     kind = loaded(place, "method", HALF + "1.0")
-    user_stamps.note(kind)
+    user_stamps.observe(kind)
     kind.torque = lambda self: (0.0, 0.0, 0.0)
-    assert "Push has changed" in user_stamps.why_unkept(kind)
+    assert "Push has changed" in user_stamps.why_not_cached(kind)
 
 
 def test_what_numba_reads_beyond_a_stamp_takes_it_away(place, monkeypatch):
@@ -356,8 +356,10 @@ def test_what_numba_reads_beyond_a_stamp_takes_it_away(place, monkeypatch):
         user_stamps, "_reads", lambda code: real(code) if code.co_name != "half" else ()
     )
     assert user_stamps.stamp_of(kind)
-    evaluated((kind(0.3, 0.7),), MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (1.0, 2.0, 3.0))
-    assert "half has changed" in user_stamps.why_unkept(kind)
+    evaluate_forces(
+        (kind(0.3, 0.7),), MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (1.0, 2.0, 3.0)
+    )
+    assert "half has changed" in user_stamps.why_not_cached(kind)
 
 
 @pytest.fixture
@@ -372,7 +374,7 @@ def compiled(tmp_path, monkeypatch):
         count.clear()
         monkeypatch.setattr(kernels, "_dispatchers", {})
         state = (1.0, 0.0, 0.0, 0.0), (1.0, 2.0, 3.0)
-        found = evaluated((kind(0.3, 0.7),), MassProperties(*[1.0] * 9), *state)
+        found = evaluate_forces((kind(0.3, 0.7),), MassProperties(*[1.0] * 9), *state)
         assert found[:3].tolist() == pytest.approx([1.5 * 0.3, 0.7, 0.0], rel=1e-15)
         return len(count)
 
@@ -438,11 +440,11 @@ def test_two_classes_of_one_name_in_a_signature_keep_their_places(place, compile
     kinds = [loaded(place, "two", code) for code in (SIMPLE, one)]
     body, q, l = MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (1.0, 2.0, 3.0)
     assert compiled(kinds[0]) > 0
-    first = evaluated((kinds[0](1.0, 0.0), kinds[1](0.0, 1.0)), body, q, l)
+    first = evaluate_forces((kinds[0](1.0, 0.0), kinds[1](0.0, 1.0)), body, q, l)
     again = [loaded(place, "two", code) for code in (one, SIMPLE)][::-1]
     assert compiled(again[0]) == 0
-    assert (evaluated((again[0](1.0, 0.0), again[1](0.0, 1.0)), body, q, l) == first).all()
-    swapped = evaluated((again[1](1.0, 0.0), again[0](0.0, 1.0)), body, q, l)
+    assert (evaluate_forces((again[0](1.0, 0.0), again[1](0.0, 1.0)), body, q, l) == first).all()
+    swapped = evaluate_forces((again[1](1.0, 0.0), again[0](0.0, 1.0)), body, q, l)
     assert swapped.tolist() == [0.75, 1.0, 0.0, 0.0] != first.tolist()
 
 

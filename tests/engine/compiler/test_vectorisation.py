@@ -14,7 +14,7 @@ from rigidmc.engine.machine import vector_bits
 from rigidmc.physics.dynamics.methods import OFF, ON
 from rigidmc.physics.dynamics.so3 import cross, up
 from rigidmc.physics.effects import Gravity, ViscousDamping
-from rigidmc.physics.integrators import INTEGRATORS, Turns, form, rk4
+from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, rk4, scheme_of
 from rigidmc.physics.integrators.rk4 import RK4, ScaledRK4
 from tests.assembly import ARITHMETIC, LIBM, STORE, Case, blocks_of, case, counted, loop_of
 
@@ -52,11 +52,11 @@ for _function in (weight, spun_up):
 def without_effects(instead=r"\5"):
     """The step of RK4 as one would write it for free bodies alone.
 
-    Its source has every `pushed(..., t, h, share, q, w, x)` replaced by x, or by a torque.
+    Its source has every `add_push(..., t, h, share, q, w, x)` replaced by x, or by a torque.
     """
     source = textwrap.dedent(inspect.getsource(ScaledRK4.step))
     free, count = re.subn(
-        r"pushed\(effects, body, ([^,]+), h, ([^,]+), ([^,]+), ([^,]+), (.*)\)$",
+        r"add_push\(effects, body, ([^,]+), h, ([^,]+), ([^,]+), ([^,]+), (.*)\)$",
         instead,
         source,
         flags=re.M,
@@ -89,7 +89,7 @@ CASES = {
     "rk4": case("rk4"),
     "rk4 gravity": case("rk4", (G,)),
     "rk4 momentum": case("rk4", (), WITHOUT),
-    "rk4 by hand": Case(form(ByHand())),
+    "rk4 by hand": Case(scheme_of(ByHand())),
     "rkmk4 gravity damping": case("rkmk4", (G, D)),
     "strang gravity damping": case("strang", (G, D)),
     "exact": case("exact"),
@@ -98,7 +98,9 @@ CASES = {
     "chin4 gravity": case("chin4", (G,)),
     "aba864 gravity": case("aba864", (G,)),
     "rotations gravity": case("rotations", (G,)),
-    "fast symmetric": Case(form(INTEGRATORS["strang"], Turns(3.0, 3.0, True), (G,)), (G,)),
+    "fast symmetric": Case(
+        scheme_of(INTEGRATORS["strang"], TurnBounds(3.0, 3.0, True), (G,)), (G,)
+    ),
     "rk8 gravity": case("rk8", (G,)),
     "cf4 gravity": case("cf4", (G,)),
     "ck45 gravity": case("ck45", (G,)),
@@ -109,7 +111,7 @@ CASES = {
     "rk8 gravity float32": case("rk8", (G,), WITH, OFF, "float32"),
     "strang gravity float32": case("strang", (G,), WITH, OFF, "float32"),
     "rk4 gravity damping works": Case(RK4().form(), (G, D), works=(0.0, 0.0)),
-    "rk4 gravity by hand": Case(form(HeavyByHand()), (G,)),
+    "rk4 gravity by hand": Case(scheme_of(HeavyByHand()), (G,)),
     "rkmk4 gravity damping float32": case("rkmk4", (G, D), WITH, OFF, "float32"),
 }
 RARE = (  # with  pytest -m slow

@@ -2,16 +2,16 @@
 
 import pytest
 
-from rigidmc.engine.kernel.events import guess, narrowed
+from rigidmc.engine.kernel.events import interpolate_root, shrink_bracket
 
 
 def searched(level, low, high, times):
     """The shares of a step that are tried, by the method of Illinois."""
     ends, tried = (low, level(low), high, level(high)), []
     for _ in range(times):
-        share = guess(ends)
+        share = interpolate_root(ends)
         tried.append(share)
-        ends = narrowed(ends, share, level(share))
+        ends = shrink_bracket(ends, share, level(share))
     return tried
 
 
@@ -27,4 +27,4 @@ def test_the_search_is_that_of_illinois():
 
 
 def test_a_level_that_is_the_same_at_both_ends_gives_the_older_end():
-    assert guess((0.25, 0.5, 1.0, 0.5)) == 0.25
+    assert interpolate_root((0.25, 0.5, 1.0, 0.5)) == 0.25

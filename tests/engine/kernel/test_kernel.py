@@ -19,7 +19,7 @@ from rigidmc.engine.kernel import arguments
 from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects import Gravity, PeriodicTorque, ViscousDamping
-from rigidmc.physics.integrators import INTEGRATORS, Turns, accepting, form
+from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, accepting, scheme_of
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.physics.observables.protocol import size
 from rigidmc.studies.stress.problems import PROBLEMS
@@ -29,7 +29,7 @@ EFFECTS = Gravity(9.81), ViscousDamping(0.1)
 EVERYTHING = tuple(kind() for kind in OBSERVABLES.values())
 ROWS = sum(size(o.dims) for o in EVERYTHING)
 H, TOTAL, STRIDE, MEMBERS = 0.01, 47, 10, 96  # the last save is off the stride
-RK4 = form(INTEGRATORS["rk4"])
+RK4 = scheme_of(INTEGRATORS["rk4"])
 
 
 def tops(members=MEMBERS, effects=EFFECTS):
@@ -70,9 +70,9 @@ def in_blocks(size, threads):
     def work(i):
         moves.advance(
             parts[i],
-            arguments.Run(H, 1, STRIDE, TOTAL, 0, 0, TOTAL),
+            arguments.StepRange(H, 1, STRIDE, TOTAL, 0, 0, TOTAL),
             None,
-            arguments.Saves(out, MEMBERS, i * size, np.arange(size)),
+            arguments.SaveTarget(out, MEMBERS, i * size, np.arange(size)),
         )
 
     with ThreadPoolExecutor(threads) as pool:
@@ -108,7 +108,7 @@ def test_a_run_in_several_calls_is_the_run(whole, cuts):
 def test_calls_of_a_run_go_on_in_time(own):
     """A torque that depends on time, in calls that end within rounds and between them."""
     effects = (PeriodicTorque((0.1, -0.2, 0.3), 2.0, 0.7),)
-    made, slots_each, blocks = form(INTEGRATORS["strang"]), 4 if own else None, []
+    made, slots_each, blocks = scheme_of(INTEGRATORS["strang"]), 4 if own else None, []
     for cuts in ((), (16, 18, 40)):
         block = tops(effects=effects)
         block[K.STEPS] = 1 + np.arange(MEMBERS) % 4 if own else 1
@@ -119,7 +119,7 @@ def test_calls_of_a_run_go_on_in_time(own):
     late[K.EFFECTS + 4] += 0.1  # a torque that is ahead in time moves the tops elsewhere
     late[K.STEPS] = blocks[0][K.STEPS]
     run(late, made, effects, H, 48, slots_each=slots_each)
-    apart = np.abs(late[K.MOMENTUM : K.REST] - blocks[0][K.MOMENTUM : K.REST]).max(0)
+    apart = np.abs(late[K.MOMENTUM : K.EXTRA] - blocks[0][K.MOMENTUM : K.EXTRA]).max(0)
     assert apart.min() > 1e-3  # measured 2.6e-3 and 1.0e-2
 
 
@@ -136,7 +136,7 @@ def test_saves_are_at_every_stride_and_at_the_end(whole):
         block = tops()
         run(block, RK4, EFFECTS, H, steps, EVERYTHING, STRIDE)
         assert same(whole[1][slot][value_rows("attitude")], block[K.ATTITUDE : K.MOMENTUM])
-        assert same(whole[1][slot][value_rows("momentum")], block[K.MOMENTUM : K.REST])
+        assert same(whole[1][slot][value_rows("momentum")], block[K.MOMENTUM : K.EXTRA])
     assert np.isfinite(whole[1]).all()
 
 
@@ -228,7 +228,7 @@ def test_a_check_every_sixteen_steps_finds_drift_without_saves():
     many, few = tops(), tops()
     run(many, RK4, EFFECTS, H, 64, EVERYTHING, 1)
     run(few, RK4, EFFECTS, H, 64)
-    assert same(many[: K.REST], few[: K.REST])
+    assert same(many[: K.EXTRA], few[: K.EXTRA])
     assert (few[K.DRIFT : K.STATUS] <= many[K.DRIFT : K.STATUS]).all()
     assert (few[K.DRIFT : K.STATUS] > 0).all()
     assert (few[K.GOOD_STEP] == 64).all()
@@ -248,7 +248,7 @@ def test_bad_members_are_flagged_and_frozen_and_harm_no_other():
         0.0
     ] * 6  # a free sphere under negative damping
     sick[K.EFFECTS + 1, growing] = -50.0
-    sick[K.MOMENTUM : K.REST, growing] *= 1e-30  # which takes 150 steps to spin it too fast
+    sick[K.MOMENTUM : K.EXTRA, growing] *= 1e-30  # which takes 150 steps to spin it too fast
     sick[K.STATUS, invalid] = K.STATUSES["invalid_input"]
     before = sick.copy()
     run(healthy, RK4, EFFECTS, H, steps, EVERYTHING, 50)
@@ -273,7 +273,7 @@ def test_bad_members_are_flagged_and_frozen_and_harm_no_other():
     slot = last // 50 + 1
     assert np.isfinite(out[:, :, growing]).all()
     assert (
-        out[slot:, 3:6, growing] == sick[K.MOMENTUM : K.REST, growing]
+        out[slot:, 3:6, growing] == sick[K.MOMENTUM : K.EXTRA, growing]
     ).all()  # saved frozen from then on
 
 
@@ -296,7 +296,7 @@ def test_the_vertical_momentum_is_judged_by_the_largest_that_energies_allow(size
 
 @pytest.mark.parametrize("name", ["rk4", "rk8", "exact", "rotations"])
 def test_without_attitude_the_momentum_has_the_same_bits(name):
-    made = form(INTEGRATORS[name], Turns(0.1, 0.1))
+    made = scheme_of(INTEGRATORS[name], TurnBounds(0.1, 0.1))
     with_it, without = tops(effects=()), tops(effects=())
     before = without[: K.MOMENTUM].copy()
     run(with_it, made, (), H, 100)
@@ -331,7 +331,9 @@ def physics():
         )
         block = block_of(bodies, effects)
         saved = EVERYTHING if name == "rk4" else ()
-        out = run(block, form(kind, Turns(0.2, 0.2), effects), effects, 1e-3, 20, saved, 7)
+        out = run(
+            block, scheme_of(kind, TurnBounds(0.2, 0.2), effects), effects, 1e-3, 20, saved, 7
+        )
         results[name] = block
         if saved:
             results["saves"] = out

@@ -18,9 +18,9 @@ def test_rows_follow_each_other_without_gaps():
         assert getattr(layout, name) == row
         row += count
     assert len(layout.MassProperties._fields) == layout.EFFECTS - layout.BODY
-    assert layout.START == layout.REST + 7 and layout.GOOD + 7 == layout.STEPS
-    assert layout.RECORDS + 2 * layout.RECORD == layout.EVENT
-    assert layout.RECORD == 5 + 7  # time, two states and levels, attitude and momentum
+    assert layout.START == layout.EXTRA + 7 and layout.GOOD_STATE + 7 == layout.STEPS
+    assert layout.RECORDS + 2 * layout.RECORD_ROWS == layout.EVENT_ROWS
+    assert layout.RECORD_ROWS == 5 + 7  # time, two states and levels, attitude and momentum
 
 
 @pytest.mark.parametrize("save", SAVES)
@@ -31,7 +31,7 @@ def test_a_scene_is_staged_by_the_table_of_rows(save):
         rm.Start(omega=(0.1, 1.0, 0.1)),
     ).with_run(save=save)
     watched = monitors_of(scene)
-    rows = layout.places(
+    rows = layout.map_rows(
         parameter_count(*scene.effects),
         len(ledger(scene.effects, "work" in save)),
         len(watched.events),

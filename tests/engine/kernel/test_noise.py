@@ -16,7 +16,7 @@ from rigidmc.engine import program
 from rigidmc.engine.compiler.pipeline import FLAGS
 from rigidmc.engine.formulas import evaluate
 from rigidmc.engine.kernel import arguments, layout
-from rigidmc.engine.kernel.noise import deviates as of_step
+from rigidmc.engine.kernel.noise import normal_deviates as of_step
 from rigidmc.engine.kernel.noise import normals, philox, uniform
 from rigidmc.engine.streams import key_of, stream_of
 from rigidmc.physics.dynamics.euler import MassProperties
@@ -24,7 +24,7 @@ from rigidmc.physics.dynamics.functions import as_float, as_word, logarithm
 from rigidmc.physics.dynamics.methods import OFF, ON, flag
 from rigidmc.physics.effects import Bath
 from rigidmc.physics.effects.protocol import blank
-from rigidmc.physics.integrators import INTEGRATORS, Turns, form
+from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, scheme_of
 from tests.kernels import make_block
 
 KEY, STREAM, STEP = key_of(5), np.uint64(stream_of("effects.bath.noise")), np.uint64(12345)
@@ -166,14 +166,14 @@ def test_steps_with_the_noise_of_steps_of_half_the_length(paired):
     effects = (Bath(1.3, 0.7),)
     body = MassProperties.of((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
     block = make_block(body, effects, np.eye(4)[:1].T.repeat(members, 1), np.zeros((3, members)))
-    made = form(INTEGRATORS["strang"], Turns(1.0, 1.0), effects)
+    made = scheme_of(INTEGRATORS["strang"], TurnBounds(1.0, 1.0), effects)
     moves = program.Program(made, blank(effects), paired=paired)
-    noise = arguments.Noise(*KEY, np.array([STREAM]), np.arange(members))
-    moves.advance(block, arguments.Run(h, 1, steps, steps, 0, 0, steps), noise)
+    noise = arguments.NoiseKeys(*KEY, np.array([STREAM]), np.arange(members))
+    moves.advance(block, arguments.StepRange(h, 1, steps, steps, 0, 0, steps), noise)
     keeps, spread = math.exp(-1.3 * h), math.sqrt(0.7 * (1.0 - math.exp(-2.6 * h)))
     momentum = np.zeros((3, members))
     for s in range(steps):
         three = [drawn(flag(paired), s, member) for member in range(members)]
         momentum = keeps * momentum + spread * np.array(three).T
-    off = np.abs(block[layout.MOMENTUM : layout.REST] - momentum).max()
+    off = np.abs(block[layout.MOMENTUM : layout.EXTRA] - momentum).max()
     assert off < 5e-15  # measured 5e-16

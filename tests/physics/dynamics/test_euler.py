@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 
 from rigidmc.physics.dynamics.euler import (
     MassProperties,
+    add_free_change,
     angular_velocity,
+    double_rates,
     free_rate,
     half_rotation,
     kinetic_energy,
     scaled,
-    spun,
-    twice,
 )
 from rigidmc.physics.dynamics.so3 import dot
 
@@ -61,9 +61,12 @@ def test_scaled_rates_are_a_time_times_both_equations(i, l, onto, h):
         half_rotation(rates, l), np.multiply(0.5 * h, angular_velocity(body, l)), rtol=0, atol=5e-15
     )
     assert np.allclose(
-        spun(rates, onto, l), np.add(onto, np.multiply(h, free_rate(body, l))), rtol=0, atol=5e-15
+        add_free_change(rates, onto, l),
+        np.add(onto, np.multiply(h, free_rate(body, l))),
+        rtol=0,
+        atol=5e-15,
     )
-    assert twice(rates) == scaled(body, 2.0 * h)
+    assert double_rates(rates) == scaled(body, 2.0 * h)
 
 
 @pytest.mark.parametrize("size", [1e-35, 1.0, 8e37])  # a virus, a top, the Earth

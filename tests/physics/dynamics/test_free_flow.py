@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from rigidmc.engine.kernel import layout as K
-from rigidmc.physics.dynamics.arc import Arc, arc, doubled, increment, squares
+from rigidmc.physics.dynamics.arc import EllipticArc, double_arc, elliptic_arc, increment, squares
 from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
-from rigidmc.physics.dynamics.free_flow import free_flow, motion, slopes
-from rigidmc.physics.dynamics.so3 import add, gain, moved, multiply
+from rigidmc.physics.dynamics.free_flow import free_flow, make_flow, slopes
+from rigidmc.physics.dynamics.so3 import add, add_compensated, apply_rotation, multiply
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.free_motion import FreeSteps
 from rigidmc.studies.stress.problems import HARD, PROBLEMS
@@ -35,7 +35,7 @@ def flow(moments, momentum, h, q=IDENTITY, halvings=None, panels=None):
     panels = panels or max(1, math.ceil(8.0 * abs(h) * turn_rate_of(moments, momentum)))
     halvings = math.ceil(math.log2(panels)) if halvings is None else halvings
     turn, change = free_flow(body, (1.0,) * halvings, (1.0 / panels,) * panels, h, momentum)
-    return moved(q, turn), gain(momentum, change)
+    return apply_rotation(q, turn), add_compensated(momentum, change)
 
 
 @cache
@@ -64,7 +64,7 @@ def test_slopes_are_those_of_the_arc_at_constant_s():
     def less_than_root(z):
         return 1 - mp.sqrt(1 - z * mp.mpf(s) ** 2)
 
-    a = Arc(s, float(less_than_root(x)), float(less_than_root(y)))
+    a = EllipticArc(s, float(less_than_root(x)), float(less_than_root(y)))
     for slope, z in zip(slopes(a), (x, y), strict=True):
         assert abs(slope / float(mp.diff(less_than_root, z)) - 1.0) < 1e-15
 
@@ -266,7 +266,7 @@ class Walking(NamedTuple):
     )
 
     def constants(self, body, part, l):
-        m, _ = motion(body, self.drift.halvings, self.drift.panels, part[0], l[7:])
+        m, _ = make_flow(body, self.drift.halvings, self.drift.panels, part[0], l[7:])
         return m, slopes(m.whole), slopes(m.panel), (0.0 * m.x, 0.0 * m.x)
 
 
@@ -282,7 +282,7 @@ class Deaf(NamedTuple):
     )
 
     def constants(self, body, part, l):
-        m, _ = motion(body, self.drift.halvings, self.drift.panels, part[0], l[7:])
+        m, _ = make_flow(body, self.drift.halvings, self.drift.panels, part[0], l[7:])
         return m, (), (), (0.0 * m.x, 0.0 * m.x)
 
 
@@ -349,7 +349,7 @@ def test_the_plain_form_drifts_where_the_increments_do_not():
 
     def parts(l):
         p, q1, q3 = squares(body, l)
-        return doubled(arc(0.005, p + q3, p + q1), p + q3, p + q1), p
+        return double_arc(elliptic_arc(0.005, p + q3, p + q1), p + q3, p + q1), p
 
     def plain(l):
         (s, g1, g3), p = parts(l)
@@ -395,7 +395,7 @@ def test_flips_come_at_the_right_time(name):
             made = prepare(INTEGRATORS["exact"], lam * guess / steps)
             block = make_block(body, (), np.array([IDENTITY]).T, np.array([problem.momentum]).T)
             run(block, made, (), guess / steps, steps)
-            l = block[K.MOMENTUM : K.REST, 0]
+            l = block[K.MOMENTUM : K.EXTRA, 0]
             late = l[1] / (body.a2 * l[0] * l[2])
             guess -= np.clip(late, -0.3 / lam, 0.3 / lam)
         return guess

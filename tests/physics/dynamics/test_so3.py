@@ -17,22 +17,22 @@ from rigidmc.engine.compiler import kernels  # noqa: F401  (sets the vector widt
 from rigidmc.engine.compiler.pipeline import FLAGS
 from rigidmc.physics.dynamics import so3
 from rigidmc.physics.dynamics.so3 import (  # fmt: skip
+    add_compensated,
+    add_compensated4,
+    advance_attitude,
+    apply_rotation,
     cross,
+    divide_by_three,
     dot,
     expm1,
     exponential,
-    gain,
-    gain4,
     into_body,
-    moved,
     multiply,
     normalised,
     scale4,
     select_each,
     sincos,
-    third,
     touch_up,
-    turned,
     two_sum,
     up,
 )
@@ -215,7 +215,9 @@ def test_up_and_not_its_mirror():
 @given(quaternion, quaternion, vector)
 def test_turned_adds_the_product_with_the_half_turn(q, p, w):
     # measured 4e-16
-    assert np.allclose(turned(q, p, w), np.add(q, multiply(p, (0.0, *w))), rtol=0, atol=2e-15)
+    assert np.allclose(
+        advance_attitude(q, p, w), np.add(q, multiply(p, (0.0, *w))), rtol=0, atol=2e-15
+    )
 
 
 @given(vector, vector)
@@ -238,12 +240,12 @@ def test_normalisations_reach_the_sphere_from_nearby(q, off):
     nearly = [(1.0 + 4e-9 * off) * x for x in q]
     assert np.abs(np.subtract(touch_up(nearly), q)).max() < 2e-15  # measured 3e-16
     nearly = [3.0 * (1.0 + 1e-4 * off) * x for x in q]
-    assert np.abs(np.subtract(third(nearly), q)).max() < 2e-15  # measured 4e-16
+    assert np.abs(np.subtract(divide_by_three(nearly), q)).max() < 2e-15  # measured 4e-16
 
 
 def test_normalisations_do_not_reach_the_sphere_from_afar():
     assert abs(touch_up((1.01, 0.0, 0.0, 0.0))[0] - 1.0) > 1e-4  # measured 1.5e-4
-    assert abs(third((3.3, 0.0, 0.0, 0.0))[0] - 1.0) > 1e-4  # measured 3.6e-4
+    assert abs(divide_by_three((3.3, 0.0, 0.0, 0.0))[0] - 1.0) > 1e-4  # measured 3.6e-4
 
 
 def test_sums_with_remainders_lose_nothing():
@@ -267,8 +269,12 @@ def test_sums_with_remainders_lose_nothing():
         size = mp.sqrt(sum(x * x for x in by))
         by = tuple(x / size for x in by)
         for _ in range(300):
-            pair, quat, true = gain(pair, step), moved(quat, turn), multiply(true, by)
-            plain = moved(plain, turn)
+            pair, quat, true = (
+                add_compensated(pair, step),
+                apply_rotation(quat, turn),
+                multiply(true, by),
+            )
+            plain = apply_rotation(plain, turn)
         size = mp.sqrt(sum(x * x for x in true))
         off = [
             float(abs(mp.mpf(float(a)) + mp.mpf(float(b)) - x / size))
@@ -288,7 +294,7 @@ def test_a_pair_turns_as_the_sum_of_its_parts(turn):
     """By a large turn, also one by more than half a circle, and with a remainder that counts: the
     sign of an attitude is free."""
     q, rest = normalised((0.5, -0.3, 0.7, 0.2)), (2e-9, 1e-9, -3e-9, 5e-9)
-    value, left = moved((q, rest), turn)
+    value, left = apply_rotation((q, rest), turn)
     true = multiply([a + b for a, b in zip(q, rest, strict=True)], turn)
     size = np.sqrt(np.square(true).sum())
     off = np.add(value, left) - np.copysign(1.0, turn[0]) * np.array(true) / size
@@ -299,7 +305,7 @@ def test_a_pair_turns_as_the_sum_of_its_parts(turn):
 def test_a_pair_comes_back_to_the_sphere():
     """gain4 brings |q| = 1.00001 back: what is left is 5/2 of the cube of 2e-5."""
     q = normalised((0.5, -0.3, 0.7, 0.2))
-    value, rest = gain4((q, (0.0,) * 4), scale4(1e-5, q))
+    value, rest = add_compensated4((q, (0.0,) * 4), scale4(1e-5, q))
     # measured 4e-14
     assert (
         abs(
@@ -336,7 +342,7 @@ def test_remainders_of_an_attitude_are_carried_component_by_component():
         (0.0, 0.0, -0.2e-18, 0.7e-18),
         (-0.2e-18, 0.0, 0.0, 0.5e-18),
     ):
-        value, left = gain4((q, rest), (0.0, 1e-19, 0.0, 0.0))
+        value, left = add_compensated4((q, rest), (0.0, 1e-19, 0.0, 0.0))
         off = [
             Fraction(a) + Fraction(b) - Fraction(c) - Fraction(d)
             for a, b, c, d in zip(value, left, q, rest, strict=True)

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
-from rigidmc.engine.inspection import why_one_at_a_time
+from rigidmc.engine.inspection import why_scalar
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.so3 import up
 from rigidmc.physics.integrators import INTEGRATORS
@@ -190,9 +190,9 @@ class Wall(NamedTuple):
 
 
 def test_a_message_says_whether_an_effect_is_packed_and_why_not():
-    assert why_one_at_a_time(Sine(1.0)) == why_one_at_a_time(Weight(9.81)) == ""
+    assert why_scalar(Sine(1.0)) == why_scalar(Weight(9.81)) == ""
     assert all(
-        "takes one number at a time" in why_one_at_a_time(kind(1.0))
+        "takes one number at a time" in why_scalar(kind(1.0))
         for kind in (Five, Gamma, Halving, Switch, Wall)
     )
 

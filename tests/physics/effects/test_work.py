@@ -15,7 +15,7 @@ from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.physics.dynamics.methods import flag, implements, static_count
 from rigidmc.physics.effects import BodyTorque, Gravity, QuadraticDrag, ViscousDamping
 from rigidmc.physics.effects.protocol import depends_on_momentum, filled, numbers
-from rigidmc.physics.effects.sums import spent, total_energy
+from rigidmc.physics.effects.sums import total_energy, untracked_work
 from rigidmc.physics.integrators import INTEGRATORS, accepting
 from tests.kernels import one_step, prepare
 from tests.physics.effects.test_effects import EXAMPLES, MOMENTS, STATIC
@@ -44,7 +44,7 @@ def unbooked(name, effects, h, end=2.0):
                 kinetic_energy(BODY, l)
                 + total_energy(effects, BODY, q)
                 - first
-                - spent(ledger, l[3:])
+                - untracked_work(ledger, l[3:])
             ),
         )
     return worst

@@ -84,7 +84,7 @@ def after(tops, name, steps):
     """The states of an ensemble after 4 s."""
     block, h = tops.block.copy(), 4.0 / steps
     run(block, prepare(INTEGRATORS[name], tops.turn_rate * h, tops.effects), tops.effects, h, steps)
-    return block[: K.REST]
+    return block[: K.EXTRA]
 
 
 def typical_error(name, steps):
@@ -125,10 +125,10 @@ def test_there_and_back(name):
     h, steps = 0.2, 50
     made = prepare(kind, turn(problem, h), problem.effects)
     block = block_of([problem])
-    start = block[: K.REST].copy()
+    start = block[: K.EXTRA].copy()
     for way in (h, -h):
         run(block, made, problem.effects, way, steps)
-    error = np.abs(block[: K.REST] - start).max()
+    error = np.abs(block[: K.EXTRA] - start).max()
     if kind.reversible:
         assert error < 3e-13
     else:

@@ -97,14 +97,14 @@ def test_rounding_grows_with_the_root_of_the_steps_at_most():
     drifts = {}
     for compensated in (False, True):
         block = block_of([top] * 32)
-        block[K.MOMENTUM : K.REST] *= 1.0 + 1e-3 * np.arange(32)
+        block[K.MOMENTUM : K.EXTRA] *= 1.0 + 1e-3 * np.arange(32)
         drift = []
-        made, size = prepare(INTEGRATORS["rk8"], 0.1), (block[K.MOMENTUM : K.REST] ** 2).sum(0)
+        made, size = prepare(INTEGRATORS["rk8"], 0.1), (block[K.MOMENTUM : K.EXTRA] ** 2).sum(0)
         for steps in (20_000, 320_000):
             moved = block.copy()
             run(moved, made, (), 1e-3, steps, compensated=compensated)
             drift.append(
-                np.sqrt(np.mean(((moved[K.MOMENTUM : K.REST] ** 2).sum(0) / size - 1.0) ** 2))
+                np.sqrt(np.mean(((moved[K.MOMENTUM : K.EXTRA] ** 2).sum(0) / size - 1.0) ** 2))
             )
         drifts[compensated] = drift
     assert drifts[True][1] < 3e-16

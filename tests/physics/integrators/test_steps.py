@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rigidmc.physics.dynamics.euler import angular_velocity
-from rigidmc.physics.dynamics.so3 import cross, scale, up, whole
+from rigidmc.physics.dynamics.so3 import cross, scale, up, value_of
 from rigidmc.physics.effects.sums import total_torque
 from rigidmc.physics.integrators import INTEGRATORS, accepting, description, rk8
 from rigidmc.physics.integrators.protocol import constants, opened, step
@@ -74,7 +74,9 @@ def error(name, effects, steps, compensated=False):
     for i in range(steps):
         q, l = one_step(made, FREE.body, effects, i * h, h, q, l)
     true = true_end(effects)
-    return max(attitude_error(whole(q), true[:4]), np.abs(np.array(whole(l)) - true[4:]).max())
+    return max(
+        attitude_error(value_of(q), true[:4]), np.abs(np.array(value_of(l)) - true[4:]).max()
+    )
 
 
 def measured_order(name, effects, few, compensated=False):
@@ -182,7 +184,7 @@ def test_a_step_asks_for_the_torques_of_its_facts(name):
     for steps in (1, 3):
         TIMES.clear()
         made = prepare(kind, 0.1, effects)
-        lead, rows = 0.1 * made.parts[0], 0.1 * made.parts[1:]
+        lead, rows = 0.1 * made.substeps[0], 0.1 * made.substeps[1:]
         q, l = (1.0, 0.0, 0.0, 0.0), FREE.momentum
         q, l = opened(made.integrator, FREE.body, effects, lead[3], tuple(lead[:3]), q, l)
         once = constants(made.integrator, FREE.body, tuple(rows[0][:3]), l)

@@ -9,7 +9,7 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 
 import rigidmc as rm
 from rigidmc.physics.dynamics.so3 import up
-from rigidmc.physics.observables.chaos import NEAR
+from rigidmc.physics.observables.chaos import SHADOW_DISTANCE
 
 HEAVY = rm.Body.from_moments((1.0, 2.0, 2.8), mass=1.0, centre=(0.5, 0.5, 0.5))
 WEIGHT = (rm.Gravity(1.0),)
@@ -115,7 +115,7 @@ def test_megno_tells_regular_from_chaotic():
 
 
 def test_the_neighbour_is_as_near_as_the_tests_take_it_to_be():
-    assert NEAR == 1e-8
+    assert SHADOW_DISTANCE == 1e-8
 
 
 @pytest.mark.parametrize(

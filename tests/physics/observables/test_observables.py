@@ -11,7 +11,7 @@ from rigidmc.physics.effects import Gravity
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import OBSERVABLES, WATCHED, WATCHED_STATISTICS, outputs
 from rigidmc.physics.observables.protocol import (
-    Ensemble,
+    EnsembleObservable,
     Event,
     Neighbour,
     Observable,
@@ -102,7 +102,9 @@ def over_steps():
 def test_outputs_over_all_steps(label):
     one = over_steps()[label]
     one.check()
-    kinds = [kind for kind in (Event, Running, Neighbour, Ensemble) if isinstance(one, kind)]
+    kinds = [
+        kind for kind in (Event, Running, Neighbour, EnsembleObservable) if isinstance(one, kind)
+    ]
     assert len(kinds) == 1
     facts, some = outputs(label, one), np.ones(2)
     assert all(units and text and "{" not in text for units, text, _ in facts.values())
