@@ -1,8 +1,9 @@
-"""Pieces compiled in a second process, while this one compiles others of the same program.
+"""Kernels compiled in a second process, while this one compiles others of the same program.
 
-The first use of a program then takes little more than half as long. The other process puts code
-into the disk cache, where this one finds it. It is told what to compile by the names of functions
-and NamedTuples of the package. If it fails, or is slow, this process compiles everything itself.
+The first use of a program then takes little more than half as long: Numba holds Python's global
+lock, so that threads would not help. The other process puts code into the disk cache, where this
+one finds it. It gets the names of functions and NamedTuples of the package. If it fails, or is
+slow, this process compiles everything itself.
 """
 
 import contextlib
@@ -22,9 +23,9 @@ PATIENCE = 60.0  # [s] for what takes 1 to 3 s on two cores
 
 
 def helper_can(keys: Mapping[str, KernelKey]) -> list[str]:
-    """Names of the pieces that another process could compile.
+    """Names of the kernels that another process could compile.
 
-    These are the pieces that the disk cache keeps, if there is another core and a Python to start.
+    These are the kernels that the disk cache keeps, if there is another core and a Python to start.
     keys : by the names of the kernels
     """
     if not can_start() or threads_available() < 2:
@@ -34,9 +35,9 @@ def helper_can(keys: Mapping[str, KernelKey]) -> list[str]:
 
 @contextlib.contextmanager
 def compile_in_helper(keys: Sequence[KernelKey]) -> Iterator[None]:
-    """Have pieces compiled by another process while the body runs.
+    """Have kernels compiled by another process while the body runs.
 
-    At the end the other process has compiled them or is given up.  keys : of the kernels
+    At the end the other process has compiled them or is given up.
     """
     process = _started(keys) if keys else None
     try:

@@ -1,6 +1,8 @@
 """What is compiled is said before it begins, with how long it takes.
 
-Nothing is said if all code is in memory or in the disk cache.
+The time is estimated from CPU seconds measured once, times the pace of this machine, which each
+first program of a process measures anew. Nothing is said if all code is in memory or in the disk
+cache.
 """
 
 import contextlib
@@ -36,9 +38,9 @@ TORQUE = 0.15  # with gravity 0.8 (cf4), 0.9 (rk4), 1.7 (rk8)
 EFFECT = 0.2
 FIRST = 0.3  # once a process
 START = 0.4  # until a second process has begun: 0.3 to 0.4
-APART = 1.3  # times as long as here, without the functions that pieces share
+APART = 1.3  # times as long as here, without the functions that kernels share
 GAIN = 0.5  # a wait that is shorter by less needs no second process
-# Times as long once a process has compiled a program, because functions that pieces share are
+# Times as long once a process has compiled a program, because functions that kernels share are
 # there: 0.3 to 0.6.
 LATER = 0.45
 
@@ -49,7 +51,7 @@ def announce_compiling(
 ) -> Iterator[None]:
     """Say what is compiled in the body, and learn from it how fast this machine is.
 
-    label : of the program;  missing : names of its pieces that are to be compiled
+    label : of the program;  missing : names of its kernels that are to be compiled
     effects : of the program;  theirs : see `split_work`
     """
     if not missing:
@@ -61,16 +63,17 @@ def announce_compiling(
     expected = seconds(label, [name for name in missing if name not in theirs], effects)
     yield
     compiled.append(label)
-    if cold and "march" in missing:  # by CPU time, which other processes do not lengthen
+    # By CPU time, which other processes do not lengthen.
+    if cold and "march" in missing:
         _learn(_pace() * (time.process_time() - began) / expected)
 
 
 def seconds(
     label: str, missing: Sequence[str], effects: Sequence[Any] = (), theirs: Collection[str] = ()
 ) -> float:
-    """About how long it takes to compile pieces of a program on this machine.
+    """About how long it takes to compile kernels of a program on this machine.
 
-    theirs : the pieces that a second process compiles meanwhile
+    theirs : the kernels that a second process compiles meanwhile
     """
     costs = {name: _cost(name, label, effects) for name in missing}
     here = sum(cost for name, cost in costs.items() if name not in theirs)
@@ -82,11 +85,11 @@ def seconds(
 def split_work(
     label: str, missing: Sequence[str], effects: Sequence[Any], able: Collection[str]
 ) -> list[str]:
-    """Names of the pieces that a second process is to compile.
+    """Names of the kernels that a second process is to compile.
 
     `march` stays here. The others, the most costly first, go where less is to do. None goes to the
     second process if the wait would not be shorter by GAIN.
-    able : names of the pieces that another process could compile
+    able : names of the kernels that another process could compile
     """
     costs = {name: _cost(name, label, effects) for name in missing}
     here, share = (FIRST, 1.0) if _cold() else (0.0, LATER)
@@ -102,7 +105,7 @@ def split_work(
 
 
 def _cost(name: str, label: str, effects: Sequence[Any]) -> float:
-    """CPU seconds of a piece of a program on the machine above, as the first to be compiled."""
+    """CPU seconds of a kernel of a program on the machine above, as the first to be compiled."""
     if name != "march":
         return KERNELS.get(name, 0.0)
     free = MARCH.get(label.split(" ")[0], OTHERS)
@@ -120,7 +123,7 @@ def seconds_text(number: float) -> str:
 
 
 def list_kernels(label: str, missing: Sequence[str]) -> str:
-    """What is compiled, every piece by its name."""
+    """What is compiled, every kernel by its name."""
     march = [f"march of {label}"] * ("march" in missing)
     return ", ".join(march + [name for name in missing if name != "march"])
 
@@ -152,6 +155,7 @@ def _pace() -> float:
         contextlib.suppress(OSError, ValueError),
         open(_file(), encoding="ascii", opener=plain) as file,
     ):
+        # Bounded, as the file may be damaged, or of another machine.
         pace = float(file.read(32))
         return min(5.0, max(0.2, pace)) if math.isfinite(pace) else 1.0
     return 1.0

@@ -2,14 +2,11 @@
 
 A formula is a NamedTuple whose fields are its arguments and whose method `values(self)` returns a
 tuple of numbers. It is written once, runs as it stands in Python, and is compiled by its type as an
-effect is.
+effect is: `evaluate` takes arrays through it.
 
-Torque and energy of the effects for many members at once, outside a run.
-
-Arrays go through the formulas as they stand if the formulas take arrays, else the formulas are
-compiled.
-
-A member some time after a state that is known, and what is observed there: a formula.
+Two formulas of the physics are here: `Forces`, torque and energy of effects for many members at
+once, outside a run, and `AdvancedState`, a member some time after a state that is known, with what
+is observed there, by one step of an integrator.
 """
 
 import sys
@@ -41,8 +38,8 @@ from rigidmc.physics.integrators.protocol import step
 from rigidmc.physics.observables.protocol import value
 from rigidmc.threads import Task, threads_of
 
-# Elements per call on a thread, at most (a few ms) and at least (0.1 ms).
-PIECE, LEAST = 16384, 512
+# Elements of a call on a thread, at most (a few ms) and at least (0.1 ms).
+MAX_CALL, MIN_CALL = 16384, 512
 
 
 @method
@@ -143,7 +140,8 @@ def evaluate(
         call_kernel(compiled, FILL, room, room, *shared, low, min(low + size, count))
 
     threads = threads or threads_available()
-    size = min(PIECE, max(LEAST, WIDTH * -(-count // (threads * WIDTH))))
+    # Whole vectors, and as many calls as threads if they are not too small.
+    size = min(MAX_CALL, max(MIN_CALL, WIDTH * -(-count // (threads * WIDTH))))
     starts = range(0, count, size)
     if threads > 1 and len(starts) > 1:
         others = [Task(part, low) for low in starts[1:]]
@@ -193,7 +191,7 @@ def torques(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float64
 
 
 def evaluate_forces(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float64]:
-    """Torque and energy (4, ...) by compiled code."""
+    """Torque and energy (4, ...) by compiled code, arguments as of `torques`."""
     parameters = (value for e in effects for _, _, value in numbers(e))
     columns = np.broadcast_arrays(*q, *l, *body, *parameters)
     rows = [column.ravel() for column in columns]
@@ -207,7 +205,7 @@ def evaluate_forces(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np
 
 
 class AdvancedState(NamedTuple):
-    """One step of an integrator, see `rigidmc.engine.formulas`.
+    """A member after a time h, and what is observed then.
 
     effects, observables, integrator : as they are compiled;  t, h : when the state (q, l) is known,
         and the time since then [s]

@@ -1,9 +1,8 @@
-"""What physics costs before it is run: floating-point operations, counted in LLVM's code.
+"""What LLVM's code of a part shows, before anything is run.
 
-A user's own parts, compiled by themselves: integrators and what is recorded or watched.
-
-What cannot be compiled is refused with the name of its class, and what takes one number at a time
-is told.
+How many floating-point operations a torque or a step has; whether a user's own part takes memory,
+which is refused with the name of its class; whether it runs on vectors, or takes one number at a
+time and makes its scene's members go one by one.
 """
 
 import re
@@ -59,6 +58,7 @@ from rigidmc.physics.observables.protocol import (
     value,
 )
 
+# A packed operation counts once for each number in its vector: "<8 x double>".
 _OPERATION = re.compile(
     r"= .*?\b(?:f(add|sub|mul|div)|call [^@]*@(?:llvm\.)?(sqrt|fabs|minnum|maxnum|fma)\b\S*)\b"
     r"[^<]*?(?:<(\d+) x )?double"
@@ -111,6 +111,7 @@ def refusal_of(effect: Any) -> str:
     """Why the torque of a user's effect cannot go into a kernel: "takes memory", or ""."""
     if config.DISABLE_JIT:
         return ""
+    # Functions of Numba's runtime, which allocates and counts references, begin so.
     return "takes memory" if "NRT_" in _torque_code(effect) else ""
 
 
@@ -146,6 +147,7 @@ def step_operations(scheme: Any, effects: Any, attitude: bool) -> Operations:
     q, l = opened(scheme.integrator, _STILL, blank(effects), 0.0, first, q, _SPIN)
     once = constants(scheme.integrator, _STILL, first, l)
 
+    # Two functions, as Numba would compile a branch on `attitude` with both results.
     def whole_state(integrator, effects, t, part, q, l):
         return step(integrator, _STILL, effects, t, _STEP, part, q, l, once)
 
@@ -196,7 +198,7 @@ def _all_methods(kinds, numbers, at):
 
 
 # Body and step stay the same from step to step. They are constants here, so that what is computed
-# from them alone does not count, as it takes no time before a loop.
+# from them alone does not count: LLVM moves it out of the loop over steps.
 _STILL, _STEP = MassProperties.of((0.61, 0.83, 1.07), (0.053, -0.022, 0.31)), 0.013
 
 
@@ -228,7 +230,7 @@ def scalar_parts(
 ) -> list[tuple[str, str]]:
     """[(class, why)] of the user's own parts with which members cannot be worked on side by side.
 
-    watched : observables, compiled events, running observables
+    watched : observables, events as they are compiled, running observables
     Raises SceneError for an integrator or an observable that cannot be compiled.
     """
     if config.DISABLE_JIT:

@@ -1,4 +1,4 @@
-"""What moves the members of a scene: its pieces, compiled, and the memory that they work in."""
+"""What moves the members of a scene: its kernels, compiled, and the memory that they work in."""
 
 from collections.abc import Generator, Mapping, Sequence
 from types import SimpleNamespace
@@ -64,27 +64,28 @@ class Program:
     limits : () if only non-finite members are flagged; else the largest drift of energy (of the
         energies in play), of |L|^2 (of its size) and of L_z (of the largest |L| that the energies
         allow), |omega| h [rad], and ||q|^2 - 1|; inf if a scene has no such law
-    ledger : () if no works are kept; else for each effect OFF if its energy tells its work, ON if
-        not, see `rigidmc.physics.effects.sums`
-    events, running, shadow : what is watched: compiled events; (running observable, `static_count`
-        of its marks) each; ON for a neighbour
-    lanes : how many members are worked on side by side, by default what suits this processor; one
-        if the code of a user's own effect takes only one
-    ask : compile nothing; `missing` then tells what would be compiled
-    nodes : states that are watched in a step, by dense output but for the last; 0 for the states
+    works : () if no works are saved; else for each effect OFF if its energy accounts for its work,
+        ON if not, see `rigidmc.physics.effects.sums`
+    events, running, shadow : what is monitored: events as they are compiled; (running observable,
+        `static_count` of the numbers of its state) each; ON for a shadow trajectory
+    lanes : how many members are worked on side by side, by default what suits this CPU; one if the
+        code of a user's own effect takes only one
+    ask : compile nothing; `missing` then names what would be compiled
+    nodes : states of a step that are monitored, by dense output but for the last; 0 for the states
         after steps and nothing in between
-    paired : whether a step has the noise of two steps of half its length, which it then follows as
-        closely as a path with such steps can; steps are those of all members alike
-    shortens : whether the last interval may have steps of a length of their own
+    paired : whether a step has the noise of two steps of half its length, so that it follows their
+        path as closely as it can; the steps are those of all members alike
+    shortens : whether the last interval may have steps of another length
     """
 
     def __init__(
         self, scheme: Any, effects: Sequence[Any], observables: Sequence[Any] = (),
         attitude: bool = True, compensated: bool = False, dtype: DTypeLike = "float64",
-        limits: Sequence[float] = (), ledger: Sequence[Any] = (), events: Sequence[Any] = (),
+        limits: Sequence[float] = (), works: Sequence[Any] = (), events: Sequence[Any] = (),
         running: Sequence[Any] = (), shadow: Flag = OFF, lanes: int | None = None,
         ask: bool = False, nodes: int = 0, paired: bool = False, shortens: bool = False,
     ) -> None:  # fmt: skip
+        # An integrator with a state of its own looks after its rounding in it.
         compensated = compensated and not has_extra_state(scheme.integrator)
         if compensated and implements(scheme.integrator, "with_sums"):
             scheme = scheme._replace(
@@ -92,20 +93,20 @@ class Program:
                 substeps=scheme.substeps * (np.arange(len(scheme.substeps)) > 0)[:, None],
             )
         self.scheme, self.effects, self.dtype = scheme, effects, np.dtype(dtype).name
-        watches = *observables, *events, *(one for one, _ in running)
-        one = config.DISABLE_JIT or scalar_parts(scheme.integrator, effects, watches)
-        self.lanes = 1 if one else lanes or lanes_for(dtype)
+        watches = *observables, *events, *(observable for observable, _ in running)
+        scalar = config.DISABLE_JIT or scalar_parts(scheme.integrator, effects, watches)
+        self.lanes = 1 if scalar else lanes or lanes_for(dtype)
         self.substeps = np.ascontiguousarray(scheme.substeps, dtype=float).ravel()
 
         marks = [len(m) for _, m in running]
-        rows = map_rows(tree_size(effects), len(ledger), len(events), marks, bool(shadow))
+        rows = map_rows(tree_size(effects), len(works), len(events), marks, bool(shadow))
         self.rows = rows.end
         random = any(map(takes_noise, effects))
         self.shape = KernelShape(
             lanes=self.lanes,
-            values=sum(size(o.dims, len(ledger)) for o in observables),
+            values=sum(size(o.dims, len(works)) for o in observables),
             work_row=rows.in_state(rows.works),
-            works=len(ledger),
+            works=len(works),
             monitor_row=MEMBER_ROWS + rows.events,
             shadow_row=rows.in_state(rows.shadow),
             monitors=int(bool(events or running)),
@@ -120,23 +121,23 @@ class Program:
         kept = flag(attitude), flag(compensated)
         self.paired = flag(paired)
         self.kernel_keys = self._make_keys(
-            kept, observables, tuple(limits), ledger, events, running, shadow
+            kept, observables, tuple(limits), works, events, running, shadow
         )
         if not ask:
             self._compile()
 
     def _make_keys(
-        self, marks: tuple[Any, Any], observables: Any, limits: Any, ledger: Any, events: Any,
+        self, marks: tuple[Any, Any], observables: Any, limits: Any, works: Any, events: Any,
         running: Any, shadow: Any,
     ) -> dict[str, KernelKey | None]:  # fmt: skip
         """{name: KernelKey} of all kernels, None for those without a use.
 
-        marks : flags of attitude and of remainders
+        marks : flags of attitude and of compensated sums
         """
         integrator, effects, shape = self.scheme.integrator, self.effects, self.shape
         groups = static_count(min(self.lanes, group_count(integrator)))
-        several, works = flag(len(self.scheme.substeps) > 2), static_count(len(ledger))
-        moved = (integrator, effects, *marks, works, groups, several, self.paired)
+        several, count = flag(len(self.scheme.substeps) > 2), static_count(len(works))
+        moved = (integrator, effects, *marks, count, groups, several, self.paired)
         kept, dense = stepping_form(integrator), static_count(min(shape.nodes, 2))
 
         def key(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
@@ -144,14 +145,14 @@ class Program:
 
         some = events or running
         stops, steps = (kept, effects, events), (kept, effects, events, running, dense)
-        last = kept, effects, marks[1], ledger
+        last = kept, effects, marks[1], works
         table = KernelTable(
             gather=key(True, member.gather, (), "piiiiffsw"),
             scatter=key(True, member.scatter, (), "piiiiiiisw"),
-            initialise=key(True, member.initialise, (kept, effects, limits, ledger), "psw"),
+            initialise=key(True, member.initialise, (kept, effects, limits, works), "psw"),
             march=key(True, march, moved, MARCH),
-            assess=key(True, member.assess, (kept, effects, *marks, limits, ledger), "pswffff"),
-            record=key(observables, member.record, (observables, effects, ledger), "wpiifi"),
+            assess=key(True, member.assess, (kept, effects, *marks, limits, works), "pswffff"),
+            record=key(observables, member.record, (observables, effects, works), "wpiifi"),
             begin_monitors=key(some, monitoring.begin_monitors, (effects, events, running), "pswi"),
             monitor_steps=key(some, monitoring.monitor_steps, steps, "pswsiiii"),
             refine_event=key(events, refine_event, stops, "pwswiiiff"),
@@ -163,7 +164,7 @@ class Program:
         return {**table._asdict(), "advance": advance_key(self.dtype)}
 
     def _compile(self) -> None:
-        """Compile the pieces that are missing, some of them in a second process."""
+        """Compile the kernels that are missing, some of them in a second process."""
         missing, theirs = self.missing(), self.helper_share()
         with announce_compiling(self.label, missing, self.effects, theirs):
             with compile_in_helper([key for name in theirs if (key := self.kernel_keys[name])]):
@@ -183,20 +184,20 @@ class Program:
 
     @property
     def label(self) -> str:
-        """What it is, in the words of a scene."""
+        """Its name in messages: integrator and effects."""
         integrator = self.scheme.name or type(self.scheme.integrator).__name__
         words = [integrator, *(label for label, _ in labelled(self.effects))]
         return " + ".join(words) + " in float32" * (self.dtype == "float32")
 
     def missing(self) -> list[str]:
-        """Names of the pieces that are neither in memory nor in the disk cache.
+        """Names of the kernels that are neither in memory nor in the disk cache.
 
         "advance" is the loop that calls the others.
         """
         return [name for name, key in self.kernel_keys.items() if key and not is_compiled(key)]
 
     def helper_share(self) -> list[str]:
-        """Names of the missing pieces that a second process is to compile."""
+        """Names of the missing kernels that a second process is to compile."""
         if not (missing := self.missing()):
             return []
         able = helper_can({name: key for name in missing if (key := self.kernel_keys[name])})
@@ -216,15 +217,15 @@ class Program:
     def through(
         self, block: NDArray[np.float64], steps: StepRange, noise: NoiseKeys, saves: SaveTarget
     ) -> Generator[int, bool | None, None]:
-        """`advance` by calls that are no longer than a blink; the step after each of them.
+        """`advance` by calls of at most 60 ms; yields the step after each of them.
 
         No result depends on the calls. send(True) to this generator brings the state after the last
         call to the block, from which other calls may go on at that step.
         """
-        # a step in many parts takes as many times as long
-        most = max(1, CALL // (max(1, block.shape[1]) * (len(self.scheme.substeps) - 1)))
-        for first in range(steps.first, steps.last, most):
-            last = min(steps.last, first + most)
+        # A step of many substeps takes as many times as long.
+        longest = max(1, CALL // (max(1, block.shape[1]) * (len(self.scheme.substeps) - 1)))
+        for first in range(steps.first, steps.last, longest):
+            last = min(steps.last, first + longest)
             self.advance(block, steps._replace(first=first, last=last), noise, saves)
             while (yield last):  # the state is in the block
                 pass
@@ -237,14 +238,15 @@ class Program:
         lanes, (rows, members) = self.lanes, block.shape
         noise = noise or NO_NOISE._replace(members=np.arange(members))
         saves = saves or NO_SAVES
-        places_of_saves = 8 * lanes, saves.out.ctypes.data, 8 * saves.columns, 8 * saves.column
+        offsets = 8 * lanes, saves.out.ctypes.data, 8 * saves.columns, 8 * saves.column
         room = Workspace(
             substeps=self.substeps,
             substep_rows=self.substeps.size // 4,
             block=block,
             rows=rows,
             width=members,
-            skips_cache=int(all(place % LINE == 0 for place in places_of_saves)),
+            # Stores past the cache write whole cache lines: all rows of saves have to begin on one.
+            skips_cache=int(all(offset % LINE == 0 for offset in offsets)),
             **{
                 name: aligned(count * lanes, kind)
                 for name, (count, kind) in self.working_memory(rows).items()
@@ -253,7 +255,7 @@ class Program:
         call_kernel(self._advance, "p", fill_record(self._frame, steps, noise, saves, room))
 
     def working_memory(self, rows: int) -> dict[str, tuple[int, DTypeLike]]:
-        """{name in Room: (how many numbers, of which kind)} that a member works in.
+        """{name in Workspace: (how many numbers, of which type)} that a member works in.
 
         rows : of its block
         """
@@ -274,7 +276,7 @@ def advance_key(dtype: str) -> KernelKey:
 
 
 def fill_record(frame: Any, *groups: NamedTuple) -> Any:
-    """The record of `record_type` with fields from NamedTuples.
+    """A frame, the record of `record_type`, with fields from NamedTuples.
 
     Uncompiled it is something with attributes of their names.
     """
@@ -294,8 +296,6 @@ def fill_record(frame: Any, *groups: NamedTuple) -> Any:
 
 
 def lanes_for(dtype: DTypeLike) -> int:
-    """How many members are worked on side by side; no result depends on it.
-
-    They fill two registers for each number: while one waits for a result, the other is worked on.
-    """
+    """How many members are worked on side by side; no result depends on it."""
+    # Two registers for each number: while one waits for a result, the CPU works on the other.
     return min(LANES, 2 * vector_bits() // (8 * np.dtype(dtype).itemsize))

@@ -3,7 +3,7 @@
 Physics is written as plain functions and as methods of NamedTuples. Here they become callable from
 compiled code: a plain function by itself, a method by the TYPE of its NamedTuple. Tuples of effects
 are unrolled by recursion on their type, so that compiled code holds what a scene lists and nothing
-else. Numba's disk cache works, because no function is ever an argument.
+else. No function is ever an argument, which Numba's disk cache could not know again.
 """
 
 import inspect
@@ -38,6 +38,7 @@ _done: set[str] = set()  # modules of the package
 def innermost_cause(error: Exception) -> str:
     """The innermost cause of a failed compilation, with its file and line, on one line."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    # Numba prints the chain of callers, the user's own function last.
     failed = [i + 1 for i, line in enumerate(lines) if "Failed in nopython mode" in line]
     inner = lines[failed[-1] :] if failed else lines
     place = next((line.rstrip(":") for line in inner if line.startswith("File ")), "")
@@ -91,9 +92,12 @@ def compile_method(call: Any) -> None:
         method = getattr(part.instance_class, name, None)
         named = available if method is None else arguments(method)
         places = [available.index(argument) for argument in named]
+        # A method that the class lacks costs nothing: the default is inlined, and mostly does
+        # nothing.
         function = default if method is None else inline(method)
         if method is not None:
             inline_names(method.__module__, method.__globals__)
+        # The templates that `inline` has just registered are unknown to Numba before.
         typing_context.refresh()
         kind = typing_context.resolve_value_type(function)
         given = [part, *(values[i] for i in places)]
@@ -109,7 +113,7 @@ def compile_method(call: Any) -> None:
         inspect.Parameter(word, inspect.Parameter.POSITIONAL_ONLY)
         for word in ("_context", "_part", *available)
     ]
-    # Numba would make a tuple of the arguments after a `*`
+    # Numba would make a tuple of the arguments after a `*`: it gets their names instead.
     cast(Any, resolve).__signature__ = inspect.Signature(words)
     coded(call)(resolve)
 
@@ -125,8 +129,10 @@ def inline_all(module: ModuleType) -> None:
 
 
 def inline_names(module: str, names: Mapping[str, Any]) -> None:
-    """The same for a module by its name and what it has; a user's may be known to nobody else."""
+    """As `inline_all`, for a module by its name and what it has; a user's may be known to nobody
+    else."""
     package, pending, seen = module.partition(".")[0], [(module, names)], set(_done)
+    # Generic functions are not plain: `compile_method` serves them.
     methods: list[Any] = list(METHODS)
     while pending:
         module, names = pending.pop()
@@ -144,7 +150,7 @@ def inline_names(module: str, names: Mapping[str, Any]) -> None:
                 inline(one)
             elif (same and not home.startswith("rigidmc.engine.")) or is_own(one.__globals__):
                 pending.append((home, one.__globals__))
-    if package == "rigidmc":  # a user's module may get more functions later
+    if package == "rigidmc":  # a user's module, as of a notebook, may get more functions later
         _done.update(seen)
 
 

@@ -1,11 +1,10 @@
 """A private disk cache of compiled code, which any change of the sources makes stale.
 
-Numba's classes of a disk cache, changed: names of files, checksums, and what is kept.
-
-They build on private parts of Numba; `rigidmc.engine.compiler.disk_cache` does without them if
-these change.
-
-The folder of the disk cache, and what may be kept in it.
+Its folder is named by a hash of all sources and compilers, each of its files by a hash of the types
+that a kernel is compiled for, with what identifies classes of the user's own
+(`rigidmc.engine.compiler.user_stamps`). Behind each kernel stands its checksum: a flipped bit in
+machine code would crash. The classes of Numba's disk cache do the rest; they are private parts of
+Numba, and without them every process compiles anew.
 """
 
 import contextlib
@@ -49,8 +48,7 @@ def cached(kernel: Any) -> Any:
         folder = kernel_folder()
         stamp = os.path.basename(folder)
         delete_old(stamp)
-        # fails if Numba changes
-
+        # private to Numba: AttributeError if it changes
         kernel._cache = cache_class(folder)(kernel.py_func)
         kernel._cache._cache_file = CacheFiles(folder, "kernel", stamp)
     except (ImportError, AttributeError, OSError, RuntimeError) as error:
@@ -59,8 +57,10 @@ def cached(kernel: Any) -> Any:
 
 
 def is_cacheable(kernel: Any, signature: Any) -> bool:
-    """Whether the disk cache keeps a kernel that another process can compile: one of the package's
-    classes."""
+    """Whether the disk cache keeps a kernel, and another process can compile it: one of the
+    package's
+        classes.
+    """
     return hasattr(kernel._cache, "_cache_file") and of_package(signature)
 
 
@@ -77,8 +77,10 @@ _texts: dict[tuple[Any, ...], str] = {}  # of this process
 
 
 def text_path(signatures: Sequence[Any], more: str) -> str | None:
-    """The file of a text that follows from the types of pieces and from `more`, None if a class
-    among the types has no stamp; OSError if there is no cache."""
+    """The file of a text that follows from the types of kernels and from `more`, None if a class
+    among
+        the types has no stamp; OSError if there is no cache.
+    """
     homes = [homes_of(one) for one in signatures]
     if None in homes:
         return None
@@ -97,7 +99,7 @@ def has_text(signatures: Sequence[Any], more: str) -> bool:
 
 
 def cached_text(signatures: Sequence[Any], more: str, make: Callable[[], str]) -> str:
-    """The text that `make` makes, which follows from the types of pieces and from `more`.
+    """The text that `make` makes, which follows from the types of kernels and from `more`.
 
     From memory, or from the disk cache, where its sha256 stands before it.
     """
@@ -129,14 +131,16 @@ def _from_disk(signatures: Sequence[Any], more: str, make: Callable[[], str]) ->
                 return text
             with open(f"{path}.{os.getpid()}", "w", encoding="ascii", opener=plain) as file:
                 file.write(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}")
+            # Written beside it and renamed: no other process reads half a file.
             os.replace(file.name, path)
     return text
 
 
 _SUM = hashlib.sha256().digest_size
-# Modules that a file may name
+# Modules that a file may name: unpickling a name of another one could run anything.
 _KNOWN = re.compile(r"(numba|numpy|rigidmc|builtins|copyreg|collections)(\.|$)")
-# What code of the user's own may call: functions of LLVM, and of C if Python's math has them too.
+# What code of a user's own may call: functions of LLVM, and of C if Python's math has them too.
+# Others are addresses of this process.
 _CALLED = re.compile(rf"llvm\.|(numba_)?({'|'.join(dir(math))})f?$")
 _PRIVATE = 8, 9  # linkages of LLVM's that no other code sees: internal, private
 
@@ -222,6 +226,7 @@ def is_closed(code: Any) -> bool:
     text = str(module)
     if library.has_dynamic_globals or code.reload_init or code.lifted or "inttoptr (" in text:
         return False
+    # All is inlined: a second function would be one of Numba's, linked by its name.
     defined = [one.name for one in module.functions if not one.is_declaration]
     called = [one.name for one in module.functions if one.is_declaration]
     if defined != [code.fndesc.llvm_func_name] or not all(map(_CALLED.match, called)):
@@ -248,11 +253,11 @@ def cache_class(folder: str) -> Any:
         _locator_classes: list[Any] = [Locator]
 
         def reduce(self, cres: Any) -> Any:
-            # without the environments of functions, which no piece uses
+            # without the environments of functions, which no kernel uses
             return *super().reduce(cres)[:-1], ()
 
     class Cache(caching.FunctionCache):
-        """Keeps what is compiled for types whose classes are known, see `own_stamps`."""
+        """Keeps what is compiled for types whose classes are known, see `user_stamps`."""
 
         _impl_class = Implementation
 

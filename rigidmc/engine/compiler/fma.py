@@ -23,13 +23,12 @@ def fuse(function: ir.Function) -> None:
 
 
 def _fused(module: Any, block: Any, instruction: Any) -> list[Any]:
-    """The instructions that replace one.
-
-    They are the fused multiply-add and what it needs for a sum with a product, else itself.
-    """
+    """The instructions that replace one: for a sum with a product the fused multiply-add, else
+    itself."""
     if instruction.opname not in ("fadd", "fsub"):
         return [instruction]
     left, right = instruction.operands
+    # The rule: the left operand first.
     product, other = (left, right) if _factors(left) else (right, left)
     factors = _factors(product)
     if not factors:
@@ -61,6 +60,8 @@ def _factors(value: Any) -> Any:
     word = getattr(value, "opname", None)  # arguments and constants have none
     if word == "fmul":
         return value.operands
+    # A product that all members share is made once and broadcast; for a plain number it is the same
+    # product.
     if word == "shufflevector" and getattr(value.operands[0], "opname", None) == "insertelement":
         return _factors(value.operands[0].operands[1])
     return None

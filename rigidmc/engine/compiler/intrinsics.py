@@ -1,7 +1,7 @@
 """Plain functions of the package that have code of their own in compiled code.
 
 They stand for what vectors have no operator for: a choice between two numbers by a mask, another
-precision, the bits of a number as a word.
+precision, the bits of a number as a word. The function itself is what runs in Python.
 """
 
 from collections.abc import Callable
@@ -66,6 +66,7 @@ def _select(typing_context, condition, one, other):
     vectors = [t for t in (one, other) if isinstance(t, (VectorType, MaskType))]
     if any(t != vectors[0] for t in vectors):
         return None
+    # Plain numbers on both sides take their width from the mask.
     truths = isinstance(one, types.Boolean) and isinstance(other, types.Boolean)
     kind = (
         vectors[0]
@@ -123,7 +124,8 @@ def _by_precision(typing_context, x, double, single):
 
 
 def any_of(mask):
-    """Whether a condition holds for any of the members that are worked on."""
+    """Whether a condition holds for any of the members that are worked on: the one branch of
+    kernels."""
     return bool(mask)
 
 
@@ -183,7 +185,7 @@ def _as_given(typing_context, x, other):
 
 
 def in_precision(values, other):
-    """A tuple of numbers as `cast_like` has each."""
+    """A tuple of numbers, each as `cast_like` has it."""
     return tuple(values)
 
 

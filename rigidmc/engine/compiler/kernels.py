@@ -1,11 +1,12 @@
-"""Pieces of compiled code, each compiled by itself and called by its address.
+"""Kernels: functions compiled for the types of a scene's parts, and called by their addresses.
 
-Another observable or event thus compiles one piece and no other.
+Each kernel is compiled by itself, so that another observable or event compiles one kernel and no
+other. Nothing of Numba's is left at a call: a kernel is called from Python by ctypes, outside the
+global lock, and from `advance` by an address that it reads from its record.
 
-The functions of `math` that a user's effects may call.
-
-For vectors most are the straight code of `rigidmc.physics.dynamics.functions`, with the same bits
-on every machine; the rest take one member at a time.
+At the end the functions of `math` that users' effects may call are made known to the compiler: for
+vectors most are the straight code of `rigidmc.physics.dynamics.functions`, with the same bits on
+every machine; the rest take one member at a time.
 """
 
 import ctypes
@@ -39,17 +40,19 @@ from rigidmc.physics.dynamics.so3 import arctan2, expm1
 
 config: Any = numba.config
 Function = Callable[..., Any]
-# Python's 1000 frames are too few: each plain function that a piece calls, and each element of a
+# Python's 1000 frames are too few: each plain function that a kernel calls, and each element of a
 # tuple, takes about 30.
 DEEPEST_RECURSION = 5000
 WIDTH = 8  # float64 side by side in formulas: one vector of 512 bits, or two or four narrower ones
+# Before anything is compiled: LLVM fixes its target at the first compilation of a process.
 use_widest_vectors()
 _INT, _REAL, _PLAIN = types.int64, types.float64, Rows(types.float64, 0)
 # Letters as of a KernelKey; the rest are addresses.
 _IN_C: dict[str, Any] = {"i": ctypes.c_int64, "k": ctypes.c_uint64, "f": ctypes.c_double}
-_by_types: dict[tuple[Any, ...], int] = {}  # addresses of pieces, by what they are compiled for
+_by_types: dict[tuple[Any, ...], int] = {}  # addresses of kernels, by what they are compiled for
 _addresses: dict[tuple[Any, ...], int] = {}  # the same, found without asking Numba for types
 _llvm_code: dict[tuple[Any, ...], tuple[str, str]] = {}
+# One kernel at a time: `_result` changes limits of the whole process.
 _compiling = threading.Lock()
 _dispatchers: dict[Any, Any] = {}
 
@@ -167,10 +170,10 @@ def call_kernel(kernel: CompiledFunction, letters: str, *arguments: Any) -> Any:
 
 @functools.cache
 def _in_python(address: int, letters: str) -> Any:
-    """A piece as a function of Python.
+    """A kernel as a function of Python.
 
-    By Numba's way of calling it takes an address for the result, one for an error, one that is not
-    used, and the arguments.
+    By Numba's calling convention it takes an address for the result, one for an error, one that is
+    not used (`tree` has no memory), and the arguments.
     """
     tree = (_IN_C.get(letter, ctypes.c_void_p) for letter in letters)
     return ctypes.CFUNCTYPE(
@@ -179,20 +182,20 @@ def _in_python(address: int, letters: str) -> Any:
 
 
 def dispatcher_of(function: Function) -> Any:
-    """Numba's dispatcher of a piece's function, without a cache."""
+    """Numba's dispatcher of a kernel's function, without a cache."""
     options: Any = {**FLAGS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     return njit(**options)(function)
 
 
 def _cached_dispatcher(function: Function) -> Any:
-    """Numba's dispatcher of a piece's function, with the disk cache."""
+    """Numba's dispatcher of a kernel's function, with the disk cache."""
     if function not in _dispatchers:
         _dispatchers[function] = disk_cache.cached(dispatcher_of(function))
     return _dispatchers[function]
 
 
 def _address(function: Function, signature: Any) -> int:
-    """The address of a piece's code, which lives as long as the dispatcher in `_dispatchers`."""
+    """The address of a kernel's code, which lives as long as its dispatcher in `_dispatchers`."""
     key = function, signature.args
     with _compiling:
         if key not in _by_types:
@@ -211,16 +214,16 @@ def llvm_of(key: KernelKey) -> tuple[str, str]:
 
 
 def _compile(dispatcher: Any, signature: Any) -> int:
-    """Compile a piece, or load it from the disk cache; the address of its code."""
+    """Compile a kernel, or load it from the disk cache; the address of its code."""
     result = _result(dispatcher, signature)
     return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
 
 
 def _result(dispatcher: Any, signature: Any) -> Any:
-    """What Numba makes of a piece."""
+    """What Numba makes of a kernel."""
     deepest, collects = sys.getrecursionlimit(), gc.isenabled()
     sys.setrecursionlimit(max(deepest, DEEPEST_RECURSION))
-    gc.disable()  # saves a sixth of the time, for 70 MB
+    gc.disable()  # a sixth of the time, for 70 MB
     try:
         dispatcher.compile(signature)
     finally:
@@ -231,7 +234,9 @@ def _result(dispatcher: Any, signature: Any) -> Any:
 
 
 def call_address(kernel, arguments):
-    """Call a piece with a tuple of arguments, arrays as `memory`."""
+    """Call a kernel with a tuple of arguments, arrays as `memory`; kernel : a CompiledFunction of a
+    record.
+    """
     return kernel.address(kernel.tree, kernel.numbers, *arguments)
 
 
@@ -241,6 +246,7 @@ def _call(typing_context, kernel, arguments):
 
     def generate(context, builder, sig, args):
         place = builder.bitcast(args[0], ir.IntType(64).as_pointer())
+        # A CompiledFunction lies in the record as two words, see `record_type`.
         address, numbers = (
             builder.load(builder.gep(place, [ir.Constant(ir.IntType(32), i)])) for i in range(2)
         )

@@ -1,4 +1,9 @@
-"""Memory as a type of the compiler: rows of vectors. In Python, and uncompiled, rows are arrays."""
+"""Memory as a type of the compiler: rows of vectors. In Python, and uncompiled, rows are arrays.
+
+Numba's own arrays would carry shapes, strides and counts of references into each kernel. Rows are
+an address: which row holds what is known when a kernel is compiled
+(`rigidmc.engine.kernel.layout`).
+"""
 
 import operator
 from collections.abc import Callable
@@ -59,6 +64,7 @@ def _place(builder: Any, kind: Any, array: Any, index: Any, item: Any) -> Any:
 
 def _align(kind: Any) -> int:
     """Bytes that an address of numbers of this kind is a multiple of."""
+    # That of a number, not of a vector: parts of rows, and rows of a block, begin anywhere.
     return 4 if kind.dtype == types.float32 else 8
 
 
@@ -96,9 +102,9 @@ def _store(typing_context, array, index, value):
 
 
 def memory(array, number):
-    """An array, in compiled code its address, as plain numbers of the kind of `number`.
+    """An array, in compiled code its address, as plain numbers of the type of `number`.
 
-    There is no counting of references, which would cost more than the use of the numbers.
+    References are not counted, which would cost more than the use of the numbers.
     """
     return array
 
@@ -232,10 +238,9 @@ def _put(typing_context, values, rows, row):
 
 
 def store_rows(values, rows, array, at, pitch, past):
-    """Write a tuple to a flat array, at `at`, at + pitch, ..., and return the place after them.
+    """Write a tuple to a flat array, at `at`, at + pitch, ..., and return the index after it.
 
-    past : whether past the cache, which takes whole cache lines. Rows of a result lie 2^15 bytes
-        and more apart, which is one place for the cache: through it each value pushes out others
+    skips_cache : whether past the cache, which takes whole cache lines
     """
     for i, value in enumerate(values):
         store(array, at + i * pitch, value)

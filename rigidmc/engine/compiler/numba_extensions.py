@@ -1,5 +1,8 @@
-"""What other packages teach Numba: an `overload` of a user's changes the code of functions that do
-not name it, so no stamp of `rigidmc.engine.compiler.user_stamps` tells it."""
+"""What other packages teach Numba.
+
+An `overload` of a user's changes the code of functions that do not name it, so that no stamp of
+`rigidmc.engine.compiler.user_stamps` contains it: while there is one, no own part is cached.
+"""
 
 import contextlib
 from collections.abc import Iterator
@@ -28,6 +31,7 @@ def extension() -> str:
         for name, entries in vars(registry).items():
             if isinstance(entries, list):
                 key = id(registry), name
+                # Lists of a registry only grow: what was seen before is not looked at again.
                 for entry in entries[_scanned.get(key, 0) :]:
                     _foreign.extend(set(_teachers(name, entry)) - _TEACHERS)
                 _scanned[key] = len(entries)

@@ -1,9 +1,10 @@
-"""Numba's own steps of a compilation without what the package's functions do not need.
+"""How everything is compiled: inlined into the kernel that calls it, and optimised there, once.
 
-Compilation is faster, and the code is the same.
-
-How everything is compiled: functions are inlined into the piece that calls them, and the piece
-is optimised once.
+Numba compiles, optimises and links each function by itself, and then the kernel again. Here an
+inlined function stops at LLVM's code (`InlineLibrary`), and a kernel collects what it calls
+(`KernelLibrary`). Of Numba's own passes those that the package's functions have no use for are left
+out, and signatures of calls are kept: the code is the same, in 0.78 of the time.
+`fuse` is the last act of lowering, before anything is inlined.
 """
 
 import contextlib
@@ -30,7 +31,8 @@ _signatures: dict[Any, Any] = {}  # of calls, by the types of function and argum
 
 
 def _signature(context: Any, function: Any, arguments: Any) -> Any:
-    """The signature of a call, found once: Numba does so two or three times in each function."""
+    """The signature of a call, found once: Numba looks it up two or three times in each
+    function."""
     key = function, tuple(arguments)
     if key not in _signatures:
         _signatures[key] = context.resolve_function_type(function, key[1], {})
@@ -40,7 +42,7 @@ def _signature(context: Any, function: Any, arguments: Any) -> Any:
 class LeanPasses(PassManager):
     """Runs passes without events, and without checks of functions between them.
 
-    The passes that need the lifetimes of variables find them out by themselves.
+    The passes that need the lifetimes of variables find them themselves.
     """
 
     @global_compiler_lock
@@ -61,7 +63,7 @@ class _Inference(TypeInferer):
 
 
 class _Unfiltered(errors.WarningsFixer):  # type: ignore[misc, name-defined]
-    """Numba collects the warnings of each call by itself; the package's calls have none."""
+    """Numba collects the warnings of each call; the package's calls have none."""
 
     def catch_warnings(self, filename: Any = None, lineno: Any = None) -> Any:
         return self
@@ -154,7 +156,7 @@ class FusingLower(Fusing, Lower):
 
 
 class FusingLeanLower(Fusing, LeanLower):
-    """The same for a function of the package."""
+    """`LeanLower`, then `fuse`: for a function of the package."""
 
 
 class InlineLibrary(JITCodeLibrary):
@@ -177,11 +179,9 @@ class InlineLibrary(JITCodeLibrary):
 
 @contextlib.contextmanager
 def in_written_order() -> Iterator[None]:
-    """Machine code keeps the order in which the physics is written.
+    """Let machine code keep the order in which the physics is written, on 512-bit vectors.
 
-    LLVM's own order saves registers and costs time: with 512 bits splittings take longer by it.
-    With 256 bits there are half as many registers, and LLVM's order, which is faster there, is
-    kept. The bits are the same.
+    The bits are the same in any order.
     """
     if vector_bits() < 512:
         yield
@@ -194,7 +194,7 @@ def in_written_order() -> Iterator[None]:
 
 
 class KernelLibrary(JITCodeLibrary):
-    """A piece: all calls, and the calls in those, are inlined first; then it is optimised once."""
+    """A kernel: all calls, and the calls in those, are inlined first; then it is optimised once."""
 
     def _finalize_specific(self) -> None:
         with in_written_order():
@@ -267,7 +267,7 @@ class OwnFusingLowering(FusingLowering):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class LeanFusingLowering(FusingLowering):
-    """The same for a function of the package."""
+    """`FusingLowering` for a function of the package."""
 
     _name = "rigidmc_lean_fusing_lowering"
 

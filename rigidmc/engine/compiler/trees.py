@@ -1,7 +1,8 @@
-"""Nested NamedTuples as arguments of compiled code: their types are compiled, not their numbers.
+"""Nested NamedTuples as arguments of compiled code: their types are compiled, their numbers read.
 
-A StaticTree has the types; the numbers come from flat memory (`tree_unpack`) or from rows
-(`tree_unflatten`). A piece of code for one scene is thus called in the same way as that for any
+A StaticTree has the types alone. The numbers come from flat memory (`tree_unpack`), where those of
+an integrator and its limits lie, or from rows (`tree_unflatten`), where each member has its own, as
+the parameters of effects. A kernel for one scene is thus called in the same way as that for any
 other.
 """
 
@@ -19,15 +20,15 @@ from rigidmc.engine.compiler.intrinsics import coded
 from rigidmc.engine.compiler.memory import get_row
 from rigidmc.physics.effects.protocol import takes_noise
 
-# as Any: the stubs of Numba tell neither the items of tuples nor their class
+# as Any: Numba's stubs lack the items and the class of tuples
 _Tuple: Any = types.BaseTuple
 _NamedTuple: Any = types.BaseNamedTuple
 
 
 class StaticTree:
-    """What a piece of code is compiled for: NamedTuples, and tuples of them, without their numbers.
+    """What a kernel is compiled for: NamedTuples, and tuples of them, without their numbers.
 
-    In compiled code it takes no memory: its type has all that it tells.
+    In compiled code it takes no memory: its type says all.
     """
 
     def __init__(self, *parts: Any) -> None:
@@ -35,7 +36,7 @@ class StaticTree:
 
 
 class StaticTreeType(types.Type):
-    """The type of Kinds."""
+    """The type of a StaticTree."""
 
     def __init__(self, parts: Any) -> None:
         self.parts = parts
@@ -58,14 +59,14 @@ def _typeof_tree(value: StaticTree, context: Any) -> StaticTreeType:
 
 
 def tree_flatten(part: Any) -> list[float]:
-    """The numbers in nested tuples, one after the other: what `tree_unpack` reads."""
+    """The numbers of nested tuples, one after the other: what `tree_unpack` reads."""
     if isinstance(part, tuple):
         return [number for one in part for number in tree_flatten(one)]
     return [float(part)]
 
 
 def tree_unpack(tree, numbers):
-    """The parts of Kinds, with the numbers that `tree_flatten` wrote to flat memory."""
+    """The parts of a StaticTree, with the numbers that `tree_flatten` wrote to flat memory."""
     return tree.parts
 
 
@@ -75,7 +76,7 @@ def _tree_unpack(typing_context, tree, numbers):
 
 
 def tree_unflatten(part, rows, first):
-    """Nested tuples of the type of `part` whose numbers are rows[first], rows[first + 1], ..."""
+    """Nested tuples of the type of `part` with the numbers rows[first], rows[first + 1], ..."""
     left = iter(range(first, first + tree_size(part)))
 
     def like(one):
@@ -94,7 +95,8 @@ def _tree_unflatten(typing_context, part, rows, first):
 def _read(part: Any, rows: Any, *arguments: Any) -> tuple[Any, Callable[..., Any]]:
     """(signature, code) of an intrinsic that reads nested tuples like `part` from rows.
 
-    arguments : the types of its arguments; if there are three, the last is the first row, else 0
+    arguments : the types of its arguments; if there are three, the last is the first row, else it
+        is 0
     """
     word = types.intp
 
@@ -104,6 +106,7 @@ def _read(part: Any, rows: Any, *arguments: Any) -> tuple[Any, Callable[..., Any
         each = [kind_of(x) for x in one]
         if not isinstance(one, _NamedTuple):
             return types.Tuple(each)
+        # As Numba's own `typeof`: tuples of one type of number are another class of types.
         if each and all(x == each[0] for x in each):
             return types.NamedUniTuple(each[0], len(each), one.instance_class)
         return types.NamedTuple(each, one.instance_class)

@@ -50,7 +50,7 @@ _STRANGE = {
 
 
 class Unknown(Exception):
-    """Something that no stamp tells."""
+    """Something that no stamp can contain."""
 
 
 class _Other(NamedTuple):
@@ -97,8 +97,8 @@ def classes_of(signature: Any) -> list[type]:
 
 
 def homes_of(signature: Any) -> list[str] | None:
-    """What tells the classes of a signature from others of the same names: a module of the package,
-    or a stamp. None if a class has no stamp.
+    """What identifies the classes of a signature among others of the same names: a module of the
+    package, or a stamp. None if a class has no stamp.
 
     signature : of a compiled function, or its types
     """
@@ -164,6 +164,8 @@ def _user_dispatcher(event: Any) -> Any:
     return None if home.startswith(("rigidmc.", "numba.")) else dispatcher
 
 
+# Numba compiles a user's njit functions at their first call, from wherever: what they read has to
+# be seen before that.
 event.register("numba:compile", _Listener())
 
 
@@ -175,6 +177,7 @@ def _stamp(kind: type[Any]) -> str:
             raise Unknown(f"{foreign} extends Numba")
     if unknown:
         raise unknown[0]
+    # Functions are named by the order in which they are met, so that no address is in a stamp.
     places = {id(thing): place for place, thing in enumerate(things)}
     text = [
         [f"part {places[id(word.thing)]}" if isinstance(word, _Other) else word for word in each]
@@ -189,7 +192,9 @@ def _walk(thing: Any) -> tuple[list[Any], list[list[str | _Other]], list[Unknown
     It goes on behind what is unknown: each has to be seen before it is compiled.
     """
     things, words, unknown = [thing], list[list[str | _Other]](), list[Unknown]()
+    # By identity: two equal functions may read different globals.
     seen = {id(thing)}
+    # Breadth first, without recursion: functions may call each other in a circle.
     for one in things:  # grows
         mine = list[str | _Other]()
         try:

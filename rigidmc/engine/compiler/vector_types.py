@@ -81,6 +81,8 @@ for _kind in (VectorType, MaskType):
 
 def broadcast(builder: Any, kind: ir.VectorType, x: Any) -> Any:
     """A vector of LLVM's type `kind` whose numbers are all x."""
+    # LLVM's idiom for a broadcast: an undefined vector, its first element, and a shuffle with all
+    # 0. `fma` looks for it.
     none = ir.Constant(kind, ir.Undefined)
     first = builder.insert_element(none, x, ir.Constant(_INDEX, 0))
     places = ir.Constant(ir.VectorType(_INDEX, kind.count), [0] * kind.count)
@@ -95,6 +97,7 @@ def _to_vec(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> A
 
 @lower_cast(types.Boolean, MaskType)
 def _to_mask(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any:
+    # Numba keeps a bool in memory as a byte, and as a bit in registers.
     bit = builder.trunc(value, ir.IntType(1)) if value.type.width > 1 else value
     return broadcast(builder, llvm_type(toty), bit)
 
@@ -131,7 +134,7 @@ def _define(
     plain: tuple[type, ...] = _PLAIN,
     only: Callable[[Any], bool] | None = None,
 ) -> None:
-    """Give the compiler an operation on Vecs or Masks.
+    """Give the compiler an operation on vectors or masks.
 
     result : the type of the result from that of the arguments, by default the same
     only : of which types it is defined, by default of all
@@ -177,6 +180,7 @@ def _compared(sign: str) -> Build:
     def build(b: Any, t: Any, x: Any, y: Any) -> Any:
         if not t.real:
             return b.icmp_unsigned(sign, x, y)
+        # != is true for nan and all others are false, as in Python; so `x != x` finds nan.
         return (b.fcmp_unordered if sign == "!=" else b.fcmp_ordered)(sign, x, y)
 
     return build
@@ -189,6 +193,7 @@ def _masks_compared(sign: str) -> Build:
 
 def _mask_of(kind: VectorType) -> MaskType:
     """The type of a comparison."""
+    # Words choose between floats, so their masks count as those of float64.
     return MaskType(types.float64 if kind.dtype == types.uint64 else kind.dtype, kind.count)
 
 

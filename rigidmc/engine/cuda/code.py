@@ -1,4 +1,4 @@
-"""Code for a graphics processor: a thread lives the life of one member.
+"""From kernels to the code of a GPU: a thread lives the life of one member.
 
 The kernels of a program are compiled for one member, with `run_lanes` of
 `rigidmc.engine.kernel.block`, which calls them, and linked into one. LLVM makes PTX of it, which a
@@ -25,7 +25,7 @@ TRIPLE = "nvptx64-nvidia-cuda"
 KERNEL = "members"
 # What a module says of the machine that it is for, and of the caller's stack.
 MACHINE = re.compile(r"^target .*\n|^source_filename.*\n| alignstack=\d+| alignstack\(\d+\)", re.M)
-# What LLVM has for a device, or for every processor
+# Intrinsic functions that LLVM has for a GPU, or for every target
 _HAS = re.compile(
     r"llvm\.(nvvm|fma|fabs|sqrt|copysign|floor|ceil|trunc|rint|round|min|max|mem|lifetime|assume"
     r"|experimental\.noalias|[us](add|sub|mul|min|max)|abs|ct|bswap|fsh|vector|fptosi\.sat)"
@@ -72,20 +72,20 @@ def link_kernel(
     keys : the kernels of a program for one member, by their names;  shape : of its members
     room : bytes of the memory that a member works in, by the names of
         `rigidmc.engine.kernel.arguments.Workspace`
-    host : for one thread of this processor, which tests run
+    host : for one thread of this CPU, which tests run
     """
     dtype = next(key for key in keys.values() if key).dtype
-    pieces = {name: llvm_of(key) for name, key in keys.items() if key and name != "advance"}
+    kernels = {name: llvm_of(key) for name, key in keys.items() if key and name != "advance"}
     whole = llvm_of(KernelKey(run_member, (), dtype, 0, "ri", record_type(dtype)))
-    names = {name: function for name, (function, _) in pieces.items()}
+    names = {name: function for name, (function, _) in kernels.items()}
     entry = _entry(whole[0], names, shape, room, record_type(dtype))
     module = llvm.parse_assembly(entry + (_ALONE if host else _THREAD))
-    for _, text in (whole, *pieces.values()):
+    for _, text in (whole, *kernels.values()):
         module.link_in(llvm.parse_assembly(MACHINE.sub("", text)))
     for variable in module.global_variables:
         variable.linkage = "internal"  # Numba's, which nothing uses
-    # The pieces stay functions: inlined, those that watch leave `march` too few registers, and it
-    # would put numbers aside within its steps (strang in a bath 316 bytes).
+    # The kernels stay functions: inlined, those that monitor leave `march` too few registers, and
+    # it would spill within its steps (strang in a bath 316 bytes).
     called = {function: name for name, function in names.items()}
     for function in module.functions:
         if function.is_declaration or function.name == KERNEL:
@@ -103,9 +103,12 @@ def _entry(
     room: Mapping[str, int],
     record: np.dtype[Any],
 ) -> str:
-    """The kernel: a thread has memory and a frame of its own, whose pieces and shape the compiler
-    knows."""
+    """The kernel: a thread has memory and a frame of its own, whose kernels and shape the compiler
+    knows.
+    """
     fields: Any = record.fields
+    # The frame of a thread gets addresses and shape as constants: LLVM then calls the kernels
+    # directly, and drops what a scene does not use.
     known = {name: f'ptrtoint (ptr @"{function}" to i64)' for name, function in names.items()}
     known |= {name: str(number) for name, number in shape._asdict().items()}
     known |= {name: f"%address.{name}" for name in room}
@@ -154,6 +157,7 @@ def optimise(module: llvm.ModuleRef, machine: llvm.TargetMachine) -> llvm.Module
     module.triple = machine.triple
     module.data_layout = str(machine.target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=3)
+    # A thread has one member: there is nothing to vectorise.
     options.loop_vectorization = options.slp_vectorization = False
     builder = llvm.create_pass_builder(machine, options)
     first = llvm.create_new_module_pass_manager()
@@ -174,6 +178,7 @@ def machine_for(capability: tuple[int, int]) -> llvm.TargetMachine:
 def ptx_of(module: llvm.ModuleRef, capability: tuple[int, int]) -> str:
     """The PTX of a module for devices of a compute capability or a later one."""
     machine = machine_for(capability)
+    # llvmlite has no name for the calling convention of kernels: it is written into the text.
     text = str(module).replace(f"define void @{KERNEL}(", f"define ptx_kernel void @{KERNEL}(")
     made = optimise(llvm.parse_assembly(text), machine)
     lacking = [f.name for f in made.functions if f.is_declaration and not _HAS.match(f.name)]

@@ -1,8 +1,7 @@
-"""Where the members of a run move: on this processor, or on graphics processors.
+"""Where members move: on this CPU, or on GPUs; no bit of a result depends on it.
 
-No bit of a result depends on it.
-
-Graphics processors: the driver's answers, the devices, modules of code, and streams.
+First the words cpu, cuda, cuda:1 and auto, then the functions of CUDA's driver: devices, modules of
+code, and streams.
 """
 
 import contextlib

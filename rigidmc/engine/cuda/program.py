@@ -1,8 +1,8 @@
-"""Blocks of members on graphics processors, a thread a member, see `rigidmc.engine.cuda.code`.
+"""Blocks of members on GPUs, a thread a member, see `rigidmc.engine.cuda.code`.
 
 A block stays on the device from the first step of a run to the last. Launches are short, so that
-progress is told and a run can be called off between them. Each worker thread has a stream of its
-own: while one copies saves, or makes the next block ready, another's members move.
+progress is shown and a run can be stopped between them. Each worker thread has a stream of its own:
+while one copies saves, or makes the next block ready, another's members move.
 """
 
 import itertools
@@ -88,7 +88,7 @@ class CudaProgram(Program):
         return cached_text(*self._key(capability), make)
 
     def _key(self, capability: tuple[int, int]) -> tuple[list[Any], str]:
-        """(types of the pieces, what else the code follows from)."""
+        """(types of the kernels, what else the code follows from)."""
         types = [signature_of(key) for key in self.kernel_keys.values() if key]
         return types, f"{self.shape} {self._sizes()} {capability}"
 
@@ -181,6 +181,8 @@ class CudaProgram(Program):
             beyond = (first // steps.stride + most) * steps.stride
             last = min(steps.last, first + length, beyond)
             slots = saved_in(steps, first, last)
+            # Kernels count saves from the start of the run; the memory begins with the first of
+            # this launch.
             out = SaveTarget(values - 8 * count * slots.start, members if count else 0, 0, order)
             stream.write(frame_at, fill_record(frame, steps._replace(first=first, last=last), out))
             began = time.perf_counter()

@@ -83,6 +83,7 @@ def run_lanes(frame, low):
         initialise(frame, low)
     elif frame.shadow != 0:
         exchange_shadow(frame, 0)
+    # Stopped and frozen members make no more steps, but they are saved to the end.
     now, idle = frame.first, False
     while now < frame.last:
         # the first step of the round; without member steps there is one round
@@ -160,6 +161,7 @@ def time_at(frame, now):
     """The time at step `now`, the end of a round [s]."""
     if now <= frame.head:
         return now // frame.slots * frame.h
+    # By products, not by adding h step by step: exact to rounding at any step.
     late = (now - frame.head) // frame.slots * frame.last_h
     return frame.head // frame.slots * frame.h + late
 
@@ -221,6 +223,8 @@ def exchange_shadow(frame, stores):
     """Copy the shadows of the members from their rows, or, if `stores`, to their rows."""
     at, flat = frame.shadow_row * frame.lanes, block_memory(frame)
     state, shadow = flat.state, flat.shadow
+    # A shadow has the body and the effects of its member: the whole state first, then 14 numbers of
+    # its own.
     for i in range((BODY_AT + frame.rows - BODY) * frame.lanes if stores == 0 else 0):
         shadow[i] = state[i]
     for i in range(START * frame.lanes):
@@ -241,6 +245,7 @@ def make_steps(frame, round_first, first, last):
     while now < last:
         stop = last
         if frame.shadow != 0:
+            # Counted from the start of the run, so that calls and saves shift no renormalisation.
             interval = renormalise_interval(round_first + now)
             stop = min_integer(stop, ((round_first + now) // interval + 1) * interval - round_first)
         if frame.monitors != 0:
@@ -345,6 +350,7 @@ def save(frame, low, now):
     if frame.columns != 0 and frame.values != 0:
         lanes, work, out = frame.lanes, block_memory(frame).work, memory(frame.out, 1.0)
         saved, order = memory(frame.saved, 1.0), memory(frame.order, lanes)
+        # The last save has a slot of its own, whatever the stride.
         last = (frame.total + frame.stride - 1) // frame.stride
         slot = last if now == frame.total else now // frame.stride
         base = slot * frame.values * frame.columns + frame.column
@@ -384,6 +390,8 @@ def refine_events(frame):
     if frame.total > frame.head:
         ratio = frame.h / frame.last_h
     long_until = time_at(frame, min_integer(frame.total, frame.head))
+    # Steps back need body, effects and the lengths of steps, and must not touch the members
+    # themselves.
     for i in range(MEMBER_ROWS * lanes):
         spare_work[i] = work[i]
     for i in range((BODY_AT + frame.rows - BODY) * lanes):

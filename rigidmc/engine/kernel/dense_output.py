@@ -120,6 +120,7 @@ def interpolate(path, x):
     l = axpy(a.l, change, difference(b.l, a.l))
     l = axpy(axpy(l, first, a.dl), last, b.dl)
     l = axpy(axpy(l, second, path.first[1]), final, path.last[1])
+    # The polynomial leaves the unit sphere by its error; one Newton step takes it back.
     return touch_up(q), l
 
 

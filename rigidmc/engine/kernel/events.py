@@ -100,6 +100,7 @@ def levels_of(events, body, effects, t, q, l):
 
 def has_happened(before, now):
     """Whether an event happened between two levels."""
+    # 0 before marks an event that is not armed; 0 now counts as past.
     return (before * now <= 0.0) & (before != 0.0)
 
 
@@ -255,6 +256,7 @@ def refine_event(
     at = row + record // 2 * EVENT_ROWS + RECORDS + record % 2 * RECORD_ROWS
     body, present = body_and_effects(effects, work)
     t, last_h, bracket = work[at], work[STEP_LENGTH], four_at(work, at + 1)
+    # Whether a step was one of the last interval is known by when it ended.
     h = select(t < long_until + 0.5 * last_h, last_h * ratio, last_h)
     older, level_before = bracket[1], bracket[3]
     if steps_back > 0:
@@ -275,6 +277,7 @@ def refine_event(
     q, l = opened(integrator, body, present, t + substeps[3] * back_step, substep, q, l)
     put_stepping(in_precision(q, spare_state), in_precision(l, spare_state), spare_state)
     put((t, back_step), spare_work, ROUND_START)
+    # Levels of one sign: the event was there at the start, and its time is the start.
     at_start = (level_before < 0.0) == (older < 0.0)
     work[row + record // 2 * EVENT_ROWS + TIMES + record % 2] = select(at_start, t, t + back_step)
     return 0

@@ -105,6 +105,7 @@ def event_extrema(events, moves, step, interval, levels, values, slopes, next_va
     sign = select(values[0] < 0.0, -1.0, 1.0)
     a, b = (sign * values[0], sign * slopes[0]), (sign * next_values[0], sign * next_slopes[0])
     peak = sign * tangent_bound(a, b, interval)
+    # A level that rises and falls again may arm its event on the way, below 0.
     arms = (a[1] > 0.0) & (b[1] < 0.0) & (levels[0] == 0.0)
     arms = arms & armed(events[0], step.body, interval.q, interval.l, peak, peak != peak)
     mark = ((b[0] > 0.0) & may_dip(a, b, interval) | arms) & moves

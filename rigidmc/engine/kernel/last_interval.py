@@ -48,6 +48,7 @@ def change_length(tree, numbers, substeps, state, work, slot, round_start, h, me
     q, l = closed(integrator, body, present, t, opening_substep(substeps, old_h), q, l)
     new_h = member_length(work, h, member_steps)
     first_step = 0.0 if member_steps != 0 else slot  # each round begins with step 0
+    # The opening substep is undone with the old length and made with the new one.
     t = cast_like(round_start, work) + (first_step + substeps[3]) * new_h
     q, l = opened(integrator, body, present, t, opening_substep(substeps, new_h), q, l)
     put(in_precision(q + first_three(l), state), state, ATTITUDE)

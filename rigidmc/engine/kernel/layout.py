@@ -144,8 +144,8 @@ def map_rows(
 def monitor_rows(events: Sequence[Any], running: Sequence[Any], shadow: Flag) -> int:
     """How many rows of a block the monitors take; arguments as of
     `rigidmc.engine.program.Program`."""
-    watched = map_rows(0, 0, len(events), [len(marks) for _, marks in running], len(shadow) > 0)
-    return watched.end - watched.events
+    rows = map_rows(0, 0, len(events), [len(marks) for _, marks in running], len(shadow) > 0)
+    return rows.end - rows.events
 
 
 _BODY = MassProperties(*[0.0] * 9)

@@ -1,8 +1,9 @@
-"""Normal deviates without branch or library call, so that they run on vectors.
+"""Normal deviates without a branch or a library call, so that they run on vectors.
 
-Philox4x64-10 as numpy has it, and the transform of Box and Muller. A member's noise in a step is a
-function of (seed, stream, member, step) and of nothing else. The counter is [member + 1, step,
-stream, 1]: the last word keeps it apart from the draws of `rigidmc.engine.streams`, where it is 0.
+A member's noise in a step is a function of (seed, stream, member, step) and of nothing else:
+Philox4x64-10 of a counter, as numpy has it, then the transform of Box and Muller. The counter is
+[member + 1, step, stream, 1]; its last word keeps it apart from the draws of starts and parameters,
+where it is 0.
 Source: Salmon, Moraes, Dror & Shaw, SC11 (2011); Box & Muller, Ann. Math. Stat. 29 (1958) 610.
 """
 
@@ -15,6 +16,7 @@ from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.physics.dynamics.functions import as_float, as_word, logarithm
 from rigidmc.physics.dynamics.so3 import select, sincos_small
 
+# Multipliers and Weyl constants of Philox4x64, see the source above.
 _M0, _M1 = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
 _W0, _W1 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
 _LOW, _HALF, _ONE = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(1)
@@ -24,15 +26,13 @@ _ROOT_HALF = 0.70710678118654752440
 
 
 def wide_product(a, b):
-    """(high, low) words of a b, by products of half words, which vectors have.
-
-    With the low word written as a b, LLVM recognises a scalar product of 128 bits: 3 ns a member
-    slower.
-    """
+    """(high, low) words of a b, by products of half words, which vectors have."""
     a0, a1, b0, b1 = a & _LOW, a >> _HALF, b & _LOW, b >> _HALF
     low = a0 * b0
     one = a1 * b0 + (low >> _HALF)  # no sum exceeds 64 bits
     two = a0 * b1 + (one & _LOW)
+    # The low word is put together, not written as a b: of that LLVM makes a scalar product of 128
+    # bits, 3 ns a member slower.
     return a1 * b1 + (one >> _HALF) + (two >> _HALF), (two << _HALF) | (low & _LOW)
 
 
@@ -51,6 +51,7 @@ def rounds(left, c, key):
 
 def philox(key, counter):
     """Four random words of 64 bits: Philox4x64-10."""
+    # A tuple of ten: the recursion unrolls the ten rounds, with no loop left in the kernel.
     return rounds((0, 0, 0, 0, 0, 0, 0, 0, 0, 0), counter, key)
 
 
@@ -69,6 +70,7 @@ def direction(word):
 
     The upper 52 bits are an angle in (0, pi/4), the lowest 3 an octant.
     """
+    # No reduction of the angle: it lies in one octant, and bits of the word choose among eight.
     s, c = sincos_small(0.78539816339744830962 * uniform(word))
     swapped = (word & _ONE) == _ONE
     x = signed(select(swapped, s, c), word << np.uint64(62))
@@ -77,6 +79,7 @@ def direction(word):
 
 def normals(words):
     """Three independent normal deviates from four words, after Box and Muller."""
+    # The smallest uniform number is 2^-53, so that no deviate exceeds 8.6.
     a = math.sqrt(-2.0 * logarithm(uniform(words[0])))
     b = math.sqrt(-2.0 * logarithm(uniform(words[2])))
     x, y = direction(words[1])

@@ -48,6 +48,8 @@ def begin_shadow(tree, numbers, substeps, state, work, shadow, row, duration):
     weight = 0.5 * lightest / energy_measure(present, body, lightest, q, l, duration)
     size = SHADOW_DISTANCE / math.sqrt(weight)
     half = 0.5 * SHADOW_DISTANCE
+    # A unit vector of attitude and momentum whose components no symmetry singles out: its squares
+    # add up to 1.
     a, b, c = half * 0.31, half * 0.43, half * 0.38
     new_q = (
         q[0] - q[1] * a - q[2] * b - q[3] * c,

@@ -21,7 +21,7 @@ class EllipticArc(NamedTuple):
 
 
 def elliptic_arc(h, x, y):
-    """The Arc of a short time, by the series of S and f1^2 = 1 - x S^2, f3^2 = 1 - y S^2.
+    """The EllipticArc of a short time, by the series of S and f1^2 = 1 - x S^2, f3^2 = 1 - y S^2.
 
     The series leaves out 0.0036 (h sqrt(max(x, y)))^12 of S or less, 4e-15 at 0.1
     (tests/physics/dynamics/test_series.py).
@@ -44,6 +44,7 @@ def _less_than_root(z):
 
     The series leaves out 0.022 z^8 of it (tests/physics/dynamics/test_series.py).
     """
+    # Horner's rule in two parts: a chain of fused multiply-adds, with no division.
     p = 21 / 512 + z * (33 / 1024 + z * (429 / 16384))
     p = 1 / 8 + z * (5 / 64 + z * (7 / 128 + z * p))
     return 0.5 * z * (1.0 + z * (1 / 4 + z * p))
@@ -63,7 +64,7 @@ def _reciprocal(u, near):
 
 
 def double_arc(a, x, y, near=OFF):
-    """The Arc of twice the time; near : ON for short times, see `_reciprocal`.
+    """The EllipticArc of twice the time; near : ON for short times, see `_reciprocal`.
 
     g = 1 - f of the doubled time comes from a factored form, so no digit cancels.
     """
@@ -76,9 +77,9 @@ def double_arc(a, x, y, near=OFF):
 
 
 def increment(body, a, p, l, near=OFF):
-    """L(t + h) - L(t) of a free body for the Arc of h; p : P of `squares`.
+    """L(t + h) - L(t) of a free body for the EllipticArc of h; p : P of `squares`.
 
-    near : ON if h is the time of an Arc without doublings, or of one panel; see `_reciprocal`
+    near : ON if h is the time of an arc without doublings, or of one panel; see `_reciprocal`
 
     T and |L|^2 are conserved to rounding for any S in the range of `near`, and the errors do not
     add up: the plain form L1' = (f1 L1 + f3 S a1 L2 L3)/D drifts linearly (9e-13 after 1e4 steps),
@@ -107,7 +108,7 @@ def squares(body, l):
 
 
 def half_and_full(h, x, y, halvings):
-    """(Arc of h/2, Arc of h): the series at h/2^(1 + len(halvings)), then doublings."""
+    """(arc of h/2, arc of h): the series at h/2^(1 + len(halvings)), then doublings."""
     if len(halvings) == 0:
         half = elliptic_arc(0.5 * h, x, y)
         return half, double_arc(half, x, y, ON)
@@ -116,16 +117,16 @@ def half_and_full(h, x, y, halvings):
 
 
 def near_flag(halvings):
-    """`near` of an Arc with these halvings: ON if there are none."""
+    """`near` of an EllipticArc with these halvings: ON if there are none."""
     if len(halvings) == 0:
         return ON
     return OFF
 
 
 def panel_arcs(half, whole, h, x, y, panels):
-    """(Arc of half a panel, Arc of a panel) of a time h cut into panels.
+    """(arc of half a panel, arc of a panel) of a time h cut into panels.
 
-    half, whole : the Arcs of h/2 and h
+    half, full : the arcs of h/2 and h
     """
     if len(panels) == 1:
         return half, whole

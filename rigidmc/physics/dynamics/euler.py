@@ -66,6 +66,8 @@ def kinetic_energy(body, l):
 
 def free_rate(body, l):
     """dL/dt = L x omega of a free body, TdC (3.35)."""
+    # By a_i = (I_j - I_k)/(I_j I_k): differences of omega_i L_j would cancel for nearly equal
+    # moments.
     return body.a1 * l[1] * l[2], body.a2 * l[2] * l[0], body.a3 * l[0] * l[1]
 
 

@@ -1,12 +1,13 @@
 """The exact motion of a free rigid body over a step, without branches or inverse functions.
 
 No modulus of elliptic functions is formed. The momentum follows from the addition theorem of
-Jacobi's elliptic functions, the attitude from one phase (Celledoni, Fasso, Saefstroem & Zanna, SIAM
-J. Sci. Comput. 30 (2008) 2084). One formula serves spheres, symmetric bodies, separatrices and
-near-degenerate bodies. The formulas want the middle moment on axis 2; for other bodies `free_flow`
-relabels the axes cyclically, by selects.
+Jacobi's elliptic functions (`rigidmc.physics.dynamics.arc`), the attitude from one phase
+(Celledoni, Fasso, Saefstroem & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084). One formula serves
+spheres, symmetric bodies, separatrices and near-degenerate bodies. The formulas want the middle
+moment on axis 2; for other bodies `free_flow` relabels the axes cyclically, by selects.
 
-The free motion of a body by rotations: exact for two equal moments, else of order 2.
+Two cheaper motions follow, by rotations: `symmetric_flow`, exact for two equal moments, and
+`split_flow`, of order 2 for any body.
 """
 
 import math
@@ -41,7 +42,7 @@ _REST = 1e-306
 
 
 class Axes(NamedTuple):
-    """The constants of a body whose middle axis is axis 2."""
+    """The coefficients of a body whose middle axis is axis 2."""
 
     i1: float
     i3: float
@@ -59,7 +60,7 @@ class FreeFlow(NamedTuple):
         2T/|L|^2
     on_third, sign : the axis e_j about which L circles, 3 or 1, and the sign of L_j
     inverse : 1/I_j;  x, y : P + Q3 and P + Q1, see `squares`;  time : |L| h
-    whole : the Arc of h;  half, panel : the Arcs of half a panel and of a panel of h
+    whole : the EllipticArc of h;  half, panel : those of half a panel and of a panel of h
     """
 
     size: float
@@ -88,7 +89,7 @@ class PhaseFraction(NamedTuple):
 
 
 def _fraction(m, u, c, f):
-    """The Share of a unit momentum, given c and f."""
+    """The PhaseFraction of a unit momentum, given c and f."""
     p, q1, q3 = squares(m.body, u)
     rate = m.sign * select(m.on_third, m.body.a3 * u[0], m.body.a1 * u[2]) * u[1]
     ff = f * f
@@ -97,13 +98,14 @@ def _fraction(m, u, c, f):
 
 
 def phase_fraction(m, u):
-    """The Share of a unit momentum."""
+    """The PhaseFraction of a unit momentum."""
     c = m.sign * select(m.on_third, u[2], u[0])
     return _fraction(m, u, c, 1.0 / (1.0 + c))
 
 
 def slopes(a):
-    """(dg1/dx, dg3/dy) of an Arc at constant S: g1 = 1 - sqrt(1 - x S^2), g3 with y likewise."""
+    """(dg1/dx, dg3/dy) of an EllipticArc at constant S: g1 = 1 - sqrt(1 - x S^2), g3 with y
+    likewise."""
     half = 0.5 * a.s * a.s
     return half / (1.0 - a.g1), half / (1.0 - a.g3)
 
@@ -115,9 +117,9 @@ def drift_of_invariants(m, u):
 
 
 def arc_for(m, a, slopes, u):
-    """The Arc for a unit momentum that has strayed from x and y of the start.
+    """The EllipticArc for a unit momentum that has strayed from x and y of the start.
 
-    slopes : those of the Arc, or () if x and y are those of u
+    slopes : those of the arc, or () if x and y are those of u
 
     With g1 and g3 of the start an increment conserves T and |L|^2 only for x and y of the start.
     Along a separatrix rounding errors grow as the motion does: by 1e-6 in 10,000 steps.
@@ -131,7 +133,7 @@ def arc_for(m, a, slopes, u):
 def return_factors(m):
     """(1/4x, 1/4y) for `pull_back`; 0 if x or y is 0, in any unit."""
     x, y = m.x > 0.0, m.y > 0.0
-    # what is divided by 1 is not taken
+    # Where x or y is 0 the quotient is not used: 1 keeps it finite.
     return select(x, 0.25 / select(x, m.x, 1.0), 0.0), select(y, 0.25 / select(y, m.y, 1.0), 0.0)
 
 
@@ -141,7 +143,7 @@ def pull_back(m, back, u, end):
     Axes 1 and 2 of `end` are multiplied by 1 - dy/4y, axes 2 and 3 by 1 - dx/4x. So T and |L|^2 do
     not walk: the error is 8e-16 after 1e5 steps of 60 hard and random bodies, and 1.1e-13 without
     this (tests/physics/dynamics/test_free_flow.py). For a body with two equal moments x or y is 0,
-    and |L| cannot be told from it.
+    and |L| cannot be had from it.
     """
     dx, dy = drift_of_invariants(m, u)
     x, y = back[0] * dx, back[1] * dy
@@ -170,11 +172,11 @@ def integrate_phase(m, panels, u, at, slopes=()):
     below = 1.0 - p * (m.half.s * m.half.s) + middle
     u = add(u, increment(m.body, arc_for(m, m.panel, slopes, u), p, u, ON))
     c = m.sign * select(m.on_third, u[2], u[0])
-    both = 1.0 / ((1.0 + c) * below)  # one division for two
-    end = _fraction(m, u, c, below * both)
-    more, last = integrate_phase(m, panels[1:], u, end, slopes)
-    inner = (19 / 35) * end.v + (16 / 35) * (middle * ((1.0 + c) * both))
-    return h * (inner + h * h * ((1 / 420) * end.second)) + more, last
+    inverse = 1.0 / ((1.0 + c) * below)  # one division for two
+    end = _fraction(m, u, c, below * inverse)
+    others, last = integrate_phase(m, panels[1:], u, end, slopes)
+    inner = (19 / 35) * end.v + (16 / 35) * (middle * ((1.0 + c) * inverse))
+    return h * (inner + h * h * ((1 / 420) * end.second)) + others, last
 
 
 def end_correction(m, panels, start, end):
@@ -199,7 +201,7 @@ def phase(m, time, integral):
 
 
 def make_flow(body, halvings, panels, h, l):
-    """(Motion, u) of a free body; halvings, panels : see `free_flow`."""
+    """(FreeFlow, u) of a free body; halvings, panels : see `free_flow`."""
     square = dot(l, l)
     # the ends of float64 and float32, see _REST
     moves = square > by_precision(square, _REST, 1e-36)
@@ -215,8 +217,8 @@ def make_flow(body, halvings, panels, h, l):
     p, q1, q3 = squares(axes, u)
     half, whole = half_and_full(time, p + q3, p + q1, halvings)
     on_third = q3 >= q1
-    # the sign is a constant of the motion; computed anew it could change where u_j is 0 to
-    # rounding, and would turn the body over
+    # The sign is a constant of the motion. Computed at each step it could change where u_j is 0 to
+    # rounding, and would turn the body over.
     sign = select(select(on_third, u[2], u[0]) < 0.0, -1.0, 1.0)
     one, panel = panel_arcs(half, whole, time, p + q3, p + q1, panels)
     inverse = select(on_third, i3, i1)
@@ -255,22 +257,27 @@ def turn_between(m, u, change, angle, start, end):
     """
     s, c = sincos(angle)
     s = s * m.sign
-    size, more = 2.0 / start.f, to_axis(m.on_third, m.sign, change)
-    more = m.sign * select(m.on_third, change[2], change[0]), more[1], more[2], more[3]
-    turn = multiply(
+    size, to_end = 2.0 / start.f, to_axis(m.on_third, m.sign, change)
+    to_end = m.sign * select(m.on_third, change[2], change[0]), to_end[1], to_end[2], to_end[3]
+    rotation = multiply(
         conjugate(to_axis(m.on_third, m.sign, u)),
         (c, select(m.on_third, 0.0, s), 0.0, select(m.on_third, s, 0.0)),
     )
-    turn = multiply(turn, more)
+    rotation = multiply(rotation, to_end)
     s = size * m.sign * s
-    turn = size * c + turn[0], s * u[0] + turn[1], s * u[1] + turn[2], s * u[2] + turn[3]
+    rotation = (
+        size * c + rotation[0],
+        s * u[0] + rotation[1],
+        s * u[1] + rotation[2],
+        s * u[2] + rotation[3],
+    )
     r = 0.5 * math.sqrt(start.f * end.f)  # |P(u)|^2 = 2 (1 + c) before normalisation
-    one, two, three = to_body(m, scale(r, turn[1:]))
-    return r * turn[0], one, two, three
+    one, two, three = to_body(m, scale(r, rotation[1:]))
+    return r * rotation[0], one, two, three
 
 
 def to_body(m, v):
-    """The components of a vector on the axes of the body, from those of the Motion."""
+    """The components of a vector on the axes of the body, from those of the FreeFlow."""
     return relabel(m.third, m.first, v)
 
 
@@ -350,8 +357,8 @@ def symmetric_flow(body, h, l):
     a, b = 2.0 * s * s, 2.0 * s * c
     change = -a * one - b * three, 0.0, b * one - a * three
     x, y, z = relabel(third, first, (0.0, s, 0.0))
-    turn = multiply(exponential(scale(0.5 * h * (i1 + i3), l)), (c, x, y, z))
-    return turn, relabel(third, first, change)
+    rotation = multiply(exponential(scale(0.5 * h * (i1 + i3), l)), (c, x, y, z))
+    return rotation, relabel(third, first, change)
 
 
 def split_flow(body, h, l):
@@ -379,7 +386,7 @@ def split_flow(body, h, l):
     s2, c2 = sincos(-0.25 * h * a3 * (one + y1))
     z2 = y2 + 2.0 * s2 * (c2 * (three + x3) - s2 * (two + y2))
     z3 = x3 - 2.0 * s2 * (c2 * (two + y2) + s2 * (three + x3))
-    turn = multiply(multiply((c1, s1, 0.0, 0.0), (c3, 0.0, 0.0, s3)), (c2, s2, 0.0, 0.0))
-    x, y, z = relabel(third, first, turn[1:])
-    turn = multiply(exponential(scale(h * i2, l)), (turn[0], x, y, z))
-    return turn, relabel(third, first, (y1, z2, z3))
+    rotation = multiply(multiply((c1, s1, 0.0, 0.0), (c3, 0.0, 0.0, s3)), (c2, s2, 0.0, 0.0))
+    x, y, z = relabel(third, first, rotation[1:])
+    rotation = multiply(exponential(scale(h * i2, l)), (rotation[0], x, y, z))
+    return rotation, relabel(third, first, (y1, z2, z3))

@@ -1,7 +1,8 @@
 """Functions of analysis in straight code, with the same bits on every machine.
 
 +, -, *, /, roots and bit operations are the same everywhere; library functions differ in the last
-digit.
+digit. So these have no branch and no library call. Sine, cosine, arctangent and exp(x) - 1 work in
+the precision of their argument and are the base of the others, which compute in float64.
 
 Arguments are numbers or arrays, in compiled code also vectors of numbers. Errors in units of 1e-16,
 relative unless said otherwise: sin, cos 1.8 (absolute) for |x| < 1e6; exp, log 1.5; atan, asin,
@@ -9,13 +10,8 @@ acos 4; sinh 13; cosh 2.2; tanh 11; normal quantiles 9 (tests/physics/dynamics/t
 Integer powers are products. Other powers are exp(y log x), with an error larger by the factor |y
 log x|.
 
-Sources: the logarithm is fdlibm's e_log; the quantiles are AS 241, PPND16 (Wichura, Appl. Stat. 37
-(1988) 477).
-
-Sine, cosine, arctangent and exp(x) - 1 in straight code: no branch, no library call.
-
-They work in the precision of their argument. `rigidmc.physics.dynamics.functions` builds the other
-functions of analysis on them.
+Sources: the logarithm is fdlibm's e_log; sine and cosine are its k_sin and k_cos; the quantiles are
+AS 241, PPND16 (Wichura, Appl. Stat. 37 (1988) 477).
 """
 
 import math
@@ -25,6 +21,7 @@ import numpy as np
 
 from rigidmc.physics.dynamics.vectors import by_precision, larger, root, rounded, select, smaller
 
+# ln 2 in two parts; the low 21 bits of the high one are 0, so that e times it is exact.
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 _MANTISSA, _EXPONENT = np.uint64(0x000FFFFFFFFFFFFF), np.uint64(0x3FF0000000000000)
 _SHIFT = np.uint64(52)
@@ -61,6 +58,7 @@ def logarithm(x):
     # the bits of the exponent as the low bits of the float 2^52 + exponent
     e = as_float((word >> np.uint64(52)) | np.uint64(0x4330000000000000)) - 4503599627370496.0
     e = e - 1023.0
+    # m in (1/sqrt 2, sqrt 2]: s = f/(2 + f) is then 0.172 at most, and 7 terms are enough.
     large = m > 1.4142135623730951
     m, e = select(large, 0.5 * m, m), select(large, e + 1.0, e)
     f = m - 1.0
@@ -74,6 +72,7 @@ def logarithm(x):
     odd = 6.666666666666735130e-01 + w * odd
     r = w * even + z * odd
     half = 0.5 * f * f
+    # fdlibm's order of sums: e ln 2 is exact in its high part, and the rest is small.
     return e * _LN2_HIGH - ((half - (s * (half + r) + e * _LN2_LOW)) - f)
 
 
@@ -129,6 +128,7 @@ def logarithm_of(x):
     wide = double(x)
     small = wide < 2.2250738585072014e-308  # subnormal: x 2^54 has an exponent that can be read
     result = logarithm(select(small, wide * 18014398509481984.0, wide))
+    # 54 ln 2: takes the factor 2^54 back.
     result = result - select(small, 37.42994775023705, 0.0)
     result = select(wide == math.inf, wide, select(wide == 0.0, -math.inf, result))
     return as_given(select((wide < 0.0) | (wide != wide), math.nan, result), x)
@@ -152,8 +152,9 @@ def hyperbolic_tangent(x):
 
 def hyperbolic_sine(x):
     """sinh x."""
-    e, less = exponential_of(abs(x)), expm1(smaller(abs(x), 1.0))
-    twice = select(abs(x) < 1.0, less + less / (1.0 + less), e - 1.0 / e)
+    e, small = exponential_of(abs(x)), expm1(smaller(abs(x), 1.0))
+    # From 1 on e^x - e^-x cancels by less than a digit; below, both parts come from exp(x) - 1.
+    twice = select(abs(x) < 1.0, small + small / (1.0 + small), e - 1.0 / e)
     return select(x < 0.0, -0.5 * twice, 0.5 * twice)
 
 
@@ -189,6 +190,7 @@ def hypotenuse(x, y):
 def whole_power(x, n):
     """x^n for an integer n, by products."""
     result, base, left = 1.0 + 0.0 * x, x, abs(n)
+    # The exponent is a number of the program, not of a member: a loop is allowed.
     while left > 0:
         if left % 2 == 1:
             result = result * base
@@ -237,6 +239,7 @@ def normal_quantile(u):
     """The number x with probability u that a standard normal deviate is below x, 0 < u < 1."""
     q = u - 0.5
     r = root(-logarithm(smaller(u, 1.0 - u)))
+    # AS 241: three ratios, which meet at |u - 1/2| = 0.425 and at sqrt(-ln u) = 5.
     tail = select(r <= 5.0, _ratio(_TAIL, r - 1.6), _ratio(_FAR, r - 5.0))
     return select(
         abs(q) <= 0.425, q * _ratio(_MIDDLE, 0.180625 - q * q), select(q < 0.0, -tail, tail)
@@ -295,6 +298,7 @@ def expm1(x):
     (x/256)^9/10! of x, and exp(x) is below rounding for x < -44. Errors: see
     tests/physics/dynamics/test_functions.py.
     """
+    # 1/256, a power of 2: the argument keeps all its digits, and eight doublings take it back.
     y = larger(x, -44.0) * 0.00390625
     p = 1 / 5040 + y * (1 / 40320 + y / 362880)
     p = 1 / 120 + y * (1 / 720 + y * p)
@@ -314,6 +318,7 @@ def arctan2(y, x):
     """atan2(y, x), |relative error| <= 3.1e-16 (tests/physics/dynamics/test_functions.py); 0 for
     (0, 0)."""
     a, b = abs(y), abs(x)
+    # The octant: the series is only taken for arguments up to tan(pi/8) = 0.414.
     low, high = smaller(a, b), larger(a, b)
     # of (0, 0): 0 by anything is 0, in any unit
     high = select(high > 0.0, high, 1.0)

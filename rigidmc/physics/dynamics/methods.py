@@ -163,5 +163,6 @@ def depends(call: Method, part: Any, **values: Any) -> bool:
         result = call(part, *(traced(values[name]) for name in call.available))
     except Exception:  # a user's code may do anything with its numbers
         return True
+    # What came through arithmetic alone is a Traced still.
     numbers = result if isinstance(result, tuple) else (result,)
     return bool(notes) or any(isinstance(x, Traced) for x in numbers)

@@ -20,6 +20,7 @@ def _annulled(a, b, c, f, g, off):
     gap = b - a
     # t = tan of the smaller of the two angles that make `off` 0; 0 if `off` is 0 already
     # (the squares of small numbers underflow, hence `max`)
+    # Rutishauser's formula: t of the smaller angle, with no cancellation and no arctangent.
     size = abs(gap) + max(math.sqrt(gap * gap + twice * twice), abs(twice))
     # where `off` is 0, t is 0 by anything
     t = twice / select(off == 0.0, 1.0, select(gap < 0.0, -size, size))
@@ -89,6 +90,7 @@ def principal(xx, yy, zz, yz, zx, xy):
     one, two = _ordered(one[0] > two[0], one, two)
     two, three = _ordered(two[0] > three[0], two, three)
     one, two = _ordered(one[0] > two[0], one, two)
+    # Axes are known but for a sign; a rule for it makes them the same on every machine.
     e, f = _pointed(one), _pointed(two)
     g = cross(e, f)
     unit_axes = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)

@@ -1,11 +1,11 @@
-"""Quaternions, and the rotations that unit quaternions stand for.
+"""Quaternions and the rotations that unit quaternions stand for; sums that lose no digits.
 
 Conventions as in `rigidmc.physics.dynamics.so3`.
 
-Changes of a momentum or an attitude that lose no digits.
-
-A compensated state is a pair (value, remainder) whose exact sum is the state. Every function here
-also takes the plain value, a 3-vector or a quaternion, and then rounds as usual.
+Over many short steps each change of a state is small, and rounding it to the digits of the state
+loses most of it. A compensated state is therefore a pair (value, remainder), whose exact sum is the
+state. `add_compensated`, `add_compensated4` and `apply_rotation` take such a pair or the plain
+value, a 3-vector or a quaternion, and then round as usual.
 """
 
 import math
@@ -56,7 +56,7 @@ def exponential(u):
     """
     angle = math.sqrt(dot(u, u))
     s, c = sincos(0.5 * angle)
-    # an angle [rad]; what is divided by 1 is not taken
+    # Without rotation the limit 1/2; the quotient is then not used, and 1 keeps it finite.
     r = select(angle > 0.0, s / select(angle > 0.0, angle, 1.0), 0.5)
     return c, r * u[0], r * u[1], r * u[2]
 
@@ -160,6 +160,7 @@ def two_sum(a, b):
     Source: Knuth, The Art of Computer Programming 2, 4.2.2.
     """
     s = a + b
+    # Six additions and no branch on which operand is larger, as the fast variant has.
     c = s - a
     return s, (a - (s - c)) + (b - c)
 
@@ -170,10 +171,10 @@ def add_compensated(l, dl):
     Of a pair (value, remainder) the pair of the sum, which loses nothing of dl.
     """
     if len(l) == 2:
-        value, rest = l
-        x, dx = two_sum(value[0], dl[0] + rest[0])
-        y, dy = two_sum(value[1], dl[1] + rest[1])
-        z, dz = two_sum(value[2], dl[2] + rest[2])
+        value, remainder = l
+        x, dx = two_sum(value[0], dl[0] + remainder[0])
+        y, dy = two_sum(value[1], dl[1] + remainder[1])
+        z, dz = two_sum(value[2], dl[2] + remainder[2])
         return (x, y, z), (dx, dy, dz)
     return add(l, dl)
 
@@ -181,13 +182,14 @@ def add_compensated(l, dl):
 def add_compensated4(q, dq):
     """q + dq of quaternions, brought back to |q| = 1; of a pair (value, remainder) the pair."""
     if len(q) == 2:
-        value, rest = q
-        a, da = two_sum(value[0], dq[0] + rest[0])
-        b, db = two_sum(value[1], dq[1] + rest[1])
-        c, dc = two_sum(value[2], dq[2] + rest[2])
-        d, dd = two_sum(value[3], dq[3] + rest[3])
+        value, remainder = q
+        a, da = two_sum(value[0], dq[0] + remainder[0])
+        b, db = two_sum(value[1], dq[1] + remainder[1])
+        c, dc = two_sum(value[2], dq[2] + remainder[2])
+        d, dd = two_sum(value[3], dq[3] + remainder[3])
         # a change along q restores the norm and leaves the attitude as it is
         r = 0.5 - 0.5 * (a * a + b * b + c * c + d * d)
+        # 1/|q| - 1 to the second order in 1 - |q|^2.
         r = r + 1.5 * r * r
         a, da = two_sum(a, r * a + da)
         b, db = two_sum(b, r * b + db)
@@ -197,14 +199,16 @@ def add_compensated4(q, dq):
     return renormalise(add4(q, dq))
 
 
-def apply_rotation(q, turn):
-    """q turn of unit quaternions, `turn` in body axes; of a pair (value, remainder) the pair."""
+def apply_rotation(q, rotation):
+    """q rotation of unit quaternions, the rotation in body axes; of a pair (value, remainder) the
+    pair.
+    """
     if len(q) == 2:
         value, rest = q
-        # turn - 1 without cancellation; -turn is the same rotation, so the scalar part can be >= 0
-        sign = select(turn[0] < 0.0, -1.0, 1.0)
-        x, y, z = scale(sign, turn[1:])
+        # rotation - 1 without cancellation; -rotation is the same, so the scalar part can be >= 0
+        sign = select(rotation[0] < 0.0, -1.0, 1.0)
+        x, y, z = scale(sign, rotation[1:])
         # 1 + cos of half an angle: pure
-        less = -(x * x + y * y + z * z) / (1.0 + abs(turn[0])), x, y, z
-        return add_compensated4(q, add4(multiply(value, less), multiply(rest, less)))
-    return touch_up(multiply(q, turn))
+        change = -(x * x + y * y + z * z) / (1.0 + abs(rotation[0])), x, y, z
+        return add_compensated4(q, add4(multiply(value, change), multiply(rest, change)))
+    return touch_up(multiply(q, rotation))

@@ -1,14 +1,12 @@
-"""Algebra of 3-vectors.
-
-A momentum may be a longer tuple: after its three components follows the work that the effects have
-done (`rigidmc.physics.effects.protocol`). Sums and multiples apply to these further numbers too; a
-missing one is 0.
-
-Choices, roots and rounding of one number, without a branch.
+"""Algebra of 3-vectors, and choices, roots and rounding of a number, without a branch.
 
 A "number" is a float, in Python also an array of floats, and in a kernel also a vector that holds
-one number of each of several ensemble members. Conditions are then arrays or masks, and both sides
-of a choice are evaluated.
+one number of each of several members. Conditions are then arrays or masks, and both sides of a
+choice are evaluated.
+
+A momentum may be a longer tuple: behind its three components follow the works that the effects have
+done (`rigidmc.physics.effects.sums`). Sums and multiples apply to these further numbers too; a
+missing one is 0.
 """
 
 import numpy as np
@@ -31,11 +29,11 @@ def first_three(a):
     return a[0], a[1], a[2]
 
 
-def concat(a, more):
-    """The tuple `a` followed by `more`."""
-    if len(more) == 0:
+def concat(a, b):
+    """The tuple `a` followed by `b`."""
+    if len(b) == 0:
         return a
-    return a + more
+    return a + b
 
 
 def rest_scaled(s, a):
@@ -122,12 +120,13 @@ def rounded(x):
 
 def root(x):
     """The square root of a number, or of each number of an array."""
+    # Of numbers and arrays alike: `math.sqrt` takes no arrays. Compiled it is one instruction.
     return np.sqrt(x)
 
 
 def inverse(x):
-    """1/x, or 0 if x is 0: a share of nothing is none, in any unit."""
-    # what is divided by 1 is not taken
+    """1/x, or 0 if x is 0: a fraction of nothing is none, in any unit."""
+    # Where x is 0 the quotient is not used: 1 keeps it finite, and free of warnings.
     return select(x > 0.0, 1.0 / select(x > 0.0, x, 1.0), 0.0)
 
 

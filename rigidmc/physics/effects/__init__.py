@@ -85,6 +85,8 @@ def shared(effects: Iterable[Any]) -> dict[str, list[str]]:
 
 def canonical(effects: Iterable[Any]) -> tuple[Any, ...]:
     """The effects in canonical order; those of a user's own come last, as given."""
+    # Flows do not commute: one order for all, so that a result does not depend on the text of a
+    # scene.
     order = list(EFFECTS.values())
     return tuple(
         sorted(effects, key=lambda e: order.index(type(e)) if type(e) in order else len(order))

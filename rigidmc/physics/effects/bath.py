@@ -56,6 +56,7 @@ class Bath(NamedTuple):
 
     def shake(self, body, h, l):
         less = expm1(-self.gamma * h)
+        # 1 - exp(-2x) = -less (2 + less) without cancellation, less = exp(-x) - 1.
         spread = -self.kT * less * (2.0 + less)
         one, two, three = body.i2 * body.i3, body.i3 * body.i1, body.i1 * body.i2
         share = spread / (body.i1 * one)  # spread I_1 = share / (I_2 I_3): one division for three

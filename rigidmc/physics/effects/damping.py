@@ -42,6 +42,7 @@ class ViscousDamping(NamedTuple):
         return scale(-self.rate, l)
 
     def kick(self, h, l):
+        # l + (exp(-x) - 1) l, not exp(-x) l: for a small x the factor 1 - x would lose its digits.
         return axpy(l, expm1(-self.rate * h), l)
 
 
@@ -118,6 +119,8 @@ class MatrixDamping(NamedTuple):
 
         C in units of its trace; arrays of matrices pass through.
         """
+        # Rounding of the minors is 1e-16 in units of the trace; 1e-14 lets a matrix that is
+        # singular by construction pass.
         size = abs(self.matrix[0]) + abs(self.matrix[1]) + abs(self.matrix[2])
         # a matrix without a diagonal: any unit will do, its own elements then decide
         x, y, z, yz, zx, xy = (m / (size + (size == 0)) for m in self.matrix)
@@ -223,6 +226,7 @@ class DryFriction(NamedTuple):
 
     def kick(self, body, h, l):
         w = angular_velocity(body, l)
+        # A half step first, for the rate in the middle: that makes the rule one of order 2.
         half = 0.5 * h * self.friction / root(dot(w, w) + self.rest * self.rest)
         w = angular_velocity(body, damp_flow(body, half, l))
         return damp_flow(body, h * self.friction / root(dot(w, w) + self.rest * self.rest), l)

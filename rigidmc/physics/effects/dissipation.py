@@ -73,6 +73,7 @@ class EnergyDissipation(NamedTuple):
         wheel = axpy(self.wheel, t, self.motor)
         g = add(l, wheel)
         by = -h * self.loss / _size(g)
+        # A half step first, for the rate in the middle: that makes the rule one of order 2.
         half = rotate_flow(scale(0.5 * by, cross(g, angular_velocity(body, l))), g)
         slope = cross(half, angular_velocity(body, difference(half, wheel)))
         return difference(rotate_flow(scale(by, slope), g), wheel)

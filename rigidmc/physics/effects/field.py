@@ -109,4 +109,5 @@ def field_at(field, rate, t):
 
 def _sizes(a, b):
     """A bound on |a . A b|: (a.a b.b)^(1/2), by operations that numbers and arrays have."""
+    # One root for two lengths.
     return root(dot(a, a) * dot(b, b))

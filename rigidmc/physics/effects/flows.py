@@ -8,6 +8,7 @@ def damp_flow(body, c, l):
 
     Each component is multiplied by (1 - c/2I)/(1 + c/2I), which lies between -1 and 1 if c > 0.
     """
+    # Each component shrinks for any c > 0; by the explicit rule it would grow for c > 2I.
     x, y, z = 0.5 * c * body.i1, 0.5 * c * body.i2, 0.5 * c * body.i3
     return (1.0 - x) / (1.0 + x) * l[0], (1.0 - y) / (1.0 + y) * l[1], (1.0 - z) / (1.0 + z) * l[2]
 
@@ -29,6 +30,7 @@ def symmetric_times(m, v):
 
 def solve3(a, b, c, v):
     """The solution x of (a b c) x = v by Cramer's rule; a, b, c are the columns of the matrix."""
+    # 3 x 3: Cramer's rule has no branch; the matrix is 1 + C/2I, well conditioned for a damping.
     n = cross(b, c)
     r = 1.0 / dot(a, n)
     return scale(r, (dot(v, n), dot(v, cross(c, a)), dot(v, cross(a, b))))

@@ -59,4 +59,5 @@ class Gravity(NamedTuple):
         return self.g * dot((body.p1, body.p2, body.p3), up(q))
 
     def energy_scale(self, body):
+        # |r_1| + |r_2| + |r_3| bounds |r|, without a root.
         return abs(self.g) * (abs(body.p1) + abs(body.p2) + abs(body.p3))

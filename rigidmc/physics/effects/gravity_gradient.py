@@ -79,6 +79,7 @@ class GravityGradient(NamedTuple):
 
     def energy_scale(self, body):
         nearest = self.distance * (1.0 - self.eccentricity)
+        # Divided one after the other: the cube of 1e13 m overflows in float32.
         c = _differences(body, 3.0 * self.mu / nearest / nearest / nearest)
         return 0.25 * (abs(c[0]) + abs(c[1]) + abs(c[2]))
 
@@ -105,6 +106,7 @@ def _pull(mu, distance, e, anomaly, t):
     """
     square = mu / distance / distance / distance  # the cube of 1e13 m overflows in float32
     m = math.sqrt(square) * t + anomaly
+    # Within half a turn of 0 the sine of it keeps its digits.
     m = m - _TURN * rounded(m * (1.0 / _TURN))
     s, c = sincos(m)
     at = m + e * s / math.sqrt(1.0 + e * (e - 2.0 * c))

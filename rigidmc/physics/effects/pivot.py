@@ -57,5 +57,6 @@ class MovingPivot(NamedTuple):
 
     def energy_scale(self, body):
         s = self.swing
+        # There is no potential: the largest torque, over 1 rad.
         size = root(s[0] * s[0] + s[1] * s[1] + s[2] * s[2])
         return self.frequency * self.frequency * size * (abs(body.p1) + abs(body.p2) + abs(body.p3))

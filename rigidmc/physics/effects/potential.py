@@ -75,6 +75,7 @@ class Potential(NamedTuple):
                 4.0 * k[2] * u[2] * u[2] * u[2],
             ),
         )
+        # The rate of change of dE/du while u changes by du.
         bend = symmetric_times(self.quadratic, du)
         bend = add(
             bend,
@@ -101,6 +102,7 @@ class Potential(NamedTuple):
 
     def energy_scale(self):
         m, k = self.quadratic, self.quartic
+        # The Frobenius norm of Q bounds its eigenvalues.
         off = m[3] * m[3] + m[4] * m[4] + m[5] * m[5]
         return (
             root(dot(self.linear, self.linear))

@@ -1,9 +1,8 @@
 """What an effect is: its methods and its facts, with a default for each that is missing.
 
-The parameters of effects as rows of numbers, in the order of the fields.
-
-A parameter is a number, or a vector if the class states its length in `shapes`. In a block each
-number is a row.
+A parameter of an effect is a number, or a vector if the class states its length in `shapes`. The
+last functions turn effects into rows of numbers, in the order of their fields, and back: in a block
+each number of each member is a row.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -94,7 +93,7 @@ class EffectFacts(NamedTuple):
 
 
 def effect(**stated: Any) -> Callable[[Kind], Kind]:
-    """Decorator: states some `EffectFacts` of a class of effects, which become class attributes."""
+    """Decorator: states some EffectFacts of a class of effects, which become class attributes."""
     EffectFacts(**stated)  # raises TypeError for any other name
 
     def put(kind: Kind) -> Kind:
@@ -138,8 +137,9 @@ def is_random(effect: Effect | type[Effect]) -> bool:
 
 
 def takes_noise(effect: Effect | type[Effect]) -> bool:
-    """Whether the engine fills in the field `noise` of an effect; that of an effect which is not
-    random is a parameter as any other."""
+    """Whether the engine fills in the field `noise`; that of an effect which is not random is a
+    parameter as any other.
+    """
     kind = effect if isinstance(effect, type) else type(effect)
     return "noise" in kind._fields and is_random(kind)
 
@@ -216,18 +216,18 @@ class NoEffect(NamedTuple):
         return l
 
 
-def effect_or_none(mark, effect):
-    """The effect, or Idle if the mark is OFF."""
-    if len(mark) == 0:
+def effect_or_none(keeps, effect):
+    """The effect, or NoEffect if the flag is OFF."""
+    if len(keeps) == 0:
         return NoEffect()
     return effect
 
 
-def masked_effects(effects, which):
-    """The effects, with Idle in each place where `which` has OFF."""
+def masked_effects(effects, mask):
+    """The effects, with NoEffect in each place where `mask` has OFF."""
     if len(effects) == 0:
         return ()
-    return (effect_or_none(which[0], effects[0]),) + masked_effects(effects[1:], which[1:])
+    return (effect_or_none(mask[0], effects[0]),) + masked_effects(effects[1:], mask[1:])
 
 
 def shape(kind: Effect | type[Effect], field: str) -> int | None:
@@ -242,13 +242,13 @@ def given(kind: Effect | type[Effect]) -> tuple[str, ...]:
 
 def numbers(effect: Effect) -> list[tuple[str, int | None, Any]]:
     """[(field, component, value)] of all numbers of an effect; component is None for plain ones."""
-    found: list[tuple[str, int | None, Any]] = []
+    values: list[tuple[str, int | None, Any]] = []
     for field, value in zip(effect._fields, effect, strict=True):
         size = shape(effect, field)
-        found += (
+        values += (
             [(field, None, value)] if size is None else [(field, i, value[i]) for i in range(size)]
         )
-    return found
+    return values
 
 
 def parameter_count(*effects: Effect) -> int:

@@ -61,6 +61,7 @@ class Rotor(NamedTuple):
         # with y_i = L_i sqrt(1/I_i):  dy/dt = g x y,  g_i = H_i / sqrt(I_j I_k)
         one, two, three = root(body.i1), root(body.i2), root(body.i3)
         wheel = axpy(self.momentum, t, self.motor)
+        # Half of the motor's kick before and half after the rotation: symmetric, so of order 2.
         x, y, z = axpy(l, -0.5 * h, self.motor)
         x, y, z = rotate_flow(
             (h * two * three * wheel[0], h * three * one * wheel[1], h * one * two * wheel[2]),

@@ -1,11 +1,12 @@
-"""What all effects of a scene do together; the empty tuple of effects costs nothing.
+"""What all effects of a scene do together, and the work of each.
 
-The functions recurse over the tuple, so that only the effects of a scene are compiled.
-l : (x, y, z), or with the works of the effects behind them (`rigidmc.physics.effects.sums`)
+The functions recurse over the tuple of effects, so that only those of a scene are compiled; the
+empty tuple costs nothing.
 
-The ledger of work: how much energy each effect has given to the body.
-
-A run that saves `work` carries one number for each effect behind the three components of L.
+A run that saves `work` carries one number for each effect behind the three components of L: how
+much energy the effect has given to the body. l is thus (x, y, z), or these and the works. In this
+file `works` are these numbers, and `untracked` has a flag for each effect, ON if no energy of its
+own accounts for its work.
 """
 
 from rigidmc.physics.dynamics.euler import add_free_change, angular_velocity, half_rotation
@@ -40,6 +41,7 @@ def total_torque(effects, body, t, q, l):
         return 0.0, 0.0, 0.0
     if len(effects) == 1:
         return torque(effects[0], body, t, q, l)
+    # One effect is not added to 0: -0.0 + 0.0 is 0.0, and the addition stays in the code.
     return add(torque(effects[0], body, t, q, l), total_torque(effects[1:], body, t, q, l))
 
 
@@ -96,36 +98,37 @@ def changes(rates, effects, body, t, h, q, l):
     )
 
 
-def pay_for_slip(effects, every, body, t, h, q, l, works):
-    """Works, where an effect that adds to the angular velocity pays for the work that all torques
-    do along with it: 1/2 L . I^-1 L does not get it."""
+def pay_for_slip(effects, all_effects, body, t, h, q, l, works):
+    """Works after effects that add to the angular velocity have paid for what all torques do along
+    with it: 1/2 L . I^-1 L does not get that work.
+    """
     if len(effects) == 0:
         return ()
-    more = slip(effects[0], body, t, q, l)
-    first = less_work_along(more, every, body, t, h, q, l, works[0])
-    return (first,) + pay_for_slip(effects[1:], every, body, t, h, q, l, works[1:])
+    slip_rate = slip(effects[0], body, t, q, l)
+    first = less_work_along(slip_rate, all_effects, body, t, h, q, l, works[0])
+    return (first,) + pay_for_slip(effects[1:], all_effects, body, t, h, q, l, works[1:])
 
 
-def less_work_along(more, every, body, t, h, q, l, work):
+def less_work_along(slip_rate, all_effects, body, t, h, q, l, work):
     """The work of an effect less that of all torques along its `slip`, () for none."""
-    if len(more) == 0:
+    if len(slip_rate) == 0:
         return work
-    return work - h * dot(total_torque(every, body, t, q, l), more)
+    return work - h * dot(total_torque(all_effects, body, t, q, l), slip_rate)
 
 
 def add_slip(effects, body, t, h, q, l, half):
     """Half the rotation vector of a time h, with what effects add to the angular velocity."""
     if len(effects) == 0:
         return half
-    more = add_one_slip(slip(effects[0], body, t, q, first_three(l)), h, half)
-    return add_slip(effects[1:], body, t, h, q, l, more)
+    new = add_one_slip(slip(effects[0], body, t, q, first_three(l)), h, half)
+    return add_slip(effects[1:], body, t, h, q, l, new)
 
 
-def add_one_slip(more, h, half):
-    """The same with the angular velocity that one effect adds, () for none."""
-    if len(more) == 0:
+def add_one_slip(slip_rate, h, half):
+    """`add_slip` of one effect; slip_rate : its angular velocity, () for none."""
+    if len(slip_rate) == 0:
         return half
-    return axpy(half, 0.5 * h, more)
+    return axpy(half, 0.5 * h, slip_rate)
 
 
 def kick_by_torques(effects, body, t, h, q, l):
@@ -203,44 +206,43 @@ def add_flow_work(effect, body, t, h, q, before, after, work):
     return work + h * dot(torque(effect, body, t, q, middle), angular_velocity(body, middle))
 
 
-def corrected_by_work(start, ledger, works):
+def corrected_by_work(start, untracked, works):
     """The start's (E, 1/scale of E, ...), corrected by the works done since.
 
     E grows by the work of the effects without an energy; the scale grows by the sum of all |work|.
-    ledger : for each effect OFF if it has an energy, else ON
     """
     if len(works) == 0:
         return start
     return (
-        start[0] + untracked_work(ledger, works),
+        start[0] + untracked_work(untracked, works),
         start[1] / (1.0 + start[1] * total_abs_work(works)),
     ) + start[2:]
 
 
-def has_untracked(ledger):
-    """ON if an effect of the ledger has no energy, else OFF."""
-    if len(ledger) == 0:
+def has_untracked(untracked):
+    """ON if an effect has no energy of its own, else OFF."""
+    if len(untracked) == 0:
         return OFF
-    return either(ledger[0], has_untracked(ledger[1:]))
+    return either(untracked[0], has_untracked(untracked[1:]))
 
 
-def either(marks, others):
+def either(first, second):
     """The first of two flags if it is ON, else the second."""
-    if len(marks) == 0:
-        return others
-    return marks
+    if len(first) == 0:
+        return second
+    return first
 
 
-def untracked_work(ledger, works):
-    """The sum of the works of those effects that are ON in `ledger`."""
+def untracked_work(untracked, works):
+    """The sum of the works of those effects that have no energy of their own."""
     if len(works) == 0:
         return 0.0
-    return add_if_untracked(ledger[0], works[0], untracked_work(ledger[1:], works[1:]))
+    return add_if_untracked(untracked[0], works[0], untracked_work(untracked[1:], works[1:]))
 
 
-def add_if_untracked(mark, work, others):
-    """others + work, or others alone if the mark is OFF."""
-    if len(mark) == 0:
+def add_if_untracked(untracked, work, others):
+    """others + work, or others alone if the flag is OFF."""
+    if len(untracked) == 0:
         return others
     return work + others
 

@@ -76,6 +76,7 @@ def refusal(
         for other in accepting(effects, compensated, works, known)
         if not isinstance(known[other], ClosedForm)
     ]
+    # The nearest by order and family first: two names are enough.
     able.sort(key=lambda other: _distance(known[name], known[other]))
     return f"{why}; use {' or '.join(able[:2])}" if able else why
 

@@ -69,13 +69,14 @@ class Composition:
         longer, shorter = (
             (self.drifts, self.kicks) if self.drift_first else (self.kicks, self.drifts)
         )
+        # The middle coefficient of a palindrome is not repeated.
         middle_is_longer = len(longer) > len(shorter)
         longer = (*longer, *longer[-2 if middle_is_longer else -1 :: -1])
         shorter = (*shorter, *shorter[-1 if middle_is_longer else -2 :: -1])
         return (longer, shorter) if self.drift_first else (shorter, longer)
 
     def prepared(self, turns: TurnBounds, effects: Sequence[Any]) -> StepScheme:
-        """The Form for steps that turn by `turns`."""
+        """The StepScheme for steps that turn by `turns`."""
         if any(is_random(e) for e in effects):
             return self._noisy(turns, effects)
         lead, parts = self._parts()
@@ -84,6 +85,7 @@ class Composition:
             n = 1 if self.split else substep_count(turns, 1.0)
             rows = [(1.0 / n, 0.5 * (k == 0), 0.5 * (k == n - 1), 0.0) for k in range(n)]
             return StepScheme(Kicks(drift), np.array([ONE_SUBSTEP[0], *rows]))
+        # Row 0 opens the state: the last kick of a step and the first of the next are then one.
         rows = [(*lead, 0.0, lead[0])]
         times = accumulate((a for a, _ in parts), initial=lead[0])
         for i, ((a, b), time) in enumerate(zip(parts, times, strict=False)):
@@ -127,6 +129,7 @@ def _with_middle(*given: float) -> tuple[float, ...]:
     return (*given, 1.0 - 2.0 * reduce(add, given))
 
 
+# Suzuki's 1/(4 - 4^(1/3)): the sum of cubes of the five steps is 0, which takes order 3 away.
 _THIRD = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
 
 INTEGRATORS = {

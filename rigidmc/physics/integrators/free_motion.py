@@ -67,8 +67,12 @@ class FreeSteps(NamedTuple):
         m, of_step, of_panel, shares = constants
         u = first_three(l)
         integral, _ = integrate_phase(m, self.drift.panels, u, phase_fraction(m, u), of_panel)
+        # The phase in turns, a compensated sum: all steps add nearly the same number, and would
+        # round alike.
         turns, rest = two_sum(q[0], (0.25 / math.pi) * phase(m, m.time, integral) + q[1])
         end = add(u, advance(m, self.drift.halvings, u, of_step))
+        # Whole turns are dropped: the attitude does not depend on them, and the fraction keeps its
+        # digits.
         return (turns - rounded(turns), rest, q[2], q[3]), pull_back(m, shares, u, end) + l[3:]
 
     def opened(self, body, part, q, l):
@@ -108,7 +112,7 @@ class FreeMotion:
     accepts = "no torque"
 
     def prepared(self, turns: TurnBounds, effects: Sequence[Any]) -> StepScheme:
-        """The Form for steps that turn by `turns`."""
+        """The StepScheme for steps that turn by `turns`."""
         n, drift = substep_count(turns, 1.0), exact_drift(turns, 1.0)
         steps = Splitting(drift) if isinstance(drift, Symmetric) else FreeSteps(drift)
         # row 0, which opens a state, has the length of the others

@@ -22,6 +22,7 @@ def _rotation_rate(u, w):
 
     w + u x w/2 + u x (u x w)/12
     """
+    # The next term of dexp^-1 is of order h^4 in a rate, h^5 in a step.
     uw = cross(u, w)
     return axpy(axpy(w, 0.5, uw), 1.0 / 12.0, cross(u, uw))
 
@@ -97,6 +98,7 @@ class CF4(NamedTuple):
         q, l = value_of(q), value_of(l)
         w1 = _turning(body, effects, t, q, l)
         dl1 = _force(body, effects, t, q, l)
+        # Stage 4 starts from stage 2: this exponential serves both, and the step takes five.
         half = exponential(scale(0.5 * h, w1))
         q2, l2 = multiply(q, half), axpy(l, 0.5 * h, dl1)
         w2 = _turning(body, effects, t + 0.5 * h, q2, l2)
@@ -144,6 +146,8 @@ class CK45(NamedTuple):
 
     def step(self, body, effects, t, h, q, l):
         at, now = value_of(q), value_of(l)
+        # Rational coefficients of a method that keeps two registers: a, b of each stage, and c,
+        # where it lies in the step.
         b = 1432997174477.0 / 9575080441755.0
         u, v = scale(h, angular_velocity(body, now)), scale(h, _force(body, effects, t, at, now))
         r, dl = exponential(scale(b, u)), scale(b, v)

@@ -35,13 +35,15 @@ def _iterate_four(half, effects, body, t, h, q, l, at, now):
     return _iterate(half, effects, body, t, h, q, l, at, now)
 
 
-def _solve_stage(eights, half, effects, body, t, h, q, l, at, now):
-    """The middle of a step by iterations, eight for each element of `eights`."""
-    if len(eights) == 0:
+def _solve_stage(count, half, effects, body, t, h, q, l, at, now):
+    """The middle of a step by iterations, eight for each element of `count`."""
+    # Each length of the tuple is a type, for which Numba compiles a function: so eight iterations,
+    # in two fours, for each element.
+    if len(count) == 0:
         return at, now
     at, now = _iterate_four(half, effects, body, t, h, q, l, at, now)
     at, now = _iterate_four(half, effects, body, t, h, q, l, at, now)
-    return _solve_stage(eights[1:], half, effects, body, t, h, q, l, at, now)
+    return _solve_stage(count[1:], half, effects, body, t, h, q, l, at, now)
 
 
 class Midpoint(NamedTuple):
@@ -70,7 +72,7 @@ class Midpoint(NamedTuple):
         return 8 * len(self.eights) + 1
 
     def prepared(self, turns: TurnBounds, effects: Sequence[Any]) -> StepScheme:
-        """The Form for steps that turn by `turns`."""
+        """The StepScheme for steps that turn by `turns`."""
         # Each iteration multiplies the error by |omega| h/2; it is to end at 1e-17. Of 8, 16 or 32
         # iterations, so that few kernels are compiled.
         rate = max(0.55 * turns.spin, 1e-3)

@@ -1,6 +1,8 @@
 """What an integrator is: its facts, with their defaults, and what the engine asks of its steps.
 
-From an integrator to its compiled form: one type for a family, and the parts of a step.
+What a scene names is not always what is compiled. `scheme_of` makes a StepScheme of an integrator:
+the NamedTuple whose type is compiled, one for a whole family of methods, and the substeps of a
+step, which are numbers.
 """
 
 from collections.abc import Sequence
@@ -36,13 +38,13 @@ class Integrator(Protocol):
         text : docstring of one integrator, if its class makes several
 
     The program of a step is a NamedTuple with the methods below (`step`, ...). It is the integrator
-    itself, or comes in a Form from one of these::
+    itself, or comes in a StepScheme from one of these::
 
         form(self) -> StepScheme
         prepared(self, turns, effects) -> StepScheme    if it depends on the angle of a step
 
     A program whose sums keep no remainders has `with_sums(self)`, which gives one whose sums do. A
-    program with `keeps` looks after its own rounding: it is the same whether sums are compensated.
+    program with `keeps` compensates its rounding itself, with or without compensated sums.
     """
 
     order: float
@@ -69,6 +71,8 @@ def with_defaults(integrator: Any) -> Integrator:
     """An integrator whose class has the default of each fact that it leaves out."""
     for name, value in _DEFAULTS.items():
         if not hasattr(integrator, name):
+            # On the class: instances are NamedTuples or frozen dataclasses, which take no
+            # attributes.
             setattr(type(integrator), name, value)
     complete: Integrator = integrator
     return complete
@@ -78,7 +82,7 @@ def with_defaults(integrator: Any) -> Integrator:
 def group_count(integrator):
     """In how many groups the members of a vector make their steps, one group after the other.
 
-    A stage waits for the stage before; with 2 groups the processor works on the other meanwhile.
+    A stage waits for the stage before; with 2 groups the CPU works on the other meanwhile.
     """
     return 1
 
@@ -127,9 +131,9 @@ def has_extra_state(integrator: Any) -> bool:
 
 
 def stepping_form(integrator: Any) -> Any:
-    """What says in which form a program keeps (q, L) between steps: the program, or AsItIs.
+    """What says in which form a program keeps (q, L) between steps: the program, or PlainState.
 
-    What is compiled for AsItIs serves most integrators.
+    What is compiled for PlainState serves most integrators.
     """
     return integrator if changes_state_form(integrator) else PlainState()
 
@@ -172,7 +176,7 @@ ONE_SUBSTEP = ((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0))  # a step in one part
 def scheme_of(
     kind: Any, turns: TurnBounds | None = None, effects: Sequence[Any] = ()
 ) -> StepScheme:
-    """The Form of an integrator of INTEGRATORS for steps that turn by `turns`."""
+    """The StepScheme of an integrator of INTEGRATORS for steps that turn by `turns`."""
     compiled = StepScheme(kind, np.array(ONE_SUBSTEP))
     if implements(kind, "prepared"):
         compiled = kind.prepared(turns or TurnBounds(), effects)

@@ -41,6 +41,7 @@ def compensated_step(body, effects, t, h, state, momentum):
 
     The stages themselves are rounded to the last digit of q, and so would be their changes.
     """
+    # Stages start from the value alone: the remainder is below the last digit of a stage.
     start, rates = (value_of(state), value_of(momentum)), scaled(body, h)
     k1 = changes(rates, effects, body, t, h, start[0], start[1])
     y = combined(start, (0.5,), (k1,))
@@ -49,6 +50,7 @@ def compensated_step(body, effects, t, h, state, momentum):
     k3 = changes(rates, effects, body, t + 0.5 * h, h, y[0], y[1])
     y = combined(start, (1.0,), (k3,))
     k4 = changes(rates, effects, body, t + h, h, y[0], y[1])
+    # Changes are summed from 0: added to q stage by stage they would be rounded to its last digit.
     dq, dl = combined(_START, (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0), (k1, k2, k3, k4))
     return add_compensated4(state, dq), add_compensated(momentum, dl)
 
@@ -76,7 +78,7 @@ class RK4(NamedTuple):
         return 2
 
     def form(self) -> StepScheme:
-        """The Form of steps without remainders."""
+        """The StepScheme of steps without remainders."""
         return StepScheme(ScaledRK4(), np.array([(1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0)]))
 
     def step(self, body, effects, t, h, q, l):
@@ -125,11 +127,13 @@ class ScaledRK4(NamedTuple):
 
     def step(self, body, effects, t, h, q, l):
         works, l = l[3:], first_three(l)
+        # The same in all steps: LLVM moves it out of the loop over steps.
         k = couplings(body)
         x = advance_attitude(q, q, l)
         wx = add_push(effects, body, t, h, 0.5, q, l, add_rate(k, l, l))
         y = advance_attitude(q, x, wx)
         wy = add_push(effects, body, t + 0.5 * h, h, 0.5, x, wx, add_rate(k, l, wx))
+        # 2 w by an addition, which is exact.
         double = add(wy, wy)
         z = advance_attitude(q, y, double)
         wz = add_push(effects, body, t + 0.5 * h, h, 1.0, y, wy, add_twice_rate(k, l, wy, double))
@@ -164,6 +168,7 @@ def add_stage_work(works, effects, body, t, h, share, q, w):
 def momentum(body, h, w):
     """L of w = h omega/4."""
     x, y, z = quarters(body, h)
+    # By reciprocals, which leave the loop over steps; divisions by x would stay in it.
     return (1.0 / x) * w[0], (1.0 / y) * w[1], (1.0 / z) * w[2]
 
 
@@ -215,6 +220,7 @@ def add_push(effects, body, t, h, share, q, w, change):
     if len(effects) == 0:
         return change
     x, y, z = quarters(body, h)
+    # w = h omega/4, so that a torque counts with h/4 times the reciprocal moment.
     by = (share * h * x, share * h * y, share * h * z)
     return add_torques(effects, body, t, q, momentum(body, h, w), by, change)
 

@@ -75,6 +75,7 @@ def combined(y, a, k):
     """(q, L) plus the changes k, each times its coefficient a."""
     if len(k) == 0:
         return y
+    # Each row is a chain of fused multiply-adds that begins with y: no product stands alone.
     return combined((axpy4(y[0], a[0], k[0][0]), axpy(y[1], a[0], k[0][1])), a[1:], k[1:])
 
 
@@ -102,6 +103,7 @@ class RK8(NamedTuple):
         state, momentum = q, l
         q, l = value_of(q), value_of(l)
         start, rates = (q, l), scaled(body, h)
+        # Written out: 20 of the 78 coefficients are 0, and take no operation.
         k1 = changes(rates, effects, body, t, h, q, l)
         y = combined(start, _A2, (k1,))
         k2 = changes(rates, effects, body, t + 0.05260015195876773 * h, h, y[0], y[1])

@@ -98,12 +98,12 @@ class Kicks(NamedTuple):
         return q, kick_all_back(effects, body, t + h, part[2], q, l)
 
 
-def repeat_drift(often, drift, body, h, q, l):
-    """(q, L) after one drift over h for each element of `often`."""
-    if len(often) == 0:
+def repeat_drift(count, drift, body, h, q, l):
+    """(q, L) after one drift over h for each element of `count`."""
+    if len(count) == 0:
         return q, l
     q, l = drift_state(drift, body, h, q, l)
-    return repeat_drift(often[1:], drift, body, h, q, l)
+    return repeat_drift(count[1:], drift, body, h, q, l)
 
 
 class Langevin(NamedTuple):
@@ -147,6 +147,8 @@ class ForceGradient(NamedTuple):
     def step(self, body, effects, t, h, part, q, l):
         q, l = drift_state(self.drift, body, part[0], q, l)
         at = value_of(q)
+        # One evaluation serves kick and gradient: with the rate of change, chin4 takes two torques
+        # a step.
         torque = total_torque(effects, body, t, at, value_of(l))
         eta = angular_velocity(body, torque)
         more = difference(total_torque_rate(effects, body, t, at, eta), cross(torque, eta))
@@ -208,12 +210,13 @@ def exact_drift(turns: TurnBounds, largest: float) -> Symmetric | Exact:
         return Symmetric()
     # 1e-300 rad: a free rate of 0 has no logarithm
     angle = max(min(turns.free * largest, SUBSTEP_TURN), 1e-300)
+    # 1e-9: an angle that is PANEL_TURN but for rounding takes no further doubling.
     doublings = max(0, math.ceil(math.log2(angle / PANEL_TURN) - 1e-9))
     return Exact(static_count(doublings), (0.5**doublings,) * 2**doublings)
 
 
 def substep_count(turns: TurnBounds, drift: float) -> int:
-    """The number of pieces of a drift, so that none turns by more than PIECE_TURN.
+    """The number of substeps of a drift, so that none turns by more than SUBSTEP_TURN.
 
     drift : length of the drift, as a share of the step
     """

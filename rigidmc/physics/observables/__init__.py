@@ -1,4 +1,4 @@
-"""What is recorded or watched. A new observable is one file here and one line below.
+"""What is saved or monitored. A new observable is one file here and one line below.
 
 Four kinds, see `rigidmc.physics.observables.protocol`:
 

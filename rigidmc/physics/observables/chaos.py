@@ -6,10 +6,10 @@ import numpy as np
 
 from rigidmc.physics.observables.protocol import Array, neighbour
 
-# Steps between two meetings with the neighbour, which is then brought back to NEAR: a meeting takes
-# as long as 3 steps of rk4.
+# Steps between two renormalisations of the shadow trajectory, which is then brought back to
+# SHADOW_DISTANCE: one takes as long as 3 steps of rk4.
 RENORMALISE_EVERY = 8
-# Distance of the neighbour, relative to the size of the motion: the terms of second order are 1e-8,
+# Distance of the shadow, relative to the size of the motion: the terms of second order are 1e-8,
 # and so is rounding.
 SHADOW_DISTANCE = 1e-8
 # Times of the run at which the torque on the body at the start is tried for the size of the motion.

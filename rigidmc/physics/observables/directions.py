@@ -89,30 +89,30 @@ def compiled(about: Any, effects: Sequence[Any], at: str) -> Direction:
         size = math.hypot(*about)
         return Direction(vector=tuple(x / size for x in about))
     if about in (*ORBIT, "field"):
-        which = source(about, effects, at)
+        index = source(about, effects, at)
         if about == "field":
-            turns = flag(isinstance(effects[which], RotatingField))
-            return Direction(field=ON, which=static_count(which), other=turns)
+            turns = flag(isinstance(effects[index], RotatingField))
+            return Direction(field=ON, which=static_count(index), other=turns)
         if about != "orbit_normal":  # the space z axis
             ahead = flag(about == "along_track")
-            return Direction(orbit=ON, which=static_count(which), other=ahead)
+            return Direction(orbit=ON, which=static_count(index), other=ahead)
     return Direction(momentum=flag(about == "momentum"))
 
 
 def seen(direction, effects, t, q, l):
     """A vector along a Direction, in body components."""
-    momentum, orbit, field, which, other, vector = direction
-    return marked(momentum, orbit, field, which, other, vector, effects, t, q, l)
+    momentum, orbit, field, index, other, vector = direction
+    return marked(momentum, orbit, field, index, other, vector, effects, t, q, l)
 
 
-def marked(momentum, orbit, field, which, other, vector, effects, t, q, l):
+def marked(momentum, orbit, field, index, other, vector, effects, t, q, l):
     """`seen` of the Direction with these flags."""
     if len(momentum) > 0:
         return first_three(l)
     if len(orbit) > 0:
-        return into_body(q, on_orbit(effects, which, other, t))
+        return into_body(q, on_orbit(effects, index, other, t))
     if len(field) > 0:
-        return into_body(q, on_field(effects, which, other, t))
+        return into_body(q, on_field(effects, index, other, t))
     if len(vector) > 0:
         return into_body(q, vector)
     return up(q)
@@ -132,33 +132,33 @@ def length_of(momentum, field, v):
     return 1.0
 
 
-def on_orbit(effects, which, ahead, t):
+def on_orbit(effects, index, ahead, t):
     """The unit vector from the central body outward, or that along the track.
 
-    which : how many effects are before the one that has the orbit
+    index : how many effects are before the one that has the orbit
     ahead : ON for the direction along the track, at a right angle to the other
     """
-    cosine, sine = place_on(effects, which, t)
+    cosine, sine = place_on(effects, index, t)
     if len(ahead) > 0:
         return -sine, cosine, 0.0
     return cosine, sine, 0.0
 
 
-def place_on(effects, which, t):
-    """(cosine, sine) of the true anomaly; which : as of `on_orbit`."""
-    if len(which) > 0:
-        return place_on(effects[1:], which[1:], t)
+def place_on(effects, index, t):
+    """(cosine, sine) of the true anomaly; index : as of `on_orbit`."""
+    if len(index) > 0:
+        return place_on(effects[1:], index[1:], t)
     return place(effects[0], t)
 
 
-def on_field(effects, which, turns, t):
+def on_field(effects, index, turns, t):
     """The field in space at time t, not of length 1.
 
-    which : how many effects are before the one that has the field
+    index : how many effects are before the one that has the field
     turns : ON for a field that rotates
     """
-    if len(which) > 0:
-        return on_field(effects[1:], which[1:], turns, t)
+    if len(index) > 0:
+        return on_field(effects[1:], index[1:], turns, t)
     if len(turns) > 0:
         return field_at(effects[0].field, effects[0].rate, t)
     return effects[0].field

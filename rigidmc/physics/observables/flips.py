@@ -77,6 +77,7 @@ class Flips(NamedTuple):
         """The event for bodies of these moments (3, n); complete : whether these are all bodies."""
         axes, some_alike = [self.axis - 1], False
         if self.axis == 0:
+            # A stable order: two moments that are equal keep that of their axes, on every machine.
             order = np.argsort(moments, axis=0, kind="stable")
             low, middle, high = np.take_along_axis(moments, order, axis=0)
             different = (middle - low > ALIKE * middle) & (high - middle > ALIKE * high)
@@ -155,6 +156,8 @@ def differ(a, b):
 def component(marks, body, l):
     """The component of L about the one marked axis, or about the axis of the middle moment."""
     if len(marks[0]) + len(marks[1]) + len(marks[2]) > 1:
+        # By comparisons of the inverse moments, so that members of one vector may have different
+        # axes.
         second = ((body.i1 >= body.i2) & (body.i2 >= body.i3)) | (
             (body.i1 <= body.i2) & (body.i2 <= body.i3)
         )
@@ -165,8 +168,8 @@ def component(marks, body, l):
     return first_if(marks[0], l[0], first_if(marks[1], l[1], l[2]))
 
 
-def first_if(mark, this, other):
+def first_if(condition, this, other):
     """`this` if the mark is ON, else `other`."""
-    if len(mark) == 0:
+    if len(condition) == 0:
         return other
     return this

@@ -78,5 +78,6 @@ class Histogram(NamedTuple):
     def counts(self, values: Array) -> NDArray[np.intp]:
         """Counts (times, bins + 2) of values (times, members): below, in each bin, above."""
         share = np.floor((values - self.low) * (self.bins / (self.high - self.low)))
+        # nan counts as below all bins: converted to an integer it would be the machine's choice.
         place = np.clip(np.nan_to_num(share, nan=-1.0), -1, self.bins).astype(np.intp) + 1
         return np.stack([np.bincount(row, minlength=self.bins + 2) for row in place])

@@ -43,6 +43,7 @@ class Nutation(NamedTuple):
 
     def results(self, kept: Array, steps: Array) -> dict[str, Array]:
         """The outputs from the numbers (2, n)."""
+        # Rounding may leave the numbers beyond 0 and 1 by a digit.
         low, high = 2.0 * arcsine(np.sqrt(np.clip(kept, 0.0, 1.0)))
         return {"nutation_min": low, "nutation_max": high}
 
@@ -69,6 +70,8 @@ class Precession(NamedTuple):
 
     def update(self, kept, q):
         x, y = over_plane(q)
+        # The sense in which the axis crosses y = 0: that of the cross product of the two
+        # directions.
         way = select(kept[0] * y - kept[1] * x > 0.0, 1.0, -1.0)
         return x, y, kept[2] + select((kept[1] < 0.0) != (y < 0.0), way, 0.0), kept[3], kept[4]
 

@@ -55,6 +55,7 @@ class OrbitAngles(NamedTuple):
         """Raise SceneError for what are no right-handed axes."""
         three = isinstance(self.axes, Sequence) and len(self.axes) == 3
         whole = three and all(type(i) is int and abs(i) in (1, 2, 3) for i in self.axes)
+        # A left-handed frame has the determinant -1.
         if not whole or np.linalg.det([unit(i) for i in self.axes]) < 0.5:
             rule = "expected three different axes that are right-handed, such as [2, -3, -1]"
             raise SceneError(rule, at=f"{TABLE}.axes", value=self.axes)
@@ -69,8 +70,8 @@ class OrbitAngles(NamedTuple):
         return self._replace(axes=(*map(unit, self.axes), before))
 
     def value(self, effects, t, q):
-        x, y, z, which = self.axes
-        cosine, sine = place_on(effects, which, t)
+        x, y, z, index = self.axes
+        cosine, sine = place_on(effects, index, t)
         out = into_body(q, (cosine, sine, 0.0))
         ahead, normal = into_body(q, (-sine, cosine, 0.0)), up(q)
         c23, c33 = -dot(y, out), -dot(z, out)

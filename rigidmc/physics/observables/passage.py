@@ -171,6 +171,7 @@ class ConeLevel(NamedTuple):
 def may_pass(hold, level):
     """Whether an event may happen next: one that has to last may also end."""
     if len(hold) > 0:
+        # True for all members, as a mask of their width; of `level != level` the opposite.
         return level == level
     return level < 0.0
 

@@ -70,6 +70,7 @@ class PointingAngle(NamedTuple):
 
     def value(self, effects, t, q, l):
         d = seen(self.about, effects, t, q, l)
+        # By both products: the arccosine of u . d has half its digits near 0 and pi.
         across = cross(self.axis, d)
         return (arctan2(root(dot(across, across)), dot(self.axis, d)),)
 

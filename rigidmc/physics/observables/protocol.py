@@ -139,7 +139,7 @@ class Running(OverSteps, Protocol):
 
 @runtime_checkable
 class Neighbour(OverSteps, Protocol):
-    """What a neighbouring orbit tells, see `rigidmc.engine.kernel.shadow`."""
+    """What a shadow trajectory shows, see `rigidmc.engine.kernel.shadow`."""
 
     shadow: bool
 
@@ -236,6 +236,7 @@ def _decorator(protocol: type) -> Callable[..., Callable[[Kind], Kind]]:
 
 def _members(protocol: type) -> Sequence[str]:
     """Names of the facts and methods that a protocol asks for."""
+    # Protocol itself has members that no class needs.
     bases = [base for base in protocol.__mro__ if base.__module__ == __name__]
     names = [name for base in bases for name in (*inspect.get_annotations(base), *vars(base))]
     return [name for name in names if not name.startswith("_")]
@@ -271,7 +272,7 @@ def update(running, kept, body, effects, t, q, l):
 
 @method
 def turning(observable, body, effects, t, q, l):
-    """Numbers whose extremes between two looks count: a tuple."""
+    """Numbers whose extrema within a step count: a tuple."""
     return ()
 
 

@@ -1,8 +1,7 @@
-"""What a top is doing: angular velocity, angular momentum, attitude.
+"""What a body is doing: angular velocity, momentum, attitude, energy, and the work done on it.
 
-What a free top conserves: energy and |L|^2, and how far they have drifted.
-
-What effects have done to a body: the ledger of their work.
+The drifts of energy and |L|^2 compare with the start, corrected by the works of effects where these
+are saved.
 """
 
 from typing import NamedTuple

@@ -74,6 +74,7 @@ def add_differences(sums, values, shifts):
     """Sums to which values less their shifts are added."""
     if len(sums) == 0:
         return ()
+    # Differences from the first value: of plain sums a small variance would lose its digits.
     return (sums[0] + (values[0] - shifts[0]),) + add_differences(sums[1:], values[1:], shifts[1:])
 
 
@@ -97,6 +98,7 @@ def weigh_sums(sums, ends, longer):
     half belongs to the steps to come."""
     if len(sums) == 0:
         return ()
+    # Half of the last value belongs to the next interval, whose steps have their own length.
     first = sums[0] + (longer - 1.0) * (sums[0] - 0.5 * ends[0])
     return (first,) + weigh_sums(sums[1:], ends[1:], longer)
 
@@ -146,6 +148,7 @@ def counts_steps(one: Any) -> bool:
     number, and it has no `reweighed`."""
     if implements(one, "reweighed"):
         return False
+    # A result that depends on the number of steps differs between 3 and 5 of them.
     few, many = (one.results(np.ones((one.marks, 1)), np.array([n])) for n in (3.0, 5.0))
     return any(not np.array_equal(few[name], many[name], equal_nan=True) for name in few)
 
