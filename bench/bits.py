@@ -23,8 +23,8 @@ PROCESSORS = {
 QUICK = ("rk4", "exact", "strang")  # integrators of a quick run; strang takes the bath
 
 
-def sums(widths, integrators=None, motions=None):
-    """{case: [sha256 of its result for each width]}."""
+def sums(widths, integrators=None, motions=None, names=None):
+    """{case: [sha256 of its result for each width]}; of the cases with `names` alone, if given."""
     from rigidmc.engine import program
     from rigidmc.studies.bits import cases, digest
 
@@ -33,13 +33,14 @@ def sums(widths, integrators=None, motions=None):
         for width in widths:
             program.lanes_for = (lambda dtype, width=width: width) if width else lanes_for
             for case in cases(integrators, motions):  # new scenes: one keeps its program
-                digests.setdefault(case.name, []).append(digest(case.scene))
+                if names is None or case.name in names:
+                    digests.setdefault(case.name, []).append(digest(case.scene))
     finally:
         program.lanes_for = lanes_for
     return digests
 
 
-def elsewhere(processor, widths, integrators=None, motions=None):
+def elsewhere(processor, widths, integrators=None, motions=None, names=None):
     """`sums` in a process with code for another processor and a cache of its own."""
     environment = {**os.environ, **PROCESSORS[processor]}
     if environment.get("NPY_DISABLE_CPU_FEATURES") == "all":
@@ -50,12 +51,14 @@ def elsewhere(processor, widths, integrators=None, motions=None):
         )
     code = (
         "import json, sys, warnings; warnings.simplefilter('ignore'); from bench.bits "
-        "import sums; print(json.dumps(sums(*json.load(sys.stdin))))"
+        "import sums; from rigidmc.engine import compile_helper; "
+        "compile_helper.threads_available = lambda: 1; "  # no second process compiles
+        "print(json.dumps(sums(*json.load(sys.stdin))))"
     )
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as cache:
         done = subprocess.run(
             [sys.executable, "-c", code],
-            input=json.dumps([widths, integrators, motions]),
+            input=json.dumps([widths, integrators, motions, names]),
             env={**environment, "RIGIDMC_CACHE_DIR": cache},
             capture_output=True,
             text=True,
