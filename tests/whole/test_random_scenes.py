@@ -15,6 +15,7 @@ import rigidmc as rm
 from rigidmc.physics.effects import labelled
 from rigidmc.physics.effects.protocol import filled, shape
 from rigidmc.physics.integrators import INTEGRATORS
+from rigidmc.planning.tolerance import choose
 from tests import random_scenes
 from tests.physics.effects.laws import Known, moved
 from tests.random_scenes import QUICK, Kind
@@ -155,7 +156,8 @@ def missed(kind, seed, tolerance):
     ]
 
 
-def test_what_a_tolerance_chooses():
+def test_what_a_tolerance_chooses(monkeypatch):
+    monkeypatch.setattr(choose, "CONTENDERS", ("rk4", "rk8"))  # all ten take 10 s of compiling
     kind = Kind("closed", ("gravity",))
     share, predicted = missed(kind, 1, 1e-6)
     assert share <= 0.1  # 1 % of all members may miss it; measured 0
