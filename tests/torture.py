@@ -48,6 +48,9 @@ sys.path[:0] = [os.path.dirname(os.path.dirname(os.path.abspath(__file__)))]
 from tests.faulty import at_call, delay, limited, places  # noqa: E402
 
 COMMAND = [sys.executable, "-c", "from rigidmc.cli import main; main()"]
+# the same without a second process that compiles, which takes two cores and more of both
+ALONE = "from rigidmc.engine import compile_helper; compile_helper.threads_available = lambda: 1; "
+ALONE_COMMAND = [*COMMAND[:2], ALONE + COMMAND[2]]
 WORDS = [
     "run",
     "tennis_racket",
@@ -386,7 +389,8 @@ def faults(most, folder, some):
         os.path.join(folder, "run"),
         [*WORDS[:3], "20000", *WORDS[4:]],
     )
-    words[words.index("--shard-size") + 1] = "0.5"
+    words[words.index("--shard-size") + 1] = "0.1"
+    words[-1:-1] = "--t-end", "1"  # five shards, most of whose time is not that of steps
     half, parts = os.path.join(folder, "half"), [os.path.join(folder, f"part{i}") for i in range(2)]
     invoke = CliRunner().invoke
     assert invoke(app, [*words, whole + "/"]).exit_code == 0

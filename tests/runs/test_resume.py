@@ -33,7 +33,7 @@ from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.dataset import open_run
 from tests import torture
 from tests.faulty import LINUX
-from tests.torture import COMMAND, sums
+from tests.torture import ALONE_COMMAND, COMMAND, sums
 
 MEMBERS, SIZE = 1000, 40_000  # five shards of 192 members, the last of them partial
 SCENE = rm.Scene(
@@ -105,9 +105,8 @@ def test_another_processor_goes_on_with_the_same_bytes(whole, tmp_path):
         "NUMBA_CPU_FEATURES": "",
         "RIGIDMC_CACHE_DIR": str(tmp_path / "cache"),
     }
-    done = subprocess.run(
-        [*COMMAND, "resume", str(tmp_path / "run")], env=environment, capture_output=True, text=True
-    )
+    words = [*ALONE_COMMAND, "resume", str(tmp_path / "run")]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert sums(tmp_path / "run") == sums(whole)
 
@@ -438,7 +437,7 @@ def test_what_bears_the_name_of_a_shard(tmp_path):
 
 
 def test_a_run_whose_reader_has_gone_goes_on(tmp_path):
-    words = ["run", "tennis_racket", "--members", "20000", "-o", f"{tmp_path}/run/"]
+    words = ["run", "tennis_racket", "--members", "20000", "--t-end", "1", "-o", f"{tmp_path}/run/"]
     read, write = os.pipe()
     os.close(read)
     lines = (

@@ -500,6 +500,8 @@ from numba.core import compiler
 count, plain = [], compiler.CompilerBase.__init__
 compiler.CompilerBase.__init__ = lambda *arguments: count.append(plain(*arguments))
 import rigidmc as rm
+from rigidmc.engine import compile_helper
+compile_helper.threads_available = lambda: 1
 scene = rm.Scene.load(sys.argv[1], allow_code=True)
 bits = rm.simulate(scene).omega.values.tobytes().hex()
 print(len(count), bits)
