@@ -168,11 +168,11 @@ def test_ptx_has_the_operations_of_the_processor(name, fake):
     fake(compiled=False)
     sort = {"fma": 0, "div": 1, "rcp": 1, "sqrt": 2}
     for label, program, capability in targets(kernels(name)):
-        _, text = pieces.code_of(*program.kernel_keys["march"])
+        _, text = pieces.llvm_of(program.kernel_keys["march"])
         here = by_sort(sort, (one or other for one, other in OF_LLVM.findall(text)))
         machine = cuda_code.machine_for(capability)
         module = llvm.parse_assembly(cuda_code.MACHINE.sub("", text))
-        ptx = machine.emit_assembly(cuda_code.optimised(module, machine))
+        ptx = machine.emit_assembly(cuda_code.optimise(module, machine))
         there = by_sort(sort, (kind for kind, _ in ROUNDED.findall(ptx)))
         assert here == there and here[0] > 0, label
 
