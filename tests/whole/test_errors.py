@@ -74,6 +74,12 @@ def test_a_file_that_raises_is_named_with_its_line(tmp_path):
     assert error.file == str(tmp_path / "scene.toml")
 
 
+def test_a_key_may_have_a_dot():
+    with pytest.raises(rm.SceneError, match=r"^\[run\] keep.omga = 'omga': no such") as caught:
+        rm.prepare("heavy_top", save=("omega",), keep={"omga": "final"})
+    assert caught.value.at == "run.keep.omga"
+
+
 def test_the_first_file_stays():
     with pytest.raises(rm.FileError) as caught, in_file("outer.toml"), in_file("inner.nc"):
         raise rm.FileError("no", at="time")

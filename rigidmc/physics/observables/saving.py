@@ -51,12 +51,14 @@ def check_keep(keep: Keep, given: Sequence[Any] = ()) -> None:
     for name, word in named.items():
         key = "keep" if name is None else f"keep.{name}"
         if name is not None and name not in names:
-            raise unknown("observable at save times", names, at=f"run.{key}", value=name)
+            raise unknown(
+                "observable at save times", names, at=f"run.{key}", table="run", value=name
+            )
         if word not in WORDS:
-            raise unknown("way to keep it", WORDS, at=f"run.{key}", value=word)
+            raise unknown("way to keep it", WORDS, at=f"run.{key}", table="run", value=word)
         if word == "summary" and name is not None and f"{name}_mean" not in summed:
             rule = "it has no summary over the steps: keep it final, thinned or full"
-            raise SceneError(rule, at=f"run.{key}", value=word)
+            raise SceneError(rule, at=f"run.{key}", table="run", value=word)
 
 
 def kept(keep: Keep, saved: Iterable[str], given: Sequence[Any] = ()) -> dict[str, str]:
