@@ -113,10 +113,14 @@ class PartError(SceneError):
 
     Parameters
     ----------
+    rule : str
+        what is allowed
     source : str, optional
         Python file of the part, as far as it is known
     line : int, optional
         in this file
+    **place
+        as of `RigidmcError`
 
     Examples
     --------

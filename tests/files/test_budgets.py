@@ -97,7 +97,7 @@ def test_messages_are_no_longer_than_a_screen():
 
 def table(folder, text, name="a"):
     (folder / "t.csv").write_text(text)
-    return column(str(folder), "t.csv", name, "start", "omega")
+    return column(str(folder), "t.csv", name, "start.omega")
 
 
 def test_csv_files_are_read_in_pieces(tmp_path):
@@ -116,7 +116,7 @@ def test_csv_files_are_read_in_pieces(tmp_path):
     with open(tmp_path / "t.csv", "wb") as file:
         file.truncate(2**33)
     with bounded(), pytest.raises(SceneError, match="letters"):
-        column(str(tmp_path), "t.csv", "a", "start", "omega")
+        column(str(tmp_path), "t.csv", "a", "start.omega")
 
 
 @pytest.fixture
