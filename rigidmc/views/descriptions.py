@@ -27,14 +27,7 @@ from rigidmc.runs.assemble import make_program
 from rigidmc.runs.directory.shards import members_of, shortened
 from rigidmc.runs.prepare import PreparedRun, prepared
 from rigidmc.runs.price import cost_per_step, prices, some_of
-from rigidmc.runs.resources import (
-    BASE,
-    block_of,
-    free_memory,
-    in_words,
-    moved_at_once,
-    needs,
-)
+from rigidmc.runs.resources import BASE, block_of, free_memory, in_words, moved_at_once, needs
 from rigidmc.scene.body import IDENTITY, Body
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.parameters import parameters
