@@ -39,8 +39,8 @@ def run_block(
 ) -> Any:
     """Take one block from the first step that is left to the last, and return its job.
 
-    job : a Job of `rigidmc.planning.job`;  progress : called with member-steps as they are made,
-        and with those that were made before
+    job : a BlockJob of `rigidmc.runs.blocks`
+    progress : called with member-steps as they are made, and with those that were made before
     keeper : keeps the state now and then, and when the run is called off
     """
     block, done = job.block, job.done

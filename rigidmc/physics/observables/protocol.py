@@ -52,7 +52,7 @@ class Observable(Protocol):
     units, long_name, dims : of the variable; dims is () for a number, else names of DIMENSIONS, or
         ("effect",) for one number of each effect
     conserved : "energy", "energy_drift", "l2" or "lz", if that law of
-        `rigidmc.scene.conservation` keeps it constant; "" for none
+        `rigidmc.scene.recording` keeps it constant; "" for none
     """
 
     units: str
