@@ -1,10 +1,11 @@
-"""The one door through which arrays of a user come in.
+"""The one door through which numbers and arrays of a user come in.
 
 Numbers are taken by their place alone: components last, and in scenes one row per member. What
 carries more than places (labels, a unit, a mask, no order) would lose it on the way in, so it is
 refused, with what to write in its place.
 """
 
+import math
 from array import array as machine_array
 from collections import deque
 from collections.abc import Mapping, Set
@@ -27,6 +28,17 @@ _ELEMENTS = {
     "U": "are text, not numbers",
     "V": "have names: give the columns in their order, e.g. np.column_stack([x['a'], x['b']])",
 }
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a finite real number; truth values and time differences are not."""
+    known = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(
+        value, (bool, np.timedelta64)
+    )
+    try:
+        return known and math.isfinite(value)
+    except OverflowError:  # whole numbers of Python may be larger than floats
+        return False
 
 
 def placed(value: Any, at: str = "input", kinds: str = "fiu") -> Any:

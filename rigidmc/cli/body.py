@@ -1,7 +1,7 @@
 """rigidmc body, exact: what a body is, and what the closed form says about its motion."""
 
 import json
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,6 +16,10 @@ from rigidmc.cli.options import (
     time_option,
 )
 from rigidmc.cli.reporting import refuse_outputs, reported, save_picture, written
+from rigidmc.errors import OptionError, SceneError
+
+if TYPE_CHECKING:
+    from rigidmc.scene.body import Body
 
 Source = Annotated[
     str,
@@ -41,12 +45,37 @@ def body_command(
     """Say what a body is: mass, centre of mass, inertia tensor, principal axes, which rotations are
     stable and how fast the unstable one grows."""
     with reported(source):
-        from rigidmc.views.descriptions import body_of, describe_body, facts
+        from rigidmc.views.descriptions import describe_body, facts
 
-        body, title = body_of(source, density, mass, scale)
+        body, title = load_body(source, density, mass, scale)
         print(
             json.dumps(facts(body), indent=1) if machine else "\n".join(describe_body(body, title))
         )
+
+
+def load_body(
+    source: str, density: float | None = None, mass: float | None = None, scale: float = 1.0
+) -> "tuple[Body, str]":
+    """(Body, title) of a mesh file, a scene file or a shipped scene.
+
+    A mesh without density and mass has density 1.
+    """
+    from rigidmc.files.reading import MESHES
+    from rigidmc.scene.body import Body
+    from rigidmc.scene.quantities import is_shared
+    from rigidmc.scene.scene import Scene
+
+    if source.lower().endswith(MESHES):
+        density = 1.0 if density is None and mass is None else density
+        return Body.from_mesh(source, density, mass, scale), source
+    if density is not None or mass is not None or scale != 1.0:
+        rule = "are for meshes; a scene has its mass in its [body]"
+        raise OptionError(rule, at="density, mass, scale")
+    scene = Scene.load(source)
+    if not is_shared(*scene.body.quantities()):
+        rule = "the body differs from member to member; give plain numbers to see one"
+        raise SceneError(f"{rule}, e.g. in a copy of the scene", at="body.moments")
+    return scene.body, scene.title
 
 
 At = Annotated[

@@ -1,6 +1,5 @@
 """Members of a result integrated again, to the same bits, with more saved; and one member at the
-times that a moving picture needs (`frames`).
-"""
+times that a moving picture needs (`frames`)."""
 
 import os
 import warnings

@@ -29,9 +29,8 @@ class _Hints(type):
     def __getattr__(cls, name: str) -> NoReturn:
         words = f"type object 'Body' has no attribute '{name}'"
         if name in solids.SOLIDS:
-            names = inspect.signature(solids.SOLIDS[name]).parameters
-            sizes = ", ".join(f"{key}=..." for key in names)
-            words += f"; Body.solid('{name}', {sizes}) makes one"
+            keys = inspect.signature(solids.SOLIDS[name]).parameters
+            words += f"; Body.solid('{name}', {', '.join(f'{key}=...' for key in keys)}) makes one"
         elif not name.startswith("_"):
             public = {word for word in dir(cls) if not word.startswith("_")}
             close = nearest(name, (*solids.SOLIDS, *public))
@@ -170,8 +169,7 @@ class BodyMakers(metaclass=_Hints):
             raise SceneError(rule, at="body.particles")
         mass = float(m.sum())
         centre = tuple((m @ x / mass).tolist())
-        tensor = inertia.of_particles(m, x)
-        return cls._of_tensor(tensor, mass, centre, shape.of_particles(m, x))
+        return cls._of_tensor(inertia.of_particles(m, x), mass, centre, shape.of_particles(m, x))
 
     @classmethod
     def solid(cls, name: str, **sizes: Any) -> Self:
@@ -332,8 +330,7 @@ class BodyMakers(metaclass=_Hints):
             )
             raise SceneError(rule, at="body.density")
         tensor, centre = np.trace(second) * np.eye(3) - second, first / mass
-        parts = shape.of_region(region)
-        return cls._of_tensor(tensor, float(mass), tuple(centre.tolist()), parts)
+        return cls._of_tensor(tensor, float(mass), tuple(centre.tolist()), shape.of_region(region))
 
     @classmethod
     def from_mesh(

@@ -1,7 +1,6 @@
 """Distributions of one number: by name, truncated, and mixtures of several.
 
-A number is drawn by inverting the distribution function, so that any point set in (0, 1) drives it.
-"""
+A number is drawn by inverting the distribution function: any point set in (0, 1) may drive it."""
 
 import math
 from collections.abc import Mapping
@@ -11,10 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.arrays import is_number
 from rigidmc.errors import SceneError, unknown
 from rigidmc.physics.dynamics.functions import normal_quantile
 
 Array = NDArray[np.float64]
+_RULES = {  # of the two whose quantiles are computed here
+    "normal": "expected normal = [mean, standard deviation > 0], finite numbers",
+    "uniform": "expected uniform = [low, high] with low < high, finite numbers",
+}
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,7 @@ class Distribution:
     @property
     def by_scipy(self) -> bool:
         """Whether scipy computes the quantiles; another version of scipy may round differently."""
-        return self.name not in ("normal", "uniform")
+        return self.name not in _RULES
 
     def ppf(self, u: Array) -> Array:
         """Quantiles of u, an array in (0, 1)."""
@@ -94,17 +98,14 @@ class Distribution:
         given = {**self.as_table(), "between": [low, high]}
         reals = all(is_number(x) or x in (-math.inf, math.inf) for x in (low, high))
         if not reals or not low < high:
-            raise SceneError(
-                "expected between = [low, high] with low < high", at="between", value=given
-            )
+            rule = "expected between = [low, high] with low < high"
+            raise SceneError(rule, at="between", value=given)
         if self.name == "uniform":
             low, high = max(low, self.parameters[0]), min(high, self.parameters[1])
         law = Truncated("truncated", (self, float(low), float(high)))
-        # a probability
         if not law.share() > 1e-300:
-            raise SceneError(
-                "the distribution has no numbers between these", at="between", value=given
-            )
+            rule = "the distribution has no numbers between these"
+            raise SceneError(rule, at="between", value=given)
         # a uniform one has bits of its own, which are the same for every version of scipy
         return uniform(low, high) if self.name == "uniform" else law
 
@@ -184,7 +185,7 @@ def _scipy(name: str) -> Any:
 
 def is_distribution(name: str) -> bool:
     """Whether there is a distribution of that name."""
-    return name in ("normal", "uniform") or _scipy(name) is not None
+    return name in _RULES or _scipy(name) is not None
 
 
 def normal(mean: float, standard_deviation: float) -> Distribution:
@@ -273,30 +274,22 @@ def distribution(name: str, /, *values: float, **parameters: float) -> Distribut
     [1.386294]
     """
     given = {name: list(values) or parameters}
-    if name not in ("normal", "uniform"):
-        return _scipy_distribution(name, given, parameters if not values else None)
-    allowed = len(values) == 2 and not parameters and all(is_number(v) for v in values)
-    if name == "normal" and not (allowed and values[1] > 0):
-        rule = "expected normal = [mean, standard deviation > 0], finite numbers"
-        raise SceneError(rule, at="distribution", value=given)
-    if name == "uniform" and not (allowed and values[1] > values[0]):
-        rule = "expected uniform = [low, high] with low < high, finite numbers"
-        raise SceneError(rule, at="distribution", value=given)
+    if name not in _RULES:
+        return _by_scipy(name, given, parameters if not values else None)
+    plain = len(values) == 2 and not parameters and all(map(is_number, values))
+    if not plain or not values[1] > (values[0] if name == "uniform" else 0.0):
+        raise SceneError(_RULES[name], at="distribution", value=given)
     return Distribution(name, tuple(float(v) for v in values))
 
 
-def _scipy_distribution(
-    name: str, given: dict[str, Any], parameters: Mapping[str, float] | None
-) -> Distribution:
+def _by_scipy(name: str, given: Any, parameters: Mapping[str, float] | None) -> Distribution:
     """A distribution of scipy.stats; SceneError."""
     family = _scipy(name)
     if family is None:
         import scipy.stats
 
         known = [word for word in dir(scipy.stats) if _scipy(word) is not None]
-        error = unknown(
-            "distribution", ["normal", "uniform", *known], at="distribution", value=name
-        )
+        error = unknown("distribution", [*_RULES, *known], at="distribution", value=name)
         error.rule = (
             "no such distribution; known: normal = [mean, sd], uniform = [low, high], and the"
             " continuous ones of scipy.stats"
@@ -315,16 +308,6 @@ def _scipy_distribution(
         rule = f"{what} is missing or outside the domain of the distribution"
         raise SceneError(rule, at="distribution", value=given)
     return law
-
-
-def is_number(value: Any) -> bool:
-    known = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(
-        value, (bool, np.timedelta64)
-    )
-    try:
-        return known and math.isfinite(value)
-    except OverflowError:  # whole numbers of Python may be larger than floats
-        return False
 
 
 @dataclass(frozen=True)
@@ -375,8 +358,7 @@ class Mixture(Distribution):
 
     def least(self) -> float:
         """The least of the parts."""
-        least: float = min(law.least() for _, law in self.parameters)
-        return least
+        return min(float(law.least()) for _, law in self.parameters)
 
     def between(self, low: float, high: float) -> Distribution:
         """Refused: a mixture has no quantiles in closed form."""
@@ -412,9 +394,7 @@ def mixture(*parts: tuple[float, Distribution]) -> Distribution:
     """
     rule = "expected two or more parts, each a weight > 0 and a distribution"
     pairs = [part for part in parts if isinstance(part, (tuple, list)) and len(part) == 2]
-    known = all(
-        is_number(weight) and weight > 0 and isinstance(law, Distribution) for weight, law in pairs
-    )
+    known = all(is_number(w) and w > 0 and isinstance(law, Distribution) for w, law in pairs)
     if not known or len(pairs) != len(parts) or len(parts) < 2:
         raise SceneError(rule, at="mixture", value=[str(part) for part in parts])
     return Mixture("mixture", tuple((float(weight), law) for weight, law in pairs))

@@ -8,12 +8,12 @@ from typing import Any, Protocol, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.arrays import placed
+from rigidmc.arrays import is_number, placed
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.functions import power
 from rigidmc.scene.amounts import parse_count
-from rigidmc.scene.distributions import Distribution, is_number
+from rigidmc.scene.distributions import Distribution
 
 Array = NDArray[np.float64]
 

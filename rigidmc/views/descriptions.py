@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from rigidmc.engine.compile_time import list_kernels, seconds, seconds_text
 from rigidmc.engine.inspection import torque_operations, why_scalar
 from rigidmc.engine.program import Program
-from rigidmc.errors import OptionError, SceneError
-from rigidmc.files.reading import MESHES
 from rigidmc.mechanics import inertia
 from rigidmc.physics.effects import EFFECTS, labelled
 from rigidmc.physics.effects.protocol import given
@@ -31,7 +29,7 @@ from rigidmc.runs.resources import BASE, block_of, free_memory, in_words, moved_
 from rigidmc.scene.body import IDENTITY, Body
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.parameters import parameters
-from rigidmc.scene.quantities import Grid, is_shared
+from rigidmc.scene.quantities import Grid
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.vector_distributions.protocol import Law
 
@@ -280,28 +278,6 @@ def _words(value: Any) -> str:
 
 
 SAME = 1e-12  # relative difference below which moments count as equal
-
-
-def body_of(
-    source: str, density: float | None = None, mass: float | None = None, scale: float = 1.0
-) -> tuple[Body, str]:
-    """(Body, title) of a mesh file, a scene file or a shipped scene.
-
-    A mesh without density and mass has density 1.
-    """
-    if source.lower().endswith(MESHES):
-        density = 1.0 if density is None and mass is None else density
-        return Body.from_mesh(source, density, mass, scale), source
-    from rigidmc.scene.scene import Scene
-
-    if density is not None or mass is not None or scale != 1.0:
-        rule = "are for meshes; a scene has its mass in its [body]"
-        raise OptionError(rule, at="density, mass, scale")
-    scene = Scene.load(source)
-    if not is_shared(*scene.body.quantities()):
-        rule = "the body differs from member to member; give plain numbers to see one"
-        raise SceneError(f"{rule}, e.g. in a copy of the scene", at="body.moments")
-    return scene.body, scene.title
 
 
 def facts(body: Body) -> dict[str, Any]:

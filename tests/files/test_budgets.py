@@ -17,7 +17,7 @@ import zarr
 import rigidmc as rm
 from rigidmc.errors import FileError, RigidmcError, SceneError, nearest, path_of
 from rigidmc.files import reading
-from rigidmc.files.zarr_store import refuse_hostile
+from rigidmc.files.netcdf import refuse_hostile
 from rigidmc.mechanics import mesh
 from rigidmc.scene.toml.values import column
 from tests.faulty import LINUX

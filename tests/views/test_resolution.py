@@ -213,7 +213,7 @@ def test_a_page_shows_what_spins_up():
     """From rest: the first momentum tells no rate, and 300 frames would jump by 10 rad each."""
     pytest.importorskip("k3d")
     from rigidmc.runs.rerun import frames
-    from rigidmc.views.viewer.motion import closer, reach, unseen
+    from rigidmc.views.viewer.data import closer, reach, unseen
 
     body = rm.Body.from_moments((1.0, 1.2, 1.5))
     torque = rm.BodyTorque((0.0, 0.0, 1.5))

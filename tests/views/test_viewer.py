@@ -13,7 +13,7 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import OptionError, OutputExists
 from rigidmc.runs.rerun import frames
-from rigidmc.views.viewer.motion import density, short
+from rigidmc.views.viewer.data import density, short
 from rigidmc.views.viewer.page import view
 
 BROWSER = next(
@@ -87,7 +87,7 @@ def test_bodies_of_any_size_reach_the_page_at_size_1():
     """A moon of 190 km hid all of its page: the near plane of the camera follows the size."""
     pytest.importorskip("k3d")
     from rigidmc.views.surfaces import surface_of
-    from rigidmc.views.viewer.motion import motion
+    from rigidmc.views.viewer.data import motion
     from rigidmc.views.viewer.stage import body_plot
 
     for name in ("hyperion", "brownian_rotor", "toutatis", "heavy_top"):

@@ -13,7 +13,7 @@ from bench.claims import ROOT, claims, constants, given_by, numbers, of_text, sh
 from rigidmc.runs.directory import checkpoints, cluster
 from rigidmc.runs.directory.shards import SHARD
 from rigidmc.studies.section import points
-from rigidmc.views.viewer import maps, motion
+from rigidmc.views.viewer import data
 
 
 @pytest.mark.parametrize(("text", "found"), [
@@ -53,7 +53,7 @@ def test_a_paragraph_that_leads_to_an_executed_cell():
 def test_defaults_examples_and_constants_are_no_claims():
     assert [one.number for one in of_text("x", "By default 0.123, or 1e-12.")] == ["0.123"]
     assert [one.number for one in of_text("x", "E.g. 0.3, 0.41 or 0.7, and 0.8.")] == ["0.8"]
-    code = constants(ast.parse("from rigidmc.views.viewer.motion import MOST\nx = 1e-9"))
+    code = constants(ast.parse("from rigidmc.views.viewer.data import MOST\nx = 1e-9"))
     assert not list(of_text("x", "Up to 4,000 frames, to 1e-9.", code=code))
     assert [one.number for one in of_text("x", "Up to 4,000 frames.")] == ["4,000"]
 
@@ -75,9 +75,9 @@ def test_a_test_gives_only_the_numbers_that_it_has():
 def test_constants_that_pages_and_docstrings_state():
     scene = rm.Scene.load("brownian_rotor")
     for name, words, number in (
-        ("docs/viewer.md", "to\n4,000 frames of a member", motion.MOST),
-        ("rigidmc/views/viewer/page.py", "4,000\n        frames reach", motion.MOST),
-        ("docs/viewer.md", "16 x 16 pixels", maps.SIDE),
+        ("docs/viewer.md", "to\n4,000 frames of a member", data.MOST),
+        ("rigidmc/views/viewer/page.py", "4,000\n        frames reach", data.MOST),
+        ("docs/viewer.md", "16 x 16 pixels", data.SIDE),
         ("docs/how_to/long_runs.md", "every 20 s", checkpoints.EVERY),
         ("rigidmc/studies/section/study.py", "more than 0.2 rad", points.ARC),
         ("docs/tutorials/thermal_rotor.md", "0.1 ms", 1e3 / scene.effects[1].gamma),

@@ -25,8 +25,8 @@ from rigidmc.physics.observables.state import L2Drift as L2Drift
 from rigidmc.physics.observables.state import Work as Work
 from rigidmc.physics.observables.flips import Flips as Flips
 from rigidmc.physics.observables.passage import Passage as Passage
-from rigidmc.physics.observables.pointing_angle import PointingAngle as PointingAngle
-from rigidmc.physics.observables.orbit_angles import OrbitAngles as OrbitAngles
+from rigidmc.physics.observables.angles import PointingAngle as PointingAngle
+from rigidmc.physics.observables.angles import OrbitAngles as OrbitAngles
 from rigidmc.physics.observables.nutation import Nutation as Nutation
 from rigidmc.physics.observables.nutation import Precession as Precession
 from rigidmc.physics.observables.chaos import Megno as Megno

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rigidmc.errors import SceneError, unknown
-from rigidmc.scene.vector_distributions.protocol import Law
+from rigidmc.scene.vector_distributions.protocol import Law, check_user_law
 
 LAWS: list[type[Law]] = [
     kind
@@ -37,9 +37,6 @@ def checked(law: Law, at: str) -> Law:
     """A law with its parameters checked; SceneError."""
     kinds = laws_of(at)
     if type(law) not in LAWS:
-        # its trials import a file of this package, which runs this one first
-        from rigidmc.scene.user_parts.distributions import check_user_law
-
         return check_user_law(law, at)
     if type(law) not in kinds.values():
         rule = f"expected one of {', '.join(kinds)}, or three components"

@@ -21,8 +21,17 @@ from rigidmc.runs.rerun import frames
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.views.sample import vectors
 from rigidmc.views.surfaces import ball, surface_of
-from rigidmc.views.viewer.maps import is_map, map_data
-from rigidmc.views.viewer.motion import closer, density, drifts, motion, reach, status_of, unseen
+from rigidmc.views.viewer.data import (
+    closer,
+    density,
+    drifts,
+    is_map,
+    map_data,
+    motion,
+    reach,
+    status_of,
+    unseen,
+)
 
 SHOWN, MOST = 4, 12  # members of a page by default, and at most
 

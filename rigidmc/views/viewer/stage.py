@@ -17,7 +17,7 @@ from rigidmc.physics.effects.protocol import Effect
 from rigidmc.scene.quantities import is_shared
 from rigidmc.views.sphere import family
 from rigidmc.views.surfaces import TONES, Surface, ball, revolved, size_of
-from rigidmc.views.viewer.motion import MOST
+from rigidmc.views.viewer.data import MOST
 
 Floats = NDArray[np.float64]
 
