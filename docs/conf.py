@@ -1,11 +1,26 @@
 """How Sphinx builds the documentation: `sphinx-build -W -b html docs docs/_build`."""
 
+import os
 import sys
 from pathlib import Path
 
+from rigidmc.engine import compile_helper
 from rigidmc.version import VERSION
 
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
+
+# Two processes read pages, and tests may run beside them: no second process compiles for a page,
+# which takes 1.5 s more of a processor. The kernels of notebooks learn it from IPython's files.
+compile_helper.threads_available = lambda: 1
+IPYTHON = Path(__file__).parent / "_build" / "ipython"
+STARTUP = IPYTHON / "profile_default" / "startup"
+STARTUP.mkdir(parents=True, exist_ok=True)
+(STARTUP / "alone.py").write_text(
+    "from rigidmc.engine import compile_helper\n"
+    "compile_helper.threads_available = lambda: 1\n"
+    "del compile_helper\n"
+)
+os.environ["IPYTHONDIR"] = str(IPYTHON)
 
 project = "rigidmc"
 author = "the rigidmc developers"

@@ -230,7 +230,7 @@ def flips_of(unit):
     """The study of flips of a body of about `unit` kg m2."""
     body = rm.Body.from_moments((unit, 2.0 * unit, 3.0 * unit))
     start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0))
-    run = {"integrator": "exact", "dt": 0.05, "t_end": 8.0}
+    run = {"integrator": "exact", "dt": 0.2, "t_end": 8.0}
     return rare(rm.Scene(body, start=start), "p(flips >= 1)", 1e-9, 60, 2, **run)
 
 
