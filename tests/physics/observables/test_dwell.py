@@ -101,7 +101,7 @@ def test_a_stay_stops_a_member_once_it_has_lasted(saved):
 
 
 def test_noise_leaves_the_ends_of_steps():
-    scene = replace(TOPS, effects=(rm.Bath(0.5, 1.0), rm.Gravity(9.81)))
+    scene = replace(TOPS, effects=(rm.Gravity(9.81), rm.Bath(0.5, 1.0)))
     run = rm.simulate(
         scene, "strang", dt=0.02, t_end=5.0, every=0.02, members=32, save=("passage", "attitude")
     )
