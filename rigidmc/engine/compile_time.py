@@ -57,15 +57,15 @@ def announce_compiling(
     if not missing:
         yield
         return
-    cold, began = _cold(), time.process_time()
+    is_first, started = _cold(), time.process_time()
     wait = seconds_text(seconds(label, missing, effects, theirs))
     say(f"compiling {summary(label, missing)}, first use: about {wait} s")
     expected = seconds(label, [name for name in missing if name not in theirs], effects)
     yield
     compiled.append(label)
     # By CPU time, which other processes do not lengthen.
-    if cold and "march" in missing:
-        _learn(_pace() * (time.process_time() - began) / expected)
+    if is_first and "march" in missing:
+        _learn(_pace() * (time.process_time() - started) / expected)
 
 
 def seconds(
@@ -76,10 +76,10 @@ def seconds(
     theirs : the kernels that a second process compiles meanwhile
     """
     costs = {name: _cost(name, label, effects) for name in missing}
-    here = sum(cost for name, cost in costs.items() if name not in theirs)
-    here = FIRST + here if _cold() else LATER * here
-    there = START + APART * sum(costs[name] for name in theirs) if theirs else 0.0
-    return _pace() * max(here, there)
+    own_time = sum(cost for name, cost in costs.items() if name not in theirs)
+    own_time = FIRST + own_time if _cold() else LATER * own_time
+    helper_time = START + APART * sum(costs[name] for name in theirs) if theirs else 0.0
+    return _pace() * max(own_time, helper_time)
 
 
 def split_work(
@@ -92,14 +92,14 @@ def split_work(
     able : names of the kernels that another process could compile
     """
     costs = {name: _cost(name, label, effects) for name in missing}
-    here, share = (FIRST, 1.0) if _cold() else (0.0, LATER)
-    there, theirs = START, list[str]()
+    own_time, factor = (FIRST, 1.0) if _cold() else (0.0, LATER)
+    helper_time, theirs = START, list[str]()
     for name in sorted(costs, key=lambda name: (name != "march", -costs[name])):
-        if name in able and there + APART * costs[name] < here + share * costs[name]:
+        if name in able and helper_time + APART * costs[name] < own_time + factor * costs[name]:
             theirs.append(name)
-            there += APART * costs[name]
+            helper_time += APART * costs[name]
         else:
-            here += share * costs[name]
+            own_time += factor * costs[name]
     gain = seconds(label, missing, effects) - seconds(label, missing, effects, theirs)
     return theirs if gain >= GAIN else []
 
@@ -164,10 +164,10 @@ def _pace() -> float:
 def _learn(pace: float) -> None:
     """Keep the pace for other processes, if there is a cache."""
     with contextlib.suppress(OSError, ValueError):
-        place = _file()
-        with open(f"{place}.{os.getpid()}", "w", encoding="ascii", opener=plain) as file:
+        path = _file()
+        with open(f"{path}.{os.getpid()}", "w", encoding="ascii", opener=plain) as file:
             file.write(f"{pace:.3f}\n")
-        os.replace(file.name, place)
+        os.replace(file.name, path)
 
 
 def _file() -> str:

@@ -135,7 +135,7 @@ def evaluate(
         table.ravel(), fields, index, columns.ravel(), extra, count, out.ravel(), width,
     )  # fmt: skip
 
-    def part(low: int) -> None:
+    def run_part(low: int) -> None:
         room = np.empty((fields + extra + width) * side)
         call_kernel(compiled, FILL, room, room, *shared, low, min(low + size, count))
 
@@ -144,11 +144,11 @@ def evaluate(
     size = min(MAX_CALL, max(MIN_CALL, WIDTH * -(-count // (threads * WIDTH))))
     starts = range(0, count, size)
     if threads > 1 and len(starts) > 1:
-        others = [Task(part, low) for low in starts[1:]]
-        threads_of("formulas", threads - 1).run(others, lambda: part(0))
+        others = [Task(run_part, low) for low in starts[1:]]
+        threads_of("formulas", threads - 1).run(others, lambda: run_part(0))
     else:
         for low in starts:
-            part(low)
+            run_part(low)
     return out
 
 

@@ -118,8 +118,8 @@ def refusal_of(effect: Any) -> str:
 def refuse_memory(effects: Iterable[Any]) -> None:
     """Raise SceneError for a user's effect that takes memory."""
     for effect in effects:
-        if type(effect) not in EFFECTS.values() and (wrong := refusal_of(effect)):
-            raise PartError.of(effect, f"{wrong}; {RULE}", "effects", "torque")
+        if type(effect) not in EFFECTS.values() and (why := refusal_of(effect)):
+            raise PartError.of(effect, f"{why}; {RULE}", "effects", "torque")
 
 
 def why_scalar(effect: Any) -> str:
@@ -129,34 +129,34 @@ def why_scalar(effect: Any) -> str:
     if type(effect) not in _why_scalar:
         signature = signature_of(KernelKey(_all_methods, blank((effect,)), "float64", WIDTH, "s"))
 
-        def tried() -> str:
+        def probed() -> str:
             try:
                 dispatcher_of(_all_methods).compile(signature)
             except NumbaError:
                 return SCALAR_REASON
             return ""
 
-        _why_scalar[type(effect)] = cached_text([signature], "why_one_at_a_time", tried)
+        _why_scalar[type(effect)] = cached_text([signature], "why_one_at_a_time", probed)
     return _why_scalar[type(effect)]
 
 
 def step_operations(scheme: Any, effects: Any, attitude: bool) -> Operations:
     """Operations of one step of a StepScheme with these effects, all substeps together."""
-    part, q = (0.0, 0.0, 0.0), _AT if attitude else (1.0, 0.0, 0.0, 0.0)
+    substep, q = (0.0, 0.0, 0.0), _AT if attitude else (1.0, 0.0, 0.0, 0.0)
     first = tuple(_STEP * x for x in scheme.substeps[1, :3].tolist())
     q, l = opened(scheme.integrator, _STILL, blank(effects), 0.0, first, q, _SPIN)
-    once = constants(scheme.integrator, _STILL, first, l)
+    constants_of_step = constants(scheme.integrator, _STILL, first, l)
 
     # Two functions, as Numba would compile a branch on `attitude` with both results.
     def whole_state(integrator, effects, t, part, q, l):
-        return step(integrator, _STILL, effects, t, _STEP, part, q, l, once)
+        return step(integrator, _STILL, effects, t, _STEP, part, q, l, constants_of_step)
 
     def momentum_alone(integrator, effects, t, part, q, l):
-        return step(integrator, _STILL, effects, t, _STEP, part, q, l, once)[1]
+        return step(integrator, _STILL, effects, t, _STEP, part, q, l, constants_of_step)[1]
 
     function = whole_state if attitude else momentum_alone
-    one_part = _count(function, scheme.integrator, blank(effects), 0.0, part, q, l)
-    return one_part.times(len(scheme.substeps) - 1)
+    one_substep = _count(function, scheme.integrator, blank(effects), 0.0, substep, q, l)
+    return one_substep.times(len(scheme.substeps) - 1)
 
 
 _torque_codes: dict[type, str] = {}
@@ -180,20 +180,20 @@ def _torque(effect, body, t, q, l):
     return total_torque((effect,), body, t, q, l)
 
 
-def _all_methods(kinds, numbers, at):
+def _all_methods(tree, numbers, at):
     """What is compiled to see whether all methods of an effect run on vectors."""
-    (one,) = tree_unpack(kinds, numbers)
-    one = tree_unflatten(one, at, 30)
+    (effect,) = tree_unpack(tree, numbers)
+    effect = tree_unflatten(effect, at, 30)
     body, q, l, t, h = tree_unflatten(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
     put(
-        torque(one, body, t, q, l)
-        + kick(one, body, t, h, q, l)
-        + torque_rate(one, body, t, q, l)
-        + shake(one, body, h, l),
+        torque(effect, body, t, q, l)
+        + kick(effect, body, t, h, q, l)
+        + torque_rate(effect, body, t, q, l)
+        + shake(effect, body, h, l),
         at,
         0,
     )
-    put((energy(one, body, q), energy_scale(one, body)), at, 0)
+    put((energy(effect, body, q), energy_scale(effect, body)), at, 0)
     return 0
 
 
@@ -208,7 +208,9 @@ def _count(function: Callable[..., Any], *arguments: Any) -> Operations:
     matches = [m for line in code if (m := _OPERATION.search(line))]
     counts = [(m[1] or m[2], (2 if m[2] == "fma" else 1) * int(m[3] or 1)) for m in matches]
     choices = sum(int(m[1] or 1) for line in code if (m := _CHOICE.search(line)))
-    divisions, roots = (sum(n for kind, n in counts if kind == word) for word in ("div", "sqrt"))
+    divisions, roots = (
+        sum(n for operation, n in counts if operation == name) for name in ("div", "sqrt")
+    )
     return Operations(sum(n for _, n in counts), divisions, roots, choices)
 
 
@@ -235,15 +237,16 @@ def scalar_parts(
     """
     if config.DISABLE_JIT:
         return []
-    found = [(type(effect).__name__, why_scalar(effect)) for effect in effects]
-    kinds = [
+    reasons = [(type(effect).__name__, why_scalar(effect)) for effect in effects]
+    parts = [
         ("run", integrator, _probe_integrator),
-        *(("observables", one, _probe_observable) for one in watched),
+        *(("observables", observable, _probe_observable) for observable in watched),
     ]
-    for at, part, probe in kinds:
-        for own in _user_parts(part):
-            found.append((type(own).__name__, _why_scalar_part(at, own, part, effects, probe)))
-    return [(name, why) for name, why in found if why]
+    for at, part, probe in parts:
+        for user_part in _user_parts(part):
+            why = _why_scalar_part(at, user_part, part, effects, probe)
+            reasons.append((type(user_part).__name__, why))
+    return [(name, why) for name, why in reasons if why]
 
 
 def _user_parts(part: Any) -> Iterator[Any]:
@@ -251,18 +254,18 @@ def _user_parts(part: Any) -> Iterator[Any]:
     if isinstance(part, tuple):
         if implements(part, "_fields") and not type(part).__module__.startswith("rigidmc."):
             yield part
-        for one in part:
-            yield from _user_parts(one)
+        for item in part:
+            yield from _user_parts(item)
 
 
 def _why_scalar_part(
-    at: str, own: Any, whole: Any, effects: Sequence[Any], probe: Callable[..., int]
+    at: str, user_part: Any, part: Any, effects: Sequence[Any], probe: Callable[..., int]
 ) -> str:
     """Why members cannot be worked on side by side with a part, or ""; SceneError."""
-    parts = whole, tuple(effects)
+    parts = part, tuple(effects)
     key = probe, type_key(parts)
 
-    def tried() -> str:
+    def probed() -> str:
         found = ""
         try:
             code = _llvm_of_probe(probe, parts, WIDTH)
@@ -272,14 +275,14 @@ def _why_scalar_part(
                 code = _llvm_of_probe(probe, parts, 1)
             except NumbaError as error:
                 rule = f"cannot be compiled: {innermost_cause(error)}; {RULE}"
-                raise PartError.of(own, rule, at) from None
+                raise PartError.of(user_part, rule, at) from None
         if "NRT_" in code:
-            raise PartError.of(own, f"takes memory; {RULE}", at)
+            raise PartError.of(user_part, f"takes memory; {RULE}", at)
         return found
 
     if key not in _why_scalar_parts:
         signature = signature_of(KernelKey(probe, parts, "float64", WIDTH, "s"))
-        _why_scalar_parts[key] = cached_text([signature], f"own_parts {probe.__name__}", tried)
+        _why_scalar_parts[key] = cached_text([signature], f"own_parts {probe.__name__}", probed)
     return _why_scalar_parts[key]
 
 
@@ -291,21 +294,21 @@ def _llvm_of_probe(probe: Callable[..., int], parts: Any, lanes: int) -> str:
     return str(code)
 
 
-def _probe_observable(kinds, numbers, at):
+def _probe_observable(tree, numbers, at):
     """What is compiled to see whether all methods of an observable run on vectors."""
-    one, effects = tree_unpack(kinds, numbers)
-    present = tree_unflatten(effects, at, 30)
+    observable, effects = tree_unpack(tree, numbers)
+    effects_here = tree_unflatten(effects, at, 30)
     body, q, l, t = tree_unflatten(_UNIT_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7]
-    put(value(one, body, present, t, q, l, four_at(at, 8), ()), at, 0)
-    height = level(one, body, present, t, q, l)
-    waits = armed(one, body, q, l, height, height < 0.0)
-    put((select(waits, 1.0, 0.0), select(past(one, height), 1.0, 0.0)), at, 0)
-    kept = begin(one, body, present, t, q, l)
-    put(update(one, kept, body, present, t, q, l), at, 0)
-    put(turning(one, body, present, t, q, l), at, 0)
-    put_pairs(sought(one, kept), at)
-    put(reweighed(one, kept, t), at, 0)
-    return len(averages(one)) + len(steady(one)) + len(stops(one))
+    put(value(observable, body, effects_here, t, q, l, four_at(at, 8), ()), at, 0)
+    height = level(observable, body, effects_here, t, q, l)
+    waits = armed(observable, body, q, l, height, height < 0.0)
+    put((select(waits, 1.0, 0.0), select(past(observable, height), 1.0, 0.0)), at, 0)
+    totals = begin(observable, body, effects_here, t, q, l)
+    put(update(observable, totals, body, effects_here, t, q, l), at, 0)
+    put(turning(observable, body, effects_here, t, q, l), at, 0)
+    put_pairs(sought(observable, totals), at)
+    put(reweighed(observable, totals, t), at, 0)
+    return len(averages(observable)) + len(steady(observable)) + len(stops(observable))
 
 
 def put_pairs(pairs, at):
@@ -316,9 +319,9 @@ def put_pairs(pairs, at):
     return put_pairs(pairs[1:], at)
 
 
-def _probe_integrator(kinds, numbers, at):
+def _probe_integrator(tree, numbers, at):
     """What is compiled to see whether a step runs on vectors."""
-    integrator, effects = tree_unpack(kinds, numbers)
+    integrator, effects = tree_unpack(tree, numbers)
     present = tree_unflatten(effects, at, 30)
     body, q, l, t, h = (
         tree_unflatten(_UNIT_BODY, at, 8),
@@ -327,11 +330,11 @@ def _probe_integrator(kinds, numbers, at):
         at[7],
         at[29],
     )
-    part = h, h, h
-    q, l = opened(integrator, body, present, t, part, q, l)
-    once = constants(integrator, body, part, l)
-    q, l = step(integrator, body, present, t, h, part, q, l, once)
-    q, l = closed(integrator, body, present, t, part, q, l)
+    substep = h, h, h
+    q, l = opened(integrator, body, present, t, substep, q, l)
+    constants_of_step = constants(integrator, body, substep, l)
+    q, l = step(integrator, body, present, t, h, substep, q, l, constants_of_step)
+    q, l = closed(integrator, body, present, t, substep, q, l)
     put(q + first_three(l), at, 0)
     return 0
 

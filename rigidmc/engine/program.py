@@ -127,37 +127,39 @@ class Program:
             self._compile()
 
     def _make_keys(
-        self, marks: tuple[Any, Any], observables: Any, limits: Any, works: Any, events: Any,
+        self, flags: tuple[Any, Any], observables: Any, limits: Any, works: Any, events: Any,
         running: Any, shadow: Any,
     ) -> dict[str, KernelKey | None]:  # fmt: skip
         """{name: KernelKey} of all kernels, None for those without a use.
 
-        marks : flags of attitude and of compensated sums
+        flags : flags of attitude and of compensated sums
         """
         integrator, effects, shape = self.scheme.integrator, self.effects, self.shape
         groups = static_count(min(self.lanes, group_count(integrator)))
         several, count = flag(len(self.scheme.substeps) > 2), static_count(len(works))
-        moved = (integrator, effects, *marks, count, groups, several, self.paired)
-        kept, dense = stepping_form(integrator), static_count(min(shape.nodes, 2))
+        stepped = (integrator, effects, *flags, count, groups, several, self.paired)
+        form, dense = stepping_form(integrator), static_count(min(shape.nodes, 2))
 
         def key(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
             return KernelKey(function, parts, self.dtype, self.lanes, arguments) if wanted else None
 
-        some = events or running
-        stops, steps = (kept, effects, events), (kept, effects, events, running, dense)
-        last = kept, effects, marks[1], works
+        is_monitored = events or running
+        stops, steps = (form, effects, events), (form, effects, events, running, dense)
+        last = form, effects, flags[1], works
         table = KernelTable(
             gather=key(True, member.gather, (), "piiiiffsw"),
             scatter=key(True, member.scatter, (), "piiiiiiisw"),
-            initialise=key(True, member.initialise, (kept, effects, limits, works), "psw"),
-            march=key(True, march, moved, MARCH),
-            assess=key(True, member.assess, (kept, effects, *marks, limits, works), "pswffff"),
+            initialise=key(True, member.initialise, (form, effects, limits, works), "psw"),
+            march=key(True, march, stepped, MARCH),
+            assess=key(True, member.assess, (form, effects, *flags, limits, works), "pswffff"),
             record=key(observables, member.record, (observables, effects, works), "wpiifi"),
-            begin_monitors=key(some, monitoring.begin_monitors, (effects, events, running), "pswi"),
-            monitor_steps=key(some, monitoring.monitor_steps, steps, "pswsiiii"),
+            begin_monitors=key(
+                is_monitored, monitoring.begin_monitors, (effects, events, running), "pswi"
+            ),
+            monitor_steps=key(is_monitored, monitoring.monitor_steps, steps, "pswsiiii"),
             refine_event=key(events, refine_event, stops, "pwswiiiff"),
-            begin_shadow=key(shadow, begin_shadow, (kept, effects), "pswsif"),
-            renormalise_shadow=key(shadow, renormalise_shadow, (kept, effects), "pswsifff"),
+            begin_shadow=key(shadow, begin_shadow, (form, effects), "pswsif"),
+            renormalise_shadow=key(shadow, renormalise_shadow, (form, effects), "pswsifff"),
             change_length=key(shape.changes_length, last_interval.change_length, last, "pswfffi"),
             reweigh=key(shape.reweighs, last_interval.reweigh, (events, running), "wif"),
         )
@@ -239,7 +241,7 @@ class Program:
         noise = noise or NO_NOISE._replace(members=np.arange(members))
         saves = saves or NO_SAVES
         offsets = 8 * lanes, saves.out.ctypes.data, 8 * saves.columns, 8 * saves.column
-        room = Workspace(
+        workspace = Workspace(
             substeps=self.substeps,
             substep_rows=self.substeps.size // 4,
             block=block,
@@ -252,7 +254,7 @@ class Program:
                 for name, (count, kind) in self.working_memory(rows).items()
             },
         )
-        call_kernel(self._advance, "p", fill_record(self._frame, steps, noise, saves, room))
+        call_kernel(self._advance, "p", fill_record(self._frame, steps, noise, saves, workspace))
 
     def working_memory(self, rows: int) -> dict[str, tuple[int, DTypeLike]]:
         """{name in Workspace: (how many numbers, of which type)} that a member works in.

@@ -74,7 +74,7 @@ def inline(function: Function) -> Function:
 
 
 @cache
-def _dispatcher(function: Function, kinds: tuple[Any, ...]) -> Any:
+def _dispatcher(function: Function, types_of_arguments: tuple[Any, ...]) -> Any:
     """A function as it is compiled for arguments of these types alone."""
     return njit(**INLINE)(function)
 
@@ -139,17 +139,17 @@ def inline_names(module: str, names: Mapping[str, Any]) -> None:
         if module in seen:
             continue
         seen.add(module)
-        for one in list(names.values()):
-            if inspect.ismodule(one) and package != "rigidmc" and is_own(one.__dict__):
-                pending.append((one.__name__, vars(one)))
-            if not inspect.isfunction(one) or one in methods:
+        for value in list(names.values()):
+            if inspect.ismodule(value) and package != "rigidmc" and is_own(value.__dict__):
+                pending.append((value.__name__, vars(value)))
+            if not inspect.isfunction(value) or value in methods:
                 continue
-            home = one.__module__
+            home = value.__module__
             same = str(home).partition(".")[0] in (package, "rigidmc")
             if home == module:
-                inline(one)
-            elif (same and not home.startswith("rigidmc.engine.")) or is_own(one.__globals__):
-                pending.append((home, one.__globals__))
+                inline(value)
+            elif (same and not home.startswith("rigidmc.engine.")) or is_own(value.__globals__):
+                pending.append((home, value.__globals__))
     if package == "rigidmc":  # a user's module, as of a notebook, may get more functions later
         _done.update(seen)
 

@@ -76,58 +76,58 @@ def is_cached(kernel: Any, signature: Any) -> bool:
 _texts: dict[tuple[Any, ...], str] = {}  # of this process
 
 
-def text_path(signatures: Sequence[Any], more: str) -> str | None:
-    """The file of a text that follows from the types of kernels and from `more`, None if a class
+def text_path(signatures: Sequence[Any], extra: str) -> str | None:
+    """The file of a text that follows from the types of kernels and from `extra`, None if a class
     among
         the types has no stamp; OSError if there is no cache.
     """
-    homes = [homes_of(one) for one in signatures]
+    homes = [homes_of(signature) for signature in signatures]
     if None in homes:
         return None
-    name = hashlib.sha256(repr((signatures, homes, more)).encode()).hexdigest()
+    name = hashlib.sha256(repr((signatures, homes, extra)).encode()).hexdigest()
     return os.path.join(kernel_folder(), name)
 
 
-def has_text(signatures: Sequence[Any], more: str) -> bool:
+def has_text(signatures: Sequence[Any], extra: str) -> bool:
     """Whether the text of `cached_text` is in memory or in the disk cache."""
-    if (*signatures, more) in _texts:
+    if (*signatures, extra) in _texts:
         return True
     with contextlib.suppress(OSError):  # there is no cache
-        path = text_path(signatures, more)
+        path = text_path(signatures, extra)
         return path is not None and os.path.exists(path)
     return False
 
 
-def cached_text(signatures: Sequence[Any], more: str, make: Callable[[], str]) -> str:
-    """The text that `make` makes, which follows from the types of kernels and from `more`.
+def cached_text(signatures: Sequence[Any], extra: str, make: Callable[[], str]) -> str:
+    """The text that `make` makes, which follows from the types of kernels and from `extra`.
 
     From memory, or from the disk cache, where its sha256 stands before it.
     """
-    key = (*signatures, more)
+    key = (*signatures, extra)
     if key not in _texts:
-        _texts[key] = _from_disk(signatures, more, make)
+        _texts[key] = _from_disk(signatures, extra, make)
     return _texts[key]
 
 
-def _from_disk(signatures: Sequence[Any], more: str, make: Callable[[], str]) -> str:
+def _from_disk(signatures: Sequence[Any], extra: str, make: Callable[[], str]) -> str:
     """The text from the disk cache, or made and put there."""
     path = None
     try:
-        path = text_path(signatures, more)
+        path = text_path(signatures, extra)
         if path is not None:
             with (
                 contextlib.suppress(FileNotFoundError),
                 open(path, encoding="ascii", opener=plain) as file,
             ):
-                known, _, text = file.read().partition("\n")
-                if known == hashlib.sha256(text.encode()).hexdigest():
+                checksum, _, text = file.read().partition("\n")
+                if checksum == hashlib.sha256(text.encode()).hexdigest():
                     return text
     except (OSError, ValueError) as error:
         log_once(error)
     text = make()
     if path is not None:
         with contextlib.suppress(OSError):
-            if text_path(signatures, more) != path:  # a class has changed meanwhile
+            if text_path(signatures, extra) != path:  # a class has changed meanwhile
                 return text
             with open(f"{path}.{os.getpid()}", "w", encoding="ascii", opener=plain) as file:
                 file.write(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}")
@@ -183,7 +183,7 @@ class CacheFiles(caching.IndexDataCacheFile):
 
 def _user_classes(signature: Any) -> list[type]:
     """The classes of the user's own in a signature."""
-    return [one for one in classes_of(signature) if not one.__module__.startswith("rigidmc.")]
+    return [cls for cls in classes_of(signature) if not cls.__module__.startswith("rigidmc.")]
 
 
 class _Pickler(NumbaPickler):
@@ -227,16 +227,16 @@ def is_closed(code: Any) -> bool:
     if library.has_dynamic_globals or code.reload_init or code.lifted or "inttoptr (" in text:
         return False
     # All is inlined: a second function would be one of Numba's, linked by its name.
-    defined = [one.name for one in module.functions if not one.is_declaration]
-    called = [one.name for one in module.functions if one.is_declaration]
+    defined = [entry.name for entry in module.functions if not entry.is_declaration]
+    called = [entry.name for entry in module.functions if entry.is_declaration]
     if defined != [code.fndesc.llvm_func_name] or not all(map(_CALLED.match, called)):
         return False
     named = Counter(re.findall(r"@([-\w$.]+)", text))
     return all(
-        named[one.name] == 1  # where it is defined
-        if one.name.startswith("_ZN08NumbaEnv")
-        else one.linkage.value in _PRIVATE
-        for one in module.global_variables
+        named[entry.name] == 1  # where it is defined
+        if entry.name.startswith("_ZN08NumbaEnv")
+        else entry.linkage.value in _PRIVATE
+        for entry in module.global_variables
     )
 
 

@@ -33,52 +33,55 @@ def _fused(module: Any, block: Any, instruction: Any) -> list[Any]:
     factors = _factors(product)
     if not factors:
         return [instruction]
-    kind, more = instruction.type, list[Any]()
+    ty, added = instruction.type, list[Any]()
 
     def negated(value: Any) -> Any:
-        more.append(ir.instructions.Instruction(block, kind, "fneg", [value]))
-        return more[-1]
+        added.append(ir.instructions.Instruction(block, ty, "fneg", [value]))
+        return added[-1]
 
     one, two = factors
-    vector = isinstance(kind, ir.VectorType)
+    vector = isinstance(ty, ir.VectorType)
     if vector and not isinstance(one.type, ir.VectorType):  # a product that all members share
-        one, two = (_broadcast(block, kind, x, more) for x in (one, two))
+        one, two = (_broadcast(block, ty, x, added) for x in (one, two))
     if instruction.opname == "fsub":  # a b - y = fma(a, b, -y);  x - a b = fma(-a, b, x)
         if product is left:
             other = negated(other)
         else:
             one = negated(one)
-    signature = ir.FunctionType(kind, [kind] * 3)
-    name = module.declare_intrinsic(f"llvm.fma.{_name(kind)}", (), signature)
+    signature = ir.FunctionType(ty, [ty] * 3)
+    name = module.declare_intrinsic(f"llvm.fma.{_name(ty)}", (), signature)
     fma = ir.instructions.CallInstr(block, name, [one, two, other])
     fma._name = instruction._name  # code is linked as text: users of the sum now use this
-    return [*more, fma]
+    return [*added, fma]
 
 
 def _factors(value: Any) -> Any:
     """The two factors of a product made in this function, broadcast or not; else None."""
-    word = getattr(value, "opname", None)  # arguments and constants have none
-    if word == "fmul":
+    operation = getattr(value, "opname", None)  # arguments and constants have none
+    if operation == "fmul":
         return value.operands
     # A product that all members share is made once and broadcast; for a plain number it is the same
     # product.
-    if word == "shufflevector" and getattr(value.operands[0], "opname", None) == "insertelement":
+    if (
+        operation == "shufflevector"
+        and getattr(value.operands[0], "opname", None) == "insertelement"
+    ):
         return _factors(value.operands[0].operands[1])
     return None
 
 
-def _broadcast(block: Any, kind: Any, x: Any, more: list[Any]) -> Any:
-    """A vector whose numbers are all x; the instructions for it are added to `more`."""
-    none = ir.Constant(kind, ir.Undefined)
-    first = ir.instructions.InsertElement(block, none, x, ir.Constant(ir.IntType(32), 0))
-    places = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
-    every = ir.instructions.ShuffleVector(block, first, none, places)
-    more += [first, every]
+def _broadcast(block: Any, ty: Any, x: Any, added: list[Any]) -> Any:
+    """A vector whose numbers are all x; the instructions for it are added to `added`."""
+    undefined = ir.Constant(ty, ir.Undefined)
+    first = ir.instructions.InsertElement(block, undefined, x, ir.Constant(ir.IntType(32), 0))
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), ty.count), [0] * ty.count)
+    every = ir.instructions.ShuffleVector(block, first, undefined, zeros)
+    added += [first, every]
     return every
 
 
-def _name(kind: Any) -> str:
+def _name(ty: Any) -> str:
     """What LLVM calls a type of numbers in the names of its functions."""
-    if isinstance(kind, ir.VectorType):
-        return f"v{kind.count}{_name(kind.element)}"
-    return "f64" if isinstance(kind, ir.DoubleType) else "f32"
+    if isinstance(ty, ir.VectorType):
+        return f"v{ty.count}{_name(ty.element)}"
+    return "f64" if isinstance(ty, ir.DoubleType) else "f32"

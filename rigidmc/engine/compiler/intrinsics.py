@@ -56,9 +56,9 @@ def _first_argument(context, builder, sig, args):
 @coded(select)
 def _select(typing_context, condition, one, other):
     if isinstance(condition, types.Boolean):
-        kind = typing_context.unify_types(one, other)
-        return kind and (
-            kind(condition, kind, kind),
+        ty = typing_context.unify_types(one, other)
+        return ty and (
+            ty(condition, ty, ty),
             lambda context, builder, sig, args: builder.select(*args),
         )
     if not isinstance(condition, MaskType):
@@ -68,12 +68,12 @@ def _select(typing_context, condition, one, other):
         return None
     # Plain numbers on both sides take their width from the mask.
     truths = isinstance(one, types.Boolean) and isinstance(other, types.Boolean)
-    kind = (
+    ty = (
         vectors[0]
         if vectors
         else (MaskType if truths else VectorType)(condition.dtype, condition.count)
     )
-    return kind(condition, kind, kind), lambda context, builder, sig, args: builder.select(*args)
+    return ty(condition, ty, ty), lambda context, builder, sig, args: builder.select(*args)
 
 
 @coded(select_each)
@@ -86,8 +86,8 @@ def _select_each(typing_context, condition, one, other):
 
     def generate(context, builder, sig, args):
         both = [
-            context.cast(builder, value, kind, kinds)
-            for value, kind in zip(args[1:], sig.args[1:], strict=True)
+            context.cast(builder, value, ty, kinds)
+            for value, ty in zip(args[1:], sig.args[1:], strict=True)
         ]
         each = [[builder.extract_value(x, i) for x in both] for i in range(len(kinds))]
         return context.make_tuple(builder, kinds, [builder.select(args[0], a, b) for a, b in each])
@@ -110,8 +110,8 @@ def _opposite(typing_context, condition):
 def _root(typing_context, x):
     if isinstance(x, VectorType):
         return x(x), lambda context, builder, sig, args: of_llvm("sqrt")(builder, x, *args)
-    kind = x if isinstance(x, types.Float) else types.float64
-    return kind(kind), lambda context, builder, sig, args: builder.call(
+    ty = x if isinstance(x, types.Float) else types.float64
+    return ty(ty), lambda context, builder, sig, args: builder.call(
         builder.module.declare_intrinsic("llvm.sqrt", [args[0].type]), args
     )
 
@@ -119,8 +119,8 @@ def _root(typing_context, x):
 @coded(by_precision)
 def _by_precision(typing_context, x, double, single):
     place = 2 if isinstance(x, VectorType) and x.dtype == types.float32 else 1
-    kind = types.unliteral((double, single)[place - 1])
-    return kind(x, double, single), lambda context, builder, sig, args: args[place]
+    ty = types.unliteral((double, single)[place - 1])
+    return ty(x, double, single), lambda context, builder, sig, args: args[place]
 
 
 def any_of(mask):
@@ -138,11 +138,11 @@ def _any_of(typing_context, mask):
     return types.boolean(mask), generate
 
 
-def _reinterpreted(kind: Any) -> Define:
+def _reinterpreted(ty: Any) -> Define:
     """The definition of a function that takes the bits of numbers for those of another kind."""
 
     def define(typing_context, x):
-        other = VectorType(kind, x.count) if isinstance(x, VectorType) else kind
+        other = VectorType(ty, x.count) if isinstance(x, VectorType) else ty
         return other(x), lambda context, builder, sig, args: builder.bitcast(
             args[0], context.get_value_type(other)
         )
@@ -154,14 +154,14 @@ coded(as_float)(_reinterpreted(types.float64))
 coded(as_word)(_reinterpreted(types.uint64))
 
 
-def _converted(context: Any, builder: Any, x: Any, kind: VectorType, value: Any) -> Any:
-    """A number of type x as one of type `kind`."""
+def _converted(context: Any, builder: Any, x: Any, ty: VectorType, value: Any) -> Any:
+    """A number of type x as one of type `ty`."""
     if not isinstance(x, VectorType):
-        return context.cast(builder, value, x, kind)
-    if x.dtype == kind.dtype:
+        return context.cast(builder, value, x, ty)
+    if x.dtype == ty.dtype:
         return value
-    convert = builder.fptrunc if kind.dtype == types.float32 else builder.fpext
-    return convert(value, llvm_type(kind))
+    convert = builder.fptrunc if ty.dtype == types.float32 else builder.fpext
+    return convert(value, llvm_type(ty))
 
 
 def cast_like(x, other):
@@ -173,9 +173,9 @@ def cast_like(x, other):
 def _cast_like(typing_context, x, other):
     if not getattr(other, "count", 0):  # Vecs and Rows of vectors have one
         return x(x, other), _first_argument
-    kind = VectorType(other.dtype, other.count)
-    return kind(x, other), lambda context, builder, sig, args: _converted(
-        context, builder, x, kind, args[0]
+    ty = VectorType(other.dtype, other.count)
+    return ty(x, other), lambda context, builder, sig, args: _converted(
+        context, builder, x, ty, args[0]
     )
 
 
@@ -193,24 +193,24 @@ def in_precision(values, other):
 def _in_precision(typing_context, values, other):
     if not getattr(other, "count", 0) or not len(values):
         return values(values, other), _first_argument
-    kind = VectorType(other.dtype, other.count)
+    ty = VectorType(other.dtype, other.count)
 
     def generate(context, builder, sig, args):
         each = (
-            _converted(context, builder, x, kind, builder.extract_value(args[0], i))
+            _converted(context, builder, x, ty, builder.extract_value(args[0], i))
             for i, x in enumerate(values)
         )
         return context.make_tuple(builder, sig.return_type, list(each))
 
-    return types.UniTuple(kind, len(values))(values, other), generate
+    return types.UniTuple(ty, len(values))(values, other), generate
 
 
 @coded(double)
 def _double(typing_context, x):
     if not (isinstance(x, VectorType) and x.dtype == types.float32):
         return x(x), _first_argument
-    kind = VectorType(types.float64, x.count)
-    return kind(x), lambda context, builder, sig, args: builder.fpext(args[0], llvm_type(kind))
+    ty = VectorType(types.float64, x.count)
+    return ty(x), lambda context, builder, sig, args: builder.fpext(args[0], llvm_type(ty))
 
 
 @intrinsic

@@ -32,9 +32,9 @@ def aligned(
 
     Half of all arrays are 32 bytes off it, and every vector of 512 bits then takes two accesses.
     """
-    whole = make(count + LINE // 4, dtype)
-    off = (-whole.ctypes.data % LINE) // whole.itemsize
-    return whole[off : off + count]
+    array = make(count + LINE // 4, dtype)
+    offset = (-array.ctypes.data % LINE) // array.itemsize
+    return array[offset : offset + count]
 
 
 class Rows(types.Type):
@@ -56,16 +56,16 @@ class Rows(types.Type):
 register_default(Rows)(OpaqueModel)
 
 
-def _place(builder: Any, kind: Any, array: Any, index: Any, item: Any) -> Any:
+def _place(builder: Any, ty: Any, array: Any, index: Any, item: Any) -> Any:
     """The address of array[index] of plain memory, as an address of LLVM's type `item`."""
-    numbers = builder.bitcast(array, ELEMENT[kind.dtype.name].as_pointer())
+    numbers = builder.bitcast(array, ELEMENT[ty.dtype.name].as_pointer())
     return builder.bitcast(builder.gep(numbers, [index]), item.as_pointer())
 
 
-def _align(kind: Any) -> int:
+def _align(ty: Any) -> int:
     """Bytes that an address of numbers of this kind is a multiple of."""
     # That of a number, not of a vector: parts of rows, and rows of a block, begin anywhere.
-    return 4 if kind.dtype == types.float32 else 8
+    return 4 if ty.dtype == types.float32 else 8
 
 
 def load(rows, array, index):
@@ -75,14 +75,14 @@ def load(rows, array, index):
 
 @coded(load)
 def _load(typing_context, rows, array, index):
-    kind = VectorType(array.dtype, rows.count)
+    ty = VectorType(array.dtype, rows.count)
 
     def generate(context, builder, sig, args):
         return builder.load(
-            _place(builder, array, args[1], args[2], llvm_type(kind)), align=_align(kind)
+            _place(builder, array, args[1], args[2], llvm_type(ty)), align=_align(ty)
         )
 
-    return kind(rows, array, types.intp), generate
+    return ty(rows, array, types.intp), generate
 
 
 def store(array, index, value):
@@ -111,9 +111,9 @@ def memory(array, number):
 
 @coded(memory)
 def _memory(typing_context, address, number):
-    kind = Rows(types.unliteral(number), 0)
-    return kind(address, number), lambda context, builder, sig, args: builder.inttoptr(
-        args[0], context.get_value_type(kind)
+    ty = Rows(types.unliteral(number), 0)
+    return ty(address, number), lambda context, builder, sig, args: builder.inttoptr(
+        args[0], context.get_value_type(ty)
     )
 
 
@@ -124,22 +124,22 @@ def group_of(rows, marks, number):
 
 @coded(group_of)
 def _group_of(typing_context, rows, marks, number):
-    kind = Rows(rows.dtype, rows.count // len(marks), rows.count)
+    ty = Rows(rows.dtype, rows.count // len(marks), rows.count)
 
     def generate(context, builder, sig, args):
-        at = builder.mul(args[2], ir.Constant(_WORD, kind.count))
+        at = builder.mul(args[2], ir.Constant(_WORD, ty.count))
         place = _place(builder, rows, args[0], at, ELEMENT[rows.dtype.name])
-        return builder.bitcast(place, context.get_value_type(kind))
+        return builder.bitcast(place, context.get_value_type(ty))
 
-    return kind(rows, marks, types.intp), generate
+    return ty(rows, marks, types.intp), generate
 
 
-def _row(builder: Any, kind: Any, rows: Any, index: Any) -> Any:
+def _row(builder: Any, ty: Any, rows: Any, index: Any) -> Any:
     """The address of rows[index]."""
-    if not kind.count:
-        return _place(builder, kind, rows, index, ELEMENT[kind.dtype.name])
-    first = builder.mul(index, ir.Constant(_WORD, kind.pitch))
-    return _place(builder, kind, rows, first, llvm_type(kind.item))
+    if not ty.count:
+        return _place(builder, ty, rows, index, ELEMENT[ty.dtype.name])
+    first = builder.mul(index, ir.Constant(_WORD, ty.pitch))
+    return _place(builder, ty, rows, first, llvm_type(ty.item))
 
 
 @infer_global(operator.getitem)
@@ -225,10 +225,10 @@ def put(values, rows, row):
 @coded(put)
 def _put(typing_context, values, rows, row):
     def generate(context, builder, sig, args):
-        for i, kind in enumerate(values):
+        for i, ty in enumerate(values):
             at, x = builder.add(args[2], ir.Constant(_WORD, i)), builder.extract_value(args[0], i)
             builder.store(
-                context.cast(builder, x, kind, rows.item),
+                context.cast(builder, x, ty, rows.item),
                 _row(builder, rows, args[1], at),
                 align=_align(rows),
             )
@@ -249,30 +249,30 @@ def store_rows(values, rows, array, at, pitch, past):
 
 @coded(store_rows)
 def _store_rows(typing_context, values, rows, array, at, pitch, past):
-    kind = rows.item
+    ty = rows.item
 
     def generate(context, builder, sig, args):
-        places = [args[3]]
+        indices = [args[3]]
         for _ in values:
-            places.append(builder.add(places[-1], args[4]))
-        each = [
-            context.cast(builder, builder.extract_value(args[0], i), known, kind)
-            for i, known in enumerate(values)
+            indices.append(builder.add(indices[-1], args[4]))
+        numbers = [
+            context.cast(builder, builder.extract_value(args[0], i), given_ty, ty)
+            for i, given_ty in enumerate(values)
         ]
 
         def write(align):
-            vector = llvm_type(kind)
-            to = (_place(builder, array, args[2], place, vector) for place in places[:-1])
-            return [builder.store(x, p, align=align) for x, p in zip(each, to, strict=True)]
+            vector = llvm_type(ty)
+            to = (_place(builder, array, args[2], place, vector) for place in indices[:-1])
+            return [builder.store(x, p, align=align) for x, p in zip(numbers, to, strict=True)]
 
-        one = builder.module.add_metadata([ir.Constant(ir.IntType(32), 1)])
+        flag = builder.module.add_metadata([ir.Constant(ir.IntType(32), 1)])
         skips_cache = builder.icmp_signed("!=", args[5], ir.Constant(_WORD, 0))
         with builder.if_else(skips_cache) as (then, otherwise):
             with then:
                 for written in write(LINE):
-                    written.set_metadata("nontemporal", one)
+                    written.set_metadata("nontemporal", flag)
             with otherwise:
                 write(_align(array))
-        return places[-1]
+        return indices[-1]
 
     return types.intp(values, rows, array, types.intp, types.intp, types.intp), generate

@@ -35,33 +35,33 @@ def extension() -> str:
                 for entry in entries[_scanned.get(key, 0) :]:
                     _foreign.extend(set(_teachers(name, entry)) - _TEACHERS)
                 _scanned[key] = len(entries)
-    others = {home for one in typeof_impl.registry.values() for home in _makers(one, 0)}
+    others = {home for function in typeof_impl.registry.values() for home in _makers(function, 0)}
     return next(iter([*_foreign, *(others - _TEACHERS)]), "")
 
 
 def _teachers(name: str, entry: Any) -> Iterator[str]:
     """The first words of the modules that an entry of a list of a registry comes from."""
     if name == "globals":  # (what is known by a type, the type)
-        made = [type(entry[1]), *getattr(entry[1], "templates", ())]
+        teachers = [type(entry[1]), *getattr(entry[1], "templates", ())]
     else:  # a template; or (code, what it is for, ...)
-        made = [entry[0] if isinstance(entry, tuple) else entry]
-    for one in made:
-        yield from _makers(one, 3)
+        teachers = [entry[0] if isinstance(entry, tuple) else entry]
+    for teacher in teachers:
+        yield from _makers(teacher, 3)
 
 
 def _makers(thing: Any, depth: int) -> Iterator[str]:
     """The first words of the modules of a function or class, and of the functions in it."""
-    home = str(getattr(thing, "__module__", None)).partition(".")[0]
-    by_function = isinstance(thing, type) and home == "abc"
+    package = str(getattr(thing, "__module__", None)).partition(".")[0]
+    by_function = isinstance(thing, type) and package == "abc"
     if not by_function:
-        yield home
-    inner = [getattr(thing, word, None) for word in ("_overload_func", "_definition_func")]
+        yield package
+    inner = [getattr(thing, name, None) for name in ("_overload_func", "_definition_func")]
     if by_function:
         inner += vars(thing).values()
     for cell in getattr(thing, "__closure__", None) or ():
         with contextlib.suppress(ValueError):  # an empty one
             inner.append(cell.cell_contents)
-    for one in inner:
-        function = getattr(one, "__func__", one)
+    for value in inner:
+        function = getattr(value, "__func__", value)
         if depth and isinstance(function, FunctionType):
             yield from _makers(function, depth - 1)

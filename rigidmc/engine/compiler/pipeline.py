@@ -301,9 +301,9 @@ class Pipeline(compiler.CompilerBase):
             self.state.targetctx.enable_nrt = False  # none of their values counts references
             others = {NativeLowering: LeanFusingLowering, NopythonTypeInference: LeanInference}
         passes.passes = [
-            (others.get(kind, kind), what)
-            for kind, what in passes.passes
-            if kind.__name__ not in needless
+            (others.get(pass_class, pass_class), description)
+            for pass_class, description in passes.passes
+            if pass_class.__name__ not in needless
         ]
         passes.finalize()
         return [passes]

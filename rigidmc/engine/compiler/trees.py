@@ -61,7 +61,7 @@ def _typeof_tree(value: StaticTree, context: Any) -> StaticTreeType:
 def tree_flatten(part: Any) -> list[float]:
     """The numbers of nested tuples, one after the other: what `tree_unpack` reads."""
     if isinstance(part, tuple):
-        return [number for one in part for number in tree_flatten(one)]
+        return [number for item in part for number in tree_flatten(item)]
     return [float(part)]
 
 
@@ -77,11 +77,11 @@ def _tree_unpack(typing_context, tree, numbers):
 
 def tree_unflatten(part, rows, first):
     """Nested tuples of the type of `part` with the numbers rows[first], rows[first + 1], ..."""
-    left = iter(range(first, first + tree_size(part)))
+    indices = iter(range(first, first + tree_size(part)))
 
     def like(one):
         if not isinstance(one, tuple):
-            return rows[next(left)]
+            return rows[next(indices)]
         return type(one)(*map(like, one)) if hasattr(one, "_fields") else tuple(map(like, one))
 
     return like(part)
@@ -156,9 +156,9 @@ def _noise_of(typing_context, effect):
         return types.Tuple(())(effect), lambda context, builder, sig, args: context.make_tuple(
             builder, sig.return_type, ()
         )
-    place = effect.instance_class._fields.index("noise")
-    return effect[place](effect), lambda context, builder, sig, args: builder.extract_value(
-        args[0], place
+    index = effect.instance_class._fields.index("noise")
+    return effect[index](effect), lambda context, builder, sig, args: builder.extract_value(
+        args[0], index
     )
 
 
@@ -169,7 +169,7 @@ def with_noise(effect, deviates):
 
 @coded(with_noise)
 def _with_noise(typing_context, effect, deviates):
-    place = effect.instance_class._fields.index("noise")
+    index = effect.instance_class._fields.index("noise")
     return effect(effect, deviates), lambda context, builder, sig, args: builder.insert_value(
-        args[0], args[1], place
+        args[0], args[1], index
     )

@@ -67,18 +67,18 @@ _changed: set[int] = set()  # ids of those that have read something else since
 _compiled: dict[int, tuple[Any, set[Any]]] = {}
 
 
-def stamp_of(kind: type[Any]) -> str | None:
+def stamp_of(cls: type[Any]) -> str | None:
     """The stamp of a class of the user's own; None if it has none, see `why_not_cached`."""
     try:
-        return _stamp(kind)
+        return _stamp(cls)
     except Unknown:
         return None
 
 
-def why_not_cached(kind: type[Any]) -> str:
+def why_not_cached(cls: type[Any]) -> str:
     """Why a class has no stamp, "" if it has one."""
     try:
-        _stamp(kind)
+        _stamp(cls)
     except Unknown as error:
         return str(error)
     return ""
@@ -88,11 +88,11 @@ def classes_of(signature: Any) -> list[type]:
     """All the NamedTuples of a signature, those within tuples included."""
     classes, pending = [], list(getattr(signature, "args", signature))  # a signature, or its types
     while pending:
-        kind = pending.pop()
-        if hasattr(kind, "instance_class"):
-            classes.append(kind.instance_class)
-        if hasattr(kind, "__iter__"):
-            pending.extend(kind)
+        cls = pending.pop()
+        if hasattr(cls, "instance_class"):
+            classes.append(cls.instance_class)
+        if hasattr(cls, "__iter__"):
+            pending.extend(cls)
     return classes
 
 
@@ -103,9 +103,9 @@ def homes_of(signature: Any) -> list[str] | None:
     signature : of a compiled function, or its types
     """
     homes = []
-    for kind in classes_of(signature):
-        own = not kind.__module__.startswith("rigidmc.")
-        home = stamp_of(kind) if own else kind.__module__
+    for cls in classes_of(signature):
+        own = not cls.__module__.startswith("rigidmc.")
+        home = stamp_of(cls) if own else cls.__module__
         if home is None:
             return None
         homes.append(home)
@@ -135,9 +135,9 @@ def compare_globals(function: Any, code: Any) -> None:
     with _lock:
         known = {id(value) for value in _values(function)}
         for block in code.blocks.values():
-            for one in block.find_insts(ir.Assign):
-                if isinstance(one.value, (ir.Global, ir.FreeVar)):
-                    value = one.value.value
+            for assignment in block.find_insts(ir.Assign):
+                if isinstance(assignment.value, (ir.Global, ir.FreeVar)):
+                    value = assignment.value.value
                     # Numba itself adds `bool` and others
                     if id(value) not in known and not _library_name(value):
                         _changed.add(id(function))
@@ -169,10 +169,10 @@ def _user_dispatcher(event: Any) -> Any:
 event.register("numba:compile", _Listener())
 
 
-def _stamp(kind: type[Any]) -> str:
+def _stamp(cls: type[Any]) -> str:
     """The stamp of a class; raises Unknown."""
     with _lock:
-        things, words, unknown = _walk(kind)
+        things, words, unknown = _walk(cls)
         if foreign := extension():
             raise Unknown(f"{foreign} extends Numba")
     if unknown:
@@ -195,23 +195,23 @@ def _walk(thing: Any) -> tuple[list[Any], list[list[str | _Other]], list[Unknown
     # By identity: two equal functions may read different globals.
     seen = {id(thing)}
     # Breadth first, without recursion: functions may call each other in a circle.
-    for one in things:  # grows
-        mine = list[str | _Other]()
+    for item in things:  # grows
+        own_words = list[str | _Other]()
         try:
-            for word in _words_of(one):
-                mine.append(word)
+            for word in _words_of(item):
+                own_words.append(word)
                 if isinstance(word, _Other) and id(word.thing) not in seen:
                     seen.add(id(word.thing))
                     things.append(word.thing)
         except Unknown as error:
             unknown.append(error)
-            mine.append(f"unknown: {error}")
-        words.append(mine)
-        read = [id(w.thing) if isinstance(w, _Other) else w for w in mine]
-        if _first.setdefault(id(one), ((one, mine), read))[1] != read:
-            _changed.add(id(one))
-        if id(one) in _changed:
-            unknown.append(Unknown(f"{_label(one)} has changed since it was compiled"))
+            own_words.append(f"unknown: {error}")
+        words.append(own_words)
+        read = [id(w.thing) if isinstance(w, _Other) else w for w in own_words]
+        if _first.setdefault(id(item), ((item, own_words), read))[1] != read:
+            _changed.add(id(item))
+        if id(item) in _changed:
+            unknown.append(Unknown(f"{_label(item)} has changed since it was compiled"))
     return things, words, unknown
 
 
@@ -222,24 +222,24 @@ def _words_of(thing: Any) -> Words:
     return _of_njit(thing) if type(thing) is CPUDispatcher else _of_class(thing)
 
 
-def _of_class(kind: Any) -> Words:
-    metaclass = type(kind)  # another one could have methods of its own
-    if metaclass is not type or not _is_named_tuple(kind):
-        raise Unknown(f"{_label(kind)} is no NamedTuple")
-    yield f"class {kind.__name__} {kind._fields}"
-    for parameter in inspect.signature(kind).parameters.values():  # as Numba makes an instance
+def _of_class(cls: Any) -> Words:
+    metaclass = type(cls)  # another one could have methods of its own
+    if metaclass is not type or not _is_named_tuple(cls):
+        raise Unknown(f"{_label(cls)} is no NamedTuple")
+    yield f"class {cls.__name__} {cls._fields}"
+    for parameter in inspect.signature(cls).parameters.values():  # as Numba makes an instance
         yield f"{parameter.name} {parameter.kind} {parameter.default is parameter.empty}"
         if parameter.default is not parameter.empty:
-            yield from _of_value(parameter.default, f"{kind.__name__}.{parameter.name}")
+            yield from _of_value(parameter.default, f"{cls.__name__}.{parameter.name}")
     # the one fact that is compiled, see `rigidmc.physics.effects.protocol.takes_noise`
-    yield from _of_value(getattr(kind, "stochastic", False), f"{kind.__name__}.stochastic")
-    for name in sorted({call.__name__ for call in METHODS} - {*kind._fields}):
-        method = inspect.getattr_static(kind, name, None)
+    yield from _of_value(getattr(cls, "stochastic", False), f"{cls.__name__}.stochastic")
+    for name in sorted({call.__name__ for call in METHODS} - {*cls._fields}):
+        method = inspect.getattr_static(cls, name, None)
         if method is not None:
             if not isinstance(method, FunctionType):
-                raise Unknown(f"{kind.__name__}.{name} is no plain function")
+                raise Unknown(f"{cls.__name__}.{name} is no plain function")
             yield f"method {name}"
-            yield from _of_value(method, f"{kind.__name__}.{name}")
+            yield from _of_value(method, f"{cls.__name__}.{name}")
 
 
 def _of_njit(function: Any) -> Words:
@@ -291,29 +291,29 @@ def _of_code(code: CodeType) -> Words:
 
 def _of_value(value: Any, what: str) -> Words:
     """The words of a value, numbers by their bits; what : for messages, "f reads K"."""
-    kind = type(value)
-    if kind in _PLAIN:
-        yield f"{kind.__name__} {value!r}"
-    elif kind is float:
+    cls = type(value)
+    if cls in _PLAIN:
+        yield f"{cls.__name__} {value!r}"
+    elif cls is float:
         yield f"float {struct.pack('>d', value).hex()}"
     elif isinstance(value, np.generic) and value.dtype.kind in "biuf":
         yield f"number {value.dtype.str} {value.tobytes().hex()}"
     elif name := _library_name(value):
         yield name
-    elif kind in (FunctionType, CPUDispatcher) or _is_named_tuple(value):
+    elif cls in (FunctionType, CPUDispatcher) or _is_named_tuple(value):
         yield _Other(value)
-    elif kind is tuple or _is_named_tuple(kind):
+    elif cls is tuple or _is_named_tuple(cls):
         yield f"tuple {len(value)}"
-        if kind is not tuple:
-            yield _Other(kind)
-        for one in value:
-            yield from _of_value(one, what)
+        if cls is not tuple:
+            yield _Other(cls)
+        for item in value:
+            yield from _of_value(item, what)
     else:
-        raise Unknown(f"{what}, {_article(kind.__name__)}")
+        raise Unknown(f"{what}, {_article(cls.__name__)}")
 
 
-def _is_named_tuple(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields")
+def _is_named_tuple(cls: Any) -> bool:
+    return isinstance(cls, type) and issubclass(cls, tuple) and hasattr(cls, "_fields")
 
 
 def _library_name(value: Any) -> str:
@@ -328,30 +328,30 @@ def _library_name(value: Any) -> str:
     ours = home.partition(".")[0] == "rigidmc" and isinstance(value, FunctionType)
     if ours and not value.__code__.co_filename.startswith(PACKAGE):
         return ""
-    found: Any = sys.modules.get(home)
+    value_there: Any = sys.modules.get(home)
     for word in str(name).split("."):
-        found = getattr(found, word, None)
-    return f"{home} {name}" if found is value else ""
+        value_there = getattr(value_there, word, None)
+    return f"{home} {name}" if value_there is value else ""
 
 
 @functools.cache
 def _reads(code: CodeType) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """(global, the attributes that are taken of it at once) that a function reads, nested ones
     included."""
-    found = list[tuple[str, tuple[str, ...]]]()
-    steps = [one for one in dis.get_instructions(code) if one.opname != "EXTENDED_ARG"]
-    for place, one in enumerate(steps):
-        if one.opname in _STRANGE:
-            raise Unknown(f"{code.co_name} has {one.opname}")
-        if one.opname == "LOAD_GLOBAL":
+    reads = list[tuple[str, tuple[str, ...]]]()
+    steps = [step for step in dis.get_instructions(code) if step.opname != "EXTENDED_ARG"]
+    for place, step in enumerate(steps):
+        if step.opname in _STRANGE:
+            raise Unknown(f"{code.co_name} has {step.opname}")
+        if step.opname == "LOAD_GLOBAL":
             path = list[str]()
             for after in steps[place + 1 :]:
                 if after.opname not in ("LOAD_ATTR", "LOAD_METHOD"):
                     break
                 path.append(after.argval)
-            found.append((one.argval, tuple(path)))
+            reads.append((step.argval, tuple(path)))
     nested = [_reads(constant) for constant in code.co_consts if isinstance(constant, CodeType)]
-    return tuple(dict.fromkeys([*found, *(one for each in nested for one in each)]))
+    return tuple(dict.fromkeys([*reads, *(step for each in nested for step in each)]))
 
 
 def _globals_of(function: FunctionType) -> Iterator[tuple[str, list[str], Any]]:

@@ -65,28 +65,28 @@ class MaskType(types.Type):
         return Conversion.unsafe if self.count == 1 and isinstance(other, types.Boolean) else None
 
 
-def llvm_type(kind: "VectorType | MaskType") -> ir.VectorType:
+def llvm_type(ty: "VectorType | MaskType") -> ir.VectorType:
     """LLVM's type of a VectorType or MaskType."""
-    element = ELEMENT[kind.dtype.name] if isinstance(kind, VectorType) else ir.IntType(1)
-    return ir.VectorType(element, kind.count)
+    element = ELEMENT[ty.dtype.name] if isinstance(ty, VectorType) else ir.IntType(1)
+    return ir.VectorType(element, ty.count)
 
 
 for _kind in (VectorType, MaskType):
 
     @register_default(_kind)
     class _Model(PrimitiveModel):
-        def __init__(self, manager: Any, kind: Any) -> None:
-            super().__init__(manager, kind, llvm_type(kind))
+        def __init__(self, manager: Any, ty: Any) -> None:
+            super().__init__(manager, ty, llvm_type(ty))
 
 
-def broadcast(builder: Any, kind: ir.VectorType, x: Any) -> Any:
-    """A vector of LLVM's type `kind` whose numbers are all x."""
+def broadcast(builder: Any, ty: ir.VectorType, x: Any) -> Any:
+    """A vector of LLVM's type `ty` whose numbers are all x."""
     # LLVM's idiom for a broadcast: an undefined vector, its first element, and a shuffle with all
     # 0. `fma` looks for it.
-    none = ir.Constant(kind, ir.Undefined)
-    first = builder.insert_element(none, x, ir.Constant(_INDEX, 0))
-    places = ir.Constant(ir.VectorType(_INDEX, kind.count), [0] * kind.count)
-    return builder.shuffle_vector(first, none, places)
+    undefined = ir.Constant(ty, ir.Undefined)
+    first = builder.insert_element(undefined, x, ir.Constant(_INDEX, 0))
+    zeros = ir.Constant(ir.VectorType(_INDEX, ty.count), [0] * ty.count)
+    return builder.shuffle_vector(first, undefined, zeros)
 
 
 @lower_cast(types.Float, VectorType)
@@ -115,13 +115,13 @@ def _from_mask(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -
 Build = Callable[..., Any]  # build(builder, type, *values): LLVM's code of an operation
 
 
-def _common(args: Any, kind: type, plain: tuple[type, ...]) -> Any:
+def _common(args: Any, ty: type, plain_types: tuple[type, ...]) -> Any:
     """The type of two arguments, one of which may be plain; None if there is none."""
-    one, two = args
-    if isinstance(one, kind) and (one == two or isinstance(two, plain)):
-        return one
-    if isinstance(two, kind) and isinstance(one, plain):
-        return two
+    left, right = args
+    if isinstance(left, ty) and (left == right or isinstance(right, plain_types)):
+        return left
+    if isinstance(right, ty) and isinstance(left, plain_types):
+        return right
     return None
 
 
@@ -130,8 +130,8 @@ def _define(
     arity: int,
     build: Build,
     result: Callable[[Any], Any] | None = None,
-    kind: type = VectorType,
-    plain: tuple[type, ...] = _PLAIN,
+    ty: type = VectorType,
+    plain_types: tuple[type, ...] = _PLAIN,
     only: Callable[[Any], bool] | None = None,
 ) -> None:
     """Give the compiler an operation on vectors or masks.
@@ -145,14 +145,14 @@ def _define(
         def generic(self, args: Any, kws: Any) -> Any:
             if len(args) != arity:
                 return None
-            operand = args[0] if isinstance(args[0], kind) else None
+            operand = args[0] if isinstance(args[0], ty) else None
             if arity == 2:
-                operand = _common(args, kind, plain)
+                operand = _common(args, ty, plain_types)
             if operand is None or (only is not None and not only(operand)):
                 return None
             return signature(operand if result is None else result(operand), *[operand] * arity)
 
-    @lower_builtin(operation, *[kind] * arity)
+    @lower_builtin(operation, *[ty] * arity)
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return build(builder, sig.args[0], *args)
 
@@ -166,10 +166,10 @@ def of_llvm(name: str) -> Build:
     """An operation that is an intrinsic function of LLVM."""
 
     def build(b: Any, t: Any, *values: Any) -> Any:
-        word = f"llvm.{name}.v{t.count}{'f64' if t.dtype.name == 'float64' else 'f32'}"
-        kind = llvm_type(t)
-        function = ir.FunctionType(kind, [kind] * len(values))
-        return b.call(b.module.declare_intrinsic(word, (), function), values)
+        intrinsic_name = f"llvm.{name}.v{t.count}{'f64' if t.dtype.name == 'float64' else 'f32'}"
+        ty = llvm_type(t)
+        function = ir.FunctionType(ty, [ty] * len(values))
+        return b.call(b.module.declare_intrinsic(intrinsic_name, (), function), values)
 
     return build
 
@@ -191,10 +191,10 @@ def _masks_compared(sign: str) -> Build:
     return lambda b, t, x, y: b.icmp_unsigned(sign, x, y)
 
 
-def _mask_of(kind: VectorType) -> MaskType:
+def _mask_of(ty: VectorType) -> MaskType:
     """The type of a comparison."""
     # Words choose between floats, so their masks count as those of float64.
-    return MaskType(types.float64 if kind.dtype == types.uint64 else kind.dtype, kind.count)
+    return MaskType(types.float64 if ty.dtype == types.uint64 else ty.dtype, ty.count)
 
 
 def inverted(b: Any, t: MaskType, x: Any) -> Any:
@@ -207,12 +207,12 @@ def first_of(b: Any, t: Any, x: Any) -> Any:
     return b.extract_element(x, ir.Constant(_INDEX, 0))
 
 
-def _words(kind: Any) -> bool:
-    return not kind.real
+def _words(ty: Any) -> bool:
+    return not ty.real
 
 
-def _floats(kind: Any) -> bool:
-    return bool(kind.real)
+def _floats(ty: Any) -> bool:
+    return bool(ty.real)
 
 
 _TRUTH = (types.Boolean,)
@@ -231,8 +231,8 @@ for _operation, _name in ((operator.and_, "and_"), (operator.or_, "or_"), (opera
         _operation,
         2,
         lambda b, t, x, y, name=_name: getattr(b, name)(x, y),
-        kind=MaskType,
-        plain=_TRUTH,
+        ty=MaskType,
+        plain_types=_TRUTH,
     )
 for _operation, _name in ((operator.lshift, "shl"), (operator.rshift, "lshr")):
     _define(_operation, 2, _by("", _name), only=_words)
@@ -246,7 +246,7 @@ for _operation, _sign in (
 ):
     _define(_operation, 2, _compared(_sign), result=_mask_of)
 for _operation, _sign in ((operator.eq, "=="), (operator.ne, "!=")):
-    _define(_operation, 2, _masks_compared(_sign), kind=MaskType, plain=_TRUTH)
+    _define(_operation, 2, _masks_compared(_sign), ty=MaskType, plain_types=_TRUTH)
 _define(operator.neg, 1, lambda b, t, x: b.fneg(x), only=_floats)
 _define(operator.pos, 1, lambda b, t, x: x)
 _define(abs, 1, of_llvm("fabs"), only=_floats)

@@ -63,24 +63,24 @@ inline_all(sys.modules[__name__])
 def link_kernel(
     keys: Mapping[str, KernelKey | None],
     shape: KernelShape,
-    room: Mapping[str, int],
+    workspace: Mapping[str, int],
     host: bool = False,
 ) -> llvm.ModuleRef:
     """LLVM's code of members(frame, first, count), in which thread i < count takes the member at
     place first + i.
 
     keys : the kernels of a program for one member, by their names;  shape : of its members
-    room : bytes of the memory that a member works in, by the names of
+    workspace : bytes of the memory that a member works in, by the names of
         `rigidmc.engine.kernel.arguments.Workspace`
     host : for one thread of this CPU, which tests run
     """
     dtype = next(key for key in keys.values() if key).dtype
     kernels = {name: llvm_of(key) for name, key in keys.items() if key and name != "advance"}
-    whole = llvm_of(KernelKey(run_member, (), dtype, 0, "ri", record_type(dtype)))
+    entry_code = llvm_of(KernelKey(run_member, (), dtype, 0, "ri", record_type(dtype)))
     names = {name: function for name, (function, _) in kernels.items()}
-    entry = _entry(whole[0], names, shape, room, record_type(dtype))
+    entry = _entry(entry_code[0], names, shape, workspace, record_type(dtype))
     module = llvm.parse_assembly(entry + (_ALONE if host else _THREAD))
-    for _, text in (whole, *kernels.values()):
+    for _, text in (entry_code, *kernels.values()):
         module.link_in(llvm.parse_assembly(MACHINE.sub("", text)))
     for variable in module.global_variables:
         variable.linkage = "internal"  # Numba's, which nothing uses
@@ -97,10 +97,10 @@ def link_kernel(
 
 
 def _entry(
-    whole: str,
+    run_member_name: str,
     names: Mapping[str, str],
     shape: KernelShape,
-    room: Mapping[str, int],
+    workspace: Mapping[str, int],
     record: np.dtype[Any],
 ) -> str:
     """The kernel: a thread has memory and a frame of its own, whose kernels and shape the compiler
@@ -109,18 +109,18 @@ def _entry(
     fields: Any = record.fields
     # The frame of a thread gets addresses and shape as constants: LLVM then calls the kernels
     # directly, and drops what a scene does not use.
-    known = {name: f'ptrtoint (ptr @"{function}" to i64)' for name, function in names.items()}
-    known |= {name: str(number) for name, number in shape._asdict().items()}
-    known |= {name: f"%address.{name}" for name in room}
+    constants = {name: f'ptrtoint (ptr @"{function}" to i64)' for name, function in names.items()}
+    constants |= {name: str(number) for name, number in shape._asdict().items()}
+    constants |= {name: f"%address.{name}" for name in workspace}
     memory = [
         f"""  %of.{name} = alloca [{size} x i8], align 16
   %address.{name} = ptrtoint ptr %of.{name} to i64"""
-        for name, size in room.items()
+        for name, size in workspace.items()
     ]
     stores = [
         f"""  %at.{name} = getelementptr i8, ptr %frame, i64 {fields[name][1]}
   store i64 {value}, ptr %at.{name}, align 8"""
-        for name, value in known.items()
+        for name, value in constants.items()
     ]
     declared = [f'declare i32 @"{function}"(...)' for function in names.values()]
     return "\n".join(
@@ -128,7 +128,7 @@ def _entry(
             *declared,
             f"""
 declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
-declare i32 @"{whole}"(ptr, ptr, ptr, ptr, ptr, i64)
+declare i32 @"{run_member_name}"(ptr, ptr, ptr, ptr, ptr, i64)
 define void @{KERNEL}(ptr %given, i64 %first, i64 %count) {{
   %frame = alloca [{record.itemsize} x i8], align 16
   %result = alloca i64
@@ -142,7 +142,7 @@ live:
     ptr align 8 %frame, ptr align 8 %given, i64 {record.itemsize}, i1 false)""",
             *stores,
             f"""  %low = add i64 %first, %number
-  call i32 @"{whole}"(ptr %result, ptr %error, ptr null, ptr null, ptr %frame, i64 %low)
+  call i32 @"{run_member_name}"(ptr %result, ptr %error, ptr null, ptr null, ptr %frame, i64 %low)
   br label %end
 end:
   ret void
@@ -180,13 +180,13 @@ def ptx_of(module: llvm.ModuleRef, capability: tuple[int, int]) -> str:
     machine = machine_for(capability)
     # llvmlite has no name for the calling convention of kernels: it is written into the text.
     text = str(module).replace(f"define void @{KERNEL}(", f"define ptx_kernel void @{KERNEL}(")
-    made = optimise(llvm.parse_assembly(text), machine)
-    lacking = [f.name for f in made.functions if f.is_declaration and not _HAS.match(f.name)]
+    optimised = optimise(llvm.parse_assembly(text), machine)
+    lacking = [f.name for f in optimised.functions if f.is_declaration and not _HAS.match(f.name)]
     if lacking:
         names = ", ".join(_plain(name) for name in lacking)
         rule = f"calls {names}, which no device has: write it with the functions of rigidmc"
         raise OptionError(f"code of your own {rule}", at="device", value="cuda")
-    return str(machine.emit_assembly(made))
+    return str(machine.emit_assembly(optimised))
 
 
 def _plain(name: str) -> str:

@@ -90,9 +90,9 @@ def resolve_device(word: str | None) -> str:
     return word
 
 
-def number_of(word: str) -> int | None:
+def number_of(name: str) -> int | None:
     """The number of the one device of a word, None for all."""
-    _, _, number = word.partition(":")
+    _, _, number = name.partition(":")
     return int(number) if number else None
 
 
@@ -149,15 +149,15 @@ def call_driver(name: str, *arguments: Any) -> Any:
             f"cuda: no driver of NVIDIA was found, or too old a one: {missing}"
         ) from None
     if int(error) != 0:
-        word = driver.cuGetErrorName(error)[1]
+        error_name = driver.cuGetErrorName(error)[1]
         reason = driver.cuGetErrorString(error)[1]
-        text = f"cuda: {name} failed: {_text(word)}, {_text(reason)}"
+        text = f"cuda: {name} failed: {_text(error_name)}, {_text(reason)}"
         raise NoDevice(text)
     return answer[0] if len(answer) == 1 else answer
 
 
-def _text(word: bytes | None) -> str:
-    return (word or b"unknown").partition(b"\0")[0].decode(errors="replace").strip()
+def _text(text: bytes | None) -> str:
+    return (text or b"unknown").partition(b"\0")[0].decode(errors="replace").strip()
 
 
 @cache
@@ -165,32 +165,32 @@ def devices() -> tuple[Device, ...]:
     """The devices of this machine; NoDevice if there are none that can be used."""
     call_driver("cuInit", 0)
     version = call_driver("cuDriverGetVersion")
-    kind = _library().CUdevice_attribute
-    found = []
+    attributes = _library().CUdevice_attribute
+    devices_here = []
     for number in range(call_driver("cuDeviceGetCount")):
-        one = call_driver("cuDeviceGet", number)
+        handle = call_driver("cuDeviceGet", number)
 
-        def told(word: str, one: Any = one) -> int:
+        def attribute(word: str, one: Any = handle) -> int:
             return int(
                 call_driver(
-                    "cuDeviceGetAttribute", getattr(kind, f"CU_DEVICE_ATTRIBUTE_{word}"), one
+                    "cuDeviceGetAttribute", getattr(attributes, f"CU_DEVICE_ATTRIBUTE_{word}"), one
                 )
             )
 
-        found.append(
+        devices_here.append(
             Device(
                 number,
-                _text(call_driver("cuDeviceGetName", 256, one)),
-                (told("COMPUTE_CAPABILITY_MAJOR"), told("COMPUTE_CAPABILITY_MINOR")),
-                told("MULTIPROCESSOR_COUNT"),
-                1e3 * told("CLOCK_RATE"),
-                int(call_driver("cuDeviceTotalMem", one)),
+                _text(call_driver("cuDeviceGetName", 256, handle)),
+                (attribute("COMPUTE_CAPABILITY_MAJOR"), attribute("COMPUTE_CAPABILITY_MINOR")),
+                attribute("MULTIPROCESSOR_COUNT"),
+                1e3 * attribute("CLOCK_RATE"),
+                int(call_driver("cuDeviceTotalMem", handle)),
                 (version // 1000, version % 1000 // 10),
             )
         )
-    if not found:
+    if not devices_here:
         raise NoDevice("cuda: the driver has no device")
-    return tuple(found)
+    return tuple(devices_here)
 
 
 def select_devices(number: int | None) -> tuple[Device, ...]:
@@ -201,12 +201,14 @@ def select_devices(number: int | None) -> tuple[Device, ...]:
     every = devices()
     if number is not None and number >= len(every):
         raise NoDevice(f"cuda:{number}: the devices are cuda:0 to cuda:{len(every) - 1}")
-    some = every if number is None else every[number : number + 1]
-    able = tuple(one for one in some if one.capability >= TARGETS[0])
-    if not able:
-        rule = "{}.{}, and code is made for {}.{} or later".format(*some[0].capability, *TARGETS[0])
-        raise NoDevice(f"cuda:{some[0].number}: {some[0].name} has compute capability {rule}")
-    return able
+    wanted = every if number is None else every[number : number + 1]
+    usable = tuple(found for found in wanted if found.capability >= TARGETS[0])
+    if not usable:
+        rule = "{}.{}, and code is made for {}.{} or later".format(
+            *wanted[0].capability, *TARGETS[0]
+        )
+        raise NoDevice(f"cuda:{wanted[0].number}: {wanted[0].name} has compute capability {rule}")
+    return usable
 
 
 class Module:

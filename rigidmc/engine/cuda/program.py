@@ -172,49 +172,49 @@ class CudaProgram(Program):
     ) -> Generator[int, bool | None, None]:
         members = block.shape[1]
         count = self.shape.values * members if saves.columns else 0  # numbers of a save
-        most = min(-(-steps.total // steps.stride), max(1, SAVED // (8 * count or 1)))
-        frame, place = self._on_device(stream, block, noise)
+        max_saves = min(-(-steps.total // steps.stride), max(1, SAVED // (8 * count or 1)))
+        frame, block_at = self._on_device(stream, block, noise)
         order, frame_at = stream.put(saves.order), stream.room(frame.nbytes)
-        values = stream.room(8 * count * (most + 1))  # the start is a save more
+        values = stream.room(8 * count * (max_saves + 1))  # the start is a save more
         first, length = steps.first, FIRST
         while first < steps.last:
-            beyond = (first // steps.stride + most) * steps.stride
-            last = min(steps.last, first + length, beyond)
+            next_full = (first // steps.stride + max_saves) * steps.stride
+            last = min(steps.last, first + length, next_full)
             slots = saved_in(steps, first, last)
             # Kernels count saves from the start of the run; the memory begins with the first of
             # this launch.
             out = SaveTarget(values - 8 * count * slots.start, members if count else 0, 0, order)
             stream.write(frame_at, fill_record(frame, steps._replace(first=first, last=last), out))
-            began = time.perf_counter()
+            started = time.perf_counter()
             stream.launch(frame_at, members)
             stream.wait()
-            took = time.perf_counter() - began
+            elapsed = time.perf_counter() - started
             if count and slots:
                 self._keep(stream, values, slots, saves, members)
             while (yield last):
-                stream.read(block, place)
-            length = int(max(1.0, (last - first) * min(GROWTH, LAUNCH / max(took, 1e-6))))
+                stream.read(block, block_at)
+            length = int(max(1.0, (last - first) * min(GROWTH, LAUNCH / max(elapsed, 1e-6))))
             first = last
-        stream.read(block, place)
+        stream.read(block, block_at)
 
     def _on_device(self, stream: CudaStream, block: Array, noise: NoiseKeys) -> tuple[Any, int]:
         """(the frame of a block that is now on the device, the address of the block there)."""
         *kernels, substeps = stream.module.numbers
-        place, (rows, members) = stream.put(block), block.shape
-        room = Workspace(
+        block_at, (rows, members) = stream.put(block), block.shape
+        workspace = Workspace(
             substeps=substeps,
             substep_rows=self.substeps.size // 4,
-            block=place,
+            block=block_at,
             rows=rows,
             width=members,
             skips_cache=0,
             **dict.fromkeys(self.working_memory(rows), 0),  # each thread has its own
         )
-        known = KernelTable(*(CompiledFunction(0, 0, numbers) for numbers in kernels))
-        whose = NoiseKeys(
+        table = KernelTable(*(CompiledFunction(0, 0, numbers) for numbers in kernels))
+        keys = NoiseKeys(
             noise.key, noise.second_key, stream.put(noise.streams), stream.put(noise.members)
         )
-        return fill_record(self._frame, known, self.shape, whose, room), place
+        return fill_record(self._frame, table, self.shape, keys, workspace), block_at
 
     def _keep(
         self, stream: CudaStream, values: int, slots: range, saves: SaveTarget, members: int

@@ -89,9 +89,9 @@ def method(default: Callable[..., Any]) -> Method:
     return generic
 
 
-def word_of(kind: type) -> str:
+def word_of(cls: type) -> str:
     """The word for a class in scene files: its name in snake_case, gravity_gradient or l2_drift."""
-    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", kind.__name__).lower()
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
 
 
 def numbered(words: Iterable[str]) -> list[str]:
@@ -111,8 +111,8 @@ def implements(part: object, name: str) -> bool:
 
 def argument_names(part: Any, *methods: str) -> set[str]:
     """All argument names of the given methods of a class or instance; a missing method has none."""
-    kind = part if isinstance(part, type) else type(part)
-    return {a for m in methods if implements(kind, m) for a in arguments(getattr(kind, m))}
+    cls = part if isinstance(part, type) else type(part)
+    return {a for m in methods if implements(cls, m) for a in arguments(getattr(cls, m))}
 
 
 class Traced:

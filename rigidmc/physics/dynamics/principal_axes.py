@@ -84,17 +84,17 @@ def principal(xx, yy, zz, yz, zx, xy):
     diagonal = max(max(abs(yz), abs(zx)), abs(xy)) <= 4e-15 * size
     a, b, c, _, _, _, q = _swept_3(_swept_3((xx, yy, zz, yz, zx, xy, (1.0, 0.0, 0.0, 0.0))))
     w, x, y, z = touch_up(normalised(q))
-    one = (a, 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (z * x - w * y))
-    two = (b, 2.0 * (x * y - w * z), 1.0 - 2.0 * (z * z + x * x), 2.0 * (y * z + w * x))
-    three = (c, 2.0 * (z * x + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
-    one, two = _ordered(one[0] > two[0], one, two)
-    two, three = _ordered(two[0] > three[0], two, three)
-    one, two = _ordered(one[0] > two[0], one, two)
+    first = (a, 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (z * x - w * y))
+    second = (b, 2.0 * (x * y - w * z), 1.0 - 2.0 * (z * z + x * x), 2.0 * (y * z + w * x))
+    third = (c, 2.0 * (z * x + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
+    first, second = _ordered(first[0] > second[0], first, second)
+    second, third = _ordered(second[0] > third[0], second, third)
+    first, second = _ordered(first[0] > second[0], first, second)
     # Axes are known but for a sign; a rule for it makes them the same on every machine.
-    e, f = _pointed(one), _pointed(two)
+    e, f = _pointed(first), _pointed(second)
     g = cross(e, f)
     unit_axes = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-    moments = one[0], two[0], three[0]
+    moments = first[0], second[0], third[0]
     return select_each(diagonal, (xx, yy, zz) + unit_axes, moments + e + f + g)
 
 

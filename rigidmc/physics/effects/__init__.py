@@ -34,34 +34,34 @@ from typing import Any
 from rigidmc.physics.dynamics.methods import argument_names, implements, numbered, word_of
 from rigidmc.physics.effects.protocol import Effect, facts, given, shape
 
-_KINDS = [kind for kind in globals().values() if hasattr(kind, "_fields")]  # the lines above
-EFFECTS: dict[str, Any] = {word_of(kind): kind for kind in _KINDS}
+_KINDS = [cls for cls in globals().values() if hasattr(cls, "_fields")]  # the lines above
+EFFECTS: dict[str, Any] = {word_of(cls): cls for cls in _KINDS}
 
 
 def name_of(effect: Effect | type[Effect]) -> str:
     """The word for an effect or its class in a scene file; of a user's class its name."""
-    kind = effect if isinstance(effect, type) else type(effect)
-    return next((name for name, known in EFFECTS.items() if known is kind), kind.__name__)
+    cls = effect if isinstance(effect, type) else type(effect)
+    return next((name for name, known in EFFECTS.items() if known is cls), cls.__name__)
 
 
-def description(kind: type[Effect]) -> tuple[str, str, str]:
+def description(cls: type[Effect]) -> tuple[str, str, str]:
     """(law, parameters with units, facts) of a class of effects, in words."""
     parameters = []
-    for field in given(kind):
-        unit, size = facts(kind).units[field], shape(kind, field)
+    for field in given(cls):
+        unit, size = facts(cls).units[field], shape(cls, field)
         words = [unit] * (unit != "1") + [f"{size} numbers"] * (size is not None)
         parameters.append(field + (f" [{', '.join(words)}]" if words else ""))
-    used = argument_names(kind, "torque", "energy", "kick")
+    used = argument_names(cls, "torque", "energy", "kick")
     said = {
         "needs the attitude": "q" in used,
         # a shared parameter may: the momentum of a wheel with a motor
-        "depends on time": "t" in used and not facts(kind).shared,
+        "depends on time": "t" in used and not facts(cls).shared,
         "depends on L": "l" in used,
-        "is random": facts(kind).stochastic,
-        "has an energy": implements(kind, "energy"),
-        "keeps L_z": facts(kind).keeps_lz,
+        "is random": facts(cls).stochastic,
+        "has an energy": implements(cls, "energy"),
+        "keeps L_z": facts(cls).keeps_lz,
     }
-    law = (kind.__doc__ or "").splitlines()[0]
+    law = (cls.__doc__ or "").splitlines()[0]
     return law, ", ".join(parameters), ", ".join(k for k, v in said.items() if v) or "constant"
 
 
@@ -77,8 +77,8 @@ def shared(effects: Iterable[Any]) -> dict[str, list[str]]:
     known = labelled(effects)
     found = {}
     for label, effect in known:
-        for field, (kind, other) in facts(effect).shared.items():
-            if sources := [f"{where}_{other}" for where, one in known if name_of(one) == kind]:
+        for field, (cls, other) in facts(effect).shared.items():
+            if sources := [f"{where}_{other}" for where, one in known if name_of(one) == cls]:
                 found[f"{label}_{field}"] = sources
     return found
 

@@ -55,13 +55,15 @@ class Bath(NamedTuple):
         return 4.0 * self.kT
 
     def shake(self, body, h, l):
-        less = expm1(-self.gamma * h)
+        decay = expm1(-self.gamma * h)
         # 1 - exp(-2x) = -less (2 + less) without cancellation, less = exp(-x) - 1.
-        spread = -self.kT * less * (2.0 + less)
+        variance = -self.kT * decay * (2.0 + decay)
         one, two, three = body.i2 * body.i3, body.i3 * body.i1, body.i1 * body.i2
-        share = spread / (body.i1 * one)  # spread I_1 = share / (I_2 I_3): one division for three
+        scaled = variance / (
+            body.i1 * one
+        )  # spread I_1 = share / (I_2 I_3): one division for three
         return (
-            l[0] + less * l[0] + root(share * one) * self.noise[0],
-            l[1] + less * l[1] + root(share * two) * self.noise[1],
-            l[2] + less * l[2] + root(share * three) * self.noise[2],
+            l[0] + decay * l[0] + root(scaled * one) * self.noise[0],
+            l[1] + decay * l[1] + root(scaled * two) * self.noise[1],
+            l[2] + decay * l[2] + root(scaled * three) * self.noise[2],
         )

@@ -134,12 +134,12 @@ class MatrixDamping(NamedTuple):
     def kick(self, body, h, l):
         x, y, z = 0.5 * h * body.i1, 0.5 * h * body.i2, 0.5 * h * body.i3
         m = self.matrix
-        back = axpy(l, -1.0, symmetric_times(m, (x * l[0], y * l[1], z * l[2])))
+        right_side = axpy(l, -1.0, symmetric_times(m, (x * l[0], y * l[1], z * l[2])))
         return solve3(
             (1.0 + m[0] * x, m[5] * x, m[4] * x),
             (m[5] * y, 1.0 + m[1] * y, m[3] * y),
             (m[4] * z, m[3] * z, 1.0 + m[2] * z),
-            back,
+            right_side,
         )
 
 

@@ -116,8 +116,12 @@ def _pull(mu, distance, e, anomaly, t):
     d = _nearer(at - m, e * s, e * c)
     sine, versine = d - d * d * d * (1.0 / 6.0), 0.5 * d * d  # of the second step d, by series
     s, c = s + (c * sine - s * versine), c - (s * sine + c * versine)
-    near = 1.0 / (1.0 - e * c)
-    return 3.0 * square * (near * near * near), (c - e) * near, math.sqrt(1.0 - e * e) * (s * near)
+    nearness = 1.0 / (1.0 - e * c)
+    return (
+        3.0 * square * (nearness * nearness * nearness),
+        (c - e) * nearness,
+        math.sqrt(1.0 - e * e) * (s * nearness),
+    )
 
 
 def _nearer(ahead, s, c):

@@ -96,12 +96,12 @@ def effect(**stated: Any) -> Callable[[Kind], Kind]:
     """Decorator: states some EffectFacts of a class of effects, which become class attributes."""
     EffectFacts(**stated)  # raises TypeError for any other name
 
-    def put(kind: Kind) -> Kind:
+    def put(cls: Kind) -> Kind:
         for name, value in stated.items():
-            setattr(kind, name, value)
+            setattr(cls, name, value)
         if stated.get("hidden"):
-            kind.__repr__ = _shown  # type: ignore[assignment, method-assign]
-        return kind
+            cls.__repr__ = _shown  # type: ignore[assignment, method-assign]
+        return cls
 
     return put
 
@@ -119,10 +119,10 @@ def facts(effect: Effect | type[Effect]) -> EffectFacts:
 
 
 @cache
-def _facts(kind: type[Effect]) -> EffectFacts:
+def _facts(cls: type[Effect]) -> EffectFacts:
     # kept, because a run of few members asks 74 times: 0.2 ms of its 5 at 2.6 us each
-    stated = {name for name in EffectFacts._fields if hasattr(kind, name)} - {*kind._fields}
-    return EffectFacts(**{name: getattr(kind, name) for name in stated})
+    stated = {name for name in EffectFacts._fields if hasattr(cls, name)} - {*cls._fields}
+    return EffectFacts(**{name: getattr(cls, name) for name in stated})
 
 
 def is_effect(value: object) -> TypeGuard[Effect]:
@@ -140,8 +140,8 @@ def takes_noise(effect: Effect | type[Effect]) -> bool:
     """Whether the engine fills in the field `noise`; that of an effect which is not random is a
     parameter as any other.
     """
-    kind = effect if isinstance(effect, type) else type(effect)
-    return "noise" in kind._fields and is_random(kind)
+    cls = effect if isinstance(effect, type) else type(effect)
+    return "noise" in cls._fields and is_random(cls)
 
 
 def is_conservative(effect: Effect) -> bool:
@@ -230,14 +230,14 @@ def masked_effects(effects, mask):
     return (effect_or_none(mask[0], effects[0]),) + masked_effects(effects[1:], mask[1:])
 
 
-def shape(kind: Effect | type[Effect], field: str) -> int | None:
+def shape(cls: Effect | type[Effect], field: str) -> int | None:
     """The length of a parameter, None if it is a plain number."""
-    return facts(kind).shapes.get(field)
+    return facts(cls).shapes.get(field)
 
 
-def given(kind: Effect | type[Effect]) -> tuple[str, ...]:
+def given(cls: Effect | type[Effect]) -> tuple[str, ...]:
     """The parameters that a user gives; the engine fills in the hidden ones."""
-    return tuple(field for field in kind._fields if field not in facts(kind).hidden)
+    return tuple(field for field in cls._fields if field not in facts(cls).hidden)
 
 
 def numbers(effect: Effect) -> list[tuple[str, int | None, Any]]:
@@ -256,14 +256,14 @@ def parameter_count(*effects: Effect) -> int:
     return sum(shape(e, field) or 1 for e in effects for field in e._fields)
 
 
-def filled(kind: type[Effect], values: Iterable[Any]) -> Any:
+def filled(cls: type[Effect], values: Iterable[Any]) -> Any:
     """An effect of a class from its numbers in a row; each may be an array or any stand-in."""
     left = iter(values)
     fields = []
-    for field in kind._fields:
-        size = shape(kind, field)
+    for field in cls._fields:
+        size = shape(cls, field)
         fields.append(next(left) if size is None else tuple(next(left) for _ in range(size)))
-    return kind(*fields)
+    return cls(*fields)
 
 
 def blank(effects: Iterable[Effect]) -> tuple[Any, ...]:

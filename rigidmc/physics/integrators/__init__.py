@@ -48,9 +48,9 @@ INTEGRATORS: dict[str, Integrator] = {
 }
 
 
-def description(kind: Integrator) -> str:
+def description(integrator: Integrator) -> str:
     """What an integrator is and what it is for, with its source."""
-    return kind.text or kind.__doc__ or ""
+    return integrator.text or integrator.__doc__ or ""
 
 
 def refusal(
@@ -81,29 +81,31 @@ def refusal(
     return f"{why}; use {' or '.join(able[:2])}" if able else why
 
 
-def _distance(one: Integrator, other: Integrator) -> tuple[float, bool]:
+def _distance(integrator: Integrator, other: Integrator) -> tuple[float, bool]:
     """How far an integrator is from another one: by order, then by family."""
-    if one.order == other.order:
-        apart = 0.0
+    if integrator.order == other.order:
+        distance = 0.0
     else:
-        apart = abs(one.order - other.order) if one.order < inf else -other.order
-    return apart, one.splitting != other.splitting
+        distance = abs(integrator.order - other.order) if integrator.order < inf else -other.order
+    return distance, integrator.splitting != other.splitting
 
 
 def accepting(
     effects: Sequence[Any],
     compensated: bool = False,
     works: bool = False,
-    known: Mapping[str, Integrator] = INTEGRATORS,
+    integrators: Mapping[str, Integrator] = INTEGRATORS,
 ) -> list[str]:
     """The names of the integrators that take these effects; for the options see `refusal`."""
     return [
-        name for name, kind in known.items() if _refusal(kind, effects, compensated, works) is None
+        name
+        for name, integrator in integrators.items()
+        if _refusal(integrator, effects, compensated, works) is None
     ]
 
 
 def keeps_remainders(
-    kind: Integrator, effects: Sequence[Any], dtype: str, compensated: bool = False
+    integrator: Integrator, effects: Sequence[Any], dtype: str, compensated: bool = False
 ) -> bool:
     """Whether sums keep their remainders: if asked for, and in float32 whenever the integrator can.
 
@@ -112,51 +114,53 @@ def keeps_remainders(
     faster (rk4: 2e-4 after 10 s in 32,000 steps, 0.01 in 512,000). With them it does not grow
     (6e-7; tests/physics/integrators/test_precision.py).
     """
-    return compensated or (dtype == "float32" and _refusal(kind, effects, True, False) is None)
+    return compensated or (
+        dtype == "float32" and _refusal(integrator, effects, True, False) is None
+    )
 
 
 def _refusal(
-    kind: Integrator, effects: Sequence[Any], compensated: bool, works: bool
+    integrator: Integrator, effects: Sequence[Any], compensated: bool, works: bool
 ) -> str | None:
-    makes_steps = implements(kind, "prepared") or implements(kind, "step")
-    if works and (compensated or kind.gradient or not makes_steps):
+    makes_steps = implements(integrator, "prepared") or implements(integrator, "step")
+    if works and (compensated or integrator.gradient or not makes_steps):
         by = "with compensated sums" if compensated else "by it"
         return f"the work of effects is not kept {by}"
-    if compensated and not kind.compensated:
+    if compensated and not integrator.compensated:
         return "it has no sums that could be compensated"
     noisy = [e for e in effects if is_random(e)]
-    if noisy and not (kind.splitting and kind.order == 2):
+    if noisy and not (integrator.splitting and integrator.order == 2):
         return f"{_names(noisy)} is random, which splittings of order 2 take"
     if noisy and compensated:
         return f"its sums cannot be compensated with {_names(noisy)}, which acts on L as a whole"
     slipping = [e for e in effects if implements(e, "slip")]
-    if slipping and not kind.slips:
+    if slipping and not integrator.slips:
         return f"it turns the body by I^-1 L alone, but {_names(slipping)} has parts that move"
-    if not effects or kind.accepts == "any torque":
+    if not effects or integrator.accepts == "any torque":
         return None
-    if kind.accepts == "no torque":
+    if integrator.accepts == "no torque":
         what = "it is the motion of a free body and takes no torque"
         return f"{what}, but the scene has {_names(effects)}"
-    if isinstance(kind, ClosedForm):
+    if isinstance(integrator, ClosedForm):
         unknown = [e for e in effects if name_of(e) not in ("gravity", "viscous_damping")]
         return f"no closed form knows {_names(unknown)}" if unknown else None
-    return _unsplit(kind, effects, compensated)
+    return _unsplit(integrator, effects, compensated)
 
 
-def _unsplit(kind: Integrator, effects: Sequence[Any], compensated: bool) -> str | None:
+def _unsplit(integrator: Integrator, effects: Sequence[Any], compensated: bool) -> str | None:
     """Why a splitting does not take these effects, else None."""
     moving = [e for e in effects if depends_on_momentum(e)]
     if unable := [e for e in moving if not implements(e, "kick")]:
-        which = f"the torque of {_names(unable)} depends on L and has no flow of its own (kick)"
-        return f"it alternates free motion with kicks, but {which}"
-    if moving and kind.order > 2:
-        steps = "force gradients" if kind.gradient else "its steps backwards and its order"
+        why = f"the torque of {_names(unable)} depends on L and has no flow of its own (kick)"
+        return f"it alternates free motion with kicks, but {why}"
+    if moving and integrator.order > 2:
+        steps = "force gradients" if integrator.gradient else "its steps backwards and its order"
         return f"{steps} are for torques of attitude and time, but {_names(moving)} depends on L"
     if moving and compensated:
         flow = f"{_names(moving)}, whose flow acts on L as a whole"
         return f"its sums cannot be compensated with {flow}"
     flat = [e for e in effects if not implements(e, "torque_rate")]
-    if kind.gradient and flat:
+    if integrator.gradient and flat:
         return f"it needs the rate of change of torques (torque_rate), which {_names(flat)} has not"
     return None
 

@@ -159,10 +159,10 @@ def works_after_step(works, effects, body, t, h, attitudes, rates):
     return add_stage_work(three, effects, body, t + h, h, h * (1.0 / 6.0), attitudes[3], rates[3])
 
 
-def add_stage_work(works, effects, body, t, h, share, q, w):
-    """The works, increased by the power at a stage times `share` [s]."""
+def add_stage_work(works, effects, body, t, h, fraction, q, w):
+    """The works, increased by the power at a stage times `fraction` [s]."""
     l = momentum(body, h, w)
-    return add_work(effects, body, t, share, q, l, angular_velocity(body, l), works)
+    return add_work(effects, body, t, fraction, q, l, angular_velocity(body, l), works)
 
 
 def momentum(body, h, w):
@@ -215,13 +215,13 @@ def add_twice_rate(k, onto, w, double):
     )
 
 
-def add_push(effects, body, t, h, share, q, w, change):
+def add_push(effects, body, t, h, fraction, q, w, change):
     """change + share h dw/dt by the torques at (t, q, L)."""
     if len(effects) == 0:
         return change
     x, y, z = quarters(body, h)
     # w = h omega/4, so that a torque counts with h/4 times the reciprocal moment.
-    by = (share * h * x, share * h * y, share * h * z)
+    by = (fraction * h * x, fraction * h * y, fraction * h * z)
     return add_torques(effects, body, t, q, momentum(body, h, w), by, change)
 
 

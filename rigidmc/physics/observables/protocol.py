@@ -216,18 +216,18 @@ def _decorator(protocol: type) -> Callable[..., Callable[[Kind], Kind]]:
         if wrong := facts.keys() - known:
             raise TypeError(f"{protocol.__name__} has no {', '.join(wrong)}")
 
-        def complete(kind: Kind) -> Kind:
+        def complete(cls: Kind) -> Kind:
             for name, value in facts.items():
-                setattr(kind, name, value)
+                setattr(cls, name, value)
             for name, default in _DEFAULTS[protocol].items():
-                if not hasattr(kind, name):
-                    setattr(kind, name, default)
+                if not hasattr(cls, name):
+                    setattr(cls, name, default)
             if facts.get("conserved"):
-                cast(Any, kind).steady = _conserved
-            if missing := [name for name in _members(protocol) if not hasattr(kind, name)]:
+                cast(Any, cls).steady = _conserved
+            if missing := [name for name in _members(protocol) if not hasattr(cls, name)]:
                 words = ", ".join(missing)
-                raise TypeError(f"{kind.__name__} has no {words}: see {protocol.__name__}")
-            return kind
+                raise TypeError(f"{cls.__name__} has no {words}: see {protocol.__name__}")
+            return cls
 
         return complete
 

@@ -32,7 +32,7 @@ def candidates(
     scene, kinds = pilot.scene, pilot.scene.known_integrators()
     able = [
         name
-        for name in accepting(scene.effects, works="work" in scene.run.save, known=kinds)
+        for name in accepting(scene.effects, works="work" in scene.run.save, integrators=kinds)
         if name != "closed" or true.source.startswith("closed")
     ]
     # closed forms make no steps, and no code of the user's own takes arrays

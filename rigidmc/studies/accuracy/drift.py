@@ -47,7 +47,7 @@ def long_drift(
     """
     scene, given = scene.with_integrators(integrators or ())
     known = scene.known_integrators()
-    able = accepting(scene.effects, known=known)
+    able = accepting(scene.effects, integrators=known)
     own = named_integrators(scene.integrators)
     names = given or [name for name in (*LONG, *own) if name in able]
     for name in names:
