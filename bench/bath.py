@@ -9,7 +9,7 @@ import numpy as np
 
 from bench import harness
 from rigidmc import Bath, Body, Gravity, Scene, Start, simulate
-from rigidmc.physics.dynamics.so3 import up
+from rigidmc.physics.dynamics.so3 import vertical
 
 MOMENTS, KT, WEIGHT = (1.0, 1.4, 2.0), 0.7, 1.5
 # of order h^2: at 0.05 the bias of <L^2> is a quarter of its standard error
@@ -31,7 +31,7 @@ def moments(dt, members):
     """[(quantity, theory, mean, standard error)] of the last state."""
     ds = simulate(scene(), dt=dt, members=members)
     l = ds.momentum.values[-1] / np.sqrt(np.array(MOMENTS) * KT)[:, None]
-    u = up(tuple(ds.attitude.values[-1]))[2]
+    u = vertical(tuple(ds.attitude.values[-1]))[2]
     x, n = WEIGHT / KT, members
 
     def mean(values):

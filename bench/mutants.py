@@ -22,30 +22,21 @@ from concurrent.futures import ThreadPoolExecutor
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(HERE)
-FOLDERS = ("dynamics", "effects", "integrators", "observables")
-ENGINE = (
-    "member.py",
-    "march.py",
-    "running.py",
-    "neighbour.py",
-    "events.py",
-    "cpu.py",
-    "noise.py",
+FOLDERS = ("physics/dynamics", "physics/effects", "physics/integrators", "physics/observables")
+ENGINE = tuple(
+    f"kernel/{name}.py"
+    for name in ("member", "march", "monitoring", "shadow", "events", "extrema", "block", "noise")
 )  # runs uncompiled too
-COMPILED = (
-    "numbers.py",
-    "intrinsics.py",
-    "kinds.py",
-    "memory.py",
-    "compose.py",
-    "functions.py",
-    "fused.py",
+COMPILED = tuple(
+    f"compiler/{name}.py"
+    for name in ("vector_types", "intrinsics", "trees", "memory", "compose", "fma")
 )
 NO_PHYSICS = {  # what is compiled, and for whom: facts, tables and words
-    "prepared", "sequence", "conserves", "accepts", "evaluations", "description", "refusal",
-    "accepting", "form", "method", "names", "exact_drift", "pieces", "canonical", "name_of",
-    "rows_of", "row_count", "arguments", "depends_on_momentum", "reason", "__init__", "implements",
-    "effect", "facts", "is_effect", "is_random", "is_conservative", "completed", "group_count",
+    "scheme", "sequence", "conserves", "accepts", "evaluations", "description", "refusal",
+    "accepting", "scheme_of", "follows_turns", "method", "names", "exact_drift", "substep_count",
+    "canonical", "name_of", "tree_size", "arguments", "depends_on_momentum", "innermost_cause",
+    "__init__", "implements", "effect", "facts", "is_effect", "is_random", "is_conservative",
+    "with_defaults", "interleaving", "old_word", "flag", "static_count",
 }  # fmt: skip
 # uncompiled
 TESTS = (
@@ -115,7 +106,7 @@ def places(engine=True, physics=True):
 
 def is_compiled(path):
     """Whether a file instructs the compiler."""
-    return os.path.split(path) in [(os.path.join("rigidmc", "engine"), name) for name in COMPILED]
+    return path in [os.path.join("rigidmc", "engine", name) for name in COMPILED]
 
 
 def _in_file(tree, text, engine):

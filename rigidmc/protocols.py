@@ -4,13 +4,17 @@
 - An observable is a NamedTuple with `value` (decorator `observable`), `level` (`event`), or `begin`
   and `update` (`running`); `Observable`, `Event` and `Running` list facts and methods.
 - An integrator is a NamedTuple with `step` and its facts, see `Integrator`.
-- A law is a frozen dataclass, a subclass of `Law`; `draw`, `number` and `numbers` serve it.
+- A law is a frozen dataclass, a subclass of `Law`; `sample`, `number` and `numbers` serve it.
+- What a part has or has not is a flag, ON or OFF; `flag(condition)` makes one.
 
 Compiled methods are plain arithmetic, functions of `math`, the functions below, and functions of
 your own file that are made of the same. docs/how_to/own_parts.md has one part of each kind.
 """
 
+from typing import TYPE_CHECKING
+
 from rigidmc.physics.dynamics.euler import scaled
+from rigidmc.physics.dynamics.methods import OFF, ON, flag
 from rigidmc.physics.dynamics.so3 import (
     add,
     arctan2,
@@ -22,73 +26,97 @@ from rigidmc.physics.dynamics.so3 import (
     dot,
     exponential,
     into_body,
-    larger,
+    logical_not,
+    maximum,
+    minimum,
     multiply,
     normalised,
-    opposite,
     scale,
     select,
-    select_each,
+    select_all,
     sincos,
-    smaller,
     spin,
-    up,
+    vertical,
 )
 from rigidmc.physics.effects.protocol import Effect, Number, Vector, effect
-from rigidmc.physics.effects.sums import changes
+from rigidmc.physics.effects.sums import state_rates
 from rigidmc.physics.integrators.protocol import Integrator
-from rigidmc.physics.integrators.rk8 import combined
+from rigidmc.physics.integrators.rk8 import linear_combination
 from rigidmc.physics.observables.protocol import (
     Event,
+    EventRecord,
     Observable,
-    Record,
     Running,
     event,
     observable,
     running,
 )
-from rigidmc.scene.quantities import draw
+from rigidmc.scene.quantities import draw as sample
 from rigidmc.scene.vector_distributions.protocol import Law, number, numbers
 
 __all__ = [
+    "OFF",
+    "ON",
     "Effect",
     "Event",
+    "EventRecord",
     "Integrator",
     "Law",
     "Number",
     "Observable",
-    "Record",
     "Running",
     "Vector",
     "add",
     "arctan2",
     "axpy",
     "axpy4",
-    "changes",
-    "combined",
     "conjugate",
     "cross",
     "difference",
     "dot",
-    "draw",
     "effect",
     "event",
     "exponential",
+    "flag",
     "into_body",
-    "larger",
+    "linear_combination",
+    "logical_not",
+    "maximum",
+    "minimum",
     "multiply",
     "normalised",
     "number",
     "numbers",
     "observable",
-    "opposite",
     "running",
+    "sample",
     "scale",
     "scaled",
     "select",
-    "select_each",
+    "select_all",
     "sincos",
-    "smaller",
     "spin",
-    "up",
+    "state_rates",
+    "vertical",
 ]
+
+# Names of earlier versions, and what they are called now; until 1.0.
+_OLD = {
+    "Record": "EventRecord",
+    "changes": "state_rates",
+    "combined": "linear_combination",
+    "draw": "sample",
+    "larger": "maximum",
+    "opposite": "logical_not",
+    "select_each": "select_all",
+    "smaller": "minimum",
+    "up": "vertical",
+}
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> None:
+        if name in _OLD:
+            # Of an AttributeError `from rigidmc.protocols import up` would lose the words.
+            raise ImportError(f"rigidmc.protocols.{name} is now called {_OLD[name]}")
+        raise AttributeError(f"module 'rigidmc.protocols' has no attribute '{name}'")

@@ -11,7 +11,7 @@ from rigidmc.engine.program import MARCH, lanes_for
 from rigidmc.physics.dynamics.methods import OFF, ON, flag, static_count
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, scheme_of
-from rigidmc.physics.integrators.protocol import group_count
+from rigidmc.physics.integrators.protocol import interleaving
 
 ARITHMETIC = re.compile(r"v?(mul|add|sub|div|sqrt|fn?m(?:add|sub)\d+)([ps])([ds])\s")
 STORE = re.compile(r"v?mov[au]p[ds]\s+%[xyz]mm\d+, -?\w*\((?!%rsp)")
@@ -91,7 +91,7 @@ def case(name, effects=(), attitude=ON, compensated=OFF, dtype="float64", works=
 
 def assembly_of(case, lanes):
     """The assembly of freshly compiled steps; those from the disk cache have none to read."""
-    groups = static_count(min(lanes, group_count(case.made.integrator)))
+    groups = static_count(min(lanes, interleaving(case.made.integrator)))
     several = flag(len(case.made.substeps) > 2)
     made, effects, works = case.made.integrator, case.effects, case.works
     parts = made, effects, case.attitude, case.compensated, works, groups, several, OFF

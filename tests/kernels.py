@@ -14,7 +14,7 @@ from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects.protocol import blank, numbers, parameter_count
 from rigidmc.physics.integrators import TurnBounds, scheme_of
-from rigidmc.physics.integrators.protocol import closed, constants, opened, step
+from rigidmc.physics.integrators.protocol import from_stepping, precompute, step, to_stepping
 from rigidmc.physics.observables.protocol import size
 
 NOTHING = np.empty(0)
@@ -131,19 +131,19 @@ def prepare(kind, turn, effects=(), symmetric=False):
 
 def one_step(made, body, effects, t, h, q, l):
     """One step in plain Python, opened before and closed after."""
-    if len(q) == 2 and implements(made.integrator, "with_sums"):
+    if len(q) == 2 and implements(made.integrator, "with_compensation"):
         made = made._replace(
-            integrator=made.integrator.with_sums(),
+            integrator=made.integrator.with_compensation(),
             substeps=np.vstack([np.zeros(4), made.substeps[1:]]),
         )
     lead, rows = [h * x for x in made.substeps[0]], made.substeps[1:]
-    q, l = opened(made.integrator, body, effects, t + lead[3], lead, q, l)
-    once = constants(made.integrator, body, tuple(h * rows[0][:3]), l)
+    q, l = to_stepping(made.integrator, body, effects, t + lead[3], lead, q, l)
+    once = precompute(made.integrator, body, tuple(h * rows[0][:3]), l)
     for row in rows:
         q, l = step(
             made.integrator, body, effects, t + h * row[3], h, tuple(h * row[:3]), q, l, once
         )
-    return closed(made.integrator, body, effects, t + h + lead[3], lead, q, l)
+    return from_stepping(made.integrator, body, effects, t + h + lead[3], lead, q, l)
 
 
 def turn(problem, h):

@@ -291,7 +291,7 @@ def _order(kind: Any) -> str:
     """In words, order, torques a step and reversibility of an integrator."""
     order = "exact" if kind.order == inf else f"order {kind.order}"
     torques = f"{kind.evaluations} torque{'s' * (kind.evaluations != 1)} a step"
-    return f"{order}, {torques}, {'' if kind.reversible else 'not '}reversible"
+    return f"{order}, {torques}, {'' if kind.is_reversible else 'not '}reversible"
 
 
 def _of_integrator(name: str, kinds: Mapping[str, Any]) -> Facts:

@@ -33,27 +33,27 @@ from rigidmc.physics.dynamics.so3 import first_three, select
 from rigidmc.physics.dynamics.trials import RULE
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import (
+    add_noise,
     blank,
     energy,
     energy_scale,
     kick,
-    shake,
     torque,
     torque_rate,
 )
 from rigidmc.physics.effects.sums import total_torque
-from rigidmc.physics.integrators.protocol import closed, constants, opened, step
+from rigidmc.physics.integrators.protocol import from_stepping, precompute, step, to_stepping
 from rigidmc.physics.observables.protocol import (
     armed,
-    averages,
     begin,
+    counts_at_start,
+    extrema,
+    extremum_limits,
+    is_conserved,
+    is_terminal,
+    is_time_average,
     level,
-    past,
     reweighed,
-    sought,
-    steady,
-    stops,
-    turning,
     update,
     value,
 )
@@ -144,8 +144,8 @@ def step_operations(scheme: Any, effects: Any, attitude: bool) -> Operations:
     """Operations of one step of a StepScheme with these effects, all substeps together."""
     substep, q = (0.0, 0.0, 0.0), _AT if attitude else (1.0, 0.0, 0.0, 0.0)
     first = tuple(_STEP * x for x in scheme.substeps[1, :3].tolist())
-    q, l = opened(scheme.integrator, _STILL, blank(effects), 0.0, first, q, _SPIN)
-    constants_of_step = constants(scheme.integrator, _STILL, first, l)
+    q, l = to_stepping(scheme.integrator, _STILL, blank(effects), 0.0, first, q, _SPIN)
+    constants_of_step = precompute(scheme.integrator, _STILL, first, l)
 
     # Two functions, as Numba would compile a branch on `attitude` with both results.
     def whole_state(integrator, effects, t, part, q, l):
@@ -189,7 +189,7 @@ def _all_methods(tree, numbers, at):
         torque(effect, body, t, q, l)
         + kick(effect, body, t, h, q, l)
         + torque_rate(effect, body, t, q, l)
-        + shake(effect, body, h, l),
+        + add_noise(effect, body, h, l),
         at,
         0,
     )
@@ -302,13 +302,17 @@ def _probe_observable(tree, numbers, at):
     put(value(observable, body, effects_here, t, q, l, four_at(at, 8), ()), at, 0)
     height = level(observable, body, effects_here, t, q, l)
     waits = armed(observable, body, q, l, height, height < 0.0)
-    put((select(waits, 1.0, 0.0), select(past(observable, height), 1.0, 0.0)), at, 0)
+    put((select(waits, 1.0, 0.0), select(counts_at_start(observable, height), 1.0, 0.0)), at, 0)
     totals = begin(observable, body, effects_here, t, q, l)
     put(update(observable, totals, body, effects_here, t, q, l), at, 0)
-    put(turning(observable, body, effects_here, t, q, l), at, 0)
-    put_pairs(sought(observable, totals), at)
+    put(extrema(observable, body, effects_here, t, q, l), at, 0)
+    put_pairs(extremum_limits(observable, totals), at)
     put(reweighed(observable, totals, t), at, 0)
-    return len(averages(observable)) + len(steady(observable)) + len(stops(observable))
+    return (
+        len(is_time_average(observable))
+        + len(is_conserved(observable))
+        + len(is_terminal(observable))
+    )
 
 
 def put_pairs(pairs, at):
@@ -331,10 +335,10 @@ def _probe_integrator(tree, numbers, at):
         at[29],
     )
     substep = h, h, h
-    q, l = opened(integrator, body, present, t, substep, q, l)
-    constants_of_step = constants(integrator, body, substep, l)
+    q, l = to_stepping(integrator, body, present, t, substep, q, l)
+    constants_of_step = precompute(integrator, body, substep, l)
     q, l = step(integrator, body, present, t, h, substep, q, l, constants_of_step)
-    q, l = closed(integrator, body, present, t, substep, q, l)
+    q, l = from_stepping(integrator, body, present, t, substep, q, l)
     put(q + first_three(l), at, 0)
     return 0
 

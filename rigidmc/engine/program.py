@@ -43,8 +43,8 @@ from rigidmc.physics.effects import labelled
 from rigidmc.physics.effects.protocol import takes_noise
 from rigidmc.physics.integrators.protocol import (
     changes_state_form,
-    group_count,
     has_extra_state,
+    interleaving,
     stepping_form,
 )
 from rigidmc.physics.observables.protocol import size
@@ -87,9 +87,9 @@ class Program:
     ) -> None:  # fmt: skip
         # An integrator with a state of its own looks after its rounding in it.
         compensated = compensated and not has_extra_state(scheme.integrator)
-        if compensated and implements(scheme.integrator, "with_sums"):
+        if compensated and implements(scheme.integrator, "with_compensation"):
             scheme = scheme._replace(
-                integrator=scheme.integrator.with_sums(),
+                integrator=scheme.integrator.with_compensation(),
                 substeps=scheme.substeps * (np.arange(len(scheme.substeps)) > 0)[:, None],
             )
         self.scheme, self.effects, self.dtype = scheme, effects, np.dtype(dtype).name
@@ -135,7 +135,7 @@ class Program:
         flags : flags of attitude and of compensated sums
         """
         integrator, effects, shape = self.scheme.integrator, self.effects, self.shape
-        groups = static_count(min(self.lanes, group_count(integrator)))
+        groups = static_count(min(self.lanes, interleaving(integrator)))
         several, count = flag(len(self.scheme.substeps) > 2), static_count(len(works))
         stepped = (integrator, effects, *flags, count, groups, several, self.paired)
         form, dense = stepping_form(integrator), static_count(min(shape.nodes, 2))

@@ -12,8 +12,8 @@ from typing import NamedTuple
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.mechanics.jacobi import divided
 from rigidmc.physics.dynamics.functions import arctan2, sincos
-from rigidmc.physics.dynamics.quaternions import up
-from rigidmc.physics.dynamics.vectors import opposite, select
+from rigidmc.physics.dynamics.quaternions import vertical
+from rigidmc.physics.dynamics.vectors import logical_not, select
 
 # stands for v2 = 0 or y1 = 0, an exact passage through the vertical, where a phase jumps by pi/2
 TINY = 1e-280
@@ -44,7 +44,7 @@ def differences(beta, f0, f1, f2):
     # and beta s3, and a start at u1 has big = 0
     product = -divided(select(last, f0, beta * beta * f0), big)
     total = divided(select(last, f1 - beta * product, beta * f1 - product), big)
-    small = opposite(last) & (2.0 * abs(big) < abs(f2 + big))
+    small = logical_not(last) & (2.0 * abs(big) < abs(f2 + big))
     total = select(small, -f2 - big, total)
     product = select(small, beta * f1 - big * total, product)
     # to all digits from u'^2(0), where the Newton step leaves an error of 1e-16 of the other roots:
@@ -95,7 +95,7 @@ def plumb(q):
 def start_of(a, k, l, q):
     """The Start of A, k, body momentum and unit quaternion."""
     y, v = 2.0 * (q[0] * q[0] + q[3] * q[3]), 2.0 * (q[1] * q[1] + q[2] * q[2])
-    g = up(q)
+    g = vertical(q)
     one, two, b, beta = l[0] / a, l[1] / a, l[2] / a, 2.0 * k / a
     swing, other = max(abs(one), abs(two)), max(abs(b), math.sqrt(beta))
     size = max(swing, other)

@@ -31,7 +31,7 @@ from rigidmc.mechanics.jacobi import (
 )
 from rigidmc.mechanics.lagrange_limits import limits, plumb, start_of
 from rigidmc.physics.dynamics.functions import arctan2, sincos
-from rigidmc.physics.dynamics.vectors import opposite, select
+from rigidmc.physics.dynamics.vectors import logical_not, select
 
 
 class Orbit(NamedTuple):
@@ -132,7 +132,7 @@ def amplitude(o, p):
     m = divided(o.beta * p.width, p.span)
     mc = select(p.span > 0.0, divided(o.beta * p.v2 + p.v3, p.span), 1.0)
     still = (p.span == 0.0) | ((mc == 0.0) & (p.s2 == 0.0))
-    moves = (p.width > 0.0) & opposite(still)
+    moves = (p.width > 0.0) & logical_not(still)
     sn = select(moves, math.sqrt(divided(-p.s1, p.width)), 0.0)
     cn = select(moves, math.sqrt(divided(p.s2, p.width)), 1.0)
     m, mc = select(still, 0.0, m), select(still, 1.0, mc)

@@ -173,9 +173,9 @@ def _check_parameters(run: Run, label: str, effect: Effect) -> None:
         if bad.size:
             wrong = float(bad[0])
             raise SceneError(outside(effect, low, high), at=f"{at}.{name}", value=wrong)
-    if implements(effect, "drives") and not run.anti_damping:
+    if implements(effect, "is_driving") and not run.anti_damping:
         sampled: Any = type(effect)(*values.values())
-        driven = np.flatnonzero(sampled.drives())
+        driven = np.flatnonzero(sampled.is_driving())
         if driven.size:
             numbers = np.concatenate(list(values.values()))[:, driven[0]]
             example = ", ".join(f"{x:.4g}" for x in numbers)

@@ -64,7 +64,7 @@ def make_limits(
     Where the first is below 0.05 it is at least 12 times the drift of the shipped integrators, free
     and heavy; strang comes nearest (tests/planning/test_limits.py).
 
-    A step may turn a member by the integrator's `largest_turn` (turn_limit), pi if it has none; a
+    A step may turn a member by the integrator's `max_turn` (turn_limit), pi if it has none; a
     member that turns by more is aliased or divergent. A member with steps of its own may turn by
     twice `turn`. A potential never brings it there, because the rate of its steps bounds |omega|; a
     torque that spins it up may. The exact free motion and midpoint are prepared for the spins of
@@ -105,9 +105,9 @@ def _largest_turn(
     """The largest turn of a step [rad] that an integrator stands."""
     drift = getattr(form.integrator, "drift", None) if form else None
     largest = math.pi if drift is None else SPLIT if isinstance(drift, Split) else math.inf
-    largest = kind.largest_turn or largest
+    largest = kind.max_turn or largest
     if isinstance(drift, Exact):
         largest = PLANNED * max(spin, PANEL_TURN)
-    if kind.least_spin:
-        largest = PLANNED * max(spin, kind.least_spin)
+    if kind.min_spin:
+        largest = PLANNED * max(spin, kind.min_spin)
     return largest if turn is None else min(largest, SPUN_UP * turn)

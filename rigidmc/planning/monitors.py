@@ -28,17 +28,17 @@ from rigidmc.physics.dynamics.methods import (
     static_count,
 )
 from rigidmc.physics.effects.protocol import parameter_count
-from rigidmc.physics.observables import dimensions, outputs, under
+from rigidmc.physics.observables import bind, dimensions, outputs
 from rigidmc.physics.observables.protocol import (
     EnsembleObservable,
     Event,
     Neighbour,
     Running,
     armed,
-    averages,
     begin,
+    extrema,
+    is_time_average,
     level,
-    turning,
     update,
     value,
 )
@@ -91,8 +91,8 @@ def make_monitors(model: Model, recording: Recording, seed: int) -> Monitors:
     running = tuple((label, one) for label, one in observables if isinstance(one, Running))
     moments, complete = _bodies(model, seed) if events else (np.empty((3, 0)), True)
     return Monitors(
-        tuple(one.compiled(moments, complete, model.effects) for _, one in events),
-        tuple((under(one, model.effects), static_count(one.marks)) for _, one in running),
+        tuple(one.bind(moments, complete, model.effects) for _, one in events),
+        tuple((bind(one, model.effects), static_count(one.state_size)) for _, one in running),
         flag(shadow),
         events,
         running,
@@ -143,8 +143,8 @@ def has_attitude(effects: Sequence[Any], recording: Recording, monitors: Monitor
         any(depends(value, o, **_SAVED, works=works) for o in recording.recorded.values())
         or any(
             depends(begin, one, **_VALUES)
-            or depends(turning, one, **_VALUES)
-            or depends(update, one, **_VALUES, kept=marks)
+            or depends(extrema, one, **_VALUES)
+            or depends(update, one, **_VALUES, state=marks)
             for one, marks in monitors.running
         )
         or any(
@@ -193,7 +193,7 @@ def results(
             steps = np.where(np.isfinite(seen), clock.steps(seen), steps)
     at, weighed = places.running, clock.weighed(steps, total)
     for (label, one), (_, marks) in zip(monitors.of_running, monitors.running, strict=True):
-        seen = 2.0 * nodes * weighed if nodes and averages(one) else weighed
+        seen = 2.0 * nodes * weighed if nodes and is_time_average(one) else weighed
         add(label, one, one.results(block[at : at + len(marks)], seen).values())
         at += len(marks)
     for label, one in monitors.of_shadow:

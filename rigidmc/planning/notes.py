@@ -133,7 +133,10 @@ def _one_at_a_time(seen: Seen) -> Iterator[str]:
 def _anti_damping(seen: Seen) -> Iterator[str]:
     if not seen.run.anti_damping:
         return
-    if any(facts(effect).damps or implements(effect, "drives") for effect in seen.model.effects):
+    if any(
+        facts(effect).is_damping or implements(effect, "is_driving")
+        for effect in seen.model.effects
+    ):
         yield "[run] anti_damping = true: damping may be negative, which drives the body"
     else:
         yield "[run] anti_damping = true has no effect: the scene has no damping"

@@ -272,7 +272,7 @@ def longest_step(kind: Integrator) -> float:
     tests/planning/test_limits.py). `midpoint`, of order 2, solves for no more than 0.5. A splitting
     turns exactly, however fast: it only sees the torque less often.
     """
-    return 3.0 if kind.splitting else round(max(1.0, (kind.order / 4.0) ** 1.45), 1)
+    return 3.0 if kind.is_splitting else round(max(1.0, (kind.order / 4.0) ** 1.45), 1)
 
 
 def nodes(effects: Sequence[Any], monitors: Monitors, theta: float) -> int:
@@ -311,7 +311,7 @@ def spinning_up(effects: Sequence[Any]) -> list[str]:
         label
         for label, e in labelled(effects)
         if implements(e, "torque")
-        and not any(implements(e, verb) for verb in ("energy", "energy_scale", "drives"))
-        and not facts(e).damps
+        and not any(implements(e, verb) for verb in ("energy", "energy_scale", "is_driving"))
+        and not facts(e).is_damping
         and not is_conservative(e)
     ]

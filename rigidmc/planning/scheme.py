@@ -7,10 +7,9 @@ import numpy as np
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
-from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects.sums import total_energy_scale
 from rigidmc.physics.integrators import StepScheme, TurnBounds, scheme_of
-from rigidmc.physics.integrators.protocol import Integrator
+from rigidmc.physics.integrators.protocol import Integrator, follows_turns
 from rigidmc.planning.steps import Array, physics, rates
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import is_open
@@ -36,12 +35,12 @@ def make_scheme(
     the integrator.
     """
     rate, turns = None, TurnBounds()
-    if implements(kind, "prepared"):
+    if follows_turns(kind):
         bound = _turn_rates(model, pilot, run.turn is not None)
         rate = bound.free if run.turn_rate is None else run.turn_rate
         unit, key = (dt, "dt") if run.turn is None else (run.turn, "turn")
         turns = TurnBounds(rate * unit, bound.spin * unit, bound.symmetric)
-        largest = kind.largest_spin
+        largest = kind.max_spin
         if turns.spin > largest:
             rule = (
                 f"a step may turn by {turns.spin:.3g} rad, more than the {largest:g} for which "

@@ -217,7 +217,7 @@ def _results(job: BlockJob, plan: Plan) -> dict[str, np.ndarray]:
     each = rows[layout.STEPS]
     made, clock = plan.grid.steps * each, plan.grid.clock.of(each)
     stops = any(one.stop for _, one in plan.monitors.of_events)
-    law = drift_laws(plan.conserved, plan.kind.reversible, stops, rows, made, plan.dtype)
+    law = drift_laws(plan.conserved, plan.kind.is_reversible, stops, rows, made, plan.dtype)
     return {
         "energy_drift_max": rows[layout.DRIFT],
         "l2_drift_max": rows[layout.DRIFT + 1],

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import labelled
 from rigidmc.physics.effects.protocol import facts, is_conservative, is_random
-from rigidmc.physics.observables import named, recorded, saved, under, watched
+from rigidmc.physics.observables import bind, named, recorded, saved, watched
 from rigidmc.physics.observables.protocol import EnsembleObservable
 from rigidmc.physics.observables.saving import kept, summaries
 from rigidmc.scene.parts import Parts
@@ -53,7 +53,7 @@ def recording(scene: Parts) -> Recording:
     return Recording(
         names,
         retained,
-        {name: under(one, scene.effects) for name, one in at_saves.items()},
+        {name: bind(one, scene.effects) for name, one in at_saves.items()},
         tuple(watched((*save, *summaries(retained)), given)),
         "work" in save,
         given,
@@ -73,8 +73,8 @@ def conservation(effects: Sequence[Any], has_work: bool) -> dict[str, str]:
     if random:
         walk = "the energy of a step of order 2 walks off as dt^2 sqrt(t)"
         drift = f"no: under {', '.join(random)} {walk}"
-    l2 = [label for label, e in by_label if not facts(e).keeps_l2]
-    lz = [label for label, e in by_label if not facts(e).keeps_lz]
+    l2 = [label for label, e in by_label if not facts(e).conserves_l2]
+    lz = [label for label, e in by_label if not facts(e).conserves_lz]
     return {
         "energy": energy,
         "energy_drift": drift if has_work else energy,

@@ -32,8 +32,8 @@ from pydantic import (
 )
 
 from rigidmc.errors import SceneError, from_pydantic
-from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.integrators import INTEGRATORS
+from rigidmc.physics.integrators.protocol import follows_turns
 from rigidmc.scene.amounts import parse_count, parse_seconds
 
 
@@ -288,7 +288,7 @@ def _without_effect(run: Run) -> Iterator[tuple[str, str]]:
     if not auto:
         rule = f'integrator = "{run.integrator}" keeps no tolerance: leave it out, or take "auto"'
         yield "tolerance", rule
-        if not implements(INTEGRATORS.get(run.integrator), "prepared"):
+        if not follows_turns(INTEGRATORS.get(run.integrator)):
             yield "turn_rate", f'integrator = "{run.integrator}" does not use it'
     if auto:
         yield from ((key, 'integrator = "auto" chooses it') for key in ("dt", "turn", "dtype"))

@@ -28,7 +28,7 @@ from rigidmc.physics.observables import (
     word_of_observable,
 )
 from rigidmc.physics.observables.histogram import Histogram
-from rigidmc.physics.observables.protocol import Observable, OverSteps, size
+from rigidmc.physics.observables.protocol import Monitored, Observable, size
 from rigidmc.scene.quantities import is_open, quantity, vector
 from rigidmc.scene.user_parts.integrators import known_facts
 
@@ -80,7 +80,7 @@ def place(observable: Any) -> int:
     return KNOWN.index(word) if word in KNOWN else len(KNOWN)
 
 
-def checked_observable(observable: Any) -> OverSteps | Observable:
+def checked_observable(observable: Any) -> Monitored | Observable:
     """An observable with its parameters checked; SceneError."""
     if not is_observable(observable) or type(observable) in OBSERVABLES.values():
         kinds = (*WITH_TABLE.values(), *WATCHED.values())
@@ -97,7 +97,7 @@ def checked_observable(observable: Any) -> OverSteps | Observable:
         real = isinstance(value, Real) and not isinstance(value, bool)
         if kind is int and real and float(value) == float(value) // 1:
             whole[name] = int(value)
-    checked: OverSteps | Observable = observable._replace(**whole)
+    checked: Monitored | Observable = observable._replace(**whole)
     if not isinstance(checked, Observable) or implements(checked, "check"):
         checked.check()  # type: ignore[union-attr]
     return checked
@@ -151,7 +151,7 @@ def check_histogram(one: Histogram, given: Sequence[Any]) -> None:
 def limits(effect: Effect | type[Effect], name: str, driven: bool) -> tuple[float, float]:
     """(least, largest) value of a parameter. driven : whether damping may be negative"""
     low, high = facts(effect).limits.get(name, (-np.inf, np.inf))
-    return (0.0 if low == -np.inf and facts(effect).damps and not driven else low), high
+    return (0.0 if low == -np.inf and facts(effect).is_damping and not driven else low), high
 
 
 def outside(effect: Effect, low: float, high: float) -> str:
@@ -159,6 +159,6 @@ def outside(effect: Effect, low: float, high: float) -> str:
     if low == high:  # of a hidden parameter
         return "is filled in, not given"
     more = ""
-    if low == 0.0 and facts(effect).damps:
+    if low == 0.0 and facts(effect).is_damping:
         more = f"; below 0 it drives the body, which {ALLOWED}"
     return f"must lie between {low:g} and {high:g}{more}"

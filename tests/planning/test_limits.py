@@ -89,7 +89,7 @@ class Untrue(NamedTuple):
 
     size: float
 
-    keeps_lz = True
+    conserves_lz = True
 
     def torque(self):
         return 0.0, 0.0, self.size

@@ -269,18 +269,18 @@ def test_a_member_that_stops_is_followed_until_then():
     assert (times[none] == -until[none]).all() and none[stopped].any()
 
 
-@running(marks=1, outputs={
+@running(state_size=1, outputs={
     "slow_at": ("s", "when", ()), "turns": ("1", "turns", ()), "axes": ("s", "each", ("axis",)),
 })  # fmt: skip
 class SlowAt(NamedTuple):
     def begin(self, q):
         return (-1.0,)
 
-    def update(self, kept, t, l):
-        return (select(l[0] > 1.0, t, kept[0]),)
+    def update(self, state, t, l):
+        return (select(l[0] > 1.0, t, state[0]),)
 
-    def results(self, kept, steps):
-        return {"slow_at": kept[0], "turns": kept[0], "axes": np.stack([kept[0]] * 3)}
+    def results(self, state, steps):
+        return {"slow_at": state[0], "turns": state[0], "axes": np.stack([state[0]] * 3)}
 
 
 def test_which_outputs_are_times_of_events():

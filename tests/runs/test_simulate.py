@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.physics.dynamics.so3 import up
+from rigidmc.physics.dynamics.so3 import vertical
 
 BODY = rm.Body.from_moments((1.0, 2.0, 2.5), centre=(0.02, 0.0, 0.1))
 START = rm.Start(omega=(rm.normal(0, 0.1), rm.normal(1, 0.1), 0.2), attitude="uniform")
@@ -124,7 +124,7 @@ def test_stored_starts_are_what_the_kernel_used():
     omega = ds.start_omega.values
     moments = ds.moments.values
     assert np.array_equal(ds.omega.values[0], (omega * moments) * (1 / moments))
-    height = np.stack(up(tuple(ds.start_attitude.values)))
+    height = np.stack(vertical(tuple(ds.start_attitude.values)))
     energy = (
         0.5 * (moments * omega**2).sum(0)
         + 9.81 * (ds.mass * (ds.centre.values * height).sum(0)).values
@@ -368,7 +368,7 @@ def test_effects_of_one_shape_or_name_are_not_mixed_up():
         g: float
 
         def torque(self, body, q):
-            down = up(q)
+            down = vertical(q)
             return self.g * body.p3 * down[1], -self.g * body.p3 * down[0], 0.0
 
     body = rm.Body.from_moments((1.0, 2.0, 2.5), centre=(0, 0, 0.1))

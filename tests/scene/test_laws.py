@@ -379,10 +379,10 @@ WEIGHT = 9.81 * math.sqrt(0.01 + 0.04 + 0.09)  # m g h of the body of `drawn`
 
 def height(found):
     """-1 ... 1: the height of the centre of mass over the fixed point, relative to its distance."""
-    from rigidmc.physics.dynamics.so3 import up
+    from rigidmc.physics.dynamics.so3 import vertical
 
     centre = np.array([0.1, 0.2, 0.3])
-    return centre @ np.array(up(tuple(found["start_attitude"]))) / np.linalg.norm(centre)
+    return centre @ np.array(vertical(tuple(found["start_attitude"]))) / np.linalg.norm(centre)
 
 
 def test_the_canonical_ensemble_is_that_of_gravity():

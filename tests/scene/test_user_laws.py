@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.protocols import Law, draw
+from rigidmc.protocols import Law, sample
 
 BODY = rm.Body.from_moments((1.0, 1.4, 2.0))
 
@@ -20,7 +20,7 @@ class OnLine(Law):
     of = ("omega", "momentum")
 
     def sample(self, source, name, first, count, facts):
-        (x,) = draw((self.size,), source, name, first, count)
+        (x,) = sample((self.size,), source, name, first, count)
         return np.stack([x, 0.0 * x, 0.0 * x])
 
 

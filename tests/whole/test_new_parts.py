@@ -66,7 +66,7 @@ from typing import NamedTuple
 
 from rigidmc.physics.dynamics.euler import scaled
 from rigidmc.physics.dynamics.so3 import add_compensated, add_compensated4, value_of
-from rigidmc.physics.integrators.rk8 import changes, combined
+from rigidmc.physics.integrators.rk8 import linear_combination, state_rates
 
 _START = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
@@ -76,28 +76,28 @@ class CashKarp(NamedTuple):
 
     order = 5
     evaluations = 6
-    reversible = False
+    is_reversible = False
     conserves = ()
     accepts = "any torque"
     compensated = True
-    largest_turn = 3.0
+    max_turn = 3.0
 
     def step(self, body, effects, t, h, q, l):
         y, rates = (value_of(q), value_of(l)), scaled(body, h)
-        k1 = changes(rates, effects, body, t, h, y[0], y[1])
-        z = combined(y, (1 / 5,), (k1,))
-        k2 = changes(rates, effects, body, t + h / 5, h, z[0], z[1])
-        z = combined(y, (3 / 40, 9 / 40), (k1, k2))
-        k3 = changes(rates, effects, body, t + 3 * h / 10, h, z[0], z[1])
-        z = combined(y, (3 / 10, -9 / 10, 6 / 5), (k1, k2, k3))
-        k4 = changes(rates, effects, body, t + 3 * h / 5, h, z[0], z[1])
-        z = combined(y, (-11 / 54, 5 / 2, -70 / 27, 35 / 27), (k1, k2, k3, k4))
-        k5 = changes(rates, effects, body, t + h, h, z[0], z[1])
+        k1 = state_rates(rates, effects, body, t, h, y[0], y[1])
+        z = linear_combination(y, (1 / 5,), (k1,))
+        k2 = state_rates(rates, effects, body, t + h / 5, h, z[0], z[1])
+        z = linear_combination(y, (3 / 40, 9 / 40), (k1, k2))
+        k3 = state_rates(rates, effects, body, t + 3 * h / 10, h, z[0], z[1])
+        z = linear_combination(y, (3 / 10, -9 / 10, 6 / 5), (k1, k2, k3))
+        k4 = state_rates(rates, effects, body, t + 3 * h / 5, h, z[0], z[1])
+        z = linear_combination(y, (-11 / 54, 5 / 2, -70 / 27, 35 / 27), (k1, k2, k3, k4))
+        k5 = state_rates(rates, effects, body, t + h, h, z[0], z[1])
         a6 = (1631 / 55296, 175 / 512, 575 / 13824, 44275 / 110592, 253 / 4096)
-        z = combined(y, a6, (k1, k2, k3, k4, k5))
-        k6 = changes(rates, effects, body, t + 7 * h / 8, h, z[0], z[1])
+        z = linear_combination(y, a6, (k1, k2, k3, k4, k5))
+        k6 = state_rates(rates, effects, body, t + 7 * h / 8, h, z[0], z[1])
         b = (37 / 378, 250 / 621, 125 / 594, 512 / 1771)
-        dq, dl = combined(_START, b, (k1, k3, k4, k6))
+        dq, dl = linear_combination(_START, b, (k1, k3, k4, k6))
         return add_compensated4(q, dq), add_compensated(l, dl)
 
 
@@ -114,7 +114,7 @@ INTEGRATORS = {"cash_karp": CashKarp()}
 
 from typing import NamedTuple
 
-from rigidmc.physics.dynamics.so3 import dot, up
+from rigidmc.physics.dynamics.so3 import dot, vertical
 from rigidmc.physics.observables.protocol import observable
 
 
@@ -123,7 +123,7 @@ class VerticalMomentum(NamedTuple):
     """Angular momentum about the vertical, L . A^T e_z."""
 
     def value(self, q, l):
-        return (dot(up(q), l),)
+        return (dot(vertical(q), l),)
 ''',
         "physics/observables/__init__.py",
         "from rigidmc.physics.observables.state import Work",
@@ -132,20 +132,20 @@ class VerticalMomentum(NamedTuple):
     "event": (
         "physics/observables/horizontal.py",
         '''
-"""How often axis 3 comes up through the horizontal."""
+"""How often axis 3 comes vertical through the horizontal."""
 
 from typing import NamedTuple
 
-from rigidmc.physics.dynamics.so3 import up
+from rigidmc.physics.dynamics.so3 import vertical
 from rigidmc.physics.observables.protocol import event
 
 
-@event(outputs={"rises": ("1", "how often axis 3 came up through the horizontal", ())})
+@event(outputs={"rises": ("1", "how often axis 3 came vertical through the horizontal", ())})
 class Horizontal(NamedTuple):
-    """How often axis 3 comes up through the horizontal plane."""
+    """How often axis 3 comes vertical through the horizontal plane."""
 
     def level(self, q):
-        return up(q)[2]
+        return vertical(q)[2]
 
     def results(self, record):
         return {"rises": record.count}
@@ -405,11 +405,11 @@ def test_a_script_and_a_scene_file_run_the_same_parts(own, monkeypatch):
     assert np.abs((ds.start_omega**2).sum("axis") - 0.25).max() < 1e-15  # measured 5.6e-17
 
     captured = names["Captured"](stay=1.0)
-    kept, seen = captured.begin(), []
+    state, seen = captured.begin(), []
     # too short a stay, a fall that does not count, a stay, a tilt that is no fall, and a fall
     for t, tilt in ((0.5, 0.0), (1.0, 2.0), (1.5, 0.2), (2.5, 0.2), (3.0, 1.0), (3.5, 2.0)):
-        kept = captured.update(kept, t, (np.cos(0.5 * tilt), np.sin(0.5 * tilt), 0.0, 0.0))
-        seen.append(kept[2:])
+        state = captured.update(state, t, (np.cos(0.5 * tilt), np.sin(0.5 * tilt), 0.0, 0.0))
+        seen.append(state[2:])
     assert seen == [(-1.0, 0.0)] * 3 + [(2.5, 0.0)] * 2 + [(2.5, 1.0)]
     assert ds.lost.dims == ("member",)
 

@@ -21,7 +21,7 @@ from rigidmc.engine.compiler.vector_types import (
     of_llvm,
 )
 from rigidmc.physics.dynamics.functions import as_float, as_given, as_word, double
-from rigidmc.physics.dynamics.so3 import by_precision, opposite, root, select, select_each
+from rigidmc.physics.dynamics.so3 import by_precision, logical_not, root, select, select_all
 
 Define = Callable[..., Any]
 INTRINSICS: set[Callable[..., Any]] = set()  # functions with code of their own
@@ -76,7 +76,7 @@ def _select(typing_context, condition, one, other):
     return ty(condition, ty, ty), lambda context, builder, sig, args: builder.select(*args)
 
 
-@coded(select_each)
+@coded(select_all)
 def _select_each(typing_context, condition, one, other):
     pairs = zip(one, other, strict=True)
     definitions = [_select(typing_context, condition, a, b) for a, b in pairs]
@@ -95,7 +95,7 @@ def _select_each(typing_context, condition, one, other):
     return kinds(condition, one, other), generate
 
 
-@coded(opposite)
+@coded(logical_not)
 def _opposite(typing_context, condition):
     if isinstance(condition, types.Boolean):
         return condition(condition), lambda context, builder, sig, args: builder.not_(args[0])

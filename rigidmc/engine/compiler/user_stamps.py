@@ -232,7 +232,7 @@ def _of_class(cls: Any) -> Words:
         if parameter.default is not parameter.empty:
             yield from _of_value(parameter.default, f"{cls.__name__}.{parameter.name}")
     # the one fact that is compiled, see `rigidmc.physics.effects.protocol.takes_noise`
-    yield from _of_value(getattr(cls, "stochastic", False), f"{cls.__name__}.stochastic")
+    yield from _of_value(getattr(cls, "is_random", False), f"{cls.__name__}.is_random")
     for name in sorted({call.__name__ for call in METHODS} - {*cls._fields}):
         method = inspect.getattr_static(cls, name, None)
         if method is not None:

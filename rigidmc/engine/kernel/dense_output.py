@@ -21,7 +21,7 @@ from rigidmc.physics.dynamics.so3 import (
     scale4,
     touch_up,
 )
-from rigidmc.physics.effects.sums import changes
+from rigidmc.physics.effects.sums import state_rates
 
 # Fraction of a step over which differences stand for derivatives along the motion. Their errors are
 # 1e-4 of the next derivative, which moves an interpolated attitude by 1e-7, and rounding by 1e-12.
@@ -56,14 +56,14 @@ class Step(NamedTuple):
 def start_of_step(step):
     """The Endpoint at the start of a step."""
     t, rates = step.t - step.h, scaled(step.body, step.h)
-    dq, dl = changes(rates, step.effects, step.body, t, step.h, step.p, step.m)
+    dq, dl = state_rates(rates, step.effects, step.body, t, step.h, step.p, step.m)
     return Endpoint(step.p, step.m, dq, dl)
 
 
 def end_of_step(step):
     """The Endpoint at the end of a step."""
     rates = scaled(step.body, step.h)
-    dq, dl = changes(rates, step.effects, step.body, step.t, step.h, step.q, step.l)
+    dq, dl = state_rates(rates, step.effects, step.body, step.t, step.h, step.q, step.l)
     return Endpoint(step.q, step.l, dq, dl)
 
 
@@ -98,7 +98,7 @@ def second_derivative(step, t, corner):
     """(q, L): their second derivatives at an Endpoint, times h^2."""
     q, l = ahead(corner)
     rates, later = scaled(step.body, step.h), t + AHEAD * step.h
-    dq, dl = changes(rates, step.effects, step.body, later, step.h, q, l)
+    dq, dl = state_rates(rates, step.effects, step.body, later, step.h, q, l)
     return (
         scale4(1.0 / AHEAD, difference4(dq, corner.dq)),
         scale(1.0 / AHEAD, difference(dl, corner.dl)),

@@ -43,9 +43,16 @@ from rigidmc.engine.kernel.layout import (  # fmt: skip
     opening_substep,
     put_stepping,
 )
-from rigidmc.physics.dynamics.so3 import opposite, select, select_each
-from rigidmc.physics.integrators.protocol import closed, opened
-from rigidmc.physics.observables.protocol import Record, armed, holds, level, past, stops
+from rigidmc.physics.dynamics.so3 import logical_not, select, select_all
+from rigidmc.physics.integrators.protocol import from_stepping, to_stepping
+from rigidmc.physics.observables.protocol import (
+    EventRecord,
+    armed,
+    counts_at_start,
+    dwell,
+    is_terminal,
+    level,
+)
 
 # Steps back: three steps of the Illinois method together have order 3, and after five the error is
 # 1e-15 of a step.
@@ -58,7 +65,7 @@ def event_record(rows, healthy):
     never = ~(count > 0.0)
     times = rows[TIMES], rows[TIMES + 1], rows[RECORDS]
     first, last, step_end = (np.where(never, np.nan, x) for x in times)
-    return Record(count, first, last, rows[TAU], rows[FIRST_TAU], rows[SQUARES], step_end)
+    return EventRecord(count, first, last, rows[TAU], rows[FIRST_TAU], rows[SQUARES], step_end)
 
 
 def begin_events(events, body, effects, t, q, l, work, row):
@@ -66,7 +73,7 @@ def begin_events(events, body, effects, t, q, l, work, row):
     if len(events) == 0:
         return 0
     now = level(events[0], body, effects, t, q, l)
-    count, since = start_counts(holds(events[0]), past(events[0], now), t)
+    count, since = start_counts(dwell(events[0]), counts_at_start(events[0], now), t)
     # `now != now` is False as a mask of this width: no step was made in which it was armed.
     first = select(armed(events[0], body, q, l, now, now != now), now, 0.0)
     put((first, count, t, t, since, t, t), work, row)
@@ -118,7 +125,7 @@ def rearm(events, moves, body, q, l, before, now):
     """
     if len(events) == 0:
         return ()
-    still = (before[0] != 0.0) & opposite(has_happened(before[0], now[0]))
+    still = (before[0] != 0.0) & logical_not(has_happened(before[0], now[0]))
     new = select(armed(events[0], body, q, l, now[0], still), now[0], 0.0)
     rest = rearm(events[1:], moves, body, q, l, before[1:], now[1:])
     return (select(moves, new, before[0]),) + rest
@@ -128,7 +135,7 @@ def is_stopped(events, work, row):
     """1 if an event has stopped the member, else 0; at most one event of a scene stops members."""
     if len(events) == 0:
         return 0.0
-    if len(stops(events[0])) == 0:
+    if len(is_terminal(events[0])) == 0:
         return is_stopped(events[1:], work, row + EVENT_ROWS)
     return select(work[row + COUNT] > 0.0, 1.0, 0.0)  # at most one event stops members
 
@@ -137,10 +144,10 @@ def stopped_state(events, work, row, q, l):
     """(q, L), or if an event has stopped the member the state at the end of that step."""
     if len(events) == 0:
         return q, l
-    if len(stops(events[0])) == 0:
+    if len(is_terminal(events[0])) == 0:
         return stopped_state(events[1:], work, row + EVENT_ROWS, q, l)
     here, at = work[row + COUNT] > 0.0, row + RECORDS + 5
-    q, l = select_each(here, four_at(work, at), q), select_each(here, three_at(work, at + 4), l)
+    q, l = select_all(here, four_at(work, at), q), select_all(here, three_at(work, at + 4), l)
     return stopped_state(events[1:], work, row + EVENT_ROWS, q, l)
 
 
@@ -178,7 +185,7 @@ def count_dwells(events, moves, step, after, now, work, row):
     """Count the events that have dwelled long enough by the end of an interval."""
     if len(events) == 0:
         return 0
-    count_dwell(holds(events[0]), moves, step, after, now[0], work, row)
+    count_dwell(dwell(events[0]), moves, step, after, now[0], work, row)
     return count_dwells(events[1:], moves, step, after, now[1:], work, row + EVENT_ROWS)
 
 
@@ -204,7 +211,7 @@ def record_events(events, moves, step, befores, before, after, now, work, row):
 def record_event(event, hit, step, start_back, before, after, now, work, row):
     """Record an event of the members that it hit; arguments as of `record_events`."""
     return record_event_of(
-        holds(event), event, hit, step, start_back, before, after, now, work, row
+        dwell(event), event, hit, step, start_back, before, after, now, work, row
     )
 
 
@@ -266,7 +273,7 @@ def refine_event(
         q = in_precision(four_at(spare_state, ATTITUDE), work)
         l = in_precision(momentum_at(integrator, spare_state), work)
         torque_time = t + back_step + substeps[3] * back_step
-        q, l = closed(integrator, body, present, torque_time, substep, q, l)
+        q, l = from_stepping(integrator, body, present, torque_time, substep, q, l)
         level_here = level_at(events, record // 2, body, present, t + back_step, q, l)
         bracket = shrink_bracket(four_at(spare_work, CHECKED_STATE), fraction, level_here)
     fraction = interpolate_root(bracket)
@@ -274,7 +281,7 @@ def refine_event(
     put(bracket + (fraction,), spare_work, CHECKED_STATE)
     substep = opening_substep(substeps, back_step)
     q, l = four_at(work, at + 5), three_at(work, at + 9)
-    q, l = opened(integrator, body, present, t + substeps[3] * back_step, substep, q, l)
+    q, l = to_stepping(integrator, body, present, t + substeps[3] * back_step, substep, q, l)
     put_stepping(in_precision(q, spare_state), in_precision(l, spare_state), spare_state)
     put((t, back_step), spare_work, ROUND_START)
     # Levels of one sign: the event was there at the start, and its time is the start.
@@ -307,7 +314,7 @@ def start_counts(wait, there, t):
 def record_dwell(wait, event, hit, step, start_back, before, after, now, work, row):
     """Record that a dwell begins or ends; one that ends counts if it has lasted.
 
-    wait : see `holds` of `rigidmc.physics.observables.protocol`;  the rest : as of `record_event`
+    wait : see `dwell` of `rigidmc.physics.observables.protocol`;  the rest : as of `record_event`
     """
     t = crossing_time(wait[1:], event, step, start_back[0], before, after[0], now)
     count_if_lasted(wait, hit & (before > 0.0), t, step, work, row)
@@ -362,7 +369,7 @@ def count_if_lasted(wait, beyond, t, step, work, row):
 
 def write_if(condition, values, work, row):
     """Write a tuple to rows if the condition holds."""
-    return put(select_each(condition, values, tree_unflatten(values, work, row)), work, row)
+    return put(select_all(condition, values, tree_unflatten(values, work, row)), work, row)
 
 
 def interpolate_root(bracket):

@@ -22,10 +22,10 @@ from rigidmc.physics.dynamics.so3 import (
     difference4,
     root,
     select,
-    select_each,
+    select_all,
     touch_up,
 )
-from rigidmc.physics.observables.protocol import armed, sought, turning, update
+from rigidmc.physics.observables.protocol import armed, extrema, extremum_limits, update
 from rigidmc.physics.observables.statistics import rest
 
 # How much lower than its estimate a smallest value may be, in units of the change of the slope: of
@@ -71,10 +71,10 @@ def numbers_at(events, running, step, t, q, l):
 
 
 def running_numbers(running, body, effects, t, q, l):
-    """What `turning` gives of all running observables, one after the other."""
+    """What `extrema` gives of all running observables, one after the other."""
     if len(running) == 0:
         return ()
-    first = turning(running[0][0], body, effects, t, q, l)
+    first = extrema(running[0][0], body, effects, t, q, l)
     return concat(first, running_numbers(running[1:], body, effects, t, q, l))
 
 
@@ -132,7 +132,7 @@ def running_extrema(running, moves, interval, totals, values, slopes, next_value
     """
     if len(values) == 0:
         return ()
-    limits = sought(running[0][0], totals[0])
+    limits = extremum_limits(running[0][0], totals[0])
     first = observable_extrema(limits, moves, interval, values, slopes, next_values, next_slopes)
     others = running_extrema(
         running[1:], moves, interval, totals[1:], rest(limits, values), rest(limits, slopes),
@@ -142,7 +142,7 @@ def running_extrema(running, moves, interval, totals, values, slopes, next_value
 
 
 def observable_extrema(limits, moves, interval, values, slopes, next_values, next_slopes):
-    """`running_extrema` of one observable; limits : (low, high) of each number, see `sought`."""
+    """`running_extrema` of one observable; limits : of `extremum_limits`."""
     if len(limits) == 0:
         return ()
     is_minimum = slopes[0] < 0.0
@@ -270,7 +270,7 @@ def update_running(running, k, found, step, x, q, l, totals):
     """The states of running observables after an extremum of number k of theirs."""
     if len(running) == 0:
         return ()
-    observable, limits = running[0][0], sought(running[0][0], totals[0])
+    observable, limits = running[0][0], extremum_limits(running[0][0], totals[0])
     first = update_one(limits, observable, k, found, step, x, q, l, totals[0])
     return (first,) + update_running(running[1:], k - len(limits), found, step, x, q, l, totals[1:])
 
@@ -281,7 +281,7 @@ def update_one(limits, observable, k, found, step, x, q, l, totals):
         return totals
     if k >= 0 and k < len(limits):
         new = update(observable, totals, step.body, step.effects, time_within(step, x), q, l)
-        totals = select_each(found, new, totals)
+        totals = select_all(found, new, totals)
     return totals
 
 

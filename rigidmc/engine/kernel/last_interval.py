@@ -28,7 +28,7 @@ from rigidmc.engine.kernel.layout import (  # fmt: skip
 from rigidmc.engine.kernel.member import state_in_double
 from rigidmc.engine.kernel.monitoring import put_states, states_at
 from rigidmc.physics.dynamics.so3 import concat, first_three
-from rigidmc.physics.integrators.protocol import closed, keeps, opened
+from rigidmc.physics.integrators.protocol import extra_state, from_stepping, to_stepping
 from rigidmc.physics.observables.protocol import reweighed
 
 
@@ -39,18 +39,18 @@ def change_length(tree, numbers, substeps, state, work, slot, round_start, h, me
     """
     integrator, effects, compensated, work_flags = tree_unpack(tree, numbers)
     body, present = body_and_effects(effects, work)
-    row = extra_row(keeps(integrator), EFFECTS_AT + tree_size(effects))
+    row = extra_row(extra_state(integrator), EFFECTS_AT + tree_size(effects))
     q, l = state_in_double(state, work, compensated)
-    extra = tuple_at(extra_flags(keeps(integrator), work_flags), state, row)
+    extra = tuple_at(extra_flags(extra_state(integrator), work_flags), state, row)
     l = concat(l, in_precision(extra, work))
     old_h, steps_done = work[STEP_LENGTH], min(work[MEMBER_STEPS], slot)
     t = work[ROUND_START] + (steps_done + substeps[3]) * old_h
-    q, l = closed(integrator, body, present, t, opening_substep(substeps, old_h), q, l)
+    q, l = from_stepping(integrator, body, present, t, opening_substep(substeps, old_h), q, l)
     new_h = member_length(work, h, member_steps)
     first_step = 0.0 if member_steps != 0 else slot  # each round begins with step 0
     # The opening substep is undone with the old length and made with the new one.
     t = cast_like(round_start, work) + (first_step + substeps[3]) * new_h
-    q, l = opened(integrator, body, present, t, opening_substep(substeps, new_h), q, l)
+    q, l = to_stepping(integrator, body, present, t, opening_substep(substeps, new_h), q, l)
     put(in_precision(q + first_three(l), state), state, ATTITUDE)
     put(in_precision(l[3:], state), state, row)
     clear_remainders(compensated, state)

@@ -18,7 +18,7 @@ from rigidmc.engine.compiler.trees import tree_unflatten
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import Flag
 from rigidmc.physics.dynamics.so3 import concat, first_three
-from rigidmc.physics.integrators.protocol import keeps
+from rigidmc.physics.integrators.protocol import extra_state
 
 # Members of a block are a multiple of LANES, the most that are worked on side by side: two vectors
 # of 512 bits of float32. Bits of members do not depend on it, sizes of blocks do.
@@ -211,7 +211,7 @@ def extra_row(keeps, work_row):
 
 def momentum_at(integrator, state):
     """L of a state, followed by what the integrator keeps."""
-    return concat(three_at(state, MOMENTUM), tuple_at(keeps(integrator), state, EXTRA))
+    return concat(three_at(state, MOMENTUM), tuple_at(extra_state(integrator), state, EXTRA))
 
 
 def put_stepping(q, l, state):

@@ -39,7 +39,7 @@ from rigidmc.engine.kernel.member import next_attitude
 from rigidmc.engine.kernel.noise import normal_deviates
 from rigidmc.physics.dynamics.functions import as_word
 from rigidmc.physics.dynamics.so3 import first_three, value_of
-from rigidmc.physics.integrators.protocol import constants, keeps, step
+from rigidmc.physics.integrators.protocol import extra_state, precompute, step
 
 
 def march(
@@ -55,8 +55,8 @@ def march(
     """
     parts = tree_unpack(tree, numbers)
     integrator, effects, attitude, compensated, work_flags, groups, several, paired = parts
-    extra = extra_flags(keeps(integrator), work_flags)
-    row = extra_row(keeps(integrator), EFFECTS_AT + tree_size(effects))
+    extra = extra_flags(extra_state(integrator), work_flags)
+    row = extra_row(extra_state(integrator), EFFECTS_AT + tree_size(effects))
     states = load_groups(groups, groups, 0, compensated, extra, row, state)
     fixed = make_constants(integrator, effects, substeps, states, groups, 0, state, work)
     the_substep = substep_at(1, substeps)
@@ -128,7 +128,7 @@ def make_constants(integrator, effects, substeps, states, groups, i, state, work
     rows, member = group_of(state, groups, i), group_of(work, groups, i)
     body, h = body_at(rows, BODY_AT), cast_like(member[STEP_LENGTH], rows)
     substep = substeps[4] * h, substeps[5] * h, substeps[6] * h
-    precomputed = constants(integrator, body, substep, states[0][1])
+    precomputed = precompute(integrator, body, substep, states[0][1])
     present, began = tree_unflatten(effects, rows, EFFECTS_AT), member[ROUND_START]
     first = StepConstants(body, present, began, member[STEP_LENGTH], h, member[INDEX], precomputed)
     rest = make_constants(integrator, effects, substeps, states[1:], groups, i + 1, state, work)

@@ -57,11 +57,11 @@ from rigidmc.physics.dynamics.so3 import (
     dot,
     first_three,
     inverse,
-    larger,
+    maximum,
     scale,
     select,
-    select_each,
-    up,
+    select_all,
+    vertical,
 )
 from rigidmc.physics.effects.sums import (
     corrected_by_work,
@@ -71,7 +71,7 @@ from rigidmc.physics.effects.sums import (
     total_energy_scale,
     untracked_work,
 )
-from rigidmc.physics.integrators.protocol import closed, keeps, opened
+from rigidmc.physics.integrators.protocol import extra_state, from_stepping, to_stepping
 from rigidmc.physics.observables.protocol import value
 
 UNLIMITED = 1e300  # steps of a round, for members without a number of their own
@@ -137,12 +137,12 @@ def initialise(tree, numbers, substeps, state, work):
     kinetic, l2 = kinetic_energy(body, l), dot(l, l)
     energy = kinetic + total_energy(present, body, q)
     # a user's potential may state no bound
-    energy_in_play = larger(kinetic + total_energy_scale(present, body), abs(energy))
+    energy_in_play = maximum(kinetic + total_energy_scale(present, body), abs(energy))
     # A total energy near 0, as of a pendulum on the separatrix, is no scale: below 1e-3 of the
     # energies in play a drift is relative to these.
-    energy_scale = larger(abs(energy), 1e-3 * energy_in_play)
+    energy_scale = maximum(abs(energy), 1e-3 * energy_in_play)
     max_l2 = 2.0 * energy_in_play / min(min(body.i1, body.i2), body.i3)
-    start = energy, energy_scale, l2, energy_in_play, dot(up(q), l), max_l2
+    start = energy, energy_scale, l2, energy_in_play, dot(vertical(q), l), max_l2
     put(start, work, MEMBER_ROWS + START)
     put((0.0 * kinetic, 0.0 * kinetic), work, MEMBER_ROWS + START + 6)
 
@@ -162,9 +162,9 @@ def initialise(tree, numbers, substeps, state, work):
 
     l = concat(l, tuple_at(work_flags, work, MEMBER_ROWS + EFFECTS + tree_size(effects)))
     t, substep = work[ROUND_START] + substeps[3] * h, opening_substep(substeps, h)
-    q, l = opened(integrator, body, present, t, substep, q, l)
+    q, l = to_stepping(integrator, body, present, t, substep, q, l)
     put(in_precision(q + first_three(l), state), state, ATTITUDE)
-    row = extra_row(keeps(integrator), EFFECTS_AT + tree_size(effects))
+    row = extra_row(extra_state(integrator), EFFECTS_AT + tree_size(effects))
     put(in_precision(l[3:], state), state, row)
     return 0
 
@@ -184,15 +184,15 @@ def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
     good_work_row = MEMBER_ROWS + EFFECTS + tree_size(effects) + len(work_flags)
     h, steps_done = work[STEP_LENGTH], min(work[MEMBER_STEPS], slot)
     q, l = state_in_double(state, work, compensated)
-    extra = extra_flags(keeps(integrator), work_flags)
-    row = extra_row(keeps(integrator), work_row)
+    extra = extra_flags(extra_state(integrator), work_flags)
+    row = extra_row(extra_state(integrator), work_row)
     l = concat(l, in_precision(tuple_at(extra, state, row), work))
     t = work[ROUND_START] + (steps_done + substeps[3]) * h
-    q, l = closed(integrator, body, present, t, opening_substep(substeps, h), q, l)
+    q, l = from_stepping(integrator, body, present, t, opening_substep(substeps, h), q, l)
     works, stopped = l[3:], work[IS_STOPPED] > 0.0
     q = next_attitude(attitude, q, four_at(work, MEMBER_ROWS + GOOD_STATE))
-    q = select_each(stopped, four_at(work, STOPPED_STATE), q)
-    l = select_each(stopped, three_at(work, STOPPED_STATE + 4), first_three(l))
+    q = select_all(stopped, four_at(work, STOPPED_STATE), q)
+    l = select_all(stopped, three_at(work, STOPPED_STATE + 4), first_three(l))
     energy, l2 = kinetic_energy(body, l) + total_energy(present, body, q), dot(l, l)
     put(q + l + (energy, l2), work, CHECKED_STATE)
 
@@ -259,7 +259,7 @@ def largest_kinetic_energy(untracked, work, row, kinetic):
 
     untracked : ON if an effect has no energy;  row : 6 for planned assessments, 7 for all
     """
-    largest = larger(work[MEMBER_ROWS + START + row], kinetic)
+    largest = maximum(work[MEMBER_ROWS + START + row], kinetic)
     if len(untracked) == 0:
         return select(work[MEMBER_ROWS + START + 3] == 0.0, largest, 0.0)
     return largest
@@ -274,7 +274,7 @@ def start_values(work, work_flags, works, max_kinetic, l2):
     A drift is thus a pure number in every unit. 0 stands for 1/0: there is nothing to compare with.
     """
     energy, energy_scale, first_l2 = three_at(work, MEMBER_ROWS + START)
-    scale = inverse(larger(energy_scale, max_kinetic))
+    scale = inverse(maximum(energy_scale, max_kinetic))
     start = energy, scale, first_l2, inverse(select(first_l2 > 0.0, first_l2, l2))
     return corrected_by_work(start, work_flags, works)
 
@@ -290,10 +290,10 @@ def classify_state(
     if len(limits) == 0:
         return not_finite
     first_l2, of_start = work[MEMBER_ROWS + START + 2], three_at(work, MEMBER_ROWS + START + 3)
-    energy_in_play = larger(of_start[0], max_kinetic) + total_abs_work(works)
+    energy_in_play = maximum(of_start[0], max_kinetic) + total_abs_work(works)
     expected = work[MEMBER_ROWS + START] + untracked_work(work_flags, works)
-    turn, rise = scale(h, omega), dot(up(q), l) - of_start[1]
-    max_rise2 = limits[2] * limits[2] * larger(of_start[2], l2)
+    turn, rise = scale(h, omega), dot(vertical(q), l) - of_start[1]
+    max_rise2 = limits[2] * limits[2] * maximum(of_start[2], l2)
     # The later a line, the more its status says: a step too large explains a drift, and a
     # quaternion off the unit sphere explains both. Squares are compared, to save roots.
     status = select(abs(l2 - first_l2) > limits[1] * first_l2, 4.0, 0.0)
@@ -315,19 +315,19 @@ def update_status(fault, start, energy, l2, steps, q, l, work, late):
     drifts = abs((energy - start[0]) * start[1]), abs((l2 - start[2]) * start[3])
     largest = work[MEMBER_ROWS + DRIFT], work[MEMBER_ROWS + DRIFT + 1]
     new = max(largest[0], drifts[0]), max(largest[1], drifts[1])
-    put(select_each(counted, new, largest), work, MEMBER_ROWS + DRIFT)
+    put(select_all(counted, new, largest), work, MEMBER_ROWS + DRIFT)
     # Two halves tell a drift that grows from one that comes back, see `rigidmc.scene.drifts`.
     if late == 0.0:
-        put(select_each(counted, new, largest), work, MEMBER_ROWS + EARLY_DRIFT)
+        put(select_all(counted, new, largest), work, MEMBER_ROWS + EARLY_DRIFT)
     else:
         smallest = work[MEMBER_ROWS + LATE_DRIFT], work[MEMBER_ROWS + LATE_DRIFT + 1]
         lower = min(smallest[0], drifts[0]), min(smallest[1], drifts[1])
-        put(select_each(counted, lower, smallest), work, MEMBER_ROWS + LATE_DRIFT)
+        put(select_all(counted, lower, smallest), work, MEMBER_ROWS + LATE_DRIFT)
     work[MEMBER_ROWS + STATUS] = select(was_ok, fault, status)
     work[MEMBER_ROWS + GOOD_STEP] = select(healthy, steps, work[MEMBER_ROWS + GOOD_STEP])
     work[MEMBER_ROWS + FAULT_STEP] = select(faulty, steps, work[MEMBER_ROWS + FAULT_STEP])
-    attitude = select_each(healthy, q, four_at(work, MEMBER_ROWS + GOOD_STATE))
-    good = attitude + select_each(healthy, l, three_at(work, MEMBER_ROWS + GOOD_STATE + 4))
+    attitude = select_all(healthy, q, four_at(work, MEMBER_ROWS + GOOD_STATE))
+    good = attitude + select_all(healthy, l, three_at(work, MEMBER_ROWS + GOOD_STATE + 4))
     put(good, work, MEMBER_ROWS + GOOD_STATE)
     return good
 
@@ -353,16 +353,16 @@ def state_in_double(state, work, compensated):
 
 def restore_good(frozen, good, state):
     """Put the state of a frozen member back to its last good one, with remainders of 0."""
-    restored = select_each(frozen, in_precision(good, state), tree_unflatten(good, state, ATTITUDE))
+    restored = select_all(frozen, in_precision(good, state), tree_unflatten(good, state, ATTITUDE))
     put(restored, state, ATTITUDE)
-    put(select_each(frozen, (0.0,) * 7, tree_unflatten(good, state, EXTRA)), state, EXTRA)
+    put(select_all(frozen, (0.0,) * 7, tree_unflatten(good, state, EXTRA)), state, EXTRA)
     return 0
 
 
 def keep_good_works(frozen, good, works, work, row, state, at):
     """Keep the works as the last good ones, or put these back if a member is frozen."""
-    put(select_each(frozen, good, works), work, row)
-    put(select_each(frozen, in_precision(good, state), tree_unflatten(good, state, at)), state, at)
+    put(select_all(frozen, good, works), work, row)
+    put(select_all(frozen, in_precision(good, state), tree_unflatten(good, state, at)), state, at)
     return 0
 
 

@@ -66,10 +66,10 @@ from rigidmc.engine.kernel.layout import (  # fmt: skip
     opening_substep,
 )
 from rigidmc.physics.dynamics.methods import OFF
-from rigidmc.physics.dynamics.so3 import concat, first_three, select_each
+from rigidmc.physics.dynamics.so3 import concat, first_three, select_all
 from rigidmc.physics.effects.sums import either
-from rigidmc.physics.integrators.protocol import closed, keeps
-from rigidmc.physics.observables.protocol import averages, begin, update
+from rigidmc.physics.integrators.protocol import extra_state, from_stepping
+from rigidmc.physics.observables.protocol import begin, is_time_average, update
 from rigidmc.physics.observables.statistics import head, rest
 
 
@@ -117,11 +117,11 @@ def traced_state(integrator, body, effects, substeps, state, work, trace, s, fir
     """(t, q, L) after step s of a round, from the trace of the steps from `first` on."""
     began, length = work[ROUND_START], work[STEP_LENGTH]
     substep = opening_substep(substeps, length)
-    at, extra = 7 * (s - first), tuple_at(keeps(integrator), state, EXTRA)
+    at, extra = 7 * (s - first), tuple_at(extra_state(integrator), state, EXTRA)
     torque_time = began + (s * 1.0 + substeps[3]) * length
     q, l = four_at(trace, at), concat(three_at(trace, at + 4), extra)
     q, l = in_precision(q, work), in_precision(l, work)
-    q, l = closed(integrator, body, effects, torque_time, substep, q, l)
+    q, l = from_stepping(integrator, body, effects, torque_time, substep, q, l)
     return began + (s * 1.0) * length, q, first_three(l)
 
 
@@ -161,7 +161,7 @@ def put_states(totals, work, row):
 class Node(NamedTuple):
     """What is known at a node.
 
-    numbers : those whose extrema count: levels of events, then `turning` of running observables
+    numbers : those whose extrema count: levels of events, then `extrema` of running observables
     slopes : their changes over a step at the present rates
     """
 
@@ -270,14 +270,16 @@ def update_states(running, moves, step, t, q, l, totals):
         return ()
     new = update(running[0][0], totals[0], step.body, step.effects, t, q, l)
     rest = update_states(running[1:], moves, step, t, q, l, totals[1:])
-    return (select_each(moves, new, totals[0]),) + rest
+    return (select_all(moves, new, totals[0]),) + rest
 
 
 def update_averages(running, moves, step, t, q, l, totals):
     """As `update_states`, for means over time alone."""
     if len(running) == 0:
         return ()
-    first = update_average(averages(running[0][0]), running[0][0], moves, step, t, q, l, totals[0])
+    first = update_average(
+        is_time_average(running[0][0]), running[0][0], moves, step, t, q, l, totals[0]
+    )
     return (first,) + update_averages(running[1:], moves, step, t, q, l, totals[1:])
 
 
@@ -285,14 +287,14 @@ def update_average(averages, observable, moves, step, t, q, l, totals):
     """The state of one running observable, updated if it is a mean."""
     if len(averages) == 0:
         return totals
-    return select_each(moves, update(observable, totals, step.body, step.effects, t, q, l), totals)
+    return select_all(moves, update(observable, totals, step.body, step.effects, t, q, l), totals)
 
 
 def any_averages(running):
     """ON if any running observable is a mean over time."""
     if len(running) == 0:
         return OFF
-    return either(averages(running[0][0]), any_averages(running[1:]))
+    return either(is_time_average(running[0][0]), any_averages(running[1:]))
 
 
 def update_midway(averages, running, moves, step, interval, totals):

@@ -32,7 +32,7 @@ from rigidmc.physics.dynamics.euler import kinetic_energy
 from rigidmc.physics.dynamics.functions import logarithm
 from rigidmc.physics.dynamics.so3 import difference, difference4, dot, select
 from rigidmc.physics.effects.sums import total_energy_scale, total_torque
-from rigidmc.physics.integrators.protocol import closed, opened
+from rigidmc.physics.integrators.protocol import from_stepping, to_stepping
 from rigidmc.physics.observables.chaos import SHADOW_DISTANCE, TORQUE_TRIALS
 
 
@@ -96,8 +96,10 @@ def renormalise_shadow(tree, numbers, substeps, state, work, shadow, row, slot, 
     integrator, effects = tree_unpack(tree, numbers)
     body, present = body_and_effects(effects, work)
     t, substep = opening_after(substeps, work, slot)
-    q, l = closed(integrator, body, present, t, substep, *to_double(integrator, state, work))
-    p, m = closed(integrator, body, present, t, substep, *to_double(integrator, shadow, work))
+    q, l = from_stepping(integrator, body, present, t, substep, *to_double(integrator, state, work))
+    p, m = from_stepping(
+        integrator, body, present, t, substep, *to_double(integrator, shadow, work)
+    )
     sums = in_precision(three_at(state, row + SUMS), work)
     weight = cast_like(state[row + WEIGHT], work)
     dq, dl = difference4(p, q), difference(m, l)
@@ -139,7 +141,7 @@ def set_shadow(tree, numbers, substeps, work, slot, q, l, shadow, state):
     integrator, effects = tree_unpack(tree, numbers)
     body, present = body_and_effects(effects, work)
     t, substep = opening_after(substeps, work, slot)
-    q, l = opened(integrator, body, present, t, substep, q, l)
+    q, l = to_stepping(integrator, body, present, t, substep, q, l)
     put_stepping(in_precision(q, state), in_precision(l, state), shadow)
     return 0
 

@@ -29,10 +29,10 @@ from rigidmc.physics.dynamics.vectors import (
     add,
     by_precision,
     dot,
-    opposite,
+    logical_not,
     scale,
     select,
-    select_each,
+    select_all,
 )
 
 # |L|^2 [kg2 m4/s2] below which a body is at rest: squares under 2e-308 lose digits, and the unit
@@ -207,7 +207,7 @@ def make_flow(body, halvings, panels, h, l):
     moves = square > by_precision(square, _REST, 1e-36)
     size = select(moves, math.sqrt(square), 0.0)
     # at rest any unit vector will do: nothing rotates
-    u = select_each(moves, scale(1.0 / select(moves, size, 1.0), l), (0.0, 0.0, 1.0))
+    u = select_all(moves, scale(1.0 / select(moves, size, 1.0), l), (0.0, 0.0, 1.0))
     twice_energy = dot(u, angular_velocity(body, u))
     first, third = middle_axis(body)
     u = relabel(first, third, u)
@@ -312,7 +312,7 @@ def middle_axis(body):
     That is the case unless a1 a3 < 0. For a body symmetric about axis 2 either other axis will do.
     """
     elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
-    return elsewhere & one_fits, elsewhere & opposite(one_fits)
+    return elsewhere & one_fits, elsewhere & logical_not(one_fits)
 
 
 def relabel(first, third, v):

@@ -19,7 +19,7 @@ import struct
 
 import numpy as np
 
-from rigidmc.physics.dynamics.vectors import by_precision, larger, root, rounded, select, smaller
+from rigidmc.physics.dynamics.vectors import by_precision, maximum, minimum, root, rounded, select
 
 # ln 2 in two parts; the low 21 bits of the high one are 0, so that e times it is exact.
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
@@ -107,7 +107,7 @@ def power_of_two(n):
 
 def exponential_of(x):
     """exp x; inf above 709.79 and 0 below -745.2 (tests/physics/dynamics/test_functions.py)."""
-    wide = smaller(larger(double(x), -746.0), 710.0)
+    wide = minimum(maximum(double(x), -746.0), 710.0)
     n = rounded(wide * 1.4426950408889634)
     r = (wide - n * _LN2_HIGH) - n * _LN2_LOW
     # |r| <= 0.347: the series of degree 13 leaves 4e-18
@@ -146,13 +146,13 @@ def logarithm_of_one_and(x):
 
 def hyperbolic_tangent(x):
     """tanh x."""
-    e = expm1(-2.0 * smaller(abs(x), 20.0))
+    e = expm1(-2.0 * minimum(abs(x), 20.0))
     return select(x < 0.0, e / (e + 2.0), -e / (e + 2.0))
 
 
 def hyperbolic_sine(x):
     """sinh x."""
-    e, small = exponential_of(abs(x)), expm1(smaller(abs(x), 1.0))
+    e, small = exponential_of(abs(x)), expm1(minimum(abs(x), 1.0))
     # From 1 on e^x - e^-x cancels by less than a digit; below, both parts come from exp(x) - 1.
     twice = select(abs(x) < 1.0, small + small / (1.0 + small), e - 1.0 / e)
     return select(x < 0.0, -0.5 * twice, 0.5 * twice)
@@ -181,9 +181,9 @@ def power(x, y):
 
 def hypotenuse(x, y):
     """sqrt(x^2 + y^2) without overflow or underflow."""
-    large = larger(abs(x), abs(y))
+    large = maximum(abs(x), abs(y))
     # of (0, 0): 0 by anything is 0, in any unit
-    small = smaller(abs(x), abs(y)) / select(large == 0.0, 1.0, large)
+    small = minimum(abs(x), abs(y)) / select(large == 0.0, 1.0, large)
     return large * root(1.0 + small * small)
 
 
@@ -238,7 +238,7 @@ def _ratio(coefficients, x):
 def normal_quantile(u):
     """The number x with probability u that a standard normal deviate is below x, 0 < u < 1."""
     q = u - 0.5
-    r = root(-logarithm(smaller(u, 1.0 - u)))
+    r = root(-logarithm(minimum(u, 1.0 - u)))
     # AS 241: three ratios, which meet at |u - 1/2| = 0.425 and at sqrt(-ln u) = 5.
     tail = select(r <= 5.0, _ratio(_TAIL, r - 1.6), _ratio(_FAR, r - 5.0))
     return select(
@@ -299,7 +299,7 @@ def expm1(x):
     tests/physics/dynamics/test_functions.py.
     """
     # 1/256, a power of 2: the argument keeps all its digits, and eight doublings take it back.
-    y = larger(x, -44.0) * 0.00390625
+    y = maximum(x, -44.0) * 0.00390625
     p = 1 / 5040 + y * (1 / 40320 + y / 362880)
     p = 1 / 120 + y * (1 / 720 + y * p)
     p = 1 / 6 + y * (1 / 24 + y * p)
@@ -319,7 +319,7 @@ def arctan2(y, x):
     (0, 0)."""
     a, b = abs(y), abs(x)
     # The octant: the series is only taken for arguments up to tan(pi/8) = 0.414.
-    low, high = smaller(a, b), larger(a, b)
+    low, high = minimum(a, b), maximum(a, b)
     # of (0, 0): 0 by anything is 0, in any unit
     high = select(high > 0.0, high, 1.0)
     far = low > _EIGHTH * high

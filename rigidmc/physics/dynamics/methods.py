@@ -14,7 +14,7 @@ make sense too.
 import inspect
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple, Protocol, TypeAlias, cast
 
@@ -109,6 +109,16 @@ def implements(part: object, name: str) -> bool:
     return hasattr(part if isinstance(part, type) else type(part), name)
 
 
+def old_word(part: Any, words: Mapping[str, str]) -> tuple[str, str] | None:
+    """(old, new): the first method or fact of a class, or instance, that has another name now.
+
+    words : {old: new};  a field of that name is a number, and no method
+    """
+    fields = getattr(part, "_fields", ())
+    had = (old for old in words if old not in fields and implements(part, old))
+    return next(((old, words[old]) for old in had), None)
+
+
 def argument_names(part: Any, *methods: str) -> set[str]:
     """All argument names of the given methods of a class or instance; a missing method has none."""
     cls = part if isinstance(part, type) else type(part)
@@ -159,8 +169,9 @@ def depends(call: Method, part: Any, **values: Any) -> bool:
             return tuple(map(traced, value))
         return Traced(notes) if value is None else value
 
+    given = [traced(values[name]) for name in call.available]  # KeyError for one that is left out
     try:
-        result = call(part, *(traced(values[name]) for name in call.available))
+        result = call(part, *given)
     except Exception:  # a user's code may do anything with its numbers
         return True
     # What came through arithmetic alone is a Traced still.

@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 from rigidmc.physics.dynamics.quaternions import multiply, normalised, touch_up
-from rigidmc.physics.dynamics.vectors import cross, select, select_each
+from rigidmc.physics.dynamics.vectors import cross, select, select_all
 
 
 def _annulled(a, b, c, f, g, off):
@@ -56,7 +56,7 @@ def _swept_3(state):
 
 def _ordered(swap, a, b):
     """(a, b), or (b, a) if `swap`, of tuples (moment, x, y, z)."""
-    return select_each(swap, b, a), select_each(swap, a, b)
+    return select_all(swap, b, a), select_all(swap, a, b)
 
 
 def _pointed(v):
@@ -95,7 +95,7 @@ def principal(xx, yy, zz, yz, zx, xy):
     g = cross(e, f)
     unit_axes = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     moments = first[0], second[0], third[0]
-    return select_each(diagonal, (xx, yy, zz) + unit_axes, moments + e + f + g)
+    return select_all(diagonal, (xx, yy, zz) + unit_axes, moments + e + f + g)
 
 
 class Principal(NamedTuple):

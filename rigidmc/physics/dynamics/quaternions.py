@@ -85,7 +85,7 @@ def advance_attitude(q, p, w):
     )
 
 
-def up(q):
+def vertical(q):
     """The space z axis in body components: the third row of A.
 
     (2 (xz - wy), 2 (yz + wx), w^2 - x^2 - y^2 + z^2)

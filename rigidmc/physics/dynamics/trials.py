@@ -14,13 +14,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.errors import PartError, SceneError, nearest
-from rigidmc.physics.dynamics.methods import Method, arguments, implements
+from rigidmc.physics.dynamics.methods import Method, arguments, implements, old_word
 
 RULE = (
     "kernels take floats and small tuples in and out: no arrays, no lists, no calls but of math, "
     "and no loop whose length depends on numbers"
 )
 _STATES = 8  # random states at which methods are tried
+# Arguments of methods in earlier versions; until 1.0.
+OLD_ARGUMENTS = {"kept": "state", "part": "substep"}
 
 
 class State(NamedTuple):
@@ -57,6 +59,12 @@ class Trial(NamedTuple):
         file = getattr(kind, name).__code__.co_filename if line else ""
         place = f"{file}, line {line}: {linecache.getline(file, line).strip()}: " if line else ""
         return PartError.of(kind, place + rule, self.at, name, line)
+
+    def refuse_old(self, words: Mapping[str, str]) -> None:
+        """Raise SceneError for a method or a fact that has another name now; words : {old: new}."""
+        if found := old_word(self.part, words):
+            old, new = found
+            raise self.complaint(old, f"is now called {new}")
 
     def read(self, *methods: Method) -> None:
         """Raise SceneError for a method that asks for what there is not, or that has a loop whose
@@ -124,7 +132,7 @@ class Trial(NamedTuple):
     def _check_arguments(self, method: Method) -> None:
         for argument in arguments(getattr(type(self.part), method.__name__)):
             if argument not in method.available:
-                close = nearest(argument, method.available)
+                close = OLD_ARGUMENTS.get(argument) or nearest(argument, method.available)
                 hint = f" (did you mean '{close}'?)" if close else ""
                 known = ", ".join(method.available) or "nothing"
                 rule = f"asks for '{argument}'; it may name {known}{hint}"

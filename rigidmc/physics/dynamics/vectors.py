@@ -94,12 +94,12 @@ def select(condition, a, b):
     return a if condition else b
 
 
-def select_each(condition, a, b):
+def select_all(condition, a, b):
     """`select` of each number of two tuples."""
     return tuple(select(condition, x, y) for x, y in zip(a, b, strict=True))
 
 
-def opposite(condition):
+def logical_not(condition):
     """`not condition`, also for a mask."""
     return not condition
 
@@ -130,11 +130,11 @@ def inverse(x):
     return select(x > 0.0, 1.0 / select(x > 0.0, x, 1.0), 0.0)
 
 
-def larger(a, b):
+def maximum(a, b):
     """The larger of two numbers, element by element for arrays."""
     return select(b > a, b, a)
 
 
-def smaller(a, b):
+def minimum(a, b):
     """The smaller of two numbers, element by element for arrays."""
     return select(b < a, b, a)

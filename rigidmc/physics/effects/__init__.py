@@ -57,9 +57,9 @@ def description(cls: type[Effect]) -> tuple[str, str, str]:
         # a shared parameter may: the momentum of a wheel with a motor
         "depends on time": "t" in used and not facts(cls).shared,
         "depends on L": "l" in used,
-        "is random": facts(cls).stochastic,
+        "is random": facts(cls).is_random,
         "has an energy": implements(cls, "energy"),
-        "keeps L_z": facts(cls).keeps_lz,
+        "keeps L_z": facts(cls).conserves_lz,
     }
     law = (cls.__doc__ or "").splitlines()[0]
     return law, ", ".join(parameters), ", ".join(k for k, v in said.items() if v) or "constant"

@@ -13,7 +13,7 @@ from rigidmc.physics.effects.protocol import Number, Vector, effect
     limits={"gamma": (0.0, math.inf), "kT": (0.0, math.inf), "noise": (0.0, 0.0)},
     hidden=("noise",),
     example=(1.0, 0.7),
-    stochastic=True,
+    is_random=True,
     isotropic=True,
 )
 class Bath(NamedTuple):
@@ -54,7 +54,7 @@ class Bath(NamedTuple):
         # 8 of them, where a member is flagged.
         return 4.0 * self.kT
 
-    def shake(self, body, h, l):
+    def add_noise(self, body, h, l):
         decay = expm1(-self.gamma * h)
         # 1 - exp(-2x) = -less (2 + less) without cancellation, less = exp(-x) - 1.
         variance = -self.kT * decay * (2.0 + decay)

@@ -13,7 +13,7 @@ from rigidmc.physics.effects.protocol import Number, Vector, effect
     units={"rate": "s-1"},
     limits={"rate": (-math.inf, math.inf)},
     example=(0.3,),
-    damps=True,
+    is_damping=True,
     isotropic=True,
 )
 class ViscousDamping(NamedTuple):
@@ -51,7 +51,7 @@ class ViscousDamping(NamedTuple):
     shapes={"rates": 3},
     limits={"rates": (-math.inf, math.inf)},
     example=((0.3, 0.1, 0.6),),
-    damps=True,
+    is_damping=True,
 )
 class AxialDamping(NamedTuple):
     """Viscous damping with a rate for each principal axis, as in a viscous fluid.
@@ -114,7 +114,7 @@ class MatrixDamping(NamedTuple):
 
     matrix: Vector
 
-    def drives(self) -> Any:
+    def is_driving(self) -> Any:
         """Whether some spin is driven: a principal minor of C is negative beyond rounding.
 
         C in units of its trace; arrays of matrices pass through.
@@ -147,7 +147,7 @@ class MatrixDamping(NamedTuple):
     units={"drag": "kg m2"},
     limits={"drag": (-math.inf, math.inf)},
     example=(0.3,),
-    damps=True,
+    is_damping=True,
     isotropic=True,
     kick_order=2,
 )
@@ -189,7 +189,7 @@ class QuadraticDrag(NamedTuple):
     units={"friction": "N m", "rest": "rad s-1"},
     limits={"friction": (-math.inf, math.inf), "rest": (1e-300, math.inf)},  # rest: any above 0
     example=(0.4, 0.1),
-    damps=True,
+    is_damping=True,
     isotropic=True,
     kick_order=2,
 )

@@ -19,8 +19,8 @@ _NONE = (0.0, 0.0, 0.0)
     in_body=("wheel", "motor"),
     shared={"wheel": ("rotor", "momentum"), "motor": ("rotor", "motor")},
     example=(0.05,),
-    damps=True,
-    keeps_l2=True,
+    is_damping=True,
+    conserves_l2=True,
     isotropic=True,
     kick_order=2,
 )

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from rigidmc.physics.dynamics.so3 import cross, dot, up
+from rigidmc.physics.dynamics.so3 import cross, dot, vertical
 from rigidmc.physics.effects.protocol import Number, effect
 
 
@@ -11,7 +11,7 @@ from rigidmc.physics.effects.protocol import Number, effect
     units={"g": "m s-2"},
     limits={"g": (-math.inf, math.inf)},
     example=(9.81,),
-    keeps_lz=True,
+    conserves_lz=True,
     isotropic=True,
 )
 class Gravity(NamedTuple):
@@ -38,9 +38,9 @@ class Gravity(NamedTuple):
     g: Number
 
     def torque(self, body, q):
-        return cross(up(q), (self.g * body.p1, self.g * body.p2, self.g * body.p3))
+        return cross(vertical(q), (self.g * body.p1, self.g * body.p2, self.g * body.p3))
 
-    def impel(self, body, q, by, onto):
+    def add_torque(self, body, q, by, onto):
         # u_x/2 and u_y/2, and products that leave the loop over steps: 14 operations instead of 19
         x, y = q[1] * q[3] - q[0] * q[2], q[2] * q[3] + q[0] * q[1]
         z = q[0] * q[0] - q[1] * q[1] - q[2] * q[2] + q[3] * q[3]
@@ -53,10 +53,10 @@ class Gravity(NamedTuple):
 
     def torque_rate(self, body, q, w):
         # du/dt = u x omega
-        return cross(cross(up(q), w), (self.g * body.p1, self.g * body.p2, self.g * body.p3))
+        return cross(cross(vertical(q), w), (self.g * body.p1, self.g * body.p2, self.g * body.p3))
 
     def energy(self, body, q):
-        return self.g * dot((body.p1, body.p2, body.p3), up(q))
+        return self.g * dot((body.p1, body.p2, body.p3), vertical(q))
 
     def energy_scale(self, body):
         # |r_1| + |r_2| + |r_3| bounds |r|, without a root.

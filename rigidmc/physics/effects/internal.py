@@ -18,9 +18,9 @@ _NONE = (0.0, 0.0, 0.0)
     in_body=("wheel", "motor"),
     shared={"wheel": ("rotor", "momentum"), "motor": ("rotor", "motor")},
     example=(0.05,),
-    damps=True,
-    keeps_l2=True,
-    keeps_lz=True,
+    is_damping=True,
+    conserves_l2=True,
+    conserves_lz=True,
     isotropic=True,
 )
 class InternalDissipation(NamedTuple):

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from rigidmc.physics.dynamics.so3 import add, cross, dot, root, up
+from rigidmc.physics.dynamics.so3 import add, cross, dot, root, vertical
 from rigidmc.physics.effects.flows import symmetric_times
 from rigidmc.physics.effects.protocol import Vector, effect
 
@@ -15,7 +15,7 @@ _ANY = (-math.inf, math.inf)
     shapes={"linear": 3, "quadratic": 6, "quartic": 3},
     limits={"linear": _ANY, "quadratic": _ANY, "quartic": _ANY},
     example=((0.3, -0.1, 0.5), (0.2, 0.5, -0.3, 0.1, 0.25, -0.15), (0.1, 0.3, -0.2)),
-    keeps_lz=True,
+    conserves_lz=True,
 )
 class Potential(NamedTuple):
     """A polynomial of the vertical u = A^T e_z as the body sees it.
@@ -49,7 +49,7 @@ class Potential(NamedTuple):
     quartic: Vector = (0.0, 0.0, 0.0)
 
     def torque(self, q):
-        u, k = up(q), self.quartic
+        u, k = vertical(q), self.quartic
         slope = add(self.linear, symmetric_times(self.quadratic, u))
         return cross(
             u,
@@ -64,7 +64,7 @@ class Potential(NamedTuple):
         )
 
     def torque_rate(self, q, w):
-        u, k = up(q), self.quartic
+        u, k = vertical(q), self.quartic
         du = cross(u, w)
         slope = add(self.linear, symmetric_times(self.quadratic, u))
         slope = add(
@@ -88,7 +88,7 @@ class Potential(NamedTuple):
         return add(cross(du, slope), cross(u, bend))
 
     def energy(self, q):
-        u, k = up(q), self.quartic
+        u, k = vertical(q), self.quartic
         square = (u[0] * u[0], u[1] * u[1], u[2] * u[2])
         return (
             dot(self.linear, u)

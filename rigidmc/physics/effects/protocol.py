@@ -29,7 +29,7 @@ class Effect(Protocol):
                                             torque depends on L
         torque_rate(self, [body, t, q, w])  rate of change of the torque while the body turns with
                                             w; chin4 needs it
-        shake(self, [body, h, l])           L after friction and noise over h; the field `noise`
+        add_noise(self, [body, h, l])       L after friction and noise over h; the field `noise`
                                             holds three normal deviates, new ones for each step
         energy(self, [body, q])             potential energy [J]
         energy_scale(self, [body])          a bound on |potential energy| [J], or the energy that a
@@ -37,7 +37,8 @@ class Effect(Protocol):
         slip(self, [body, t, q, l])         angular velocity of the body beyond I^-1 L [rad/s], in
                                             the principal axes: parts inside hold momentum; for
                                             rk8 and cf4
-        impel(self, [body, t, q, l, by, onto])  onto + by * torque, if it can be had more cheaply
+        add_torque(self, [body, t, q, l, by, onto])  onto + by * torque, if it can be had more
+                                            cheaply
 
     body, q, l : MassProperties, attitude, angular momentum in the principal axes [kg m^2/s]
     t, h, w : time [s], time step [s], angular velocity in the principal axes [rad/s]
@@ -45,8 +46,8 @@ class Effect(Protocol):
     A method names the arguments that it depends on and no others
     (`rigidmc.physics.dynamics.methods`). The decorator `effect` states its facts, see
     `EffectFacts`. Two more depend on the parameters: the property `conservative` says whether the
-    energy of the body is conserved (default: whether there is an `energy`), and `drives(self)` says
-    whether a damping drives the body instead.
+    energy of the body is conserved (default: whether there is an `energy`), and `is_driving(self)`
+    says whether a damping drives the body instead.
     """
 
     _fields: ClassVar[tuple[str, ...]]
@@ -55,6 +56,18 @@ class Effect(Protocol):
     def __init__(self, *parameters: Any, **named: Any) -> None: ...
 
     def __iter__(self) -> Iterator[Any]: ...
+
+
+# Methods and facts of earlier versions, and what they are called now; until 1.0.
+OLD_WORDS = {
+    "impel": "add_torque",
+    "shake": "add_noise",
+    "drives": "is_driving",
+    "damps": "is_damping",
+    "keeps_l2": "conserves_l2",
+    "keeps_lz": "conserves_lz",
+    "stochastic": "is_random",
+}
 
 
 class EffectFacts(NamedTuple):
@@ -69,10 +82,10 @@ class EffectFacts(NamedTuple):
     shared : hidden parameters that are those of another kind of effect in the scene, as
         {"wheel": ("rotor", "momentum")}; of several their sum, the default if there is none
     example : parameters of a typical effect, with which the tests try it
-    stochastic : whether it needs noise
-    damps : whether it drives the body if its parameters are negative
-    keeps_l2 : whether it conserves |L|
-    keeps_lz : whether it conserves L_z
+    is_random : whether it needs noise
+    is_damping : whether it drives the body if its parameters are negative
+    conserves_l2 : whether it conserves |L|
+    conserves_lz : whether it conserves L_z
     isotropic : whether it singles out no axis of the body, and no direction but the vertical
     kick_order : order of the rule that `kick` is, inf if `kick` is the exact flow
     """
@@ -84,16 +97,18 @@ class EffectFacts(NamedTuple):
     hidden: tuple[str, ...] = ()
     shared: dict[str, tuple[str, str]] = {}
     example: tuple[Any, ...] = ()
-    stochastic: bool = False
-    damps: bool = False
-    keeps_l2: bool = False
-    keeps_lz: bool = False
+    is_random: bool = False
+    is_damping: bool = False
+    conserves_l2: bool = False
+    conserves_lz: bool = False
     isotropic: bool = False
     kick_order: float = inf
 
 
 def effect(**stated: Any) -> Callable[[Kind], Kind]:
     """Decorator: states some EffectFacts of a class of effects, which become class attributes."""
+    for old in stated.keys() & OLD_WORDS.keys():
+        raise TypeError(f"@effect: {old} is now called {OLD_WORDS[old]}")
     EffectFacts(**stated)  # raises TypeError for any other name
 
     def put(cls: Kind) -> Kind:
@@ -127,13 +142,14 @@ def _facts(cls: type[Effect]) -> EffectFacts:
 
 def is_effect(value: object) -> TypeGuard[Effect]:
     """Whether a value is an effect: a NamedTuple, not its class, with a method that acts on L."""
-    acts = any(implements(value, verb) for verb in ("torque", "kick", "shake"))
+    # `shake` is the old word of `add_noise`: such a class is refused with the new one later
+    acts = any(implements(value, verb) for verb in ("torque", "kick", "add_noise", "shake"))
     return acts and isinstance(value, tuple) and hasattr(value, "_fields")
 
 
 def is_random(effect: Effect | type[Effect]) -> bool:
     """Whether an effect needs noise."""
-    return facts(effect).stochastic
+    return facts(effect).is_random
 
 
 def takes_noise(effect: Effect | type[Effect]) -> bool:
@@ -182,17 +198,18 @@ def kick(effect, body, t, h, q, l):
 
 
 @method
-def impel(effect, body, t, q, l, by, onto):
+def add_torque(effect, body, t, q, l, by, onto):
     """onto + by * torque, component by component.
 
-    An effect with its own `impel` can multiply its parameters by `by` first: once, not every step.
+    An effect with its own `add_torque` can multiply its parameters by `by` first: once, not in each
+    step.
     """
     x, y, z = torque(effect, body, t, q, l)
     return onto[0] + by[0] * x, onto[1] + by[1] * y, onto[2] + by[2] * z
 
 
 @method
-def shake(effect, body, h, l):
+def add_noise(effect, body, h, l):
     """L after the friction and noise of an effect over h."""
     return l
 

@@ -24,11 +24,11 @@ from rigidmc.physics.dynamics.so3 import (
     value_of,
 )
 from rigidmc.physics.effects.protocol import (
+    add_noise,
+    add_torque,
     energy,
     energy_scale,
-    impel,
     kick,
-    shake,
     slip,
     torque,
     torque_rate,
@@ -74,7 +74,9 @@ def add_torques(effects, body, t, q, l, by, onto):
     """onto + by * (sum of the torques), component by component."""
     if len(effects) == 0:
         return onto
-    return add_torques(effects[1:], body, t, q, l, by, impel(effects[0], body, t, q, l, by, onto))
+    return add_torques(
+        effects[1:], body, t, q, l, by, add_torque(effects[0], body, t, q, l, by, onto)
+    )
 
 
 def push(effects, body, t, h, q, l, change):
@@ -90,7 +92,7 @@ def push(effects, body, t, h, q, l, change):
     return add_torques(effects, body, t, q, l, (h, h, h), change)
 
 
-def changes(rates, effects, body, t, h, q, l):
+def state_rates(rates, effects, body, t, h, q, l):
     """(h dq/dt, h dL/dt) in a state; rates : Rates of the body over h."""
     half = add_slip(effects, body, t, h, q, l, half_rotation(rates, l))
     return spin(q, half), push(
@@ -179,12 +181,12 @@ def shake_all(effects, body, h, l):
         return l
     if len(l) > 3:  # the work of one is its change of the kinetic energy
         before = first_three(l)
-        after = shake(effects[0], body, h, before)
+        after = add_noise(effects[0], body, h, before)
         middle = scale(0.5, add(before, after))
         done = dot(angular_velocity(body, middle), difference(after, before))
         rest = shake_all(effects[1:], body, h, concat(after, l[4:]))
         return first_three(rest) + (l[3] + done,) + rest[3:]
-    return shake_all(effects[1:], body, h, shake(effects[0], body, h, l))
+    return shake_all(effects[1:], body, h, add_noise(effects[0], body, h, l))
 
 
 def add_work(effects, body, t, h, q, l, w, works):

@@ -87,7 +87,7 @@ def _distance(integrator: Integrator, other: Integrator) -> tuple[float, bool]:
         distance = 0.0
     else:
         distance = abs(integrator.order - other.order) if integrator.order < inf else -other.order
-    return distance, integrator.splitting != other.splitting
+    return distance, integrator.is_splitting != other.is_splitting
 
 
 def accepting(
@@ -122,14 +122,14 @@ def keeps_remainders(
 def _refusal(
     integrator: Integrator, effects: Sequence[Any], compensated: bool, works: bool
 ) -> str | None:
-    makes_steps = implements(integrator, "prepared") or implements(integrator, "step")
+    makes_steps = implements(integrator, "scheme") or implements(integrator, "step")
     if works and (compensated or integrator.gradient or not makes_steps):
         by = "with compensated sums" if compensated else "by it"
         return f"the work of effects is not kept {by}"
     if compensated and not integrator.compensated:
         return "it has no sums that could be compensated"
     noisy = [e for e in effects if is_random(e)]
-    if noisy and not (integrator.splitting and integrator.order == 2):
+    if noisy and not (integrator.is_splitting and integrator.order == 2):
         return f"{_names(noisy)} is random, which splittings of order 2 take"
     if noisy and compensated:
         return f"its sums cannot be compensated with {_names(noisy)}, which acts on L as a whole"

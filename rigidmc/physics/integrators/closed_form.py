@@ -14,7 +14,7 @@ class ClosedForm:
 
     order = float("inf")
     evaluations = 0
-    reversible = True
+    is_reversible = True
     compensated = False
     conserves = ("|q|", "|L|^2", "T", "L in space")
     accepts = "free tops, Lagrange tops"

@@ -42,8 +42,8 @@ class Composition:
     gradient: float = 0.0
     split: bool = False
 
-    splitting = True
-    reversible = True
+    is_splitting = True
+    is_reversible = True
     compensated = True
 
     @property
@@ -75,7 +75,7 @@ class Composition:
         shorter = (*shorter, *shorter[-1 if middle_is_longer else -2 :: -1])
         return (longer, shorter) if self.drift_first else (shorter, longer)
 
-    def prepared(self, turns: TurnBounds, effects: Sequence[Any]) -> StepScheme:
+    def scheme(self, turns: TurnBounds, effects: Sequence[Any]) -> StepScheme:
         """The StepScheme for steps that turn by `turns`."""
         if any(is_random(e) for e in effects):
             return self._noisy(turns, effects)

@@ -1,9 +1,8 @@
 """The motion of a free body, whose equal steps have almost all computations in common."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,12 +54,12 @@ class FreeSteps(NamedTuple):
 
     drift: Exact
 
-    def keeps(self):
+    def extra_state(self):
         """The attitude and the momentum of the start."""
         return _KEPT
 
-    def constants(self, body, part, l):
-        m, _ = make_flow(body, self.drift.halvings, self.drift.panels, part[0], l[7:])
+    def precompute(self, body, substep, l):
+        m, _ = make_flow(body, self.drift.halvings, self.drift.panels, substep[0], l[7:])
         return m, slopes(m.whole), slopes(m.panel), return_factors(m)
 
     def step(self, constants, q, l):
@@ -75,13 +74,13 @@ class FreeSteps(NamedTuple):
         # digits.
         return (turns - rounded(turns), rest, q[2], q[3]), pull_back(m, shares, u, end) + l[3:]
 
-    def opened(self, body, part, q, l):
-        _, u = make_flow(body, self.drift.halvings, self.drift.panels, part[0], l)
+    def to_stepping(self, body, substep, q, l):
+        _, u = make_flow(body, self.drift.halvings, self.drift.panels, substep[0], l)
         zero = 0.0 * l[0]
         return (zero, zero, zero, zero), u + q + l
 
-    def closed(self, body, part, q, l):
-        m, start = make_flow(body, self.drift.halvings, self.drift.panels, part[0], l[7:])
+    def from_stepping(self, body, substep, q, l):
+        m, start = make_flow(body, self.drift.halvings, self.drift.panels, substep[0], l[7:])
         u = first_three(l)
         one, two = phase_fraction(m, start), phase_fraction(m, u)
         angle = (2.0 * math.pi) * (q[0] + q[1]) + 0.5 * phase(
@@ -106,12 +105,12 @@ class FreeMotion:
 
     order = float("inf")
     evaluations = 0
-    reversible = True
+    is_reversible = True
     compensated = True
     conserves = ("|q|", "|L|^2", "T", "L in space")
     accepts = "no torque"
 
-    def prepared(self, turns: TurnBounds, effects: Sequence[Any]) -> StepScheme:
+    def scheme(self, turns: TurnBounds) -> StepScheme:
         """The StepScheme for steps that turn by `turns`."""
         n, drift = substep_count(turns, 1.0), exact_drift(turns, 1.0)
         steps = Splitting(drift) if isinstance(drift, Symmetric) else FreeSteps(drift)

@@ -39,11 +39,11 @@ class RKMK4(NamedTuple):
 
     order = 4
     evaluations = 4
-    reversible = False
+    is_reversible = False
     conserves = ("|q|",)
     accepts = "any torque"
     compensated = True
-    largest_turn = 2.0
+    max_turn = 2.0
 
     def step(self, body, effects, t, h, q, l):
         state, momentum = q, l
@@ -86,12 +86,12 @@ class CF4(NamedTuple):
 
     order = 4
     evaluations = 4
-    reversible = False
+    is_reversible = False
     conserves = ("|q|",)
     accepts = "any torque"
     compensated = True
     slips = True
-    largest_turn = 2.0
+    max_turn = 2.0
 
     def step(self, body, effects, t, h, q, l):
         state, momentum = q, l
@@ -138,11 +138,11 @@ class CK45(NamedTuple):
 
     order = 4
     evaluations = 5
-    reversible = False
+    is_reversible = False
     conserves = ("|q|",)
     accepts = "any torque"
     compensated = True
-    largest_turn = 2.0
+    max_turn = 2.0
 
     def step(self, body, effects, t, h, q, l):
         at, now = value_of(q), value_of(l)

@@ -1,8 +1,7 @@
 """The implicit midpoint rule."""
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,19 +58,19 @@ class Midpoint(NamedTuple):
     eights: Count = static_count(2)
 
     order = 2
-    reversible = True
+    is_reversible = True
     conserves = ("|q|", "|L|^2", "T")
     accepts = "any torque"
     compensated = True
-    largest_spin = 0.5  # [rad] in a step, for 32 iterations; 64 would compile for 20 s
-    least_spin = 0.0135  # [rad] in a step, up to which 8 iterations are enough
+    max_spin = 0.5  # [rad] in a step, for 32 iterations; 64 would compile for 20 s
+    min_spin = 0.0135  # [rad] in a step, up to which 8 iterations are enough
 
     @property
     def evaluations(self) -> int:
         """Torques a step: one for each iteration, and the last."""
         return 8 * len(self.eights) + 1
 
-    def prepared(self, turns: TurnBounds, effects: Sequence[Any]) -> StepScheme:
+    def scheme(self, turns: TurnBounds) -> StepScheme:
         """The StepScheme for steps that turn by `turns`."""
         # Each iteration multiplies the error by |omega| h/2; it is to end at 1e-17. Of 8, 16 or 32
         # iterations, so that few kernels are compiled.

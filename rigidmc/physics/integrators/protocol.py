@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.physics.dynamics.methods import implements, method
+from rigidmc.physics.dynamics.methods import argument_names, arguments, implements, method
 
 
 class Integrator(Protocol):
@@ -22,7 +22,7 @@ class Integrator(Protocol):
 
         order : of the error in the step, inf if there is none but rounding
         evaluations : of the torque in a step
-        reversible : whether steps of -h undo steps of h
+        is_reversible : whether steps of -h undo steps of h
         conserves : what is conserved of a free body, of "|q|", "|L|^2", "T" and "L in space", to
             rounding at any step; a step that normalises q restores |q|, and does not conserve it
         accepts : which torques, in words
@@ -30,38 +30,55 @@ class Integrator(Protocol):
 
     Facts with a default, here::
 
-        splitting : whether it alternates free motion with kicks
+        is_splitting : whether it alternates free motion with kicks
         slips : whether it turns the body by the `slip` of effects too
         gradient : coefficient of the force gradient, of h^2
-        largest_turn : angle by which a step may turn a body [rad]; None: by less than pi
-        least_spin, largest_spin : angles per step [rad] between which `prepared` follows the spin
+        max_turn : angle by which a step may turn a body [rad]; None: by less than pi
+        min_spin, max_spin : angles per step [rad] between which `scheme` follows the spin
         text : docstring of one integrator, if its class makes several
 
     The program of a step is a NamedTuple with the methods below (`step`, ...). It is the integrator
-    itself, or comes in a StepScheme from one of these::
+    itself, or comes from a method that names what it depends on::
 
-        form(self) -> StepScheme
-        prepared(self, turns, effects) -> StepScheme    if it depends on the angle of a step
+        scheme(self, [turns, effects]) -> StepScheme
+            turns : TurnBounds, by how much a step turns;  effects : of the scene
 
-    A program whose sums keep no remainders has `with_sums(self)`, which gives one whose sums do. A
-    program with `keeps` compensates its rounding itself, with or without compensated sums.
+    A program whose sums keep no remainders has `with_compensation(self)`, which gives one whose
+    sums do. A program with `extra_state` compensates its rounding itself, with or without
+    compensated sums.
     """
 
     order: float
     evaluations: int
-    reversible: bool
+    is_reversible: bool
     conserves: tuple[str, ...]
     accepts: str
     compensated: bool
-    splitting: bool = False
+    is_splitting: bool = False
     slips: bool = False
     gradient: float = 0.0
-    largest_turn: float | None = None
-    least_spin: float = 0.0
-    largest_spin: float = inf
+    max_turn: float | None = None
+    min_spin: float = 0.0
+    max_spin: float = inf
     text: str = ""
 
 
+# Methods and facts of earlier versions, and what they are called now; until 1.0.
+OLD_WORDS = {
+    "opened": "to_stepping",
+    "closed": "from_stepping",
+    "keeps": "extra_state",
+    "constants": "precompute",
+    "prepared": "scheme",
+    "form": "scheme",
+    "with_sums": "with_compensation",
+    "group_count": "interleaving",
+    "reversible": "is_reversible",
+    "splitting": "is_splitting",
+    "largest_turn": "max_turn",
+    "least_spin": "min_spin",
+    "largest_spin": "max_spin",
+}
 _DEFAULTS = {
     name: vars(Integrator)[name] for name in Integrator.__annotations__ if name in vars(Integrator)
 }
@@ -79,7 +96,7 @@ def with_defaults(integrator: Any) -> Integrator:
 
 
 @method
-def group_count(integrator):
+def interleaving(integrator):
     """In how many groups the members of a vector make their steps, one group after the other.
 
     A stage waits for the stage before; with 2 groups the CPU works on the other meanwhile.
@@ -88,36 +105,36 @@ def group_count(integrator):
 
 
 @method
-def keeps(integrator):
+def extra_state(integrator):
     """What the state keeps behind L, beside remainders of sums: `static_count` of 7, or of 0."""
     return ()
 
 
 @method
-def constants(integrator, body, part, l):
-    """What is the same in all steps of a member; l ends with what `keeps` asks for."""
+def precompute(integrator, body, substep, l):
+    """What is the same in all steps of a member; l ends with what `extra_state` asks for."""
     return ()
 
 
 @method
-def step(integrator, body, effects, t, h, part, q, l, constants):
+def step(integrator, body, effects, t, h, substep, q, l, constants):
     """(q, L) after one part of a step h.
 
     t : time of the torque of this part [s]
-    part : (drift, kick, gradient), the times of the part [s, s, s^2]
+    substep : (drift, kick, gradient), the times of the part [s, s, s^2]
     """
     return q, l
 
 
 @method
-def opened(integrator, body, effects, t, part, q, l):
-    """(q, L) in the form in which it is kept between steps: for splittings `part` further on."""
+def to_stepping(integrator, body, effects, t, substep, q, l):
+    """(q, L) in the form in which it is kept between steps: for splittings `substep` further on."""
     return q, l
 
 
 @method
-def closed(integrator, body, effects, t, part, q, l):
-    """(q, L) from the form in which it is kept between steps; undoes `opened`."""
+def from_stepping(integrator, body, effects, t, substep, q, l):
+    """(q, L) from the form in which it is kept between steps; undoes `to_stepping`."""
     return q, l
 
 
@@ -127,7 +144,7 @@ class PlainState(NamedTuple):
 
 def has_extra_state(integrator: Any) -> bool:
     """Whether a program keeps more of a state than (q, L), so that compensated sums add nothing."""
-    return implements(integrator, "keeps")
+    return implements(integrator, "extra_state")
 
 
 def stepping_form(integrator: Any) -> Any:
@@ -140,7 +157,9 @@ def stepping_form(integrator: Any) -> Any:
 
 def changes_state_form(integrator: Any) -> bool:
     """Whether a program keeps (q, L) between steps in a form of its own."""
-    return any(implements(integrator, verb) for verb in ("keeps", "opened", "closed"))
+    return any(
+        implements(integrator, verb) for verb in ("extra_state", "to_stepping", "from_stepping")
+    )
 
 
 class TurnBounds(NamedTuple):
@@ -174,12 +193,18 @@ ONE_SUBSTEP = ((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0))  # a step in one part
 
 
 def scheme_of(
-    kind: Any, turns: TurnBounds | None = None, effects: Sequence[Any] = ()
+    integrator: Any, turns: TurnBounds | None = None, effects: Sequence[Any] = ()
 ) -> StepScheme:
     """The StepScheme of an integrator of INTEGRATORS for steps that turn by `turns`."""
-    compiled = StepScheme(kind, np.array(ONE_SUBSTEP))
-    if implements(kind, "prepared"):
-        compiled = kind.prepared(turns or TurnBounds(), effects)
-    elif implements(kind, "form"):
-        compiled = kind.form()
-    return compiled
+    if not implements(integrator, "scheme"):
+        return StepScheme(integrator, np.array(ONE_SUBSTEP))
+    known = {"turns": turns or TurnBounds(), "effects": effects}
+    scheme: StepScheme = integrator.scheme(
+        *(known[name] for name in arguments(type(integrator).scheme))
+    )
+    return scheme
+
+
+def follows_turns(integrator: Any) -> bool:
+    """Whether the scheme of an integrator depends on the angle by which a step turns a body."""
+    return "turns" in argument_names(integrator, "scheme")

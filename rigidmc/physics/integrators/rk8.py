@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from rigidmc.physics.dynamics.euler import scaled
 from rigidmc.physics.dynamics.so3 import add_compensated, add_compensated4, axpy, axpy4, value_of
-from rigidmc.physics.effects.sums import changes
+from rigidmc.physics.effects.sums import state_rates
 
 # Coefficients of the 12-stage method of DOP853, without the columns that are zero; `step` says
 # which stages a row belongs to.
@@ -71,12 +71,12 @@ _B = (
 )
 
 
-def combined(y, a, k):
+def linear_combination(y, a, k):
     """(q, L) plus the changes k, each times its coefficient a."""
     if len(k) == 0:
         return y
     # Each row is a chain of fused multiply-adds that begins with y: no product stands alone.
-    return combined((axpy4(y[0], a[0], k[0][0]), axpy(y[1], a[0], k[0][1])), a[1:], k[1:])
+    return linear_combination((axpy4(y[0], a[0], k[0][0]), axpy(y[1], a[0], k[0][1])), a[1:], k[1:])
 
 
 class RK8(NamedTuple):
@@ -91,12 +91,12 @@ class RK8(NamedTuple):
     order = 8
     slips = True
     evaluations = 12
-    reversible = False
+    is_reversible = False
     conserves = ()
     accepts = "any torque"
     compensated = True
 
-    def group_count(self) -> int:
+    def interleaving(self) -> int:
         return 2
 
     def step(self, body, effects, t, h, q, l):
@@ -104,30 +104,30 @@ class RK8(NamedTuple):
         q, l = value_of(q), value_of(l)
         start, rates = (q, l), scaled(body, h)
         # Written out: 20 of the 78 coefficients are 0, and take no operation.
-        k1 = changes(rates, effects, body, t, h, q, l)
-        y = combined(start, _A2, (k1,))
-        k2 = changes(rates, effects, body, t + 0.05260015195876773 * h, h, y[0], y[1])
-        y = combined(start, _A3, (k1, k2))
-        k3 = changes(rates, effects, body, t + 0.0789002279381516 * h, h, y[0], y[1])
-        y = combined(start, _A4, (k1, k3))
-        k4 = changes(rates, effects, body, t + 0.1183503419072274 * h, h, y[0], y[1])
-        y = combined(start, _A5, (k1, k3, k4))
-        k5 = changes(rates, effects, body, t + 0.2816496580927726 * h, h, y[0], y[1])
-        y = combined(start, _A6, (k1, k4, k5))
-        k6 = changes(rates, effects, body, t + 0.3333333333333333 * h, h, y[0], y[1])
-        y = combined(start, _A7, (k1, k4, k5, k6))
-        k7 = changes(rates, effects, body, t + 0.25 * h, h, y[0], y[1])
-        y = combined(start, _A8, (k1, k4, k5, k6, k7))
-        k8 = changes(rates, effects, body, t + 0.3076923076923077 * h, h, y[0], y[1])
-        y = combined(start, _A9, (k1, k4, k5, k6, k7, k8))
-        k9 = changes(rates, effects, body, t + 0.6512820512820513 * h, h, y[0], y[1])
-        y = combined(start, _A10, (k1, k4, k5, k6, k7, k8, k9))
-        k10 = changes(rates, effects, body, t + 0.6 * h, h, y[0], y[1])
-        y = combined(start, _A11, (k1, k4, k5, k6, k7, k8, k9, k10))
-        k11 = changes(rates, effects, body, t + 0.8571428571428571 * h, h, y[0], y[1])
-        y = combined(start, _A12, (k1, k4, k5, k6, k7, k8, k9, k10, k11))
-        k12 = changes(rates, effects, body, t + h, h, y[0], y[1])
-        dq, dl = combined(
+        k1 = state_rates(rates, effects, body, t, h, q, l)
+        y = linear_combination(start, _A2, (k1,))
+        k2 = state_rates(rates, effects, body, t + 0.05260015195876773 * h, h, y[0], y[1])
+        y = linear_combination(start, _A3, (k1, k2))
+        k3 = state_rates(rates, effects, body, t + 0.0789002279381516 * h, h, y[0], y[1])
+        y = linear_combination(start, _A4, (k1, k3))
+        k4 = state_rates(rates, effects, body, t + 0.1183503419072274 * h, h, y[0], y[1])
+        y = linear_combination(start, _A5, (k1, k3, k4))
+        k5 = state_rates(rates, effects, body, t + 0.2816496580927726 * h, h, y[0], y[1])
+        y = linear_combination(start, _A6, (k1, k4, k5))
+        k6 = state_rates(rates, effects, body, t + 0.3333333333333333 * h, h, y[0], y[1])
+        y = linear_combination(start, _A7, (k1, k4, k5, k6))
+        k7 = state_rates(rates, effects, body, t + 0.25 * h, h, y[0], y[1])
+        y = linear_combination(start, _A8, (k1, k4, k5, k6, k7))
+        k8 = state_rates(rates, effects, body, t + 0.3076923076923077 * h, h, y[0], y[1])
+        y = linear_combination(start, _A9, (k1, k4, k5, k6, k7, k8))
+        k9 = state_rates(rates, effects, body, t + 0.6512820512820513 * h, h, y[0], y[1])
+        y = linear_combination(start, _A10, (k1, k4, k5, k6, k7, k8, k9))
+        k10 = state_rates(rates, effects, body, t + 0.6 * h, h, y[0], y[1])
+        y = linear_combination(start, _A11, (k1, k4, k5, k6, k7, k8, k9, k10))
+        k11 = state_rates(rates, effects, body, t + 0.8571428571428571 * h, h, y[0], y[1])
+        y = linear_combination(start, _A12, (k1, k4, k5, k6, k7, k8, k9, k10, k11))
+        k12 = state_rates(rates, effects, body, t + h, h, y[0], y[1])
+        dq, dl = linear_combination(
             ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), _B, (k1, k6, k7, k8, k9, k10, k11, k12)
         )
         return add_compensated4(state, dq), add_compensated(momentum, dl)

@@ -71,19 +71,19 @@ class Splitting(NamedTuple):
     drift: Any
     leads: Flag = OFF
 
-    def step(self, body, effects, t, part, q, l):
-        q, l = drift_state(self.drift, body, part[0], q, l)
-        return q, kick_by_torques(effects, body, t, part[1], q, l)
+    def step(self, body, effects, t, substep, q, l):
+        q, l = drift_state(self.drift, body, substep[0], q, l)
+        return q, kick_by_torques(effects, body, t, substep[1], q, l)
 
-    def opened(self, body, effects, t, part, q, l):
+    def to_stepping(self, body, effects, t, substep, q, l):
         if len(self.leads) > 0:
-            q, l = drift_state(self.drift, body, part[0], q, l)
-        return q, kick_by_torques(effects, body, t, part[1], q, l)
+            q, l = drift_state(self.drift, body, substep[0], q, l)
+        return q, kick_by_torques(effects, body, t, substep[1], q, l)
 
-    def closed(self, body, effects, t, part, q, l):
-        l = kick_by_torques(effects, body, t, -part[1], q, l)
+    def from_stepping(self, body, effects, t, substep, q, l):
+        l = kick_by_torques(effects, body, t, -substep[1], q, l)
         if len(self.leads) > 0:
-            q, l = drift_state(self.drift, body, -part[0], q, l)
+            q, l = drift_state(self.drift, body, -substep[0], q, l)
         return q, l
 
 
@@ -92,10 +92,10 @@ class Kicks(NamedTuple):
 
     drift: Any
 
-    def step(self, body, effects, t, h, part, q, l):
-        l = kick_all(effects, body, t, part[1], q, l)
-        q, l = drift_state(self.drift, body, part[0], q, l)
-        return q, kick_all_back(effects, body, t + h, part[2], q, l)
+    def step(self, body, effects, t, h, substep, q, l):
+        l = kick_all(effects, body, t, substep[1], q, l)
+        q, l = drift_state(self.drift, body, substep[0], q, l)
+        return q, kick_all_back(effects, body, t + h, substep[2], q, l)
 
 
 def repeat_drift(count, drift, body, h, q, l):
@@ -119,20 +119,20 @@ class Langevin(NamedTuple):
     pushes: tuple[Flag, ...] = ()
     flows: tuple[Flag, ...] = ()
 
-    def step(self, body, effects, t, h, part, q, l):
-        q, l = repeat_drift(self.often, self.drift, body, part[0], q, l)
+    def step(self, body, effects, t, h, substep, q, l):
+        q, l = repeat_drift(self.often, self.drift, body, substep[0], q, l)
         flows, middle = masked_effects(effects, self.flows), t - 0.5 * h
         l = kick_all(flows, body, middle, 0.5 * h, q, l)
         l = shake_all(effects, body, h, l)
         l = kick_all_back(flows, body, middle, 0.5 * h, q, l)
-        q, l = repeat_drift(self.often, self.drift, body, part[0], q, l)
-        return q, kick_by_torques(masked_effects(effects, self.pushes), body, t, part[1], q, l)
+        q, l = repeat_drift(self.often, self.drift, body, substep[0], q, l)
+        return q, kick_by_torques(masked_effects(effects, self.pushes), body, t, substep[1], q, l)
 
-    def opened(self, body, effects, t, part, q, l):
-        return q, kick_by_torques(masked_effects(effects, self.pushes), body, t, part[1], q, l)
+    def to_stepping(self, body, effects, t, substep, q, l):
+        return q, kick_by_torques(masked_effects(effects, self.pushes), body, t, substep[1], q, l)
 
-    def closed(self, body, effects, t, part, q, l):
-        return q, kick_by_torques(masked_effects(effects, self.pushes), body, t, -part[1], q, l)
+    def from_stepping(self, body, effects, t, substep, q, l):
+        return q, kick_by_torques(masked_effects(effects, self.pushes), body, t, -substep[1], q, l)
 
 
 class ForceGradient(NamedTuple):
@@ -144,21 +144,21 @@ class ForceGradient(NamedTuple):
 
     drift: Any
 
-    def step(self, body, effects, t, h, part, q, l):
-        q, l = drift_state(self.drift, body, part[0], q, l)
+    def step(self, body, effects, t, h, substep, q, l):
+        q, l = drift_state(self.drift, body, substep[0], q, l)
         at = value_of(q)
         # One evaluation serves kick and gradient: with the rate of change, chin4 takes two torques
         # a step.
         torque = total_torque(effects, body, t, at, value_of(l))
         eta = angular_velocity(body, torque)
         more = difference(total_torque_rate(effects, body, t, at, eta), cross(torque, eta))
-        return q, add_compensated(l, scale(part[1], axpy(torque, h * part[2], more)))
+        return q, add_compensated(l, scale(substep[1], axpy(torque, h * substep[2], more)))
 
-    def opened(self, body, effects, t, part, q, l):
-        return q, kick_by_torques(effects, body, t, part[1], q, l)
+    def to_stepping(self, body, effects, t, substep, q, l):
+        return q, kick_by_torques(effects, body, t, substep[1], q, l)
 
-    def closed(self, body, effects, t, part, q, l):
-        return q, kick_by_torques(effects, body, t, -part[1], q, l)
+    def from_stepping(self, body, effects, t, substep, q, l):
+        return q, kick_by_torques(effects, body, t, -substep[1], q, l)
 
 
 # Angle lambda h of one panel [rad]. Errors: attitude 4.4e-16, momentum 1.4e-16 (25 random bodies

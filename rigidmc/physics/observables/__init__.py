@@ -210,7 +210,7 @@ def outputs(label: str, one: Any) -> Outputs:
     if type(one) in STATISTICS.values():
         units = squared(one.of.units) if one.squares else one.of.units
         return {label: (units, f"{one.word} {title(one.of)}, over the steps", one.of.dims)}
-    end, words = label.removeprefix(word_of_observable(one)), one.words()
+    end, words = label.removeprefix(word_of_observable(one)), one.label_fields()
     return {
         name + end: (units, text.format(**words), dims)
         for name, (units, text, dims) in one.outputs.items()
@@ -220,14 +220,14 @@ def outputs(label: str, one: Any) -> Outputs:
 def title(one: Any) -> str:
     """The long_name of an observable at save times, with its numbers where {field} names them."""
     text: str = one.long_name
-    return text.format(**(one.words() if implements(one, "words") else one._asdict()))
+    return text.format(**(one.label_fields() if implements(one, "label_fields") else one._asdict()))
 
 
-def under(one: Any, effects: Sequence[Any]) -> Any:
+def bind(one: Any, effects: Sequence[Any]) -> Any:
     """An observable, or the statistic of one, as it is compiled under the effects of a scene."""
     if type(one) in STATISTICS.values():
-        return one._replace(of=under(one.of, effects))
-    return one.under(effects) if implements(one, "under") else one
+        return one._replace(of=bind(one.of, effects))
+    return one.bind(effects) if implements(one, "bind") else one
 
 
 def dimensions(recorded: Mapping[str, Any], watched: Iterable[tuple[str, Any]]) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.methods import static_count
-from rigidmc.physics.dynamics.so3 import arctan2, cross, dot, into_body, root, sincos, up
+from rigidmc.physics.dynamics.so3 import arctan2, cross, dot, into_body, root, sincos, vertical
 from rigidmc.physics.observables import directions
 from rigidmc.physics.observables.directions import is_vector, place_on, seen, source, unit
 from rigidmc.physics.observables.protocol import observable
@@ -56,12 +56,12 @@ class PointingAngle(NamedTuple):
             raise SceneError(rule, at=f"{POINTING}.axis", value=self.axis)
         directions.check(self.about, f"{POINTING}.about")
 
-    def words(self) -> dict[str, Any]:
+    def label_fields(self) -> dict[str, Any]:
         """Both directions."""
         axis = f"axis {self.axis}" if isinstance(self.axis, int) else f"body {_shown(self.axis)}"
         return {"axis": axis, "about": directions.words(self.about)}
 
-    def under(self, effects: Sequence[Any]) -> Self:
+    def bind(self, effects: Sequence[Any]) -> Self:
         """The same as it is compiled: the axis a unit vector, the direction a Direction."""
         axis: Any = self.axis
         if isinstance(axis, int):
@@ -135,11 +135,11 @@ class OrbitAngles(NamedTuple):
             rule = "expected three different axes that are right-handed, such as [2, -3, -1]"
             raise SceneError(rule, at=f"{ORBIT}.axes", value=self.axes)
 
-    def words(self) -> dict[str, Any]:
+    def label_fields(self) -> dict[str, Any]:
         """The axes."""
         return {"axes": ", ".join(map(str, self.axes))}
 
-    def under(self, effects: Sequence[Any]) -> Self:
+    def bind(self, effects: Sequence[Any]) -> Self:
         """The same as it is compiled: unit vectors, then how many effects are before the orbit."""
         before = static_count(source("orbit", effects, f"{ORBIT}.axes"))
         return self._replace(axes=(*map(unit, self.axes), before))
@@ -148,7 +148,7 @@ class OrbitAngles(NamedTuple):
         x, y, z, index = self.axes
         cosine, sine = place_on(effects, index, t)
         out = into_body(q, (cosine, sine, 0.0))
-        ahead, normal = into_body(q, (-sine, cosine, 0.0)), up(q)
+        ahead, normal = into_body(q, (-sine, cosine, 0.0)), vertical(q)
         c23, c33 = -dot(y, out), -dot(z, out)
         return (
             arctan2(c23, c33),

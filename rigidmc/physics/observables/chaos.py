@@ -50,7 +50,7 @@ class Megno(NamedTuple):
     Phys. Rev. A 14 (1976) 2338.
     """
 
-    def results(self, kept: Array, steps: float, h: Array) -> dict[str, Array]:
+    def results(self, sums: Array, steps: float, h: Array) -> dict[str, Array]:
         """The outputs from three sums: ln of growth, and over steps of (d'/d) s and of Y."""
         with np.errstate(all="ignore"):
-            return {"megno": kept[2] / steps, "lyapunov": kept[0] / (steps * h)}
+            return {"megno": sums[2] / steps, "lyapunov": sums[0] / (steps * h)}

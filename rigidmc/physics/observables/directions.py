@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from rigidmc.errors import SceneError, unknown
 from rigidmc.physics.dynamics.methods import OFF, ON, Count, Flag, flag, static_count
-from rigidmc.physics.dynamics.so3 import dot, first_three, into_body, up
+from rigidmc.physics.dynamics.so3 import dot, first_three, into_body, vertical
 from rigidmc.physics.effects.field import RotatingField, UniformField, field_at
 from rigidmc.physics.effects.gravity_gradient import GravityGradient, place
 
@@ -115,7 +115,7 @@ def marked(momentum, orbit, field, index, other, vector, effects, t, q, l):
         return into_body(q, on_field(effects, index, other, t))
     if len(vector) > 0:
         return into_body(q, vector)
-    return up(q)
+    return vertical(q)
 
 
 def length(direction, v):

@@ -9,7 +9,7 @@ import numpy as np
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.methods import Flag, flag
 from rigidmc.physics.dynamics.so3 import dot, select
-from rigidmc.physics.observables.protocol import Array, Record, event
+from rigidmc.physics.observables.protocol import Array, EventRecord, event
 
 TABLE = "observables.flips"
 ALIKE = 1e-12  # two moments that differ by less, relative to the larger, are equal but for rounding
@@ -73,7 +73,7 @@ class Flips(NamedTuple):
             rule = "expected an angle between 0 and pi/2 [rad]"
             raise SceneError(rule, at=f"{TABLE}.within", value=self.within)
 
-    def compiled(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "FlipLevel":
+    def bind(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "FlipLevel":
         """The event for bodies of these moments (3, n); complete : whether these are all bodies."""
         axes, some_alike = [self.axis - 1], False
         if self.axis == 0:
@@ -92,12 +92,12 @@ class Flips(NamedTuple):
         one, two, three = (flag(i in axes) for i in range(3))
         return FlipLevel(one, two, three, math.cos(self.within) ** 2, flag(some_alike))
 
-    def words(self) -> dict[str, Any]:
+    def label_fields(self) -> dict[str, Any]:
         """The axis and the angle."""
         axis = f"axis {self.axis}" if self.axis else "axis of the middle moment"
         return {"axis": axis, "within": float(self.within)}
 
-    def results(self, record: Record) -> dict[str, Array]:
+    def results(self, record: EventRecord) -> dict[str, Array]:
         """The outputs."""
         with np.errstate(all="ignore"):
             waits = record.count - 1.0
@@ -136,7 +136,7 @@ class FlipLevel(NamedTuple):
         near = armed | (level * level > self.square * dot(l, l))
         return armed_if_unequal(self.alike, body, near)
 
-    def past(self):
+    def counts_at_start(self):
         return False
 
 

@@ -11,7 +11,7 @@ from rigidmc.physics.observables.protocol import Array, running
 
 
 @running(
-    marks=2,
+    state_size=2,
     outputs={
         "nutation_min": ("rad", "smallest angle between axis 3 and the vertical", ()),
         "nutation_max": ("rad", "largest angle between axis 3 and the vertical", ()),
@@ -31,25 +31,27 @@ class Nutation(NamedTuple):
         square = q[1] * q[1] + q[2] * q[2]
         return square, square
 
-    def update(self, kept, q):
+    def update(self, state, q):
         square = q[1] * q[1] + q[2] * q[2]
-        return select(square < kept[0], square, kept[0]), select(square > kept[1], square, kept[1])
+        return select(square < state[0], square, state[0]), select(
+            square > state[1], square, state[1]
+        )
 
-    def turning(self, q):
+    def extrema(self, q):
         return (q[1] * q[1] + q[2] * q[2],)
 
-    def sought(self, kept):
-        return ((kept[0], kept[1]),)
+    def extremum_limits(self, state):
+        return ((state[0], state[1]),)
 
-    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+    def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """The outputs from the numbers (2, n)."""
         # Rounding may leave the numbers beyond 0 and 1 by a digit.
-        low, high = 2.0 * arcsine(np.sqrt(np.clip(kept, 0.0, 1.0)))
+        low, high = 2.0 * arcsine(np.sqrt(np.clip(state, 0.0, 1.0)))
         return {"nutation_min": low, "nutation_max": high}
 
 
 @running(
-    marks=5,
+    state_size=5,
     outputs={"precession": ("rad", "angle by which axis 3 has turned about the vertical", ())},
 )
 class Precession(NamedTuple):
@@ -68,23 +70,23 @@ class Precession(NamedTuple):
         x, y = over_plane(q)
         return x, y, 0.0 * x, x, y
 
-    def update(self, kept, q):
+    def update(self, state, q):
         x, y = over_plane(q)
         # The sense in which the axis crosses y = 0: that of the cross product of the two
         # directions.
-        way = select(kept[0] * y - kept[1] * x > 0.0, 1.0, -1.0)
-        return x, y, kept[2] + select((kept[1] < 0.0) != (y < 0.0), way, 0.0), kept[3], kept[4]
+        way = select(state[0] * y - state[1] * x > 0.0, 1.0, -1.0)
+        return x, y, state[2] + select((state[1] < 0.0) != (y < 0.0), way, 0.0), state[3], state[4]
 
-    def turning(self, q):
+    def extrema(self, q):
         x, y = over_plane(q)
         return (x * x + y * y,)
 
-    def sought(self):
+    def extremum_limits(self):
         return ((CLOSE, math.inf),)
 
-    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+    def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """The outputs from the numbers (5, n)."""
-        x, y, halves, x0, y0 = kept
+        x, y, halves, x0, y0 = state
         # half -1 is y < 0 of turn 0, half 0 is y >= 0 of it
         turns = 0.5 * (halves - (y0 < 0.0) + (y < 0.0))
         # y + 0.0 turns -0.0 into 0.0, whose arctangent is the wanted one

@@ -11,7 +11,7 @@ from rigidmc.physics.dynamics.methods import Flag, flag
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import directions
 from rigidmc.physics.observables.directions import Direction, length, seen
-from rigidmc.physics.observables.protocol import Array, Record, event
+from rigidmc.physics.observables.protocol import Array, EventRecord, event
 
 TABLE = "observables.passage"
 WAYS, AT_START = ("leaves", "reaches"), ("count", "ignore")
@@ -98,7 +98,7 @@ class Passage(NamedTuple):
         if not isinstance(self.stop, bool):
             raise SceneError("expected true or false", at=f"{TABLE}.stop", value=self.stop)
 
-    def compiled(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "ConeLevel":
+    def bind(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "ConeLevel":
         """The event, the same for all bodies; SceneError without the orbit or field it needs."""
         smooth = not any(map(is_random, effects))
         outward = -1.0 if self.way == "leaves" else 1.0
@@ -112,7 +112,7 @@ class Passage(NamedTuple):
             (float(self.hold), *flag(smooth)) if self.hold else (),
         )
 
-    def words(self) -> dict[str, Any]:
+    def label_fields(self) -> dict[str, Any]:
         """The axis, the way, and the cone."""
         return {
             "axis": f"axis {self.axis}",
@@ -123,7 +123,7 @@ class Passage(NamedTuple):
             + f", and stays for {self.hold:g} s" * bool(self.hold),
         }
 
-    def results(self, record: Record) -> dict[str, Array]:
+    def results(self, record: EventRecord) -> dict[str, Array]:
         """The outputs."""
         first, last = record.first, record.last
         if self.hold:
@@ -138,9 +138,9 @@ class ConeLevel(NamedTuple):
         level = sign (e . d) - cosine |d|, which rises through 0 at the event
 
     axis : ON for the axis, OFF for the others;  stop : see
-        `rigidmc.physics.observables.protocol.stops`
+        `rigidmc.physics.observables.protocol.is_terminal`
     ignored : ON if a start beyond the cone does not count
-    hold : see `rigidmc.physics.observables.protocol.holds`
+    hold : see `rigidmc.physics.observables.protocol.dwell`
     """
 
     axis: tuple[Flag, ...]
@@ -158,13 +158,13 @@ class ConeLevel(NamedTuple):
     def armed(self, level):
         return may_pass(self.hold, level)
 
-    def past(self, level):
+    def counts_at_start(self, level):
         return counts(self.ignored, level)
 
-    def holds(self):
+    def dwell(self):
         return self.hold
 
-    def stops(self):
+    def is_terminal(self):
         return self.stop
 
 

@@ -4,11 +4,12 @@ A class is a NamedTuple with one of the decorators below, which states its facts
 and refuses a class that lacks the rest. Its fields are the numbers of a table [observables.NAME] in
 a scene.
 
-`value`, `monotone`, `begin`, `update`, `turning`, `sought`, `averages`, `reweighed`, `steady`,
-`level`, `armed`, `past`, `holds` and `stops` are called from compiled code.
-As the methods of effects, they name the arguments that they depend on and are given no others:
-body, effects, t, q, l, and `value` also start and works. They are plain arithmetic, see
-`rigidmc.physics.dynamics.methods`. All other methods are Python and take arrays, members last.
+`value`, `monotone`, `begin`, `update`, `extrema`, `extremum_limits`, `is_time_average`,
+`reweighed`, `is_conserved`, `level`, `armed`, `counts_at_start`, `dwell` and `is_terminal` are
+called from compiled code. As the methods of effects, they name the arguments that they depend on
+and are given no others: body, effects, t, q, l, and `value` also start and works. They are plain
+arithmetic, see `rigidmc.physics.dynamics.methods`. All other methods are Python and take arrays,
+members last.
 """
 
 import inspect
@@ -62,10 +63,10 @@ class Observable(Protocol):
     value: Callable[..., tuple[Any, ...]]
 
 
-class OverSteps(Protocol):
+class Monitored(Protocol):
     """Observed over all steps, with one result per member and no trajectory kept.
 
-    outputs : the variables of the result; {name} in a long_name stands for one of `words`
+    outputs : the variables of the result; {name} in a long_name stands for one of `label_fields`
     stop : whether the member stops when the event has happened
     event_times : names of the outputs that are times of events, each nan while its event has not
         come: estimates take it for later than the end of the member. None for the first time of an
@@ -79,11 +80,11 @@ class OverSteps(Protocol):
     def check(self) -> None:
         """Raise SceneError if a number of the observable is not allowed."""
 
-    def words(self) -> dict[str, Any]:
+    def label_fields(self) -> dict[str, Any]:
         """The numbers as the long_names of `outputs` show them."""
 
 
-class Record(NamedTuple):
+class EventRecord(NamedTuple):
     """What is known of an event at the end of a run, one number of each member.
 
     count : how often it happened, nan if the member is not healthy
@@ -103,52 +104,53 @@ class Record(NamedTuple):
 
 
 @runtime_checkable
-class Event(OverSteps, Protocol):
+class Event(Monitored, Protocol):
     """An event: it happens when its `level` passes through 0 while it is `armed`.
 
-    `compiled` gives the NamedTuple that has `level`, and perhaps `armed`, `past` and `stops`.
+    `bind` gives the NamedTuple that has `level`, and perhaps `armed`, `counts_at_start` and
+    `is_terminal`.
     """
 
-    def compiled(self, moments: Array, complete: bool, effects: Sequence[Any]) -> Any:
+    def bind(self, moments: Array, complete: bool, effects: Sequence[Any]) -> Any:
         """The event for bodies of these moments (3, n) under these effects.
 
         complete : whether these are all bodies
         """
 
-    def results(self, record: Record) -> dict[str, Array]:
+    def results(self, record: EventRecord) -> dict[str, Array]:
         """The outputs."""
 
 
 @runtime_checkable
-class Running(OverSteps, Protocol):
+class Running(Monitored, Protocol):
     """A few numbers of each member, which `begin` sets and `update` changes after every step.
 
-    marks : how many numbers
+    state_size : how many numbers
     """
 
-    marks: int
+    state_size: int
     begin: Callable[..., tuple[Any, ...]]
     update: Callable[..., tuple[Any, ...]]
 
-    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
-        """The outputs from the numbers (marks, n) after so many steps of each member.
+    def results(self, state: Array, steps: Array) -> dict[str, Array]:
+        """The outputs from the numbers (state_size, n) after so many steps of each member.
 
         If the last steps are shorter, the steps before them count for more, see `reweighed`.
         """
 
 
 @runtime_checkable
-class Neighbour(OverSteps, Protocol):
+class Neighbour(Monitored, Protocol):
     """What a shadow trajectory shows, see `rigidmc.engine.kernel.shadow`."""
 
     shadow: bool
 
-    def results(self, kept: Array, steps: float, h: Array) -> dict[str, Array]:
+    def results(self, state: Array, steps: float, h: Array) -> dict[str, Array]:
         """The outputs from the sums (3, n) over a time of so many steps h [s]."""
 
 
 @runtime_checkable
-class EnsembleObservable(OverSteps, Protocol):
+class EnsembleObservable(Monitored, Protocol):
     """Counts of all members at save times, from an observable of which no member is stored.
 
     name, component : of the observable
@@ -176,7 +178,7 @@ def _no_check(self: Any) -> None:
     """All numbers are allowed."""
 
 
-def _no_words(self: Any) -> dict[str, Any]:
+def _no_fields(self: Any) -> dict[str, Any]:
     """No word to fill in."""
     return {}
 
@@ -191,14 +193,28 @@ _OVER_STEPS = {
     "stop": False,
     "event_times": None,
     "check": _no_check,
-    "words": _no_words,
+    "label_fields": _no_fields,
 }
 _DEFAULTS: dict[type, dict[str, Any]] = {
     Observable: {"conserved": ""},
-    Event: {**_OVER_STEPS, "compiled": _as_it_stands},
+    Event: {**_OVER_STEPS, "bind": _as_it_stands},
     Running: _OVER_STEPS,
     Neighbour: _OVER_STEPS,
     EnsembleObservable: _OVER_STEPS,
+}
+# Methods and facts of earlier versions, and what they are called now; until 1.0.
+OLD_WORDS = {
+    "turning": "extrema",
+    "sought": "extremum_limits",
+    "holds": "dwell",
+    "stops": "is_terminal",
+    "past": "counts_at_start",
+    "averages": "is_time_average",
+    "steady": "is_conserved",
+    "compiled": "bind",
+    "under": "bind",
+    "marks": "state_size",
+    "words": "label_fields",
 }
 _STATED = ("word", "squares")  # of statistics, see `rigidmc.physics.observables.statistics`
 Kind = TypeVar("Kind", bound=type)
@@ -214,7 +230,8 @@ def _decorator(protocol: type) -> Callable[..., Callable[[Kind], Kind]]:
 
     def decorator(**facts: Any) -> Callable[[Kind], Kind]:
         if wrong := facts.keys() - known:
-            raise TypeError(f"{protocol.__name__} has no {', '.join(wrong)}")
+            now = [f"; {old} is now called {OLD_WORDS[old]}" for old in wrong if old in OLD_WORDS]
+            raise TypeError(f"{protocol.__name__} has no {', '.join(wrong)}{''.join(now)}")
 
         def complete(cls: Kind) -> Kind:
             for name, value in facts.items():
@@ -223,7 +240,7 @@ def _decorator(protocol: type) -> Callable[..., Callable[[Kind], Kind]]:
                 if not hasattr(cls, name):
                     setattr(cls, name, default)
             if facts.get("conserved"):
-                cast(Any, cls).steady = _conserved
+                cast(Any, cls).is_conserved = _conserved
             if missing := [name for name in _members(protocol) if not hasattr(cls, name)]:
                 words = ", ".join(missing)
                 raise TypeError(f"{cls.__name__} has no {words}: see {protocol.__name__}")
@@ -265,20 +282,20 @@ def begin(running, body, effects, t, q, l):
 
 
 @method
-def update(running, kept, body, effects, t, q, l):
-    """The numbers after a step that ended at t; kept : before it."""
-    return kept
+def update(running, state, body, effects, t, q, l):
+    """The numbers after a step that ended at t; state : before it."""
+    return state
 
 
 @method
-def turning(observable, body, effects, t, q, l):
+def extrema(observable, body, effects, t, q, l):
     """Numbers whose extrema within a step count: a tuple."""
     return ()
 
 
 @method
-def sought(observable, kept):
-    """For each number of `turning` (low, high): the running observable is updated at a smallest one
+def extremum_limits(observable, state):
+    """For each number of `extrema` (low, high): the running observable is updated at a smallest one
     below `low`, and at a largest one above `high`."""
     return ()
 
@@ -291,22 +308,22 @@ def monotone(observable, values):
 
 
 @method
-def averages(observable):
+def is_time_average(observable):
     """ON if a running observable is a mean over time: means are updated at states within a step
     too, which lie equally far apart."""
     return OFF
 
 
 @method
-def reweighed(running, kept, longer):
+def reweighed(running, state, longer):
     """The numbers of a running observable if each step so far counts as `longer` steps to come: the
     steps of a last interval may be shorter. Sums over steps times this are weighed by time; by
     default nothing changes."""
-    return kept
+    return state
 
 
 @method
-def steady(observable):
+def is_conserved(observable):
     """ON if an observable is conserved: statistics of it are those of the ends of steps, because a
     state within a step is known to fewer digits."""
     return OFF
@@ -328,19 +345,19 @@ def armed(event, body, q, l, level, armed):
 
 
 @method
-def past(event, level):
+def counts_at_start(event, level):
     """Whether the event counts as happened at the start, by default if its level is not below 0."""
     return level >= 0.0
 
 
 @method
-def holds(event):
+def dwell(event):
     """() if an event counts when its level passes through 0. (T,) if it counts only once the level
     has been above 0 for T seconds; with a second number also within steps, by dense output."""
     return ()
 
 
 @method
-def stops(event):
+def is_terminal(event):
     """ON if the event stops the member: known when the event is compiled."""
     return OFF

@@ -32,7 +32,7 @@ from rigidmc.physics.observables import (
     own,
     statistics,
 )
-from rigidmc.physics.observables.protocol import Event, Record, Running
+from rigidmc.physics.observables.protocol import Event, EventRecord, Running
 from rigidmc.physics.observables.statistics import STATISTICS
 
 WORDS = ("none", "final", "summary", "thinned", "full")
@@ -118,7 +118,7 @@ def event_times(label: str, one: Any) -> dict[str, float]:
 def roles_of(one: Event) -> list[str]:
     """What each output of an event is: "count", "first", or "" for another."""
     numbers = _COUNT, _FIRST, 7.0, 7.25, _FIRST_TAU, 11.0, 5.5
-    record = Record(*(np.array([x]) for x in numbers))
+    record = EventRecord(*(np.array([x]) for x in numbers))
     words = {_COUNT: "count", _FIRST: "first", _FIRST_TAU: "first"}
     return [words.get(float(np.ravel(x)[0]), "") for x in one.results(record).values()]
 

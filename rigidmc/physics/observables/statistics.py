@@ -13,7 +13,7 @@ import numpy as np
 
 from rigidmc.physics.dynamics.methods import OFF, ON, implements
 from rigidmc.physics.dynamics.so3 import select
-from rigidmc.physics.observables.protocol import Array, monotone, running, size, steady, value
+from rigidmc.physics.observables.protocol import Array, is_conserved, monotone, running, size, value
 
 _NO_START = (0.0, 0.0, 0.0, 0.0)
 
@@ -37,18 +37,18 @@ def larger(a, b):
     return (select(b[0] > a[0], b[0], a[0]),) + larger(a[1:], b[1:])
 
 
-def below(kept):
+def below(state):
     """(x, inf) of each number: what is smaller is sought."""
-    if len(kept) == 0:
+    if len(state) == 0:
         return ()
-    return ((kept[0], math.inf),) + below(kept[1:])
+    return ((state[0], math.inf),) + below(state[1:])
 
 
-def above(kept):
+def above(state):
     """(-inf, x) of each number: what is larger is sought."""
-    if len(kept) == 0:
+    if len(state) == 0:
         return ()
-    return ((-math.inf, kept[0]),) + above(kept[1:])
+    return ((-math.inf, state[0]),) + above(state[1:])
 
 
 def unless_steady(steady, values):
@@ -60,7 +60,7 @@ def unless_steady(steady, values):
 
 def extremal_numbers(of, values):
     """Numbers with the extremes of an observable, none if it is steady."""
-    return unless_steady(steady(of), monotone(of, values))
+    return unless_steady(is_conserved(of), monotone(of, values))
 
 
 def negate(steady):
@@ -138,9 +138,9 @@ def rest(like, a):
     return rest(like[1:], a[1:])
 
 
-def by_rows(of: Any, rows: int, kept: Array) -> Array:
+def by_rows(of: Any, rows: int, state: Array) -> Array:
     """The rows (rows * values, n) of a block as (rows, values, n), or as they are of a number."""
-    return kept.reshape(rows, -1, kept.shape[1]) if of.dims else kept
+    return state.reshape(rows, -1, state.shape[1]) if of.dims else state
 
 
 def counts_steps(one: Any) -> bool:
@@ -149,7 +149,7 @@ def counts_steps(one: Any) -> bool:
     if implements(one, "reweighed"):
         return False
     # A result that depends on the number of steps differs between 3 and 5 of them.
-    few, many = (one.results(np.ones((one.marks, 1)), np.array([n])) for n in (3.0, 5.0))
+    few, many = (one.results(np.ones((one.state_size, 1)), np.array([n])) for n in (3.0, 5.0))
     return any(not np.array_equal(few[name], many[name], equal_nan=True) for name in few)
 
 
@@ -160,25 +160,25 @@ class Minimum(NamedTuple):
     of: Any
 
     @property
-    def marks(self) -> int:
+    def state_size(self) -> int:
         """The smallest values."""
         return size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
         return seen(self.of, body, effects, t, q, l)
 
-    def update(self, kept, body, effects, t, q, l):
-        return smaller(kept, seen(self.of, body, effects, t, q, l))
+    def update(self, state, body, effects, t, q, l):
+        return smaller(state, seen(self.of, body, effects, t, q, l))
 
-    def turning(self, body, effects, t, q, l):
+    def extrema(self, body, effects, t, q, l):
         return extremal_numbers(self.of, seen(self.of, body, effects, t, q, l))
 
-    def sought(self, kept):
-        return below(extremal_numbers(self.of, kept))
+    def extremum_limits(self, state):
+        return below(extremal_numbers(self.of, state))
 
-    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+    def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """The smallest values."""
-        return {"min": by_rows(self.of, 1, kept)[0]}
+        return {"min": by_rows(self.of, 1, state)[0]}
 
 
 @running(word="largest", squares=False)
@@ -188,25 +188,25 @@ class Maximum(NamedTuple):
     of: Any
 
     @property
-    def marks(self) -> int:
+    def state_size(self) -> int:
         """The largest values."""
         return size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
         return seen(self.of, body, effects, t, q, l)
 
-    def update(self, kept, body, effects, t, q, l):
-        return larger(kept, seen(self.of, body, effects, t, q, l))
+    def update(self, state, body, effects, t, q, l):
+        return larger(state, seen(self.of, body, effects, t, q, l))
 
-    def turning(self, body, effects, t, q, l):
+    def extrema(self, body, effects, t, q, l):
         return extremal_numbers(self.of, seen(self.of, body, effects, t, q, l))
 
-    def sought(self, kept):
-        return above(extremal_numbers(self.of, kept))
+    def extremum_limits(self, state):
+        return above(extremal_numbers(self.of, state))
 
-    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+    def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """The largest values."""
-        return {"max": by_rows(self.of, 1, kept)[0]}
+        return {"max": by_rows(self.of, 1, state)[0]}
 
 
 @running(word="mean over time of", squares=False)
@@ -219,7 +219,7 @@ class Mean(NamedTuple):
     of: Any
 
     @property
-    def marks(self) -> int:
+    def state_size(self) -> int:
         """Three numbers of each value."""
         return 3 * size(self.of.dims)
 
@@ -227,23 +227,23 @@ class Mean(NamedTuple):
         values = seen(self.of, body, effects, t, q, l)
         return values + zeros(values) + values
 
-    def update(self, kept, body, effects, t, q, l):
+    def update(self, state, body, effects, t, q, l):
         values = seen(self.of, body, effects, t, q, l)
-        shifts = head(values, kept)
-        return shifts + add_differences(head(values, rest(values, kept)), values, shifts) + values
+        shifts = head(values, state)
+        return shifts + add_differences(head(values, rest(values, state)), values, shifts) + values
 
-    def averages(self):
-        return negate(steady(self.of))
+    def is_time_average(self):
+        return negate(is_conserved(self.of))
 
-    def reweighed(self, kept, longer):
-        shifts = head(third(kept), kept)
-        sums = rest(shifts, kept)
+    def reweighed(self, state, longer):
+        shifts = head(third(state), state)
+        sums = rest(shifts, state)
         last = rest(shifts, sums)
         return shifts + weigh_sums(head(shifts, sums), offsets(last, shifts), longer) + last
 
-    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+    def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """The mean; without steps it is the first value."""
-        first, total, last = by_rows(self.of, 3, kept)
+        first, total, last = by_rows(self.of, 3, state)
         with np.errstate(all="ignore"):
             return {"mean": first + (total - 0.5 * (last - first)) / np.maximum(steps, 1.0)}
 
@@ -259,7 +259,7 @@ class Variance(NamedTuple):
     of: Any
 
     @property
-    def marks(self) -> int:
+    def state_size(self) -> int:
         """Four numbers of each value."""
         return 4 * size(self.of.dims)
 
@@ -267,9 +267,9 @@ class Variance(NamedTuple):
         values = seen(self.of, body, effects, t, q, l)
         return values + zeros(values) + zeros(values) + values
 
-    def update(self, kept, body, effects, t, q, l):
+    def update(self, state, body, effects, t, q, l):
         values = seen(self.of, body, effects, t, q, l)
-        shifts, sums = head(values, kept), rest(values, kept)
+        shifts, sums = head(values, state), rest(values, state)
         return (
             shifts
             + add_differences(head(values, sums), values, shifts)
@@ -277,12 +277,12 @@ class Variance(NamedTuple):
             + values
         )
 
-    def averages(self):
-        return negate(steady(self.of))
+    def is_time_average(self):
+        return negate(is_conserved(self.of))
 
-    def reweighed(self, kept, longer):
-        shifts = head(fourth(kept), kept)
-        sums = rest(shifts, kept)
+    def reweighed(self, state, longer):
+        shifts = head(fourth(state), state)
+        sums = rest(shifts, state)
         squares = rest(shifts, sums)
         last = rest(shifts, squares)
         end = offsets(last, shifts)
@@ -293,9 +293,9 @@ class Variance(NamedTuple):
             + last
         )
 
-    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+    def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """The variance; without steps it is 0."""
-        first, total, squares, last = by_rows(self.of, 4, kept)
+        first, total, squares, last = by_rows(self.of, 4, state)
         with np.errstate(all="ignore"):
             steps = np.maximum(steps, 1.0)
             end = last - first
@@ -311,19 +311,19 @@ class Last(NamedTuple):
     of: Any
 
     @property
-    def marks(self) -> int:
+    def state_size(self) -> int:
         """The values."""
         return size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
         return seen(self.of, body, effects, t, q, l)
 
-    def update(self, kept, body, effects, t, q, l):
+    def update(self, state, body, effects, t, q, l):
         return seen(self.of, body, effects, t, q, l)
 
-    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+    def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """The last values."""
-        return {"last": by_rows(self.of, 1, kept)[0]}
+        return {"last": by_rows(self.of, 1, state)[0]}
 
 
 STATISTICS: dict[str, Any] = {

@@ -12,7 +12,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import StepRange
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.physics.dynamics.euler import kinetic_energy
-from rigidmc.physics.dynamics.so3 import dot, up
+from rigidmc.physics.dynamics.so3 import dot, vertical
 from rigidmc.physics.effects.sums import total_energy_scale
 from rigidmc.planning.steps import Array, physics
 from rigidmc.planning.tolerance.pilot import Pilot, States, first_steps, follow, states_along
@@ -54,7 +54,7 @@ def errors(pilot: Pilot, states: States, true: States) -> dict[str, Array]:
                 + energies(effects, body, q)
                 - energies(effects, body, true_q)
             )
-            lz = dot(l, up(q)) - dot(true_l, up(true_q))
+            lz = dot(l, vertical(q)) - dot(true_l, vertical(true_q))
             checks["momentum"].append(momentum)
             checks["attitude"].append(turned)
             checks["state"].append(np.maximum(momentum, turned))
@@ -109,7 +109,7 @@ def _conserved(body: Any, effects: tuple[Any, ...], q: Any, l: Any) -> dict[str,
     return {
         "energy": kinetic_energy(body, l) + energies(effects, body, q),
         "l2": dot(l, l),
-        "lz": dot(l, up(q)),
+        "lz": dot(l, vertical(q)),
     }
 
 

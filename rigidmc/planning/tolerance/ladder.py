@@ -42,7 +42,7 @@ def candidates(
     if integrators:
         able = [name for name in integrators if name in able]
     if not scene.effects:
-        able = [name for name in able if not kinds[name].splitting or name == "rotations"]
+        able = [name for name in able if not kinds[name].is_splitting or name == "rotations"]
     # first what needs no compiling: it bounds what others may cost
     able.sort(key=lambda name: name != "closed")
     both = [

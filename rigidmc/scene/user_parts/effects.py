@@ -13,13 +13,14 @@ from rigidmc.physics.dynamics.so3 import exponential, multiply
 from rigidmc.physics.dynamics.trials import State, Trial, states
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import (
+    OLD_WORDS,
+    add_noise,
     energy,
     energy_scale,
     filled,
     is_random,
     kick,
     numbers,
-    shake,
     shape,
     slip,
     takes_noise,
@@ -27,7 +28,7 @@ from rigidmc.physics.effects.protocol import (
     torque_rate,
 )
 
-_VECTORS, _SCALARS = (torque, kick, shake, slip, torque_rate), (energy, energy_scale)
+_VECTORS, _SCALARS = (torque, kick, add_noise, slip, torque_rate), (energy, energy_scale)
 BODY = MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3))
 
 
@@ -37,16 +38,17 @@ def check_user_effect(effect: Any) -> None:
     if kind in EFFECTS.values():
         return
     trial = Trial("effects", sample(effect))
+    trial.refuse_old(OLD_WORDS)
     trial.read(*_VECTORS, *_SCALARS)
-    if implements(kind, "shake") and not takes_noise(kind) and shape(kind, "noise") == 3:
-        rule = "the field `noise` is drawn for effects that are random: @effect(stochastic=True)"
+    if implements(kind, "add_noise") and not takes_noise(kind) and shape(kind, "noise") == 3:
+        rule = "the field `noise` is drawn for effects that are random: @effect(is_random=True)"
         raise trial.complaint("noise", rule)
     if is_random(kind) and not (takes_noise(kind) and shape(kind, "noise") == 3):
         rule = (
             "is random, so that it needs a field for the normal deviates of a step: noise: Vector ="
             ' (0.0, 0.0, 0.0), with shapes={"noise": 3} and hidden=("noise",) in @effect(...)'
         )
-        raise trial.complaint("shake", rule)
+        raise trial.complaint("add_noise", rule)
     for state in states():
         values = _values(state)
         for method in _given(kind, _VECTORS):

@@ -17,19 +17,21 @@ from rigidmc.physics.dynamics.trials import State, Trial, states
 from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.protocol import (
+    OLD_WORDS,
     Integrator,
-    closed,
-    constants,
-    group_count,
-    keeps,
-    opened,
+    extra_state,
+    from_stepping,
+    interleaving,
+    precompute,
     step,
+    to_stepping,
     with_defaults,
 )
 
 _BODY = MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3))
 _STEP = 0.2  # [s], by which a body turns by about 0.4 rad
 _SLACK = 0.6  # of the measured order; of the shipped ones it is off by 0.3 at most
+OLD_MAKERS = "form", "prepared"  # `scheme` in earlier versions: refused with the new word later
 _SMALL = 1e-9  # beyond what a step of 0.2 s rounds: 1e-15
 _KEPT: dict[str, Callable[[Any, Any], Any]] = {  # what `conserves` may name, of a free body
     "|q|": lambda q, l: sum(x * x for x in q),
@@ -40,7 +42,7 @@ _KEPT: dict[str, Callable[[Any, Any], Any]] = {  # what `conserves` may name, of
 _FACTS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "order": (lambda x: _is_real(x) and x >= 1, "a number of 1 or more"),
     "evaluations": (lambda x: isinstance(x, int) and x >= 0, "torques a step, a whole number"),
-    "reversible": (lambda x: isinstance(x, bool), "True or False"),
+    "is_reversible": (lambda x: isinstance(x, bool), "True or False"),
     "conserves": (
         lambda x: isinstance(x, tuple) and set(x) <= _KEPT.keys(),
         f"a tuple of some of {', '.join(_KEPT)}",
@@ -62,7 +64,7 @@ class _Counted(NamedTuple):
 
 def is_integrator(value: Any) -> bool:
     """Whether a value is an integrator: a NamedTuple, not its class, with a way to make steps."""
-    ways = any(implements(value, way) for way in ("step", "form", "prepared"))
+    ways = any(implements(value, way) for way in ("step", "scheme", *OLD_MAKERS))
     return ways and isinstance(value, tuple)
 
 
@@ -78,10 +80,11 @@ def known_facts(value: Any, word: str) -> Integrator:
     if word in (*INTEGRATORS, "auto"):
         rule = f"'{word}' is an integrator of the package: give the class another name"
         raise PartError.of(value, rule, at)
+    Trial(at, value).refuse_old(OLD_WORDS)
     for fact, (right, expected) in _FACTS.items():
         if not implements(value, fact):
             raise PartError.of(value, f"is missing: {expected}", at, fact)
-        free = fact == "accepts" and implements(value, "splitting")  # in other words
+        free = fact == "accepts" and implements(value, "is_splitting")  # in other words
         if not free and not right(getattr(value, fact)):
             rule = f"is {getattr(value, fact)!r}, expected {expected}"
             raise PartError.of(value, rule, at, fact)
@@ -91,10 +94,10 @@ def known_facts(value: Any, word: str) -> Integrator:
 def check_user_integrator(one: Any, word: str) -> None:
     """Raise SceneError, with class, line and rule, for a user's integrator that no kernel could
     use, or that is not what its facts say."""
-    if not implements(one, "step"):  # its steps are made by a form
+    if not implements(one, "step"):  # its steps are made by a scheme
         return
     trial = Trial(f"integrators.{word}", one)
-    trial.read(group_count, keeps, constants, opened, step, closed)
+    trial.read(interleaving, extra_state, precompute, to_stepping, step, from_stepping)
     some = list(states())
     for state in some:
         _step(trial, (), state, _STEP)
@@ -118,9 +121,9 @@ def _check_kept(trial: Trial, some: list[State]) -> None:
                 rule = f"names {name}, which a step of a free body changes by {change:.1e}"
                 raise trial.complaint("conserves", rule)
         back = _apart(state, _step(trial, (), after, -_STEP))
-        if trial.part.reversible and back > _SMALL:
+        if trial.part.is_reversible and back > _SMALL:
             rule = f"is True, but a step of -h after one of h ends {back:.1e} from the start"
-            raise trial.complaint("reversible", rule)
+            raise trial.complaint("is_reversible", rule)
 
 
 def _check_order(trial: Trial, some: list[State]) -> None:
@@ -146,17 +149,17 @@ def _check_order(trial: Trial, some: list[State]) -> None:
 
 def _step(trial: Trial, effects: tuple[Any, ...], state: State, h: float) -> State:
     """The state after a step; SceneError unless that is a quaternion and a vector."""
-    one, part, t = trial.part, (h, h, 0.0), state.t
-    values: dict[str, Any] = {"body": _BODY, "effects": effects, "t": t, "h": h, "part": part}
-    q, l = state.q, state.l + tuple(keeps(one))
-    q, l = opened(one, _BODY, effects, t, (0.0, 0.0, 0.0), q, l)
-    values |= {"q": q, "l": l, "constants": constants(one, _BODY, part, l)}
+    one, substep, t = trial.part, (h, h, 0.0), state.t
+    values: dict[str, Any] = {"body": _BODY, "effects": effects, "t": t, "h": h, "substep": substep}
+    q, l = state.q, state.l + tuple(extra_state(one))
+    q, l = to_stepping(one, _BODY, effects, t, (0.0, 0.0, 0.0), q, l)
+    values |= {"q": q, "l": l, "constants": precompute(one, _BODY, substep, l)}
     found = trial.called(step, values)
     pair = isinstance(found, tuple) and [len(x) for x in found if isinstance(x, tuple)]
     if pair != [len(q), len(l)]:
         rule = f"gives {found!r}, expected (q, L): tuples of {len(q)} and {len(l)} numbers"
         raise trial.complaint("step", rule)
-    q, l = closed(one, _BODY, effects, t + h, (0.0, 0.0, 0.0), *found)
+    q, l = from_stepping(one, _BODY, effects, t + h, (0.0, 0.0, 0.0), *found)
     if not np.isfinite(np.array(q + l[:3], dtype=float)).all():
         raise trial.complaint("step", f"gives {found!r}, which is not finite")
     return State(t + h, q, l[:3])

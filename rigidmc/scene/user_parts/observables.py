@@ -13,20 +13,21 @@ from rigidmc.physics.dynamics.trials import RULE, Trial, states
 from rigidmc.physics.observables import is_own, word_of_observable
 from rigidmc.physics.observables.protocol import (
     DIMENSIONS,
+    OLD_WORDS,
     Event,
+    EventRecord,
     Observable,
-    Record,
     Running,
     armed,
-    averages,
     begin,
+    counts_at_start,
+    extrema,
+    extremum_limits,
+    is_terminal,
+    is_time_average,
     level,
-    past,
     reweighed,
     size,
-    sought,
-    stops,
-    turning,
     update,
     value,
 )
@@ -42,6 +43,7 @@ def check_user_observable(one: Any, effects: tuple[Any, ...]) -> None:
     if not is_own(one):
         return
     trial = Trial(f"observables.{word_of_observable(one)}", one)
+    trial.refuse_old(OLD_WORDS)
     if isinstance(one, Observable):
         _check_fact(trial, "units", isinstance(one.units, str), "a text such as 'rad s-1'")
         _check_dims(trial, "dims", one.dims)
@@ -51,14 +53,14 @@ def check_user_observable(one: Any, effects: tuple[Any, ...]) -> None:
     _check_event_times(trial, one.event_times, one.outputs)
     if isinstance(one, Event):
         # what is compiled depends on the moments only for shipped events
-        compiled = trial.run("compiled", np.ones((3, 1)), True, effects)
+        compiled = trial.run("bind", np.ones((3, 1)), True, effects)
         _check_event(trial._replace(part=as_floats(trial, compiled)), effects)
-        found = trial.run("results", Record(*[np.ones(_MEMBERS)] * len(Record._fields)))
+        found = trial.run("results", EventRecord(*[np.ones(_MEMBERS)] * len(EventRecord._fields)))
     elif isinstance(one, Running):
-        whole = isinstance(one.marks, int) and one.marks > 0
-        _check_fact(trial, "marks", whole, "a whole number of 1 or more")
-        _check_running(trial._replace(part=as_floats(trial, one)), effects, one.marks)
-        found = trial.run("results", np.ones((one.marks, _MEMBERS)), np.ones(_MEMBERS))
+        whole = isinstance(one.state_size, int) and one.state_size > 0
+        _check_fact(trial, "state_size", whole, "a whole number of 1 or more")
+        _check_running(trial._replace(part=as_floats(trial, one)), effects, one.state_size)
+        found = trial.run("results", np.ones((one.state_size, _MEMBERS)), np.ones(_MEMBERS))
     else:
         raise trial.complaint("outputs", "expected an observable, an event, or a running one")
     _check_results(trial, one.outputs, found)
@@ -72,7 +74,7 @@ def as_floats(trial: Trial, part: Any) -> Any:
             parts = [plain(name, x) for x in value]
             return type(value)(*parts) if implements(value, "_fields") else tuple(parts)
         if not isinstance(value, (bool, int, float, np.number)):
-            rule = f"is {value!r}: {RULE}; `compiled` can give an event of numbers alone"
+            rule = f"is {value!r}: {RULE}; `bind` can give an event of numbers alone"
             raise trial.complaint(name, rule)
         return float(value)
 
@@ -121,30 +123,30 @@ def _check_event(trial: Trial, effects: Any) -> None:
     if not implements(trial.part, "level"):
         rule = "is missing: an event has a level, which passes through 0 when it happens"
         raise trial.complaint("level", rule)
-    trial.read(level, armed, past, stops)
+    trial.read(level, armed, counts_at_start, is_terminal)
     for state in states():
         some = {"body": BODY, "effects": effects, **state._asdict()}
         found = {"level": trial.number(level, some), "armed": True}
         trial.number(armed, {**some, **found})
-        trial.number(past, {**some, **found})
-    trial.numbers(stops, {})
+        trial.number(counts_at_start, {**some, **found})
+    trial.numbers(is_terminal, {})
 
 
-def _check_running(trial: Trial, effects: Any, marks: int) -> None:
-    trial.read(begin, update, turning, sought, averages, reweighed)
-    kept = None
+def _check_running(trial: Trial, effects: Any, size_of_state: int) -> None:
+    trial.read(begin, update, extrema, extremum_limits, is_time_average, reweighed)
+    numbers = None
     for state in states():
         some = {"body": BODY, "effects": effects, **state._asdict()}
-        kept = trial.numbers(begin, some, marks) if kept is None else kept
-        kept = trial.numbers(update, {**some, "kept": kept}, marks)
-        count = len(trial.numbers(turning, some))
-        pairs = trial.called(sought, {"kept": kept})
+        numbers = trial.numbers(begin, some, size_of_state) if numbers is None else numbers
+        numbers = trial.numbers(update, {**some, "state": numbers}, size_of_state)
+        count = len(trial.numbers(extrema, some))
+        pairs = trial.called(extremum_limits, {"state": numbers})
         pair = isinstance(pairs, tuple) and all(isinstance(p, tuple) and len(p) == 2 for p in pairs)
         if not pair or len(pairs) != count:
-            rule = f"gives {pairs!r}, expected (low, high) for each number of turning: {count}"
-            raise trial.complaint("sought", rule)
-    trial.numbers(averages, {})
-    trial.numbers(reweighed, {"kept": kept, "longer": 1.5}, marks)
+            rule = f"gives {pairs!r}, expected (low, high) for each number of extrema: {count}"
+            raise trial.complaint("extremum_limits", rule)
+    trial.numbers(is_time_average, {})
+    trial.numbers(reweighed, {"state": numbers, "longer": 1.5}, size_of_state)
 
 
 def _check_results(trial: Trial, outputs: Mapping[str, Any], found: Any) -> None:

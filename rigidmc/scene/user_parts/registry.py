@@ -27,7 +27,7 @@ _FACTS: dict[str, dict[str, Any]] = {
         "step": lambda self: 0.0,
         "order": 1,
         "evaluations": 1,
-        "reversible": False,
+        "is_reversible": False,
         "conserves": (),
         "accepts": "any torque",
         "compensated": True,

@@ -65,7 +65,7 @@ def loses_free_invariants(name: str) -> bool:
 
 def reversible(name: str) -> bool:
     """Integrators whose step -h undoes the step h."""
-    return bool(INTEGRATORS[name].reversible and makes_steps(name))
+    return bool(INTEGRATORS[name].is_reversible and makes_steps(name))
 
 
 def only(*names: str) -> Callable[[str], bool]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.mechanics.rotation import from_euler, matrix, omega_from_euler_rates
-from rigidmc.physics.dynamics.so3 import up
+from rigidmc.physics.dynamics.so3 import vertical
 from rigidmc.studies.stress.case import Case, ErrorOf, makes_steps
 from rigidmc.studies.stress.motions import (
     GRAVITY,
@@ -123,7 +123,7 @@ def integrable_tops() -> Iterator[Case]:
         quick=True,
     )
     attitude = tuple(from_euler((0.2, 1.0, 0.6)))
-    u = np.array(up(attitude))
+    u = np.array(vertical(attitude))
     momentum = np.array((1.6, 0.9, 0.5))
     momentum = momentum - np.dot(momentum, u) * u  # L_z = 0
     goryachev = tops((4.0, 4.0, 1.0), tuple(momentum), attitude, (1.0, 0.0, 0.0))
@@ -159,7 +159,7 @@ def kovalevskaya_constant(
     body: Any, effects: Any, q: Values, l: Values
 ) -> list[tuple[Values, Values]]:
     """|(w1 + i w2)^2 - (k/C)(u1 + i u2)|^2 beside energy and L_z, for A = B = 2 C."""
-    u, w1, w2 = up(q), l[0] * body.i1, l[1] * body.i2
+    u, w1, w2 = vertical(q), l[0] * body.i1, l[1] * body.i2
     real = w1 * w1 - w2 * w2 - body.p1 * body.i3 * u[0]
     imaginary = 2 * w1 * w2 - body.p1 * body.i3 * u[1]
     value = real * real + imaginary * imaginary
@@ -170,7 +170,7 @@ def goryachev_constant(
     body: Any, effects: Any, q: Values, l: Values
 ) -> list[tuple[Values, Values]]:
     """L3 (L1^2 + L2^2) - 4 k C L1 u3 beside energy and L_z, for A = B = 4 C and L_z = 0."""
-    u = up(q)
+    u = vertical(q)
     value = l[2] * (l[0] * l[0] + l[1] * l[1]) - 4.0 * body.p1 / body.i3 * l[0] * u[2]
     # the constant may be 0: 1 kg3 m6 s-3 is |L|^3 of these tops, as large as its terms
     return [*conserved(body, effects, q, l), (value, np.maximum(np.abs(value[0]), 1.0))]

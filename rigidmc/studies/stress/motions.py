@@ -18,7 +18,7 @@ from rigidmc.engine.formulas import energies
 from rigidmc.errors import SceneWarning
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.physics.dynamics.euler import kinetic_energy
-from rigidmc.physics.dynamics.so3 import dot, up
+from rigidmc.physics.dynamics.so3 import dot, vertical
 from rigidmc.physics.effects.damping import ViscousDamping
 from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.physics.effects.sums import total_energy_scale
@@ -160,13 +160,13 @@ def conserved(body: Any, effects: Any, q: Values, l: Values) -> list[tuple[Value
     if not effects:
         return [(energy, play), (dot(l, l), dot(l[:, 0], l[:, 0]))]
     largest = np.sqrt(2.0 * play / np.min([body.i1, body.i2, body.i3], axis=0))
-    return [(energy, play), (dot(l, up(q)), largest)]
+    return [(energy, play), (dot(l, vertical(q)), largest)]
 
 
 def direction(body: Any, effects: Any, q: Values, l: Values) -> list[tuple[Values, Values]]:
     """L in body axes, and under gravity the vertical: constant in a permanent rotation."""
     momentum = np.array(l), np.sqrt(dot(l[:, 0], l[:, 0]))
-    return [momentum, (np.array(up(q)), np.ones(l.shape[-1]))] if effects else [momentum]
+    return [momentum, (np.array(vertical(q)), np.ones(l.shape[-1]))] if effects else [momentum]
 
 
 def walk(scene: Scene, turn: float, steps: int) -> ErrorOf:

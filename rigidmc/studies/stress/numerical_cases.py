@@ -244,7 +244,7 @@ def _heavy_scene(*effects: Any) -> Scene:
 
 def _steps_backwards(name: str) -> bool:
     """Splittings of order above 2: they have steps backwards."""
-    return INTEGRATORS[name].splitting and INTEGRATORS[name].order > 2
+    return INTEGRATORS[name].is_splitting and INTEGRATORS[name].order > 2
 
 
 REFUSED_CALLS: dict[str, Refusal] = {

@@ -71,7 +71,7 @@ class Others(NamedTuple):
             chosen(math.isnan(b), 1.0, 0.0),
             chosen(a >= b, 1.0, 0.0), chosen(a <= b, 1.0, 0.0), chosen(a != b, 1.0, 0.0),
             chosen(equal, 1.0, 0.0), chosen(above == below, 1.0, 0.0),
-            chosen(above != equal, 1.0, 0.0), chosen(opposite(above), 1.0, 0.0),
+            chosen(above != equal, 1.0, 0.0), chosen(logical_not(above), 1.0, 0.0),
             chosen(above ^ (b > 0.0), 1.0, 0.0), chosen(chosen(above, below, equal), 1.0, 0.0),
             1.0 - a, 1.0 / b, b / 3.0, chosen(True & above, 1.0, 0.0),
         )  # fmt: skip
@@ -98,7 +98,7 @@ def chosen(condition, a, b):
 
 
 from rigidmc.engine.compiler.compose import inline  # noqa: E402
-from rigidmc.physics.dynamics.so3 import opposite, select  # noqa: E402
+from rigidmc.physics.dynamics.so3 import logical_not, select  # noqa: E402
 
 inline(chosen)
 

@@ -12,7 +12,7 @@ import pytest
 from rigidmc.engine.compiler.compose import inline
 from rigidmc.engine.machine import vector_bits
 from rigidmc.physics.dynamics.methods import OFF, ON
-from rigidmc.physics.dynamics.so3 import cross, up
+from rigidmc.physics.dynamics.so3 import cross, vertical
 from rigidmc.physics.effects import Gravity, ViscousDamping
 from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, rk4, scheme_of
 from rigidmc.physics.integrators.rk4 import RK4, ScaledRK4
@@ -32,7 +32,7 @@ class Gamma(NamedTuple):
 
 def weight(g, body, q):
     """The torque of gravity, p = mass times centre of mass and the vertical u: -g p x u."""
-    return cross(up(q), (g * body.p1, g * body.p2, g * body.p3))
+    return cross(vertical(q), (g * body.p1, g * body.p2, g * body.p3))
 
 
 def spun_up(change, share, h, body, torque):
@@ -82,7 +82,7 @@ class HeavyByHand(NamedTuple):
 
 
 G, D, WITH, WITHOUT = Gravity(1.0), ViscousDamping(1.0), ON, OFF
-WITH_SUMS = RK4().form()._replace(integrator=RK4().form().integrator.with_sums())
+WITH_SUMS = RK4().scheme()._replace(integrator=RK4().scheme().integrator.with_compensation())
 
 
 CASES = {
@@ -110,7 +110,7 @@ CASES = {
     "rk4 gravity float32": case("rk4", (G,), WITH, OFF, "float32"),
     "rk8 gravity float32": case("rk8", (G,), WITH, OFF, "float32"),
     "strang gravity float32": case("strang", (G,), WITH, OFF, "float32"),
-    "rk4 gravity damping works": Case(RK4().form(), (G, D), works=(0.0, 0.0)),
+    "rk4 gravity damping works": Case(RK4().scheme(), (G, D), works=(0.0, 0.0)),
     "rk4 gravity by hand": Case(scheme_of(HeavyByHand()), (G,)),
     "rkmk4 gravity damping float32": case("rkmk4", (G, D), WITH, OFF, "float32"),
 }

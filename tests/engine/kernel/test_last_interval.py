@@ -181,32 +181,32 @@ def test_a_rerun_has_the_same_bits_and_refuses_other_saves(watched, tmp_path):
     assert (stored.attrs["steps"], stored.attrs["last_steps"]) == (429, 29)
 
 
-@running(marks=1, outputs={"turned": ("rad s-1", "mean over steps", ())})
+@running(state_size=1, outputs={"turned": ("rad s-1", "mean over steps", ())})
 class Turned(NamedTuple):
     """A user's sum over steps."""
 
     def begin(self, body, l):
         return (0.0 * l[1],)
 
-    def update(self, kept, body, l):
-        return (kept[0] + body.i2 * l[1],)
+    def update(self, state, body, l):
+        return (state[0] + body.i2 * l[1],)
 
-    def results(self, kept, steps):
-        return {"turned": kept[0] / steps}
+    def results(self, state, steps):
+        return {"turned": state[0] / steps}
 
 
 class Weighed(Turned):
     """The same, which knows that the last steps may be shorter."""
 
-    def reweighed(self, kept, longer):
-        return (kept[0] * longer,)
+    def reweighed(self, state, longer):
+        return (state[0] * longer,)
 
 
 class Seen(Turned):
     """One that counts no steps."""
 
-    def results(self, kept, steps):
-        return {"turned": kept[0]}
+    def results(self, state, steps):
+        return {"turned": state[0]}
 
 
 def test_sums_of_a_user_over_steps_count_them_by_their_length_or_are_refused(watched):

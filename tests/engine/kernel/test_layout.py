@@ -12,7 +12,14 @@ SAVES = ((), ("work",), ("flips",), ("energy_mean", "omega_max", "nutation"), ("
 
 
 def test_rows_follow_each_other_without_gaps():
-    block = ("ATTITUDE", 4), ("MOMENTUM", 3), ("REST", 7), ("START", 8), ("DRIFT", 2), ("STATUS", 1)
+    block = (
+        ("ATTITUDE", 4),
+        ("MOMENTUM", 3),
+        ("EXTRA", 7),
+        ("START", 8),
+        ("DRIFT", 2),
+        ("STATUS", 1),
+    )
     row = 0
     for name, count in block:
         assert getattr(layout, name) == row

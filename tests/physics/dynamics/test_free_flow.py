@@ -258,15 +258,15 @@ class Walking(NamedTuple):
     """The exact steps by their increments alone, without the correction to T and |L|^2."""
 
     drift: Any
-    keeps, step, opened, closed = (
-        FreeSteps.keeps,
+    extra_state, step, to_stepping, from_stepping = (
+        FreeSteps.extra_state,
         FreeSteps.step,
-        FreeSteps.opened,
-        FreeSteps.closed,
+        FreeSteps.to_stepping,
+        FreeSteps.from_stepping,
     )
 
-    def constants(self, body, part, l):
-        m, _ = make_flow(body, self.drift.halvings, self.drift.panels, part[0], l[7:])
+    def precompute(self, body, substep, l):
+        m, _ = make_flow(body, self.drift.halvings, self.drift.panels, substep[0], l[7:])
         return m, slopes(m.whole), slopes(m.panel), (0.0 * m.x, 0.0 * m.x)
 
 
@@ -274,15 +274,15 @@ class Deaf(NamedTuple):
     """The exact steps with g1 and g3 of the start for ever."""
 
     drift: Any
-    keeps, step, opened, closed = (
-        FreeSteps.keeps,
+    extra_state, step, to_stepping, from_stepping = (
+        FreeSteps.extra_state,
         FreeSteps.step,
-        FreeSteps.opened,
-        FreeSteps.closed,
+        FreeSteps.to_stepping,
+        FreeSteps.from_stepping,
     )
 
-    def constants(self, body, part, l):
-        m, _ = make_flow(body, self.drift.halvings, self.drift.panels, part[0], l[7:])
+    def precompute(self, body, substep, l):
+        m, _ = make_flow(body, self.drift.halvings, self.drift.panels, substep[0], l[7:])
         return m, (), (), (0.0 * m.x, 0.0 * m.x)
 
 

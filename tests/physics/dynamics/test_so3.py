@@ -30,11 +30,11 @@ from rigidmc.physics.dynamics.so3 import (  # fmt: skip
     multiply,
     normalised,
     scale4,
-    select_each,
+    select_all,
     sincos,
     touch_up,
     two_sum,
-    up,
+    vertical,
 )
 from tests.reference import hat, rodrigues, rotation, unit
 
@@ -203,13 +203,15 @@ def test_the_product_does_not_commute():
 
 @given(quaternion)
 def test_up_is_the_last_row_of_the_attitude(q):
-    assert np.allclose(up(q), rotation(q)[2], rtol=0, atol=1e-15)
-    assert np.allclose(up(q), up([-x for x in q]), rtol=0, atol=0)  # q and -q are one attitude
+    assert np.allclose(vertical(q), rotation(q)[2], rtol=0, atol=1e-15)
+    assert np.allclose(
+        vertical(q), vertical([-x for x in q]), rtol=0, atol=0
+    )  # q and -q are one attitude
 
 
 def test_up_and_not_its_mirror():
     quarter = math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0  # about x: the body's y axis points up
-    assert np.allclose(up(quarter), (0, 1, 0), atol=1e-15)
+    assert np.allclose(vertical(quarter), (0, 1, 0), atol=1e-15)
 
 
 @given(quaternion, quaternion, vector)
@@ -321,14 +323,14 @@ def test_a_pair_comes_back_to_the_sphere():
 
 def test_selects_take_each_component_from_its_own_place():
     a, b = (1.0, 2.0, 3.0, 4.0), (5.0, 6.0, 7.0, 8.0)
-    assert select_each(True, a, b) == a
-    assert select_each(False, a, b) == b
+    assert select_all(True, a, b) == a
+    assert select_all(False, a, b) == b
 
 
 def test_components_in_the_body():
     q, v = normalised((0.5, -0.3, 0.7, 0.2)), (0.3, -1.2, 2.0)
     assert np.abs(np.array(rotation(q)).T @ v - into_body(q, v)).max() < 1e-15
-    assert np.abs(np.subtract(into_body(q, (0.0, 0.0, 1.0)), up(q))).max() < 1e-15
+    assert np.abs(np.subtract(into_body(q, (0.0, 0.0, 1.0)), vertical(q))).max() < 1e-15
 
 
 def test_remainders_of_an_attitude_are_carried_component_by_component():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.physics.dynamics.so3 import up
+from rigidmc.physics.dynamics.so3 import vertical
 
 MOMENTS, KT, WEIGHT = (1.0, 1.4, 2.0), 0.7, 1.5
 BODY = rm.Body.from_moments(MOMENTS, mass=1.0, centre=(0.0, 0.0, 0.3))
@@ -39,7 +39,7 @@ def test_gibbs(settled):
     assert (np.abs((l**2).mean(1) - 1.0 - bias) < 3.5 * math.sqrt(2.0 / n)).all()
     assert (np.abs((l**4).mean(1) / (l**2).mean(1) ** 2 - 3.0) < 3.0 * math.sqrt(24.0 / n)).all()
     assert (np.abs(l.mean(1)) < 3.0 / math.sqrt(n)).all()
-    u = up(tuple(settled.attitude.values[-1]))[2]
+    u = vertical(tuple(settled.attitude.values[-1]))[2]
     x = WEIGHT / KT
     assert abs(u.mean() + 1.0 / math.tanh(x) - 1.0 / x) < 3.0 * u.std() / math.sqrt(n)
 

@@ -15,7 +15,7 @@ import pytest
 import rigidmc as rm
 from rigidmc.physics.dynamics.euler import MassProperties, angular_velocity
 from rigidmc.physics.dynamics.methods import argument_names, implements
-from rigidmc.physics.dynamics.so3 import cross, dot, exponential, multiply, up
+from rigidmc.physics.dynamics.so3 import cross, dot, exponential, multiply, vertical
 from rigidmc.physics.effects import (  # fmt: skip
     EFFECTS,
     Gravity,
@@ -138,7 +138,7 @@ def test_torque_is_minus_the_gradient_of_energy(name):
     effect = EXAMPLES[name]
     if implements(effect, "energy"):
         assert gradient_error(effect) < 1e-9  # measured 1.6e-10: differences of 1e-5
-    if facts(effect).damps:
+    if facts(effect).is_damping:
         assert all(
             dot(torque(effect, BODY, 0.0, q, l), angular_velocity(BODY, l)) < 0.0
             for q, l in some_states()
@@ -240,7 +240,7 @@ def broken_facts(effect):
     """{fact: by how much the torque of an effect breaks it}."""
     roll, about_z = (0.5, -0.5, -0.5, -0.5), (math.cos(0.4), 0.0, 0.0, math.sin(0.4))
     rolled = MassProperties.of(np.roll(MOMENTS, 1).tolist(), np.roll(STATIC, 1).tolist())
-    worst = dict.fromkeys(("keeps_l2", "keeps_lz", "isotropic"), 0.0)
+    worst = dict.fromkeys(("conserves_l2", "conserves_lz", "isotropic"), 0.0)
     for q, l in some_states():
         tau = torque(effect, BODY, 0.3, q, l)
         # axis 1 becomes axis 2, and so on; and the body turns about the vertical
@@ -249,7 +249,7 @@ def broken_facts(effect):
         differences = [*np.subtract(other, np.roll(tau, 1)), *np.subtract(turned, tau)]
         # the vertical turns in the body with what the effect adds to the angular velocity
         about = np.add(tau, np.cross(slip(effect, BODY, 0.3, q, l) or (0.0, 0.0, 0.0), l))
-        errors = abs(dot(tau, l)), abs(dot(about, up(q))), max(map(abs, differences))
+        errors = abs(dot(tau, l)), abs(dot(about, vertical(q))), max(map(abs, differences))
         worst = {fact: max(worst[fact], e) for fact, e in zip(worst, errors, strict=True)}
     return worst
 
@@ -293,7 +293,7 @@ class Backwards(NamedTuple):
     g: float
 
     def torque(self, body, q):
-        return cross((self.g * body.p1, self.g * body.p2, self.g * body.p3), up(q))
+        return cross((self.g * body.p1, self.g * body.p2, self.g * body.p3), vertical(q))
 
     def energy(self, body, q):
         return Gravity.energy(self, body, q)
@@ -394,9 +394,9 @@ def test_a_matrix_that_drives_some_spin_is_refused():
                 c = sum(np.outer(v, v) for v in some.normal(size=(rank, 3))) * size
                 assert not MatrixDamping(
                     (c[0, 0], c[1, 1], c[2, 2], c[1, 2], c[2, 0], c[0, 1])
-                ).drives()
+                ).is_driving()
                 c -= 1e-6 * np.trace(c) * np.eye(3)  # one of rank 3 may still damp
                 driven = MatrixDamping(
                     (c[0, 0], c[1, 1], c[2, 2], c[1, 2], c[2, 0], c[0, 1])
-                ).drives()
+                ).is_driving()
                 assert driven == (np.linalg.eigvalsh(c)[0] < 0.0)

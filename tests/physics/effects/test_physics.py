@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 from rigidmc.physics.dynamics.euler import MassProperties
-from rigidmc.physics.dynamics.so3 import dot, up
+from rigidmc.physics.dynamics.so3 import dot, vertical
 from rigidmc.physics.effects import (
     AxialDamping,
     DryFriction,
@@ -107,7 +107,9 @@ def test_a_torque_about_the_vertical():
     q, l = unit((0.5, -0.3, 0.7, 0.2)), (0.4, -0.3, 0.5)
     at, end = moved((SpaceTorque((0.0, 0.0, 0.3)),), q, l, 0.05, 60)
     # measured 1e-16
-    assert dot(tuple(end), up(tuple(at))) == pytest.approx(dot(l, up(q)) + 0.9, abs=1e-14)
+    assert dot(tuple(end), vertical(tuple(at))) == pytest.approx(
+        dot(l, vertical(q)) + 0.9, abs=1e-14
+    )
 
 
 def test_a_needle_in_a_field():
@@ -191,7 +193,7 @@ def stands(share):
         5000,
         body,
         "rk4",
-        lambda t, q, l: leans.append(up(q)[2]),
+        lambda t, q, l: leans.append(vertical(q)[2]),
     )
     return min(leans) > 0.99
 

@@ -15,7 +15,7 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.engine.inspection import why_scalar
 from rigidmc.physics.dynamics.euler import MassProperties
-from rigidmc.physics.dynamics.so3 import up
+from rigidmc.physics.dynamics.so3 import vertical
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.tolerance import choose
 from rigidmc.studies.stress.trust import trust
@@ -37,11 +37,11 @@ class Weight(NamedTuple):
     g: float
 
     def torque(self, body, q):
-        u, p = up(q), (self.g * body.p1, self.g * body.p2, self.g * body.p3)
+        u, p = vertical(q), (self.g * body.p1, self.g * body.p2, self.g * body.p3)
         return u[1] * p[2] - u[2] * p[1], u[2] * p[0] - u[0] * p[2], u[0] * p[1] - u[1] * p[0]
 
     def energy(self, body, q):
-        u = up(q)
+        u = vertical(q)
         return self.g * (body.p1 * u[0] + body.p2 * u[1] + body.p3 * u[2])
 
 
@@ -405,20 +405,20 @@ class Shaken(NamedTuple):
 
     shapes = {"noise": 3}
 
-    def shake(self, l):
+    def add_noise(self, l):
         return l
 
 
 class Random(NamedTuple):
     size: float
 
-    stochastic = True
+    is_random = True
 
-    def shake(self, l):
+    def add_noise(self, l):
         return l
 
 
 @pytest.mark.parametrize("effect", [Shaken(), Random(1.0)])
 def test_noise_is_drawn_for_effects_that_say_so(effect):
-    with pytest.raises(rm.SceneError, match=r"stochastic=True|needs a field for the normal"):
+    with pytest.raises(rm.SceneError, match=r"is_random=True|needs a field for the normal"):
         rm.prepare(scene(effect).with_run(integrator="strang"))

@@ -129,7 +129,7 @@ def test_there_and_back(name):
     for way in (h, -h):
         run(block, made, problem.effects, way, steps)
     error = np.abs(block[: K.EXTRA] - start).max()
-    if kind.reversible:
+    if kind.is_reversible:
         assert error < 3e-13
     else:
         assert error > 1e-8

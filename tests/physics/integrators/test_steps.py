@@ -10,10 +10,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rigidmc.physics.dynamics.euler import angular_velocity
-from rigidmc.physics.dynamics.so3 import cross, scale, up, value_of
+from rigidmc.physics.dynamics.so3 import cross, scale, value_of, vertical
 from rigidmc.physics.effects.sums import total_torque
 from rigidmc.physics.integrators import INTEGRATORS, accepting, description, rk8
-from rigidmc.physics.integrators.protocol import constants, opened, step
+from rigidmc.physics.integrators.protocol import precompute, step, to_stepping
 from rigidmc.studies.stress.problems import PROBLEMS
 from tests.kernels import one_step, prepare, turn
 from tests.reference import attitude_error
@@ -120,11 +120,11 @@ class Leaning(NamedTuple):
     size: float
 
     def torque(self, q):
-        u = up(q)
+        u = vertical(q)
         return self.size * u[1], self.size * u[2], -self.size * u[0]
 
     def torque_rate(self, q, w):
-        u = cross(up(q), w)
+        u = cross(vertical(q), w)
         return self.size * u[1], self.size * u[2], -self.size * u[0]
 
 
@@ -154,7 +154,7 @@ ACCEPTS = (
 def test_every_integrator_has_its_facts():
     for name, kind in INTEGRATORS.items():
         assert kind.order > 0
-        assert isinstance(kind.reversible, bool)
+        assert isinstance(kind.is_reversible, bool)
         assert isinstance(kind.compensated, bool)
         assert set(kind.conserves) <= {"|q|", "|L|^2", "T", "L in space"}
         assert kind.accepts.startswith(ACCEPTS)
@@ -186,8 +186,8 @@ def test_a_step_asks_for_the_torques_of_its_facts(name):
         made = prepare(kind, 0.1, effects)
         lead, rows = 0.1 * made.substeps[0], 0.1 * made.substeps[1:]
         q, l = (1.0, 0.0, 0.0, 0.0), FREE.momentum
-        q, l = opened(made.integrator, FREE.body, effects, lead[3], tuple(lead[:3]), q, l)
-        once = constants(made.integrator, FREE.body, tuple(rows[0][:3]), l)
+        q, l = to_stepping(made.integrator, FREE.body, effects, lead[3], tuple(lead[:3]), q, l)
+        once = precompute(made.integrator, FREE.body, tuple(rows[0][:3]), l)
         for i in range(steps):
             for row in rows:
                 t, part = 0.1 * i + row[3], tuple(row[:3])

@@ -9,7 +9,7 @@ import pytest
 import rigidmc as rm
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.protocols import changes, combined, normalised, scaled
+from rigidmc.protocols import linear_combination, normalised, scaled, state_rates
 from rigidmc.scene.user_parts.integrators import check_user_integrator
 
 TOP = rm.Scene(
@@ -22,15 +22,15 @@ TOP = rm.Scene(
 class Ralston(NamedTuple):
     """Ralston's method of order 2."""
 
-    order, evaluations, reversible, conserves = 2, 2, False, ("|q|",)
+    order, evaluations, is_reversible, conserves = 2, 2, False, ("|q|",)
     accepts, compensated = "any torque", False
 
     def step(self, body, effects, t, h, q, l):
         y, rates = (q, l), scaled(body, h)
-        k1 = changes(rates, effects, body, t, h, q, l)
-        z = combined(y, (2 / 3,), (k1,))
-        k2 = changes(rates, effects, body, t + 2 * h / 3, h, z[0], z[1])
-        q, l = combined(y, (1 / 4, 3 / 4), (k1, k2))
+        k1 = state_rates(rates, effects, body, t, h, q, l)
+        z = linear_combination(y, (2 / 3,), (k1,))
+        k2 = state_rates(rates, effects, body, t + 2 * h / 3, h, z[0], z[1])
+        q, l = linear_combination(y, (1 / 4, 3 / 4), (k1, k2))
         return normalised(q), l
 
 
@@ -58,7 +58,7 @@ def with_facts(**facts):
     ({"order": 3}, "Own.order: is 3, but the error of a step falls as for order 2.0"),
     ({"order": "2"}, "Own.order: is '2', expected a number"),
     ({"evaluations": 4}, "Own.evaluations: is 4, but a step asks for 2 torques"),
-    ({"reversible": True}, "Own.reversible: is True, but a step of -h after one of h ends"),
+    ({"is_reversible": True}, "Own.is_reversible: is True, but a step of -h after one of h ends"),
     ({"conserves": ("|q|", "T")}, "Own.conserves: names T, which a step of a free body changes"),
     ({"conserves": ("E",)}, "Own.conserves: is .'E',., expected a tuple of some of .q., "),
     ({"accepts": "all"}, "Own.accepts: is 'all', expected 'any torque' or 'no torque'"),

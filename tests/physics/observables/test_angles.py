@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
 from rigidmc.errors import SceneError
-from rigidmc.physics.observables import under
+from rigidmc.physics.observables import bind
 from rigidmc.physics.observables.protocol import value
 from tests.physics.observables.test_directions import ORBIT, RATE, directions
 
@@ -87,7 +87,7 @@ def test_statistics_are_those_of_the_motion(result):
 def test_an_angle_is_exact_near_its_ends(tilt):
     """By mpmath; arccos of the cosine has half of the digits or none."""
     q = (math.cos(0.5 * tilt), 0.6 * math.sin(0.5 * tilt), 0.8 * math.sin(0.5 * tilt), 0.0)
-    one = under(rm.PointingAngle(3), ())
+    one = bind(rm.PointingAngle(3), ())
     (found,) = value(one, None, (), 0.0, q, None, None, None)
     with mpmath.workdps(50):
         w, x, y, z = map(mpmath.mpf, q)

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 
 import rigidmc as rm
-from rigidmc.physics.dynamics.so3 import up
+from rigidmc.physics.dynamics.so3 import vertical
 from rigidmc.physics.observables.chaos import SHADOW_DISTANCE
 
 HEAVY = rm.Body.from_moments((1.0, 2.0, 2.8), mass=1.0, centre=(0.5, 0.5, 0.5))
@@ -28,9 +28,9 @@ def tangent(body, g, l, q, times_of):
 
     def rate(t, y):
         l, q, dl, dq = y[:3], y[3:7], y[7:10], y[10:]
-        z = np.array(up(q))
+        z = np.array(vertical(q))
         # twice the bilinear form of up: its derivative along dq
-        a = np.array(up(q + dq)) - np.array(up(dq)) - z
+        a = np.array(vertical(q + dq)) - np.array(vertical(dq)) - z
         torque, change = -np.cross(arm, z), -np.cross(arm, a)
         w, dw = l / moments, dl / moments
         spun = np.cross(l, w) + torque, times(q, w)

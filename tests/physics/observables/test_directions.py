@@ -87,7 +87,7 @@ def test_a_start_beyond_may_be_left_out(result):
 
 def test_the_normal_of_an_orbit_is_the_vertical():
     one, other = (
-        rm.Passage(2, ANGLE, about=about).compiled(np.empty((3, 0)), True, (ORBIT,))
+        rm.Passage(2, ANGLE, about=about).bind(np.empty((3, 0)), True, (ORBIT,))
         for about in ("orbit_normal", "vertical")
     )
     assert one == other and type(one) is type(other)

@@ -13,9 +13,9 @@ from rigidmc.physics.observables import OBSERVABLES, WATCHED, WATCHED_STATISTICS
 from rigidmc.physics.observables.protocol import (
     EnsembleObservable,
     Event,
+    EventRecord,
     Neighbour,
     Observable,
-    Record,
     Running,
     begin,
     size,
@@ -109,10 +109,10 @@ def test_outputs_over_all_steps(label):
     facts, some = outputs(label, one), np.ones(2)
     assert all(units and text and "{" not in text for units, text, _ in facts.values())
     if kinds == [Event]:
-        found = one.results(Record(*[some] * 7))
+        found = one.results(EventRecord(*[some] * 7))
     elif kinds == [Running]:
         kept = begin(one, BODY, (), 0.0, Q, L)
-        assert len(kept) == len(update(one, kept, BODY, (), 0.1, Q, L)) == one.marks
+        assert len(kept) == len(update(one, kept, BODY, (), 0.1, Q, L)) == one.state_size
         found = one.results(np.array([kept, kept]).T, some)
     elif kinds == [Neighbour]:
         found = one.results(np.ones((3, 2)), 4, some)

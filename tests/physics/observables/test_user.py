@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.protocols import event, observable, running, up
+from rigidmc.protocols import event, observable, running, vertical
 from rigidmc.results.measures import observing
 
 TOP = rm.Scene(
@@ -24,13 +24,13 @@ class Height(NamedTuple):
     at: float
 
     def value(self, q):
-        return (self.at * up(q)[2],)
+        return (self.at * vertical(q)[2],)
 
 
 @event(outputs={"rises": ("1", "how often axis 3 came up", ())})
 class Rises(NamedTuple):
     def level(self, q):
-        return up(q)[2]
+        return vertical(q)[2]
 
     def results(self, record):
         return {"rises": record.count}
@@ -70,9 +70,11 @@ def an_event(body, **facts):
 
 
 def a_running(body, **facts):
-    more = "def results(self, kept, steps): return {'own': kept[0]}"
+    more = "def results(self, state, steps): return {'own': state[0]}"
     return own(
-        running, f"{body}\n{more}", **{"marks": 1, "outputs": {"own": ("1", "own", ())}} | facts
+        running,
+        f"{body}\n{more}",
+        **{"state_size": 1, "outputs": {"own": ("1", "own", ())}} | facts,
     )
 
 
@@ -100,12 +102,13 @@ BEGIN = "def begin(self, q): return (q[0],)\n"
     (lambda: an_event(LEVEL + "def results(self, record): return {'own': 1.0}"), "gives own of sh"),
     (lambda: an_event(LEVEL + COUNT, outputs={"own": "1"}), "Own.outputs: has 'own': '1'"),
     (lambda: an_event(LEVEL + COUNT, outputs={"time": ("s", "t", ())}), "gives own, expected time"),
-    (lambda: a_running(BEGIN + "def update(self, kept): return kept[0]"), "Own.update: gives"),
-    (lambda: a_running("def begin(self): return 1.0, 2.0\ndef update(self, kept): return kept"),
+    (lambda: a_running(BEGIN + "def update(self, state): return state[0]"), "Own.update: gives"),
+    (lambda: a_running("def begin(self): return 1.0, 2.0\ndef update(self, state): return state"),
      "Own.begin: gives .*a tuple of 1 number"),
-    (lambda: a_running(BEGIN + "def update(self, kept): return kept\n"
-                       "def turning(self, q): return (q[0],)"), "Own.sought: gives"),
-    (lambda: a_running(BEGIN + "def update(self, kept): return kept", marks=0), "Own.marks: is 0"),
+    (lambda: a_running(BEGIN + "def update(self, state): return state\n"
+                       "def extrema(self, q): return (q[0],)"), "Own.extremum_limits: gives"),
+    (lambda: a_running(BEGIN + "def update(self, state): return state", state_size=0),
+     "Own.state_size: is 0"),
 ])  # fmt: skip
 def test_what_no_kernel_could_use_is_refused(make, words):
     with pytest.raises(rm.SceneError, match=words):
@@ -151,7 +154,7 @@ def test_a_class_that_changes_is_compiled_anew_and_a_call_of_no_kernel_is_named(
 @observable(units="1", long_name="1 above the horizontal, else 0", dims=())
 class Above(NamedTuple):
     def value(self, q):
-        if up(q)[2] > 0.0:
+        if vertical(q)[2] > 0.0:
             return (1.0,)
         return (0.0,)
 

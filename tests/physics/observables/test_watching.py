@@ -15,7 +15,7 @@ import rigidmc as rm
 from rigidmc.engine import program
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.free_top import free_motion, free_top
-from rigidmc.physics.dynamics.so3 import up
+from rigidmc.physics.dynamics.so3 import vertical
 from rigidmc.physics.observables import outputs
 from rigidmc.planning import plan as plan_module
 from rigidmc.planning.steps import rates
@@ -148,7 +148,7 @@ def lagrange():
             )
             for i in range(300)
         ]
-        return np.array([up(one.motion(t[i]).attitude[0])[2] for i, one in enumerate(each)])
+        return np.array([vertical(one.motion(t[i]).attitude[0])[2] for i, one in enumerate(each)])
 
     return scene, case, cosine
 
@@ -170,7 +170,7 @@ def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step,
     assert (
         np.abs(cosine(np.where(passed, first, 0.0)) - math.cos(1.2))[later] < bound
     ).all() and later.sum() > 80
-    start = up(tuple(case.attitude.T))[2]
+    start = vertical(tuple(case.attitude.T))[2]
     assert ((first == 0.0) == (start <= math.cos(1.2))).all()
     t = np.linspace(0.0, 10.0, 10_001)
     w, x, y, z = np.moveaxis(case.motion(t).attitude, -1, 0)
@@ -189,7 +189,7 @@ def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step,
             and np.abs(ds.precession.values).max() > 30.0
         )
     else:  # members that pass stay at the end of that step
-        ends = np.arccos(np.clip(up(tuple(ds.attitude.values[-1]))[2], -1.0, 1.0))
+        ends = np.arccos(np.clip(vertical(tuple(ds.attitude.values[-1]))[2], -1.0, 1.0))
         assert (
             (ends[later] >= 1.2).all()
             and (ends[later] < 1.4).all()
