@@ -18,7 +18,7 @@ from rigidmc.engine.inspection import step_operations, torque_operations
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import lanes_for
 from rigidmc.physics.effects import EFFECTS
-from rigidmc.physics.effects.protocol import filled, is_random
+from rigidmc.physics.effects.protocol import from_numbers, is_random
 from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, scheme_of
 from rigidmc.runs.prepare import prepared
 from rigidmc.runs.price import cost_per_step, prices
@@ -41,7 +41,7 @@ ASKED = 1.2
 
 def some(kind):
     """An effect with all numbers 0.1."""
-    return filled(kind, itertools.repeat(0.1))
+    return from_numbers(kind, itertools.repeat(0.1))
 
 
 def added(quick):

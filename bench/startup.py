@@ -84,7 +84,7 @@ def call(name):
     """
     import rigidmc as rm
     from rigidmc.physics.effects import EFFECTS
-    from rigidmc.physics.effects.protocol import filled, given, is_random
+    from rigidmc.physics.effects.protocol import from_numbers, is_random, user_parameters
 
     body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
     start = rm.Start(omega=(0.5, 0.7, rm.normal(0.5, 0.1)), attitude=(1.0, 0.0, 0.0, 0.0))
@@ -97,7 +97,9 @@ def call(name):
         )
         effects = tuple(
             EFFECTS[word](
-                *filled(EFFECTS[word], itertools.repeat(0.1))[: len(given(EFFECTS[word]))]
+                *from_numbers(EFFECTS[word], itertools.repeat(0.1))[
+                    : len(user_parameters(EFFECTS[word]))
+                ]
             )
             for word in wanted
         )

@@ -12,7 +12,7 @@ import numpy as np
 import rigidmc as rm
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import EFFECTS, name_of
-from rigidmc.physics.effects.protocol import facts, filled, given, numbers
+from rigidmc.physics.effects.protocol import facts, from_numbers, numbers, user_parameters
 from rigidmc.physics.integrators import INTEGRATORS, accepting
 from tests.physics.effects.laws import REFERENCE
 from tests.physics.effects.test_effects import EXAMPLES
@@ -174,9 +174,9 @@ def _effect(name, some, integrator):
     }.get(name, ())
     places = [field in kept for field, _, _ in numbers(example)]
     values = [v * abs(factor) if still else _law(some, v * factor,
-        0.05 * abs(v) + 1e-3) if field in given(example) else v
+        0.05 * abs(v) + 1e-3) if field in user_parameters(example) else v
               for (field, _, v), still in zip(numbers(example), places, strict=True)]  # fmt: skip
-    return filled(type(example), values)
+    return from_numbers(type(example), values)
 
 
 def _start(some, effects, rows):

@@ -14,7 +14,13 @@ import xarray as xr
 
 import rigidmc as rm
 from rigidmc.physics.effects import EFFECTS
-from rigidmc.physics.effects.protocol import facts, filled, given, is_random, numbers
+from rigidmc.physics.effects.protocol import (
+    facts,
+    from_numbers,
+    is_random,
+    numbers,
+    user_parameters,
+)
 from rigidmc.physics.observables import (
     OBSERVABLES,
     WATCHED,
@@ -101,11 +107,11 @@ def _effect(word: str, some: np.random.Generator) -> Any:
     """The example of an effect, its first number drawn."""
     kind = EFFECTS[word]
     example, values = kind(*kind.example), []
-    fields = set(given(kind))
+    fields = set(user_parameters(kind))
     for i, (field, _, value) in enumerate(numbers(example)):
         law = i == 0 and field in fields and word != "matrix_damping" and value != 0.0
         values.append(rm.normal(value, 0.02 * abs(value)) if law else value)
-    return filled(kind, values)
+    return from_numbers(kind, values)
 
 
 def in_units(one: rm.Scene, units: Units) -> rm.Scene:
@@ -155,7 +161,7 @@ def one_body(one: rm.Scene, start_alone: bool = False) -> rm.Scene:
     if start_alone:
         body = replace(body, mass=_middle(body.mass))
         effects = tuple(
-            filled(type(e), [_middle(value) for *_, value in numbers(e)]) for e in effects
+            from_numbers(type(e), [_middle(value) for *_, value in numbers(e)]) for e in effects
         )
     return replace(one, body=body, effects=effects)
 

@@ -117,14 +117,14 @@ def _in_toml(value: Any) -> str:
 def _of_effect(name: str) -> Facts:
     """(label, fact) of an effect."""
     from rigidmc.physics.effects import EFFECTS, description
-    from rigidmc.physics.effects.protocol import given
+    from rigidmc.physics.effects.protocol import user_parameters
     from rigidmc.scene.validation import limits
 
     kind = EFFECTS[name]
     defaults = kind._field_defaults
     fields = {
         field: f" = {_in_toml(defaults[field])}" if field in defaults else ""
-        for field in given(kind)
+        for field in user_parameters(kind)
     }
     table = ", ".join(f"{field}{default}" for field, default in fields.items())
     in_python = f"rigidmc.{kind.__name__}({', '.join(fields)})"

@@ -39,7 +39,7 @@ def compile_in_helper(keys: Sequence[KernelKey]) -> Iterator[None]:
 
     At the end the other process has compiled them or is given up.
     """
-    process = _started(keys) if keys else None
+    process = _start_helper(keys) if keys else None
     try:
         yield
         if process is not None:
@@ -51,10 +51,10 @@ def compile_in_helper(keys: Sequence[KernelKey]) -> Iterator[None]:
             process.wait()
 
 
-def _started(keys: Sequence[KernelKey]) -> subprocess.Popen[str] | None:
+def _start_helper(keys: Sequence[KernelKey]) -> subprocess.Popen[str] | None:
     """The process, None if the system cannot start one."""
     written = [
-        [_name(key.function), _written(key.parts), key.dtype, key.lanes, key.arguments]
+        [_name(key.function), _to_json(key.parts), key.dtype, key.lanes, key.arguments]
         for key in keys
     ]
     try:
@@ -71,15 +71,17 @@ def main() -> None:
     """Compile what is written on the standard input."""
     for function, parts, dtype, lanes, arguments in json.load(sys.stdin):
         record = record_type(dtype) if "r" in arguments else None
-        compile_kernel(KernelKey(_named(function), _read(parts), dtype, lanes, arguments, record))
+        compile_kernel(
+            KernelKey(_lookup(function), _from_json(parts), dtype, lanes, arguments, record)
+        )
 
 
 def _name(thing: Callable[..., Any]) -> str:
-    """The name of a function or class, as `_named` reads it."""
+    """The name of a function or class, as `_lookup` reads it."""
     return f"{thing.__module__}:{thing.__qualname__}"
 
 
-def _named(name: str) -> Any:
+def _lookup(name: str) -> Any:
     """The function or class of a name; ImportError if it is not of this package."""
     module, _, word = name.partition(":")
     if not module.startswith("rigidmc."):
@@ -87,16 +89,16 @@ def _named(name: str) -> Any:
     return getattr(importlib.import_module(module), word)
 
 
-def _written(part: Any) -> Any:
+def _to_json(part: Any) -> Any:
     """Nested NamedTuples, tuples and numbers as JSON takes them."""
     if not isinstance(part, tuple):
         return part
-    return [_name(type(part)) if hasattr(part, "_fields") else "", *map(_written, part)]
+    return [_name(type(part)) if hasattr(part, "_fields") else "", *map(_to_json, part)]
 
 
-def _read(part: Any) -> Any:
-    """What `_written` wrote."""
+def _from_json(part: Any) -> Any:
+    """What `_to_json` wrote."""
     if not isinstance(part, list):
         return part
     kind, *parts = part
-    return _named(kind)(*map(_read, parts)) if kind else tuple(map(_read, parts))
+    return _lookup(kind)(*map(_from_json, parts)) if kind else tuple(map(_from_json, parts))

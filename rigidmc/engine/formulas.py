@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.engine.compile_time import announce_compiling
 from rigidmc.engine.compiler.compose import NumbaError, compile_method, inline, inline_all
-from rigidmc.engine.compiler.intrinsics import coded
+from rigidmc.engine.compiler.intrinsics import intrinsic
 from rigidmc.engine.compiler.kernels import (
     WIDTH,
     KernelKey,
@@ -26,7 +26,7 @@ from rigidmc.engine.compiler.kernels import (
     compile_kernel,
     is_compiled,
 )
-from rigidmc.engine.compiler.memory import put
+from rigidmc.engine.compiler.memory import put_rows
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
 from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.machine import threads_available
@@ -80,7 +80,7 @@ def fill(
             for i in range(extra):
                 flat[(fields + i) * step + k] = columns[i * count + element]
         first = fields + extra
-        put(values(tree_unflatten(formula, workspace, 0)), workspace, first)
+        put_rows(values(tree_unflatten(formula, workspace, 0)), workspace, first)
         for i in range(width):
             for k in range(min(step, end - low)):
                 out[i * count + low + k] = flat[(first + i) * step + k]
@@ -92,7 +92,7 @@ def side(rows):
     return 1
 
 
-@coded(side)
+@intrinsic(side)
 def _side(typing_context, rows):
     count = rows.count
     return types.intp(rows), lambda context, builder, sig, args: context.get_constant(

@@ -23,7 +23,7 @@ from rigidmc.engine.compiler.kernels import (
     signature_of,
     type_key,
 )
-from rigidmc.engine.compiler.memory import four_at, put, three_at
+from rigidmc.engine.compiler.memory import four_at, put_rows, three_at
 from rigidmc.engine.compiler.pipeline import FLAGS
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
 from rigidmc.errors import PartError
@@ -185,7 +185,7 @@ def _all_methods(tree, numbers, at):
     (effect,) = tree_unpack(tree, numbers)
     effect = tree_unflatten(effect, at, 30)
     body, q, l, t, h = tree_unflatten(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
-    put(
+    put_rows(
         torque(effect, body, t, q, l)
         + kick(effect, body, t, h, q, l)
         + torque_rate(effect, body, t, q, l)
@@ -193,7 +193,7 @@ def _all_methods(tree, numbers, at):
         at,
         0,
     )
-    put((energy(effect, body, q), energy_scale(effect, body)), at, 0)
+    put_rows((energy(effect, body, q), energy_scale(effect, body)), at, 0)
     return 0
 
 
@@ -299,15 +299,17 @@ def _probe_observable(tree, numbers, at):
     observable, effects = tree_unpack(tree, numbers)
     effects_here = tree_unflatten(effects, at, 30)
     body, q, l, t = tree_unflatten(_UNIT_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7]
-    put(value(observable, body, effects_here, t, q, l, four_at(at, 8), ()), at, 0)
+    put_rows(value(observable, body, effects_here, t, q, l, four_at(at, 8), ()), at, 0)
     height = level(observable, body, effects_here, t, q, l)
     waits = armed(observable, body, q, l, height, height < 0.0)
-    put((select(waits, 1.0, 0.0), select(counts_at_start(observable, height), 1.0, 0.0)), at, 0)
+    put_rows(
+        (select(waits, 1.0, 0.0), select(counts_at_start(observable, height), 1.0, 0.0)), at, 0
+    )
     totals = begin(observable, body, effects_here, t, q, l)
-    put(update(observable, totals, body, effects_here, t, q, l), at, 0)
-    put(extrema(observable, body, effects_here, t, q, l), at, 0)
+    put_rows(update(observable, totals, body, effects_here, t, q, l), at, 0)
+    put_rows(extrema(observable, body, effects_here, t, q, l), at, 0)
     put_pairs(extremum_limits(observable, totals), at)
-    put(reweighed(observable, totals, t), at, 0)
+    put_rows(reweighed(observable, totals, t), at, 0)
     return (
         len(is_time_average(observable))
         + len(is_conserved(observable))
@@ -319,7 +321,7 @@ def put_pairs(pairs, at):
     """Write pairs of numbers."""
     if len(pairs) == 0:
         return 0
-    put(pairs[0], at, 0)
+    put_rows(pairs[0], at, 0)
     return put_pairs(pairs[1:], at)
 
 
@@ -339,7 +341,7 @@ def _probe_integrator(tree, numbers, at):
     constants_of_step = precompute(integrator, body, substep, l)
     q, l = step(integrator, body, present, t, h, substep, q, l, constants_of_step)
     q, l = from_stepping(integrator, body, present, t, substep, q, l)
-    put(q + first_three(l), at, 0)
+    put_rows(q + first_three(l), at, 0)
     return 0
 
 

@@ -18,7 +18,7 @@ from rigidmc.engine.compiler.kernels import (
     config,
     is_compiled,
 )
-from rigidmc.engine.compiler.memory import aligned
+from rigidmc.engine.compiler.memory import allocate_aligned
 from rigidmc.engine.compiler.pipeline import LINE
 from rigidmc.engine.compiler.trees import tree_size
 from rigidmc.engine.inspection import scalar_parts
@@ -39,7 +39,7 @@ from rigidmc.engine.kernel.march import march
 from rigidmc.engine.kernel.shadow import begin_shadow, renormalise_shadow
 from rigidmc.engine.machine import vector_bits
 from rigidmc.physics.dynamics.methods import OFF, Flag, flag, implements, static_count
-from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import takes_noise
 from rigidmc.physics.integrators.protocol import (
     changes_state_form,
@@ -188,7 +188,7 @@ class Program:
     def label(self) -> str:
         """Its name in messages: integrator and effects."""
         integrator = self.scheme.name or type(self.scheme.integrator).__name__
-        words = [integrator, *(label for label, _ in labelled(self.effects))]
+        words = [integrator, *(label for label, _ in label_effects(self.effects))]
         return " + ".join(words) + " in float32" * (self.dtype == "float32")
 
     def missing(self) -> list[str]:
@@ -250,7 +250,7 @@ class Program:
             # Stores past the cache write whole cache lines: all rows of saves have to begin on one.
             skips_cache=int(all(offset % LINE == 0 for offset in offsets)),
             **{
-                name: aligned(count * lanes, kind)
+                name: allocate_aligned(count * lanes, kind)
                 for name, (count, kind) in self.working_memory(rows).items()
             },
         )

@@ -34,7 +34,7 @@ from rigidmc.mechanics.jacobi import (
 )
 from rigidmc.physics.dynamics.arc import squares
 from rigidmc.physics.dynamics.euler import mass_properties
-from rigidmc.physics.dynamics.free_flow import Axes, middle_axis, relabel, to_axis
+from rigidmc.physics.dynamics.free_flow import MiddleAxes, middle_axis, relabel, to_axis
 from rigidmc.physics.dynamics.functions import arctan2, sincos
 from rigidmc.physics.dynamics.quaternions import conjugate, multiply, normalised
 from rigidmc.physics.dynamics.vectors import dot, scale, select
@@ -183,7 +183,7 @@ def orbit(moments, l, q):
     first, last = middle_axis(body)
     u = relabel(first, last, u)
     i1, i2, i3 = relabel(first, last, (body.i1, body.i2, body.i3))
-    o = curve(Axes(i1, i3, *relabel(first, last, (body.a1, body.a2, body.a3))), u)
+    o = curve(MiddleAxes(i1, i3, *relabel(first, last, (body.a1, body.a2, body.a3))), u)
     ij, ik = select(o.on_third, i3, i1), select(o.on_third, i1, i3)
     quarter = quarter_period(o.mc)
     kind = third(o.nu, 1.0 + o.nu, o.m + o.nu)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.physics.dynamics.arc import elliptic_arc
 from rigidmc.physics.dynamics.functions import arctan2
-from rigidmc.physics.dynamics.vectors import rounded, select
+from rigidmc.physics.dynamics.vectors import nearest_integer, select
 
 # a smaller mc counts as this, and mc = 0 is the separatrix: K(1 - 1e-120) = 139.5, and sech K =
 # 2e-60
@@ -208,7 +208,7 @@ def reduced(u, mc, quarter):
     On the separatrix (mc = 0) there is no period: n = 0, and beyond K(SMALLEST) only the angles
     change.
     """
-    n = select(mc > 0.0, rounded(u / (2.0 * quarter)), 0.0)
+    n = select(mc > 0.0, nearest_integer(u / (2.0 * quarter)), 0.0)
     v = u - 2.0 * n * quarter
     return n, max(min(v, quarter), -quarter)
 
@@ -224,7 +224,7 @@ def angle_past(one, angle, whole, u, n, v, mc):
 
 def parity(n):
     """(-1)^n for an integer n."""
-    return 1.0 - 2.0 * abs(n - 2.0 * rounded(0.5 * n))
+    return 1.0 - 2.0 * abs(n - 2.0 * nearest_integer(0.5 * n))
 
 
 class JacobiAt(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 from rigidmc.errors import PartError, SceneError
 from rigidmc.mechanics.inertia import broken
 from rigidmc.physics.dynamics.methods import implements
-from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.physics.effects.protocol import Effect, facts, is_random, shape
 from rigidmc.physics.integrators import refusal
@@ -98,7 +98,7 @@ def _check_sampled(model: Model, run: Run) -> None:
         raise SceneError(rule, at="run.members", value=last)
     _check_bodies(model, run.seed)
     _check_orbit(model, run.seed)
-    for label, effect in labelled(model.effects):
+    for label, effect in label_effects(model.effects):
         _check_parameters(run, label, effect)
 
 
@@ -115,7 +115,7 @@ def _check_bodies(model: Model, seed: int) -> None:
             " laws, or moments and starts of each member"
         )
         raise SceneError(rule, at=f"start.{model.start.which}")
-    for label, effect in labelled(model.effects) if model.body.given == "tensor" else ():
+    for label, effect in label_effects(model.effects) if model.body.given == "tensor" else ():
         for name in facts(effect).in_body:
             if rows(*getattr(effect, name)) is not None:
                 # results have it in the axes of the members

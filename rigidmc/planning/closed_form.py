@@ -12,7 +12,7 @@ from rigidmc.mechanics.free_top import Motion, free_motion, free_top
 from rigidmc.mechanics.lagrange_top import lagrange_motion, lagrange_top
 from rigidmc.physics.dynamics.euler import kinetic_energy
 from rigidmc.physics.dynamics.so3 import dot, inverse
-from rigidmc.physics.effects import labelled, name_of
+from rigidmc.physics.effects import label_effects, name_of
 from rigidmc.physics.effects.sums import total_energy, total_energy_scale
 from rigidmc.physics.observables.protocol import value
 from rigidmc.planning.initial import Source, Start, block_rows, initial_block
@@ -114,7 +114,7 @@ def case_of(effects: Sequence[Any], block: Array, start: Start) -> Case:
     if uncovered := sorted({name_of(e) for e in effects} - {"gravity", "viscous_damping"}):
         raise _uncovered(f"the scene has {', '.join(uncovered)}")
     g, rate = np.zeros(len(moments)), np.zeros(len(moments))
-    for label, effect in labelled(effects):  # several of a kind act by their sum
+    for label, effect in label_effects(effects):  # several of a kind act by their sum
         if name_of(effect) == "gravity":
             g = g + start[f"{label}_g"]
         else:

@@ -15,7 +15,7 @@ from rigidmc.mechanics.inertia import broken, quaternions, tensors_into, vectors
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import Flag, flag, implements
 from rigidmc.physics.dynamics.so3 import multiply
-from rigidmc.physics.effects import labelled, shared
+from rigidmc.physics.effects import label_effects, shared
 from rigidmc.physics.effects.protocol import facts as effect_facts
 from rigidmc.physics.effects.protocol import parameter_count, shape, takes_noise
 from rigidmc.physics.effects.sums import total_energy_scale
@@ -155,7 +155,7 @@ def _name(model: Model, stream: str, draw: int, word: int) -> str:
     """The name of what the number `word` of a draw from a random stream is for."""
     table, first, *rest = stream.split(".")
     if table == "effects":
-        effect = dict(labelled(model.effects))[first]
+        effect = dict(label_effects(model.effects))[first]
         return f"{stream}.{4 * draw + word + 1}" if shape(effect, rest[0]) else stream
     whole = f"{table}.{first}"
     if first == "attitude":
@@ -189,7 +189,7 @@ def fill(block: Array, model: Model, sampler: Source, first: int, has_attitude: 
             first,
             count,
         )
-        for label, e in labelled(model.effects)
+        for label, e in label_effects(model.effects)
         for field, value in zip(e._fields, e, strict=True)
     }
     if turn is not None:
@@ -235,7 +235,7 @@ def fill(block: Array, model: Model, sampler: Source, first: int, has_attitude: 
 def _turned(effects: Sequence[Any], drawn: Mapping[str, Array], turn: Array) -> dict[str, Array]:
     """The drawn parameters of effects, those that are fixed in the body along the members' axes."""
     turned = dict(drawn)
-    for label, effect in labelled(effects):
+    for label, effect in label_effects(effects):
         for field in effect_facts(effect).in_body:
             values = drawn[f"{label}_{field}"]
             into = vectors_into if len(values) == 3 else tensors_into
@@ -311,7 +311,7 @@ def noise(effects: Sequence[Any], seed: int, members: NDArray[np.int64]) -> Nois
     """What decides the noise of random effects, for members by their indices."""
     streams = [
         stream_of(f"effects.{label}.noise")
-        for label, effect in labelled(effects)
+        for label, effect in label_effects(effects)
         if takes_noise(effect)
     ]
     key, other = key_of(seed)

@@ -17,12 +17,12 @@ from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import TOO_FAR, broken, too_far
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import implements
-from rigidmc.physics.effects import EFFECTS, labelled
+from rigidmc.physics.effects import EFFECTS, label_effects
 from rigidmc.physics.effects.bath import Bath
 from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.physics.effects.pivot import MovingPivot
-from rigidmc.physics.effects.protocol import blank, facts, filled, numbers, shape, torque
+from rigidmc.physics.effects.protocol import blank, facts, from_numbers, numbers, shape, torque
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.units import UnitScale
 from rigidmc.scene.model import Model
@@ -96,13 +96,13 @@ def scene_notes(model: Model, run: Run, plan: Plan) -> tuple[str, ...]:
 def _seen(model: Model, run: Run, plan: Plan) -> Seen:
     coarse, seed = model.coarse(), run.seed
     effects = []
-    for label, effect in labelled(coarse.effects):
+    for label, effect in label_effects(coarse.effects):
         each = [
             (field, value if shape(effect, field) else (value,))
             for field, value in zip(effect._fields, effect, strict=True)
         ]
         rows = [draw(parts, seed, f"effects.{label}.{field}", 0, FEW) for field, parts in each]
-        effects.append((label, filled(type(effect), np.concatenate(rows))))
+        effects.append((label, from_numbers(type(effect), np.concatenate(rows))))
     moments, mass, centre = coarse.body.sample(seed, 0, FEW)
     return Seen(model, run, plan, moments, mass, centre, effects)
 
@@ -376,7 +376,7 @@ def _acts(effect: Any, bodies: MassProperties, i: int, chance: np.random.Generat
     """Whether an effect exerts a torque on member i at a random attitude, spin and time; for a
     bath, whether it has friction."""
     body = MassProperties(*(np.asarray(x)[i] for x in bodies))
-    of_member = filled(type(effect), [x[i] for _, _, x in numbers(effect)])
+    of_member = from_numbers(type(effect), [x[i] for _, _, x in numbers(effect)])
     if isinstance(of_member, Bath):
         return bool(of_member.gamma != 0.0)
     q, l, t = (

@@ -11,7 +11,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.layout import RowMap, whole_lanes
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.methods import Flag, implements
-from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import facts, is_conservative, is_random
 from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.integrators.protocol import Integrator, has_extra_state
@@ -218,7 +218,7 @@ def make_plan(
         and keeps_remainders(kind, effects, run.dtype, run.compensated),
         notes=notes,
         limits=make_limits(*bounds) if scheme else (),
-        labels=tuple(label for label, _ in labelled(effects)) if recording.has_work else (),
+        labels=tuple(label for label, _ in label_effects(effects)) if recording.has_work else (),
         works=ledger(effects, recording.has_work),
         monitors=monitors,
         places=places_of(effects, recording.has_work, monitors),
@@ -309,7 +309,7 @@ def spinning_up(effects: Sequence[Any]) -> list[str]:
     not brake, and have neither an energy nor a bound on one."""
     return [
         label
-        for label, e in labelled(effects)
+        for label, e in label_effects(effects)
         if implements(e, "torque")
         and not any(implements(e, verb) for verb in ("energy", "energy_scale", "is_driving"))
         and not facts(e).is_damping

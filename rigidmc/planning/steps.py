@@ -18,7 +18,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.physics.dynamics.so3 import dot
-from rigidmc.physics.effects.protocol import filled, parameter_count
+from rigidmc.physics.effects.protocol import from_numbers, parameter_count
 from rigidmc.physics.effects.sums import total_energy_scale
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ def physics(effects: Sequence[Any], block: Array) -> tuple[MassProperties, tuple
     """(body, effects) of the members of a block (rows, n), their fields as arrays (n,)."""
     arrays, row = [], layout.EFFECTS
     for effect in effects:
-        arrays.append(filled(type(effect), block[row : row + parameter_count(effect)]))
+        arrays.append(from_numbers(type(effect), block[row : row + parameter_count(effect)]))
         row += parameter_count(effect)
     return MassProperties(*block[layout.BODY : layout.EFFECTS]), tuple(arrays)
 

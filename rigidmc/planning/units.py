@@ -11,7 +11,7 @@ import numpy as np
 
 from rigidmc.errors import SceneError
 from rigidmc.physics.effects import name_of
-from rigidmc.physics.effects.protocol import facts, filled, numbers
+from rigidmc.physics.effects.protocol import facts, from_numbers, numbers
 from rigidmc.physics.observables import Passage, is_own
 from rigidmc.planning.initial import Source, block_rows, initial_block, make_sampler
 from rigidmc.planning.plan import Plan
@@ -114,7 +114,7 @@ def _scaled_effects(
                     why = f"{kind} tells an unknown unit of {name}, '{unit}'"
                 rule = f"the scene cannot be put in other units: {why}"
                 raise SceneError(rule, at=f"effects.{kind}.{name}") from None
-        scaled.append(filled(type(effect), values))
+        scaled.append(from_numbers(type(effect), values))
     return tuple(scaled)
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import FileError, RigidmcError, SceneWarning, in_file
 from rigidmc.files.netcdf import open_undecoded
-from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import shape
 from rigidmc.physics.observables import dimensions, is_opaque
 from rigidmc.physics.observables.protocol import DIMENSIONS
@@ -150,7 +150,9 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
     axes = Axes(
         times=np.empty(dataset.sizes["time"]),
         thinned=np.zeros(dataset.sizes.get("thinned_time", 0), int),
-        labels=tuple(label for label, _ in labelled(scene.effects)) if recorded.has_work else (),
+        labels=tuple(label for label, _ in label_effects(scene.effects))
+        if recorded.has_work
+        else (),
         bins=bins,
         dims=dimensions(recorded.recorded, recorded.monitored),
     )
@@ -163,7 +165,9 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
         **flagged_variables(recorded),
     }
     opaque = [
-        (label, effect) for label, effect in labelled(scene.effects) if hasattr(effect, "stand_in")
+        (label, effect)
+        for label, effect in label_effects(scene.effects)
+        if hasattr(effect, "stand_in")
     ]
     if scene.body.given == "tensor":  # only the code tells which vectors are turned into each body
         known = {

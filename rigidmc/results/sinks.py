@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.engine.compiler.memory import aligned
+from rigidmc.engine.compiler.memory import allocate_aligned
 from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.threads import Keeper
 from rigidmc.files.netcdf import open_trusted
@@ -129,7 +129,7 @@ class Memory(Whole):
         self.direct = direct and tuple(known.recorded) == known.names and all_kept
         self.width, self.times = whole_lanes(layout.members), layout.axes.times.size
         size = self.times * layout.values * self.width if self.direct else 0
-        self.out = aligned(size, float, np.empty)
+        self.out = allocate_aligned(size, float, np.empty)
         sizes, saved = layout.lengths(), {} if self.direct else layout.at_saves
         self.arrays = {
             name: np.empty([sizes[dim] for dim in v.dims], v.dtype)
@@ -247,7 +247,7 @@ class Export(Memory):
 def buffer(layout: ResultLayout, count: int) -> Place:
     """The place for the values that a block of so many members saves."""
     width = whole_lanes(count)
-    values = aligned(layout.axes.times.size * layout.values * width, float, np.empty)
+    values = allocate_aligned(layout.axes.times.size * layout.values * width, float, np.empty)
     return values, width if layout.values else 0, 0
 
 

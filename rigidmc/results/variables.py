@@ -8,7 +8,7 @@ import numpy as np
 from rigidmc.engine.kernel.block import ASSESS_INTERVAL
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.physics.dynamics.methods import implements
-from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import Effect, facts, shape
 from rigidmc.physics.observables import OBSERVABLES, outputs, title
 from rigidmc.physics.observables.saving import CENSORED, FOLLOWED, LAG, event_times
@@ -97,7 +97,7 @@ def member_variables(
         **_health_variables(model.effects, recording.has_work),
         **_body_variables(model, own_steps),
     }
-    for label, effect in labelled(model.effects):
+    for label, effect in label_effects(model.effects):
         for name, value in zip(effect._fields, effect, strict=True):
             size, turned = shape(effect, name), is_turned(model.body, effect, name)
             if turned or not is_shared(*(value if size else (value,))):

@@ -20,8 +20,8 @@ from rigidmc.engine.kernel.layout import LANES
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import NO_SAVES
 from rigidmc.files.outputs import folder_beside
-from rigidmc.physics.effects import EFFECTS, labelled
-from rigidmc.physics.effects.protocol import filled, is_random
+from rigidmc.physics.effects import EFFECTS, label_effects
+from rigidmc.physics.effects.protocol import from_numbers, is_random
 from rigidmc.physics.integrators import accepting
 from rigidmc.physics.integrators.splitting import Langevin
 from rigidmc.physics.observables.flips import Flips
@@ -311,7 +311,7 @@ def prices(run: PreparedRun) -> tuple[float, Any, dict[str, Any], float, float]:
     free, none, whole = cost_per_step(some_of(run, ())), operations(()), operations(every)
     added = {
         label: whole.less(operations(every[:i] + every[i + 1 :]))
-        for i, (label, _) in enumerate(labelled(effects))
+        for i, (label, _) in enumerate(label_effects(effects))
     }
     random, noise = tuple(i for i in every if is_random(effects[i])), 0.0
     if random:  # random numbers are made from integers, which no count of operations tells
@@ -383,7 +383,7 @@ def effect_prices() -> dict[str, Any]:
     }
     for name, kind in EFFECTS.items():
         integrator, base = ("strang", "strang") if is_random(kind) else ("rk4", "with gravity")
-        effect = filled(kind, itertools.repeat(0.1))
+        effect = from_numbers(kind, itertools.repeat(0.1))
         if is_random(kind):
             effect = kind(*effect[: len(kind._fields) - len(kind.hidden)])
         alone = cost((effect,), integrator=integrator)

@@ -10,8 +10,8 @@ import numpy as np
 
 from rigidmc.errors import SceneError, unknown
 from rigidmc.mechanics.solids import SOLIDS
-from rigidmc.physics.effects import labelled
-from rigidmc.physics.effects.protocol import given, shape
+from rigidmc.physics.effects import label_effects
+from rigidmc.physics.effects.protocol import shape, user_parameters
 from rigidmc.scene.body import Body
 from rigidmc.scene.quantities import Grid
 from rigidmc.scene.scene import Scene
@@ -34,8 +34,8 @@ def parameters(scene: Scene) -> list[str]:
     names += _of(f"start.{which}", getattr(scene.start, which))
     if scene.start.by_euler_angles:
         names += [f"start.attitude.{name}" for name in _ANGLES]
-    for label, effect in labelled(scene.effects):
-        for field in given(effect):
+    for label, effect in label_effects(scene.effects):
+        for field in user_parameters(effect):
             name, size = f"effects.{label}.{field}", shape(effect, field)
             names += [name] if size is None else [f"{name}.{i + 1}" for i in range(size)]
     return names
@@ -81,7 +81,7 @@ def with_parameter(
         return replace(scene, **{table: part})
     effects = tuple(
         _put(effect, rest, value) if label == first else effect
-        for label, effect in labelled(scene.effects)
+        for label, effect in label_effects(scene.effects)
     )
     return replace(scene, effects=effects)
 

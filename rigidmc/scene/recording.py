@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from rigidmc.physics.dynamics.methods import implements
-from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import facts, is_conservative, is_random
 from rigidmc.physics.observables import bind, named, recorded, saved, watched
 from rigidmc.physics.observables.protocol import EnsembleObservable
@@ -66,7 +66,7 @@ def conservation(effects: Sequence[Any], has_work: bool) -> dict[str, str]:
 
     energy_drift : the energy less the works if these are saved
     """
-    by_label = labelled(effects)
+    by_label = label_effects(effects)
     lossy = [label for label, e in by_label if not is_conservative(e)]
     random = [label for label, e in by_label if is_random(e)]
     energy, drift = _verdict(lossy, "the energy"), "yes"
@@ -85,7 +85,7 @@ def conservation(effects: Sequence[Any], has_work: bool) -> dict[str, str]:
 
 def untracked(effects: Sequence[Any]) -> list[str]:
     """The labels of the effects whose work is no part of `energy`."""
-    return [label for label, e in labelled(effects) if not implements(e, "energy")]
+    return [label for label, e in label_effects(effects) if not implements(e, "energy")]
 
 
 def _verdict(labels: Sequence[str], quantity: str) -> str:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.streams import stream_of, uniforms
 from rigidmc.errors import SceneError
-from rigidmc.physics.effects import EFFECTS, labelled
+from rigidmc.physics.effects import EFFECTS, label_effects
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.model import Model
@@ -317,7 +317,7 @@ def _named(model: Model) -> Iterator[tuple[str, Any]]:
         ("body.centre", body.centre), (f"start.{start.which}", getattr(start, start.which)),
         ("start.attitude", start.attitude),
     ]  # fmt: skip
-    for label, effect in labelled(model.effects):
+    for label, effect in label_effects(model.effects):
         given += [
             (f"effects.{label}.{key}", value)
             for key, value in zip(effect._fields, effect, strict=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import OptionError, nearest, unknown
-from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects import label_effects
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.parameters import parameters, with_parameter
 from rigidmc.scene.quantities import Grid, Varied, rows
@@ -64,7 +64,9 @@ def _middle(value: Any) -> float:
 def value_at(scene: Scene, name: str) -> Any:
     """The value of a parameter, or of a vector."""
     table, first, *rest = name.split(".")
-    value = getattr(scene, table) if table != "effects" else dict(labelled(scene.effects))[first]
+    value = (
+        getattr(scene, table) if table != "effects" else dict(label_effects(scene.effects))[first]
+    )
     for word in (first, *rest) if table != "effects" else rest:
         place = {"phi": 0, "theta": 1, "psi": 2}.get(word)
         if place is None and word.isdecimal():

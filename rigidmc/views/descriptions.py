@@ -13,8 +13,8 @@ from rigidmc.engine.compile_time import list_kernels, seconds, seconds_text
 from rigidmc.engine.inspection import torque_operations, why_scalar
 from rigidmc.engine.program import Program
 from rigidmc.mechanics import inertia
-from rigidmc.physics.effects import EFFECTS, labelled
-from rigidmc.physics.effects.protocol import given
+from rigidmc.physics.effects import EFFECTS, label_effects
+from rigidmc.physics.effects.protocol import user_parameters
 from rigidmc.physics.integrators.protocol import has_extra_state
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.physics.observables.protocol import EnsembleObservable
@@ -62,7 +62,7 @@ def outline(scene: Scene) -> list[str]:
     run = prepared(scene)
     prices = [
         f"{label} {torque_operations(effect)}"
-        for label, effect in labelled(scene.effects)
+        for label, effect in label_effects(scene.effects)
         if type(effect) in EFFECTS.values()
     ]
     price = [f"price        {'; '.join(prices)}"] if prices else []
@@ -103,8 +103,8 @@ def _compiled(run: PreparedRun) -> list[str]:
     """The integrator, the effects, and what they conserve."""
     scene, facts = run.scene, run.plan.conserved
     effects = [
-        f"{label}({', '.join(f'{k} = {_words(getattr(e, k))}' for k in given(e))})"
-        for label, e in labelled(scene.effects)
+        f"{label}({', '.join(f'{k} = {_words(getattr(e, k))}' for k in user_parameters(e))})"
+        for label, e in label_effects(scene.effects)
     ]
     words = ", ".join(effects) or "none (free body)"
     attitude = "with" if run.plan.has_attitude else "no"

@@ -228,12 +228,12 @@ def test_show_says_what_is_compiled():
 
 def test_effects_are_listed():
     from rigidmc.physics.effects import EFFECTS
-    from rigidmc.physics.effects.protocol import given
+    from rigidmc.physics.effects.protocol import user_parameters
 
     listing = run("effects").output
     for name, kind in EFFECTS.items():
         assert f"\n{name} " in f"\n{listing}"
-        assert all(field in listing for field in given(kind))
+        assert all(field in listing for field in user_parameters(kind))
     assert "at [m, 3 numbers]" in listing
 
 

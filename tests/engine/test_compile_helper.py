@@ -1,4 +1,4 @@
-"""Pieces compiled by a second process: the same code, through the cache.
+"""Kernels compiled by a second process: the same code, through the cache.
 
 If that process fails, this one compiles.
 """
@@ -14,9 +14,15 @@ import pytest
 import rigidmc as rm
 from rigidmc.engine import compile_helper as module
 from rigidmc.engine import compile_time
-from rigidmc.engine.compile_helper import _named, _read, _written, compile_in_helper, helper_can
+from rigidmc.engine.compile_helper import (
+    _from_json,
+    _lookup,
+    _to_json,
+    compile_in_helper,
+    helper_can,
+)
 from rigidmc.engine.compile_time import seconds, split_work
-from rigidmc.engine.compiler.kernels import config, type_key
+from rigidmc.engine.compiler.kernels import KernelKey, config, type_key
 from tests.plans import program_of
 
 EVERY = ["gather", "scatter", "initialise", "march", "assess", "record", "advance"]
@@ -34,13 +40,13 @@ def test_a_request_reaches_the_other_process_unchanged():
         {"save": ("energy_mean", "megno", "work")},
     ):
         for one in asked(**settings).values():
-            parts = _read(json.loads(json.dumps(_written(one[1]))))
+            parts = _from_json(json.loads(json.dumps(_to_json(one[1]))))
             assert parts == one[1] and type_key(parts) == type_key(one[1])
 
 
 def test_nothing_but_the_package_is_imported():
     with pytest.raises(ImportError, match="not of this package"):
-        _named("os:system")
+        _lookup("os:system")
 
 
 SCRIPT = """
@@ -87,7 +93,7 @@ def test_user_effects_are_compiled_in_this_process(monkeypatch):
         pass
 
     monkeypatch.setattr(module, "threads_available", lambda: 2)
-    own = (asked()["march"][0], (Push(1.0),), "float64", 8, "psw")
+    own = KernelKey(asked()["march"].function, (Push(1.0),), "float64", 8, "psw")
     assert "march" not in helper_can({"march": own})
     assert config.DISABLE_JIT or "march" in helper_can(asked())
     monkeypatch.setattr(module, "threads_available", lambda: 1)

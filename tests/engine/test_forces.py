@@ -5,7 +5,7 @@ import numpy as np
 from rigidmc.engine import formulas
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects import Gravity, ViscousDamping, canonical
-from rigidmc.physics.effects.protocol import filled, numbers
+from rigidmc.physics.effects.protocol import from_numbers, numbers
 from rigidmc.physics.effects.sums import total_energy, total_torque
 from tests.physics.effects.test_effects import EXAMPLES, MOMENTS, STATIC
 
@@ -16,7 +16,7 @@ Q /= np.linalg.norm(Q, axis=0)
 
 def one(effects, i):
     return tuple(
-        filled(type(e), [float(np.broadcast_to(v, 50)[i]) for _, _, v in numbers(e)])
+        from_numbers(type(e), [float(np.broadcast_to(v, 50)[i]) for _, _, v in numbers(e)])
         for e in effects
     )
 
@@ -40,7 +40,8 @@ def worst(effects, torque, energy):
 def test_all_effects_at_once_compiled():
     effects, body = canonical(tuple(EXAMPLES.values())), MassProperties.of(MOMENTS, STATIC)
     effects = tuple(
-        filled(type(e), [v * some.uniform(0.8, 1.2, 50) for _, _, v in numbers(e)]) for e in effects
+        from_numbers(type(e), [v * some.uniform(0.8, 1.2, 50) for _, _, v in numbers(e)])
+        for e in effects
     )
     found = formulas.evaluate_forces(effects, body, tuple(Q), tuple(L))
     assert worst(effects, found[:3], found[3]) < 2e-14  # measured 1.8e-15

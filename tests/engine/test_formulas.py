@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from rigidmc.engine.formulas import PIECE, evaluate
+from rigidmc.engine.formulas import MAX_CALL, evaluate
 from rigidmc.engine.kernel.layout import LANES
 from rigidmc.physics.dynamics.principal_axes import Principal
 
@@ -30,7 +30,7 @@ class Product(NamedTuple):
         return self.a * self.b + self.c, math.sqrt(self.a)
 
 
-@pytest.mark.parametrize("count", [1, LANES - 1, LANES, LANES + 1, 2 * PIECE + 5])
+@pytest.mark.parametrize("count", [1, LANES - 1, LANES, LANES + 1, 2 * MAX_CALL + 5])
 def test_values_are_those_of_the_plain_function_for_any_count_and_threads(count):
     columns = np.random.default_rng(count).uniform(0.5, 1.0, (3, count))
     one, two = (evaluate(Product, 2, columns, threads=threads) for threads in (1, 2))

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.physics.effects import labelled
-from rigidmc.physics.effects.protocol import filled, shape
+from rigidmc.physics.effects import label_effects
+from rigidmc.physics.effects.protocol import from_numbers, shape
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.tolerance import choose
 from tests import random_scenes
@@ -55,7 +55,7 @@ def truths(scene, ds):
             for name in ("mass", "centre")
         )
         effects = []
-        for label, e in labelled(scene.effects):
+        for label, e in label_effects(scene.effects):
             values = []
             for field, value in zip(e._fields, e, strict=True):
                 own = f"{label}_{field}"
@@ -64,7 +64,7 @@ def truths(scene, ds):
                     if own in one
                     else np.array(value if shape(e, field) else [value], float)
                 ).tolist()
-            effects.append((label.rstrip("_0123456789"), filled(type(e), values)))
+            effects.append((label.rstrip("_0123456789"), from_numbers(type(e), values)))
         effects = with_wheels(effects)
         momentum = (
             one.start_momentum.values

@@ -23,7 +23,7 @@ from numba.core.typing.templates import AbstractTemplate
 import rigidmc.physics.effects.protocol
 import rigidmc.physics.integrators.protocol
 import rigidmc.physics.observables.protocol  # noqa: F401  (imported so that METHODS is complete)
-from rigidmc.engine.compiler.intrinsics import INTRINSICS, coded, register_template
+from rigidmc.engine.compiler.intrinsics import INTRINSICS, intrinsic, register_template
 from rigidmc.engine.compiler.pipeline import INLINE
 from rigidmc.engine.compiler.user_stamps import observe
 from rigidmc.files.user_code import is_own
@@ -115,7 +115,7 @@ def compile_method(call: Any) -> None:
     ]
     # Numba would make a tuple of the arguments after a `*`: it gets their names instead.
     cast(Any, resolve).__signature__ = inspect.Signature(words)
-    coded(call)(resolve)
+    intrinsic(call)(resolve)
 
 
 def inline_all(module: ModuleType) -> None:

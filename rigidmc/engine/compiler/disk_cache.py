@@ -38,7 +38,7 @@ from rigidmc.files.opening import plain
 from rigidmc.files.processes import PACKAGE
 
 
-def cached(kernel: Any) -> Any:
+def with_cache(kernel: Any) -> Any:
     """Give a jitted kernel the private disk cache.
 
     If the cache cannot be read or written, the kernel is compiled in every process, and one line of
@@ -56,7 +56,7 @@ def cached(kernel: Any) -> Any:
     return kernel
 
 
-def is_cacheable(kernel: Any, signature: Any) -> bool:
+def keeps_kernel(kernel: Any, signature: Any) -> bool:
     """Whether the disk cache keeps a kernel, and another process can compile it: one of the
     package's
         classes.

@@ -18,11 +18,11 @@ def fuse(function: ir.Function) -> None:
         block.instructions[:] = [
             new
             for instruction in block.instructions
-            for new in _fused(function.module, block, instruction)
+            for new in _fuse_sum(function.module, block, instruction)
         ]
 
 
-def _fused(module: Any, block: Any, instruction: Any) -> list[Any]:
+def _fuse_sum(module: Any, block: Any, instruction: Any) -> list[Any]:
     """The instructions that replace one: for a sum with a product the fused multiply-add, else
     itself."""
     if instruction.opname not in ("fadd", "fsub"):

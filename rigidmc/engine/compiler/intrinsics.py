@@ -10,13 +10,13 @@ from typing import Any
 from llvmlite import ir
 from numba.core import types
 from numba.core.typing.templates import infer, infer_global, make_intrinsic_template
-from numba.extending import intrinsic
+from numba.extending import intrinsic as numba_intrinsic
 
 from rigidmc.engine.compiler.vector_types import (
     MaskType,
     VectorType,
     first_of,
-    inverted,
+    invert,
     llvm_type,
     of_llvm,
 )
@@ -27,7 +27,7 @@ Define = Callable[..., Any]
 INTRINSICS: set[Callable[..., Any]] = set()  # functions with code of their own
 
 
-def coded(function: Callable[..., Any]) -> Callable[[Define], Define]:
+def intrinsic(function: Callable[..., Any]) -> Callable[[Define], Define]:
     """Decorator: give the compiler code of its own for a plain function.
 
     It decorates define(typing_context, *types) -> (signature, generate), or None if the types do
@@ -53,7 +53,7 @@ def _first_argument(context, builder, sig, args):
     return args[0]
 
 
-@coded(select)
+@intrinsic(select)
 def _select(typing_context, condition, one, other):
     if isinstance(condition, types.Boolean):
         ty = typing_context.unify_types(one, other)
@@ -76,7 +76,7 @@ def _select(typing_context, condition, one, other):
     return ty(condition, ty, ty), lambda context, builder, sig, args: builder.select(*args)
 
 
-@coded(select_all)
+@intrinsic(select_all)
 def _select_each(typing_context, condition, one, other):
     pairs = zip(one, other, strict=True)
     definitions = [_select(typing_context, condition, a, b) for a, b in pairs]
@@ -95,18 +95,18 @@ def _select_each(typing_context, condition, one, other):
     return kinds(condition, one, other), generate
 
 
-@coded(logical_not)
+@intrinsic(logical_not)
 def _opposite(typing_context, condition):
     if isinstance(condition, types.Boolean):
         return condition(condition), lambda context, builder, sig, args: builder.not_(args[0])
     if isinstance(condition, MaskType):
-        return condition(condition), lambda context, builder, sig, args: inverted(
+        return condition(condition), lambda context, builder, sig, args: invert(
             builder, condition, args[0]
         )
     return None
 
 
-@coded(root)
+@intrinsic(root)
 def _root(typing_context, x):
     if isinstance(x, VectorType):
         return x(x), lambda context, builder, sig, args: of_llvm("sqrt")(builder, x, *args)
@@ -116,7 +116,7 @@ def _root(typing_context, x):
     )
 
 
-@coded(by_precision)
+@intrinsic(by_precision)
 def _by_precision(typing_context, x, double, single):
     place = 2 if isinstance(x, VectorType) and x.dtype == types.float32 else 1
     ty = types.unliteral((double, single)[place - 1])
@@ -129,7 +129,7 @@ def any_of(mask):
     return bool(mask)
 
 
-@coded(any_of)
+@intrinsic(any_of)
 def _any_of(typing_context, mask):
     def generate(context, builder, sig, args):
         bits = builder.bitcast(args[0], ir.IntType(mask.count))
@@ -138,7 +138,7 @@ def _any_of(typing_context, mask):
     return types.boolean(mask), generate
 
 
-def _reinterpreted(ty: Any) -> Define:
+def _reinterpret(ty: Any) -> Define:
     """The definition of a function that takes the bits of numbers for those of another kind."""
 
     def define(typing_context, x):
@@ -150,11 +150,11 @@ def _reinterpreted(ty: Any) -> Define:
     return define
 
 
-coded(as_float)(_reinterpreted(types.float64))
-coded(as_word)(_reinterpreted(types.uint64))
+intrinsic(as_float)(_reinterpret(types.float64))
+intrinsic(as_word)(_reinterpret(types.uint64))
 
 
-def _converted(context: Any, builder: Any, x: Any, ty: VectorType, value: Any) -> Any:
+def _convert(context: Any, builder: Any, x: Any, ty: VectorType, value: Any) -> Any:
     """A number of type x as one of type `ty`."""
     if not isinstance(x, VectorType):
         return context.cast(builder, value, x, ty)
@@ -169,17 +169,17 @@ def cast_like(x, other):
     return x
 
 
-@coded(cast_like)
+@intrinsic(cast_like)
 def _cast_like(typing_context, x, other):
     if not getattr(other, "count", 0):  # Vecs and Rows of vectors have one
         return x(x, other), _first_argument
     ty = VectorType(other.dtype, other.count)
-    return ty(x, other), lambda context, builder, sig, args: _converted(
+    return ty(x, other), lambda context, builder, sig, args: _convert(
         context, builder, x, ty, args[0]
     )
 
 
-@coded(as_given)
+@intrinsic(as_given)
 def _as_given(typing_context, x, other):
     return _cast_like(typing_context, x, other)
 
@@ -189,7 +189,7 @@ def in_precision(values, other):
     return tuple(values)
 
 
-@coded(in_precision)
+@intrinsic(in_precision)
 def _in_precision(typing_context, values, other):
     if not getattr(other, "count", 0) or not len(values):
         return values(values, other), _first_argument
@@ -197,7 +197,7 @@ def _in_precision(typing_context, values, other):
 
     def generate(context, builder, sig, args):
         each = (
-            _converted(context, builder, x, ty, builder.extract_value(args[0], i))
+            _convert(context, builder, x, ty, builder.extract_value(args[0], i))
             for i, x in enumerate(values)
         )
         return context.make_tuple(builder, sig.return_type, list(each))
@@ -205,7 +205,7 @@ def _in_precision(typing_context, values, other):
     return types.UniTuple(ty, len(values))(values, other), generate
 
 
-@coded(double)
+@intrinsic(double)
 def _double(typing_context, x):
     if not (isinstance(x, VectorType) and x.dtype == types.float32):
         return x(x), _first_argument
@@ -213,7 +213,7 @@ def _double(typing_context, x):
     return ty(x), lambda context, builder, sig, args: builder.fpext(args[0], llvm_type(ty))
 
 
-@intrinsic
-def plain(typing_context, x):
+@numba_intrinsic
+def first_number(typing_context, x):
     """The number of a vector of one number."""
     return x.dtype(x), lambda context, builder, sig, args: first_of(builder, x, args[0])

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.compiler import disk_cache
 from rigidmc.engine.compiler.compose import inline, inline_all
-from rigidmc.engine.compiler.intrinsics import cast_like, coded, plain
+from rigidmc.engine.compiler.intrinsics import cast_like, first_number, intrinsic
 from rigidmc.engine.compiler.memory import Rows
 from rigidmc.engine.compiler.pipeline import FLAGS, INLINE
 from rigidmc.engine.compiler.trees import StaticTree, tree_flatten
@@ -138,7 +138,7 @@ def is_compiled(key: KernelKey) -> bool:
 
 def is_cacheable(key: KernelKey) -> bool:
     """Whether the disk cache keeps the code of a kernel: another process may compile it then."""
-    return not config.DISABLE_JIT and disk_cache.is_cacheable(
+    return not config.DISABLE_JIT and disk_cache.keeps_kernel(
         _cached_dispatcher(key.function), signature_of(key)
     )
 
@@ -190,7 +190,7 @@ def dispatcher_of(function: Function) -> Any:
 def _cached_dispatcher(function: Function) -> Any:
     """Numba's dispatcher of a kernel's function, with the disk cache."""
     if function not in _dispatchers:
-        _dispatchers[function] = disk_cache.cached(dispatcher_of(function))
+        _dispatchers[function] = disk_cache.with_cache(dispatcher_of(function))
     return _dispatchers[function]
 
 
@@ -240,7 +240,7 @@ def call_address(kernel, arguments):
     return kernel.address(kernel.tree, kernel.numbers, *arguments)
 
 
-@coded(call_address)
+@intrinsic(call_address)
 def _call(typing_context, kernel, arguments):
     given = [_PLAIN, _PLAIN, *map(types.unliteral, arguments)]
 
@@ -299,7 +299,7 @@ def _overload_scalar(known: Callable[..., Any]) -> None:
     @overload(known, jit_options=INLINE)
     def one(x):
         return (
-            (lambda x: cast_like(known(plain(x)), x))
+            (lambda x: cast_like(known(first_number(x)), x))
             if isinstance(x, VectorType) and x.count == 1
             else None
         )

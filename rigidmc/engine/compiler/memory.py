@@ -18,14 +18,14 @@ from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numpy.typing import DTypeLike, NDArray
 
-from rigidmc.engine.compiler.intrinsics import coded
+from rigidmc.engine.compiler.intrinsics import intrinsic
 from rigidmc.engine.compiler.pipeline import LINE
 from rigidmc.engine.compiler.vector_types import ELEMENT, VectorType, llvm_type
 
 _WORD = ir.IntType(64)
 
 
-def aligned(
+def allocate_aligned(
     count: int, dtype: DTypeLike, make: Callable[..., NDArray[Any]] = np.zeros
 ) -> NDArray[Any]:
     """An array that begins on a cache line.
@@ -68,13 +68,13 @@ def _align(ty: Any) -> int:
     return 4 if ty.dtype == types.float32 else 8
 
 
-def load(rows, array, index):
+def load_lanes(rows, array, index):
     """array[index], array[index + 1], ... of a flat array, as many as a row has."""
     return array[index]
 
 
-@coded(load)
-def _load(typing_context, rows, array, index):
+@intrinsic(load_lanes)
+def _load_lanes(typing_context, rows, array, index):
     ty = VectorType(array.dtype, rows.count)
 
     def generate(context, builder, sig, args):
@@ -85,13 +85,13 @@ def _load(typing_context, rows, array, index):
     return ty(rows, array, types.intp), generate
 
 
-def store(array, index, value):
+def store_lanes(array, index, value):
     """Write numbers to array[index], array[index + 1], ..."""
     array[index] = value
 
 
-@coded(store)
-def _store(typing_context, array, index, value):
+@intrinsic(store_lanes)
+def _store_lanes(typing_context, array, index, value):
     def generate(context, builder, sig, args):
         builder.store(
             args[2], _place(builder, array, args[0], args[1], llvm_type(value)), align=_align(value)
@@ -109,7 +109,7 @@ def memory(array, number):
     return array
 
 
-@coded(memory)
+@intrinsic(memory)
 def _memory(typing_context, address, number):
     ty = Rows(types.unliteral(number), 0)
     return ty(address, number), lambda context, builder, sig, args: builder.inttoptr(
@@ -122,7 +122,7 @@ def group_of(rows, marks, number):
     return rows
 
 
-@coded(group_of)
+@intrinsic(group_of)
 def _group_of(typing_context, rows, marks, number):
     ty = Rows(rows.dtype, rows.count // len(marks), rows.count)
 
@@ -200,30 +200,30 @@ def _following(count: int, *arguments: Any) -> tuple[Any, Callable[..., Any]]:
     return types.UniTuple(rows.item, count)(*arguments[:-1], types.intp), generate
 
 
-@coded(three_at)
+@intrinsic(three_at)
 def _three_at(typing_context, rows, row):
     return _following(3, rows, row)
 
 
-@coded(four_at)
+@intrinsic(four_at)
 def _four_at(typing_context, rows, row):
     return _following(4, rows, row)
 
 
-@coded(tuple_at)
+@intrinsic(tuple_at)
 def _tuple_at(typing_context, marks, rows, row):
     return _following(len(marks), marks, rows, row)
 
 
-def put(values, rows, row):
+def put_rows(values, rows, row):
     """Write a tuple to rows, and return the row after them."""
     for i, value in enumerate(values):
         rows[row + i] = value
     return row + len(values)
 
 
-@coded(put)
-def _put(typing_context, values, rows, row):
+@intrinsic(put_rows)
+def _put_rows(typing_context, values, rows, row):
     def generate(context, builder, sig, args):
         for i, ty in enumerate(values):
             at, x = builder.add(args[2], ir.Constant(_WORD, i)), builder.extract_value(args[0], i)
@@ -243,11 +243,11 @@ def store_rows(values, rows, array, at, pitch, past):
     skips_cache : whether past the cache, which takes whole cache lines
     """
     for i, value in enumerate(values):
-        store(array, at + i * pitch, value)
+        store_lanes(array, at + i * pitch, value)
     return at + len(values) * pitch
 
 
-@coded(store_rows)
+@intrinsic(store_rows)
 def _store_rows(typing_context, values, rows, array, at, pitch, past):
     ty = rows.item
 

@@ -16,7 +16,7 @@ from numba.core.datamodel.models import OpaqueModel
 from numba.core.datamodel.registry import register_default
 from numba.extending import typeof_impl
 
-from rigidmc.engine.compiler.intrinsics import coded
+from rigidmc.engine.compiler.intrinsics import intrinsic
 from rigidmc.engine.compiler.memory import get_row
 from rigidmc.physics.effects.protocol import takes_noise
 
@@ -70,7 +70,7 @@ def tree_unpack(tree, numbers):
     return tree.parts
 
 
-@coded(tree_unpack)
+@intrinsic(tree_unpack)
 def _tree_unpack(typing_context, tree, numbers):
     return _read(tree.parts, numbers, tree, numbers)
 
@@ -87,7 +87,7 @@ def tree_unflatten(part, rows, first):
     return like(part)
 
 
-@coded(tree_unflatten)
+@intrinsic(tree_unflatten)
 def _tree_unflatten(typing_context, part, rows, first):
     return _read(part, rows, part, rows, first)
 
@@ -132,7 +132,7 @@ def tree_size(part):
     return sum(map(tree_size, part)) if isinstance(part, tuple) else 1
 
 
-@coded(tree_size)
+@intrinsic(tree_size)
 def _tree_size(typing_context, part):
     count = _size_of_type(part)
     return types.intp(part), lambda context, builder, sig, args: context.get_constant(
@@ -150,7 +150,7 @@ def noise_of(effect):
     return effect.noise if takes_noise(effect) else ()
 
 
-@coded(noise_of)
+@intrinsic(noise_of)
 def _noise_of(typing_context, effect):
     if not takes_noise(effect.instance_class):
         return types.Tuple(())(effect), lambda context, builder, sig, args: context.make_tuple(
@@ -167,7 +167,7 @@ def with_noise(effect, deviates):
     return effect._replace(noise=deviates)
 
 
-@coded(with_noise)
+@intrinsic(with_noise)
 def _with_noise(typing_context, effect, deviates):
     index = effect.instance_class._fields.index("noise")
     return effect(effect, deviates), lambda context, builder, sig, args: builder.insert_value(

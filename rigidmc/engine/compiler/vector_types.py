@@ -174,7 +174,7 @@ def of_llvm(name: str) -> Build:
     return build
 
 
-def _compared(sign: str) -> Build:
+def _comparison(sign: str) -> Build:
     """A comparison, of floats or of words."""
 
     def build(b: Any, t: Any, x: Any, y: Any) -> Any:
@@ -186,7 +186,7 @@ def _compared(sign: str) -> Build:
     return build
 
 
-def _masks_compared(sign: str) -> Build:
+def _mask_comparison(sign: str) -> Build:
     """A comparison of masks."""
     return lambda b, t, x, y: b.icmp_unsigned(sign, x, y)
 
@@ -197,7 +197,7 @@ def _mask_of(ty: VectorType) -> MaskType:
     return MaskType(types.float64 if ty.dtype == types.uint64 else ty.dtype, ty.count)
 
 
-def inverted(b: Any, t: MaskType, x: Any) -> Any:
+def invert(b: Any, t: MaskType, x: Any) -> Any:
     """A mask with every truth value inverted."""
     return b.xor(x, ir.Constant(llvm_type(t), [1] * t.count))
 
@@ -244,9 +244,9 @@ for _operation, _sign in (
     (operator.eq, "=="),
     (operator.ne, "!="),
 ):
-    _define(_operation, 2, _compared(_sign), result=_mask_of)
+    _define(_operation, 2, _comparison(_sign), result=_mask_of)
 for _operation, _sign in ((operator.eq, "=="), (operator.ne, "!=")):
-    _define(_operation, 2, _masks_compared(_sign), ty=MaskType, plain_types=_TRUTH)
+    _define(_operation, 2, _mask_comparison(_sign), ty=MaskType, plain_types=_TRUTH)
 _define(operator.neg, 1, lambda b, t, x: b.fneg(x), only=_floats)
 _define(operator.pos, 1, lambda b, t, x: x)
 _define(abs, 1, of_llvm("fabs"), only=_floats)

@@ -180,7 +180,7 @@ class CudaProgram(Program):
         while first < steps.last:
             next_full = (first // steps.stride + max_saves) * steps.stride
             last = min(steps.last, first + length, next_full)
-            slots = saved_in(steps, first, last)
+            slots = save_numbers(steps, first, last)
             # Kernels count saves from the start of the run; the memory begins with the first of
             # this launch.
             out = SaveTarget(values - 8 * count * slots.start, members if count else 0, 0, order)
@@ -229,7 +229,7 @@ class CudaProgram(Program):
         wide[:, :, saves.column : saves.column + members] = got.reshape(shape)
 
 
-def saved_in(steps: StepRange, first: int, last: int) -> range:
+def save_numbers(steps: StepRange, first: int, last: int) -> range:
     """The numbers of the saves that steps from `first` to `last` make."""
     begin = 0 if first == 0 else first // steps.stride + 1
     final = -(-steps.total // steps.stride) if last == steps.total else last // steps.stride

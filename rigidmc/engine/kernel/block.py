@@ -80,7 +80,7 @@ def run_lanes(frame, low):
     flat = block_memory(frame)
     gather_members(frame, low)
     if frame.first == 0:
-        initialise(frame, low)
+        initialise_members(frame, low)
     elif frame.shadow != 0:
         exchange_shadow(frame, 0)
     # Stopped and frozen members make no more steps, but they are saved to the end.
@@ -104,9 +104,9 @@ def run_lanes(frame, low):
         if is_saved or is_planned:
             rounds = round_first // frame.slots * 1.0 if frame.member_steps != 0 else 0.0
             is_late = 1.0 if 2 * now > frame.total else 0.0
-            idle = assess(frame, rounds, slot, is_late, 1.0 if is_planned else 0.0)
+            idle = assess_members(frame, rounds, slot, is_late, 1.0 if is_planned else 0.0)
         if is_saved:
-            save(frame, low, now)
+            save_members(frame, low, now)
     scatter_members(frame, low)
     return 0
 
@@ -173,7 +173,7 @@ def position(frame, now):
     return frame.head + (now - frame.head) * (frame.last_h / frame.h)
 
 
-def initialise(frame, low):
+def initialise_members(frame, low):
     """The start of the members: classified, monitored and saved."""
     flat = block_memory(frame)
     substeps, state, work = flat.substeps, flat.state, flat.work
@@ -185,7 +185,7 @@ def initialise(frame, low):
         duration = time_at(frame, frame.total)
         arguments = substeps, state, work, flat.shadow, frame.shadow_row, duration
         call_address(frame.begin_shadow, arguments)
-    save(frame, low, 0)
+    save_members(frame, low, 0)
 
 
 def next_stop(frame, now, round_first):
@@ -202,7 +202,7 @@ def min_integer(a, b):
     return a if a < b else b
 
 
-def assess(frame, rounds, slot, late, planned):
+def assess_members(frame, rounds, slot, late, planned):
     """Assess the members after `slot` steps of a round, `rounds` of which are done.
 
     late : 1 in the second half of the run, else 0;  planned : 1 if no save asked for it, or 0
@@ -258,7 +258,9 @@ def make_steps(frame, round_first, first, last):
             # Lanes make steps together: the states of members that are finished are saved from
             # them.
             idle = frame.member_steps != 0 and park_finished(frame, moved_state, now, 1)
-            march(frame, moved_state, work, frame.monitors if which == 0 else 0, rounds, now, stop)
+            march_members(
+                frame, moved_state, work, frame.monitors if which == 0 else 0, rounds, now, stop
+            )
             if idle:
                 park_finished(frame, moved_state, now, 0)
         if frame.shadow != 0 and is_renormalised(round_first + stop, frame.total):
@@ -292,7 +294,7 @@ def is_renormalised(step, total):
     return step == total or step % renormalise_interval(step - 1) == 0
 
 
-def march(frame, state, work, is_traced, rounds, first, last):
+def march_members(frame, state, work, is_traced, rounds, first, last):
     """Make steps from step `first` of a round to `last`."""
     flat, streams = block_memory(frame), memory(frame.streams, frame.key)
     arguments = (
@@ -342,7 +344,7 @@ def park_finished(frame, state, now, stores):
     return is_any_finished
 
 
-def save(frame, low, now):
+def save_members(frame, low, now):
     """Write what is saved of the members at step `now`.
 
     Members with steps of their own are sorted by steps: their values go to `saved` first.
@@ -409,7 +411,7 @@ def refine_events(frame):
             )  # fmt: skip
             call_address(frame.refine_event, arguments)
             if steps_back < tries:
-                march(frame, spare_state, spare_work, 0, 0, 0, 1)
+                march_members(frame, spare_state, spare_work, 0, 0, 0, 1)
 
 
 inline_all(sys.modules[__name__])

@@ -20,7 +20,7 @@ import numpy as np
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import any_of, in_precision
-from rigidmc.engine.compiler.memory import four_at, put, three_at
+from rigidmc.engine.compiler.memory import four_at, put_rows, three_at
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
 from rigidmc.engine.kernel.dense_output import interpolate, make_interpolant, time_within
 from rigidmc.engine.kernel.layout import (  # fmt: skip
@@ -76,9 +76,9 @@ def begin_events(events, body, effects, t, q, l, work, row):
     count, since = start_counts(dwell(events[0]), counts_at_start(events[0], now), t)
     # `now != now` is False as a mask of this width: no step was made in which it was armed.
     first = select(armed(events[0], body, q, l, now, now != now), now, 0.0)
-    put((first, count, t, t, since, t, t), work, row)
+    put_rows((first, count, t, t, since, t, t), work, row)
     noted = (t, 0.0, now, 0.0, now) + q + l
-    put(noted + noted, work, row + RECORDS)
+    put_rows(noted + noted, work, row + RECORDS)
     return begin_events(events[1:], body, effects, t, q, l, work, row + EVENT_ROWS)
 
 
@@ -278,12 +278,12 @@ def refine_event(
         bracket = shrink_bracket(four_at(spare_work, CHECKED_STATE), fraction, level_here)
     fraction = interpolate_root(bracket)
     back_step = -fraction * h
-    put(bracket + (fraction,), spare_work, CHECKED_STATE)
+    put_rows(bracket + (fraction,), spare_work, CHECKED_STATE)
     substep = opening_substep(substeps, back_step)
     q, l = four_at(work, at + 5), three_at(work, at + 9)
     q, l = to_stepping(integrator, body, present, t + substeps[3] * back_step, substep, q, l)
     put_stepping(in_precision(q, spare_state), in_precision(l, spare_state), spare_state)
-    put((t, back_step), spare_work, ROUND_START)
+    put_rows((t, back_step), spare_work, ROUND_START)
     # Levels of one sign: the event was there at the start, and its time is the start.
     at_start = (level_before < 0.0) == (older < 0.0)
     work[row + record // 2 * EVENT_ROWS + TIMES + record % 2] = select(at_start, t, t + back_step)
@@ -369,7 +369,7 @@ def count_if_lasted(wait, beyond, t, step, work, row):
 
 def write_if(condition, values, work, row):
     """Write a tuple to rows if the condition holds."""
-    return put(select_all(condition, values, tree_unflatten(values, work, row)), work, row)
+    return put_rows(select_all(condition, values, tree_unflatten(values, work, row)), work, row)
 
 
 def interpolate_root(bracket):

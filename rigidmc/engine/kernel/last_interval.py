@@ -10,7 +10,7 @@ import sys
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
-from rigidmc.engine.compiler.memory import put, tuple_at
+from rigidmc.engine.compiler.memory import put_rows, tuple_at
 from rigidmc.engine.compiler.trees import tree_size, tree_unpack
 from rigidmc.engine.kernel.layout import (  # fmt: skip
     ATTITUDE,
@@ -51,8 +51,8 @@ def change_length(tree, numbers, substeps, state, work, slot, round_start, h, me
     # The opening substep is undone with the old length and made with the new one.
     t = cast_like(round_start, work) + (first_step + substeps[3]) * new_h
     q, l = to_stepping(integrator, body, present, t, opening_substep(substeps, new_h), q, l)
-    put(in_precision(q + first_three(l), state), state, ATTITUDE)
-    put(in_precision(l[3:], state), state, row)
+    put_rows(in_precision(q + first_three(l), state), state, ATTITUDE)
+    put_rows(in_precision(l[3:], state), state, row)
     clear_remainders(compensated, state)
     return 0
 
@@ -60,7 +60,7 @@ def change_length(tree, numbers, substeps, state, work, slot, round_start, h, me
 def clear_remainders(compensated, state):
     """Set the remainders of sums to 0, if they are kept: `state_in_double` has added them."""
     if len(compensated) > 0:
-        put((0.0,) * 7, state, EXTRA)
+        put_rows((0.0,) * 7, state, EXTRA)
     return 0
 
 

@@ -13,7 +13,7 @@ from itertools import accumulate
 from typing import Any, NamedTuple
 
 from rigidmc.engine.compiler.compose import inline_all
-from rigidmc.engine.compiler.memory import four_at, put, three_at, tuple_at
+from rigidmc.engine.compiler.memory import four_at, put_rows, three_at, tuple_at
 from rigidmc.engine.compiler.trees import tree_unflatten
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import Flag
@@ -180,14 +180,14 @@ def state_at(state, compensated, extra, row):
 def put_state(q, l, state, compensated, row):
     """Write what `state_at` reads."""
     if len(compensated) == 0:
-        put(q, state, ATTITUDE)
-        put(first_three(l), state, MOMENTUM)
-        put(l[3:], state, row)
+        put_rows(q, state, ATTITUDE)
+        put_rows(first_three(l), state, MOMENTUM)
+        put_rows(l[3:], state, row)
     else:
-        put(q[0], state, ATTITUDE)
-        put(q[1], state, EXTRA)
-        put(l[0], state, MOMENTUM)
-        put(l[1], state, EXTRA + 4)
+        put_rows(q[0], state, ATTITUDE)
+        put_rows(q[1], state, EXTRA)
+        put_rows(l[0], state, MOMENTUM)
+        put_rows(l[1], state, EXTRA + 4)
     return 0
 
 
@@ -216,8 +216,8 @@ def momentum_at(integrator, state):
 
 def put_stepping(q, l, state):
     """Write a state in the form that the integrator steps; the remainders of sums are 0."""
-    put(q + first_three(l), state, ATTITUDE)
-    put(extra_numbers(0.0 * l[0], l[3:]), state, EXTRA)
+    put_rows(q + first_three(l), state, ATTITUDE)
+    put_rows(extra_numbers(0.0 * l[0], l[3:]), state, EXTRA)
     return 0
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
-from rigidmc.engine.compiler.memory import group_of, put
+from rigidmc.engine.compiler.memory import group_of, put_rows
 from rigidmc.engine.compiler.trees import (
     noise_of,
     tree_size,
@@ -180,7 +180,7 @@ def trace_groups(left, groups, i, states, trace, row):
     if len(left) == 0:
         return 0
     q, l = states[0]
-    put(value_of(q) + first_three(value_of(l)), group_of(trace, groups, i), row)
+    put_rows(value_of(q) + first_three(value_of(l)), group_of(trace, groups, i), row)
     return trace_groups(left[1:], groups, i + 1, states[1:], trace, row)
 
 

@@ -20,7 +20,15 @@ import sys
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
-from rigidmc.engine.compiler.memory import four_at, load, put, store, store_rows, three_at, tuple_at
+from rigidmc.engine.compiler.memory import (
+    four_at,
+    load_lanes,
+    put_rows,
+    store_lanes,
+    store_rows,
+    three_at,
+    tuple_at,
+)
 from rigidmc.engine.compiler.trees import tree_size, tree_unflatten, tree_unpack
 from rigidmc.engine.kernel.layout import (  # fmt: skip
     ATTITUDE,
@@ -85,14 +93,14 @@ def gather(tree, numbers, block, rows, members, low, member_steps, h, round_time
     round_time : when the round began [s]
     """
     for row in range(rows):
-        x = load(work, block, row * members + low)
+        x = load_lanes(work, block, row * members + low)
         work[MEMBER_ROWS + row] = x
         if row < START:
             state[row] = cast_like(x, state)
         if row >= BODY:
             state[BODY_AT + row - BODY] = cast_like(x, state)
     own = member_steps != 0
-    steps = load(work, block, STEPS * members + low) if own else cast_like(UNLIMITED, work)
+    steps = load_lanes(work, block, STEPS * members + low) if own else cast_like(UNLIMITED, work)
     # Without steps of its own a member never finishes its round: no branch for it in `march`.
     work[MEMBER_STEPS] = steps
     work[STEP_LENGTH] = h / steps if own else cast_like(h, work)
@@ -115,16 +123,16 @@ def scatter(
         if row < START:
             last = done != 0 and row < EXTRA
             x = work[MEMBER_ROWS + GOOD_STATE + row] if last else cast_like(state[row], work)
-            store(block, place, x)
+            store_lanes(block, place, x)
         elif row < BODY:
-            store(block, place, work[MEMBER_ROWS + row])
+            store_lanes(block, place, work[MEMBER_ROWS + row])
         elif row >= shadow_row:
-            store(block, place, cast_like(state[BODY_AT + row - BODY], work))
+            store_lanes(block, place, cast_like(state[BODY_AT + row - BODY], work))
         elif row >= work_row + works:
-            store(block, place, work[MEMBER_ROWS + row])
+            store_lanes(block, place, work[MEMBER_ROWS + row])
         elif row >= work_row:
             now = cast_like(state[BODY_AT + row - BODY], work)
-            store(block, place, work[MEMBER_ROWS + row + works] if done != 0 else now)
+            store_lanes(block, place, work[MEMBER_ROWS + row + works] if done != 0 else now)
     return 0
 
 
@@ -143,8 +151,8 @@ def initialise(tree, numbers, substeps, state, work):
     energy_scale = maximum(abs(energy), 1e-3 * energy_in_play)
     max_l2 = 2.0 * energy_in_play / min(min(body.i1, body.i2), body.i3)
     start = energy, energy_scale, l2, energy_in_play, dot(vertical(q), l), max_l2
-    put(start, work, MEMBER_ROWS + START)
-    put((0.0 * kinetic, 0.0 * kinetic), work, MEMBER_ROWS + START + 6)
+    put_rows(start, work, MEMBER_ROWS + START)
+    put_rows((0.0 * kinetic, 0.0 * kinetic), work, MEMBER_ROWS + START + 6)
 
     not_finite = select(is_finite(q, l, energy, l2), 0.0, 1.0)
     omega = angular_velocity(body, l)
@@ -156,16 +164,16 @@ def initialise(tree, numbers, substeps, state, work):
     healthy = status == 0.0
     # nan marks drifts that nobody measured, and inf the smallest of none.
     drift, smallest = select(healthy, 0.0, math.nan), select(healthy, math.inf, math.nan)
-    put((drift, drift, status, 0.0, select(healthy, -1.0, 0.0)), work, MEMBER_ROWS + DRIFT)
-    put((drift, drift, smallest, smallest), work, MEMBER_ROWS + EARLY_DRIFT)
-    put(q + l, work, MEMBER_ROWS + GOOD_STATE)
+    put_rows((drift, drift, status, 0.0, select(healthy, -1.0, 0.0)), work, MEMBER_ROWS + DRIFT)
+    put_rows((drift, drift, smallest, smallest), work, MEMBER_ROWS + EARLY_DRIFT)
+    put_rows(q + l, work, MEMBER_ROWS + GOOD_STATE)
 
     l = concat(l, tuple_at(work_flags, work, MEMBER_ROWS + EFFECTS + tree_size(effects)))
     t, substep = work[ROUND_START] + substeps[3] * h, opening_substep(substeps, h)
     q, l = to_stepping(integrator, body, present, t, substep, q, l)
-    put(in_precision(q + first_three(l), state), state, ATTITUDE)
+    put_rows(in_precision(q + first_three(l), state), state, ATTITUDE)
     row = extra_row(extra_state(integrator), EFFECTS_AT + tree_size(effects))
-    put(in_precision(l[3:], state), state, row)
+    put_rows(in_precision(l[3:], state), state, row)
     return 0
 
 
@@ -194,7 +202,7 @@ def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
     q = select_all(stopped, four_at(work, STOPPED_STATE), q)
     l = select_all(stopped, three_at(work, STOPPED_STATE + 4), first_three(l))
     energy, l2 = kinetic_energy(body, l) + total_energy(present, body, q), dot(l, l)
-    put(q + l + (energy, l2), work, CHECKED_STATE)
+    put_rows(q + l + (energy, l2), work, CHECKED_STATE)
 
     kinetic = kinetic_energy(body, l)
     # Saved drifts use the maximum over planned assessments (row 6) alone: with those of saves it
@@ -315,20 +323,20 @@ def update_status(fault, start, energy, l2, steps, q, l, work, late):
     drifts = abs((energy - start[0]) * start[1]), abs((l2 - start[2]) * start[3])
     largest = work[MEMBER_ROWS + DRIFT], work[MEMBER_ROWS + DRIFT + 1]
     new = max(largest[0], drifts[0]), max(largest[1], drifts[1])
-    put(select_all(counted, new, largest), work, MEMBER_ROWS + DRIFT)
+    put_rows(select_all(counted, new, largest), work, MEMBER_ROWS + DRIFT)
     # Two halves tell a drift that grows from one that comes back, see `rigidmc.scene.drifts`.
     if late == 0.0:
-        put(select_all(counted, new, largest), work, MEMBER_ROWS + EARLY_DRIFT)
+        put_rows(select_all(counted, new, largest), work, MEMBER_ROWS + EARLY_DRIFT)
     else:
         smallest = work[MEMBER_ROWS + LATE_DRIFT], work[MEMBER_ROWS + LATE_DRIFT + 1]
         lower = min(smallest[0], drifts[0]), min(smallest[1], drifts[1])
-        put(select_all(counted, lower, smallest), work, MEMBER_ROWS + LATE_DRIFT)
+        put_rows(select_all(counted, lower, smallest), work, MEMBER_ROWS + LATE_DRIFT)
     work[MEMBER_ROWS + STATUS] = select(was_ok, fault, status)
     work[MEMBER_ROWS + GOOD_STEP] = select(healthy, steps, work[MEMBER_ROWS + GOOD_STEP])
     work[MEMBER_ROWS + FAULT_STEP] = select(faulty, steps, work[MEMBER_ROWS + FAULT_STEP])
     attitude = select_all(healthy, q, four_at(work, MEMBER_ROWS + GOOD_STATE))
     good = attitude + select_all(healthy, l, three_at(work, MEMBER_ROWS + GOOD_STATE + 4))
-    put(good, work, MEMBER_ROWS + GOOD_STATE)
+    put_rows(good, work, MEMBER_ROWS + GOOD_STATE)
     return good
 
 
@@ -354,15 +362,17 @@ def state_in_double(state, work, compensated):
 def restore_good(frozen, good, state):
     """Put the state of a frozen member back to its last good one, with remainders of 0."""
     restored = select_all(frozen, in_precision(good, state), tree_unflatten(good, state, ATTITUDE))
-    put(restored, state, ATTITUDE)
-    put(select_all(frozen, (0.0,) * 7, tree_unflatten(good, state, EXTRA)), state, EXTRA)
+    put_rows(restored, state, ATTITUDE)
+    put_rows(select_all(frozen, (0.0,) * 7, tree_unflatten(good, state, EXTRA)), state, EXTRA)
     return 0
 
 
 def keep_good_works(frozen, good, works, work, row, state, at):
     """Keep the works as the last good ones, or put these back if a member is frozen."""
-    put(select_all(frozen, good, works), work, row)
-    put(select_all(frozen, in_precision(good, state), tree_unflatten(good, state, at)), state, at)
+    put_rows(select_all(frozen, good, works), work, row)
+    put_rows(
+        select_all(frozen, in_precision(good, state), tree_unflatten(good, state, at)), state, at
+    )
     return 0
 
 

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
-from rigidmc.engine.compiler.memory import four_at, put, three_at, tuple_at
+from rigidmc.engine.compiler.memory import four_at, put_rows, three_at, tuple_at
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
 from rigidmc.engine.kernel.dense_output import (
     AHEAD,
@@ -80,7 +80,7 @@ def begin_monitors(tree, numbers, substeps, state, work, row):
     q, l = four_at(work, MEMBER_ROWS + GOOD_STATE), three_at(work, MEMBER_ROWS + GOOD_STATE + 4)
     begin_events(events, body, present, 0.0, q, l, work, row)
     begin_running(running, body, present, 0.0, q, l, work, row + EVENT_ROWS * len(events))
-    note_stopped(events, state, work, row)
+    write_stopped(events, state, work, row)
     return 0
 
 
@@ -109,7 +109,7 @@ def monitor_steps(tree, numbers, substeps, state, work, trace, row, first, last,
         )
     put_levels(levels, work, row)
     put_states(totals, work, running_row)
-    note_stopped(events, state, work, row)
+    write_stopped(events, state, work, row)
     return 0
 
 
@@ -125,13 +125,13 @@ def traced_state(integrator, body, effects, substeps, state, work, trace, s, fir
     return began + (s * 1.0) * length, q, first_three(l)
 
 
-def note_stopped(events, state, work, row):
+def write_stopped(events, state, work, row):
     """Write whether an event has stopped the member, and in which state, for `assess`."""
     q, l = four_at(state, ATTITUDE), three_at(state, MOMENTUM)
     q, l = in_precision(q, work), in_precision(l, work)
     q, l = stopped_state(events, work, row, q, l)
     work[IS_STOPPED] = cast_like(is_stopped(events, work, row), work)
-    put(q + l, work, STOPPED_STATE)
+    put_rows(q + l, work, STOPPED_STATE)
     return 0
 
 
@@ -139,7 +139,7 @@ def begin_running(running, body, effects, t, q, l, work, row):
     """Set the rows of running observables at the start."""
     if len(running) == 0:
         return 0
-    put(begin(running[0][0], body, effects, t, q, l), work, row)
+    put_rows(begin(running[0][0], body, effects, t, q, l), work, row)
     return begin_running(running[1:], body, effects, t, q, l, work, row + len(running[0][1]))
 
 
@@ -155,7 +155,7 @@ def put_states(totals, work, row):
     """Write what `states_at` reads."""
     if len(totals) == 0:
         return row
-    return put_states(totals[1:], work, put(totals[0], work, row))
+    return put_states(totals[1:], work, put_rows(totals[0], work, row))
 
 
 class Node(NamedTuple):

@@ -36,13 +36,13 @@ def wide_product(a, b):
     return a1 * b1 + (one >> _HALF) + (two >> _HALF), (two << _HALF) | (low & _LOW)
 
 
-def rounds(left, c, key):
+def philox_rounds(left, c, key):
     """The four words after len(left) rounds of Philox."""
     if len(left) == 0:
         return c
     high0, low0 = wide_product(_M0, c[0])
     high1, low1 = wide_product(_M1, c[2])
-    return rounds(
+    return philox_rounds(
         left[1:],
         (high1 ^ c[1] ^ key[0], low1, high0 ^ c[3] ^ key[1], low0),
         (key[0] + _W0, key[1] + _W1),
@@ -52,38 +52,38 @@ def rounds(left, c, key):
 def philox(key, counter):
     """Four random words of 64 bits: Philox4x64-10."""
     # A tuple of ten: the recursion unrolls the ten rounds, with no loop left in the kernel.
-    return rounds((0, 0, 0, 0, 0, 0, 0, 0, 0, 0), counter, key)
+    return philox_rounds((0, 0, 0, 0, 0, 0, 0, 0, 0, 0), counter, key)
 
 
-def uniform(word):
+def uniform_number(word):
     """A number in (0, 1): the middle of one of 2^52 equal parts."""
     return (as_float((word >> _TWELVE) | _EXPONENT) - 1.0) + 1.1102230246251565e-16
 
 
-def signed(x, word):
+def with_sign(x, word):
     """x with the sign of the top bit of a word."""
     return as_float(as_word(x) | (word & _SIGN))
 
 
-def direction(word):
+def unit_circle(word):
     """(x, y) uniform on the unit circle, from one word.
 
     The upper 52 bits are an angle in (0, pi/4), the lowest 3 an octant.
     """
     # No reduction of the angle: it lies in one octant, and bits of the word choose among eight.
-    s, c = sincos_small(0.78539816339744830962 * uniform(word))
+    s, c = sincos_small(0.78539816339744830962 * uniform_number(word))
     swapped = (word & _ONE) == _ONE
-    x = signed(select(swapped, s, c), word << np.uint64(62))
-    return x, signed(select(swapped, c, s), word << np.uint64(61))
+    x = with_sign(select(swapped, s, c), word << np.uint64(62))
+    return x, with_sign(select(swapped, c, s), word << np.uint64(61))
 
 
 def normals(words):
     """Three independent normal deviates from four words, after Box and Muller."""
     # The smallest uniform number is 2^-53, so that no deviate exceeds 8.6.
-    a = math.sqrt(-2.0 * logarithm(uniform(words[0])))
-    b = math.sqrt(-2.0 * logarithm(uniform(words[2])))
-    x, y = direction(words[1])
-    return a * x, a * y, b * direction(words[3])[0]
+    a = math.sqrt(-2.0 * logarithm(uniform_number(words[0])))
+    b = math.sqrt(-2.0 * logarithm(uniform_number(words[2])))
+    x, y = unit_circle(words[1])
+    return a * x, a * y, b * unit_circle(words[3])[0]
 
 
 def normal_deviates(paired, key, member, number, stream):

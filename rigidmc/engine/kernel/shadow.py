@@ -12,7 +12,7 @@ import sys
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
-from rigidmc.engine.compiler.memory import four_at, put, three_at
+from rigidmc.engine.compiler.memory import four_at, put_rows, three_at
 from rigidmc.engine.compiler.trees import tree_unpack
 from rigidmc.engine.kernel.layout import (  # fmt: skip
     ATTITUDE,
@@ -60,7 +60,7 @@ def begin_shadow(tree, numbers, substeps, state, work, shadow, row, duration):
     zero = 0.0 * weight
     new_l = l[0] + 0.54 * size, l[1] + 0.47 * size, l[2] + 0.25 * size
     set_shadow(tree, numbers, substeps, work, 0.0, new_q, new_l, shadow, state)
-    put(in_precision((zero, zero, zero, weight), state), state, row + SUMS)
+    put_rows(in_precision((zero, zero, zero, weight), state), state, row + SUMS)
     return 0
 
 
@@ -120,7 +120,7 @@ def renormalise_shadow(tree, numbers, substeps, state, work, shadow, row, slot, 
     rest = sums[1] - growth * (0.5 * before * before / (now - before))
     mean_growth = sums[2] + 2.0 * rest * log_ratio + midpoint * growth
     new = sums[0] + growth, sums[1] + midpoint * growth, mean_growth
-    put(in_precision(new, state), state, row + SUMS)
+    put_rows(in_precision(new, state), state, row + SUMS)
     return 0
 
 

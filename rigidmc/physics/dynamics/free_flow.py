@@ -41,7 +41,7 @@ from rigidmc.physics.dynamics.vectors import (
 _REST = 1e-306
 
 
-class Axes(NamedTuple):
+class MiddleAxes(NamedTuple):
     """The coefficients of a body whose middle axis is axis 2."""
 
     i1: float
@@ -66,7 +66,7 @@ class FreeFlow(NamedTuple):
     size: float
     first: Any
     third: Any
-    body: Axes
+    body: MiddleAxes
     twice_energy: float
     on_third: Any
     sign: float
@@ -212,7 +212,7 @@ def make_flow(body, halvings, panels, h, l):
     first, third = middle_axis(body)
     u = relabel(first, third, u)
     i1, _, i3 = relabel(first, third, (body.i1, body.i2, body.i3))
-    axes = Axes(i1, i3, *relabel(first, third, (body.a1, body.a2, body.a3)))
+    axes = MiddleAxes(i1, i3, *relabel(first, third, (body.a1, body.a2, body.a3)))
     time = h * size
     p, q1, q3 = squares(axes, u)
     half, whole = half_and_full(time, p + q3, p + q1, halvings)
@@ -240,7 +240,7 @@ def make_flow(body, halvings, panels, h, l):
     ), u
 
 
-def advance(m, halvings, u, slopes=()):
+def momentum_change(m, halvings, u, slopes=()):
     """The change of the unit momentum u in a step; slopes : see `arc_for`."""
     p = m.body.a1 * m.body.a3 * u[1] * u[1]
     return increment(m.body, arc_for(m, m.whole, slopes, u), p, u, near_flag(halvings))
@@ -272,11 +272,11 @@ def turn_between(m, u, change, angle, start, end):
         s * u[2] + rotation[3],
     )
     r = 0.5 * math.sqrt(start.f * end.f)  # |P(u)|^2 = 2 (1 + c) before normalisation
-    one, two, three = to_body(m, scale(r, rotation[1:]))
+    one, two, three = to_body_axes(m, scale(r, rotation[1:]))
     return r * rotation[0], one, two, three
 
 
-def to_body(m, v):
+def to_body_axes(m, v):
     """The components of a vector on the axes of the body, from those of the FreeFlow."""
     return relabel(m.third, m.first, v)
 
@@ -300,10 +300,10 @@ def free_flow(body, halvings, panels, h, l):
         be a float64 also in float32 kernels
     """
     m, u = make_flow(body, halvings, panels, h, l)
-    change, start = advance(m, halvings, u), phase_fraction(m, u)
+    change, start = momentum_change(m, halvings, u), phase_fraction(m, u)
     integral, end = integrate_phase(m, panels, u, start)
     angle = 0.5 * phase(m, m.time, integral + end_correction(m, panels, start, end))
-    return turn_between(m, u, change, angle, start, end), scale(m.size, to_body(m, change))
+    return turn_between(m, u, change, angle, start, end), scale(m.size, to_body_axes(m, change))
 
 
 def middle_axis(body):

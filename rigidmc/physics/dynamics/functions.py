@@ -19,7 +19,14 @@ import struct
 
 import numpy as np
 
-from rigidmc.physics.dynamics.vectors import by_precision, maximum, minimum, root, rounded, select
+from rigidmc.physics.dynamics.vectors import (
+    by_precision,
+    maximum,
+    minimum,
+    nearest_integer,
+    root,
+    select,
+)
 
 # ln 2 in two parts; the low 21 bits of the high one are 0, so that e times it is exact.
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
@@ -108,7 +115,7 @@ def power_of_two(n):
 def exponential_of(x):
     """exp x; inf above 709.79 and 0 below -745.2 (tests/physics/dynamics/test_functions.py)."""
     wide = minimum(maximum(double(x), -746.0), 710.0)
-    n = rounded(wide * 1.4426950408889634)
+    n = nearest_integer(wide * 1.4426950408889634)
     r = (wide - n * _LN2_HIGH) - n * _LN2_LOW
     # |r| <= 0.347: the series of degree 13 leaves 4e-18
     p = 1 / 479001600 + r * (1 / 6227020800)
@@ -118,7 +125,7 @@ def exponential_of(x):
     p = 1 / 24 + r * (1 / 120 + r * p)
     e = 1.0 + (r + r * r * (0.5 + r * (1 / 6 + r * p)))
     # 2^n in two factors, because 2^1024 and 2^-1074 are no normal numbers
-    half = rounded(0.5 * n)
+    half = nearest_integer(0.5 * n)
     result = e * power_of_two(half) * power_of_two(n - half)
     return as_given(select(double(x) != double(x), double(x), result), x)
 
@@ -278,10 +285,10 @@ def sincos(x):
 
     Cody-Waite reduction to [-pi/4, pi/4], then `sincos_small`.
     """
-    n = rounded(x * _TWO_OVER_PI)
+    n = nearest_integer(x * _TWO_OVER_PI)
     one, two, three = by_precision(x, _HALF_PI, _HALF_PI_SINGLE)
     s, c = sincos_small(((x - n * one) - n * two) - n * three)
-    quarter = n - 4.0 * rounded(n * 0.25)  # n mod 4 as -2, -1, 0, 1, 2
+    quarter = n - 4.0 * nearest_integer(n * 0.25)  # n mod 4 as -2, -1, 0, 1, 2
     odd = abs(quarter) == 1.0
     half = abs(quarter) == 2.0
     sine = select(odd, c, s)

@@ -94,7 +94,7 @@ def word_of(cls: type) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
 
 
-def numbered(words: Iterable[str]) -> list[str]:
+def number_words(words: Iterable[str]) -> list[str]:
     """Words, each numbered from its second time on: ["rotor", "gravity", "rotor_2"]."""
     count: Counter[str] = Counter()
     labels = []

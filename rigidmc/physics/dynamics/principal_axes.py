@@ -10,7 +10,7 @@ from rigidmc.physics.dynamics.quaternions import multiply, normalised, touch_up
 from rigidmc.physics.dynamics.vectors import cross, select, select_all
 
 
-def _annulled(a, b, c, f, g, off):
+def _annul(a, b, c, f, g, off):
     """One rotation in the plane (1, 2) that makes `off` 0.
 
     The tensor is [[a, off, f], [off, b, g], [f, g, c]]. Returns (a, b, c, f, g, cos, sin): the new
@@ -38,28 +38,28 @@ def _annulled(a, b, c, f, g, off):
     )
 
 
-def _swept(state):
+def _sweep(state):
     """One rotation in each of the three planes; state : (xx, yy, zz, yz, zx, xy, quaternion)."""
     xx, yy, zz, yz, zx, xy, q = state
-    xx, yy, zz, zx, yz, c, s = _annulled(xx, yy, zz, zx, yz, xy)
+    xx, yy, zz, zx, yz, c, s = _annul(xx, yy, zz, zx, yz, xy)
     q = multiply(q, (c, 0.0, 0.0, s))
-    yy, zz, xx, xy, zx, c, s = _annulled(yy, zz, xx, 0.0, zx, yz)
+    yy, zz, xx, xy, zx, c, s = _annul(yy, zz, xx, 0.0, zx, yz)
     q = multiply(q, (c, s, 0.0, 0.0))
-    zz, xx, yy, yz, xy, c, s = _annulled(zz, xx, yy, 0.0, xy, zx)
+    zz, xx, yy, yz, xy, c, s = _annul(zz, xx, yy, 0.0, xy, zx)
     q = multiply(q, (c, 0.0, s, 0.0))
     return xx, yy, zz, yz, 0.0, xy, q
 
 
-def _swept_3(state):
-    return _swept(_swept(_swept(state)))
+def _sweep_three(state):
+    return _sweep(_sweep(_sweep(state)))
 
 
-def _ordered(swap, a, b):
+def _sort_two(swap, a, b):
     """(a, b), or (b, a) if `swap`, of tuples (moment, x, y, z)."""
     return select_all(swap, b, a), select_all(swap, a, b)
 
 
-def _pointed(v):
+def _fix_sign(v):
     """The x, y, z of a tuple (moment, x, y, z), with the sign that makes the largest positive.
 
     If several are largest, the first counts.
@@ -82,16 +82,16 @@ def principal(xx, yy, zz, yz, zx, xy):
     """
     size = max(max(abs(xx), abs(yy)), abs(zz))
     diagonal = max(max(abs(yz), abs(zx)), abs(xy)) <= 4e-15 * size
-    a, b, c, _, _, _, q = _swept_3(_swept_3((xx, yy, zz, yz, zx, xy, (1.0, 0.0, 0.0, 0.0))))
+    a, b, c, _, _, _, q = _sweep_three(_sweep_three((xx, yy, zz, yz, zx, xy, (1.0, 0.0, 0.0, 0.0))))
     w, x, y, z = touch_up(normalised(q))
     first = (a, 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (z * x - w * y))
     second = (b, 2.0 * (x * y - w * z), 1.0 - 2.0 * (z * z + x * x), 2.0 * (y * z + w * x))
     third = (c, 2.0 * (z * x + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
-    first, second = _ordered(first[0] > second[0], first, second)
-    second, third = _ordered(second[0] > third[0], second, third)
-    first, second = _ordered(first[0] > second[0], first, second)
+    first, second = _sort_two(first[0] > second[0], first, second)
+    second, third = _sort_two(second[0] > third[0], second, third)
+    first, second = _sort_two(first[0] > second[0], first, second)
     # Axes are known but for a sign; a rule for it makes them the same on every machine.
-    e, f = _pointed(first), _pointed(second)
+    e, f = _fix_sign(first), _fix_sign(second)
     g = cross(e, f)
     unit_axes = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     moments = first[0], second[0], third[0]

@@ -36,11 +36,11 @@ def concat(a, b):
     return a + b
 
 
-def rest_scaled(s, a):
+def scale_rest(s, a):
     """s*a for a tuple of any length."""
     if len(a) == 0:
         return ()
-    return (s * a[0],) + rest_scaled(s, a[1:])
+    return (s * a[0],) + scale_rest(s, a[1:])
 
 
 def rest_axpy(a, s, b):
@@ -48,7 +48,7 @@ def rest_axpy(a, s, b):
     if len(b) == 0:
         return a
     if len(a) == 0:
-        return rest_scaled(s, b)
+        return scale_rest(s, b)
     return (a[0] + s * b[0],) + rest_axpy(a[1:], s, b[1:])
 
 
@@ -71,7 +71,7 @@ def difference(a, b):
 def scale(s, a):
     """s*a of a number and a 3-vector with what follows it."""
     if len(a) > 3:
-        return (s * a[0], s * a[1], s * a[2]) + rest_scaled(s, a[3:])
+        return (s * a[0], s * a[1], s * a[2]) + scale_rest(s, a[3:])
     return s * a[0], s * a[1], s * a[2]
 
 
@@ -109,7 +109,7 @@ def by_precision(x, double, single):
     return double
 
 
-def rounded(x):
+def nearest_integer(x):
     """The integer nearest to x as a float, |x| < 2^51 (2^22 in float32), without a library call.
 
     x + 1.5 * 2^52 is so large that it has no digits after the point.

@@ -31,8 +31,8 @@ from rigidmc.physics.effects.bath import Bath as Bath
 from collections.abc import Iterable
 from typing import Any
 
-from rigidmc.physics.dynamics.methods import argument_names, implements, numbered, word_of
-from rigidmc.physics.effects.protocol import Effect, facts, given, shape
+from rigidmc.physics.dynamics.methods import argument_names, implements, number_words, word_of
+from rigidmc.physics.effects.protocol import Effect, facts, shape, user_parameters
 
 _KINDS = [cls for cls in globals().values() if hasattr(cls, "_fields")]  # the lines above
 EFFECTS: dict[str, Any] = {word_of(cls): cls for cls in _KINDS}
@@ -47,7 +47,7 @@ def name_of(effect: Effect | type[Effect]) -> str:
 def description(cls: type[Effect]) -> tuple[str, str, str]:
     """(law, parameters with units, facts) of a class of effects, in words."""
     parameters = []
-    for field in given(cls):
+    for field in user_parameters(cls):
         unit, size = facts(cls).units[field], shape(cls, field)
         words = [unit] * (unit != "1") + [f"{size} numbers"] * (size is not None)
         parameters.append(field + (f" [{', '.join(words)}]" if words else ""))
@@ -65,16 +65,16 @@ def description(cls: type[Effect]) -> tuple[str, str, str]:
     return law, ", ".join(parameters), ", ".join(k for k, v in said.items() if v) or "constant"
 
 
-def labelled(effects: Iterable[Any]) -> list[tuple[str, Any]]:
+def label_effects(effects: Iterable[Any]) -> list[tuple[str, Any]]:
     """[(label, effect)]: the word of the effect, numbered from the second of a class on."""
     known = tuple(effects)
-    return list(zip(numbered(map(name_of, known)), known, strict=True))
+    return list(zip(number_words(map(name_of, known)), known, strict=True))
 
 
 def shared(effects: Iterable[Any]) -> dict[str, list[str]]:
     """{parameter: those that it is the sum of}, as label_field, for each parameter that an effect
     shares with another kind of effect that is there."""
-    known = labelled(effects)
+    known = label_effects(effects)
     found = {}
     for label, effect in known:
         for field, (cls, other) in facts(effect).shared.items():

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from rigidmc.physics.dynamics.so3 import cross, into_body, rounded, sincos
+from rigidmc.physics.dynamics.so3 import cross, into_body, nearest_integer, sincos
 from rigidmc.physics.effects.protocol import Number, effect
 
 _TURN = 6.283185307179586
@@ -107,7 +107,7 @@ def _pull(mu, distance, e, anomaly, t):
     square = mu / distance / distance / distance  # the cube of 1e13 m overflows in float32
     m = math.sqrt(square) * t + anomaly
     # Within half a turn of 0 the sine of it keeps its digits.
-    m = m - _TURN * rounded(m * (1.0 / _TURN))
+    m = m - _TURN * nearest_integer(m * (1.0 / _TURN))
     s, c = sincos(m)
     at = m + e * s / math.sqrt(1.0 + e * (e - 2.0 * c))
     s, c = sincos(at)

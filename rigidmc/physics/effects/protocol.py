@@ -252,7 +252,7 @@ def shape(cls: Effect | type[Effect], field: str) -> int | None:
     return facts(cls).shapes.get(field)
 
 
-def given(cls: Effect | type[Effect]) -> tuple[str, ...]:
+def user_parameters(cls: Effect | type[Effect]) -> tuple[str, ...]:
     """The parameters that a user gives; the engine fills in the hidden ones."""
     return tuple(field for field in cls._fields if field not in facts(cls).hidden)
 
@@ -273,7 +273,7 @@ def parameter_count(*effects: Effect) -> int:
     return sum(shape(e, field) or 1 for e in effects for field in e._fields)
 
 
-def filled(cls: type[Effect], values: Iterable[Any]) -> Any:
+def from_numbers(cls: type[Effect], values: Iterable[Any]) -> Any:
     """An effect of a class from its numbers in a row; each may be an array or any stand-in."""
     left = iter(values)
     fields = []
@@ -285,4 +285,4 @@ def filled(cls: type[Effect], values: Iterable[Any]) -> Any:
 
 def blank(effects: Iterable[Effect]) -> tuple[Any, ...]:
     """The effects with all numbers 0: the types that a kernel is compiled for."""
-    return tuple(filled(type(e), [0.0] * parameter_count(e)) for e in effects)
+    return tuple(from_numbers(type(e), [0.0] * parameter_count(e)) for e in effects)

@@ -7,16 +7,16 @@ from typing import NamedTuple
 import numpy as np
 
 from rigidmc.physics.dynamics.free_flow import (
-    advance,
     end_correction,
     integrate_phase,
     make_flow,
+    momentum_change,
     phase,
     phase_fraction,
     pull_back,
     return_factors,
     slopes,
-    to_body,
+    to_body_axes,
     turn_between,
 )
 from rigidmc.physics.dynamics.methods import static_count
@@ -25,7 +25,7 @@ from rigidmc.physics.dynamics.so3 import (
     apply_rotation,
     difference,
     first_three,
-    rounded,
+    nearest_integer,
     scale,
     two_sum,
 )
@@ -69,10 +69,12 @@ class FreeSteps(NamedTuple):
         # The phase in turns, a compensated sum: all steps add nearly the same number, and would
         # round alike.
         turns, rest = two_sum(q[0], (0.25 / math.pi) * phase(m, m.time, integral) + q[1])
-        end = add(u, advance(m, self.drift.halvings, u, of_step))
+        end = add(u, momentum_change(m, self.drift.halvings, u, of_step))
         # Whole turns are dropped: the attitude does not depend on them, and the fraction keeps its
         # digits.
-        return (turns - rounded(turns), rest, q[2], q[3]), pull_back(m, shares, u, end) + l[3:]
+        return (turns - nearest_integer(turns), rest, q[2], q[3]), pull_back(m, shares, u, end) + l[
+            3:
+        ]
 
     def to_stepping(self, body, substep, q, l):
         _, u = make_flow(body, self.drift.halvings, self.drift.panels, substep[0], l)
@@ -88,7 +90,7 @@ class FreeSteps(NamedTuple):
         )
         return apply_rotation(
             l[3:7], turn_between(m, start, difference(u, start), angle, one, two)
-        ), scale(m.size, to_body(m, u))
+        ), scale(m.size, to_body_axes(m, u))
 
 
 @dataclass(frozen=True)

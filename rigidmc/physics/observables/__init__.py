@@ -37,7 +37,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rigidmc.errors import SceneError
-from rigidmc.physics.dynamics.methods import argument_names, implements, numbered, word_of
+from rigidmc.physics.dynamics.methods import argument_names, implements, number_words, word_of
 from rigidmc.physics.observables.protocol import (
     EnsembleObservable,
     Event,
@@ -117,7 +117,7 @@ def word_of_observable(value: Any) -> str:
 def labelled(given: Iterable[Any]) -> list[tuple[str, Any]]:
     """[(label, observable)]: the name of each, numbered from the second of a name on."""
     known = tuple(given)
-    return list(zip(numbered(map(word_of_observable, known)), known, strict=True))
+    return list(zip(number_words(map(word_of_observable, known)), known, strict=True))
 
 
 def own(given: Iterable[Any]) -> dict[str, Any]:

@@ -10,7 +10,13 @@ from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.methods import static_count
 from rigidmc.physics.dynamics.so3 import arctan2, cross, dot, into_body, root, sincos, vertical
 from rigidmc.physics.observables import directions
-from rigidmc.physics.observables.directions import is_vector, place_on, seen, source, unit
+from rigidmc.physics.observables.directions import (
+    direction_in_body,
+    is_vector,
+    place_on,
+    source,
+    unit,
+)
 from rigidmc.physics.observables.protocol import observable
 
 POINTING = "observables.pointing_angle"
@@ -68,11 +74,11 @@ class PointingAngle(NamedTuple):
             axis = directions.unit(axis)
         else:
             axis = tuple(x / math.hypot(*axis) for x in axis)
-        about = directions.compiled(self.about, effects, f"{POINTING}.about")
+        about = directions.make_direction(self.about, effects, f"{POINTING}.about")
         return self._replace(axis=axis, about=about)  # type: ignore[arg-type]
 
     def value(self, effects, t, q, l):
-        d = seen(self.about, effects, t, q, l)
+        d = direction_in_body(self.about, effects, t, q, l)
         # By both products: the arccosine of u . d has half its digits near 0 and pi.
         across = cross(self.axis, d)
         return (arctan2(root(dot(across, across)), dot(self.axis, d)),)

@@ -83,7 +83,7 @@ class Direction(NamedTuple):
     vector: tuple[float, ...] = ()
 
 
-def compiled(about: Any, effects: Sequence[Any], at: str) -> Direction:
+def make_direction(about: Any, effects: Sequence[Any], at: str) -> Direction:
     """The Direction that `about` means; SceneError without the orbit or the field it needs."""
     if not isinstance(about, str):
         size = math.hypot(*about)
@@ -99,14 +99,14 @@ def compiled(about: Any, effects: Sequence[Any], at: str) -> Direction:
     return Direction(momentum=flag(about == "momentum"))
 
 
-def seen(direction, effects, t, q, l):
+def direction_in_body(direction, effects, t, q, l):
     """A vector along a Direction, in body components."""
     momentum, orbit, field, index, other, vector = direction
-    return marked(momentum, orbit, field, index, other, vector, effects, t, q, l)
+    return direction_by_flags(momentum, orbit, field, index, other, vector, effects, t, q, l)
 
 
-def marked(momentum, orbit, field, index, other, vector, effects, t, q, l):
-    """`seen` of the Direction with these flags."""
+def direction_by_flags(momentum, orbit, field, index, other, vector, effects, t, q, l):
+    """`direction_in_body` of the Direction with these flags."""
     if len(momentum) > 0:
         return first_three(l)
     if len(orbit) > 0:

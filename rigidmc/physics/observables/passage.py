@@ -10,7 +10,7 @@ from rigidmc.errors import SceneError, unknown
 from rigidmc.physics.dynamics.methods import Flag, flag
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import directions
-from rigidmc.physics.observables.directions import Direction, length, seen
+from rigidmc.physics.observables.directions import Direction, direction_in_body, length
 from rigidmc.physics.observables.protocol import Array, EventRecord, event
 
 TABLE = "observables.passage"
@@ -108,7 +108,7 @@ class Passage(NamedTuple):
             outward * math.cos(self.angle),
             flag(self.stop),
             flag(self.at_start == "ignore"),
-            directions.compiled(self.about, effects, f"{TABLE}.about"),
+            directions.make_direction(self.about, effects, f"{TABLE}.about"),
             (float(self.hold), *flag(smooth)) if self.hold else (),
         )
 
@@ -152,7 +152,7 @@ class ConeLevel(NamedTuple):
     hold: tuple[float, ...]
 
     def level(self, effects, t, q, l):
-        d = seen(self.direction, effects, t, q, l)
+        d = direction_in_body(self.direction, effects, t, q, l)
         return self.sign * along(self.axis, d) - self.cosine * length(self.direction, d)
 
     def armed(self, level):

@@ -18,7 +18,7 @@ from rigidmc.physics.observables.protocol import Array, is_conserved, monotone, 
 _NO_START = (0.0, 0.0, 0.0, 0.0)
 
 
-def seen(of, body, effects, t, q, l):
+def observe(of, body, effects, t, q, l):
     """The values of an observable that asks for neither start nor works."""
     return value(of, body, effects, t, q, l, _NO_START, ())
 
@@ -117,18 +117,18 @@ def head(like, a):
     return (a[0],) + head(like[1:], a[1:])
 
 
-def third(a):
+def take_third(a):
     """A tuple with a third as many numbers."""
     if len(a) == 0:
         return ()
-    return (a[0],) + third(a[3:])
+    return (a[0],) + take_third(a[3:])
 
 
-def fourth(a):
+def take_fourth(a):
     """A tuple with a fourth as many numbers."""
     if len(a) == 0:
         return ()
-    return (a[0],) + fourth(a[4:])
+    return (a[0],) + take_fourth(a[4:])
 
 
 def rest(like, a):
@@ -165,13 +165,13 @@ class Minimum(NamedTuple):
         return size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
-        return seen(self.of, body, effects, t, q, l)
+        return observe(self.of, body, effects, t, q, l)
 
     def update(self, state, body, effects, t, q, l):
-        return smaller(state, seen(self.of, body, effects, t, q, l))
+        return smaller(state, observe(self.of, body, effects, t, q, l))
 
     def extrema(self, body, effects, t, q, l):
-        return extremal_numbers(self.of, seen(self.of, body, effects, t, q, l))
+        return extremal_numbers(self.of, observe(self.of, body, effects, t, q, l))
 
     def extremum_limits(self, state):
         return below(extremal_numbers(self.of, state))
@@ -193,13 +193,13 @@ class Maximum(NamedTuple):
         return size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
-        return seen(self.of, body, effects, t, q, l)
+        return observe(self.of, body, effects, t, q, l)
 
     def update(self, state, body, effects, t, q, l):
-        return larger(state, seen(self.of, body, effects, t, q, l))
+        return larger(state, observe(self.of, body, effects, t, q, l))
 
     def extrema(self, body, effects, t, q, l):
-        return extremal_numbers(self.of, seen(self.of, body, effects, t, q, l))
+        return extremal_numbers(self.of, observe(self.of, body, effects, t, q, l))
 
     def extremum_limits(self, state):
         return above(extremal_numbers(self.of, state))
@@ -224,11 +224,11 @@ class Mean(NamedTuple):
         return 3 * size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
-        values = seen(self.of, body, effects, t, q, l)
+        values = observe(self.of, body, effects, t, q, l)
         return values + zeros(values) + values
 
     def update(self, state, body, effects, t, q, l):
-        values = seen(self.of, body, effects, t, q, l)
+        values = observe(self.of, body, effects, t, q, l)
         shifts = head(values, state)
         return shifts + add_differences(head(values, rest(values, state)), values, shifts) + values
 
@@ -236,7 +236,7 @@ class Mean(NamedTuple):
         return negate(is_conserved(self.of))
 
     def reweighed(self, state, longer):
-        shifts = head(third(state), state)
+        shifts = head(take_third(state), state)
         sums = rest(shifts, state)
         last = rest(shifts, sums)
         return shifts + weigh_sums(head(shifts, sums), offsets(last, shifts), longer) + last
@@ -264,11 +264,11 @@ class Variance(NamedTuple):
         return 4 * size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
-        values = seen(self.of, body, effects, t, q, l)
+        values = observe(self.of, body, effects, t, q, l)
         return values + zeros(values) + zeros(values) + values
 
     def update(self, state, body, effects, t, q, l):
-        values = seen(self.of, body, effects, t, q, l)
+        values = observe(self.of, body, effects, t, q, l)
         shifts, sums = head(values, state), rest(values, state)
         return (
             shifts
@@ -281,7 +281,7 @@ class Variance(NamedTuple):
         return negate(is_conserved(self.of))
 
     def reweighed(self, state, longer):
-        shifts = head(fourth(state), state)
+        shifts = head(take_fourth(state), state)
         sums = rest(shifts, state)
         squares = rest(shifts, sums)
         last = rest(shifts, squares)
@@ -316,10 +316,10 @@ class Last(NamedTuple):
         return size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
-        return seen(self.of, body, effects, t, q, l)
+        return observe(self.of, body, effects, t, q, l)
 
     def update(self, state, body, effects, t, q, l):
-        return seen(self.of, body, effects, t, q, l)
+        return observe(self.of, body, effects, t, q, l)
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """The last values."""

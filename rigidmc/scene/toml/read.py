@@ -22,7 +22,7 @@ from rigidmc.files.user_code import source_of
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import EFFECTS
-from rigidmc.physics.effects.protocol import Effect, given
+from rigidmc.physics.effects.protocol import Effect, user_parameters
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import WATCHED, WITH_TABLE
 from rigidmc.scene.body import Body
@@ -210,7 +210,7 @@ def effects_of(tables: dict[str, Any], stored: Columns) -> tuple[Effect, ...]:
     effects = []
     for name, table in _each(tables, "effects"):
         kind, at = _kind("effects", name, table, EFFECTS, stored.code), f"effects.{name}"
-        fields = given(kind)
+        fields = user_parameters(kind)
         required = [field for field in fields if field not in kind._field_defaults]
         more = () if name in EFFECTS else ("module",)
         only(table, (*fields, *more), at, required)

@@ -5,8 +5,8 @@ from typing import Any
 import tomli_w
 
 from rigidmc.physics.dynamics.methods import word_of
-from rigidmc.physics.effects import EFFECTS, labelled, name_of
-from rigidmc.physics.effects.protocol import given
+from rigidmc.physics.effects import EFFECTS, label_effects, name_of
+from rigidmc.physics.effects.protocol import user_parameters
 from rigidmc.physics.observables import is_own, word_of_observable
 from rigidmc.scene.body import IDENTITY
 from rigidmc.scene.parts import Parts
@@ -47,9 +47,9 @@ def _body(scene: Parts) -> dict[str, Any]:
 
 def _effects(scene: Parts) -> dict[str, Any]:
     pairs = []
-    for label, effect in labelled(scene.effects):
+    for label, effect in label_effects(scene.effects):
         table = {} if type(effect) in EFFECTS.values() else module_of(effect)
-        table |= {k: plain(getattr(effect, k), f"{label}_{k}") for k in given(effect)}
+        table |= {k: plain(getattr(effect, k), f"{label}_{k}") for k in user_parameters(effect)}
         pairs.append((name_of(effect), table))
     return _grouped(pairs)
 

@@ -17,7 +17,7 @@ from rigidmc.physics.effects.protocol import (
     add_noise,
     energy,
     energy_scale,
-    filled,
+    from_numbers,
     is_random,
     kick,
     numbers,
@@ -61,7 +61,7 @@ def check_user_effect(effect: Any) -> None:
 
 def sample(effect: Any) -> Any:
     """An effect with plain numbers, with which methods are tried."""
-    return filled(type(effect), [_number(value) for _, _, value in numbers(effect)])
+    return from_numbers(type(effect), [_number(value) for _, _, value in numbers(effect)])
 
 
 def _given(kind: type, methods: tuple[Method, ...]) -> list[Method]:

@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning
-from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.initial import make_sampler
@@ -138,7 +138,7 @@ def stored(
 
 def refuse_noise(scene: Scene) -> None:
     """SceneError for random effects, which take neighbours anywhere."""
-    for label, effect in labelled(scene.effects):
+    for label, effect in label_effects(scene.effects):
         if is_random(effect):
             rule = "noise takes neighbours anywhere: this is a study of scenes without"
             raise SceneError(rule, at=f"effects.{label}")

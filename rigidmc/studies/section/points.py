@@ -20,7 +20,7 @@ from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError, SceneError, nearest
 from rigidmc.physics.dynamics.euler import MassProperties
-from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import blank, is_random, parameter_count
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables.protocol import size
@@ -179,7 +179,7 @@ def crossing_of(scene: Scene, at: str, way: str) -> Crossing:
     match = _CROSSING.fullmatch(at)
     if match is None or math.isinf(float(match["value"])):
         raise OptionError(RULE, at="at", value=at)
-    if noisy := [label for label, effect in labelled(scene.effects) if is_random(effect)]:
+    if noisy := [label for label, effect in label_effects(scene.effects) if is_random(effect)]:
         rule = "a path with noise is not known between saves: no section"
         raise SceneError(rule, at=f"effects.{noisy[0]}")
     return Crossing(component_of(scene, match["of"], "at"), float(match["value"]), way)
@@ -195,7 +195,7 @@ def period_of(scene: Scene, at: str) -> float | None:
         if not 0.0 < period < math.inf:
             raise OptionError(RULE, at="at", value=at)
         return period
-    for label, effect in labelled(scene.effects):
+    for label, effect in label_effects(scene.effects):
         if label == "gravity_gradient":
             mu, distance = effect.mu, effect.distance
             if isinstance(mu, float) and isinstance(distance, float):

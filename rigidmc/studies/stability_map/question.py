@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from pydantic import TypeAdapter
 
 from rigidmc.errors import FileError, OptionError, RigidmcError
-from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects import label_effects
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.parameters import with_parameter
 from rigidmc.scene.quantities import Grid, grid
@@ -190,7 +190,7 @@ def units_of(scene: Scene, name: str) -> str:
     """The units of a scene parameter."""
     table, first, *rest = name.split(".")
     if table == "effects":
-        effect = dict(labelled(scene.effects))[first]
+        effect = dict(label_effects(scene.effects))[first]
         units: dict[str, str] = getattr(effect, "units", {})  # a user's effect may have none
         return units.get(rest[0], "1")
     return _UNITS.get(rest[-1] if rest else first) or _UNITS.get(first, "1")

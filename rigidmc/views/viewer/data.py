@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError
 from rigidmc.figures import colour_scale
-from rigidmc.physics.effects import labelled
+from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.gravity_gradient import GravityGradient, place
 from rigidmc.physics.effects.protocol import Effect
 from rigidmc.planning.turns import ATTITUDE, BODY, sparse
@@ -119,7 +119,7 @@ def motion(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:
 def radius(shown: xr.Dataset, effects: Iterable[Effect]) -> dict[str, Any]:
     """{"radius": cosine and sine of the true anomaly at each frame} of a member on an orbit: the
     local vertical, away from the central body; {} without an orbit."""
-    for label, effect in labelled(effects):
+    for label, effect in label_effects(effects):
         if isinstance(effect, GravityGradient):
             fields = {name: f"{label}_{name}" for name in effect._fields}
             own = {k: float(shown[v].values[0]) for k, v in fields.items() if v in shown}

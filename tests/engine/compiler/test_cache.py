@@ -20,7 +20,7 @@ import pytest
 import rigidmc
 from rigidmc.engine import compile_time
 from rigidmc.engine.compiler import disk_cache
-from rigidmc.engine.compiler.disk_cache import cached
+from rigidmc.engine.compiler.disk_cache import with_cache
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.integrators.protocol import step
 from rigidmc.physics.integrators.rk4 import RK4
@@ -41,7 +41,7 @@ from rigidmc.engine import compile_helper, program
 from rigidmc.engine.compiler import kernels
 from rigidmc.engine.kernel import arguments, block as one_block
 from rigidmc.engine.kernel import layout as K
-from rigidmc.engine.compiler.disk_cache import cached
+from rigidmc.engine.compiler.disk_cache import with_cache
 from rigidmc.physics.integrators import scheme_of
 from rigidmc.physics.integrators.rk4 import RK4
 
@@ -49,7 +49,7 @@ if sys.argv[1] == "import only":
     print(json.dumps({"home": os.path.dirname(one_block.__file__)}))
     sys.exit()
 if sys.argv[1] == "small":
-    made = cached(njit(lambda x: 2.0 * x))
+    made = with_cache(njit(lambda x: 2.0 * x))
     made(1.5)
     hits = sum(made.stats.cache_hits.values())
     print(json.dumps({"hits": hits, "home": os.path.dirname(one_block.__file__)}))
@@ -202,7 +202,7 @@ def test_a_folder_that_is_not_private_is_not_touched(tmp_path, monkeypatch):
     compile_time._learn(2.0)
     with pytest.raises(PermissionError, match="not private"):
         disk_cache.kernel_folder()
-    assert cached(numba.njit(lambda x: 2.0 * x))(1.5) == 3.0
+    assert with_cache(numba.njit(lambda x: 2.0 * x))(1.5) == 3.0
     assert sorted(map(str, tmp_path.rglob("*"))) == there and mine.read_text() == "mine"
 
 
@@ -249,7 +249,7 @@ def kept(tmp_path, monkeypatch):
     """(a small function with the cache of kernels, its key, its file there)."""
     monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(disk_cache, "_TOLD", set())
-    made = cached(numba.njit(lambda x: 2.0 * x))
+    made = with_cache(numba.njit(lambda x: 2.0 * x))
     assert made(1.5) == 3.0
     (file,) = kernels_in(tmp_path / "cache")
     return made, made._cache._index_key((numba.float64,), made.targetctx.codegen()), file
@@ -273,7 +273,7 @@ def test_a_kernel_with_any_flipped_bit_is_not_loaded(kept, caplog):
     for torn in bad:
         file.write_bytes(torn)
         assert made._cache._cache_file.load(key) is None and not file.exists()
-    again = cached(numba.njit(made.py_func))
+    again = with_cache(numba.njit(made.py_func))
     assert (
         again(1.5) == 3.0
         and file.read_bytes()[-32:] == hashlib.sha256(file.read_bytes()[:-32]).digest()
@@ -295,7 +295,7 @@ def test_a_cache_that_fails_costs_one_line(kept, caplog, monkeypatch, code, what
 
     monkeypatch.setattr("builtins.open", failing)
     for factor in (3.0, 5.0):
-        other = cached(
+        other = with_cache(
             numba.njit(made.py_func if what == "read" else lambda x, factor=factor: factor * x)
         )
         assert other(1.0) in (2.0, factor)

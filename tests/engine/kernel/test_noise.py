@@ -17,7 +17,7 @@ from rigidmc.engine.compiler.pipeline import FLAGS
 from rigidmc.engine.formulas import evaluate
 from rigidmc.engine.kernel import arguments, layout
 from rigidmc.engine.kernel.noise import normal_deviates as of_step
-from rigidmc.engine.kernel.noise import normals, philox, uniform
+from rigidmc.engine.kernel.noise import normals, philox, uniform_number
 from rigidmc.engine.streams import key_of, stream_of
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.functions import as_float, as_word, logarithm
@@ -140,10 +140,10 @@ def test_normals_follow_their_law(made):
 
 
 def test_the_smallest_number_is_8_sigma():
-    low = uniform(np.uint64(0))
+    low = uniform_number(np.uint64(0))
     assert low == 2.0**-53
     assert 8.5 < math.sqrt(-2.0 * logarithm(low)) < 8.6
-    assert uniform(np.uint64(2**64 - 1)) == 1.0 - 2.0**-53
+    assert uniform_number(np.uint64(2**64 - 1)) == 1.0 - 2.0**-53
 
 
 def drawn(paired, number, member=7):

@@ -24,7 +24,7 @@ from rigidmc.physics.effects import (  # fmt: skip
     Spring,
     ViscousDamping,
     canonical,
-    labelled,
+    label_effects,
     name_of,
 )
 from rigidmc.physics.effects.protocol import (
@@ -33,8 +33,7 @@ from rigidmc.physics.effects.protocol import (
     energy,
     energy_scale,
     facts,
-    filled,
-    given,
+    from_numbers,
     is_random,
     kick,
     numbers,
@@ -42,6 +41,7 @@ from rigidmc.physics.effects.protocol import (
     slip,
     torque,
     torque_rate,
+    user_parameters,
 )
 from rigidmc.physics.effects.sums import kick_all, kick_all_back, push, total_energy, total_torque
 from tests.physics.effects.laws import REFERENCE, Known, symmetric
@@ -112,7 +112,7 @@ def kick_error(effect, h=0.7, steps=600, parts=1):
 
 def test_every_effect_has_an_example_of_all_its_parameters():
     for kind in EFFECTS.values():
-        assert len(kind.example) == len(given(kind))
+        assert len(kind.example) == len(user_parameters(kind))
     assert REFERENCE.keys() <= EXAMPLES.keys()
 
 
@@ -125,7 +125,7 @@ def test_torque_is_that_of_the_law_in_space(name):
 def test_each_number_of_an_effect_changes_its_torque(name):
     effect, values = EXAMPLES[name], [value for _, _, value in numbers(EXAMPLES[name])]
     for i, value in enumerate(values):
-        other = filled(EFFECTS[name], [*values[:i], value * 1.01 or 0.01, *values[i + 1 :]])
+        other = from_numbers(EFFECTS[name], [*values[:i], value * 1.01 or 0.01, *values[i + 1 :]])
         change = [
             np.subtract(torque(other, BODY, 0.3 * k, q, l), torque(effect, BODY, 0.3 * k, q, l))
             for k, (q, l) in enumerate(some_states())
@@ -278,9 +278,9 @@ def test_facts_name_the_fields(name):
 def test_parameters_go_to_rows_and_back():
     spring = EXAMPLES["spring"]
     assert parameter_count(spring, Gravity(1.0)) == 9
-    assert filled(Spring, [value for _, _, value in numbers(spring)]) == spring
+    assert from_numbers(Spring, [value for _, _, value in numbers(spring)]) == spring
     assert blank((spring,)) == (Spring(0.0, (0.0,) * 3, (0.0,) * 3, 0.0),)
-    assert [label for label, _ in labelled((spring, Gravity(1.0), spring))] == [
+    assert [label for label, _ in label_effects((spring, Gravity(1.0), spring))] == [
         "spring",
         "gravity",
         "spring_2",

@@ -10,7 +10,7 @@ import rigidmc as rm
 from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects import canonical
-from rigidmc.physics.effects.protocol import filled, numbers
+from rigidmc.physics.effects.protocol import from_numbers, numbers
 from rigidmc.physics.integrators import INTEGRATORS
 from tests.kernels import make_block, one_step, prepare, run
 from tests.physics.effects.test_effects import EXAMPLES, MOMENTS, STATIC
@@ -23,7 +23,7 @@ def test_strang_with_the_flows_of_all_effects():
     some = np.random.default_rng(9)
     effects = canonical(tuple(EXAMPLES.values()))
     each = tuple(
-        filled(type(e), [v * some.uniform(0.8, 1.2, MEMBERS) for _, _, v in numbers(e)])
+        from_numbers(type(e), [v * some.uniform(0.8, 1.2, MEMBERS) for _, _, v in numbers(e)])
         for e in effects
     )
     body, q, l = (
@@ -39,7 +39,7 @@ def test_strang_with_the_flows_of_all_effects():
     run(alone, made, effects, H, STEPS, dtype=np.float32, lanes=1)
     assert np.array_equal(block, alone)  # the same bits side by side and one by one
     for m in range(MEMBERS):
-        mine = tuple(filled(type(e), [float(v[m]) for _, _, v in numbers(e)]) for e in each)
+        mine = tuple(from_numbers(type(e), [float(v[m]) for _, _, v in numbers(e)]) for e in each)
         at, now = tuple(q[:, m]), tuple(l[:, m])
         for i in range(STEPS):
             at, now = one_step(made, body, mine, i * H, H, at, now)

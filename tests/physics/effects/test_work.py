@@ -14,7 +14,7 @@ from rigidmc.engine import program
 from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.physics.dynamics.methods import flag, implements, static_count
 from rigidmc.physics.effects import BodyTorque, Gravity, QuadraticDrag, ViscousDamping
-from rigidmc.physics.effects.protocol import depends_on_momentum, filled, numbers
+from rigidmc.physics.effects.protocol import depends_on_momentum, from_numbers, numbers
 from rigidmc.physics.effects.sums import total_energy, untracked_work
 from rigidmc.physics.integrators import INTEGRATORS, accepting
 from tests.kernels import one_step, prepare
@@ -94,7 +94,7 @@ def test_the_ledger_closes_for_any_set_of_effects():
     for _ in range(40):
         kinds = some.choice(list(EXAMPLES), some.integers(2, 7), replace=False)
         effects = tuple(
-            filled(
+            from_numbers(
                 type(EXAMPLES[k]), [v * some.uniform(0.5, 2.0) for _, _, v in numbers(EXAMPLES[k])]
             )
             for k in kinds
