@@ -126,17 +126,17 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from rigidmc.protocols import Law, draw, event, observable, running
+from rigidmc.protocols import Law, event, observable, running, sample
 
 """
 EFFECT = "class Own(NamedTuple):\n    size: float\n"
 VALUE = '@observable(units="1", long_name="own", dims=())\nclass Own(NamedTuple):\n'
 EVENT = '@event(outputs={"own": ("1", "own", ())})\nclass Own(NamedTuple):\n'
-RUNNING = '@running(marks=1, outputs={"own": ("1", "own", ())})\nclass Own(NamedTuple):\n'
+RUNNING = '@running(state_size=1, outputs={"own": ("1", "own", ())})\nclass Own(NamedTuple):\n'
 LAW = '@dataclass(frozen=True)\nclass Own(Law):\n    size: Any\n    of = ("omega",)\n'
 SAMPLE = "def sample(self, source, name, first, count, facts): return "
 STEP = """class Own(NamedTuple):
-    order, evaluations, reversible, conserves = 4, 4, False, ()
+    order, evaluations, is_reversible, conserves = 4, 4, False, ()
     accepts, compensated = "any torque", False
 """
 # {mistake: (what it is a part of, the class in mine.py, its body)}; --allow-code lets it run
@@ -184,8 +184,8 @@ PARTS = {
     ),
     "running observable of two marks": (
         "observables", RUNNING,
-        "def begin(self): return 1.0, 2.0\ndef update(self, kept): return kept\n"
-        "def results(self, kept, steps): return {'own': kept[0]}",
+        "def begin(self): return 1.0, 2.0\ndef update(self, state): return state\n"
+        "def results(self, state, steps): return {'own': state[0]}",
     ),
     "law that draws two components": ("start", LAW, f"{SAMPLE}np.ones((2, count))"),
     "law that draws nan": ("start", LAW, f"{SAMPLE}np.full((3, count), np.nan)"),

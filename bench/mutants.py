@@ -200,13 +200,13 @@ def _in_file(tree, text, engine):
                     put("choice", node, f"select({args[0]}, {args[2]}, {args[1]})")
                 if node.func.id in ("multiply", "cross") and len(args) == 2:
                     put("frame", node, f"{node.func.id}({args[1]}, {args[0]})")
-                if node.func.id in ("conjugate", "up") and len(args) == 1:
+                if node.func.id in ("conjugate", "vertical") and len(args) == 1:
                     put(
                         "frame",
                         node,
                         args[0]
                         if node.func.id == "conjugate"
-                        else f"up(({args[0]}[0], -{args[0]}[1], -{args[0]}[2], -{args[0]}[3]))",
+                        else "vertical(({0}[0], -{0}[1], -{0}[2], -{0}[3]))".format(args[0]),
                     )
         for child in ast.iter_child_nodes(node):
             if not (isinstance(child, ast.Expr) and isinstance(child.value, ast.Constant)):

@@ -236,6 +236,6 @@ def _check_draws(law: Law, key: str, wrong: Any) -> None:
     if not np.array_equal(later, drawn[:, LATER:]) or not np.array_equal(draw(0, TRIED), drawn):
         rule = (
             "gives a member other numbers if others are drawn with it: take random numbers from"
-            " draw(quantities, source, name, first, count) alone"
+            " sample(quantities, source, name, first, count) alone"
         )
         raise wrong("sample", rule)
