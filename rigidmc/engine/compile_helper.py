@@ -84,6 +84,7 @@ def _name(thing: Callable[..., Any]) -> str:
 def _lookup(name: str) -> Any:
     """The function or class of a name; ImportError if it is not of this package."""
     module, _, word = name.partition(":")
+    # What arrives by a pipe must not import what it likes.
     if not module.startswith("rigidmc."):
         raise ImportError(f"{name} is not of this package")
     return getattr(importlib.import_module(module), word)

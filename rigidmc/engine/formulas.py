@@ -74,6 +74,7 @@ def fill(
     step = side(workspace)
     for low in range(begin, end, step):
         for k in range(step):
+            # The last vector repeats the last element: each lane has numbers that a formula takes.
             element = min(low + k, end - 1)
             for i in range(fields):
                 flat[i * step + k] = table[index[element] * fields + i]
@@ -130,6 +131,7 @@ def evaluate(
     formula = kind if isinstance(kind, tuple) else kind(*[0.0] * (fields + extra))
     key = KernelKey(fill, (formula,), "float64", side, FILL)
     with announce_compiling("formulas", () if is_compiled(key) else ("formulas",)):
+        # The kernel reads its numbers from an array, which has to live as long as it is called.
         compiled, _alive = compile_kernel(key)
     shared = (
         table.ravel(), fields, index, columns.ravel(), extra, count, out.ravel(), width,

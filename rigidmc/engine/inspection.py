@@ -268,6 +268,7 @@ def _why_scalar_part(
     def probed() -> str:
         found = ""
         try:
+            # On vectors first, then on one number: what compiles for neither is refused.
             code = _llvm_of_probe(probe, parts, WIDTH)
         except NumbaError:
             found = SCALAR_REASON

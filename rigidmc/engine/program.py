@@ -87,6 +87,8 @@ class Program:
     ) -> None:  # fmt: skip
         # An integrator with a state of its own looks after its rounding in it.
         compensated = compensated and not has_extra_state(scheme.integrator)
+        # ScaledRK4 keeps w in place of L, opened by row 0; with remainders it is RK4, which opens
+        # nothing.
         if compensated and implements(scheme.integrator, "with_compensation"):
             scheme = scheme._replace(
                 integrator=scheme.integrator.with_compensation(),
@@ -95,6 +97,7 @@ class Program:
         self.scheme, self.effects, self.dtype = scheme, effects, np.dtype(dtype).name
         watches = *observables, *events, *(observable for observable, _ in running)
         scalar = config.DISABLE_JIT or scalar_parts(scheme.integrator, effects, watches)
+        # A branch on a member's number compiles for one lane alone: all members then go one by one.
         self.lanes = 1 if scalar else lanes or lanes_for(dtype)
         self.substeps = np.ascontiguousarray(scheme.substeps, dtype=float).ravel()
 

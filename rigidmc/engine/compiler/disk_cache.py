@@ -289,6 +289,7 @@ def source_stamp() -> str:
 
     A change of any makes every cached kernel stale.
     """
+    # All that decides machine code but the CPU, which Numba's own key has.
     compilers = f"{sys.version} numba {numba.__version__} llvmlite {llvmlite.__version__}"
     libraries = f"numpy {np.__version__} {_C_LIBRARY}"
     digest = hashlib.sha256(f"{compilers} {libraries}".encode())

@@ -265,6 +265,8 @@ def _store_rows(typing_context, values, rows, array, at, pitch, past):
             to = (_place(builder, array, args[2], place, vector) for place in indices[:-1])
             return [builder.store(x, p, align=align) for x, p in zip(numbers, to, strict=True)]
 
+        # Rows of a result lie 2^15 bytes and more apart, which is one place for the cache: through
+        # it each value would push out others. LLVM asks for a node with the number 1.
         flag = builder.module.add_metadata([ir.Constant(ir.IntType(32), 1)])
         skips_cache = builder.icmp_signed("!=", args[5], ir.Constant(_WORD, 0))
         with builder.if_else(skips_cache) as (then, otherwise):

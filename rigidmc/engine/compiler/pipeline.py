@@ -3,8 +3,8 @@
 Numba compiles, optimises and links each function by itself, and then the kernel again. Here an
 inlined function stops at LLVM's code (`InlineLibrary`), and a kernel collects what it calls
 (`KernelLibrary`). Of Numba's own passes those that the package's functions have no use for are left
-out, and signatures of calls are kept: the code is the same, in 0.78 of the time.
-`fuse` is the last act of lowering, before anything is inlined.
+out, and signatures of calls are kept: the code is the same, and is there sooner. `fuse` is the last
+act of lowering, before anything is inlined.
 """
 
 import contextlib
@@ -107,6 +107,7 @@ class LeanLower(Lower):
         self.post_block(block)
 
     def lower_inst(self, inst: Any) -> None:
+        # Nearly all instructions are assignments and ends of lifetimes.
         if isinstance(inst, ir.Assign):
             value = self.lower_assign(self.typeof(inst.target.name), inst)
             argument = inst.value.index + 1 if isinstance(inst.value, ir.Arg) else None
@@ -234,6 +235,8 @@ class FusingLowering(NativeLowering):
     def run_pass(self, state: Any) -> bool:
         context, name = state.targetctx, state.func_id.func_qualname
         if not state.flags.forceinline:
+            # Numba numbers the functions of a process: the name gets what identifies the types, see
+            # `tag_of`.
             identity = state.func_ir.func_id
             identity.unique_id = f"{identity.unique_id}{tag_of(state.args)}"
             state.library = KernelLibrary(context.codegen(), name)

@@ -164,6 +164,7 @@ def _text(text: bytes | None) -> str:
 def devices() -> tuple[Device, ...]:
     """The devices of this machine; NoDevice if there are none that can be used."""
     call_driver("cuInit", 0)
+    # Asked once a process: a device that is plugged in later is not seen.
     version = call_driver("cuDriverGetVersion")
     attributes = _library().CUdevice_attribute
     devices_here = []
@@ -202,6 +203,7 @@ def select_devices(number: int | None) -> tuple[Device, ...]:
     if number is not None and number >= len(every):
         raise NoDevice(f"cuda:{number}: the devices are cuda:0 to cuda:{len(every) - 1}")
     wanted = every if number is None else every[number : number + 1]
+    # PTX is made for a capability or a later one, so that an older device takes none.
     usable = tuple(found for found in wanted if found.capability >= TARGETS[0])
     if not usable:
         rule = "{}.{}, and code is made for {}.{} or later".format(

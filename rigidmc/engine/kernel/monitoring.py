@@ -107,6 +107,7 @@ def monitor_steps(tree, numbers, substeps, state, work, trace, row, first, last,
         levels, totals, node = monitor_step(
             dense, events, running, moves, step, nodes, levels, totals, node, work, row
         )
+    # In registers over all steps of the call, and written back once.
     put_levels(levels, work, row)
     put_states(totals, work, running_row)
     write_stopped(events, state, work, row)
@@ -199,6 +200,7 @@ def monitor_step(dense, events, running, moves, step, nodes, levels, totals, nod
     if len(dense) == 0:
         totals = update_states(running, moves, step, step.t, step.q, step.l, totals)
         return events_at_end(events, moves, step, levels, work, row), totals, node
+    # The node at the end of this step is the first of the next: it is computed once.
     end = node_at(dense, events, running, step)
     before, levels, totals, node = monitor_nodes(
         dense, events, running, moves, step, nodes, levels, totals, node, work, row

@@ -50,6 +50,7 @@ class Rotor(NamedTuple):
 
     @property
     def conservative(self) -> bool:
+        # An array or a distribution may be anything: a motor may run in some member.
         return all(isinstance(m, float) and m == 0.0 for m in self.motor)
 
     def torque(self, body, t, l):

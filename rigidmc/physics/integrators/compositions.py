@@ -77,6 +77,7 @@ class Composition:
 
     def scheme(self, turns: TurnBounds, effects: Sequence[Any]) -> StepScheme:
         """The StepScheme for steps that turn by `turns`."""
+        # Noise acts between two halves of the free motion, so the order of all else changes too.
         if any(is_random(e) for e in effects):
             return self._noisy(turns, effects)
         lead, parts = self._parts()

@@ -100,6 +100,7 @@ class Passage(NamedTuple):
 
     def bind(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "ConeLevel":
         """The event, the same for all bodies; SceneError without the orbit or field it needs."""
+        # With noise a path has no derivative: there is no dense output.
         smooth = not any(map(is_random, effects))
         outward = -1.0 if self.way == "leaves" else 1.0
         return ConeLevel(
