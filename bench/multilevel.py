@@ -26,7 +26,7 @@ from rigidmc import (
     multilevel,
     simulate,
 )
-from rigidmc.studies.framework.members import chunks
+from rigidmc.studies.framework.members import compute_batches
 from rigidmc.studies.multilevel.study import plain_members
 
 WIDTHS = (1e-3, 3e-4, 1e-4)  # rad/s; the spread over members is 0.093
@@ -91,7 +91,7 @@ def plain(study, width, most=None):
     )
     simulate(scene, members=32, threads=1)  # compiles
     began = time.process_time()
-    parts = chunks(scene, CHUNK, 1, None)
+    parts = compute_batches(scene, CHUNK, 1, None)
     values = np.concatenate([part.omega_final.sel(axis=1).values for part in parts])
     seconds = time.process_time() - began
     return {

@@ -26,7 +26,7 @@ from bench.rare_truths import (
     spun,
     turning,
 )
-from rigidmc.studies.framework.members import chunks
+from rigidmc.studies.framework.members import compute_batches
 
 REPETITIONS = 64  # of each study: the spread of so many is known to 9 %
 PLAIN = 10**9  # plain members of the body that turns over
@@ -62,7 +62,8 @@ def turned(members):
     scene = turning().with_run(members=members, save=("flips",), keep="final")
     began = time.process_time()
     count = sum(
-        int((part.flip_first.values < TURN).sum()) for part in chunks(scene, CHUNK, None, None)
+        int((part.flip_first.values < TURN).sum())
+        for part in compute_batches(scene, CHUNK, None, None)
     )
     return count, time.process_time() - began
 

@@ -9,7 +9,8 @@ import numpy as np
 
 import rigidmc as rm
 from bench import harness
-from rigidmc.studies.sensitivity.study import designed, indices
+from rigidmc.results.measures import measure
+from rigidmc.studies.sensitivity.study import indices
 
 HALF = 0.01  # half the width of the intervals
 STUDIES = 200  # which tell the spread of an index to 5 %
@@ -37,8 +38,9 @@ def designed_indices(studies):
     start = rm.Start(omega=(0.0, 0.0, rm.normal(1.0, 0.6)))
     scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), torque, start)
     run = {"integrator": "rk4", "t_end": 2.0, "dt": 0.1}
-    scene, (measure,) = designed(scene, OF, studies * MEMBERS // 4, **run)
-    each = measure.values(rm.simulate(scene)).reshape(studies, -1, 4)
+    scene = rm.sensitivity.design(scene, OF, studies * MEMBERS // 4, **run)
+    result = rm.simulate(scene)
+    each = measure(OF, result.data_vars).values(result).reshape(studies, -1, 4)
     return np.array(
         [
             [np.concatenate([one.value for one in indices(y, controls=some)]) for y in each]

@@ -16,13 +16,14 @@ from os import PathLike
 from os.path import isdir
 from typing import TYPE_CHECKING, Any
 
+from rigidmc.studies import STUDIES
 from rigidmc.version import VERSION
 from rigidmc.views import register
 
 __version__ = VERSION
 
-# name: module; the classes of effects and laws come from their registries
-_HOMES = {
+# name: module; studies, and the classes of effects and laws, come from their registries
+_HOMES = {name: f"studies.{name}.study" for name in STUDIES} | {
     "Body": "scene.body",
     "Scene": "scene.scene",
     "Start": "scene.start",
@@ -36,13 +37,6 @@ _HOMES = {
     "stability_map": "studies.stability_map.study",
     "open_map": "studies.stability_map.stored",
     "zoom_map": "studies.stability_map.stored",
-    "basins": "studies.basins.study",
-    "frequencies": "studies.frequencies.study",
-    "ftle": "studies.ftle.study",
-    "rare": "studies.rare.study",
-    "section": "studies.section.study",
-    "sensitivity": "studies.sensitivity.study",
-    "multilevel": "studies.multilevel.study",
     "simulate_until": "studies.until",
     "randomised": "studies.until",
     "warm": "runs.precompile",
@@ -109,13 +103,6 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.scene.start import Start as Start
     from rigidmc.scene.vector_distributions import *  # noqa: F403
     from rigidmc.studies.accuracy.study import accuracy as accuracy
-    from rigidmc.studies.basins.study import basins as basins
-    from rigidmc.studies.frequencies.study import frequencies as frequencies
-    from rigidmc.studies.ftle.study import ftle as ftle
-    from rigidmc.studies.multilevel.study import multilevel as multilevel
-    from rigidmc.studies.rare.study import rare as rare
-    from rigidmc.studies.section.study import section as section
-    from rigidmc.studies.sensitivity.study import sensitivity as sensitivity
     from rigidmc.studies.stability_map.stored import open_map as open_map
     from rigidmc.studies.stability_map.stored import zoom_map as zoom_map
     from rigidmc.studies.stability_map.study import stability_map as stability_map

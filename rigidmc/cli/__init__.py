@@ -15,22 +15,16 @@ from typing import Any
 
 from rigidmc.cli import (  # noqa: F401
     accuracy,
-    basins,
     body,
     directories,
     doctor,
-    frequencies,
-    ftle,
     maps,
-    multilevel,
     new,
-    rare,
     results,
     run,
     scenes,
-    section,
-    sensitivity,
     stress,
+    studies,
     vocabulary,
 )
 from rigidmc.cli.app import FLAGGED, INCOMPLETE, INTERRUPTED, IO, OK, app, keep_apart

@@ -94,7 +94,7 @@ def in_options(error: RigidmcError, command: Any) -> str:
 
 
 class Commands(TyperGroup):
-    """The commands by panel, those of FIRST before others."""
+    """The commands by panel, those of FIRST before others, studies by their names."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -114,10 +114,11 @@ class Commands(TyperGroup):
             fail(in_options(error, self.commands[ctx.invoked_subcommand]), INVALID)
 
     def list_commands(self, ctx: Any) -> list[str]:
-        def place(name: str) -> tuple[int, int]:
+        def place(name: str) -> tuple[int, int, str]:
             panel: Any = getattr(self.commands[name], "rich_help_panel", None)
-            # a command without a panel: at the end
-            return (*PANELS, panel).index(panel), (*FIRST, name).index(name)
+            # a command without a panel: at the end; studies by their names
+            at = (*PANELS, panel).index(panel), (*FIRST, name).index(name)
+            return *at, name if panel == STUDY else ""
 
         return sorted(self.commands, key=place)
 

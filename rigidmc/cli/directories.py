@@ -127,7 +127,7 @@ def continued(
     from rigidmc.studies.stability_map.stored import resume_growing
 
     directory = run_directory.RunDirectory(run)
-    study, mine = tasks.kind_of(directory), shards_of(shards)
+    study, mine = tasks.tasks_of(directory), shards_of(shards)
     directory, flagged = (resume_growing if study is None else tasks.resume)(
         directory,
         threads=threads,

@@ -122,15 +122,15 @@ def takes_scene(function: Function) -> Function:
     @functools.wraps(function)
     def wrapper(*arguments: Any, **keywords: Any) -> Any:
         if arguments:
-            arguments = (_given(arguments[0]), *arguments[1:])
+            arguments = (as_scene(arguments[0]), *arguments[1:])
         elif "scene" in keywords:
-            keywords["scene"] = _given(keywords["scene"])
+            keywords["scene"] = as_scene(keywords["scene"])
         return function(*arguments, **keywords)
 
     return cast(Function, wrapper)
 
 
-def _given(scene: Any) -> Scene:
+def as_scene(scene: Any) -> Scene:
     """A scene, or the one that a path or a name stands for; SceneError."""
     if isinstance(scene, Scene):
         return scene

@@ -245,7 +245,7 @@ def takes_settings(function: Callable[Arguments, Result]) -> Callable[Arguments,
     def checked(*arguments: Arguments.args, **keywords: Arguments.kwargs) -> Result:
         for word in keywords:
             if word not in known:
-                raise TypeError(_no_such(function.__name__, word, known))
+                raise TypeError(no_such_keyword(function.__name__, word, known))
         return function(*arguments, **keywords)
 
     more = [inspect.Parameter(word, inspect.Parameter.KEYWORD_ONLY, default=None) for word in words]
@@ -257,7 +257,7 @@ def takes_settings(function: Callable[Arguments, Result]) -> Callable[Arguments,
     return checked
 
 
-def _no_such(function: str, word: str, known: list[str]) -> str:
+def no_such_keyword(function: str, word: str, known: list[str]) -> str:
     """The message about a keyword that no function knows."""
     from rigidmc.errors import nearest
 

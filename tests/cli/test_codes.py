@@ -9,8 +9,10 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.cli.app import CODES, INVALID, IO, OK, REFUSED, USAGE, code_table
+from rigidmc.studies import STUDIES
+from tests.studies.examples import words_of
 
-EVENT, MEAN = ("--of", "p(flips >= 1)"), ("--of", "mean(omega_mean[1])")
+EVENT = "--of", "p(flips >= 1)"
 # what each command needs beside its first argument
 SCENES = {
     "run": (),
@@ -22,14 +24,8 @@ SCENES = {
     "warm": (),
     "scenes": (),
     "accuracy": (),
-    "ftle": (),
-    "section": ("--at", "omega[1] = 0"),
-    "basins": EVENT,
-    "rare": EVENT,
-    "frequencies": ("--of", "omega[1]"),
-    "sensitivity": MEAN,
-    "multilevel": ("--until", "mean(omega_final[1]) +- 1"),
     "map": ("--x", "run.t_end=1:2", "--y", "run.dt=0.1:0.2", *EVENT),
+    **{name: words_of(name) for name in STUDIES},
 }
 RESULTS = {
     "summary": (),

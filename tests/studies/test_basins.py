@@ -10,7 +10,7 @@ from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
 from rigidmc.scene.sampling import DISTANCES, Neighbours
 from rigidmc.studies.basins.picture import basins_and_shares
-from rigidmc.studies.basins.study import basins_of, resolved, table
+from rigidmc.studies.basins.study import resolved, table
 
 
 def test_a_cantor_set_and_a_point():
@@ -62,12 +62,12 @@ def test_a_run_directory_tells_the_same_also_in_part(tmp_path):
            tmp_path / "run", size=100_000)  # fmt: skip
     resume(tmp_path / "run", only=range(2))
     with pytest.warns(rm.SceneWarning, match="of 260,000 members"):
-        part = basins_of(rm.open(tmp_path / "run"), UP)
+        part = rm.basins.of(rm.open(tmp_path / "run"), UP)
     assert 0 < part.attrs["left_out"] < 20_000
     resume(tmp_path / "run")
-    again = basins_of(rm.open(tmp_path / "run"), UP)
+    again = rm.basins.of(rm.open(tmp_path / "run"), UP)
     assert again.alpha.equals(whole.alpha) and again.basin.equals(whole.basin)
-    three = basins_of(rm.open(tmp_path / "run"), (UP, FAST))
+    three = rm.basins.of(rm.open(tmp_path / "run"), (UP, FAST))
     assert set(np.unique(three.basin)) == {0, 1, 3}
     assert float(three.uncertain[3]) == pytest.approx(DISTANCES[3], rel=0.3)  # two lines
     words = "\n".join(table(three))
@@ -97,7 +97,7 @@ def test_what_is_no_study_of_basins_is_refused():
     with pytest.raises(OptionError, match="take p"):
         rm.basins(PLANE, "mean(omega_last[3])", 10)
     with pytest.raises(OptionError, match="neighbours"):
-        basins_of(rm.simulate(PLANE, members=4, save=("omega_last",)), UP)
+        rm.basins.of(rm.simulate(PLANE, members=4, save=("omega_last",)), UP)
     noisy = rm.Scene(PLANE.body, rm.Bath(1.0, 0.1), START)
     with pytest.raises(SceneError, match="bath: noise takes neighbours anywhere"):
         rm.basins(noisy, UP, 10)

@@ -10,10 +10,7 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.runs.price import price
-from rigidmc.studies.framework.members import chunks
-from rigidmc.studies.frequencies import study as frequencies
-from rigidmc.studies.section import study as section
-from rigidmc.studies.sensitivity import study as sensitivity
+from rigidmc.studies.framework.members import compute_batches
 
 RACKET = rm.Scene.load("tennis_racket").with_run(
     integrator="rk4", t_end=1.0, dt=0.1, every=0.5, save=("omega",)
@@ -35,8 +32,8 @@ def told(words):
 def test_parts_have_the_bits_of_the_whole(points):
     """Also members from 5 on: a stratum is one of all members that there are before the last."""
     scene = RACKET.with_run(points=points, members=50, first=5)
-    (whole,) = chunks(scene, 50, 1, None)
-    parts = list(chunks(scene, 32, 1, None))
+    (whole,) = compute_batches(scene, 50, 1, None)
+    parts = list(compute_batches(scene, 32, 1, None))
     assert [part.sizes["member"] for part in parts] == [32, 18]
     for name in ("omega", "start_omega"):
         joined = np.concatenate([part[name].values for part in parts], axis=-1)
@@ -60,7 +57,7 @@ def test_a_tolerance_chooses_once_for_all_parts(monkeypatch):
     scene = rm.Scene.load("dzhanibekov").with_run(
         integrator="auto", tolerance=1e-3, members=64, t_end=1.0, save=("omega",), every=0.5
     )
-    parts = list(chunks(scene, 32, 1, None))
+    parts = list(compute_batches(scene, 32, 1, None))
     assert len(parts) == 2 and asked.count("auto") == 1
     assert parts[0].attrs["integrator"] == parts[1].attrs["integrator"] != "auto"
 
@@ -99,29 +96,29 @@ def test_a_closed_form_has_no_steps():
     ("designed", "studied", "count"),
     [
         (
-            lambda scene: sensitivity.designed(scene, "mean(omega_mean[2])", 50_000, t_end=20.0)[0],
-            lambda result: sensitivity.sensitivity_of(result, "mean(omega_mean[2])"),
+            lambda scene: rm.sensitivity.design(scene, "mean(omega_mean[2])", 50_000, t_end=20.0),
+            lambda result: rm.sensitivity.of(result, "mean(omega_mean[2])"),
             200_000,
         ),
         (
-            lambda scene: section.designed(
+            lambda scene: rm.section.design(
                 scene, "omega[1] = 0", members=1000, t_end=60.0, every=0.01
             ),
-            lambda result: section.section_of(result, "omega[1] = 0"),
+            lambda result: rm.section.of(result, "omega[1] = 0"),
             1000,
         ),
         (  # one block takes longer than a rehearsal may
-            lambda scene: section.designed(
+            lambda scene: rm.section.design(
                 scene, "omega[1] = 0", members=16, t_end=20_000.0, dt=0.01, every=0.1
             ),
-            lambda result: section.section_of(result, "omega[1] = 0"),
+            lambda result: rm.section.of(result, "omega[1] = 0"),
             16,
         ),
         (
-            lambda scene: frequencies.designed(
+            lambda scene: rm.frequencies.design(
                 scene, "omega[1]", members=500, t_end=60.0, every=0.05
             ),
-            lambda result: frequencies.frequencies_of(result, "omega[1]"),
+            lambda result: rm.frequencies.of(result, "omega[1]"),
             500,
         ),
     ],

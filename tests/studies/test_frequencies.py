@@ -9,7 +9,7 @@ from rigidmc.errors import OptionError
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
 from rigidmc.studies.frequencies.picture import frequency_map
-from rigidmc.studies.frequencies.study import WHY, designed, frequencies_of, oscillations, table
+from rigidmc.studies.frequencies.study import WHY, oscillations, table
 
 I, OMEGA = np.array([1.0, 2.0, 3.0]), np.array([1.0, 0.2, 0.1])
 FREE = rm.Scene(rm.Body(tuple(I)), start=rm.Start(omega=tuple(OMEGA))).with_run(
@@ -151,10 +151,10 @@ def test_threads_run_directories_and_pieces_change_no_bit(tmp_path, monkeypatch)
     one = rm.frequencies(scene, "omega[2]", threads=1)
     monkeypatch.setattr("rigidmc.studies.frequencies.study.NUMBERS", 201 * 16)
     again = rm.frequencies(scene, "omega[2]", threads=2)
-    create(designed(scene, "omega[2]"), tmp_path / "run")
+    create(rm.frequencies.design(scene, "omega[2]"), tmp_path / "run")
     resume(tmp_path / "run")
     with rm.open(tmp_path / "run") as result:
-        of_run = frequencies_of(result, "omega[2]")
+        of_run = rm.frequencies.of(result, "omega[2]")
     for other in (again, of_run):
         for name in ("frequency", "amplitude", "phase", "change"):
             assert np.array_equal(one[name].values, other[name].values, equal_nan=True), name
@@ -186,7 +186,7 @@ def test_questions_without_an_answer():
         rm.frequencies(FREE, "omega[1]", t_end=5.0)
     ds = rm.simulate(FREE, t_end=100.0, save=("momentum",))
     with pytest.raises(OptionError, match="--save omega"):
-        frequencies_of(ds, "omega[1]")
+        rm.frequencies.of(ds, "omega[1]")
 
 
 def test_picture():

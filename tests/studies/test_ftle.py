@@ -10,7 +10,7 @@ from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
 from rigidmc.scene.sampling import NEAREST, Tangents
 from rigidmc.studies.ftle.picture import ftle_field
-from rigidmc.studies.ftle.study import STATE, exponents, ftle_of, table
+from rigidmc.studies.ftle.study import STATE, exponents, table
 
 TIME = 6.0
 MOMENTS, CENTRE, WEIGHT = np.array([1.0, 1.3, 0.7]), np.array([0.3, 0.1, 0.4]), 2.0
@@ -63,12 +63,12 @@ def largest(q, w, unit):
 def test_a_heavy_top_has_the_tangent_map_of_scipy():
     """All six numbers of a start change."""
     result = rm.simulate(TOP, members=7 * 16, points="tangents", save=STATE)
-    study, own = ftle_of(result, 0.7), result.isel(member=slice(0, None, 7))
+    study, own = rm.ftle.of(result, unit=0.7), result.isel(member=slice(0, None, 7))
     assert study.attrs["left_out"] == 0 and study.attrs["far"] == 0
     states = zip(own.start_attitude.values.T, own.start_omega.values.T, strict=True)
     true = np.array([largest(q, w, 0.7) for q, w in list(states)[:5]])
     assert np.abs(study.ftle.values[:5] - true).max() < 1e-6  # measured 6e-8
-    other = ftle_of(result, 2.0).ftle.values[:5]
+    other = rm.ftle.of(result, unit=2.0).ftle.values[:5]
     assert np.abs(other - true).max() > 1e-2  # another unit is another measure of growth
 
 
@@ -80,7 +80,7 @@ def test_one_neighbour_grows_nearly_as_much():
     for time in (6.0, 24.0):
         scene = TOP.with_run(members=7 * 500, points="tangents", save=(*STATE, "megno"))
         result = rm.simulate(scene, t_end=time)
-        apart.append(result.lyapunov.values[::7] - ftle_of(result).ftle.values)
+        apart.append(result.lyapunov.values[::7] - rm.ftle.of(result).ftle.values)
     first, last = (float(np.abs(one).mean()) for one in apart)
     assert 0.05 < first < 0.15  # measured 0.0985, where the exponents are about 0.4
     assert last < 0.5 * first  # measured 0.0362
@@ -110,10 +110,10 @@ def test_the_ridge_of_a_pendulum_is_the_way_to_the_upright(tmp_path):
            size=10_000)  # fmt: skip
     resume(tmp_path / "run", only=range(1))
     with pytest.warns(rm.SceneWarning, match="of 24,000 members"):
-        part = ftle_of(rm.open(tmp_path / "run"), 1.0)
+        part = rm.ftle.of(rm.open(tmp_path / "run"), unit=1.0)
     assert 0 < part.attrs["left_out"] < 8000
     resume(tmp_path / "run")
-    again = ftle_of(rm.open(tmp_path / "run"), 1.0)
+    again = rm.ftle.of(rm.open(tmp_path / "run"), unit=1.0)
     assert again.ftle.equals(whole.ftle) and again.start.equals(whole.start)
     assert "8,000 starts, each with a neighbour for each of its numbers (2)" in "\n".join(
         table(again)
@@ -185,7 +185,7 @@ def test_differences_are_compared_with_rounding():
 
 def test_what_has_no_tangents_is_refused():
     with pytest.raises(OptionError, match="tangents"):
-        ftle_of(rm.simulate(PENDULUM, members=4, save=("omega_last",)))
+        rm.ftle.of(rm.simulate(PENDULUM, members=4, save=("omega_last",)))
     with pytest.raises(OptionError, match="unit"):
         rm.ftle(PENDULUM, 4, unit=-1.0)
     grid = rm.Start(omega=(rm.uniform(0.0, 1.0), 0.0, rm.grid(0.0, 1.0, 4)))

@@ -11,8 +11,6 @@ from rigidmc.errors import NoRoom, OptionError, SceneError
 from rigidmc.scene.sampling import is_sample, is_sample_of
 from rigidmc.studies.accuracy import drift
 from rigidmc.studies.accuracy import study as accuracy
-from rigidmc.studies.framework import tasks
-from rigidmc.studies.rare.study import KIND, asked
 
 BODY = rm.Body((1.0, 1.0, 2.0))
 LAW = rm.normal(0.0, 1.0)
@@ -133,7 +131,7 @@ def test_counts_without_room_are_refused_before_the_first_step(study, monkeypatc
 
 def test_a_run_directory_has_a_file_for_each_task(tmp_path, monkeypatch):
     monkeypatch.setattr("rigidmc.runs.resources.free_memory", lambda: None)
-    scene, request = asked(SCENE, OF, 1e-9, 100, 2 * 10**7)
+    design = rm.rare.design(SCENE, OF, 1e-9, 100, 2 * 10**7)
     with pytest.raises(OptionError, match="20,000,000 tasks are too many"):
-        tasks.create(KIND, scene, request, tmp_path / "run")
+        rm.rare.work.create("rare", design, None, tmp_path / "run")
     assert not (tmp_path / "run").exists()

@@ -19,10 +19,8 @@ from rigidmc.studies.multilevel.corrections import Level, cost_of, estimate, mem
 from rigidmc.studies.multilevel.levels import APART, TASKS, number_of, stand, sums
 from rigidmc.studies.multilevel.picture import multilevel_levels
 from rigidmc.studies.multilevel.study import (
-    KIND,
-    asked,
     dataset,
-    multilevel_of,
+    multilevel,
     plain_members,
     table,
     understood,
@@ -120,7 +118,7 @@ def test_batches_add_up_to_the_whole():
 
 def request(batch=512, text=f"{MEASURE} +- 0.1", scene=SCENE, most=10**12, **settings):
     """What the tasks of a study have in common, and what it is asked."""
-    scene, words = asked(scene.with_run(**settings), text, most, batch)
+    scene, words = multilevel.design(scene, text, most, batch, **settings)
     return understood(scene, **words)
 
 
@@ -228,16 +226,18 @@ def test_what_a_goal_costs_is_told_by_the_pilot():
 def test_run_directory(tmp_path):
     """The same study from a run directory whose tasks are computed in two goes."""
     text = f"{MEASURE} +- 0.02"
-    directory = tasks.create(KIND, *asked(SCENE, text), tmp_path / "run")
+    directory = multilevel.work.create(
+        "multilevel", multilevel.design(SCENE, text), None, tmp_path / "run"
+    )
     with pytest.raises(rm.RigidmcError, match="no task is done"):
-        multilevel_of(directory.path)
+        multilevel.of(directory.path)
     directory, done = tasks.resume(directory, threads=1, only=range(2))
     assert done["ok"] == 2
     with pytest.raises(rm.RigidmcError, match="1 tasks of the first round"):
-        multilevel_of(directory.path)
+        multilevel.of(directory.path)
     directory, done = tasks.resume(directory, threads=2)
     assert tasks.verified(directory.path, spot=1) == []
-    found, plain = multilevel_of(directory.path), rm.multilevel(SCENE, text, threads=1)
+    found, plain = multilevel.of(directory.path), rm.multilevel(SCENE, text, threads=1)
     assert done["ok"] > 2 and found.identical(plain)
 
 

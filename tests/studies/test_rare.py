@@ -14,7 +14,7 @@ from rigidmc.studies.framework import tasks
 from rigidmc.studies.rare import splitting, subsets
 from rigidmc.studies.rare.picture import rare_curve
 from rigidmc.studies.rare.score import scored
-from rigidmc.studies.rare.study import KIND, asked, dataset, rare, rare_of, table
+from rigidmc.studies.rare.study import RareOptions, rare, reduce, table
 
 # the steps of the chain are those of its quadrature, however long
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
@@ -114,11 +114,11 @@ def test_nothing_found_is_no_zero():
     # members that die out above the event: an end of 0, with levels
     one = {"p": 0.0, "levels": np.array([1.0]), "shares": np.array([0.25]), "steps": 1.0}
     gone = {i: {**one, "flagged": 0, "deep": False} for i in range(4)}
-    designed, request = asked(spun(), "p(omega_max[3] >= 4)", 1e-9, 100, 4)
-    died = dataset(designed, request, gone, 0.95)
+    designed, request = rare.design(spun(), "p(omega_max[3] >= 4)", 1e-9, 100, 4)
+    died = reduce(designed, request, gone, RareOptions())
     assert float(died.p_high) > 3.0 / 400.0 and "came no nearer" in table(died)[2]
     gone[0] = {**gone[0], "p": 1e-3}
-    some = dataset(designed, request, gone, 0.95)
+    some = reduce(designed, request, gone, RareOptions())
     assert "3 of 4 repetitions found no way" in table(some)[2]
 
 
@@ -165,16 +165,16 @@ def test_run_directory(tmp_path):
     """The repetitions of a run directory are those of a study now, to the bit, on any threads."""
     scene, of = bathed(), "p(omega_max[3] >= 2.2)"
     now = rare(scene, of, 1e-6, 100, 3, threads=2)
-    designed, request = asked(scene, of, 1e-6, 100, 3)
-    directory = tasks.create(KIND, designed, request, tmp_path / "run")
+    designed, request = rare.design(scene, of, 1e-6, 100, 3)
+    directory = rare.work.create("rare", (designed, request), None, tmp_path / "run")
     with pytest.raises(FileError, match="no task is done yet"):
-        rare_of(directory.path)
+        rare.of(directory.path)
     directory, done = tasks.resume(directory, threads=1, only=range(2))
-    assert done["ok"] == 2 and rare_of(directory.path).sizes["repetition"] == 2
-    assert "1 repetitions are missing" in table(rare_of(directory.path))[-1]
+    assert done["ok"] == 2 and rare.of(directory.path).sizes["repetition"] == 2
+    assert "1 repetitions are missing" in table(rare.of(directory.path))[-1]
     directory, done = tasks.resume(directory, threads=2)
     assert done["ok"] == 1 and tasks.verified(directory.path, spot=1) == []
-    assert rare_of(directory.path).identical(now)
+    assert rare.of(directory.path).identical(now)
     with pytest.raises(FileError, match="rigidmc rare"):
         rm.open(directory.path)
     shard = next(iter(directory.shards().values()))

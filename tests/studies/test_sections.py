@@ -13,7 +13,7 @@ from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
 from rigidmc.studies.section import points
 from rigidmc.studies.section.picture import section_points
-from rigidmc.studies.section.study import designed, section_of, table
+from rigidmc.studies.section.study import table
 
 BODY = rm.Body((1.0, 2.0, 2.5), centre=(0.1, 0.0, 0.2))
 FREE = rm.Scene(rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=(1.0, 0.2, 0.1))).with_run(
@@ -190,10 +190,10 @@ def test_threads_and_run_directories_change_no_bit(tmp_path):
     assert few.sizes["point"] > 3
     for name in few.data_vars:
         assert np.array_equal(few[name].values, same[name].values), name
-    create(designed(scene, "omega[1] = 0"), tmp_path / "run")
+    create(rm.section.design(scene, "omega[1] = 0"), tmp_path / "run")
     resume(tmp_path / "run")
     with rm.open(tmp_path / "run") as result:
-        again = section_of(result, "omega[1] = 0")
+        again = rm.section.of(result, "omega[1] = 0")
     for name in one.data_vars:
         assert np.array_equal(one[name].values, again[name].values), name
 
@@ -219,7 +219,7 @@ def test_questions_that_have_no_answer():
         rm.section(bath, "omega[1] = 0", members=1, dt=0.1, t_end=1.0)
     ds = rm.simulate(FREE, t_end=1.0, every=0.5, save=("omega",))
     with pytest.raises(OptionError, match="--save attitude,momentum,omega"):
-        section_of(ds, "omega[1] = 0")
+        rm.section.of(ds, "omega[1] = 0")
 
 
 def test_picture_and_table():

@@ -16,7 +16,7 @@ from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
 from rigidmc.scene.sampling import Saltelli
 from rigidmc.studies.sensitivity.picture import sensitivity_bars
-from rigidmc.studies.sensitivity.study import indices, sensitivity_of, table
+from rigidmc.studies.sensitivity.study import indices, table
 from tests.plans import starts
 
 
@@ -104,10 +104,10 @@ def test_a_run_directory_tells_the_same_also_in_part(tmp_path):
     create(scene, path, size=200_000)
     resume(path, only=range(2))
     with pytest.warns(rm.SceneWarning, match="of 40,000 members"):
-        part = sensitivity_of(rm.open(path), text)
+        part = rm.sensitivity.of(rm.open(path), text)
     assert 0 < int(part.families[0]) < 10_000
     resume(path)
-    again = sensitivity_of(rm.open(path), text)
+    again = rm.sensitivity.of(rm.open(path), text)
     assert again["first"].equals(whole["first"]) and again.total_high.equals(whole.total_high)
     assert "10,000 families of 4 members" in "\n".join(table(again))
     assert "noise of sampling" not in "\n".join(table(again.assign(total=again["first"] + 0.01)))
@@ -129,8 +129,8 @@ def test_a_study_of_code_needs_the_code():
     result = rm.simulate(scene, points="saltelli", members=300)
     text = "mean(omega_mean[3])"
     with pytest.raises(rm.SceneError, match="allow-code"):
-        sensitivity_of(result, text)
-    study = sensitivity_of(result, text, allow_code=True)
+        rm.sensitivity.of(result, text)
+    study = rm.sensitivity.of(result, text, allow_code=True)
     assert study.number.values.tolist() == ["start.omega.3"]
     assert study.total.values == pytest.approx(1.0, abs=0.3)  # measured 1.12: nothing else is drawn
 
@@ -140,7 +140,7 @@ def test_what_is_no_study_is_refused():
         rm.sensitivity(LINEAR, "median(omega_mean[3])", 10)
     plain = rm.simulate(LINEAR, members=4, save=("omega_mean",))
     with pytest.raises(OptionError, match="saltelli"):
-        sensitivity_of(plain, "mean(omega_mean[3])")
+        rm.sensitivity.of(plain, "mean(omega_mean[3])")
     fixed = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=rm.Start(omega=(0.0, 0.0, 1.0)))
     with pytest.raises(rm.SceneError, match="nothing in the scene is drawn"):
         rm.sensitivity(fixed, "mean(energy_drift_max)", 10, t_end=1.0)

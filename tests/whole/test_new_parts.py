@@ -366,6 +366,25 @@ def test_the_command_line_takes_what_is_new(extended):
     assert "1 good" in told["stress --group H16 --integrator cash_karp --threads 1"]
 
 
+def test_the_recipe_of_a_study_makes_one(extended):
+    """The files of docs/contributing.md to the letter; the tests over all studies take it."""
+    page = (ROOT / "docs/contributing.md").read_text("utf-8")
+    section = page.split("## Add a study\n")[1].split("\n## ")[0]
+    study, picture = re.findall(r"```python\n(.*?)```", section, re.S)
+    (entry,) = re.findall(r"```\n( .*?)\n```", section, re.S)
+    folder = extended / "rigidmc" / "studies" / "recurrence"
+    folder.mkdir()
+    for name, text in (("__init__", ""), ("study", study), ("picture", picture)):
+        (folder / f"{name}.py").write_text(text)
+    insert(extended / "rigidmc" / "studies" / "__init__.py", '    "section":', entry)
+    files = "tests/studies/test_framework.py", "tests/whole/test_docstrings.py"
+    ended = run(extended, "-m", "pytest", "-q", "-n", "0", "-k", "recurrence", *files, jit=True)
+    assert ended.returncode == 0, ended.stdout[-3000:]
+    assert int(ended.stdout.split(" passed")[0].split()[-1]) == 8, ended.stdout
+    told = run(extended, "-c", COMMANDS, json.dumps([["--help"], ["recurrence", "--help"]]))
+    assert "comes back to that of its start" in told.stdout and "How near counts" in told.stdout
+
+
 def blocks(language):
     """The blocks of a language on the page about parts of one's own."""
     page = (ROOT / "docs/how_to/own_parts.md").read_text("utf-8")

@@ -14,6 +14,7 @@ from typer.main import get_command
 import rigidmc
 from bench.__main__ import BENCHES
 from rigidmc.cli import app
+from rigidmc.studies import STUDIES
 
 ROOT = Path(__file__).parents[2]
 PAGES = [p for p in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in p.parts]
@@ -82,4 +83,6 @@ def test_python_on_pages_is_python(path):
 def test_every_public_name_is_in_the_reference():
     text = (ROOT / "docs" / "reference" / "python.md").read_text("utf-8")
     listed = [n for names in re.findall(r"```\{names\} (.*)", text) for n in names.split()]
+    assert listed.count("studies") == 1  # those of the registry
+    listed = [n for n in listed if n != "studies"] + list(STUDIES)
     assert sorted(listed) == sorted(rigidmc.__all__)

@@ -1,7 +1,49 @@
-"""Basins of attraction: how well a start has to be known to know where it ends."""
+"""Tell how often members end otherwise if their start changes a little, and the dimension of
+the boundary between basins of attraction.
+
+A start is uncertain at a distance epsilon if its neighbour there ends otherwise. The share f of
+uncertain starts falls as a power of the distance, and in the space of the d numbers that a
+member draws the boundary has the (box) dimension D::
+
+    f ~ epsilon^alpha,   D = d - alpha
+
+alpha is 1 for a smooth boundary; for a fractal one it is smaller, and a better known start
+hardly helps. Distances are those of probabilities, which for a uniform law are shares of its
+range, along one number after the other, see `rigidmc.scene.sampling.Neighbours`. alpha is the
+slope of a line through the logarithms.
+Source: McDonald, Grebogi, Ott & Yorke, Physica D 17 (1985) 125.
+
+{parameters}
+
+Returns
+-------
+xarray.Dataset
+    over distance: `uncertain`, the share of starts, with its interval, nan where a neighbour is
+    nearer than rounding; `alpha` and `dimension`
+    with theirs, nan if less than three distances have more than 10 uncertain starts; over
+    family `basin` (measure i adds 2^i if it holds, -1 for what is left out), and over number
+    too `start`
+
+Raises
+------
+OptionError
+    for a measure that is no p(...)
+SceneError
+    if nothing in the scene is drawn, or if an effect is random
+
+Examples
+--------
+Spun one way or the other: the boundary is a point of the line, of dimension 0.
+
+>>> start = rm.Start(omega=(0.0, 0.0, rm.uniform(-1.0, 2.0)))
+>>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
+>>> found = rm.basins(scene, "p(omega_last[3] >= 0)", 8000, dt=0.1, t_end=0.1)
+>>> bool(found.dimension_low < 0.0 < found.dimension_high)
+True
+"""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,120 +53,48 @@ from scipy.special import ndtri
 
 from rigidmc.errors import OptionError
 from rigidmc.planning.initial import groups, members_at_start
-from rigidmc.progress import Progress
 from rigidmc.results.intervals import Interval, probability, resolution_of
 from rigidmc.results.measures import Measure, Variables, measure
+from rigidmc.results.variables import variables_of
 from rigidmc.scene.sampling import DISTANCES, Neighbours
-from rigidmc.scene.scene import Scene, takes_scene
-from rigidmc.studies.framework.members import chunks, made, pieces, refuse_noise, started, stored
+from rigidmc.scene.scene import Scene
+from rigidmc.studies.framework.members import (
+    TUNING,
+    Batches,
+    Members,
+    drawn_families,
+    refuse_noise,
+    started,
+)
+from rigidmc.studies.framework.options import REQUIRED, Example, Options, Words, option
+from rigidmc.studies.framework.study import Study
 
 Array = NDArray[np.float64]
-FAMILIES = 4096
-CHUNK = 2**17  # members at once
 SAMPLE = 64  # families for each number, by which distances are compared with rounding
 RESOLVED = 8.0  # resolutions: a distance is then known to an eighth
 LEAST = 10  # uncertain families that make a share worth a place in the fit
 
 
-@takes_scene
-def basins(
-    scene: Scene,
-    of: str | Sequence[str],
-    families: int = FAMILIES,
-    threads: int | None = None,
-    confidence: float = 0.95,
-    progress: Progress = None,
-    **settings: Any,
-) -> xr.Dataset:
-    """Tell how often members end otherwise if their start changes a little, and the dimension of
-    the boundary between basins of attraction.
+class BasinOptions(Options):
+    """What `basins` may be asked."""
 
-    A start is uncertain at a distance epsilon if its neighbour there ends otherwise. The share f of
-    uncertain starts falls as a power of the distance, and in the space of the d numbers that a
-    member draws the boundary has the (box) dimension D::
-
-        f ~ epsilon^alpha,   D = d - alpha
-
-    alpha is 1 for a smooth boundary; for a fractal one it is smaller, and a better known start
-    hardly helps. Distances are those of probabilities, which for a uniform law are shares of its
-    range, along one number after the other, see `rigidmc.scene.sampling.Neighbours`. alpha is the
-    slope of a line through the logarithms.
-    Source: McDonald, Grebogi, Ott & Yorke, Physica D 17 (1985) 125.
-
-    Parameters
-    ----------
-    scene : Scene or path_like
-        what is run, until members have come to an attractor; its distributions are the space
-    of : str or sequence of str
-        what tells the basins apart, "p(omega_last[3] >= 0)"; with several such measures a member
-        ends otherwise if one of them tells otherwise
-    families : int, optional
-        how many starts; each has 12 neighbours
-    threads : int, optional
-        as of `simulate`
-    confidence : float, optional
-        of the intervals
-    progress : bool or callable, optional
-        True for what the study will cost, told before the first member, and a bar; or a function
-        of (members done, all)
-    **settings : object
-        of `simulate`
-
-    Returns
-    -------
-    xarray.Dataset
-        over distance: `uncertain`, the share of starts, with its interval, nan where a neighbour is
-        nearer than rounding; `alpha` and `dimension`
-        with theirs, nan if less than three distances have more than 10 uncertain starts; over
-        family `basin` (measure i adds 2^i if it holds, -1 for what is left out), and over number
-        too `start`
-
-    Raises
-    ------
-    OptionError
-        for a measure that is no p(...)
-    SceneError
-        if nothing in the scene is drawn, or if an effect is random
-
-    Examples
-    --------
-    Spun one way or the other: the boundary is a point of the line, of dimension 0.
-
-    >>> start = rm.Start(omega=(0.0, 0.0, rm.uniform(-1.0, 2.0)))
-    >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
-    >>> found = rm.basins(scene, "p(omega_last[3] >= 0)", 8000, dt=0.1, t_end=0.1)
-    >>> bool(found.dimension_low < 0.0 < found.dimension_high)
-    True
-    """
-    scene, asked = designed(scene, of, families, **settings)
-    return _dataset(scene, asked, chunks(scene, CHUNK, threads, progress), confidence)
+    of: Words = option(
+        REQUIRED,
+        'what tells the basins apart: "p(omega_last[3] >= 0)"; may be repeated',
+        more="with several such measures a member ends otherwise if one of them tells otherwise",
+        metavar="MEASURE",
+    )
+    families: int = option(4096, "how many starts; each has 12 neighbours", is_new=True)
+    confidence: float = option(0.95, "of the intervals", in_command=False)
 
 
-def designed(
-    scene: Scene, of: str | Sequence[str], families: int, **settings: Any
-) -> tuple[Scene, list[Measure]]:
-    """(the scene whose members are those of a study, its measures); arguments as `basins`."""
+def scene_of_neighbours(scene: Scene, options: BasinOptions, settings: Mapping[str, Any]) -> Scene:
+    """The scene whose members are those of the study; raises for what has no basins."""
     refuse_noise(scene)
-    scene, texts, variables = made(scene, of, "neighbours", families, **settings)
-    return scene, [_share_of(text, variables) for text in texts]
-
-
-def basins_of(
-    result: xr.Dataset,
-    of: str | Sequence[str],
-    confidence: float = 0.95,
-    allow_code: bool = False,
-) -> xr.Dataset:
-    """Tell what `basins` tells, of a result whose scene has points = "neighbours".
-
-    allow_code : whether to run the Python files of a user's own parts
-
-    The families of which some members are not there, in a run that has not ended, are left out.
-    Raises OptionError for another result, SceneError for code that is not allowed, and as `basins`.
-    """
-    scene, texts, variables = stored(result, of, "neighbours", "basins", allow_code)
-    asked = [_share_of(text, variables, may_save_more=False) for text in texts]
-    return _dataset(scene, asked, pieces(result, CHUNK), confidence)
+    scene = drawn_families(scene, options.of, "neighbours", options.families)
+    for text in options.of:
+        _share_of(text, variables_of(scene))
+    return scene
 
 
 def exponent(uncertain: NDArray[np.bool_], largest: float, confidence: float = 0.95) -> Interval:
@@ -225,16 +195,18 @@ def _ends(part: xr.Dataset, asked: Sequence[Measure]) -> Array:
     return ends
 
 
-def _dataset(
-    scene: Scene, asked: Sequence[Measure], parts: Iterable[xr.Dataset], confidence: float
-) -> xr.Dataset:
-    """The Dataset of a study of members that come in parts."""
+def reduce(batches: Batches, options: BasinOptions) -> xr.Dataset:
+    """The Dataset of the study of members. Families of which some members are not there, in a run
+    that has not ended, are left out."""
+    scene, confidence = batches.scene, options.confidence
+    known, may_save_more = batches.variables, batches.stored is None
+    asked = [_share_of(text, known, may_save_more) for text in options.of]
     names, dimensions = groups(scene.model)
     size = Neighbours.size
     count = -(-(scene.run.first + scene.run.members) // size)
     ends, start = np.full(count * size, np.nan), np.full((count, len(names)), np.nan)
     units = ["1"] * len(names)
-    for part in parts:
+    for part in batches.results:
         member = part.member.values
         ends[member] = _ends(part, asked)
         own = member % size == 0
@@ -326,3 +298,21 @@ def table(study: xr.Dataset) -> list[str]:
         why = "with a member that is flagged, has no value or is not there"
         lines.append(f"  families left out, {why}: {left:,}")
     return lines
+
+
+basins = Study(
+    name="basins",
+    text=__doc__,
+    options=BasinOptions,
+    work=Members(scene_of_neighbours, reduce, batch=2**17, points="neighbours"),
+    table=table,
+    picture="basins_and_shares",
+    settings=TUNING,
+    scene_text="what is run, until members have come to an attractor; its distributions are the"
+    " space",
+    example=Example(
+        "damped_dzhanibekov",
+        {"of": "p(omega_last[1] >= 0)", "families": 16},
+        {"t_end": 20.0},
+    ),
+)

@@ -1,1 +1,2 @@
-"""framework"""
+"""What studies are made of: `study` has the record and makes its function, `options` what may be
+asked, `members` and `tasks` the two kinds of work. Commands are made in `rigidmc.cli.studies`."""

@@ -4,37 +4,41 @@ Members that come in families, by a design of `rigidmc.scene.sampling`.
 """
 
 import math
+import os
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, cast
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning
+from rigidmc.files.outputs import Path
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.initial import make_sampler
 from rigidmc.progress import Progress, announcing, reporter, say
 from rigidmc.results.measures import Variables, observing
+from rigidmc.results.run_directory import RunDirectory
 from rigidmc.results.variables import variables_of
+from rigidmc.runs.directory.create import create
 from rigidmc.runs.prepare import prepared
 from rigidmc.runs.price import price
 from rigidmc.runs.resources import refuse_count
 from rigidmc.runs.simulate import simulate
-from rigidmc.scene.amounts import counted
 from rigidmc.scene.sampling import Design
 from rigidmc.scene.scene import Scene, scene_of
 
 
-def chunks(
+def compute_batches(
     scene: Scene,
     size: int,
     threads: int | None,
     progress: Progress,
     studied: Callable[[xr.Dataset], object] = lambda part: None,
+    device: str | None = None,
 ) -> Iterator[xr.Dataset]:
     """The results of the members of a scene, `size` at a time; notes are given once.
 
@@ -55,7 +59,7 @@ def chunks(
                 with warnings.catch_warnings():
                     if told:
                         warnings.simplefilter("ignore", SceneWarning)
-                    part = simulate(scene, members=members, threads=threads)
+                    part = simulate(scene, members=members, threads=threads, device=device)
                 told = True
                 yield part
                 report.step(len(members))
@@ -81,7 +85,7 @@ def _chosen(scene: Scene) -> Scene:
     return run.scene
 
 
-def pieces(result: xr.Dataset, size: int) -> Iterator[xr.Dataset]:
+def split_result(result: xr.Dataset, size: int) -> Iterator[xr.Dataset]:
     """A result, `size` members at a time."""
     for low in range(0, result.sizes["member"], size):
         yield result.isel(member=slice(low, low + size))
@@ -93,47 +97,146 @@ def saves_of(scene: Scene) -> int:
     return math.ceil(run.t_end / (run.every or run.dt)) + 1
 
 
+class Batches(NamedTuple):
+    """The members of a study as results, some at a time: what `reduce` takes.
+
+    scene : with these members
+    results : of the members, one after the other, in their order
+    stored : the result that they are part of, None if they are computed
+    threads : for what `reduce` computes itself
+    """
+
+    scene: Scene
+    results: Iterable[xr.Dataset]
+    stored: xr.Dataset | None = None
+    threads: int | None = None
+
+    @property
+    def variables(self) -> Variables:
+        """What measures may name."""
+        return variables_of(self.scene) if self.stored is None else self.stored.data_vars
+
+
+class Members(NamedTuple):
+    """The work of a study whose numbers come from the members of one scene.
+
+    scene : (scene with the settings, options, settings) -> the scene whose members are those of the
+        study; raises for what it cannot study
+    reduce : (batches, options) -> the Dataset
+    batch : how many members are computed at once, or a function of how many saves they have
+    points : of their scene, "" for any
+    needs : what a result has to have
+    check : (scene, result, options), raises for another result that cannot be studied
+    """
+
+    scene: Callable[[Scene, Any, Mapping[str, Any]], Scene]
+    reduce: Callable[[Batches, Any], xr.Dataset]
+    batch: int | Callable[[int], int]
+    points: str = ""
+    needs: tuple[str, ...] = ()
+    check: Callable[[Scene, xr.Dataset, Any], None] = lambda scene, result, options: None
+
+    @property
+    def sources(self) -> str:
+        """What its command takes."""
+        return "SCENE|FILE|RUN/"
+
+    @property
+    def counted(self) -> str:
+        """What a function of progress counts."""
+        return "members"
+
+    def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Scene:
+        """The scene whose members are those of the study."""
+        return self.scene(scene, options, settings)
+
+    def compute(
+        self, scene: Scene, options: Any, threads: int | None, device: str | None,
+        progress: Progress,
+    ) -> xr.Dataset:  # fmt: skip
+        """The study of a scene that `scene` made, whose members are computed now."""
+        size = self.batch if isinstance(self.batch, int) else self.batch(saves_of(scene))
+        priced = self.priced(scene, options, threads)
+        results = compute_batches(scene, size, threads, progress, priced, device)
+        return self.reduce(Batches(scene, results, None, threads), options)
+
+    def priced(
+        self, scene: Scene, options: Any, threads: int | None
+    ) -> Callable[[xr.Dataset], object]:
+        """What is done with the first members of a scene to know what all will cost."""
+
+        def reduced(result: xr.Dataset) -> xr.Dataset:
+            few = scene.with_run(members=result.sizes["member"])
+            return self.reduce(Batches(few, [result], None, threads), options)
+
+        return reduced
+
+    def create(
+        self, name: str, scene: Scene, options: Any, path: Path, **ways: Any
+    ) -> RunDirectory:
+        """Make a run directory of the members, and say what they will cost.
+
+        ways : of `rigidmc.runs.directory.create.create`
+        """
+        directory = create(scene, path, **ways)
+        say(self.price(scene, options, ways.get("threads"), os.fspath(path)))
+        return directory
+
+    def price(
+        self, scene: Scene, options: Any, threads: int | None, folder: str | None = None
+    ) -> str:
+        """What the study will cost, in words.
+
+        folder : the run directory, if the members are stored
+        """
+        return str(price(scene, self.priced(scene, options, threads), threads, folder))
+
+    def stored(
+        self, name: str, result: xr.Dataset, options: Any, threads: int | None, allow_code: bool
+    ) -> xr.Dataset:
+        """The study of a result; OptionError for one that cannot be studied.
+
+        name : of the study
+        """
+        scene = scene_of(result, allow_code=allow_code)
+        if self.points and scene.run.points != self.points:
+            rule = f'a study of {name} needs members drawn with [run] points = "{self.points}"'
+            raise OptionError(rule, at="run.points", value=scene.run.points)
+        for word in self.needs:
+            if word not in result:
+                save = ",".join(self.needs)
+                rule = f"the result has no {word}; `rigidmc run SCENE --save {save}`"
+                raise OptionError(rule, at="run.save", value=list(scene.run.save))
+        self.check(scene, result, options)
+        saves = result.sizes.get("time", 1)
+        size = self.batch if isinstance(self.batch, int) else self.batch(saves)
+        return self.reduce(Batches(scene, split_result(result, size), result, threads), options)
+
+
 Array = NDArray[np.float64]
+# the settings of a run that a study of families leaves to the user
+TUNING = ("integrator", "dt", "turn", "t_end", "tolerance", "seed", "dtype", "compensated")
 KEPT = 64  # bytes of a member that a study keeps at least: a few numbers, and copies of them
-Asked = tuple[Scene, tuple[str, ...], Variables]  # scene, texts, variables of its members
 _ANGLES = {"phi": 0, "theta": 1, "psi": 2}
 
 
-def size(scene: Scene) -> int:
+def family_size(scene: Scene) -> int:
     """How many members a family of a scene has."""
     return cast(Design, make_sampler(scene.model, scene.run)).size
 
 
-def made(
-    scene: Scene, of: str | Sequence[str], points: str, families: int, **settings: Any
-) -> Asked:
-    """What measures ask of a scene with so many families, all of them drawn by a design.
+def drawn_families(scene: Scene, texts: Sequence[str], design: str, families: int) -> Scene:
+    """The scene with so many families of members, all of them drawn by a design, that saves what
+    measures ask for; NoRoom for too many.
 
-    points : the name of the design;  settings : of the run
+    design : the name of the points
     """
-    texts = (of,) if isinstance(of, str) else tuple(of)
-    scene = observing(scene.with_run(**settings, points=points), texts)
+    scene = observing(scene.with_run(points=design), texts)
     save = tuple(name for name in scene.run.save if name not in OBSERVABLES)
-    many = counted(families, "families")
-    count = many * size(scene)
-    refuse_count(many, "families", KEPT * size(scene), "take fewer families")
-    scene = scene.with_run(save=save, members=count, first=0)
-    return scene, texts, variables_of(scene)
-
-
-def stored(
-    result: xr.Dataset, of: str | Sequence[str], points: str, study: str, allow_code: bool
-) -> Asked:
-    """What measures ask of a result; OptionError unless it is of members of a design.
-
-    points : the name of the design;  study : what it is for
-    """
-    scene = scene_of(result, allow_code=allow_code)
-    if scene.run.points != points:
-        rule = f'a study of {study} needs members drawn with [run] points = "{points}"'
-        raise OptionError(rule, at="run.points", value=scene.run.points)
-    texts = (of,) if isinstance(of, str) else tuple(of)
-    return scene, texts, result.data_vars
+    of_family = family_size(scene)
+    refuse_count(families, "families", KEPT * of_family, "take fewer families")
+    drawn: Scene = scene.with_run(save=save, members=families * of_family, first=0)
+    return drawn
 
 
 def refuse_noise(scene: Scene) -> None:

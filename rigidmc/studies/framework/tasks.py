@@ -1,19 +1,19 @@
-"""Studies that are made of tasks: computed now, or in a run directory, which loses nothing.
+"""The work of a study that is made of tasks: computed now, or in a run directory, which loses
+nothing."""
 
-A study of this kind is a module with a `KIND`, and one line in STUDIES.
-"""
-
-import importlib
 import random
 import time
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
+from rigidmc.engine.cuda.devices import device as on_device
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import FileError, OptionError
+from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.outputs import Path
 from rigidmc.progress import Progress, announcing, reporter, say
 from rigidmc.results.run_directory import RunDirectory
@@ -33,34 +33,93 @@ from rigidmc.runs.directory.tasks import (
 from rigidmc.runs.prepare import prepared
 from rigidmc.runs.price import cost_per_step
 from rigidmc.runs.resources import movers
-from rigidmc.scene.amounts import in_two_digits, seconds
+from rigidmc.scene.amounts import counted, in_two_digits, seconds
 from rigidmc.scene.scene import Scene
+from rigidmc.studies import STUDIES, load_study
 
-STUDIES = {
-    "rare": "rigidmc.studies.rare.study",
-    "multilevel": "rigidmc.studies.multilevel.study",
-}
+Design = tuple[Scene, dict[str, Any]]  # what the tasks of a study have in common, with the request
 
 
-class Kind(NamedTuple):
-    """What a study of tasks is made of.
+class Tasks(NamedTuple):
+    """The work of a study that is made of tasks, each of which is a shard of its run directory.
 
-    name : its command
-    grows : whether what tasks say decides which are next
-    together : how many tasks are computed at once
-    tasks : (scene, request, numbers of tasks, threads) -> what each finds, a pure function of all
-        but the threads and the other tasks
-    more : (scene, request, {number: what was found} of the tasks so far) -> the numbers of the next
+    start : (scene with the settings, options) -> the scene of the tasks, and what they are asked as
+        numbers and words; raises for what it cannot study
+    next : (scene, request, {number: what was found} of the tasks so far) -> the numbers of the next
         tasks, [] at the end; none is done at the beginning
+    compute_some : (scene, request, numbers of tasks, threads) -> what each finds, a pure function
+        of all but the threads and the other tasks
     cost : (scene, request, numbers of tasks) -> the member-steps that they take
+    reduce : (scene, request, {number: what was found}, options) -> the Dataset
+    is_growing : whether what tasks say decides which are next
+    together : how many tasks are computed at once
+    notes : scene of the tasks -> what to warn of before the first
+    doubts : Dataset -> what to warn of after the last
     """
 
-    name: str
-    grows: bool
-    together: int
-    tasks: Callable[[Scene, Request, Sequence[int], int], list[Found]]
-    more: Callable[[Scene, Request, dict[int, Found]], Sequence[int]]
+    start: Callable[[Scene, Any], Design]
+    next: Callable[[Scene, Request, dict[int, Found]], Sequence[int]]
+    compute_some: Callable[[Scene, Request, Sequence[int], int], list[Found]]
     cost: Callable[[Scene, Request, Sequence[int]], float]
+    reduce: Callable[[Scene, Request, dict[int, Found], Any], xr.Dataset]
+    is_growing: bool = False
+    together: int = 1
+    notes: Callable[[Scene], Sequence[str]] = lambda scene: ()
+    doubts: Callable[[xr.Dataset], Sequence[str]] = lambda dataset: ()
+
+    @property
+    def sources(self) -> str:
+        """What its command takes."""
+        return "SCENE|RUN/"
+
+    @property
+    def counted(self) -> str:
+        """What a function of progress counts."""
+        return "tasks"
+
+    def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Design:
+        """The scene of the tasks and what they are asked."""
+        return self.start(scene, options)
+
+    def compute(
+        self, design: Design, options: Any, threads: int | None, device: str | None,
+        progress: Progress,
+    ) -> xr.Dataset:  # fmt: skip
+        """The study, whose tasks are computed now."""
+        threads = threads_available() if threads is None else counted(threads, "threads")
+        for note in self.notes(design[0]):
+            warnings.warn(note, SceneWarning, stacklevel=3)
+        with on_device(device):
+            found = compute_all(self, *design, threads, progress)
+        dataset = self.reduce(*design, found, options)
+        for note in self.doubts(dataset):
+            warnings.warn(note, SceneWarning, stacklevel=3)
+        return dataset
+
+    def stored(
+        self, name: str, path: Path, options: Any, threads: int | None, allow_code: bool
+    ) -> xr.Dataset:
+        """The study of the tasks that are done in a run directory; FileError.
+
+        name : of the study
+        """
+        return self.reduce(*load_tasks(path, name, allow_code), options)
+
+    def create(
+        self, name: str, design: Design, options: Any, path: Path, **ways: Any
+    ) -> RunDirectory:
+        """Make a run directory; see `rigidmc.runs.directory.tasks.create_tasks`.
+
+        ways : size and longest time of a shard of members, which tasks do not have
+        """
+        size, limit = ways.get("size"), ways.get("limit")
+        for key, value in (("size", size and size / 1e6), ("time", limit)):
+            if value is not None:
+                rule = "is for members; here a shard is a task of the study"
+                raise OptionError(rule, at=f"shard_{key}", value=value)
+        scene, request = design
+        first = self.next(scene, request, {})
+        return create_tasks(scene, path, name, request, first, int(self.is_growing))
 
     def price(self, scene: Scene, request: Request, numbers: Sequence[int], threads: int) -> str:
         """What tasks will cost, in words, by steps that are measured now."""
@@ -72,45 +131,38 @@ class Kind(NamedTuple):
         )
 
 
-def computed(
-    kind: Kind, scene: Scene, request: Request, threads: int | None, progress: Progress = False
+def compute_all(
+    tasks: Tasks, scene: Scene, request: Request, threads: int, progress: Progress = False
 ) -> dict[int, Found]:
     """{number: what was found} of all tasks of a study, computed now.
 
     progress : as of `simulate`, with tasks in place of member-steps; True also for what they cost
     """
     found: dict[int, Found] = {}
-    many = threads or threads_available()
     with announcing(progress):
-        while numbers := kind.more(scene, request, found):
+        while numbers := tasks.next(scene, request, found):
             if progress is True:
-                say(kind.price(scene, request, numbers, many))
+                say(tasks.price(scene, request, numbers, threads))
             with reporter(progress, len(numbers), 1) as report:
-                for first in range(0, len(numbers), kind.together):
-                    group = numbers[first : first + kind.together]
-                    found |= zip(group, kind.tasks(scene, request, group, many), strict=True)
+                for first in range(0, len(numbers), tasks.together):
+                    group = numbers[first : first + tasks.together]
+                    values = tasks.compute_some(scene, request, group, threads)
+                    found |= zip(group, values, strict=True)
                     report.step(len(group))
                     report.poll()
     return found
 
 
-def create(kind: Kind, scene: Scene, request: Request, path: Path) -> RunDirectory:
-    """Make a run directory for a study; see `rigidmc.runs.directory.tasks.create_tasks`."""
-    first = kind.more(scene, request, {})
-    return create_tasks(scene, path, kind.name, request, first, int(kind.grows))
-
-
-def kind_of(directory: RunDirectory) -> tuple[Kind, dict[str, Any]] | None:
-    """(Kind, what is asked) of a run directory; None if it has members; FileError."""
+def tasks_of(directory: RunDirectory) -> tuple[str, Tasks, dict[str, Any]] | None:
+    """(name, work, request) of the study of a run directory; None if it has members; FileError."""
     study = study_of(directory)
     if study is None:
         return None
     name, request = study
-    if name not in STUDIES:
+    if name not in STUDIES or not isinstance(work := load_study(name).work, Tasks):
         rule = f"is no study of this version; known: {', '.join(STUDIES)}"
         raise FileError(rule, at="study", value=name, file=directory.path)
-    kind: Kind = importlib.import_module(STUDIES[name]).KIND
-    return kind, request
+    return name, work, request
 
 
 def resume(
@@ -125,29 +177,29 @@ def resume(
 
     Raises OptionError for a range of tasks of which more are to come.
     """
-    kind, request = _known(directory)
+    tasks, request = _known(directory)
     scene = scene_of_run(directory, allow_code)
     stop = None if max_wall is None else time.monotonic() + seconds(max_wall, "max_wall")
     flagged: dict[str, int] = {}
     left: float | None = None if stop is None else max(1e-9, stop - time.monotonic())
     while True:
         if options.get("progress") is True:
-            _tell(kind, scene, request, directory, only, options.get("threads"))
+            _tell(tasks, scene, request, directory, only, options.get("threads"))
         now = resume_tasks(
             directory,
-            lambda numbers, threads: kind.tasks(scene, request, numbers, threads),
+            lambda numbers, threads: tasks.compute_some(scene, request, numbers, threads),
             work,
             max_wall=left,
             only=only,
             allow_code=allow_code,
-            together=kind.together,
+            together=tasks.together,
             **options,
         )
         flagged = {word: flagged.get(word, 0) + count for word, count in now.items()}
         left = None if stop is None else stop - time.monotonic()
         if directory.missing().size or not directory.facts["growing"]:
             return directory, flagged
-        more = np.asarray(kind.more(scene, request, found_in(directory)), np.int64)
+        more = np.asarray(tasks.next(scene, request, found_in(directory)), np.int64)
         if more.size and only is not None:
             rule = "all tasks must be there before the next are known: leave it out"
             raise OptionError(rule, at="shards", value=f"{only.start}:{only.stop}")
@@ -157,39 +209,44 @@ def resume(
 
 
 def _tell(
-    kind: Kind, scene: Scene, request: Request, directory: RunDirectory, only: range | None,
+    tasks: Tasks, scene: Scene, request: Request, directory: RunDirectory, only: range | None,
     threads: int | None,
 ) -> None:  # fmt: skip
     """Say what the missing tasks will cost."""
     numbers = [int(directory.members(int(i))[0]) for i in missing_of(directory, only)]
     if numbers:
-        say(kind.price(scene, request, numbers, threads or threads_available()))
+        say(tasks.price(scene, request, numbers, threads or threads_available()))
 
 
-def found(path: Path, name: str, allow_code: bool = False) -> tuple[Scene, Any, dict[int, Found]]:
+def load_tasks(
+    path: Path, name: str, allow_code: bool = False
+) -> tuple[Scene, Any, dict[int, Found]]:
     """(scene, request, {number: numbers}) of the tasks of a study in a run directory that are done.
 
     name : which study it has to be;  raises FileError for anything else, and if none is done
     """
     directory = RunDirectory(path)
-    study = kind_of(directory)
-    if study is None or study[0].name != name:
+    study = tasks_of(directory)
+    if study is None or study[0] != name:
         rule = f"is no run of `rigidmc {name} SCENE -o RUN/`"
         raise FileError(rule, at="run", file=directory.path)
     done = found_in(directory)
     if not done:
         raise FileError("no task is done yet: resume it first", at="run", value=directory.path)
-    return scene_of_run(directory, allow_code), study[1], done
+    return scene_of_run(directory, allow_code), study[2], done
 
 
 def work(path: str, i: int, allow_code: bool, accept: bool) -> dict[str, int]:
     """Compute one task of a run directory: what a worker of a cluster does."""
     directory = RunDirectory(path)
     refuse_others(directory, accept)
-    kind, request = _known(directory)
+    tasks, request = _known(directory)
     scene = scene_of_run(directory, allow_code)
     return compute_tasks(
-        directory, lambda numbers, threads: kind.tasks(scene, request, numbers, threads), [i], 1
+        directory,
+        lambda numbers, threads: tasks.compute_some(scene, request, numbers, threads),
+        [i],
+        1,
     )
 
 
@@ -199,24 +256,26 @@ def verified(
     """As `rigidmc.runs.directory.gather.verify`, also of a study, of which tasks are computed
     again."""
     directory = RunDirectory(path)
-    study = kind_of(directory)
+    study = tasks_of(directory)
     if study is None:
         return verify(path, spot, allow_code, threads)
-    kind, request = study
+    _, tasks, request = study
     faults = verify(path, 0, allow_code)
     if faults or not spot:
         return faults
     scene, many = scene_of_run(directory, allow_code), threads or threads_available()
     done = sorted(directory.shards())
     again = (
-        unlike(directory, i, lambda numbers, n: kind.tasks(scene, request, numbers, n), many)
+        unlike(
+            directory, i, lambda numbers, n: tasks.compute_some(scene, request, numbers, n), many
+        )
         for i in sorted(random.sample(done, min(spot, len(done))))
     )
     return [fault for fault in again if fault]
 
 
-def _known(directory: RunDirectory) -> tuple[Kind, dict[str, Any]]:
-    """As `kind_of`, of a run directory that has a study."""
-    study = kind_of(directory)
+def _known(directory: RunDirectory) -> tuple[Tasks, dict[str, Any]]:
+    """(work, request) of the study of a run directory that has one."""
+    study = tasks_of(directory)
     assert study is not None
-    return study
+    return study[1:]

@@ -1,6 +1,44 @@
-"""Frequency analysis: the fundamental frequencies of members, and how far they wander."""
+"""Tell of which frequencies the motion of each member is made.
 
-from collections.abc import Iterable, Sequence
+The signal x(t) of a member, its saves less their mean, is written as a sum of oscillations::
+
+    x(t) = sum_k a_k cos(nu_k t + phase_k)
+
+nu_1 is where ``|<x, exp(i nu t)>|`` is largest under the window (1 + cos)^3, to rounding; its
+oscillation is taken away, and the next is sought. A regular motion keeps its frequencies, a
+chaotic one does not: `change` compares nu_1 of both halves of the time.
+Source: Laskar, Icarus 88 (1990) 266; Physica D 67 (1993) 257.
+
+{parameters}
+
+Returns
+-------
+xarray.Dataset
+    over term and member: `frequency` [rad/s], `amplitude` and `phase` [rad]; over member
+    `change`, the relative change of the first frequency from one half of the time to the other,
+    the start, and `status`. All are nan for flagged members, and for what a window of that
+    length does not resolve; `why`, over term and member, tells the reason: nothing but rounding
+    is left; fewer than 4 periods (of `change`, in each half); less than half a period between
+    saves, or nearly; another line nearer than 4 periods of the time
+
+Raises
+------
+OptionError
+    for what is not known at save times, or with fewer than 64 saves
+
+Examples
+--------
+A disc that is thrown wobbles at (I3/I1 - 1) omega3:
+
+>>> start = rm.Start(omega=(0.1, 0.0, 2.0))
+>>> scene = rm.Scene(rm.Body((1.0, 1.0, 1.8)), start=start)
+>>> run = {"integrator": "exact", "members": 1, "dt": 0.5, "every": 0.5, "t_end": 200.0}
+>>> found = rm.frequencies(scene, "omega[1]", **run)
+>>> found.frequency[0].values.round(12).tolist()
+[1.6]
+"""
+
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,16 +47,15 @@ from numpy.typing import NDArray
 from scipy.optimize import elementwise
 
 from rigidmc.errors import OptionError, nearest
-from rigidmc.progress import Progress
 from rigidmc.results.estimates import component_of
 from rigidmc.results.intervals import ULPS, resolution, resolution_of
 from rigidmc.runs.resources import refuse_count
-from rigidmc.scene.amounts import counted
-from rigidmc.scene.scene import Scene, scene_of, takes_scene
-from rigidmc.studies.framework.members import chunks, pieces, saves_of
+from rigidmc.scene.scene import Scene
+from rigidmc.studies.framework.members import Batches, Members
+from rigidmc.studies.framework.options import REQUIRED, Example, Options, option
+from rigidmc.studies.framework.study import Study
 
 Array = NDArray[np.float64]
-TERMS = 3
 POWER = 3  # of the window: a line at a distance of n samples of the spectrum is n^-8 off
 NOTHING = 1e-12  # of the signal: what is left is rounding
 WIDTH = POWER + 1.0  # of a line, in periods of the whole time, to the first zero of the window
@@ -34,113 +71,52 @@ LEAST = 64  # saves of which a spectrum is made
 NUMBERS = 2**23  # of exponentials at once: 128 MB
 
 
-@takes_scene
-def frequencies(
-    scene: Scene,
-    of: str,
-    terms: int = TERMS,
-    threads: int | None = None,
-    progress: Progress = None,
-    **settings: Any,
-) -> xr.Dataset:
-    """Tell of which frequencies the motion of each member is made.
+class FrequencyOptions(Options):
+    """What `frequencies` may be asked."""
 
-    The signal x(t) of a member, its saves less their mean, is written as a sum of oscillations::
-
-        x(t) = sum_k a_k cos(nu_k t + phase_k)
-
-    nu_1 is where ``|<x, exp(i nu t)>|`` is largest under the window (1 + cos)^3, to rounding; its
-    oscillation is taken away, and the next is sought. A regular motion keeps its frequencies, a
-    chaotic one does not: `change` compares nu_1 of both halves of the time.
-    Source: Laskar, Icarus 88 (1990) 266; Physica D 67 (1993) 257.
-
-    Parameters
-    ----------
-    scene : Scene or path_like
-        what is run; also its file, or the name of a shipped one
-    of : str
-        what oscillates, such as "omega[1]": an observable at save times, or a component of it
-    terms : int, optional
-        how many oscillations
-    threads : int, optional
-        as of `simulate`
-    progress : bool or callable, optional
-        True for what the study will cost, told before the first member, and a bar; or a function
-        of (members done, all)
-    **settings : object
-        of `simulate`; saves have to be less than half a period apart
-
-    Returns
-    -------
-    xarray.Dataset
-        over term and member: `frequency` [rad/s], `amplitude` and `phase` [rad]; over member
-        `change`, the relative change of the first frequency from one half of the time to the other,
-        the start, and `status`. All are nan for flagged members, and for what a window of that
-        length does not resolve; `why`, over term and member, tells the reason: nothing but rounding
-        is left; fewer than 4 periods (of `change`, in each half); less than half a period between
-        saves, or nearly; another line nearer than 4 periods of the time
-
-    Raises
-    ------
-    OptionError
-        for what is not known at save times, or with fewer than 64 saves
-
-    Examples
-    --------
-    A disc that is thrown wobbles at (I3/I1 - 1) omega3:
-
-    >>> start = rm.Start(omega=(0.1, 0.0, 2.0))
-    >>> scene = rm.Scene(rm.Body((1.0, 1.0, 1.8)), start=start)
-    >>> run = {"integrator": "exact", "members": 1, "dt": 0.5, "every": 0.5, "t_end": 200.0}
-    >>> found = rm.frequencies(scene, "omega[1]", **run)
-    >>> found.frequency[0].values.round(12).tolist()
-    [1.6]
-    """
-    scene = designed(scene, of, terms, **settings)
-
-    def joined(parts: Iterable[xr.Dataset]) -> xr.Dataset:
-        return _joined(scene, of, terms, parts)
-
-    size = _size(saves_of(scene))
-    return joined(chunks(scene, size, threads, progress, lambda part: joined([part])))
+    of: str = option(
+        REQUIRED,
+        'what oscillates, such as "omega[1]"',
+        more="an observable at save times, or a component of it",
+        metavar="NAME",
+    )
+    terms: int = option(3, "how many oscillations; by default 3")
 
 
-def designed(scene: Scene, of: str, terms: int = TERMS, **settings: Any) -> Scene:
-    """The scene whose members are those of a study; arguments as of `frequencies`."""
-    scene = scene.with_run(**settings)
-    counted(terms, "terms")
-    refuse_count(scene.run.members, "members with frequencies", 8 * (3 * terms + 8))
-    found = component_of(scene, of, "of")
-    more: Scene = scene.with_run(save=(found.name,), keep="full")
-    return more
+class MapOptions(Options):
+    """The axes of the frequency map."""
+
+    x: str | None = option(None, 'of the picture, such as "start_omega[3]"', metavar="NAME")
+    y: str | None = option(None, "the same; by default the frequency", metavar="NAME")
 
 
-def frequencies_of(
-    result: xr.Dataset, of: str, terms: int = TERMS, allow_code: bool = False
-) -> xr.Dataset:
-    """Tell what `frequencies` tells, of a result.
+def scene_of_signals(scene: Scene, options: FrequencyOptions, settings: Mapping[str, Any]) -> Scene:
+    """The scene whose members are those of the study: it saves what oscillates."""
+    refuse_count(scene.run.members, "members with frequencies", 8 * (3 * options.terms + 8))
+    found = component_of(scene, options.of, "of")
+    saving: Scene = scene.with_run(save=(found.name,), keep="full")
+    return saving
 
-    allow_code : whether to run the Python files of a user's own parts
 
-    Raises OptionError if the result lacks what is asked, and as `frequencies`.
-    """
-    scene = scene_of(result, allow_code=allow_code)
+def check_saved(scene: Scene, result: xr.Dataset, options: FrequencyOptions) -> None:
+    """OptionError for a result that has not what oscillates."""
+    of = options.of
     name = component_of(scene, of, "of").name
     if name not in result or "time" not in result[name].dims:
         rule = f"the result has no {name} at save times; `rigidmc run SCENE --save {name}`"
         raise OptionError(rule, at="of", value=of, nearest=nearest(name, map(str, result)))
-    return _joined(scene, of, terms, pieces(result, _size(result.sizes["time"])))
 
 
-def _size(saves: int) -> int:
+def batch_of(saves: int) -> int:
     """How many members are analysed at once."""
     return max(1, NUMBERS // saves)
 
 
-def _joined(scene: Scene, of: str, terms: int, parts: Iterable[xr.Dataset]) -> xr.Dataset:
-    """The study of some results, one after the other."""
+def reduce(batches: Batches, options: FrequencyOptions) -> xr.Dataset:
+    """The Dataset of the study of members."""
+    scene, of, terms = batches.scene, options.of, options.terms
     asked, found = component_of(scene, of, "of"), []
-    for part in parts:
+    for part in batches.results:
         if part.sizes["time"] < LEAST:
             rule = f"a spectrum needs {LEAST} saves or more, and there are {part.sizes['time']}"
             raise OptionError(rule, at="run.every", value=scene.run.every)
@@ -321,3 +297,17 @@ def table(study: xr.Dataset) -> list[str]:
     if not good.all():
         lines.append(f"  flagged members, which have no frequencies: {(~good).sum():,}")
     return lines
+
+
+frequencies = Study(
+    name="frequencies",
+    text=__doc__,
+    options=FrequencyOptions,
+    work=Members(scene_of_signals, reduce, batch_of, check=check_saved),
+    table=table,
+    picture="frequency_map",
+    picture_options=MapOptions,
+    settings_text="of `simulate`; saves have to be less than half a period apart",
+    source="a result that has what is asked",
+    example=Example("dzhanibekov", {"of": "omega[1]"}, {"members": 40, "t_end": 80.0}),
+)

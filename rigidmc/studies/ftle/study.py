@@ -1,31 +1,66 @@
-"""Finite-time Lyapunov exponents: how much a change of the start has grown at the end."""
+"""Tell how much a small change of each start has grown at the end: the field of finite-time
+Lyapunov exponents, whose ridges are the stable manifolds of what is unstable.
+
+With the flow Phi over the time T and all changes x of the d numbers that a start draws::
+
+    ftle = 1/T ln max |D Phi x|/|x|,   |x|^2 = angle^2 + unit^2 |change of omega|^2
+
+The maximum is the root of the largest eigenvalue of the Cauchy-Green tensor of the changes at
+the end relative to that of the changes at the start. They are the differences to d neighbours,
+see `rigidmc.scene.sampling.Tangents`: of six numbers they span all changes of attitude and
+angular velocity, of fewer a part. Another unit changes ftle by a term of size 1/T.
+Source: Haller, Physica D 149 (2001) 248; Shadden, Lekien & Marsden, Physica D 212 (2005) 271.
+
+{parameters}
+
+Returns
+-------
+xarray.Dataset
+    over family: `ftle` [1/s], nan where a member is flagged, the changes are not independent,
+    or a neighbour is nearer than rounding; and `start`, over number
+
+Raises
+------
+SceneError
+    if nothing or more than six numbers are drawn, if other numbers than those of the start are,
+    or if an effect is random
+
+Examples
+--------
+The angular velocity about the axis of a disc stays, and the angle grows by t:
+
+>>> start = rm.Start(omega=(0.0, 0.0, rm.uniform(1.0, 2.0)))
+>>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
+>>> found = rm.ftle(scene, 8, unit=1.0, integrator="exact", t_end=10.0)
+>>> bool(abs(found.ftle - np.log(101.0) / 20.0).max() < 1e-6)
+True
+"""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.errors import OptionError, SceneError
+from rigidmc.errors import SceneError
 from rigidmc.planning.initial import groups
-from rigidmc.progress import Progress
 from rigidmc.results.intervals import resolution_of
-from rigidmc.scene.scene import Scene, takes_scene
+from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.members import (
-    chunks,
-    made,
-    pieces,
+    TUNING,
+    Batches,
+    Members,
+    drawn_families,
+    family_size,
     refuse_noise,
-    size,
     started,
-    stored,
 )
+from rigidmc.studies.framework.options import Example, Options, option
+from rigidmc.studies.framework.study import Study
 
 Array = NDArray[np.float64]
-FAMILIES = 16384
-CHUNK = 2**17  # members at once
 FAR = 0.1  # rad: neighbours that end farther apart tell no tangent
 RESOLVED = 30.0  # resolutions: growth is then known to 3 %
 CURE = (
@@ -36,75 +71,34 @@ ALIKE = 1e-8  # of the squares of two displacements: directions that differ by r
 STATE = "attitude_last", "omega_last"
 
 
-@takes_scene
-def ftle(
-    scene: Scene,
-    families: int = FAMILIES,
-    unit: float | None = None,
-    threads: int | None = None,
-    progress: Progress = None,
-    **settings: Any,
-) -> xr.Dataset:
-    """Tell how much a small change of each start has grown at the end: the field of finite-time
-    Lyapunov exponents, whose ridges are the stable manifolds of what is unstable.
+class FtleOptions(Options):
+    """What `ftle` may be asked."""
 
-    With the flow Phi over the time T and all changes x of the d numbers that a start draws::
-
-        ftle = 1/T ln max |D Phi x|/|x|,   |x|^2 = angle^2 + unit^2 |change of omega|^2
-
-    The maximum is the root of the largest eigenvalue of the Cauchy-Green tensor of the changes at
-    the end relative to that of the changes at the start. They are the differences to d neighbours,
-    see `rigidmc.scene.sampling.Tangents`: of six numbers they span all changes of attitude and
-    angular velocity, of fewer a part. Another unit changes ftle by a term of size 1/T.
-    Source: Haller, Physica D 149 (2001) 248; Shadden, Lekien & Marsden, Physica D 212 (2005) 271.
-
-    Parameters
-    ----------
-    scene : Scene or path_like
-        what is run; the numbers of its start that are distributions are those that change
-    families : int, optional
-        how many starts, evenly spread; each has a neighbour for every number
-    unit : float, optional
-        time [s] in which a change of angular velocity is as large as one of the attitude; by
-        default 1 over the root mean square of angular velocities at start and end
-    threads : int, optional
-        as of `simulate`
-    progress : bool or callable, optional
-        True for what the study will cost, told before the first member, and a bar; or a function
-        of (members done, all)
-    **settings : object
-        of `simulate`
-
-    Returns
-    -------
-    xarray.Dataset
-        over family: `ftle` [1/s], nan where a member is flagged, the changes are not independent,
-        or a neighbour is nearer than rounding; and `start`, over number
-
-    Raises
-    ------
-    SceneError
-        if nothing or more than six numbers are drawn, if other numbers than those of the start are,
-        or if an effect is random
-
-    Examples
-    --------
-    The angular velocity about the axis of a disc stays, and the angle grows by t:
-
-    >>> start = rm.Start(omega=(0.0, 0.0, rm.uniform(1.0, 2.0)))
-    >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
-    >>> found = rm.ftle(scene, 8, unit=1.0, integrator="exact", t_end=10.0)
-    >>> bool(abs(found.ftle - np.log(101.0) / 20.0).max() < 1e-6)
-    True
-    """
-    scene = designed(scene, families, **settings)
-    return _dataset(scene, chunks(scene, CHUNK, threads, progress), unit)
+    families: int = option(
+        16384, "how many starts; each has a neighbour for every number", is_new=True
+    )
+    unit: float | None = option(
+        None,
+        "time by which changes of angular velocity are multiplied to be angles",
+        more="by default 1 over the root mean square of angular velocities at start and end",
+        unit="s",
+        above=0.0,
+        rule="expected a time above 0 s",
+        metavar="SECONDS",
+    )
 
 
-def designed(scene: Scene, families: int, **settings: Any) -> Scene:
-    """The scene whose members are those of a study; arguments as of `ftle`."""
+class PlaneOptions(Options):
+    """The numbers of a start over which the field is drawn."""
+
+    x: str | None = option(None, 'of the picture, such as "start.omega.1"', metavar="KEY")
+    y: str | None = option(None, "the same, for the other axis", metavar="KEY")
+
+
+def scene_of_tangents(scene: Scene, options: FtleOptions, settings: Mapping[str, Any]) -> Scene:
+    """The scene whose members are those of the study; SceneError for one that has no tangents."""
     refuse_noise(scene)
-    scene = made(scene, STATE, "tangents", families, **settings)[0]
+    scene = drawn_families(scene, STATE, "tangents", options.families)
     names, dimensions = groups(scene.model)
     for name in names:
         if not name.startswith("start."):
@@ -114,21 +108,6 @@ def designed(scene: Scene, families: int, **settings: Any) -> Scene:
         rule = f"{len(dimensions)} numbers are drawn, and a state has six: give some one value"
         raise SceneError(rule, at=f"start.{scene.start.which}")
     return scene
-
-
-def ftle_of(result: xr.Dataset, unit: float | None = None, allow_code: bool = False) -> xr.Dataset:
-    """Tell what `ftle` tells, of a result whose scene has points = "tangents".
-
-    allow_code : whether to run the Python files of a user's own parts
-
-    Raises OptionError for another result, SceneError for code that is not allowed, and as `ftle`.
-    """
-    scene, _, variables = stored(result, STATE, "tangents", "ftle", allow_code)
-    for name in STATE:
-        if name not in variables:
-            rule = f"the result has no {name}; `rigidmc run SCENE --save {','.join(STATE)}`"
-            raise OptionError(rule, at="run.save", value=list(scene.run.save))
-    return _dataset(scene, pieces(result, CHUNK), unit)
 
 
 def exponents(start: Array, end: Array, unit: float, time: float) -> tuple[Array, Array]:
@@ -185,13 +164,14 @@ def _states(part: xr.Dataset) -> tuple[Array, Array]:
     return np.concatenate(start).T, np.where(part.status.values == 0, end, np.nan).T
 
 
-def _dataset(scene: Scene, parts: Iterable[xr.Dataset], unit: float | None) -> xr.Dataset:
-    """The Dataset of a study of members that come in parts."""
-    names, many = groups(scene.model)[0], size(scene)
+def reduce(batches: Batches, options: FtleOptions) -> xr.Dataset:
+    """The Dataset of the study of members."""
+    scene, unit = batches.scene, options.unit
+    names, many = groups(scene.model)[0], family_size(scene)
     count = -(-(scene.run.first + scene.run.members) // many)
     states = np.full((2, count * many, 7), np.nan)
     numbers, units = np.full((count, len(names)), np.nan), ["1"] * len(names)
-    for part in parts:
+    for part in batches.results:
         member = part.member.values
         states[:, member] = _states(part)
         own = member % many == 0
@@ -203,8 +183,6 @@ def _dataset(scene: Scene, parts: Iterable[xr.Dataset], unit: float | None) -> x
             square = float(np.nanmean((states[..., 4:] ** 2).sum(axis=-1)))
         # seconds: if nothing turns, no unit of angular velocities counts
         unit = 1.0 / math.sqrt(square) if square > 0.0 else 1.0
-    elif not 0.0 < unit < math.inf:
-        raise OptionError("expected a time above 0 s", at="unit", value=unit)
     start, end = states.reshape(2, count, many, 7)
     found, apart = exponents(start, end, unit, scene.run.t_end)
     sure = resolved(start, end, unit, resolution_of(scene))
@@ -259,3 +237,17 @@ def table(study: xr.Dataset) -> list[str]:
             f"  starts left out, with a flagged member or changes that are alike: {left:,}"
         )
     return lines
+
+
+ftle = Study(
+    name="ftle",
+    text=__doc__,
+    options=FtleOptions,
+    work=Members(scene_of_tangents, reduce, batch=2**17, points="tangents", needs=STATE),
+    table=table,
+    picture="ftle_field",
+    picture_options=PlaneOptions,
+    settings=TUNING,
+    scene_text="what is run; the numbers of its start that are distributions are those that change",
+    example=Example("dzhanibekov", {"families": 12}, {"t_end": 6.0}),
+)

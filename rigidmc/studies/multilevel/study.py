@@ -1,5 +1,48 @@
-"""Multilevel Monte Carlo of a measure: what is asked of which scene, and the answer as a Dataset
-and a table; see `multilevel`.
+"""Find a mean without the error of the step, by multilevel Monte Carlo.
+
+The mean of paths of many steps is that of paths of few steps and the means of corrections::
+
+    E[X_L] = E[X_0] + sum over l of E[X_l - X_(l-1)]
+
+X_l is what a member shows after n 2^l steps; n are the steps of the scene. The two paths of a
+correction have the same start and the same noise, so that its variance falls as the square of
+the step, and few members do. For an error eps the cost is of order eps^-2 in place of eps^-2.5
+with a single step of an integrator of order 2. Levels are added until the error of the step,
+which the last corrections tell, adds little to the interval, of which it is part. Formulas are
+in `rigidmc.studies.multilevel.corrections`.
+Source: Giles, Oper. Res. 56 (2008) 607.
+
+{parameters}
+
+Returns
+-------
+xarray.Dataset
+    `value` with `low` and `high`; `sampling` and `bias`, half the width by each alone, whose
+    squares add up; over level steps, members, mean and variance of the corrections; over round
+    the width so far and its cost
+
+Raises
+------
+OptionError
+    for a measure that is no mean, a width that costs more than `most`, and a measure whose
+    error falls too slowly with the step
+SceneError
+    for a scene without steps of one length, and for a step so long that members are flagged
+
+Warns
+-----
+SceneWarning
+    if `most` ends the study before the width is reached
+
+Examples
+--------
+The squared momentum of a free body in a bath, of which the spin was 0 at the start:
+
+>>> bath = rm.Bath(gamma=0.5, kT=1.0)
+>>> scene = rm.Scene(rm.Body((1.0, 1.0, 1.0)), bath, rm.Start(omega=(0.0, 0.0, 0.0)))
+>>> found = rm.multilevel(scene, "mean(l2_final) +- 0.1", integrator="strang", t_end=2, dt=0.5)
+>>> bool(found.low < 3.0 * (1.0 - np.exp(-2.0)) < found.high)
+True
 """
 
 import math
@@ -9,124 +52,67 @@ from typing import Any
 
 import xarray as xr
 
-from rigidmc.engine.machine import threads_available
 from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning
-from rigidmc.files.outputs import Path
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import default_names, own, squared
-from rigidmc.progress import Progress, say
+from rigidmc.progress import say
 from rigidmc.results.measures import observing
 from rigidmc.results.variables import saved_variables, variables_of
 from rigidmc.runs.directory import tasks as runs
 from rigidmc.runs.prepare import prepared
 from rigidmc.runs.resources import refuse_count
-from rigidmc.scene.amounts import counted
 from rigidmc.scene.recording import recording
 from rigidmc.scene.sampling import refuse_indexed
-from rigidmc.scene.scene import Scene, takes_scene
-from rigidmc.studies.framework import tasks
+from rigidmc.scene.scene import Scene
+from rigidmc.studies.framework.options import Example, Options, option
+from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.tasks import Tasks
 from rigidmc.studies.multilevel.corrections import Level, Plain, plain
 from rigidmc.studies.multilevel.levels import CHUNK, TASKS, Asked, Request, Stand, stand, sums
 from rigidmc.studies.until import goal
 
 BATCH = 8192  # members of a task, and of a level at first
-MOST = 10**12
 MEMBER = 8 * 32  # bytes: what a path shows, and the coarse one beside it
 
 
-@takes_scene
-def multilevel(
-    scene: Scene,
-    until: str,
-    most: int = MOST,
-    batch: int = BATCH,
-    threads: int | None = None,
-    confidence: float = 0.95,
-    progress: Progress = False,
-    **settings: Any,
-) -> xr.Dataset:
-    """Find a mean without the error of the step, by multilevel Monte Carlo.
+class MultilevelOptions(Options):
+    """What `multilevel` may be asked."""
 
-    The mean of paths of many steps is that of paths of few steps and the means of corrections::
-
-        E[X_L] = E[X_0] + sum over l of E[X_l - X_(l-1)]
-
-    X_l is what a member shows after n 2^l steps; n are the steps of the scene. The two paths of a
-    correction have the same start and the same noise, so that its variance falls as the square of
-    the step, and few members do. For an error eps the cost is of order eps^-2 in place of eps^-2.5
-    with a single step of an integrator of order 2. Levels are added until the error of the step,
-    which the last corrections tell, adds little to the interval, of which it is part. Formulas are
-    in `rigidmc.studies.multilevel.corrections`.
-    Source: Giles, Oper. Res. 56 (2008) 607.
-
-    Parameters
-    ----------
-    scene : Scene or path_like
-        what is run, mostly with a random effect; its step is that of the first level
-    until : str
-        a mean and half the width of its interval, such as "mean(energy_final) +- 0.001" or "+- 1 %"
-        of it. NAME_final is an observable at the end, NAME_mean over time
-    most : int, optional
-        cost at most, in steps of members; the start and end of a member count as 24
-    batch : int, optional
-        members that a level has at first and that are added to it at once
-    threads : int, optional
-        as of `simulate`
-    confidence : float, optional
-        of the interval
-    progress : bool or callable, optional
-        True for lines about what each round will cost, and a bar; or a function of (tasks done,
-        all of the round)
-    **settings : object
-        of `simulate`
-
-    Returns
-    -------
-    xarray.Dataset
-        `value` with `low` and `high`; `sampling` and `bias`, half the width by each alone, whose
-        squares add up; over level steps, members, mean and variance of the corrections; over round
-        the width so far and its cost
-
-    Raises
-    ------
-    OptionError
-        for a measure that is no mean, a width that costs more than `most`, and a measure whose
-        error falls too slowly with the step
-    SceneError
-        for a scene without steps of one length, and for a step so long that members are flagged
-
-    Warns
-    -----
-    SceneWarning
-        if `most` ends the study before the width is reached
-
-    Examples
-    --------
-    The squared momentum of a free body in a bath, of which the spin was 0 at the start:
-
-    >>> bath = rm.Bath(gamma=0.5, kT=1.0)
-    >>> scene = rm.Scene(rm.Body((1.0, 1.0, 1.0)), bath, rm.Start(omega=(0.0, 0.0, 0.0)))
-    >>> found = rm.multilevel(scene, "mean(l2_final) +- 0.1", integrator="strang", t_end=2, dt=0.5)
-    >>> bool(found.low < 3.0 * (1.0 - np.exp(-2.0)) < found.high)
-    True
-    """
-    scene, request = asked(scene.with_run(**settings), until, most, batch, confidence)
-    many = threads_available() if threads is None else counted(threads, "threads")
-    found = tasks.computed(KIND, scene, request, many, progress)
-    return _dataset(scene, request, found)
+    until: str | None = option(
+        None,
+        'a mean and its width: "mean(energy_final) +- 0.001", "mean(omega_mean[1]) +- 1 %"',
+        more="the width is half that of the interval; NAME_final is an observable at the end,"
+        " NAME_mean over time",
+        metavar="MEASURE",
+        is_new=True,
+        missing='a new study needs a mean and its width, as in "mean(energy_final) +- 1 %"',
+    )
+    most: int = option(
+        10**12,
+        "cost at most, in steps of members; by default 1e12",
+        more="the start and end of a member count as 24",
+        is_new=True,
+    )
+    batch: int = option(
+        BATCH,
+        "members that a level has at first and that are added to it at once",
+        least=2,
+        is_new=True,
+        in_command=False,
+    )
+    confidence: float = option(0.95, "of the interval", is_new=True, in_command=False)
 
 
-def asked(
-    scene: Scene, until: str, most: int = MOST, batch: int = BATCH, confidence: float = 0.95
-) -> tuple[Scene, dict[str, Any]]:
-    """(the scene of a study, its request); arguments, errors and notes as of `multilevel`."""
+def start(scene: Scene, options: MultilevelOptions) -> tuple[Scene, dict[str, Any]]:
+    """(the scene of a study, its request); warns of what is to be known of the scene."""
+    until = str(options.until)
     scene = _showing(_with_steps(scene), until).with_run(first=0)
     scene = scene.with_run(every=scene.run.t_end)
     request: dict[str, Any] = {
         "until": until,
-        "most": counted(most, "most"),
-        "batch": counted(batch, "batch", 2),
-        "confidence": confidence,
+        "most": options.most,
+        "batch": options.batch,
+        "confidence": options.confidence,
     }
     refuse_count(request["batch"], "members of a batch", MEMBER, "take a smaller batch")
     understood(scene, **request)
@@ -150,41 +136,31 @@ def understood(
     return request, Asked(until, wanted, order, confidence, float(most))
 
 
-def _tasks(
+def compute_batches(
     scene: Scene, request: runs.Request, numbers: Sequence[int], threads: int
 ) -> list[runs.Found]:
-    """What batches of levels find; see `rigidmc.studies.framework.tasks.Kind`."""
+    """What batches of levels find."""
     return sums(understood(scene, **request)[0], numbers, threads)
 
 
-def _more(scene: Scene, request: runs.Request, found: dict[int, runs.Found]) -> list[int]:
-    """The batches that are next; see `rigidmc.studies.framework.tasks.Kind`."""
+def next_batches(scene: Scene, request: runs.Request, found: dict[int, runs.Found]) -> list[int]:
+    """The batches that are next."""
     now = stand(*understood(scene, **request), found)
     if now.line:
         say(now.line)
     return now.next
 
 
-def _cost(scene: Scene, request: runs.Request, numbers: Sequence[int]) -> float:
-    """The member-steps of batches; see `rigidmc.studies.framework.tasks.Kind`."""
+def cost_of(scene: Scene, request: runs.Request, numbers: Sequence[int]) -> float:
+    """The member-steps of batches."""
     levels, known = (number // TASKS for number in numbers), understood(scene, **request)[0]
     return sum(known.batch * Level(i, known.steps << i).price for i in levels)
 
 
-KIND = tasks.Kind("multilevel", True, CHUNK // BATCH, _tasks, _more, _cost)
-
-
-def multilevel_of(path: Path, allow_code: bool = False) -> xr.Dataset:
-    """What `multilevel` tells, of a run directory of such a study: of the rounds that are done.
-
-    allow_code : whether to run the Python files of a user's own parts
-    Raises FileError for anything else, and if the first round is not done.
-    """
-    return _dataset(*tasks.found(path, KIND.name, allow_code))
-
-
-def _dataset(scene: Scene, request: runs.Request, found: dict[int, runs.Found]) -> xr.Dataset:
-    """The Dataset of a study by what its tasks have found."""
+def reduce(
+    scene: Scene, request: runs.Request, found: dict[int, runs.Found], options: MultilevelOptions
+) -> xr.Dataset:
+    """The Dataset of the rounds that are done; FileError if the first is not."""
     known = understood(scene, **request)
     now = stand(*known, found)
     if now.found is None:
@@ -324,3 +300,26 @@ def table(study: xr.Dataset) -> list[str]:
     if left := int(study.flagged.sum()):
         lines.append(f"  flagged members, which are left out: {left:,}")
     return lines
+
+
+def is_reached(study: xr.Dataset) -> bool:
+    """Whether the interval is as narrow as it was asked to be."""
+    return bool(study.attrs["reached"])
+
+
+multilevel = Study(
+    name="multilevel",
+    text=__doc__,
+    options=MultilevelOptions,
+    work=Tasks(
+        start, next_batches, compute_batches, cost_of, reduce,
+        is_growing=True, together=CHUNK // BATCH,
+    ),
+    table=table,
+    picture="multilevel_levels",
+    settings=("integrator", "dt", "t_end", "seed", "dtype"),
+    scene_text="what is run, mostly with a random effect; its step is that of the first level",
+    source="the run directory of a study that exists",
+    is_complete=is_reached,
+    example=Example("brownian_rotor", {"until": "mean(energy_final) +- 10 %"}, {"t_end": 1e-4}),
+)  # fmt: skip

@@ -1,7 +1,56 @@
-"""How likely something is that almost never happens, with an interval."""
+"""Tell how likely something is that almost never happens.
+
+Members are led towards the event level by level, so that a probability p takes some
+ln(1/p) times as many members as a common event, not 1/p times as many.
+
+Noisy scenes: adaptive multilevel splitting. The members that have come least near are given up
+and others branched; the estimate has no bias. Source: Cerou & Guyader, Stoch. Anal. Appl. 25
+(2007) 417; Brehier et al., Ann. Appl. Probab. 26 (2016) 3559.
+
+Scenes whose members differ by their starts, bodies and effects alone: subset simulation. The
+random numbers of members walk towards the event; the estimate has a bias of the order
+1/members, a few per cent of its interval. Source: Au & Beck, Probab. Eng. Mech. 16 (2001) 263.
+
+Members of grids and tables take the row of a random member of the scene, and walk or branch
+with it; p is the mean over all rows.
+
+Both are repeated with the next seeds from the scene's on. The interval is that of the mean of a
+skew law over the repetitions, see `rigidmc.results.intervals.mean_of_skew`. If no member came
+to the event, p is 0 and the upper end that of as many plain members without it.
+
+{parameters}
+
+Returns
+-------
+xarray.Dataset
+    `p` with the ends `p_low` and `p_high` of its interval; over repetition `probability`,
+    `member_steps`, `flagged`, whether it is `below_target`, and whether it is `stuck`; over
+    repetition and level `score` and `share`, the probability to score more; `gain`: how many
+    times as many member-steps plain sampling takes for the same interval
+
+Raises
+------
+OptionError
+    for what is no event, has no score, or is impossible to count
+
+Warns
+-----
+SceneWarning
+    as `simulate`, and if no way to the event was found
+
+Examples
+--------
+A disc thrown with a normal spin is 5 standard deviations fast with p = 2.9e-7:
+
+>>> start = rm.Start(omega=(0.0, 0.0, rm.normal(0.0, 1.0)))
+>>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
+>>> run = {"dt": 0.1, "t_end": 0.1, "members": 200, "repetitions": 8}
+>>> found = rm.rare(scene, "p(omega_max[3] >= 5)", **run)
+>>> bool(found.p_low < 2.87e-7 < found.p_high), bool(found.gain > 300)
+(True, True)
+"""
 
 import math
-import warnings
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -12,11 +61,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.machine import threads_available
-from rigidmc.errors import OptionError, SceneWarning
-from rigidmc.files.outputs import Path
+from rigidmc.errors import OptionError
 from rigidmc.planning.initial import drawn
-from rigidmc.progress import Progress
 from rigidmc.results.intervals import mean_of_skew, probability
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.directory.tasks import Found, Request
@@ -24,127 +70,51 @@ from rigidmc.runs.prepare import prepared
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.sampling import is_indexed
-from rigidmc.scene.scene import Scene, takes_scene
-from rigidmc.studies.framework import tasks
+from rigidmc.scene.scene import Scene
+from rigidmc.studies.framework.options import Example, Options, option
+from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.tasks import Tasks
 from rigidmc.studies.rare.score import Score, is_noisy, scored
 from rigidmc.studies.rare.splitting import FEWER, KILLED, PARTS, split
 from rigidmc.studies.rare.subsets import KEPT, descend
 
-TARGET, MEMBERS, REPETITIONS = 1e-9, 1000, 16
 WIDE = 1.0  # spread of the repetitions, of their mean, beyond which the interval covers less
 LEAST = 20  # members of a repetition: two of them go on from a level
 REPETITION = 4096  # bytes of what one has found, with its levels
 METHODS = {True: "adaptive multilevel splitting", False: "subset simulation"}  # by is_noisy
 
 
-@takes_scene
-def rare(
-    scene: Scene,
-    of: str,
-    target: float = TARGET,
-    members: int = MEMBERS,
-    repetitions: int = REPETITIONS,
-    threads: int | None = None,
-    confidence: float = 0.95,
-    progress: Progress = False,
-    **settings: Any,
-) -> xr.Dataset:
-    """Tell how likely something is that almost never happens.
+class RareOptions(Options):
+    """What `rare` may be asked."""
 
-    Members are led towards the event level by level, so that a probability p takes some
-    ln(1/p) times as many members as a common event, not 1/p times as many.
-
-    Noisy scenes: adaptive multilevel splitting. The members that have come least near are given up
-    and others branched; the estimate has no bias. Source: Cerou & Guyader, Stoch. Anal. Appl. 25
-    (2007) 417; Brehier et al., Ann. Appl. Probab. 26 (2016) 3559.
-
-    Scenes whose members differ by their starts, bodies and effects alone: subset simulation. The
-    random numbers of members walk towards the event; the estimate has a bias of the order
-    1/members, a few per cent of its interval. Source: Au & Beck, Probab. Eng. Mech. 16 (2001) 263.
-
-    Members of grids and tables take the row of a random member of the scene, and walk or branch
-    with it; p is the mean over all rows.
-
-    Both are repeated with the next seeds from the scene's on. The interval is that of the mean of a
-    skew law over the repetitions, see `rigidmc.results.intervals.mean_of_skew`. If no member came
-    to the event, p is 0 and the upper end that of as many plain members without it.
-
-    Parameters
-    ----------
-    scene : Scene or path_like
-        what is run; also its file, or the name of a shipped one
-    of : str
-        the event: p(NAME >= NUMBER) or p(NAME <= NUMBER) of what is watched over the steps, such as
-        "p(nutation_max >= 2)", "p(passage_first < 60)", "p(flips >= 1)"; of a noisy scene what
-        only grows
-    target : float, optional
-        the smallest probability that matters: a repetition looks no deeper
-    members : int, optional
-        of each repetition
-    repetitions : int, optional
-        how many
-    threads : int, optional
-        as of `simulate`; no bit depends on it
-    confidence : float, optional
-        of the interval
-    progress : bool or callable, optional
-        True for what the study will cost, told beforehand, and a bar; or a function of
-        (repetitions done, all)
-    **settings : object
-        of `simulate`
-
-    Returns
-    -------
-    xarray.Dataset
-        `p` with the ends `p_low` and `p_high` of its interval; over repetition `probability`,
-        `member_steps`, `flagged`, whether it is `below_target`, and whether it is `stuck`; over
-        repetition and level `score` and `share`, the probability to score more; `gain`: how many
-        times as many member-steps plain sampling takes for the same interval
-
-    Raises
-    ------
-    OptionError
-        for what is no event, has no score, or is impossible to count
-
-    Warns
-    -----
-    SceneWarning
-        as `simulate`, and if no way to the event was found
-
-    Examples
-    --------
-    A disc thrown with a normal spin is 5 standard deviations fast with p = 2.9e-7:
-
-    >>> start = rm.Start(omega=(0.0, 0.0, rm.normal(0.0, 1.0)))
-    >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
-    >>> run = {"dt": 0.1, "t_end": 0.1, "members": 200, "repetitions": 8}
-    >>> found = rm.rare(scene, "p(omega_max[3] >= 5)", **run)
-    >>> bool(found.p_low < 2.87e-7 < found.p_high), bool(found.gain > 300)
-    (True, True)
-    """
-    scene, request = asked(scene.with_run(**settings), of, target, members, repetitions)
-    many = threads_available() if threads is None else counted(threads, "threads")
-    for note in prepared(scene).notes:
-        warnings.warn(note, SceneWarning, stacklevel=2)
-    found = dataset(
-        scene, request, tasks.computed(KIND, scene, request, many, progress), confidence
+    of: str | None = option(
+        None,
+        'such as "p(nutation_max >= 2)" or "p(passage_first < 60)"',
+        more="the event: p(NAME >= NUMBER) or p(NAME <= NUMBER) of what is watched over the steps;"
+        " of a noisy scene what only grows",
+        metavar="EVENT",
+        is_new=True,
+        missing='a new study needs an event, as in "p(flips >= 3)"',
     )
-    if float(found.p) == 0.0:
-        for why in _stuck(found):
-            warnings.warn(f"{of}: {why}", SceneWarning, stacklevel=2)
-    return found
-
-
-def asked(
-    scene: Scene, of: str, target: float, members: int, repetitions: int
-) -> tuple[Scene, dict[str, Any]]:
-    """(the scene of a study, its request); arguments and errors as of `rare`."""
-    if not 0.0 < target < 1.0:
-        raise OptionError("expected a probability between 0 and 1", at="target", value=target)
-    members, repetitions = (
-        counted(members, "members", LEAST),
-        counted(repetitions, "repetitions", 2),
+    target: float = option(
+        1e-9,
+        "the smallest probability that matters; by default 1e-9",
+        more="a repetition looks no deeper",
+        above=0.0,
+        below=1.0,
+        rule="expected a probability between 0 and 1",
+        metavar="P",
+        is_new=True,
     )
+    members: int = option(1000, "of each repetition; by default 1000", is_new=True)
+    repetitions: int = option(16, "how many; by default 16", least=2, is_new=True)
+    confidence: float = option(0.95, "of the interval", in_command=False)
+
+
+def start(scene: Scene, options: RareOptions) -> tuple[Scene, dict[str, Any]]:
+    """(the scene of a study, its request); OptionError for what is no event or has no score."""
+    of, target, repetitions = str(options.of), options.target, options.repetitions
+    members = counted(options.members, "members", LEAST)
     refuse_count(repetitions, "repetitions", REPETITION)
     refuse_count(members, "members", 4 * 8 * layout.EFFECTS, FEWER)
     moved, _ = scored(scene, of)
@@ -163,7 +133,19 @@ def asked(
     return moved.with_run(members=members), request
 
 
-def _cost(scene: Scene, request: Request, numbers: Sequence[int]) -> float:
+def notes(scene: Scene) -> tuple[str, ...]:
+    """What to warn of before the first repetition."""
+    return prepared(scene).notes
+
+
+def doubts(study: xr.Dataset) -> list[str]:
+    """What to warn of if no repetition found a way to the event."""
+    if float(study.p) > 0.0:
+        return []
+    return [f"{study.attrs['of']}: {why}" for why in _stuck(study)]
+
+
+def cost_of(scene: Scene, request: Request, numbers: Sequence[int]) -> float:
     """The member-steps of repetitions if the event has the probability `target`, to a factor of 2:
     of the levels of splitting half a run each, of those of subsets a whole one."""
     members, depth = request["members"], -math.log(request["target"])
@@ -173,8 +155,10 @@ def _cost(scene: Scene, request: Request, numbers: Sequence[int]) -> float:
     return float(len(numbers) * members * (1.0 + part * levels) * steps)
 
 
-def _tasks(scene: Scene, request: Request, numbers: Sequence[int], threads: int) -> list[Found]:
-    """What repetitions find; see `rigidmc.studies.framework.tasks.Kind`."""
+def compute_repetitions(
+    scene: Scene, request: Request, numbers: Sequence[int], threads: int
+) -> list[Found]:
+    """What repetitions find."""
     moved, score = scored(scene, request["of"])
     given = moved, score, request["members"], request["target"], threads, request.get("rows")
     way = split if is_noisy(moved) else partial(descend, parts=_parts(score))
@@ -186,28 +170,16 @@ def _parts(score: Score) -> int:
     return 1 if score.event is None else PARTS
 
 
-def _more(scene: Scene, request: Request, found: dict[int, Found]) -> list[int]:
-    """The repetitions that are left; see `rigidmc.studies.framework.tasks.Kind`."""
+def missing_repetitions(scene: Scene, request: Request, found: dict[int, Found]) -> list[int]:
+    """The repetitions that are left."""
     return [i for i in range(request["repetitions"]) if i not in found]
 
 
-KIND = tasks.Kind("rare", False, 1, _tasks, _more, _cost)
-
-
-def rare_of(path: Path, confidence: float = 0.95, allow_code: bool = False) -> xr.Dataset:
-    """What `rare` tells, of a run directory of such a study: of the repetitions that are done.
-
-    allow_code : whether to run the Python files of a user's own parts
-    Raises FileError for anything else.
-    """
-    scene, request, found = tasks.found(path, KIND.name, allow_code)
-    return dataset(scene, request, found, confidence)
-
-
-def dataset(
-    scene: Scene, request: Request, found: dict[int, Found], confidence: float
+def reduce(
+    scene: Scene, request: Request, found: dict[int, Found], options: RareOptions
 ) -> xr.Dataset:
-    """The Dataset of a study, see `rare`."""
+    """The Dataset of the repetitions that are done."""
+    confidence = options.confidence
     numbers = sorted(found)
     p = np.array([float(found[i]["p"]) for i in numbers])
     steps = np.array([float(found[i]["steps"]) for i in numbers])
@@ -335,3 +307,22 @@ def table(study: xr.Dataset) -> list[str]:
     if flagged := int(study.flagged.sum()):
         lines.append(f"  members that were flagged, and count as far from the event: {flagged:,}")
     return lines
+
+
+rare = Study(
+    name="rare",
+    text=__doc__,
+    options=RareOptions,
+    work=Tasks(
+        start, missing_repetitions, compute_repetitions, cost_of, reduce, notes=notes, doubts=doubts
+    ),
+    table=table,
+    picture="rare_curve",
+    settings=("integrator", "dt", "t_end", "tolerance", "seed", "dtype", "compensated"),
+    source="the run directory of a study that exists",
+    example=Example(
+        "dzhanibekov",
+        {"of": "p(omega_max[1] >= 0.05)", "members": 64, "repetitions": 3, "target": 1e-6},
+        {"t_end": 0.2},
+    ),
+)

@@ -1,7 +1,40 @@
-"""Poincare sections: the states of members where a quantity passes a value, or once in a period."""
+"""Tell the states of the members wherever a quantity passes a value: a Poincare section.
+
+A member is integrated as always. Between two saves at which the quantity lies on both sides of
+the value, the crossing is sought by Chandrupatla's method, with steps of rk8 from the earlier
+save. These are no longer than those of the run, turn no member by more than 0.2 rad
+(tests/whole/test_claims.py), and are halved until halving changes nothing. Two crossings
+between two saves are not seen.
+Source: Henon, Physica D 5 (1982) 412; Chandrupatla, Adv. Eng. Softw. 28 (1997) 145.
+
+{parameters}
+
+Returns
+-------
+xarray.Dataset
+    over point, in the order of members and times: `member`, `time`, attitude, momentum, and
+    whatever the scene saves; the attribute `lost` is the number of crossings that were not
+    found, because steps between saves did not converge
+
+Raises
+------
+OptionError
+    for a quantity that is not known at save times
+SceneError
+    for random effects: between saves a path with noise is not known
+
+Examples
+--------
+A body that turns about its long axis, whenever axis 1 comes past the same side:
+
+>>> scene = rm.Scene(rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=(1.0, 0.2, 0.1)))
+>>> found = rm.section(scene, "omega[2] = 0", members=1, dt=0.01, t_end=50.0)
+>>> found.time.diff("point").values.round(9).tolist()  # its period
+[10.858161105, 10.858161105, 10.858161105]
+"""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,12 +44,13 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, nearest
 from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.planning.steps import MOST_STEPS
-from rigidmc.progress import Progress
 from rigidmc.results.estimates import of_the_state
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.recording import recording
-from rigidmc.scene.scene import Scene, scene_of, takes_scene
-from rigidmc.studies.framework.members import chunks, pieces, saves_of
+from rigidmc.scene.scene import Scene
+from rigidmc.studies.framework.members import Batches, Members
+from rigidmc.studies.framework.options import REQUIRED, Example, Options, option
+from rigidmc.studies.framework.study import Study
 from rigidmc.studies.section.points import STATE, WAYS, crossed, crossing_of, period_of, periodic
 
 Array = NDArray[np.float64]
@@ -24,79 +58,29 @@ BYTES = 2**27  # of saved states at once
 POINT = 2 * 8 * 14  # bytes of a point, and a copy of it: member, time, state and a quantity
 
 
-@takes_scene
-def section(
-    scene: Scene,
-    at: str,
-    way: str = "rises",
-    threads: int | None = None,
-    progress: Progress = None,
-    **settings: Any,
-) -> xr.Dataset:
-    """Tell the states of the members wherever a quantity passes a value: a Poincare section.
+class SectionOptions(Options):
+    """What `section` may be asked."""
 
-    A member is integrated as always. Between two saves at which the quantity lies on both sides of
-    the value, the crossing is sought by Chandrupatla's method, with steps of rk8 from the earlier
-    save. These are no longer than those of the run, turn no member by more than 0.2 rad
-    (tests/whole/test_claims.py), and are halved until halving changes nothing. Two crossings
-    between two saves are not seen.
-    Source: Henon, Physica D 5 (1982) 412; Chandrupatla, Adv. Eng. Softw. 28 (1997) 145.
-
-    Parameters
-    ----------
-    scene : Scene or path_like
-        what is run; without noise
-    at : str
-        "omega[1] = 0": any observable that the scene can save, or a component of it; "every 12.5":
-        a time [s], from the start on; "every orbit": once in each orbit of a `GravityGradient`
-    way : str, optional
-        whether the quantity "rises" there, "falls", or "both"
-    threads : int, optional
-        as of `simulate`
-    progress : bool or callable, optional
-        True for what the study will cost, told before the first member, and a bar; or a function
-        of (members done, all)
-    **settings : object
-        of `simulate`; `every` is the time between two looks for a crossing, by default one step
-
-    Returns
-    -------
-    xarray.Dataset
-        over point, in the order of members and times: `member`, `time`, attitude, momentum, and
-        whatever the scene saves; the attribute `lost` is the number of crossings that were not
-        found, because steps between saves did not converge
-
-    Raises
-    ------
-    OptionError
-        for a quantity that is not known at save times
-    SceneError
-        for random effects: between saves a path with noise is not known
-
-    Examples
-    --------
-    A body that turns about its long axis, whenever axis 1 comes past the same side:
-
-    >>> scene = rm.Scene(rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=(1.0, 0.2, 0.1)))
-    >>> found = rm.section(scene, "omega[2] = 0", members=1, dt=0.01, t_end=50.0)
-    >>> found.time.diff("point").values.round(9).tolist()  # its period
-    [10.858161105, 10.858161105, 10.858161105]
-    """
-    scene = designed(scene, at, **settings)
-
-    def joined(parts: Iterable[xr.Dataset]) -> xr.Dataset:
-        return _joined(scene, at, way, parts, threads)
-
-    size = _size(saves_of(scene))
-    return joined(chunks(scene, size, threads, progress, lambda part: joined([part])))
+    at: str = option(
+        REQUIRED,
+        'where the points are: "omega[1] = 0", "every orbit", "every 12.5" (seconds)',
+        more="a value of any observable that the scene can save, or of a component of it; once in"
+        " each orbit of a `GravityGradient`; or once in a time, from the start on",
+        metavar="WHERE",
+    )
+    way: str = option("rises", "whether the quantity rises there, falls, or both", metavar="WAY")
 
 
-def designed(scene: Scene, at: str, **settings: Any) -> Scene:
-    """The scene whose members are those of a section, with the saves that it needs.
+class PlaneOptions(Options):
+    """The numbers of a point over which the section is drawn."""
 
-    Arguments as of `section`.
-    """
-    scene = scene.with_run(**settings)
+    x: str | None = option(None, 'of the picture, such as "momentum[2]"', metavar="NAME")
+    y: str | None = option(None, "the same, for the other axis", metavar="NAME")
+
+
+def scene_of_points(scene: Scene, options: SectionOptions, settings: Mapping[str, Any]) -> Scene:
+    """The scene whose members are those of a section, with the saves that it needs."""
+    at = options.at
     refuse_count(scene.run.members, "members of a section", POINT, "take fewer members")
     if period := period_of(scene, at):
         if not period / scene.run.dt < MOST_STEPS:
@@ -110,32 +94,20 @@ def designed(scene: Scene, at: str, **settings: Any) -> Scene:
     return _saving(scene, name, every=every)
 
 
-def section_of(
-    result: xr.Dataset,
-    at: str,
-    way: str = "rises",
-    threads: int | None = None,
-    allow_code: bool = False,
-) -> xr.Dataset:
-    """Tell what `section` tells, of a result that has attitude, momentum and the quantity.
-
-    allow_code : whether to run the Python files of a user's own parts
-
-    Raises OptionError if the result lacks one of them, and as `section`.
-    """
-    scene = scene_of(result, allow_code=allow_code)
-    names = STATE if period_of(scene, at) else (*STATE, crossing_of(scene, at, way).of.name)
+def check_saved(scene: Scene, result: xr.Dataset, options: SectionOptions) -> None:
+    """OptionError for a result without attitude, momentum and the quantity."""
+    at = options.at
+    of = () if period_of(scene, at) else (crossing_of(scene, at, options.way).of.name,)
+    names = (*STATE, *of)
     for name in names:
         if name not in result or "time" not in result[name].dims:
             rule = f"needs {name} at save times; `rigidmc run SCENE --save {','.join(names)}`"
             raise OptionError(
                 f"a section {rule}", at="at", value=at, nearest=nearest(name, list(result))
             )
-    parts = pieces(result, _size(result.sizes["time"]))
-    return _joined(scene, at, way, parts, threads)
 
 
-def _size(saves: int) -> int:
+def batch_of(saves: int) -> int:
     """How many members are looked at at once."""
     return max(1, BYTES // (8 * 12 * max(1, saves)))
 
@@ -148,23 +120,22 @@ def _saving(scene: Scene, *more: str, **settings: Any) -> Scene:
     return wider
 
 
-def _joined(
-    scene: Scene, at: str, way: str, parts: Iterable[xr.Dataset], threads: int | None
-) -> xr.Dataset:
-    """The points of some results, one after the other."""
+def reduce(batches: Batches, options: SectionOptions) -> xr.Dataset:
+    """The Dataset of the study of members: their points, one after the other."""
+    scene, at, way = batches.scene, options.at, options.way
     found, flagged, lost, attrs = [], 0, 0, dict[str, Any]()
     crossing = None if period_of(scene, at) else crossing_of(scene, at, way)
     wider = _saving(scene, *((crossing.of.name,) if crossing else ()))
     observed = {
         name: one for name, one in recording(wider).recorded.items() if of_the_state(scene, name)
     }
-    for part in parts:
+    for part in batches.results:
         flagged += int((part.status != 0).sum())
         attrs |= {name: part[name].attrs for name in observed if name in part}
         if crossing is None:
             found.append(periodic(part, observed))
         else:
-            points, missing = crossed(scene, part, crossing, observed, threads)
+            points, missing = crossed(scene, part, crossing, observed, batches.threads)
             found.append(points)
             lost += missing
     observed = {name: one for name, one in observed.items() if name in attrs}
@@ -231,3 +202,22 @@ def table(study: xr.Dataset) -> list[str]:
             f" {study.attrs['lost']:,}; save more often"
         )
     return lines
+
+
+section = Study(
+    name="section",
+    text=__doc__,
+    options=SectionOptions,
+    work=Members(scene_of_points, reduce, batch_of, check=check_saved),
+    table=table,
+    picture="section_points",
+    picture_options=PlaneOptions,
+    settings_help={
+        "every": "time between two looks for a crossing [s]; by default one step of the run"
+    },
+    scene_text="what is run; without noise",
+    settings_text="of `simulate`; `every` is the time between two looks for a crossing, by default"
+    " one step",
+    source="a result that has attitude and momentum",
+    example=Example("kovalevskaya", {"at": "omega[1] = 0"}, {"members": 40, "t_end": 2.0}),
+)

@@ -1,0 +1,239 @@
+"""The command of every study: made of its record, when it is run or its help page is shown.
+
+`rigidmc --help` takes the names and texts of `rigidmc.studies.STUDIES`, and loads no study.
+"""
+
+import inspect
+import os
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import typer
+from typer.core import TyperCommand
+from typer.main import get_command_from_info
+from typer.models import CommandInfo
+
+from rigidmc.cli.app import INCOMPLETE, STUDY, app, load_scene, open_result
+from rigidmc.cli.directories import Ways, begun, names_a_run, refuse_force, refuse_ways
+from rigidmc.cli.options import (
+    AllowCode,
+    Cluster,
+    Device,
+    Force,
+    MaxWall,
+    OutputOrRun,
+    Plot,
+    Set,
+    Shards,
+    ShardSize,
+    ShardTime,
+    Threads,
+    count_option,
+    gathering,
+    takes_settings,
+)
+from rigidmc.cli.reporting import keep, refuse_outputs, reported, show_done
+from rigidmc.errors import OptionError
+from rigidmc.studies import STUDIES, load_study
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+    from rigidmc.results.run_directory import RunDirectory
+    from rigidmc.studies.framework.options import Option
+    from rigidmc.studies.framework.study import Study
+
+
+class Where(NamedTuple):
+    """How members are computed and where they go, as options.
+
+    settings : of --set;  output : a file, or a run directory;  ways : that only these have
+    """
+
+    settings: list[str]
+    allow_code: bool
+    threads: int | None
+    output: str | None
+    plot: str | None
+    force: bool
+    ways: Ways
+
+
+def _where(given: dict[str, Any]) -> Where:
+    """The Where of the options."""
+    ways = Ways(*(given.pop(name) for name in Ways._fields))
+    settings, output = list(given["settings"] or ()), given["output"]
+    flags = bool(given["allow_code"]), bool(given["force"])
+    return Where(settings, flags[0], given["threads"], output, given["plot"], flags[1], ways)
+
+
+takes_members = gathering(  # decorates a command that has a parameter `where`
+    "where",
+    {
+        "settings": Set, "allow_code": AllowCode, "threads": Threads, "device": Device,
+        "output": OutputOrRun,
+        "plot": Plot, "force": Force, "max_wall": MaxWall, "shards": Shards,
+        "shard_size": ShardSize, "shard_time": ShardTime, "cluster": Cluster,
+    },
+    _where,
+)  # fmt: skip
+
+
+class StudyCommand(TyperCommand):
+    """A command whose parameters and function are made of the record when they are first asked
+    for: this loads the study, which takes a second."""
+
+    _made: TyperCommand | None = None
+
+    @property
+    def made(self) -> Any:
+        """The command itself."""
+        if self._made is None:
+            info = CommandInfo(name=self.name, callback=command_of(load_study(str(self.name))))
+            self._made = get_command_from_info(  # type: ignore[assignment]
+                info, pretty_exceptions_short=True, rich_markup_mode="rich"
+            )
+        return self._made
+
+    @property
+    def params(self) -> Any:
+        """Its argument and options."""
+        return self.made.params
+
+    @params.setter
+    def params(self, value: Any) -> None:
+        """What typer made of a function without parameters is left out."""
+
+    @property
+    def callback(self) -> Any:
+        """Its function."""
+        return self.made.callback
+
+    @callback.setter
+    def callback(self, value: Any) -> None:
+        """As of `params`."""
+
+
+def command_of(study: "Study") -> Callable[..., None]:
+    """The function of the command of a study, with options as typer reads them."""
+    from rigidmc.studies.framework.options import options_of
+
+    asked, pictured = options_of(study.options), options_of(study.picture_options)
+    asked = [one for one in asked if one.in_command]
+
+    def command(name: str, run: dict[str, Any], where: Where, **options: Any) -> None:
+        picture = {one.name: options.pop(one.name) for one in pictured}
+        with reported(name):
+            dataset, file = _studied(study, name, where, options, run)
+            lines = study.table(dataset)
+            _shown(dataset, file, where, lines, lambda found: study.draw(found, **picture))
+        if not study.is_complete(dataset):
+            raise typer.Exit(INCOMPLETE)
+
+    kind = inspect.Parameter.KEYWORD_ONLY
+    text = f"A shipped scene or a TOML file; or {study.source}."
+    source = Annotated[str, typer.Argument(metavar=study.work.sources, help=text)]
+    parameters = [
+        inspect.Parameter("name", kind, annotation=source),
+        *(_parameter(one) for one in (*asked, *pictured)),
+        *(inspect.Parameter(name, kind) for name in ("run", "where")),
+    ]
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    settings = takes_settings(*(study.settings or ()), words=study.settings_help)
+    return settings(takes_members(command))
+
+
+def _parameter(one: "Option") -> inspect.Parameter:
+    """An option of a study as a parameter of its command."""
+    from rigidmc.studies.framework.options import REQUIRED, Words
+
+    key, text = f"--{one.name.replace('_', '-')}", f"{one.text[0].upper()}{one.text[1:]}."
+    more: dict[str, Any] = {"help": text.replace("[", "\\[")}
+    kind: Any = list[str] if one.type == Words else one.type
+    kind = kind if one.default is REQUIRED else kind | None
+    made = typer.Option(key, metavar=one.metavar or None, **more)
+    if one.type is int:
+        made = count_option(key, one.least, **more)
+    # the help page shows the default of a word; None tells what is not given
+    is_shown = one.default is REQUIRED or (one.type is str and not one.is_new)
+    return inspect.Parameter(
+        one.name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=one.default if is_shown else None,
+        annotation=Annotated[kind, made],
+    )
+
+
+def _studied(
+    study: "Study", name: str, where: Where, options: dict[str, Any], run: dict[str, Any]
+) -> "tuple[xr.Dataset, str | None]":
+    """(a study, the file to write it to): of a result or a run directory, of members that a run
+    directory computes, or of members that are computed now."""
+    from rigidmc.progress import say
+    from rigidmc.studies.framework.members import Members
+    from rigidmc.studies.framework.options import options_of
+
+    output, ways, code = where.output, where.ways, where.allow_code
+    news = {one.name for one in options_of(study.options) if one.is_new}
+    new = {key: value for key, value in options.items() if key in news}
+    asked = {key: value for key, value in options.items() if value is not None}
+    again = {key: value for key, value in asked.items() if key not in news}
+
+    def stored(path: str) -> "xr.Dataset":
+        result = open_result(path, code) if isinstance(study.work, Members) else path
+        return study.of(result, allow_code=code, threads=where.threads, **again)
+
+    folder = output if output is not None and names_a_run(output) else None
+    refuse_outputs(where.force, plot=where.plot, study=None if folder else output)
+    if os.path.isdir(name) or name.lower().endswith(".nc"):
+        _refuse_new({"set": where.settings or None, **new, **run, **ways._asdict()})
+        return stored(name), output
+    if folder is None:
+        refuse_ways(ways)
+        design, read = study.designed(load_scene(name, where.settings, code), asked, run)
+        progress: Any = True
+        if isinstance(study.work, Members):
+            say(study.work.price(design, read, where.threads))
+            progress = show_done
+        return study.work.compute(design, read, where.threads, None, progress), output
+    refuse_force(folder, where.force)
+    design, read = study.designed(load_scene(name, where.settings, code), asked, run)
+
+    def make(
+        size: float | None, only: range | None, threads: int | None, limit: float | None
+    ) -> "RunDirectory":
+        sizes = {"size": size, "only": only, "threads": threads, "limit": limit}
+        return study.work.create(study.name, design, read, folder, **sizes)
+
+    code_of_run, whole = begun(make, ways, where.threads, code)
+    if not whole:
+        raise typer.Exit(code_of_run)
+    return stored(folder), None
+
+
+def _shown(
+    dataset: "xr.Dataset", file: str | None, where: Where, lines: list[str],
+    draw: "Callable[[xr.Dataset], Figure]",
+) -> None:  # fmt: skip
+    """Write a study and its picture, and print its lines, also if a file cannot be written."""
+    try:
+        lines += keep(dataset, file, where.plot, where.force, draw)
+    finally:
+        print("\n".join(lines))
+
+
+def _refuse_new(given: dict[str, Any]) -> None:
+    """OptionError for an option of new members beside those that exist."""
+    for key, value in given.items():
+        if value is not None:
+            rule = "is for a new study, and the members of this one exist"
+            raise OptionError(rule, at=key, value=value)
+
+
+def _unmade() -> None:
+    """In place of the function of a command, until it is made."""
+
+
+for _name, _text in STUDIES.items():
+    app.command(_name, cls=StudyCommand, help=_text, rich_help_panel=STUDY)(_unmade)

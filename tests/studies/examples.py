@@ -1,0 +1,30 @@
+"""The examples of studies as calls and as words of the command line, for tests over all of them."""
+
+import rigidmc as rm
+from rigidmc.studies import load_study
+from rigidmc.studies.framework.options import options_of
+
+
+def function_of(name):
+    """The example of a study as a call without arguments."""
+    study = load_study(name)
+    scene, options, settings = study.example
+    return lambda: getattr(rm, name)(scene, **options, **settings, threads=1)
+
+
+def words_of(name, stored=False):
+    """The options of the example, of those of members only if they are to be computed."""
+    study = load_study(name)
+    kept = [one.name for one in options_of(study.options) if not (stored and one.is_new)]
+    options = {key: value for key, value in study.example.options.items() if key in kept}
+    return _words(options if stored else {**options, **study.example.settings})
+
+
+def command_words(name):
+    """The command of the example."""
+    return [name, load_study(name).example.scene, *words_of(name)]
+
+
+def _words(options):
+    pairs = ((f"--{key.replace('_', '-')}", value) for key, value in options.items())
+    return [word for pair in pairs for word in pair]

@@ -1,0 +1,167 @@
+"""What is made of the record of a study, for every study of the registry: function, command, run
+directory, result, picture, and what they refuse."""
+
+import inspect
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+from typer.main import get_command
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc.cli import app
+from rigidmc.studies import STUDIES, load_study
+from rigidmc.studies.framework.members import Members
+from rigidmc.studies.framework.options import REQUIRED, Options, Words, option, options_of
+from tests.studies.examples import command_words, function_of, words_of
+
+INVALID, USAGE = 3, 2
+
+
+def done(*words, codes=(0,)):
+    """What a command prints."""
+    found = CliRunner().invoke(app, [str(word) for word in words])
+    assert found.exit_code in codes, found.output
+    return found.output
+
+
+@pytest.fixture(scope="module")
+def studied():
+    """A function of a name: the Dataset of the example of this study, computed once."""
+    known = {}
+
+    def of(name):
+        if name not in known:
+            known[name] = function_of(name)()
+        return known[name]
+
+    return of
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def assert_same(stored, dataset):
+    """That a file has the numbers of a Dataset, to the bit, and its attributes."""
+    with xr.open_dataset(stored) as found:
+        assert set(found.variables) == set(dataset.variables)
+        for name, variable in dataset.variables.items():
+            np.testing.assert_array_equal(found[name].values, variable.values, name)
+        for key, value in dataset.attrs.items():
+            np.testing.assert_array_equal(*np.atleast_1d(found.attrs[key], value), key)
+
+
+# those whose numbers come from the members of one scene; the others are made of tasks
+OF_MEMBERS = [name for name in STUDIES if isinstance(load_study(name).work, Members)]
+DONE = 0, 4, 5  # some flagged, or an accuracy that is not reached
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_command_and_function_give_the_same(name, studied, here):
+    files = "-o", "study.nc", "--plot", "study.png"
+    dataset = studied(name)
+    codes = (0,) if load_study(name).is_complete(dataset) else (5,)
+    printed = done(*command_words(name), *files, "--threads", 1, codes=codes)
+    assert_same("study.nc", dataset)
+    assert all(line in printed for line in load_study(name).table(dataset))
+    assert (here / "study.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_run_directory_resumes_to_the_same(name, studied, here):
+    """A run that lost a shard computes it again; tests/runs/test_resume.py kills such runs."""
+    short = ("--shard-time", 1e-9) if name in OF_MEMBERS else ()
+    done(*command_words(name), *short, "-o", "run/", codes=DONE)
+    *_, last = shards = sorted((here / "run" / "shards").iterdir())
+    assert len(shards) > 1
+    last.unlink()
+    done("status", "run/", codes=(5,))
+    assert "not done" not in done("resume", "run/")
+    assert "all of them sound" in done("verify", "run/")
+    done(name, "run/", *words_of(name, stored=True), "-o", "again.nc", codes=DONE)
+    assert_same("again.nc", studied(name))
+
+
+@pytest.mark.parametrize("name", OF_MEMBERS)
+def test_a_result_gives_what_the_scene_gives(name, studied, here):
+    study = load_study(name)
+    scene = study.design(study.example.scene, **study.example.options, **study.example.settings)
+    rm.simulate(scene, output="members.nc").close()
+    old = {one.name for one in options_of(study.options) if not one.is_new}
+    asked = {key: value for key, value in study.example.options.items() if key in old}
+    with rm.open("members.nc") as result:
+        assert study.of(result, **asked).identical(studied(name))
+    assert "no such" not in done(name, "members.nc", *words_of(name, stored=True))
+    if new := [one for one in options_of(study.options) if one.is_new]:
+        words = f"--{new[0].name}", study.example.options[new[0].name]
+        said = done(name, "members.nc", *words_of(name, stored=True), *words, codes=(INVALID,))
+        assert "the members of this one exist" in said
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_wrong_options_are_refused(name, here):
+    study = load_study(name)
+    first = options_of(study.options)[0]
+    for word in (first.name, "t_end"):
+        with pytest.raises(TypeError, match=f"did you mean '{word}'"):
+            study(study.example.scene, **study.example.options, **{f"{word}s": 1})
+    assert "No such option" in done(*command_words(name), "--familis", 3, codes=(USAGE,))
+    counts = [one for one in options_of(study.options) if one.type is int]
+    for one in counts:
+        with pytest.raises(rm.OptionError, match=f"{one.name} = 0: expected a whole number"):
+            study(study.example.scene, **{**study.example.options, one.name: 0})
+        if one.in_command:
+            said = done(*command_words(name), f"--{one.name}", 0, codes=(INVALID,))
+            assert f"--{one.name} = 0: expected a whole number" in said
+    with pytest.raises(rm.SceneError, match="is a int; expected a Scene"):
+        study(3, **study.example.options)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_the_picture_draws(name, studied):
+    figure = load_study(name).draw(studied(name))
+    assert isinstance(figure, Figure)
+    assert any(axes.get_xlabel() or axes.get_ylabel() for axes in figure.axes)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_signature_docstring_and_help_page_have_every_option(name):
+    study = load_study(name)
+    command = get_command(app).commands[name]
+    helps = {one.name: getattr(one, "help", "") for one in command.params}
+    pages = inspect.getdoc(study)
+    for one in options_of(study.options):
+        assert one.name in inspect.signature(study).parameters
+        assert f"\n{one.name} : " in pages
+        if one.in_command:
+            assert one.text[1:].replace("[", "\\[") in helps[one.name]
+    assert command.help.startswith(STUDIES[name].split("\n")[0])
+
+
+class Every(Options):
+    """An option of each kind."""
+
+    of: Words = option(REQUIRED, "what")
+    count: int = option(3, "how many", least=2)
+    share: float | None = option(None, "of it", above=0.0, below=1.0)
+    way: str = option("up", "where to")
+
+
+def test_options_are_read_once_for_function_and_command():
+    read = Every.read({"of": "omega", "count": 1e2})
+    assert (read.of, read.count, read.share, read.way) == (("omega",), 100, None, "up")
+    assert [one.type for one in options_of(Every)] == [Words, int, float, str]
+    assert Every.read({"of": ["a", "b"], "share": 0.5}).of == ("a", "b")
+    for values, words in (
+        ({"count": 1}, "count = 1: expected a whole number of at least 2"),
+        ({"share": 1.0}, "share = 1.0: expected a number above 0 and below 1"),
+        ({"share": "x"}, "share = 'x': expected a number"),
+    ):
+        with pytest.raises(rm.OptionError) as error:
+            Every.read({"of": "omega", **values})
+        assert words in str(error.value)
