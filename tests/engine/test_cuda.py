@@ -493,10 +493,11 @@ def test_a_cluster_moves_members_on_devices(fake, tmp_path, monkeypatch):
 def test_blocks_fill_devices_and_no_memory(fake):
     """Few members are one block for each device; many saves make blocks small, shards are one."""
     fake(devices=2)
+    scene = SCENE.with_run(save=("omega", "flips"))
     with rm.device("cuda"):
-        few = plan_of(SCENE.with_run(members=1000))
-        many = plan_of(SCENE.with_run(members=10**7))
-        wide = plan_of(SCENE.with_run(members=10**7, every=0.02))
+        few = plan_of(scene.with_run(members=1000))
+        many = plan_of(scene.with_run(members=10**7))
+        wide = plan_of(scene.with_run(members=10**7, every=0.02))
         blocks = [block_of(one, 16, "cuda", False) for one in (few, many)]
         block = block_of(wide, 16, "cuda", True)
         assert blocks == [512, 156_256] and movers(16, "cuda") == 2
