@@ -103,7 +103,7 @@ class Distribution:
         if self.name == "uniform":
             low, high = max(low, self.parameters[0]), min(high, self.parameters[1])
         law = Truncated("truncated", (self, float(low), float(high)))
-        if not law.share() > 1e-300:
+        if not law.share() > 1e-300:  # pure: smaller shares leave no digits to divide by
             rule = "the distribution has no numbers between these"
             raise SceneError(rule, at="between", value=given)
         # a uniform one has bits of its own, which are the same for every version of scipy

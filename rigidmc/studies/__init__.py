@@ -1,17 +1,23 @@
-"""The studies: questions about a scene, a folder each, and what each of them answers.
+"""Studies: each takes a scene to a Dataset that answers one question about it.
 
-A study is one record, a `Study` of `rigidmc.studies.framework.study`, at the end of `study.py` in
-its folder. Its function, its command, its run directory and its tests are made of it, and the rest
-of the package knows of it by its entry below: docs/contributing.md has the recipe. Reading order:
-`framework/study` (the record), `ftle/study` (the shortest one), `framework/members` and
-`framework/tasks` (what computes).
+A study is a folder, and one record: a `Study` of `rigidmc.studies.framework.study`, at the end of
+`study.py`. The function that users call, its command, run directory, resume, price and generic
+tests are made of it, and the rest of the package knows of it by its entry below:
+docs/contributing.md has the recipe. `picture.py` draws it, and alone imports matplotlib.
+
+Reading order: `framework` (the record is in `framework/study`); `ftle` as the shortest one, then
+`basins`, `sensitivity`, `frequencies`, `section` (members of a design, by `framework/members`),
+`stability_map` (parameters against measures), `rare` and `multilevel` (tasks, by
+`framework/tasks`), `accuracy` and `stress` (integrators against truths). Three files are verbs, not
+studies: `until` (an ensemble grows until a measure is known), `closed_form` (one top beside its
+formula), `bits` (processors compared).
+
+What must never change: an answer carries its interval, or says why it has none; and it is the same
+for any number of threads, batches and restarts.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from rigidmc.studies.framework.study import Study
+from typing import Any
 
 # {name: what its command says}; help pages and indexes are made of it, and import no study
 STUDIES = {
@@ -45,7 +51,9 @@ STUDIES = {
 }
 
 
-def load_study(name: str) -> "Study":
-    """The record of a study of STUDIES: the value of its name in its file."""
-    study: Study = getattr(import_module(f"rigidmc.studies.{name}.study"), name)
-    return study
+def load_study(name: str) -> Any:
+    """The `Study` of a name of STUDIES: the value of that name in its file.
+
+    Its type is not told here: `framework` reads STUDIES, and no file imports one that imports it.
+    """
+    return getattr(import_module(f"rigidmc.studies.{name}.study"), name)

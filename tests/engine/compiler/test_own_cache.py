@@ -286,7 +286,7 @@ def bare(place, name, before, term):
 def test_what_no_stamp_tells_has_none(place):
     for reason, code in UNKNOWN.items():
         kind = class_of(bare(place, f"unknown {reason}", *code), "mine.py", "Push", "effects")
-        assert user_stamps.why_unkept(kind) == reason
+        assert user_stamps.why_not_cached(kind) == reason
         assert (user_stamps.stamp_of(kind) is None) == bool(reason)
 
 
