@@ -6,6 +6,7 @@ noise, works, neighbours, steps of members' own, and float32.
 
 import hashlib
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -123,13 +124,20 @@ def compared(word: str) -> Iterator[tuple[str, bool]]:
             yield case.name, digest(case.scene) == here
 
 
+def plain_steps(motion: str) -> Scene:
+    """The scene of a motion, its steps alone: it saves the energy, and watches nothing."""
+    scene = _motions()[motion].with_run(dt=0.01, save=("energy",))
+    return replace(scene, observables=())
+
+
 def speeds(word: str) -> Iterator[tuple[str, float, float]]:
     """(name, steps of members a second, operations a second) of a graphics processor.
 
-    The members of a block are on the device: saves and copies are left out.
+    Plain steps: the members of a block are on the device, saves and copies are left out, and
+    nothing is watched, which would cost more than the steps. Free members have no attitude.
     """
     for motion, name in (("free", "rk4"), ("heavy", "rk4"), ("free", "rk8"), ("free", "exact")):
-        scene = _motions()[motion].with_run(integrator=name, dt=0.01, save=("energy",))
+        scene = plain_steps(motion).with_run(integrator=name)
         run = prepared(scene)
         plan, rate = run.plan, 1e9 / cost_per_step(run, resolve_device(word))
         each = step_operations(plan.scheme, scene.effects, plan.has_attitude).all

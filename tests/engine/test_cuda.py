@@ -33,11 +33,13 @@ from rigidmc.engine.cuda import program as cuda
 from rigidmc.engine.cuda.devices import device_now
 from rigidmc.errors import NoRoom
 from rigidmc.physics.integrators import INTEGRATORS
+from rigidmc.planning.monitors import Monitors
 from rigidmc.protocols import effect
 from rigidmc.runs import price
 from rigidmc.runs.directory import checkpoints, cluster
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
+from rigidmc.runs.prepare import PreparedRun
 from rigidmc.runs.resources import (
     DEVICE_SLAB,
     WAVE,
@@ -395,6 +397,15 @@ def test_doctor_compares_and_measures(fake, monkeypatch):
     assert "75.00 G steps/s, 44 % of the peak in float64  free, rk4" in found.output
     monkeypatch.setattr(bits, "digest", lambda scene: object())
     assert invoked("doctor", "--cuda-check").exit_code == 4
+
+
+def test_speeds_are_of_steps_that_watch_nothing(monkeypatch):
+    """Events that are watched cost a device five times what heavy steps of rk4 cost."""
+    runs = list[PreparedRun]()
+    monkeypatch.setattr(bits, "cost_per_step", lambda run, _: runs.append(run) or 1.0)
+    assert [steps for _, steps, _ in bits.speeds("cpu")] == 4 * [1e9]
+    assert [run.plan.monitors for run in runs] == 4 * [Monitors()]
+    assert [run.plan.has_attitude for run in runs] == [False, True, False, False]
 
 
 def test_commands_take_a_device(fake, monkeypatch, tmp_path):
