@@ -12,6 +12,7 @@ import typer
 from rigidmc.cli.app import FLAGGED, REFERENCE, app
 from rigidmc.cli.reporting import reported
 from rigidmc.errors import NoDevice
+from rigidmc.version import VERSION
 
 if TYPE_CHECKING:
     from rigidmc.engine.cuda.devices import Device
@@ -66,7 +67,7 @@ def _different() -> int:
 
 
 PACKAGES = (
-    "rigidmc", "numpy", "numba", "llvmlite", "xarray",
+    "numpy", "numba", "llvmlite", "xarray",
     "netCDF4", "scipy", "pydantic", "matplotlib", "cuda-bindings",
 )  # fmt: skip
 
@@ -97,6 +98,7 @@ def machine_facts() -> dict[str, str | int]:
         "python": sys.version.split()[0],
         "system": platform.platform(),
         **_devices(),
+        "rigidmc": VERSION,  # also of a source tree that is not installed
     }
     for package in PACKAGES:
         try:

@@ -8,6 +8,8 @@ from typing import Any
 import llvmlite.binding as llvm
 import numba
 
+from rigidmc.version import VERSION
+
 config: Any = numba.config
 UNCOMPILED = {"compiled": "no (NUMBA_DISABLE_JIT)"}  # compiled code has no such entry
 
@@ -45,10 +47,12 @@ def this_machine(*more: str) -> tuple[dict[str, str], str]:
     UNCOMPILED if nothing is compiled.
     more : names of other packages that draw numbers of a scene
     """
-    names = ("rigidmc", "numpy", "numba", "llvmlite", "netCDF4", *more)
+    names = ("numpy", "numba", "llvmlite", "netCDF4", *more)
     processor = f"{platform.machine()} {llvm.get_host_cpu_name()}, {vector_bits()} bit"
     plain = UNCOMPILED if is_uncompiled() else {}
-    return {**{name: version(name) for name in names}, **plain}, processor
+    # a source tree on the path has no entry among installed packages
+    versions = {"rigidmc": VERSION, **{name: version(name) for name in names}}
+    return {**versions, **plain}, processor
 
 
 def is_uncompiled() -> bool:

@@ -2,8 +2,10 @@
 
 import logging
 import os
+import re
 import subprocess
 import sys
+from importlib import metadata
 from typing import NamedTuple
 
 import pytest
@@ -11,8 +13,8 @@ import scipy
 from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
-from rigidmc.engine import compile_time
+from rigidmc.cli import app, doctor
+from rigidmc.engine import compile_time, machine
 from rigidmc.engine.compile_time import list_kernels, seconds, summary
 from rigidmc.engine.machine import this_machine
 from rigidmc.physics.integrators import INTEGRATORS
@@ -203,6 +205,20 @@ def test_a_run_tells_what_its_code_is_generated_for(tmp_path):
         assert f"code generated for {this_machine()[1]}, by rigidmc {rm.__version__}" in told
         assert ("scipy" in told) == (name == "drawn")
     assert f"generated for {this_machine()[1]}" in invoke("doctor").output
+
+
+def test_a_source_tree_that_is_not_installed_tells_its_version(monkeypatch):
+    def missing(name):
+        if name == "rigidmc":
+            raise metadata.PackageNotFoundError(name)
+        return "1.0"
+
+    monkeypatch.setattr(machine, "version", missing)
+    monkeypatch.setattr(doctor, "version", missing)
+    assert this_machine()[0]["rigidmc"] == rm.__version__
+    shown = invoke("doctor")
+    assert shown.exit_code == 0
+    assert re.search(rf"^rigidmc +{re.escape(rm.__version__)}$", shown.output, re.M)
 
 
 def test_a_run_drawn_through_scipy_goes_on_with_that_version_alone(tmp_path):
