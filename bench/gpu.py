@@ -1,8 +1,8 @@
 """What graphics processors would run: the code of every integrator, and what it takes of a device.
 
 The code is compiled by the package as for a device, assembled by `ptxas` and read by `nvdisasm`, if
-they are there (packages nvidia-cuda-nvcc-cu12 and nvidia-cuda-nvdisasm). Where a device is at hand,
-its bits and speed are measured too.
+they are there (packages nvidia-cuda-nvcc-cu12 and nvidia-cuda-nvdisasm). Nothing of it is run:
+`python -m bench device` measures that.
 """
 
 import glob
@@ -26,8 +26,6 @@ from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.integrators import accepting
 from rigidmc.protocols import cross, effect, into_body, scale
 from rigidmc.runs.assemble import make_program
-from rigidmc.runs.directory.create import create
-from rigidmc.runs.directory.resume import resume
 from rigidmc.runs.prepare import prepared
 
 CAPABILITIES = (8, 0), (9, 0)
@@ -143,54 +141,6 @@ def inspected(what, name, scene, watched, capability):
     }
 
 
-def saving(scene, members):
-    """The row of a run in memory with 100 saves of 9 values."""
-    save = "omega", "attitude", "energy", "l2"
-    scene = scene.with_run(members=members, t_end=10.0, every=0.1, save=save)
-    began = time.perf_counter()
-    result = rm.simulate(scene, device="cuda")
-    took = time.perf_counter() - began
-    size = sum(result[name].nbytes for name in save)
-    return {"kind": "whole", "what": f"{members:,} members, 100 saves of 9 values, in memory",
-            "seconds": took, "gigabytes a second": size / took / 1e9}  # fmt: skip
-
-
-def written(scene, members):
-    """The row of a run directory: 1,000 steps, of which the last is saved."""
-    save = "omega", "attitude"
-    scene = scene.with_run(members=members, t_end=10.0, every=10.0, save=save, keep="final")
-    with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder, rm.device("cuda"):
-        began = time.perf_counter()
-        resume(create(scene, os.path.join(folder, "run")))
-        took = time.perf_counter() - began
-    return {"kind": "whole", "what": f"{members:,} members, 1,000 steps, to a run directory",
-            "seconds": took}  # fmt: skip
-
-
-def on_devices(quick):
-    """The rows of the devices of this machine, [] if there are none."""
-    from rigidmc.engine.cuda.devices import devices
-    from rigidmc.studies.bits import compared, speeds
-
-    try:
-        first = devices()[0]
-    except rm.NoDevice:
-        return []
-    same = list(compared("cuda"))
-    rows = [
-        harness.target("cases with the bits of the processor", len(same), sum(s for _, s in same))
-    ]
-    for name, steps, operations in speeds("cuda:0"):
-        rows.append({"kind": "speed", "device": first.name, "what": name, "steps": steps,
-                     "share": operations / first.peak})  # fmt: skip
-    free = scenes(True)["nothing"].with_run(integrator="rk4")
-    return [
-        *rows,
-        saving(free, 2**14 if quick else 2**20),
-        written(free, 10 ** (5 if quick else 8)),
-    ]
-
-
 def run(quick):
     """All rows of the bench."""
     rows = []
@@ -221,7 +171,7 @@ def run(quick):
                 at_most=True,
             ),
         ]  # fmt: skip
-    return [*rows, *on_devices(quick), *targets]
+    return [*rows, *targets]
 
 
 def report(rows):
@@ -256,22 +206,4 @@ def report(rows):
             if row.get("sass") and not row["watched"]
         ],
     )  # fmt: skip
-    speeds = [row for row in rows if row["kind"] == "speed"]
-    if speeds:
-        harness.table(
-            f"steps a second of {speeds[0]['device']}",
-            ["", "G steps/s", "share of the peak in float64"],
-            [[r["what"], f"{r['steps'] / 1e9:.2f}", f"{r['share']:.2f}"] for r in speeds],
-        )
-        harness.table(
-            "whole runs",
-            ["", "s", "GB/s"],
-            [
-                [r["what"], f"{r['seconds']:.1f}", f"{r.get('gigabytes a second', 0.0):.1f}"]
-                for r in rows
-                if r["kind"] == "whole"
-            ],
-        )
-    else:
-        print("no device was at hand: the code was compiled and inspected, not run")
     harness.report_targets(rows)

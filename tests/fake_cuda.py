@@ -31,10 +31,10 @@ NAMES = {1: "INVALID_VALUE", 2: "OUT_OF_MEMORY", 201: "INVALID_CONTEXT", 719: "L
 
 
 class Attributes:
-    """CUdevice_attribute: its numbers are its names."""
+    """CUdevice_attribute and CUfunction_attribute: their numbers are their names."""
 
     def __getattr__(self, name):
-        return name.removeprefix("CU_DEVICE_ATTRIBUTE_")
+        return name.removeprefix("CU_DEVICE_ATTRIBUTE_").removeprefix("CU_FUNC_ATTRIBUTE_")
 
 
 def current(method):
@@ -61,7 +61,7 @@ class FakeDriver(types.ModuleType):
     copies and launches are made when a stream is waited for.
     """
 
-    CUdevice_attribute = Attributes()
+    CUdevice_attribute = CUfunction_attribute = Attributes()
 
     def __init__(self, devices=1, memory=2**30, fail_at=None, shown=None):
         super().__init__("driver")
@@ -217,6 +217,10 @@ class FakeDriver(types.ModuleType):
         function = kind(module.of.get_function_address(name.decode()))
         function.engine = module.of  # which owns the code
         return OK, Thing(module.context, function)
+
+    @current
+    def cuFuncGetAttribute(self, name, function):
+        return OK, {"NUM_REGS": 176, "LOCAL_SIZE_BYTES": 2800}[name]  # as rk4 with gravity has
 
     @current
     def cuOccupancyMaxActiveBlocksPerMultiprocessor(self, function, threads, memory):

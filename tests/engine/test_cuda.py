@@ -22,8 +22,19 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import rigidmc as rm
+from bench import device as device_bench
+from bench.__main__ import main as bench_main
 from bench.bits import QUICK, sums
-from bench.gpu import APPROXIMATE, NO_SPILL, ROUNDED, inspected, march_of, scenes, tool
+from bench.gpu import (
+    APPROXIMATE,
+    NO_SPILL,
+    ROUNDED,
+    assembled,
+    inspected,
+    march_of,
+    scenes,
+    tool,
+)
 from rigidmc.cli import app
 from rigidmc.engine.compiler import disk_cache
 from rigidmc.engine.compiler import kernels as pieces
@@ -406,6 +417,42 @@ def test_speeds_are_of_steps_that_watch_nothing(monkeypatch):
     assert [steps for _, steps, _ in bits.speeds("cpu")] == 4 * [1e9]
     assert [run.plan.monitors for run in runs] == 4 * [Monitors()]
     assert [run.plan.has_attitude for run in runs] == [False, True, False, False]
+
+
+@pytest.mark.slow
+def test_the_bench_measures_a_device(fake, capsys):
+    fake()
+    rows = device_bench.run(True)
+    kinds = Counter(row["kind"] for row in rows)
+    assert {"card", "bits", "target", "speed", "block", "whole"} <= set(kinds)
+    assert all(row["same"] for row in rows if row["kind"] == "bits")
+    (speed,) = (row for row in rows if row["kind"] == "speed")
+    assert speed["speed"] > 0.0 and (speed["registers"], speed["threads"]) == (176, 128)
+    (block,) = (row for row in rows if row["kind"] == "block")
+    assert (block["threads"], block["resident"], block["limit"]) == (32, 256, None)
+    device_bench.report(rows)
+    assert "free, momentum alone" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@ON_LINUX
+def test_the_bench_limits_the_registers_of_a_thread(fake):
+    """Also those of the steps, which the kernel calls."""
+    fake(compiled=False)
+    text = kernels("rk4")["free, rk4, 0.05"].ptx((9, 0))
+    assert device_bench.limited(text, None) == text
+    found = assembled(device_bench.limited(text, 80), (9, 0))
+    assert 64 < found["registers"] <= 80  # measured 80, and 255 without a limit
+
+
+def test_the_bench_keeps_its_rows_without_a_device(fake, monkeypatch, tmp_path):
+    fake(devices=0)
+    assert device_bench.run(True) == []
+    monkeypatch.setattr(sys, "argv", ["bench", "device", "--output", str(tmp_path)])
+    monkeypatch.setattr(os, "environ", dict(os.environ))
+    (tmp_path / "device.json").write_text("kept")
+    bench_main()
+    assert (tmp_path / "device.json").read_text() == "kept"
 
 
 def test_commands_take_a_device(fake, monkeypatch, tmp_path):

@@ -1,0 +1,278 @@
+"""What graphics processors do: their bits, their speed, whole runs, and JAX on the same card.
+
+Without a device there are no rows. `python -m bench gpu` inspects the code that runs there.
+"""
+
+import contextlib
+import os
+import re
+import tempfile
+import time
+from functools import cached_property
+from unittest import mock
+
+import numpy as np
+
+import rigidmc as rm
+from bench import harness
+from bench.device_peers import peers
+from bench.gpu import scenes
+from rigidmc.engine.cuda import program as cuda
+from rigidmc.engine.cuda.devices import THREADS, _library, call_driver, devices
+from rigidmc.engine.inspection import step_operations
+from rigidmc.engine.kernel import layout
+from rigidmc.engine.kernel.arguments import StepRange
+from rigidmc.engine.program import NO_NOISE, NO_SAVES
+from rigidmc.physics.integrators import accepting
+from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.resume import resume
+from rigidmc.runs.prepare import prepared
+from rigidmc.studies import bits
+
+WORD = "cuda:0"
+INTEGRATORS = "rk4", "rk8", "strang", "exact"
+# {what moves: (word of its motion, what is saved)}; the momentum alone unless an attitude is needed
+MOVING = {
+    "free, momentum alone": ("free", ("energy",)),
+    "free, momentum alone, flips watched": ("free", ("energy", rm.Flips(2))),
+    "free": ("free", ("energy", "attitude")),
+    "heavy": ("heavy", ("energy",)),
+    "heavy, a passage watched": ("heavy", ("energy", rm.Passage(3, 0.6, "leaves"))),
+}
+MEMBERS = 2**17, 2**19, 2**21
+TILE = 2**14  # members that are drawn; a block has copies of them
+LAUNCHES = 10, 50, 200  # [ms]
+LIMITS = None, 128, 80  # registers of a thread at most
+ENTRY = re.compile(r"(\.visible \.entry members\([^)]*\))")
+
+
+class Steps:
+    """The steps of members on a device, and the numbers of their block, ready to be timed.
+
+    what : a key of MOVING;  limit : registers of a thread at most, None for as many as it takes
+    """
+
+    def __init__(self, what, integrator, limit=None):
+        motion, save = MOVING[what]
+        self.labels = {"what": what, "integrator": integrator}
+        scene = bits.plain_steps(motion).with_run(integrator=integrator, save=save)
+        self._run = run = prepared(scene)
+        plan, self.program = run.plan, run.program(WORD)
+        self.program._code = limited(self.program._code, limit)  # of this run alone, not yet loaded
+        self.operations = step_operations(plan.scheme, plan.model.effects, plan.has_attitude).all
+        self.module = self.program._stream().module
+
+    @cached_property
+    def _tile(self):
+        block, _ = self._run.initial(0, TILE)
+        block[layout.STEPS] = 1.0
+        return block
+
+    def speed(self, members, enough):
+        """Steps of members a second, copies of the block left out: two times apart by `enough` s
+        or more."""
+        staged = np.tile(self._tile, (1, -(-members // TILE)))[:, :members]
+        random = NO_NOISE._replace(members=np.arange(members))
+        order, dt = NO_SAVES._replace(order=np.arange(members)), self._run.plan.grid.dt
+
+        def timed(steps):
+            block, frame = staged.copy(), StepRange(dt, 1, steps, steps, 0, 0, steps)
+            began = time.perf_counter()
+            self.program.advance(block, frame, random, order)
+            return time.perf_counter() - began
+
+        steps = 16 * max(1, 2**21 // members)
+        timed(16)  # loads the code
+        while (took := timed(2 * steps) - timed(steps)) < enough:
+            steps *= 2
+        return members * steps / took
+
+    def facts(self):
+        """{what: number} of the code, as the driver tells."""
+        told = {"registers": "NUM_REGS", "local": "LOCAL_SIZE_BYTES"}
+        kind, name = _library().CUfunction_attribute, "CU_FUNC_ATTRIBUTE_"
+        with self.module.entered():
+            found = {
+                word: int(
+                    call_driver("cuFuncGetAttribute", getattr(kind, name + one), self.module.kernel)
+                )
+                for word, one in told.items()
+            }
+        return {**found, "threads": self.module.threads, "resident": self.module.resident}
+
+    def take_blocks(self, threads):
+        """Let blocks of PTX have so many threads from here on."""
+        function = "cuOccupancyMaxActiveBlocksPerMultiprocessor"
+        with self.module.entered():
+            blocks = int(call_driver(function, self.module.kernel, threads, 0))
+        self.module.threads, self.module.resident = threads, blocks * threads
+
+
+def limited(text, limit):
+    """PTX whose kernel may have so many registers; `ptxas` holds what it calls to them, too."""
+    if limit is None:
+        return text
+    made, many = ENTRY.subn(rf"\1\n.maxnreg {limit}", text)
+    assert many == 1
+    return made
+
+
+def same_bits(quick):
+    """The rows of all cases: whether the device gives the bits of the processor."""
+    some = bits.cases(("rk4",), ("free",)) if quick else bits.cases()
+    with mock.patch.object(bits, "cases", lambda: some):
+        rows = [{"kind": "bits", "case": name, "same": same} for name, same in bits.compared(WORD)]
+    right = sum(row["same"] for row in rows)
+    return [*rows, harness.target("cases with the bits of the processor", len(rows), right)]
+
+
+def speeds(quick, peak):
+    """The rows of steps a second, by what moves, integrator and members at once."""
+    rows, enough = [], 0.01 if quick else 0.3
+    for what in list(MOVING)[: 1 if quick else None]:
+        allowed = accepting(bits.plain_steps(MOVING[what][0]).effects)
+        names = [name for name in INTEGRATORS if name in allowed]
+        for name in names[: 1 if quick else None]:
+            steps = Steps(what, name)
+            for members in (TILE,) if quick else MEMBERS:
+                speed = steps.speed(members, enough)
+                share = speed * steps.operations / peak
+                rows.append({"kind": "speed", **steps.labels, "members": members, "speed": speed,
+                             "operations": steps.operations, "share": share,
+                             **steps.facts()})  # fmt: skip
+    return rows
+
+
+def launches(quick):
+    """The rows of steps a second by the time that a launch takes."""
+    rows, members = [], TILE if quick else 2**19
+    for what, name in (("heavy", "rk4"), ("free, momentum alone", "exact"))[: 0 if quick else None]:
+        steps = Steps(what, name)
+        for long in LAUNCHES:
+            with mock.patch.object(cuda, "LAUNCH", long / 1e3):
+                speed = steps.speed(members, 0.8)
+            rows.append({"kind": "launch", **steps.labels, "milliseconds": long,
+                         "members": members, "speed": speed})  # fmt: skip
+    return rows
+
+
+def blocks(quick):
+    """The rows of steps a second by the threads of a block and the registers of a thread."""
+    rows, members, enough = [], TILE if quick else 2**20, 0.01 if quick else 0.15
+    for what in ("free, momentum alone", "heavy")[: 1 if quick else None]:
+        for limit in LIMITS[: 1 if quick else None]:
+            steps = Steps(what, "rk4", limit)
+            for threads in sorted(THREADS)[: 1 if quick else None]:
+                steps.take_blocks(threads)
+                speed = steps.speed(members, enough)
+                rows.append({"kind": "block", **steps.labels, "limit": limit,
+                             "members": members, "speed": speed, **steps.facts()})  # fmt: skip
+    return rows
+
+
+def whole(what, members, run):
+    """The row of a run from the call to its result, with its bytes if that is in memory."""
+    began = time.perf_counter()
+    result = run()
+    took = time.perf_counter() - began
+    row = {"kind": "whole", "what": what, "members": members, "seconds": took}
+    return {**row, "bytes": result.nbytes} if result is not None else row
+
+
+def whole_runs(quick):
+    """The rows of whole runs; the first loads the code."""
+    many, large, huge = (2**12, 2**12, 2**14) if quick else (2**20, 10**7, 10**8)
+    free = scenes(True)["nothing"].with_run(integrator="rk4", t_end=10.0)
+    heavy = bits.plain_steps("heavy").with_run(integrator="rk4", checks=False, t_end=10.0)
+    nine = free.with_run(members=many, every=0.1, save=("omega", "attitude", "energy", "l2"))
+    last = heavy.with_run(every=10.0, save=("attitude",), keep="final")
+
+    def written():
+        scene = last.with_run(members=huge)
+        with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder, rm.device(WORD):
+            resume(create(scene, os.path.join(folder, "run")))
+
+    def here(scene):
+        return lambda: rm.simulate(scene, device=WORD)
+
+    saves = "free, 1,000 steps, 100 saves of 9 values, in memory"
+    ends = "heavy, 1,000 steps, the last attitude"
+    return [
+        whole(f"{saves}, with loading", many, here(nine)),
+        whole(saves, many, here(nine)),
+        whole(f"{ends}, in memory", large, here(last.with_run(members=large))),
+        whole(f"{ends}, in memory", huge, here(last.with_run(members=huge))),
+        whole(f"{ends}, to a run directory", huge, written),
+    ]
+
+
+def driver():
+    """The version of NVIDIA's driver, None where Linux does not tell it."""
+    with contextlib.suppress(OSError), open("/proc/driver/nvidia/version") as file:
+        if found := re.search(r"Kernel Module.*?\s(\d+\.[\d.]+)\s", file.read()):
+            return found[1]
+    return None
+
+
+def card(one):
+    """The row of a device."""
+    version = "{}.{}".format(*one.driver)
+    capability = "{}.{}".format(*one.capability)
+    return {"kind": "card", "name": one.name, "capability": capability, "driver": driver(),
+            "cuda": version, "multiprocessors": one.processors, "clock": one.clock,
+            "peak": one.peak}  # fmt: skip
+
+
+def run(quick):
+    """All rows of the bench, [] without a device."""
+    try:
+        first = devices()[0]
+    except rm.NoDevice as none:
+        print(none)
+        return []
+    return [
+        card(first),
+        *same_bits(quick),
+        *speeds(quick, first.peak),
+        *launches(quick),
+        *blocks(quick),
+        *whole_runs(quick),
+        *peers(quick),
+    ]
+
+
+def report(rows):
+    """Print the results."""
+    kinds = {}
+    for row in rows:
+        kinds.setdefault(row["kind"], []).append(row)
+    for row in kinds.get("card", ()):
+        print(f"{row['name']}, {row['multiprocessors']} multiprocessors, driver {row['driver']}")
+    labels, facts = ("what", "integrator", "members"), ("registers", "local", "threads", "resident")
+    for kind, title, more in (
+        ("speed", "steps a second; share of the peak in float64", ("share", *facts)),
+        ("launch", "steps a second by the time of a launch", ("milliseconds",)),
+        ("block", "steps a second by threads and registers", ("limit", *facts)),
+    ):
+        if some := kinds.get(kind):
+            head = [*labels, "G steps/s", *more]
+            harness.table(title, head, [
+                [*(row[word] for word in labels), f"{row['speed'] / 1e9:.2f}",
+                 *(f"{row[word]:.2f}" if word == "share" else row[word] for word in more)]
+                for row in some
+            ])  # fmt: skip
+    if some := kinds.get("whole"):
+        lines = [
+            [row["what"], f"{row['members']:,}", f"{row['seconds']:.1f}",
+             f"{row['bytes'] / row['seconds'] / 1e9:.1f}" if "bytes" in row else ""]
+            for row in some
+        ]  # fmt: skip
+        harness.table("whole runs", ["", "members", "s", "GB/s"], lines)
+    if some := kinds.get("peer"):
+        lines = [
+            [row["name"], f"{row['members']:,}", f"{row['speed'] / 1e9:.2f}",
+             f"{row['error']:.1e}" if "error" in row else "not compared"]
+            for row in some
+        ]  # fmt: skip
+        harness.table("JAX: free, rk4", ["", "members", "G steps/s", "other than rigidmc"], lines)
+    harness.report_targets(rows)
