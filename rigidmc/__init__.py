@@ -33,7 +33,6 @@ _HOMES = {name: f"studies.{name}.study" for name in STUDIES} | {
     "PreparedRun": "runs.prepare",
     "device": "engine.cuda.devices",
     "rerun": "runs.rerun",
-    "accuracy": "studies.accuracy.study",
     "stability_map": "studies.stability_map.study",
     "open_map": "studies.stability_map.stored",
     "zoom_map": "studies.stability_map.stored",
@@ -102,7 +101,6 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.scene.settings import Run as Run
     from rigidmc.scene.start import Start as Start
     from rigidmc.scene.vector_distributions import *  # noqa: F403
-    from rigidmc.studies.accuracy.study import accuracy as accuracy
     from rigidmc.studies.stability_map.stored import open_map as open_map
     from rigidmc.studies.stability_map.stored import zoom_map as zoom_map
     from rigidmc.studies.stability_map.study import stability_map as stability_map

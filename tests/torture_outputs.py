@@ -75,7 +75,7 @@ def computed_once():
 
     with contextlib.ExitStack() as held:
         for module, name in (
-            (accuracy, "accuracy"),
+            (accuracy, "work_precision"),
             (hard_cases, "stress"),
             (case, "case_map"),
             (again, "frames"),

@@ -14,7 +14,6 @@ import sys
 from typing import Any
 
 from rigidmc.cli import (  # noqa: F401
-    accuracy,
     body,
     directories,
     doctor,

@@ -10,7 +10,7 @@ import typer
 from rigidmc.cli.app import INVALID, IO, fail
 from rigidmc.engine.cuda.devices import use
 from rigidmc.errors import NoDevice, RigidmcError
-from rigidmc.scene.amounts import counted_text, seconds
+from rigidmc.scene.amounts import counted_text, seconds, words_of
 from rigidmc.scene.library import shipped
 from rigidmc.scene.settings import Count, Digits, Index, Run, Time, types
 
@@ -54,11 +54,6 @@ def _moved_on(word: str) -> str:
     except NoDevice as error:
         fail(f"{error}; nothing was written", IO)
     return word
-
-
-def words_of(text: str) -> tuple[str, ...]:
-    """The words of a list such as "omega,energy"; "none" and "" are the empty list."""
-    return tuple(word.strip() for word in text.split(",") if word.strip() not in ("", "none"))
 
 
 def _keep_of(text: str) -> str | dict[str, str]:

@@ -14,10 +14,10 @@ from rigidmc.cli.options import (
     Plot,
     Set,
     Threads,
-    words_of,
 )
 from rigidmc.cli.reporting import keep, refuse_outputs, reported, written
 from rigidmc.errors import in_file
+from rigidmc.scene.amounts import words_of
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -21,8 +21,10 @@ from rigidmc.cli.options import (
     Device,
     Force,
     MaxWall,
+    Output,
     OutputOrRun,
     Plot,
+    SceneArgument,
     Set,
     Shards,
     ShardSize,
@@ -31,9 +33,10 @@ from rigidmc.cli.options import (
     count_option,
     gathering,
     takes_settings,
+    time_option,
 )
 from rigidmc.cli.reporting import keep, refuse_outputs, reported, show_done
-from rigidmc.errors import OptionError
+from rigidmc.errors import OptionError, in_file
 from rigidmc.studies import STUDIES, load_study
 
 if TYPE_CHECKING:
@@ -62,7 +65,7 @@ class Where(NamedTuple):
 
 def _where(given: dict[str, Any]) -> Where:
     """The Where of the options."""
-    ways = Ways(*(given.pop(name) for name in Ways._fields))
+    ways = Ways(*(given.pop(name, None) for name in Ways._fields))
     settings, output = list(given["settings"] or ()), given["output"]
     flags = bool(given["allow_code"]), bool(given["force"])
     return Where(settings, flags[0], given["threads"], output, given["plot"], flags[1], ways)
@@ -75,6 +78,16 @@ takes_members = gathering(  # decorates a command that has a parameter `where`
         "output": OutputOrRun,
         "plot": Plot, "force": Force, "max_wall": MaxWall, "shards": Shards,
         "shard_size": ShardSize, "shard_time": ShardTime, "cluster": Cluster,
+    },
+    _where,
+)  # fmt: skip
+
+
+takes_files = gathering(  # the same of a study that has no members
+    "where",
+    {
+        "threads": Threads, "settings": Set, "allow_code": AllowCode, "output": Output,
+        "plot": Plot, "force": (Force, False),
     },
     _where,
 )  # fmt: skip
@@ -117,15 +130,20 @@ class StudyCommand(TyperCommand):
 
 def command_of(study: "Study") -> Callable[..., None]:
     """The function of the command of a study, with options as typer reads them."""
+    from rigidmc.studies.framework.direct import Direct
     from rigidmc.studies.framework.options import options_of
 
     asked, pictured = options_of(study.options), options_of(study.picture_options)
     asked = [one for one in asked if one.in_command]
+    is_direct = isinstance(study.work, Direct)
 
-    def command(name: str, run: dict[str, Any], where: Where, **options: Any) -> None:
+    def command(name: str, where: Where, run: Any = None, **options: Any) -> None:
         picture = {one.name: options.pop(one.name) for one in pictured}
-        with reported(name):
-            dataset, file = _studied(study, name, where, options, run)
+        with reported(None if is_direct else name):  # its outputs are not about the scene
+            if is_direct:
+                dataset, file = _computed(study, name, where, options), where.output
+            else:
+                dataset, file = _studied(study, name, where, options, run)
             lines = study.table(dataset)
             _shown(dataset, file, where, lines, lambda found: study.draw(found, **picture))
         if not study.is_complete(dataset):
@@ -135,34 +153,48 @@ def command_of(study: "Study") -> Callable[..., None]:
     text = f"A shipped scene or a TOML file; or {study.source}."
     source = Annotated[str, typer.Argument(metavar=study.work.sources, help=text)]
     parameters = [
-        inspect.Parameter("name", kind, annotation=source),
+        inspect.Parameter("name", kind, annotation=SceneArgument if is_direct else source),
         *(_parameter(one) for one in (*asked, *pictured)),
-        *(inspect.Parameter(name, kind) for name in ("run", "where")),
+        *(inspect.Parameter(name, kind) for name in ("run", "where")[is_direct:]),
     ]
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    if is_direct:
+        return takes_files(command)
     settings = takes_settings(*(study.settings or ()), words=study.settings_help)
     return settings(takes_members(command))
 
 
 def _parameter(one: "Option") -> inspect.Parameter:
     """An option of a study as a parameter of its command."""
-    from rigidmc.studies.framework.options import REQUIRED, Words
+    from rigidmc.studies.framework.options import REQUIRED, Names, Numbers, Time, Words
 
     key, text = f"--{one.name.replace('_', '-')}", f"{one.text[0].upper()}{one.text[1:]}."
     more: dict[str, Any] = {"help": text.replace("[", "\\[")}
-    kind: Any = list[str] if one.type == Words else one.type
-    kind = kind if one.default is REQUIRED else kind | None
+    kind: Any = {Words: list[str], Names: str, Numbers: str}.get(one.type, one.type)
+    kind = kind if one.default is REQUIRED or kind is bool else kind | None
     made = typer.Option(key, metavar=one.metavar or None, **more)
     if one.type is int:
         made = count_option(key, one.least, **more)
-    # the help page shows the default of a word; None tells what is not given
-    is_shown = one.default is REQUIRED or (one.type is str and not one.is_new)
+    elif one.type is Time:
+        made = time_option(key, **more)
+    # the help page shows the default unless the text does; None tells what is not given
+    is_shown = one.default is REQUIRED or not (one.is_new or "by default" in one.text)
     return inspect.Parameter(
         one.name,
         inspect.Parameter.KEYWORD_ONLY,
         default=one.default if is_shown else None,
         annotation=Annotated[kind, made],
     )
+
+
+def _computed(study: "Study", name: str, where: Where, options: dict[str, Any]) -> "xr.Dataset":
+    """A study of a scene that is computed at once."""
+    refuse_outputs(where.force, plot=where.plot, study=where.output)
+    asked = {key: value for key, value in options.items() if value is not None}
+    scene = load_scene(name, where.settings, where.allow_code)
+    with in_file(name):
+        scene, read = study.designed(scene, asked, {})
+        return study.work.compute(scene, read, where.threads, None, True)
 
 
 def _studied(
@@ -173,7 +205,10 @@ def _studied(
     from rigidmc.progress import say
     from rigidmc.studies.framework.members import Members
     from rigidmc.studies.framework.options import options_of
+    from rigidmc.studies.framework.tasks import Tasks
 
+    work = study.work
+    assert isinstance(work, Members | Tasks)
     output, ways, code = where.output, where.ways, where.allow_code
     news = {one.name for one in options_of(study.options) if one.is_new}
     new = {key: value for key, value in options.items() if key in news}
@@ -181,7 +216,7 @@ def _studied(
     again = {key: value for key, value in asked.items() if key not in news}
 
     def stored(path: str) -> "xr.Dataset":
-        result = open_result(path, code) if isinstance(study.work, Members) else path
+        result = open_result(path, code) if isinstance(work, Members) else path
         return study.of(result, allow_code=code, threads=where.threads, **again)
 
     folder = output if output is not None and names_a_run(output) else None
@@ -193,10 +228,10 @@ def _studied(
         refuse_ways(ways)
         design, read = study.designed(load_scene(name, where.settings, code), asked, run)
         progress: Any = True
-        if isinstance(study.work, Members):
-            say(study.work.price(design, read, where.threads))
+        if isinstance(work, Members):
+            say(work.price(design, read, where.threads))
             progress = show_done
-        return study.work.compute(design, read, where.threads, None, progress), output
+        return work.compute(design, read, where.threads, None, progress), output
     refuse_force(folder, where.force)
     design, read = study.designed(load_scene(name, where.settings, code), asked, run)
 
@@ -204,7 +239,7 @@ def _studied(
         size: float | None, only: range | None, threads: int | None, limit: float | None
     ) -> "RunDirectory":
         sizes = {"size": size, "only": only, "threads": threads, "limit": limit}
-        return study.work.create(study.name, design, read, folder, **sizes)
+        return work.create(study.name, design, read, folder, **sizes)
 
     code_of_run, whole = begun(make, ways, where.threads, code)
     if not whole:

@@ -1,5 +1,5 @@
-"""Counts and times as people write them, on the command line, in scene files and in Python: 1e6
-members, "1h30m"."""
+"""Counts, times and lists as people write them, on the command line, in scene files and in Python:
+1e6 members, "1h30m", "omega,energy"."""
 
 import contextlib
 import math
@@ -110,6 +110,11 @@ def counted_text(text: str, at: str, least: int = 1, most: int | None = None) ->
         return counted(text, at, least, most)
     exact = Fraction(plain)
     return counted(int(exact) if exact.denominator == 1 else float(plain), at, least, most)
+
+
+def words_of(text: str) -> tuple[str, ...]:
+    """The words of a list such as "omega,energy"; "none" and "" are the empty list."""
+    return tuple(word.strip() for word in text.split(",") if word.strip() not in ("", "none"))
 
 
 def _is_number(value: Any) -> TypeGuard[float]:

@@ -8,9 +8,9 @@ docs/contributing.md has the recipe. `picture.py` draws it, and alone imports ma
 Reading order: `framework` (the record is in `framework/study`); `ftle` as the shortest one, then
 `basins`, `sensitivity`, `frequencies`, `section` (members of a design, by `framework/members`),
 `stability_map` (parameters against measures), `rare` and `multilevel` (tasks, by
-`framework/tasks`), `accuracy` and `stress` (integrators against truths). Three files are verbs, not
-studies: `until` (an ensemble grows until a measure is known), `closed_form` (one top beside its
-formula), `bits` (processors compared).
+`framework/tasks`), `accuracy` and `stress` (integrators against truths, by `framework/direct`).
+Three files are verbs, not studies: `until` (an ensemble grows until a measure is known),
+`closed_form` (one top beside its formula), `bits` (processors compared).
 
 What must never change: an answer carries its interval, or says why it has none; and it is the same
 for any number of threads, batches and restarts.
@@ -21,6 +21,8 @@ from typing import Any
 
 # {name: what its command says}; help pages and indexes are made of it, and import no study
 STUDIES = {
+    "accuracy": "What accuracy costs in time, for a scene: every integrator over a ladder of steps"
+    " against the truth, and the cheapest integrator and step for each accuracy.",
     "basins": "How well a start has to be known to know where it ends: the share of starts that"
     " end otherwise if they change a little, by how little, and the dimension of the boundary"
     " between basins of attraction. With -o RUN/ the members are a run directory, which survives a"

@@ -23,7 +23,6 @@ SCENES = {
     "exact": (),
     "warm": (),
     "scenes": (),
-    "accuracy": (),
     "map": ("--x", "run.t_end=1:2", "--y", "run.dt=0.1:0.2", *EVENT),
     **{name: words_of(name) for name in STUDIES},
 }

@@ -71,7 +71,7 @@ def appearing(paths, result):
 @pytest.mark.parametrize(
     ("words", "module", "name"),
     [
-        (("accuracy", "nasa_brick"), accuracy, "accuracy"),
+        (("accuracy", "nasa_brick"), accuracy, "work_precision"),
         (("stress", "nasa_brick"), trust, "trust"),
     ],
 )
@@ -81,7 +81,8 @@ def test_studies_and_pictures_overwrite_nothing_that_appears_meanwhile(
     one, two = tmp_path / "s.nc", tmp_path / "s.png"
     with (
         patch.object(module, name, appearing([one, two], STUDY)),
-        patch.object(module, "table", lambda found: ["the table"]),
+        patch.object(accuracy, "ladder_table", lambda found: ["the table"]),
+        patch.object(trust, "table", lambda found: ["the table"]),
         patch.object(trust, "failed", lambda found: False),
         patch.object(accuracy_picture, "work_precision", lambda found: Figure()),
         patch.object(stress_picture, "trust", lambda found: Figure()),

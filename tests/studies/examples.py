@@ -27,4 +27,4 @@ def command_words(name):
 
 def _words(options):
     pairs = ((f"--{key.replace('_', '-')}", value) for key, value in options.items())
-    return [word for pair in pairs for word in pair]
+    return [word for key, value in pairs for word in ((key,) if value is True else (key, value))]

@@ -15,7 +15,7 @@ from rigidmc.planning.tolerance.pilot import follow, pilot
 from rigidmc.planning.tolerance.truth import truth
 from rigidmc.scene.amounts import in_two_digits
 from rigidmc.studies.accuracy import drift, picture
-from rigidmc.studies.accuracy import study as accuracy
+from rigidmc.studies.accuracy import work_precision as accuracy
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 LAGRANGE = rm.Scene(
@@ -87,7 +87,7 @@ def test_the_cheapest_is_the_cheapest(study):
 
 
 def test_the_table_says_it(study):
-    lines = accuracy.table(study)
+    lines = accuracy.ladder_table(study)
     assert lines[0].startswith(
         "truth: closed form of the Lagrange top, which rk8 confirms, known to "
     )
@@ -119,7 +119,7 @@ def test_members_of_different_speed_step_on_their_own():
     )
     found = rm.accuracy(wide.with_run(t_end=3.0), ("rk4",), (1e-3, 1e-6), members=64)
     assert np.isfinite(found.turn.values).all()
-    assert " at turn " in accuracy.table(found)[2]
+    assert " at turn " in accuracy.ladder_table(found)[2]
     order = np.polyfit(np.log(found.turn), np.log(found.error_state_median), 1)[0]
     assert order > 2.0  # rows of float32 bend it
 

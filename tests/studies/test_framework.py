@@ -13,8 +13,18 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.studies import STUDIES, load_study
+from rigidmc.studies.framework.direct import Direct
 from rigidmc.studies.framework.members import Members
-from rigidmc.studies.framework.options import REQUIRED, Options, Words, option, options_of
+from rigidmc.studies.framework.options import (
+    REQUIRED,
+    Names,
+    Numbers,
+    Options,
+    Time,
+    Words,
+    option,
+    options_of,
+)
 from tests.studies.examples import command_words, function_of, words_of
 
 INVALID, USAGE = 3, 2
@@ -56,8 +66,9 @@ def assert_same(stored, dataset):
             np.testing.assert_array_equal(*np.atleast_1d(found.attrs[key], value), key)
 
 
-# those whose numbers come from the members of one scene; the others are made of tasks
+# those whose numbers come from the members of one scene, and those that run directories hold
 OF_MEMBERS = [name for name in STUDIES if isinstance(load_study(name).work, Members)]
+STORED = [name for name in STUDIES if not isinstance(load_study(name).work, Direct)]
 DONE = 0, 4, 5  # some flagged, or an accuracy that is not reached
 
 
@@ -72,7 +83,7 @@ def test_command_and_function_give_the_same(name, studied, here):
     assert (here / "study.png").stat().st_size > 1000
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", STORED)
 def test_a_run_directory_resumes_to_the_same(name, studied, here):
     """A run that lost a shard computes it again; tests/runs/test_resume.py kills such runs."""
     short = ("--shard-time", 1e-9) if name in OF_MEMBERS else ()
@@ -150,17 +161,30 @@ class Every(Options):
     count: int = option(3, "how many", least=2)
     share: float | None = option(None, "of it", above=0.0, below=1.0)
     way: str = option("up", "where to")
+    some: Names | None = option(None, "which")
+    steps: Numbers = option((1.0,), "with --count: how long")
+    end: Time | None = option(None, "when")
+    whole: bool = option(False, "whether all of it")
 
 
 def test_options_are_read_once_for_function_and_command():
     read = Every.read({"of": "omega", "count": 1e2})
     assert (read.of, read.count, read.share, read.way) == (("omega",), 100, None, "up")
-    assert [one.type for one in options_of(Every)] == [Words, int, float, str]
+    types = [Words, int, float, str, Names, Numbers, Time, bool]
+    assert [one.type for one in options_of(Every)] == types
+    read = Every.read({"of": "omega", "some": "a, b", "steps": "1e-4,2", "end": "2 min"})
+    assert (read.some, read.steps, read.end, read.whole) == (("a", "b"), (1e-4, 2.0), 120.0, False)
+    assert "\n    with `count`: how long" in options_of(Every)[5].documented()
     assert Every.read({"of": ["a", "b"], "share": 0.5}).of == ("a", "b")
     for values, words in (
         ({"count": 1}, "count = 1: expected a whole number of at least 2"),
         ({"share": 1.0}, "share = 1.0: expected a number above 0 and below 1"),
         ({"share": "x"}, "share = 'x': expected a number"),
+        ({"steps": "1,x"}, "steps = '1,x': expected numbers separated by commas"),
+        ({"steps": 3}, "steps = 3: expected numbers separated by commas"),
+        ({"end": 0.0}, "end = 0.0: has to be greater than 0"),
+        ({"some": 3}, "some = 3: expected names separated by commas"),
+        ({"whole": 2}, "whole = 2: expected true or false"),
     ):
         with pytest.raises(rm.OptionError) as error:
             Every.read({"of": "omega", **values})

@@ -10,7 +10,6 @@ import rigidmc as rm
 from rigidmc.errors import NoRoom, OptionError, SceneError
 from rigidmc.scene.sampling import is_sample, is_sample_of
 from rigidmc.studies.accuracy import drift
-from rigidmc.studies.accuracy import study as accuracy
 
 BODY = rm.Body((1.0, 1.0, 2.0))
 LAW = rm.normal(0.0, 1.0)
@@ -116,7 +115,7 @@ COUNTS = {
         rm.Scene(BODY, BATH), GOAL, batch=MANY, integrator="strang"
     ),
     "randomised": lambda: rm.randomised(SCENE, OF, 8, MANY),
-    "accuracy": lambda: accuracy.accuracy(SCENE, members=MANY),
+    "accuracy": lambda: rm.accuracy(SCENE, members=MANY),
     "drift": lambda: drift.long_drift(SCENE, members=MANY),
 }
 

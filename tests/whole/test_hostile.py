@@ -158,7 +158,7 @@ def bounded():
         for where, name, what in (
             (kernels, "_address", known), (prepare, "compute", short), (shards, "compute", short),
             (estimate, "cost_per_step", passed),
-            (accuracy, "accuracy", passed), (run, "stress", passed), (trust, "trust", passed),
+            (accuracy, "work_precision", passed), (run, "stress", passed), (trust, "trust", passed),
         ):  # fmt: skip
             held.enter_context(patch.object(where, name, what))
         yield

@@ -19,7 +19,7 @@ from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.recording import conservation
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.validation import named_integrators
-from rigidmc.studies.accuracy.study import WORDS
+from rigidmc.studies.accuracy.work_precision import WORDS
 
 # one integrator of each kind
 LONG = ("rk4", "rk8", "midpoint", "strang", "rotations", "chin4", "srkn11", "aba1064")
@@ -28,11 +28,11 @@ SYMBOLS = {"energy": "energy", "l2": "|L|^2", "lz": "L_z"}
 
 def long_drift(
     scene: Scene,
-    integrators: Sequence[str] | None = None,
+    integrators: Sequence[Any] | None = None,
     steps: int = 1_000_000,
     dt: float | None = None,
     members: int = 64,
-    progress: Callable[[str], object] | None = None,
+    say: Callable[[str], object] = lambda line: None,
 ) -> xr.Dataset:
     """Drift of energy, |L|^2 and L_z over very many steps: a Dataset over `integrator` and `step`.
 
@@ -64,9 +64,8 @@ def long_drift(
     drifts = {}
     for name in names:
         drifts[name] = drift_along(first, name, steps, at, dt)
-        if progress:
-            ends = [f"{s} {drifts[name][key][-1]:.1e}" for key, s in SYMBOLS.items()]
-            progress(f"{name:9s} {', '.join(ends)}")
+        ends = [f"{s} {drifts[name][key][-1]:.1e}" for key, s in SYMBOLS.items()]
+        say(f"{name:9s} {', '.join(ends)}")
     variables: dict[str, Any] = {}
     for key in SYMBOLS:
         values = np.array([drifts[name][key] for name in names])

@@ -11,7 +11,12 @@ from matplotlib.ticker import FuncFormatter
 
 from rigidmc.figures import GREY, INK, LIGHT, new_figure, style_of
 from rigidmc.scene.amounts import in_two_digits
-from rigidmc.studies.accuracy.study import horizon_text
+from rigidmc.studies.accuracy.work_precision import horizon_text
+
+
+def accuracy_picture(study: xr.Dataset) -> Figure:
+    """The picture that suits a study."""
+    return (long_drift if "step" in study.dims else work_precision)(study)
 
 
 def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:

@@ -1,2 +1,3 @@
 """What studies are made of: `study` has the record and makes its function, `options` what may be
-asked, `members` and `tasks` the two kinds of work. Commands are made in `rigidmc.cli.studies`."""
+asked, `members`, `tasks` and `direct` the three kinds of work. Commands are made in
+`rigidmc.cli.studies`."""

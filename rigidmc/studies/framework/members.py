@@ -30,6 +30,7 @@ from rigidmc.runs.resources import refuse_count
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.sampling import Design
 from rigidmc.scene.scene import Scene, scene_of
+from rigidmc.studies.framework.options import keywords_of
 
 
 def compute_batches(
@@ -142,9 +143,9 @@ class Members(NamedTuple):
         return "SCENE|FILE|RUN/"
 
     @property
-    def counted(self) -> str:
-        """What a function of progress counts."""
-        return "members"
+    def keywords(self) -> dict[str, tuple[str, str]]:
+        """{keyword of its function: (type, text)}."""
+        return keywords_of("members")
 
     def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Scene:
         """The scene whose members are those of the study."""

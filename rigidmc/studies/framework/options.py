@@ -2,6 +2,7 @@
 
 import inspect
 import math
+import re
 import textwrap
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
@@ -9,10 +10,18 @@ from numbers import Real
 from typing import Any, NamedTuple, Self, dataclass_transform, get_args, get_type_hints
 
 from rigidmc.errors import OptionError
-from rigidmc.scene.amounts import counted
+from rigidmc.scene.amounts import counted, seconds, words_of
 
 REQUIRED: Any = inspect.Parameter.empty  # the default of an option that has to be given
-Words = tuple[str, ...]  # the type of an option that may be given several times
+# types of an option: given several times; one list such as rk4,rk8 of names, or of what they name;
+# a list of numbers; a time [s], also as a text such as 1h30m
+Words = tuple[str, ...]
+Names = tuple[Any, ...]
+Numbers = tuple[float, ...]
+
+
+class Time(float):
+    """The type of an option that is a time."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +62,16 @@ class Option:
             return counted(value, self.name, self.least)
         if self.type is float:
             return self._number(value)
+        if self.type is Time:
+            return seconds(value, self.name)
         if self.type == Words:
             return (value,) if isinstance(value, str) else tuple(value)
+        if self.type == Names:
+            return self._names(value)
+        if self.type is bool and not isinstance(value, bool):
+            raise OptionError("expected true or false", at=self.name, value=value)
+        if self.type == Numbers:
+            return self._numbers(value)
         return value
 
     def _number(self, value: Any) -> float:
@@ -66,18 +83,45 @@ class Option:
             raise OptionError(self.rule or rule, at=self.name, value=value)
         return float(value)
 
+    def _names(self, value: Any) -> Names:
+        try:
+            return words_of(value) if isinstance(value, str) else tuple(value)
+        except TypeError:
+            rule = "expected names separated by commas, or a list"
+            raise OptionError(rule, at=self.name, value=value) from None
+
+    def _numbers(self, value: Any) -> Numbers:
+        try:
+            return tuple(map(float, value.split(",") if isinstance(value, str) else value))
+        except (TypeError, ValueError):
+            rule = "expected numbers separated by commas, e.g. 1e-4,1e-8"
+            raise OptionError(rule, at=self.name, value=value) from None
+
     def documented(self) -> str:
         """Its lines under Parameters of a numpydoc docstring."""
-        kind = {int: "int", float: "float", str: "str", bool: "bool"}.get(self.type)
-        head = f"{self.name} : {kind or 'str or sequence of str'}"
+        head = f"{self.name} : {_DOCUMENTED[self.type]}"
         unit = f" [{self.unit}]" if self.unit else ""
         more = f"; {self.more}" if self.more else ""
-        return parameter(head + ", optional" * self.is_optional, f"{self.text}{unit}{more}")
+        # --long is its neighbour `long`; options with a hyphen are of the command alone
+        text = re.sub(r"--(\w+)(?![\w-])", r"`\1`", self.text)
+        return parameter(head + ", optional" * self.is_optional, f"{text}{unit}{more}")
 
     @property
     def is_optional(self) -> bool:
         """Whether the function of a study may be called without it."""
         return self.default is not REQUIRED and not self.missing
+
+
+_DOCUMENTED = {  # {type: what it is in a docstring}
+    int: "int",
+    float: "float",
+    Time: "float",
+    str: "str",
+    bool: "bool",
+    Words: "str or sequence of str",
+    Names: "str or sequence",
+    Numbers: "sequence of float",
+}
 
 
 def parameter(head: str, text: str) -> str:
@@ -100,7 +144,8 @@ def option(default: Any, text: str, **more: Any) -> Any:
 class Options:
     """The options of a study, checked: a subclass has a field made by `option` for each.
 
-    A field is an int (a count), a float, a str, Words, or one of these or None.
+    A field is an int (a count), a float, a bool, a str, Time, Words, Names, Numbers, or one of
+    these or None.
     """
 
     def __init_subclass__(cls) -> None:
@@ -115,6 +160,19 @@ class Options:
 
 class NoOptions(Options):
     """No option at all."""
+
+
+def keywords_of(counted: str) -> dict[str, tuple[str, str]]:
+    """{keyword: (type, text)} of the function of a study of what is counted: members or tasks."""
+    return {
+        "threads": ("int", "as of `simulate`; no bit depends on it"),
+        "device": ("str", "where members move, as of `simulate`"),
+        "progress": (
+            "bool or callable",
+            "True for what the study will cost, told before the first step, and a bar; or a"
+            f" function of ({counted} done, all)",
+        ),
+    }
 
 
 class Example(NamedTuple):
@@ -136,7 +194,7 @@ def options_of(cls: type[Options]) -> list[Option]:
     found = []
     for one in fields(cls):  # type: ignore[arg-type]  # a subclass is a dataclass
         kind = hints[one.name]
-        if kind != Words and (kinds := [k for k in get_args(kind) if k is not type(None)]):
-            (kind,) = kinds
+        if type(None) in get_args(kind):
+            (kind,) = (one for one in get_args(kind) if one is not type(None))
         found.append(replace(one.metadata["option"], name=one.name, type=kind))
     return found

@@ -11,14 +11,13 @@ import xarray as xr
 from rigidmc.errors import OptionError
 from rigidmc.scene.scene import Scene, as_scene
 from rigidmc.scene.settings import Run, no_such_keyword
+from rigidmc.studies.framework.direct import Direct
 from rigidmc.studies.framework.members import Members
 from rigidmc.studies.framework.options import Example, NoOptions, Options, options_of, parameter
 from rigidmc.studies.framework.tasks import Tasks
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-KEYWORDS = "threads", "device", "progress"  # of each study
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ class Study:
     name : of function, command and folder
     text : the docstring of the function, with a line `{parameters}` in place of its parameters
     options : what may be asked
-    work : what computes: members of one scene, or tasks
+    work : what computes: members of one scene, tasks, or a function at once
     table : Dataset -> lines of text
     picture : the function in `picture.py` of the folder, of a Dataset and `picture_options`
     example : a small one, for the tests over all studies
@@ -42,7 +41,7 @@ class Study:
     name: str
     text: str
     options: type[Options]
-    work: Members | Tasks
+    work: Members | Tasks | Direct
     table: Callable[[xr.Dataset], list[str]]
     picture: str
     example: Example
@@ -68,9 +67,9 @@ class Study:
     def __call__(self, *arguments: Any, **keywords: Any) -> xr.Dataset:
         """The study of a scene, as its own docstring has it."""
         given = self._bound(arguments, keywords)
-        threads, device, progress = (given.pop(name, None) for name in KEYWORDS)
+        of_work = (given.pop(name, None) for name in ("threads", "device", "progress"))
         design, options = self._designed(given)
-        return self.work.compute(design, options, threads, device, progress)
+        return self.work.compute(design, options, *of_work)
 
     def design(self, *arguments: Any, **keywords: Any) -> Any:
         """The scene whose members are those of the study; of tasks (scene, request). Arguments as
@@ -143,7 +142,7 @@ class Study:
         for one in options_of(self.options):
             default = one.default if one.is_optional else kinds.empty
             made.append(kinds(one.name, kinds.POSITIONAL_OR_KEYWORD, default=default))
-        made += [kinds(name, kinds.KEYWORD_ONLY, default=None) for name in KEYWORDS]
+        made += [kinds(name, kinds.KEYWORD_ONLY, default=None) for name in self.work.keywords]
         made.append(kinds("settings", kinds.VAR_KEYWORD))
         return inspect.Signature(made, return_annotation=xr.Dataset)
 
@@ -154,12 +153,9 @@ class Study:
             "----------",
             parameter("scene : Scene or path_like", self.scene_text),
             *(one.documented() for one in options_of(self.options)),
-            parameter("threads : int, optional", "as of `simulate`; no bit depends on it"),
-            parameter("device : str, optional", "where members move, as of `simulate`"),
-            parameter(
-                "progress : bool or callable, optional",
-                "True for what the study will cost, told before the first step, and a bar; or a"
-                f" function of ({self.work.counted} done, all)",
+            *(
+                parameter(f"{name} : {kind}, optional", text)
+                for name, (kind, text) in self.work.keywords.items()
             ),
             parameter("**settings : object", self.settings_text),
         ])  # fmt: skip

@@ -36,6 +36,7 @@ from rigidmc.runs.resources import movers
 from rigidmc.scene.amounts import counted, in_two_digits, seconds
 from rigidmc.scene.scene import Scene
 from rigidmc.studies import STUDIES, load_study
+from rigidmc.studies.framework.options import keywords_of
 
 Design = tuple[Scene, dict[str, Any]]  # what the tasks of a study have in common, with the request
 
@@ -73,9 +74,9 @@ class Tasks(NamedTuple):
         return "SCENE|RUN/"
 
     @property
-    def counted(self) -> str:
-        """What a function of progress counts."""
-        return "tasks"
+    def keywords(self) -> dict[str, tuple[str, str]]:
+        """{keyword of its function: (type, text)}."""
+        return keywords_of("tasks")
 
     def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Design:
         """The scene of the tasks and what they are asked."""

@@ -1,0 +1,274 @@
+"""Work against precision: every integrator that takes a scene, over a ladder of steps."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.engine.kernel import layout
+from rigidmc.engine.machine import threads_available
+from rigidmc.errors import OptionError, unknown
+from rigidmc.physics.integrators import refusal
+from rigidmc.planning.tolerance.choose import check_pilot, check_quiet, compile_ahead
+from rigidmc.planning.tolerance.costs import Costs, Way
+from rigidmc.planning.tolerance.deviation import QUANTITIES, growth, upper_quantile
+from rigidmc.planning.tolerance.ladder import candidates, ladder
+from rigidmc.planning.tolerance.pilot import ROUNDING, Pilot, pilot
+from rigidmc.planning.tolerance.truth import Truth, truth
+from rigidmc.runs.resources import refuse_count
+from rigidmc.scene.amounts import counted, in_two_digits
+from rigidmc.scene.scene import Scene
+from rigidmc.version import VERSION
+
+FINEST = 1e-13  # the end of a ladder: below it is rounding
+DEAREST = 40.0  # a ladder also ends at so many times the cost of the cheapest way to that error
+WORDS = {
+    "state": "larger of the errors of momentum and attitude",
+    "momentum": "error of the angular momentum, of its size",
+    "attitude": "error of the attitude [rad]",
+    "energy": "error of the energy, of the energies in play",
+    "l2": "error of |L|^2, of its size",
+    "lz": "error of L_z, of |L|",
+}
+
+Statistic = Callable[[NDArray[np.float64]], Any]
+
+
+def work_precision(
+    scene: Scene,
+    integrators: Sequence[Any] | None,
+    tolerances: Sequence[float],
+    members: int,
+    threads: int | None,
+    say: Callable[[str], object],
+) -> xr.Dataset:
+    """The errors and times of integrators, precisions and steps, and the cheapest of them for each
+    tolerance: `rigidmc.accuracy`.
+
+    say : called with a line on what is done
+    """
+    if integrators is not None:
+        scene, integrators = scene.with_integrators(integrators)
+    known = scene.known_integrators()
+    for name in integrators or ():
+        if name not in known:  # before the truth, which takes seconds
+            raise unknown("integrator", known, at="integrators", value=name, error=OptionError)
+        if why := refusal(name, scene.effects, known=known):
+            raise OptionError(why, at="integrators", value=name)
+    members = counted(members, "members")
+    refuse_count(members, "members of a pilot", 8 * layout.EFFECTS)
+    check_quiet(scene)
+    first = pilot(scene, members)
+    check_pilot(scene, first)
+    say(f"first the truth for {first.members:,} members, then each integrator in many steps")
+    true, costs = truth(first, say), Costs(first)
+    say(f"truth: {true.source}, known to {upper_quantile(true.error):.1e}")
+    ways = _ways(scene, first, true, costs, integrators, say)
+    study = _dataset(ways, costs, tolerances, threads or threads_available())
+    return study.assign_attrs(
+        title=scene.title,
+        source=f"rigidmc {VERSION}",
+        scene=scene.dumps(),
+        t_end=scene.run.t_end,
+        members=first.members,
+        threads=threads or threads_available(),
+        truth=true.source,
+        truth_error=upper_quantile(true.error),
+        **_horizon(scene.run.t_end, *growth(first)),
+    )
+
+
+def _ways(
+    scene: Scene,
+    first: Pilot,
+    true: Truth,
+    costs: Costs,
+    integrators: Sequence[str] | None,
+    say: Callable[[str], object],
+) -> list[Way]:
+    """A ladder of steps for each integrator and precision that takes the scene."""
+    ways: list[Way] = []
+
+    def too_dear(way: Way) -> bool:
+        rivals = [costs.per_member(w) for w in ways if w.upper <= way.upper]
+        return bool(rivals) and costs.per_member(way) > DEAREST * min(rivals)
+
+    # high orders first: they limit what the others may cost
+    known = scene.known_integrators()
+    pairs = sorted(candidates(first, true, integrators), key=lambda c: -known[c[0]].order)
+    compile_ahead(first, pairs)
+    began = time.perf_counter()
+    for done, (integrator, dtype) in enumerate(pairs, 1):
+        rungs = ladder(costs, true, integrator, dtype, FINEST, too_dear=too_dear)
+        if rungs:
+            best, tried = min(way.upper for way in rungs), len(rungs)
+            dear = best > FINEST and too_dear(rungs[-1])
+            ended = f"; stopped: others cost 1/{DEAREST:g} or less" if dear else ""
+            left = (time.perf_counter() - began) * (len(pairs) / done - 1.0)
+            words = f"{tried:2d} step{'s' * (tried > 1)} tried, best error {best:.1e}{ended}"
+            say(
+                f"{integrator:9s} {dtype}: {words}; {done} of {len(pairs)}, about {left:.0f} s left"
+            )
+        ways += rungs
+    return ways
+
+
+def _dataset(
+    ways: list[Way], costs: Costs, tolerances: Sequence[float], threads: int
+) -> xr.Dataset:
+    """The Dataset of a study without its attributes."""
+    variables = _costs(ways, costs, threads) | _errors(ways)
+    upper, cost = variables["error_state_upper"][1], variables["ns_per_member"][1]
+    variables["cheapest"] = _cheapest(upper, cost, tolerances)
+    return xr.Dataset(variables, {"tolerance": ("tolerance", np.array(tolerances))})
+
+
+def _costs(ways: list[Way], costs: Costs, threads: int) -> dict[str, Any]:
+    """The variables that say what each way is and what it costs."""
+    table: dict[str, tuple[list[Any], dict[str, str]]] = {
+        "integrator": ([w.integrator for w in ways], {}),
+        "dtype": ([w.dtype for w in ways], {}),
+        "steps": ([float(w.mean_steps) for w in ways], {}),
+        "turn": (
+            [np.nan if w.turn is None else w.turn for w in ways],
+            {"units": "rad", "long_name": "rotation of each member in its own step"},
+        ),
+        "dt": ([w.dt for w in ways], {"units": "s", "long_name": "step, mean over members"}),
+        "ns_per_member_step": (
+            [w.ns for w in ways],
+            {"units": "ns", "long_name": "time of a member-step on one thread"},
+        ),
+        "ns_per_member": (
+            [costs.per_member(w) for w in ways],
+            {
+                "units": "ns",
+                "long_name": "time of a member to t_end on one thread, start and saves included",
+            },
+        ),
+        "members_per_second": (
+            [costs.members_per_second(w, threads) for w in ways],
+            {"units": "s-1", "long_name": f"members to t_end on {threads} threads"},
+        ),
+    }
+    texts = ("integrator", "dtype")
+    return {
+        name: ("row", np.array(v, object if name in texts else float), {"long_name": name} | attrs)
+        for name, (v, attrs) in table.items()
+    }
+
+
+def _errors(ways: list[Way]) -> dict[str, Any]:
+    """The variables of the errors, by quantity and statistic."""
+    statistics: dict[str, Statistic] = {
+        "median": np.median,
+        "p99": lambda errors: np.quantile(errors, 0.99),
+        "worst": np.max,
+        "upper": upper_quantile,
+    }
+    variables: dict[str, Any] = {}
+    for quantity in QUANTITIES:
+        units = "rad" if quantity == "attitude" else "1"
+        for word, statistic in statistics.items():
+            with np.errstate(invalid="ignore"):
+                values = [_finite_or_inf(statistic, w.errors[quantity]) for w in ways]
+            attrs = {"units": units, "long_name": f"{WORDS[quantity]}, {word} over members"}
+            variables[f"error_{quantity}_{word}"] = ("row", np.array(values), attrs)
+    return variables
+
+
+def _finite_or_inf(statistic: Statistic, errors: NDArray[np.float64]) -> float:
+    """A statistic; inf between inf and inf, nan if no error is known."""
+    if np.isnan(errors).all():
+        return math.nan
+    return float(np.nan_to_num(statistic(errors), nan=np.inf, posinf=np.inf))
+
+
+def _cheapest(
+    upper: NDArray[np.float64], cost: NDArray[np.float64], tolerances: Sequence[float]
+) -> Any:
+    """The variable `cheapest`."""
+    rows = [
+        min((i for i in range(len(cost)) if upper[i] <= t), key=lambda i: cost[i], default=-1)
+        for t in tolerances
+    ]
+    words = "row that reaches the tolerance at the least cost, -1: none"
+    return "tolerance", np.array(rows), {"long_name": words}
+
+
+def _horizon(
+    t_end: float, factor: NDArray[np.float64], rate: NDArray[np.float64]
+) -> dict[str, float]:
+    """Growth of a disturbance, and when rounding alone has grown to 1 rad [s].
+
+    That is in half of the members (median), and in the first 1 % of them (p01).
+    factor : growth by t_end;  rate : its exponential rate [1/s], 0 if regular
+    """
+    with np.errstate(divide="ignore"):
+        left = np.log(1.0 / (ROUNDING * factor))
+        # what is divided by 1 is not taken
+        chaotic = t_end + left / np.where(rate > 0.0, rate, 1.0)
+        times = np.where(rate > 0.0, chaotic, t_end / (ROUNDING * factor))
+    return {
+        "growth_median": float(np.median(factor)),
+        "growth_p99": float(np.quantile(factor, 0.99)),
+        "chaotic_share": float(np.mean(rate > 0.0)),
+        "horizon_median": float(np.median(times)),
+        "horizon_p01": float(np.quantile(times, 0.01)),
+    }
+
+
+def ladder_table(study: xr.Dataset) -> list[str]:
+    """Lines of text: the cheapest way to each tolerance, and its gain over rk4."""
+    a, names, upper = study.attrs, study.integrator.values, study.error_state_upper.values
+    members = f"{a['members']} member{'s' * (a['members'] > 1)} to {a['t_end']:g} s"
+    lines = [f"truth: {a['truth']}, known to {a['truth_error']:.1e}; {members}"]
+    for tolerance, i in zip(study.tolerance.values, study.cheapest.values, strict=True):
+        if i < 0:
+            lines.append(f"for {tolerance:.0e}: none; the best reaches {upper.min():.1e}")
+            continue
+        row = study.isel(row=int(i))
+        if names[i] == "closed":
+            step = "at every save"
+        elif np.isnan(row.turn):
+            step = f"at dt {float(row.dt):.2g}"
+        else:
+            step = f"at turn {float(row.turn):.2g}"
+        single = " in float32" if row["dtype"].values == "float32" else ""
+        speed = f"{in_two_digits(float(row.members_per_second))} members/s"
+        gain = _gain(study, int(i), tolerance)
+        lines.append(f"for {tolerance:.0e}: {names[i]}{single} {step}, {speed}{gain}")
+    return [*lines, horizon_text(study)]
+
+
+def _gain(study: xr.Dataset, row: int, tolerance: float) -> str:
+    """How much cheaper than rk4 a row is, in words; nothing if rk4 was not tried."""
+    names, cost = study.integrator.values, study.ns_per_member.values
+    if names[row] == "rk4" or "rk4" not in names:
+        return ""
+    able = (names == "rk4") & (study.error_state_upper.values <= tolerance)
+    if not able.any():
+        return "; rk4 does not reach it"
+    return f"; {cost[able].min() / cost[row]:.1f}x cheaper than rk4"
+
+
+def horizon_text(study: xr.Dataset) -> str:
+    """A line on how far any double-precision result reaches."""
+    a = study.attrs
+    first, median = a["horizon_p01"], a["horizon_median"]
+    growth = (
+        f"a disturbance along the way grows {a['growth_median']:.0e} times by {a['t_end']:g} s"
+        f" in the median, {a['growth_p99']:.0e} in the worst 1 %"
+    )
+    if a["chaotic_share"] > 0.005:
+        share = f"{100 * a['chaotic_share']:.0f} % of the members"
+        return (
+            f"{growth}, in {share} exponentially (chaos or a separatrix): rounding alone makes"
+            f" 1 % of them meaningless beyond t = {first:.3g} s, half of them beyond {median:.3g} s"
+        )
+    # 1e-300 s: 0 has no logarithm
+    exponent = math.floor(math.log10(max(first, 1e-300)))
+    return f"{growth}, nowhere exponentially: no horizon within 1e{exponent} s"
