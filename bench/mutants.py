@@ -345,7 +345,7 @@ def judge():
 
     layout.LANES = 1
     from rigidmc.studies.stress import catalogue
-    from rigidmc.studies.stress import study as run
+    from rigidmc.studies.stress import hard_cases as run
     from rigidmc.studies.stress.processes import carried_out
 
     known = run.shipped_bounds()

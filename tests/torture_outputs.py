@@ -71,12 +71,12 @@ def computed_once():
     from rigidmc.runs import rerun as again
     from rigidmc.studies.accuracy import study as accuracy
     from rigidmc.studies.stability_map import case
-    from rigidmc.studies.stress import study as hard_cases
+    from rigidmc.studies.stress import hard_cases
 
     with contextlib.ExitStack() as held:
         for module, name in (
             (accuracy, "work_precision"),
-            (hard_cases, "stress"),
+            (hard_cases, "run_cases"),
             (case, "case_map"),
             (again, "frames"),
         ):

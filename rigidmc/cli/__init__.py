@@ -22,7 +22,6 @@ from rigidmc.cli import (  # noqa: F401
     results,
     run,
     scenes,
-    stress,
     studies,
     vocabulary,
 )

@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, Any, TextIO, cast
@@ -167,12 +167,12 @@ def refuse_outputs(
     force: bool,
     output: str | None = None,
     plot: str | None = None,
-    bounds: str | None = None,
     animation: str | None = None,
     picture: str | None = None,
     scene: str | None = None,
     study: str | None = None,
     size: int = 100_000,
+    more: Sequence[tuple[str, str, str | None]] = (),
 ) -> None:
     """Refuse, before any work, outputs that could not be written after it: files that exist, files
     that cannot be created, and names whose ending belongs to another kind of file. No two kinds of
@@ -181,6 +181,7 @@ def refuse_outputs(
 
     plot : the picture beside another output, by the option --plot
     study : output of a study, which is netCDF;  size : bytes of the largest output, if known
+    more : (kind of file, option, path) of others
     """
     from rigidmc.files.outputs import refuse_existing
 
@@ -188,10 +189,10 @@ def refuse_outputs(
         ("results", "output", output),
         ("pictures", "plot", plot),
         ("pictures", "output", picture),
-        ("tables of bounds", "write_bounds", bounds),
         ("animations", "output", animation),
         ("scenes", "output", scene),
         ("netCDF files", "output", study),
+        *more,
     ]
     for kind, option, path in outputs:
         if path is not None:

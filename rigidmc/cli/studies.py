@@ -6,6 +6,7 @@
 import inspect
 import os
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
@@ -13,7 +14,7 @@ from typer.core import TyperCommand
 from typer.main import get_command_from_info
 from typer.models import CommandInfo
 
-from rigidmc.cli.app import INCOMPLETE, STUDY, app, load_scene, open_result
+from rigidmc.cli.app import FLAGGED, INCOMPLETE, OK, STUDY, app, load_scene, open_result
 from rigidmc.cli.directories import Ways, begun, names_a_run, refuse_force, refuse_ways
 from rigidmc.cli.options import (
     AllowCode,
@@ -35,7 +36,7 @@ from rigidmc.cli.options import (
     takes_settings,
     time_option,
 )
-from rigidmc.cli.reporting import keep, refuse_outputs, reported, show_done
+from rigidmc.cli.reporting import keep, refuse_outputs, reported, show_done, written
 from rigidmc.errors import OptionError, in_file
 from rigidmc.studies import STUDIES, load_study
 
@@ -46,6 +47,9 @@ if TYPE_CHECKING:
     from rigidmc.results.run_directory import RunDirectory
     from rigidmc.studies.framework.options import Option
     from rigidmc.studies.framework.study import Study
+
+
+OUTCOMES = {"done": OK, "flagged": FLAGGED, "incomplete": INCOMPLETE}  # {of a study: exit code}
 
 
 class Where(NamedTuple):
@@ -139,22 +143,21 @@ def command_of(study: "Study") -> Callable[..., None]:
 
     def command(name: str, where: Where, run: Any = None, **options: Any) -> None:
         picture = {one.name: options.pop(one.name) for one in pictured}
+        files = {key: options.pop(key) for key in study.files}
         with reported(None if is_direct else name):  # its outputs are not about the scene
             if is_direct:
-                dataset, file = _computed(study, name, where, options), where.output
+                dataset, file = _computed(study, name, where, options, files), where.output
             else:
                 dataset, file = _studied(study, name, where, options, run)
-            lines = study.table(dataset)
-            _shown(dataset, file, where, lines, lambda found: study.draw(found, **picture))
-        if not study.is_complete(dataset):
-            raise typer.Exit(INCOMPLETE)
+            _shown(study, dataset, where._replace(output=file), picture, files)
+        if code := OUTCOMES[study.outcome(dataset)]:
+            raise typer.Exit(code)
 
     kind = inspect.Parameter.KEYWORD_ONLY
-    text = f"A shipped scene or a TOML file; or {study.source}."
-    source = Annotated[str, typer.Argument(metavar=study.work.sources, help=text)]
     parameters = [
-        inspect.Parameter("name", kind, annotation=SceneArgument if is_direct else source),
+        _source(study),
         *(_parameter(one) for one in (*asked, *pictured)),
+        *(_path(name, one.text) for name, one in study.files.items()),
         *(inspect.Parameter(name, kind) for name in ("run", "where")[is_direct:]),
     ]
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -162,6 +165,29 @@ def command_of(study: "Study") -> Callable[..., None]:
         return takes_files(command)
     settings = takes_settings(*(study.settings or ()), words=study.settings_help)
     return settings(takes_members(command))
+
+
+def _source(study: "Study") -> inspect.Parameter:
+    """What a study is of, as a parameter of its command."""
+    kind, metavar = inspect.Parameter.KEYWORD_ONLY, study.work.sources
+    if metavar == "SCENE":
+        return inspect.Parameter("name", kind, annotation=SceneArgument)
+    if study.needs_scene:
+        text = f"A shipped scene or a TOML file; or {study.source}."
+        source = Annotated[str, typer.Argument(metavar=metavar, help=text)]
+        return inspect.Parameter("name", kind, annotation=source)
+    text = f"{study.scene_text[0].upper()}{study.scene_text[1:]}."
+    optional = Annotated[str | None, typer.Argument(metavar=metavar, help=text)]
+    return inspect.Parameter("name", kind, annotation=optional, default=None)
+
+
+def _path(name: str, text: str) -> inspect.Parameter:
+    """A file that a study writes as a parameter of its command."""
+    key, text = f"--{name.replace('_', '-')}", f"{text[0].upper()}{text[1:]}."
+    annotation = Annotated[str | None, typer.Option(key, metavar="FILE", help=text)]
+    return inspect.Parameter(
+        name, inspect.Parameter.KEYWORD_ONLY, annotation=annotation, default=None
+    )
 
 
 def _parameter(one: "Option") -> inspect.Parameter:
@@ -187,12 +213,19 @@ def _parameter(one: "Option") -> inspect.Parameter:
     )
 
 
-def _computed(study: "Study", name: str, where: Where, options: dict[str, Any]) -> "xr.Dataset":
-    """A study of a scene that is computed at once."""
-    refuse_outputs(where.force, plot=where.plot, study=where.output)
+def _computed(
+    study: "Study",
+    name: str | None,
+    where: Where,
+    options: dict[str, Any],
+    files: dict[str, str | None],
+) -> "xr.Dataset":
+    """A study that is computed at once, of a scene or without one."""
+    more = [(study.files[key].kind, key, path) for key, path in files.items()]
+    refuse_outputs(where.force, plot=where.plot, study=where.output, more=more)
     asked = {key: value for key, value in options.items() if value is not None}
-    scene = load_scene(name, where.settings, where.allow_code)
-    with in_file(name):
+    with nullcontext() if name is None else in_file(name):
+        scene = None if name is None else load_scene(name, where.settings, where.allow_code)
         scene, read = study.designed(scene, asked, {})
         return study.work.compute(scene, read, where.threads, None, True)
 
@@ -248,14 +281,34 @@ def _studied(
 
 
 def _shown(
-    dataset: "xr.Dataset", file: str | None, where: Where, lines: list[str],
-    draw: "Callable[[xr.Dataset], Figure]",
-) -> None:  # fmt: skip
-    """Write a study and its picture, and print its lines, also if a file cannot be written."""
+    study: "Study",
+    dataset: "xr.Dataset",
+    where: Where,
+    picture: dict[str, Any],
+    files: dict[str, str | None],
+) -> None:
+    """Write a study, its picture and its other files, and print its lines, also if a file cannot be
+    written."""
+    table, lines = study.table(dataset), list[str]()
+
+    def draw(found: "xr.Dataset") -> "Figure":
+        return study.draw(found, **picture)
+
     try:
-        lines += keep(dataset, file, where.plot, where.force, draw)
+        lines += keep(dataset, where.output, where.plot, where.force, draw)
+        for key, path in files.items():
+            if path is not None and study.files[key].write(dataset, path, where.force):
+                lines += written([path])
     finally:
-        print("\n".join(lines))
+        if all(isinstance(line, str) for line in table):
+            print("\n".join(table))
+        else:
+            from rich.console import Console
+
+            console = Console(width=max(150, Console().width), highlight=False)
+            for line in table:
+                console.print(line)
+        print("\n".join(lines), end="\n" * bool(lines))
 
 
 def _refuse_new(given: dict[str, Any]) -> None:

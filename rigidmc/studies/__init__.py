@@ -50,6 +50,8 @@ STUDIES = {
     " that each causes alone, and in which it takes part (Sobol indices), with intervals. With -o"
     " RUN/ the members are a run directory, which survives a kill: `rigidmc sensitivity RUN/ --of"
     " MEASURE` tells of it.",
+    "stress": "Hard cases on this machine, each against its bound; or how far your own scene can be"
+    " trusted. Exit code 4 if something fails.",
 }
 
 

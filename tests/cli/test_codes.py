@@ -45,7 +45,7 @@ RUNS = {
     "merge": (),
 }
 # commands whose words are no files
-WORDS = {"new", "integrators", "effects", "observables", "doctor", "stress"}
+WORDS = {"new", "integrators", "effects", "observables", "doctor"}
 
 
 def code(*words):

@@ -32,9 +32,8 @@ from rigidmc.runs.directory import resume
 from rigidmc.runs.directory.create import create
 from rigidmc.studies.accuracy import picture as accuracy_picture
 from rigidmc.studies.accuracy import study as accuracy
+from rigidmc.studies.stress import hard_cases, trust
 from rigidmc.studies.stress import picture as stress_picture
-from rigidmc.studies.stress import study as hard_cases
-from rigidmc.studies.stress import trust
 from rigidmc.views import animation
 from tests import torture_outputs
 from tests.faulty import LINUX, limited

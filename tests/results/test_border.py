@@ -26,7 +26,7 @@ from rigidmc.results import run_directory
 from rigidmc.results.run_directory import RunDirectory, rendered
 from rigidmc.runs.directory import resume
 from rigidmc.runs.directory.create import create
-from rigidmc.studies.stress.study import load_bounds
+from rigidmc.studies.stress.hard_cases import load_bounds
 from tests import hostile
 
 fcntl = pytest.importorskip("fcntl", reason="locks, pipes and limits are those of POSIX")

@@ -21,7 +21,7 @@ from rigidmc.studies.stress import (
     picture,
     processes,
 )
-from rigidmc.studies.stress import study as H
+from rigidmc.studies.stress import hard_cases as H
 from rigidmc.studies.stress.case import Case
 from rigidmc.studies.stress.motions import (
     conserved,
@@ -107,13 +107,13 @@ def test_errors_are_seen():
 def test_a_study_reports_cases_above_their_bound(tmp_path):
     """One bound at a tenth: the right row, and no other, is above it."""
     names = ["exact", "closed"]
-    first = H.stress(["H5"], names, threads=1)
+    first = H.run_cases(["H5"], names, threads=1)
     assert not H.failed(first)
     assert first.sizes["case"] == sum(case.group == "H5" for case in cases())
     error = float(first.error.sel(case="needle", integrator="exact"))
     assert H._verdict(cases()[0], "rk4", 1e-3, math.inf) == "not judged"  # a new integrator's
     assert H._verdict(cases()[0], "rk4", 0.0, math.inf) == "good"
-    second = H.stress(["H5"], names, bounds={("needle", "exact"): 0.1 * error}, threads=1)
+    second = H.run_cases(["H5"], names, bounds={("needle", "exact"): 0.1 * error}, threads=1)
     above = np.argwhere(second.verdict.values == H.VERDICTS.index("above"))
     assert [(str(second.case.values[i]), str(second.integrator.values[j])) for i, j in above] == [
         ("needle", "exact")
@@ -149,7 +149,7 @@ def test_a_case_that_raises_or_dies_is_red_and_stops_no_other(monkeypatch):
         "_started",
         lambda: processes.subprocess.Popen(["false"], stdin=-1, stdout=-1, text=True),
     )
-    died = H.stress(["H15"], ["rk4"], threads=1)
+    died = H.run_cases(["H15"], ["rk4"], threads=1)
     assert (died.verdict.values == H.VERDICTS.index("crashed")).all()
     assert "ended with code 1" in died.reason.values[0, 0]
 
@@ -164,7 +164,7 @@ def test_a_case_that_raises_or_dies_is_red_and_stops_no_other(monkeypatch):
 )
 def test_wrong_words_are_refused(given, word):
     with pytest.raises(rm.OptionError, match=word):
-        H.stress(**given)
+        H.run_cases(**given)
 
 
 @pytest.mark.parametrize(

@@ -27,8 +27,7 @@ from rigidmc.engine.compiler import kernels
 from rigidmc.runs import prepare
 from rigidmc.runs.directory import shards
 from rigidmc.studies.accuracy import study as accuracy
-from rigidmc.studies.stress import study as run
-from rigidmc.studies.stress import trust
+from rigidmc.studies.stress import hard_cases, trust
 from rigidmc.views import descriptions as estimate
 from tests import hostile, hostile_readers
 from tests.faulty import LINUX
@@ -158,7 +157,8 @@ def bounded():
         for where, name, what in (
             (kernels, "_address", known), (prepare, "compute", short), (shards, "compute", short),
             (estimate, "cost_per_step", passed),
-            (accuracy, "work_precision", passed), (run, "stress", passed), (trust, "trust", passed),
+            (accuracy, "work_precision", passed), (hard_cases, "run_cases", passed),
+            (trust, "trust", passed),
         ):  # fmt: skip
             held.enter_context(patch.object(where, name, what))
         yield

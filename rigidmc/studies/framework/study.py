@@ -4,11 +4,12 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import xarray as xr
 
 from rigidmc.errors import OptionError
+from rigidmc.files.outputs import Path
 from rigidmc.scene.scene import Scene, as_scene
 from rigidmc.scene.settings import Run, no_such_keyword
 from rigidmc.studies.framework.direct import Direct
@@ -20,6 +21,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+class OutputFile(NamedTuple):
+    """A file that the command of a study writes beside its Dataset and its picture.
+
+    kind : what such files are called, in the plural
+    text : of the option, a phrase without a full stop
+    write : (dataset, path, force) -> whether the study has such a file
+    """
+
+    kind: str
+    text: str
+    write: Callable[[xr.Dataset, Path, bool], bool]
+
+
 @dataclass(frozen=True)
 class Study:
     """A question about a scene: a value that is called, as the function of its name.
@@ -28,21 +42,22 @@ class Study:
     text : the docstring of the function, with a line `{parameters}` in place of its parameters
     options : what may be asked
     work : what computes: members of one scene, tasks, or a function at once
-    table : Dataset -> lines of text
+    table : Dataset -> lines of text, or what else rich prints
     picture : the function in `picture.py` of the folder, of a Dataset and `picture_options`
     example : a small one, for the tests over all studies
     settings : of a run, that the command has; None for all
     settings_help : {setting: what it means for this study}, where that is not its meaning for a run
     scene_text, settings_text : what the docstring says of these parameters
     source : what beside a scene the command takes
-    is_complete : Dataset -> whether all that was asked is reached; else exit code 5
+    outcome : Dataset -> "done", "flagged" or "incomplete", of which the command makes exit codes
+    files : {option of the command: what else it writes}
     """
 
     name: str
     text: str
     options: type[Options]
     work: Members | Tasks | Direct
-    table: Callable[[xr.Dataset], list[str]]
+    table: Callable[[xr.Dataset], list[Any]]
     picture: str
     example: Example
     picture_options: type[Options] = NoOptions
@@ -51,7 +66,8 @@ class Study:
     scene_text: str = "what is run; also its file, or the name of a shipped one"
     settings_text: str = "of `simulate`"
     source: str = "the result of a study that exists"
-    is_complete: Callable[[xr.Dataset], bool] = lambda dataset: True
+    outcome: Callable[[xr.Dataset], str] = lambda dataset: "done"
+    files: Mapping[str, OutputFile] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         facts = {
@@ -70,6 +86,11 @@ class Study:
         of_work = (given.pop(name, None) for name in ("threads", "device", "progress"))
         design, options = self._designed(given)
         return self.work.compute(design, options, *of_work)
+
+    @property
+    def needs_scene(self) -> bool:
+        """Whether there is no such study without a scene."""
+        return not isinstance(self.work, Direct) or self.work.needs_scene
 
     def design(self, *arguments: Any, **keywords: Any) -> Any:
         """The scene whose members are those of the study; of tasks (scene, request). Arguments as
@@ -107,18 +128,25 @@ class Study:
     def _designed(self, given: dict[str, Any]) -> tuple[Any, Options]:
         """(what `design` returns, the options) of bound arguments."""
         names = {one.name for one in options_of(self.options)}
-        scene, asked = as_scene(given["scene"]), {k: v for k, v in given.items() if k in names}
+        asked = {k: v for k, v in given.items() if k in names}
+        scene = given.get("scene")
+        if self.needs_scene or scene is not None:
+            scene = as_scene(scene)
         settings = {k: v for k, v in given.items() if k not in (*names, "scene")}
         return self.designed(scene, asked, settings)
 
     def designed(
-        self, scene: Scene, options: Mapping[str, Any], settings: Mapping[str, Any]
+        self, scene: Scene | None, options: Mapping[str, Any], settings: Mapping[str, Any]
     ) -> tuple[Any, Options]:
         """(what `design` returns, the options) of values by name."""
         for one in options_of(self.options):
             if one.missing and options.get(one.name) is None:
                 raise OptionError(one.missing, at=one.name)
         read = self.options.read(options)
+        if scene is None:
+            for key, value in settings.items():
+                raise OptionError("is for a scene, and none is given", at=key, value=value)
+            return None, read
         return self.work.design(scene.with_run(**settings), read, settings), read
 
     def _bound(self, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> dict[str, Any]:
@@ -138,7 +166,8 @@ class Study:
     def _signature(self) -> inspect.Signature:
         """(scene, options, *, threads, device, progress, **settings)"""
         kinds = inspect.Parameter
-        made = [kinds("scene", kinds.POSITIONAL_OR_KEYWORD)]
+        default = kinds.empty if self.needs_scene else None
+        made = [kinds("scene", kinds.POSITIONAL_OR_KEYWORD, default=default)]
         for one in options_of(self.options):
             default = one.default if one.is_optional else kinds.empty
             made.append(kinds(one.name, kinds.POSITIONAL_OR_KEYWORD, default=default))
@@ -148,10 +177,11 @@ class Study:
 
     def _parameters(self) -> str:
         """The section Parameters of the docstring."""
+        optional = "" if self.needs_scene else ", optional"
         return "\n".join([
             "Parameters",
             "----------",
-            parameter("scene : Scene or path_like", self.scene_text),
+            parameter(f"scene : Scene or path_like{optional}", self.scene_text),
             *(one.documented() for one in options_of(self.options)),
             *(
                 parameter(f"{name} : {kind}, optional", text)

@@ -302,9 +302,9 @@ def table(study: xr.Dataset) -> list[str]:
     return lines
 
 
-def is_reached(study: xr.Dataset) -> bool:
+def outcome(study: xr.Dataset) -> str:
     """Whether the interval is as narrow as it was asked to be."""
-    return bool(study.attrs["reached"])
+    return "done" if study.attrs["reached"] else "incomplete"
 
 
 multilevel = Study(
@@ -320,6 +320,6 @@ multilevel = Study(
     settings=("integrator", "dt", "t_end", "seed", "dtype"),
     scene_text="what is run, mostly with a random effect; its step is that of the first level",
     source="the run directory of a study that exists",
-    is_complete=is_reached,
+    outcome=outcome,
     example=Example("brownian_rotor", {"until": "mean(energy_final) +- 10 %"}, {"t_end": 1e-4}),
 )  # fmt: skip

@@ -11,9 +11,9 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from rigidmc.figures import ALARM, COLOURS, GREY, INK, LIGHT, MARKERS, new_figure
-from rigidmc.studies.stress.study import AMBER, VERDICTS
+from rigidmc.studies.stress.hard_cases import AMBER, VERDICTS
 
-# {verdict: (colour, words)} of `rigidmc.studies.stress.study.VERDICTS`; "not claimed" stays white
+# {verdict of `rigidmc.studies.stress.hard_cases`: (colour, words)}; "not claimed" stays white
 _VERDICTS = {
     "good": ("#d9ead3", "good"),
     "close": ("#f6b26b", f"above {AMBER:g} of its bound"),
@@ -25,10 +25,15 @@ _VERDICTS = {
 _ALWAYS = ("good", "close", "above")  # in the legend even if no case has them
 
 
+def stress_picture(study: xr.Dataset) -> Figure:
+    """The picture that suits a study."""
+    return (hard_cases if "case" in study.dims else trust)(study)
+
+
 def hard_cases(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     """The hard cases as a heat map of error over bound, with the error in each field.
 
-    study : the Dataset of `rigidmc.studies.stress.study.stress`
+    study : the Dataset of `rigidmc.studies.stress.hard_cases.run_cases`
     """
     cases, names = study.case.values, study.integrator.values
     size = 4.8 + 0.62 * len(names), 1.6 + 0.175 * len(cases)

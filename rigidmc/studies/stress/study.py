@@ -1,238 +1,129 @@
-"""Run the hard cases: every integrator through the catalogue, each error against its bound."""
+"""Run hard cases on this machine, each against its bound; or tell how far a scene can be trusted.
 
-import csv
-import io
-import math
-import os
-from collections.abc import Callable, Collection, Mapping, Sequence
-from importlib import resources
-from os import PathLike
+With a scene, its own members move again by half the step, by another integrator, in other units and
+with axes renamed, and the differences are its errors; `integrator` replaces its own.
 
-import numpy as np
+{parameters}
+
+Returns
+-------
+xarray.Dataset
+    without a scene over `case` and `integrator`: error, bound, measured (the error on the machine
+    on which the bounds were measured), seconds, verdict (see `flag_meanings`; "not up to it" is an
+    integrator that claims a case and is known to fail it, "not judged" a run without a bound),
+    reason (the message of a crash); over `case`: group, why, truth. With a scene over `check` and
+    `time`: error (of the worst member) and error_median, the larger of momentum [of its size] and
+    attitude [rad]; over `check`: tells, "accuracy", or "rounding" if the same motion is computed
+    with other numbers. Attributes: verdict, digits (that all members keep to t_end), horizon [s]
+    (beyond which fewer than two are left), chaotic_share, flagged
+
+Raises
+------
+OptionError
+    for unknown names, and for bounds that are negative or not finite
+FileError
+    for a file of bounds with mistakes
+SceneError
+    for a scene that cannot be run, or that is random
+
+Examples
+--------
+>>> found = rm.stress("nasa_brick", quick=True)  # doctest: +SKIP
+>>> found.attrs["verdict"]  # doctest: +SKIP
+'trust 12 digits to t = 30 s'
+
+>>> rm.stress(group="H77")  # doctest: +ELLIPSIS
+Traceback (most recent call last):
+rigidmc.errors.OptionError: group = 'H77': ...
+"""
+
+from collections.abc import Mapping
+from typing import Any, cast
+
 import xarray as xr
 
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import FileError, OptionError, RigidmcError, unknown
-from rigidmc.files.outputs import write_bytes
-from rigidmc.files.reading import harmless, text_of
-from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.studies.stress import GROUPS, catalogue
-from rigidmc.studies.stress.case import Case
-from rigidmc.studies.stress.processes import Outcome, carry_out
-from rigidmc.version import VERSION
-
-QUICK = ("rk4", "rk8", "srkn11", "exact", "closed")  # the integrators of `--quick`
-AMBER = 0.3  # an error above this share of its bound is "close"
-VERDICTS = ("not claimed", "good", "close", "not up to it", "not judged", "above", "crashed")
-SHORT = 0.02  # share of the steps of long cases that `--quick` takes
-_COLUMNS = ["group", "case", "integrator", "bound", "measured"]
-
-Key = tuple[str, str]  # names of a case and of an integrator
+from rigidmc.files.outputs import Path
+from rigidmc.scene.scene import Scene
+from rigidmc.studies.framework.direct import Direct
+from rigidmc.studies.framework.options import Example, Names, Options, option
+from rigidmc.studies.framework.study import OutputFile, Study
+from rigidmc.studies.stress import hard_cases, trust
 
 
-def stress(
-    groups: Sequence[str] | None = None,
-    integrators: Sequence[str] | None = None,
-    quick: bool = False,
-    bounds: Mapping[Key, float] | None = None,
-    threads: int | None = None,
-    progress: bool | Callable[[int, int], object] = False,
+class StressOptions(Options):
+    """What `stress` may be asked."""
+
+    group: Names | None = option(None, "groups of the catalogue, e.g. H2,H7; by default all")
+    integrator: Names | None = option(
+        None, "e.g. rk4,exact; by default all, and for a scene its own integrator"
+    )
+    quick: bool = option(False, "a few cases and integrators; long cases shortened")
+    bounds: str | None = option(
+        None,
+        "bounds instead of the shipped ones, as --write-bounds writes them",
+        more="a file, or numbers by (case, integrator)",
+        metavar="FILE",
+    )
+
+
+def measure(
+    scene: Scene | None, options: StressOptions, threads: int | None, progress: Any
 ) -> xr.Dataset:
-    """Run the catalogue of hard cases: a Dataset over `case` and `integrator`.
-
-    groups : keys of GROUPS, default all;  integrators : names, default all
-    quick : only the cases marked so, the integrators QUICK, and a fiftieth of the steps
-    bounds : {(case, integrator): bound}, which replace the shipped ones
-    threads : how many processes, default one per core
-    progress : True for a bar, or a function of (done, total)
-
-    Variables: error, bound, measured (the error on the machine on which the bounds were measured),
-    seconds, verdict (see `flag_meanings`; "not up to it" is an integrator that claims a case and is
-    known to fail it, "not judged" a run without a bound), reason (the message of a crash); over
-    `case`: group, why, truth.
-    Raises OptionError for unknown names and for bounds that are negative or not finite.
-    """
-    names, chosen = list(integrators or (QUICK if quick else INTEGRATORS)), list(groups or GROUPS)
-    for name in names:
-        if name not in INTEGRATORS:
-            raise unknown("integrator", INTEGRATORS, at="integrator", value=name, error=OptionError)
-    for group in chosen:
-        if group not in GROUPS:
-            raise unknown("group of hard cases", GROUPS, at="group", value=group, error=OptionError)
-    cases, known = catalogue(), shipped_bounds()
-    for key, bound in (bounds or {}).items():
-        known[key] = (_checked(key, bound), known.get(key, (0.0, math.nan))[1])
-    wanted = [
-        i for i, case in enumerate(cases) if case.group in chosen and (case.quick or not quick)
-    ]
-    tasks = {name: [i for i in wanted if name in cases[i].integrators()] for name in names}
-    outcomes = carry_out(tasks, SHORT if quick else 1.0, threads or threads_available(), progress)
-    table = [[outcomes.get((i, name)) for name in names] for i in wanted]
-    return _dataset([cases[i] for i in wanted], table, names, known, bounds or {})
+    """The Dataset of the hard cases, or of the checks of a scene."""
+    names, bounds = options.integrator, cast(Any, options.bounds)
+    if scene is not None:
+        if names is not None:
+            scene = scene.with_run(integrator=",".join(names))
+        return trust.trust(scene, options.quick, progress)
+    if bounds is not None and not isinstance(bounds, Mapping):
+        bounds = hard_cases.load_bounds(bounds)
+    many = threads or threads_available()
+    return hard_cases.run_cases(options.group, names, options.quick, bounds, many, progress)
 
 
-def failed(study: xr.Dataset) -> bool:
-    """Whether any error is above its bound, or any case crashed."""
-    return bool((study.verdict.values >= VERDICTS.index("above")).any())
+def is_of_cases(study: xr.Dataset) -> bool:
+    """Whether a study is of the hard cases, and not of a scene."""
+    return "case" in study.dims
 
 
-def bound_of(
-    case: Case,
-    integrator: str,
-    known: Mapping[Key, tuple[float, float]],
-    given: Collection[Key] = (),
-) -> tuple[float, float]:
-    """(bound, measured) of a case and an integrator.
+def table(study: xr.Dataset) -> list[Any]:
+    """The study in lines of text, or as rich prints it."""
+    if not is_of_cases(study):
+        return trust.table(study)
+    from rigidmc.studies.stress.table import case_table  # rich takes 0.1 s
 
-    The first of: the user's bound, a bound set by mathematics, the shipped bound, the worst shipped
-    bound of an integrator of the same order. inf and nan if there is none.
-    """
-    bound, measured = known.get((case.name, integrator), (None, math.nan))
-    asked = case.asked_of(integrator)
-    if bound is not None and ((case.name, integrator) in given or asked is None):
-        return bound, measured
-    if asked is not None:
-        return asked, measured
-    order = INTEGRATORS[integrator].order
-    alike = [
-        pair
-        for (name, other), pair in known.items()
-        if name == case.name and INTEGRATORS[other].order == order
-    ]
-    return max(alike, default=(math.inf, math.nan))
+    return case_table(study)
 
 
-def shipped_bounds() -> dict[Key, tuple[float, float]]:
-    """{(case, integrator): (bound, measured)} of `bounds.csv`."""
-    text = resources.files("rigidmc.studies.stress").joinpath("bounds.csv").read_text("utf-8")
-    return _read(text, "bounds.csv")
+def outcome(study: xr.Dataset) -> str:
+    """Whether a case is above its bound or crashed, or the scene cannot be trusted."""
+    failed = hard_cases.failed if is_of_cases(study) else trust.failed
+    return "flagged" if failed(study) else "done"
 
 
-def load_bounds(path: str | PathLike[str]) -> dict[Key, float]:
-    """{(case, integrator): bound} of a file like `bounds.csv`; FileError for its mistakes."""
-    path = os.fspath(path)
-    table = _read(text_of(path), path)
-    cases = {case.name for case in catalogue()}
-    for name, integrator in table:
-        if name not in cases:
-            raise unknown("case", cases, at=f"{path}.case", table=path, value=name, error=FileError)
-        if integrator not in INTEGRATORS:
-            raise unknown(
-                "integrator",
-                INTEGRATORS,
-                at=f"{path}.integrator",
-                table=path,
-                value=integrator,
-                error=FileError,
-            )
-    return {key: _checked(key, bound, FileError) for key, (bound, _) in table.items()}
+def save_bounds(study: xr.Dataset, path: Path, force: bool) -> bool:
+    """Write bounds of the hard cases; False for a scene, which has none."""
+    if is_of_cases(study):
+        hard_cases.save_bounds(study, path, force)
+    return is_of_cases(study)
 
 
-def save_bounds(study: xr.Dataset, path: str | PathLike[str], force: bool = False) -> None:
-    """Write four times the measured errors of a study as bounds, to one digit, at least 1e-16."""
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_COLUMNS)
-    for i, case in enumerate(study.case.values):
-        for j, name in enumerate(study.integrator.values):
-            error = float(study.error.values[i, j])
-            if math.isfinite(error):
-                bound = f"{_rounded_up(max(4.0 * error, 1e-16)):.0e}"
-                row = [study.group.values[i], case, name, bound, f"{error:.2g}"]
-                writer.writerow(map(harmless, row))
-    write_bytes(path, text.getvalue().encode(), force)
-
-
-def _rounded_up(value: float) -> float:
-    """A positive number rounded up to one digit."""
-    size = 10.0 ** math.floor(math.log10(value))
-    return math.ceil(value / size * (1.0 - 1e-9)) * size
-
-
-def _read(text: str, file: str) -> dict[Key, tuple[float, float]]:
-    try:
-        rows = list(csv.DictReader(text.splitlines()))
-    except csv.Error as error:
-        raise FileError(f"is no table: {error}", at="bounds", file=file) from None
-    bounds: dict[Key, tuple[float, float]] = {}
-    for number, row in enumerate(rows, 2):
-        try:
-            measured = float(row.get("measured") or math.nan)
-            bounds[row["case"], row["integrator"]] = float(row["bound"]), measured
-        except (KeyError, TypeError, ValueError):
-            rule = f"expected the columns {', '.join(_COLUMNS)}, numbers in the last two"
-            raise FileError(
-                rule,
-                at=f"line {number}.bound",
-                table=f"line {number}",
-                value=row.get("bound"),
-                file=file,
-            ) from None
-    return bounds
-
-
-def _checked(key: Key, bound: float, error: type[RigidmcError] = OptionError) -> float:
-    """A bound; an error if it is negative or not finite."""
-    if not (bound >= 0.0 and math.isfinite(bound)):
-        rule = "a bound must be finite and not negative"
-        table = f"{key[0]}, {key[1]}"
-        raise error(rule, at=f"{table}.bound", table=table, value=bound)
-    return bound
-
-
-def _dataset(
-    cases: Sequence[Case],
-    outcomes: Sequence[Sequence[Outcome | None]],
-    names: Sequence[str],
-    known: Mapping[Key, tuple[float, float]],
-    given: Collection[Key],
-) -> xr.Dataset:
-    """The Dataset of a study; `outcomes` has a row per case and a column per integrator."""
-    shape, over = (len(cases), len(names)), ("case", "integrator")
-    bound, measured, error, seconds = (np.full(shape, np.nan) for _ in range(4))
-    verdict, reason = np.zeros(shape, "i1"), np.full(shape, "", dtype=object)
-    for i, case in enumerate(cases):
-        for j, name in enumerate(names):
-            outcome = outcomes[i][j]
-            if outcome is None or (math.isnan(outcome[0]) and not outcome[2]):
-                continue
-            error[i, j], seconds[i, j], reason[i, j] = outcome
-            bound[i, j], measured[i, j] = bound_of(case, name, known, given)
-            verdict[i, j] = VERDICTS.index(_verdict(case, name, error[i, j], bound[i, j]))
-            if reason[i, j] == "" and VERDICTS[verdict[i, j]] == "not up to it":
-                reason[i, j] = case.weak[name]
-    flags = {
-        "flag_values": np.arange(len(VERDICTS), dtype="i1"),
-        "flag_meanings": " ".join(v.replace(" ", "_") for v in VERDICTS),
-    }
-    described = "error on the machine on which the bounds were measured"
-    variables = {
-        "error": (over, error, {"units": "1", "long_name": "error, as `truth` says"}),
-        "bound": (over, bound, {"units": "1", "long_name": "bound of the error"}),
-        "measured": (over, measured, {"units": "1", "long_name": described}),
-        "seconds": (over, seconds, {"units": "s"}),
-        "verdict": (over, verdict, flags),
-        "reason": (over, reason),
-        "group": ("case", np.array([case.group for case in cases], dtype=object)),
-        "why": ("case", np.array([case.why for case in cases], dtype=object)),
-        "truth": ("case", np.array([case.truth for case in cases], dtype=object)),
-    }
-    coordinates = {
-        "case": np.array([case.name for case in cases], dtype=object),
-        "integrator": np.array(names, dtype=object),
-    }
-    attrs = {"title": "hard cases", "source": f"rigidmc {VERSION}"}
-    return xr.Dataset(variables, coordinates, attrs)
-
-
-def _verdict(case: Case, name: str, error: float, bound: float) -> str:
-    """One of VERDICTS."""
-    if math.isnan(error):
-        return "crashed"
-    if error > bound:
-        return "above"
-    if name in case.weak:
-        return "not up to it"
-    if bound == math.inf and error > 0.0:
-        return "not judged"
-    return "good" if error <= AMBER * bound or error == 0.0 else "close"
+stress = Study(
+    name="stress",
+    text=__doc__,
+    options=StressOptions,
+    work=Direct(measure, "True for a bar, or a function of (done, all)", needs_scene=False),
+    table=table,
+    picture="stress_picture",
+    scene_text="a scene to put through the generic checks; without it the catalogue of hard cases",
+    files={
+        "write_bounds": OutputFile(
+            "tables of bounds",
+            "write four times the errors measured here as bounds (.csv)",
+            save_bounds,
+        )
+    },
+    outcome=outcome,
+    example=Example("nasa_brick", {"quick": True}, {}),
+)

@@ -1,0 +1,112 @@
+"""The hard cases as rich prints them: error over bound, the worst runs, crashes, and a verdict."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from rich.table import Table
+from rich.text import Text
+
+from rigidmc.studies.stress import GROUPS
+from rigidmc.studies.stress.hard_cases import AMBER, VERDICTS
+
+_STYLES = {
+    "good": "green",
+    "close": "bold yellow",
+    "not up to it": "dim",
+    "not judged": "cyan",
+    "above": "bold white on red",
+    "crashed": "bold white on red",
+}
+WORST = 8  # runs that are told in full
+
+
+def case_table(study: xr.Dataset) -> list[Any]:
+    """The table of error over bound, the worst runs, those that crashed, and a verdict."""
+    verdict, names = study.verdict.values, study.integrator.values
+    with np.errstate(all="ignore"):
+        ratio = study.error.values / study.bound.values
+    ratio = np.where(np.isnan(ratio) & (study.error.values == 0.0), 0.0, ratio)
+    lines: list[Any] = [_sheet(study, ratio), Text("the worst:", style="bold")]
+    known = np.nan_to_num(ratio, nan=0.0)
+    rank = np.where(verdict >= VERDICTS.index("above"), 1e300, 1.0) * known
+    for flat in np.argsort(-np.nan_to_num(rank, nan=0.0), axis=None)[:WORST]:
+        i, j = divmod(int(flat), len(names))
+        lines += _run(study, i, j, ratio[i, j])
+    for i, j in np.argwhere(verdict == VERDICTS.index("crashed")):
+        line = f"crashed: {study.case.values[i]}, {names[j]}: {study.reason.values[i, j]}"
+        lines.append(Text(line, style="red"))
+    for i, j in np.argwhere(verdict == VERDICTS.index("not up to it")):
+        error, reason = study.error.values[i, j], study.reason.values[i, j]
+        line = f"not up to it: {study.case.values[i]}, {names[j]}: error {error:.1e}; {reason}"
+        lines.append(Text(line))
+    return [*lines, Text(_counts(study))]
+
+
+def _counts(study: xr.Dataset) -> str:
+    """How many cases and runs there are, and how many of each verdict."""
+    verdict = study.verdict.values
+    count = {word: int((verdict == place).sum()) for place, word in enumerate(VERDICTS)}
+    parts = [f"{count[word]:,} {word}" for word in VERDICTS[1:] if count[word]]
+    idle = int((verdict == 0).all(axis=1).sum())
+    claimed = f" ({idle} claimed by no integrator here)" if idle else ""
+    return (
+        f"{study.sizes['case']} cases{claimed}, {int((verdict > 0).sum()):,} runs:"
+        f" {', '.join(parts)} (close: above {AMBER:g} of the bound;"
+        f" {'not judged: no bound; ' * bool(count['not judged'])}"
+        f"{float(np.nansum(study.seconds.values)):.0f} s of work)"
+    )
+
+
+def _sheet(study: xr.Dataset, ratio: NDArray[np.float64]) -> Table:
+    """The table of error over bound: a row for each case, a column for each integrator."""
+    sheet = Table(
+        "case",
+        *study.integrator.values,
+        title="error over bound (. not claimed, ? not judged: no bound, X crashed)",
+        title_justify="left",
+        pad_edge=False,
+        padding=(0, 1, 0, 0),
+    )
+    sheet.columns[0].no_wrap = True
+    for column in sheet.columns[1:]:
+        column.justify = "right"
+    last = None
+    for case, group, verdicts, ratios in zip(
+        study.case.values, study.group.values, study.verdict.values, ratio, strict=True
+    ):
+        if group != last:
+            last = group
+            sheet.add_section()
+            sheet.add_row(Text(f"{last} {GROUPS[last]}", style="bold"))
+        cells = zip(verdicts, ratios, strict=True)
+        sheet.add_row(case, *(_cell(VERDICTS[verdict], value) for verdict, value in cells))
+    return sheet
+
+
+def _run(study: xr.Dataset, i: int, j: int, ratio: float) -> Iterator[Text]:
+    """One run: its error, its bound, why the case is hard, and the truth it is held to."""
+    error, bound, measured = (
+        float(study[name].values[i, j]) for name in ("error", "bound", "measured")
+    )
+    known = "" if math.isnan(measured) else f", {measured:.1e} where the bounds were made"
+    style = _STYLES.get(VERDICTS[int(study.verdict.values[i, j])], "")
+    case = f"{study.group.values[i]} {study.case.values[i]}, {study.integrator.values[j]}"
+    line = f"  {ratio:6.2f}  {case}: error {error:.1e}, bound {bound:.1e}{known}"
+    yield Text(line, style=style if "red" in style else "")
+    why = f"          {study.why.values[i]} (truth: {study.truth.values[i]})"
+    yield Text(why, style="dim")
+
+
+def _cell(verdict: str, ratio: float) -> Text:
+    """A cell of the table."""
+    if verdict == "not claimed":
+        return Text(".", style="dim")
+    if verdict in ("crashed", "not judged"):
+        return Text("X" if verdict == "crashed" else "?", style=_STYLES[verdict])
+    words = f"{ratio:.2f}" if ratio < 10 else f"{ratio:.0e}"
+    words = "0" if ratio == 0.0 else "<.01" if ratio < 0.01 else words
+    return Text(words + ("!" if verdict == "above" else ""), style=_STYLES[verdict])
