@@ -33,7 +33,6 @@ _HOMES = {name: f"studies.{name}.study" for name in STUDIES} | {
     "PreparedRun": "runs.prepare",
     "device": "engine.cuda.devices",
     "rerun": "runs.rerun",
-    "stability_map": "studies.stability_map.study",
     "open_map": "studies.stability_map.stored",
     "zoom_map": "studies.stability_map.stored",
     "simulate_until": "studies.until",
@@ -103,7 +102,6 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.scene.vector_distributions import *  # noqa: F403
     from rigidmc.studies.stability_map.stored import open_map as open_map
     from rigidmc.studies.stability_map.stored import zoom_map as zoom_map
-    from rigidmc.studies.stability_map.study import stability_map as stability_map
     from rigidmc.studies.until import randomised as randomised
     from rigidmc.studies.until import simulate_until as simulate_until
 

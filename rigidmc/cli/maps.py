@@ -1,132 +1,199 @@
-"""rigidmc map."""
+"""rigidmc map: the command of the study stability_map, of scenes, of the maps of the package, and
+of parts of maps that exist; and `rigidmc map list`."""
 
-from functools import partial
-from typing import TYPE_CHECKING, Any
+import errno
+import inspect
+import os
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import FLAGGED, INCOMPLETE, OK, STUDY, app
-from rigidmc.cli.directories import (
-    Ways,
-    begun,
-    names_a_run,
-    refuse_force,
-    refuse_ways,
-    takes_ways,
+from rigidmc.cli.app import STUDY, app, load_scene
+from rigidmc.cli.options import Force, gathering, takes_settings
+from rigidmc.cli.reporting import refuse_outputs, reported
+from rigidmc.cli.studies import (
+    OF_MEMBERS,
+    StudyCommand,
+    Where,
+    computed,
+    end,
+    folder_of,
+    parameters_of,
+    show,
+    unmade,
+    where_of,
 )
-from rigidmc.cli.map_options import (
-    Across,
-    Adaptive,
-    Border,
-    Layers,
-    Listed,
-    Measures,
-    Members,
-    Name,
-    Request,
-    Resolution,
-    Third,
-    Upwards,
-    Zoom,
-)
-from rigidmc.cli.options import (
-    AllowCode,
-    Device,
-    Force,
-    OutputOrRun,
-    Plot,
-    Set,
-    Threads,
-    takes_settings,
-)
-from rigidmc.cli.reporting import keep, refuse_outputs, reported, show_done
 from rigidmc.errors import OptionError, unknown
+from rigidmc.studies import STUDIES, load_study
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.figure import Figure
 
-SETTINGS = ("integrator", "dt", "turn", "t_end", "tolerance", "seed", "dtype", "compensated")
+    from rigidmc.studies.framework.study import Study
+    from rigidmc.studies.stability_map.question import Borders
 
-
-@app.command("map", rich_help_panel=STUDY)
-@takes_settings(*SETTINGS)
-@takes_ways
-def make_map(
-    name: Name,
-    run: dict[str, Any],
-    ways: Ways,
-    listed: Listed = None,
-    x: Across = None,
-    y: Upwards = None,
-    of: Measures = [],  # noqa: B006
-    resolution: Resolution = None,
-    members: Members = None,
-    z: Third = None,
-    layers: Layers = None,
-    adaptive: Adaptive = False,
-    border: Border = [],  # noqa: B006
-    zoom: Zoom = None,
-    settings: Set = [],  # noqa: B006
-    allow_code: AllowCode = False,
-    threads: Threads = None,
-    device: Device = None,
-    output: OutputOrRun = None,
-    plot: Plot = None,
-    force: Force = False,
-) -> None:
-    """Map two parameters of a scene against what its members do, with replicas and a confidence
-    interval for every pixel. With -o MAP/ the map is a run directory, which survives a kill:
-    `rigidmc map MAP/` draws what is there."""
-    with reported(name):
-        if name == "list":
-            _list(listed)
-            return
-        if listed is not None:
-            raise OptionError("goes with `rigidmc map list NAME`", at="NAME", value=listed)
-        from rigidmc.studies.stability_map.case import with_theory
-        from rigidmc.studies.stability_map.stored import create_map, open_map
-        from rigidmc.studies.stability_map.study import mapped
-
-        third = z, layers, adaptive, border
-        request = Request(name, x, y, of, resolution, members, settings, run, zoom, *third)
-        folder = output is not None and names_a_run(output)
-        if request.draws(ways):
-            refuse_outputs(force, plot=plot, study=output)
-            dataset = open_map(name, allow_code)
-        elif output is not None and folder:
-            refuse_outputs(force, plot=plot)
-            refuse_force(output, force)
-            make = partial(create_map, request.prepared(threads, allow_code), output)
-            code, whole = begun(make, ways, threads, allow_code)
-            if not whole:
-                raise typer.Exit(code)
-            dataset, output = open_map(output, allow_code), None
-        else:
-            refuse_ways(ways)
-            refuse_outputs(force, plot=plot, study=output, size=request.size())
-            ready = request.prepared(threads, allow_code)
-            dataset = with_theory(mapped(ready, threads, show_done), ready.question.name)
-        _told(dataset, output, plot, force)
-    if "missing" in dataset.attrs:
-        raise typer.Exit(INCOMPLETE)
-    raise typer.Exit(FLAGGED if int(dataset.failed.sum()) else OK)
+NAME = "stability_map"
+Name = Annotated[
+    str,
+    typer.Argument(
+        metavar="NAME|SCENE|FILE|MAP/",
+        help="A map of the package (rigidmc map list), a TOML file, a shipped scene; or a map that"
+        " exists, as a file (.nc) or a run directory.",
+    ),
+]
+Listed = Annotated[
+    str | None,
+    typer.Argument(metavar="[NAME]", help="With `rigidmc map list`: the map to explain."),
+]
 
 
-def _told(dataset: "xr.Dataset", output: str | None, plot: str | None, force: bool) -> None:
-    """Write a map and its picture, and print what it says."""
+class MapCommand(StudyCommand):
+    """The command, made when it is first asked for."""
 
-    def draw(dataset: "xr.Dataset") -> "Figure":
-        from rigidmc.studies.stability_map import picture as maps
+    def function(self) -> Callable[..., None]:
+        """Its function."""
+        return command_of_map(load_study(NAME))
 
-        return maps.stability_map(dataset)
 
-    lines = list[str]()
-    try:
-        lines = keep(dataset, output, plot, force, draw)
-    finally:  # the summary is printed also if a file cannot be written
-        _summarise(dataset)
-        print("\n".join(lines), end="\n" * bool(lines))
+def command_of_map(study: "Study") -> Callable[..., None]:
+    """The function of the command, with options as typer reads them."""
+
+    def command(
+        name: str, run: dict[str, Any], where: Where, listed: str | None = None, **options: Any
+    ) -> None:
+        with reported(name):
+            if name == "list":
+                _list(listed)
+                return
+            if listed is not None:
+                raise OptionError("goes with `rigidmc map list NAME`", at="NAME", value=listed)
+            asked = {key: value for key, value in options.items() if value not in (None, [], False)}
+            dataset, file = _mapped(study, name, asked, where, run)
+            show(study, dataset, where._replace(output=file), {}, {})
+        end(study, dataset)
+
+    kind = inspect.Parameter.KEYWORD_ONLY
+    parameters = [
+        inspect.Parameter("name", kind, annotation=Name),
+        inspect.Parameter("listed", kind, annotation=Listed, default=None),
+        *parameters_of(study),
+        *(inspect.Parameter(name, kind) for name in ("run", "where")),
+    ]
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    options = {**OF_MEMBERS, "force": (Force, False)}  # the help page shows this default
+    return takes_settings(*(study.settings or ()))(gathering("where", options, where_of)(command))
+
+
+def _mapped(
+    study: "Study", name: str, asked: dict[str, Any], where: Where, run: dict[str, Any]
+) -> "tuple[xr.Dataset, str | None]":
+    """(a map, the file to write it to): one that exists, or a new one."""
+    file = None if folder_of(where.output) else where.output
+
+    def stored(path: str) -> "xr.Dataset":
+        return study.of(path, allow_code=where.allow_code)
+
+    if _is_drawn(name, asked, where, run):
+        refuse_outputs(where.force, plot=where.plot, study=where.output)
+        return stored(name), where.output
+    refuse_outputs(where.force, plot=where.plot, study=file, size=_size(name, asked, where))
+    return computed(study, where, lambda: _designed(study, name, asked, where, run), stored)
+
+
+def _is_drawn(name: str, asked: dict[str, Any], where: Where, run: dict[str, Any]) -> bool:
+    """Whether a map that exists is to be drawn as it is; OptionError for an option of a new map
+    beside one that exists, and for a part of a map that does not."""
+    from rigidmc.studies.stability_map.stored import is_map
+
+    exists, part, ways = is_map(name), asked.get("zoom"), where.ways._asdict()
+    if part is not None and not exists:
+        rule = f"is a part of a map that exists, and {name} is no file or directory of one"
+        raise OptionError(rule, at="zoom", value=part)
+    # a part is a new map of the same question
+    kept = ("zoom",) if part is None else ("zoom", "resolution")
+    own = {key: value for key, value in asked.items() if key not in kept}
+    given = {**own, "set": where.settings, **run, **({} if part else ways)}
+    for key, value in given.items():
+        if exists and value not in (None, []):
+            rule = f"is for a new map, and {name} is one that exists"
+            raise OptionError(rule, at=key, value=value)
+    if "border" in asked and "adaptive" not in asked:
+        raise OptionError("goes with --adaptive", at="border", value=asked["border"])
+    of_shards = {key: value for key, value in ways.items() if "shard" in key and value}
+    if "adaptive" in asked and of_shards:
+        key, value = next(iter(of_shards.items()))
+        rule = "the shards of an adaptive map follow from its pixels, and each level needs all"
+        raise OptionError(rule, at=key, value=value)
+    return exists and part is None
+
+
+def _is_of_package(name: str, asked: dict[str, Any], where: Where) -> bool:
+    """Whether a map of the package is asked for; OptionError if neither it nor a map of a scene is
+    described completely."""
+    from rigidmc.scene.library import shipped
+    from rigidmc.studies.stability_map.case import MAPS
+
+    missing = [key for key in ("x", "y", "of") if key not in asked]
+    plain = len(missing) == 3 and not where.settings
+    if name in MAPS and plain:
+        if "z" in asked:
+            rule = "a map of the package has two sides; give a scene with --x, --y, --z and --of"
+            raise OptionError(rule, at="z", value=asked["z"])
+        return True
+    if plain and name not in shipped():
+        if name.lower().endswith((".nc", ".toml", "/")) and not os.path.exists(name):
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), name)
+        raise unknown("map", MAPS, at="map", value=name, error=OptionError)
+    if missing and name in MAPS:
+        rule = (
+            "a map of the package has its own x, y, measures and scene; give --resolution,"
+            " --members, --dt and the like, or a scene with all of --x, --y and --of"
+        )
+        raise OptionError(rule, at="map", value=name)
+    if missing:
+        own = ", ".join(MAPS)
+        rule = f"is missing: a map of a scene needs --x, --y and --of; maps of the package: {own}"
+        raise OptionError(rule, at=", ".join(missing))
+    return False
+
+
+def _size(name: str, asked: dict[str, Any], where: Where) -> int:
+    """Bytes of the file of a map; 0 for a part of a map, which is as large as that."""
+    from rigidmc.studies.stability_map import case
+    from rigidmc.studies.stability_map.question import LAYERS
+    from rigidmc.studies.stability_map.study import RESOLUTION
+
+    if "zoom" in asked:
+        return 0
+    usual = case.RESOLUTION if _is_of_package(name, asked, where) else RESOLUTION
+    pixels = asked.get("resolution", usual) ** 2
+    layers = asked.get("layers", LAYERS) if "z" in asked else 1
+    return int(8 * pixels * layers * (4 + 3 * len(asked.get("of", ()))))
+
+
+def _designed(
+    study: "Study", name: str, asked: dict[str, Any], where: Where, run: dict[str, Any]
+) -> tuple[Any, Any]:
+    """(the map before its first step, its options)."""
+    from rigidmc.studies.stability_map import case
+    from rigidmc.studies.stability_map.stored import zoomed
+    from rigidmc.studies.stability_map.study import read_part
+
+    if "zoom" in asked:
+        part = read_part(asked["zoom"], "zoom")
+        return zoomed(name, *part, where.allow_code, asked.get("resolution")), None
+    if _is_of_package(name, asked, where):
+        adaptive = _adaptive(asked, case.MAPS[name]().of[0])
+        sides = asked.get("resolution", case.RESOLUTION)
+        return case.prepared_case(name, sides, asked.get("members"), adaptive, **run), None
+    scene = load_scene(name, where.settings, where.allow_code)
+    return study.designed(scene, {**asked, "adaptive": _adaptive(asked, asked["of"][0])}, run)
+
+
+def _adaptive(asked: dict[str, Any], first: str) -> "bool | Borders":
+    """Whether a map is adaptive, or borders between the classes of its first measure."""
+    return ((first, tuple(asked["border"])),) if "border" in asked else "adaptive" in asked
 
 
 def _list(name: str | None) -> None:
@@ -152,49 +219,4 @@ def _list(name: str | None) -> None:
             print(f"\n{case.scene.dumps()}", end="")
 
 
-def _summarise(dataset: "xr.Dataset") -> None:
-    """Print what the map cost, the range of each measure, and how well it is known."""
-    from rigidmc.results.labels import count_text
-
-    there = dataset["computed"] if "computed" in dataset else 1 + 0 * dataset.good
-    pixels, none = int(there.sum()), int(((dataset.good == 0) & (dataset.failed == 0)).sum())
-    failed, count = int((dataset.failed * there).sum()), dataset.attrs["members"]
-    seconds, missing = dataset.attrs.get("seconds"), dataset.attrs.get("missing", 0)
-    took = f": {seconds:.1f} s, {pixels * count / seconds:,.0f} members/s" if seconds else ""
-    print(f"{dataset.attrs['title']}")
-    stack = f" x {dataset.sizes['z']}" if "z" in dataset.sizes else ""
-    print(
-        f"  {dataset.sizes['x']} x {dataset.sizes['y']}{stack} pixels of"
-        f" {count_text(count, 'member')} with {dataset.attrs['integrator']}{took}"
-    )
-    if "computed" in dataset:
-        print(f"  {100 * pixels / there.size:.3g} % of the pixels were computed")
-    if missing and "computed" in dataset:
-        print(f"  at least {missing:,} members are missing; `rigidmc resume` goes on")
-    elif missing:
-        share = 100 * (1 - missing / (pixels * count))
-        print(f"  {share:.3g} % of the members are there; `rigidmc resume` goes on")
-    for name, values in dataset.data_vars.items():
-        counts = name in ("good", "failed", "none", "computed") or str(name).endswith(
-            ("_low", "_high")
-        )
-        if not counts and bool(values.notnull().any()):
-            print(
-                f"  {name:28s} {float(values.min()):.4g} to {float(values.max()):.4g},"
-                f" median {float(values.median()):.4g}{_interval(dataset, str(name), count)}"
-            )
-    print(f"  pixels without body or start: {none:,}; members that failed: {failed:,}")
-
-
-def _interval(dataset: "xr.Dataset", name: str, count: int) -> str:
-    """In words, half the width of the confidence interval in the median pixel."""
-    import numpy as np
-
-    if f"{name}_low" not in dataset or count == 1:
-        return ""
-    width = dataset[f"{name}_high"] - dataset[f"{name}_low"]
-    known = np.isfinite(width)
-    if not known.any():
-        return ", too few members for intervals"
-    half = float(width.where(known).median()) / 2
-    return f", intervals of {100 * dataset.attrs['confidence']:g} % +-{half:.2g} in the median"
+app.command("map", cls=MapCommand, help=STUDIES[NAME], rich_help_panel=STUDY)(unmade)

@@ -67,7 +67,7 @@ class Where(NamedTuple):
     ways: Ways
 
 
-def _where(given: dict[str, Any]) -> Where:
+def where_of(given: dict[str, Any]) -> Where:
     """The Where of the options."""
     ways = Ways(*(given.pop(name, None) for name in Ways._fields))
     settings, output = list(given["settings"] or ()), given["output"]
@@ -75,26 +75,17 @@ def _where(given: dict[str, Any]) -> Where:
     return Where(settings, flags[0], given["threads"], output, given["plot"], flags[1], ways)
 
 
-takes_members = gathering(  # decorates a command that has a parameter `where`
-    "where",
-    {
-        "settings": Set, "allow_code": AllowCode, "threads": Threads, "device": Device,
-        "output": OutputOrRun,
-        "plot": Plot, "force": Force, "max_wall": MaxWall, "shards": Shards,
-        "shard_size": ShardSize, "shard_time": ShardTime, "cluster": Cluster,
-    },
-    _where,
-)  # fmt: skip
-
-
-takes_files = gathering(  # the same of a study that has no members
-    "where",
-    {
-        "threads": Threads, "settings": Set, "allow_code": AllowCode, "output": Output,
-        "plot": Plot, "force": (Force, False),
-    },
-    _where,
-)  # fmt: skip
+# options of which `where_of` makes a Where: of studies whose members or tasks a run directory may
+# hold, and of others
+OF_MEMBERS: dict[str, Any] = {
+    "settings": Set, "allow_code": AllowCode, "threads": Threads, "device": Device,
+    "output": OutputOrRun, "plot": Plot, "force": Force, "max_wall": MaxWall, "shards": Shards,
+    "shard_size": ShardSize, "shard_time": ShardTime, "cluster": Cluster,
+}  # fmt: skip
+OF_FILES: dict[str, Any] = {
+    "threads": Threads, "settings": Set, "allow_code": AllowCode, "output": Output, "plot": Plot,
+    "force": (Force, False),  # the help page shows this default
+}  # fmt: skip
 
 
 class StudyCommand(TyperCommand):
@@ -107,11 +98,15 @@ class StudyCommand(TyperCommand):
     def made(self) -> Any:
         """The command itself."""
         if self._made is None:
-            info = CommandInfo(name=self.name, callback=command_of(load_study(str(self.name))))
+            info = CommandInfo(name=self.name, callback=self.function())
             self._made = get_command_from_info(  # type: ignore[assignment]
                 info, pretty_exceptions_short=True, rich_markup_mode="rich"
             )
         return self._made
+
+    def function(self) -> Callable[..., None]:
+        """Its function, with options as typer reads them."""
+        return command_of(load_study(str(self.name)))
 
     @property
     def params(self) -> Any:
@@ -137,34 +132,39 @@ def command_of(study: "Study") -> Callable[..., None]:
     from rigidmc.studies.framework.direct import Direct
     from rigidmc.studies.framework.options import options_of
 
-    asked, pictured = options_of(study.options), options_of(study.picture_options)
-    asked = [one for one in asked if one.in_command]
-    is_direct = isinstance(study.work, Direct)
+    pictured, is_direct = options_of(study.picture_options), isinstance(study.work, Direct)
 
     def command(name: str, where: Where, run: Any = None, **options: Any) -> None:
         picture = {one.name: options.pop(one.name) for one in pictured}
         files = {key: options.pop(key) for key in study.files}
         with reported(None if is_direct else name):  # its outputs are not about the scene
             if is_direct:
-                dataset, file = _computed(study, name, where, options, files), where.output
+                dataset, file = _measured(study, name, where, options, files), where.output
             else:
                 dataset, file = _studied(study, name, where, options, run)
-            _shown(study, dataset, where._replace(output=file), picture, files)
-        if code := OUTCOMES[study.outcome(dataset)]:
-            raise typer.Exit(code)
+            show(study, dataset, where._replace(output=file), picture, files)
+        end(study, dataset)
 
     kind = inspect.Parameter.KEYWORD_ONLY
     parameters = [
         _source(study),
-        *(_parameter(one) for one in (*asked, *pictured)),
+        *parameters_of(study),
         *(_path(name, one.text) for name, one in study.files.items()),
         *(inspect.Parameter(name, kind) for name in ("run", "where")[is_direct:]),
     ]
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     if is_direct:
-        return takes_files(command)
+        return gathering("where", OF_FILES, where_of)(command)
     settings = takes_settings(*(study.settings or ()), words=study.settings_help)
-    return settings(takes_members(command))
+    return settings(gathering("where", OF_MEMBERS, where_of)(command))
+
+
+def parameters_of(study: "Study") -> list[inspect.Parameter]:
+    """The options of a study and of its picture as parameters of a command."""
+    from rigidmc.studies.framework.options import options_of
+
+    known = (*options_of(study.options), *options_of(study.picture_options))
+    return [_parameter(one) for one in known if one.in_command]
 
 
 def _source(study: "Study") -> inspect.Parameter:
@@ -213,7 +213,7 @@ def _parameter(one: "Option") -> inspect.Parameter:
     )
 
 
-def _computed(
+def _measured(
     study: "Study",
     name: str | None,
     where: Where,
@@ -233,54 +233,79 @@ def _computed(
 def _studied(
     study: "Study", name: str, where: Where, options: dict[str, Any], run: dict[str, Any]
 ) -> "tuple[xr.Dataset, str | None]":
-    """(a study, the file to write it to): of a result or a run directory, of members that a run
-    directory computes, or of members that are computed now."""
-    from rigidmc.progress import say
+    """(a study, the file to write it to): of a result or a run directory, or of a scene."""
     from rigidmc.studies.framework.members import Members
     from rigidmc.studies.framework.options import options_of
-    from rigidmc.studies.framework.tasks import Tasks
 
-    work = study.work
-    assert isinstance(work, Members | Tasks)
-    output, ways, code = where.output, where.ways, where.allow_code
     news = {one.name for one in options_of(study.options) if one.is_new}
     new = {key: value for key, value in options.items() if key in news}
     asked = {key: value for key, value in options.items() if value is not None}
     again = {key: value for key, value in asked.items() if key not in news}
 
     def stored(path: str) -> "xr.Dataset":
-        result = open_result(path, code) if isinstance(work, Members) else path
+        code = where.allow_code
+        result = open_result(path, code) if isinstance(study.work, Members) else path
         return study.of(result, allow_code=code, threads=where.threads, **again)
 
-    folder = output if output is not None and names_a_run(output) else None
-    refuse_outputs(where.force, plot=where.plot, study=None if folder else output)
+    file = None if folder_of(where.output) else where.output
+    refuse_outputs(where.force, plot=where.plot, study=file)
     if os.path.isdir(name) or name.lower().endswith(".nc"):
-        _refuse_new({"set": where.settings or None, **new, **run, **ways._asdict()})
-        return stored(name), output
+        _refuse_new({"set": where.settings or None, **new, **run, **where.ways._asdict()})
+        return stored(name), where.output
+
+    def designed() -> tuple[Any, Any]:
+        return study.designed(load_scene(name, where.settings, where.allow_code), asked, run)
+
+    return computed(study, where, designed, stored)
+
+
+def folder_of(output: str | None) -> str | None:
+    """The run directory that an output names; None if it names a file."""
+    return output if output is not None and names_a_run(output) else None
+
+
+def computed(
+    study: "Study",
+    where: Where,
+    designed: Callable[[], tuple[Any, Any]],
+    stored: "Callable[[str], xr.Dataset]",
+) -> "tuple[xr.Dataset, str | None]":
+    """(a study, the file to write it to) of members or tasks that are computed now, or in a run
+    directory.
+
+    designed : () -> (what its work takes, its options)
+    stored : of the path of a run directory
+    """
+    from rigidmc.progress import say
+    from rigidmc.studies.framework.members import Members
+    from rigidmc.studies.framework.tasks import Tasks
+
+    work: Any = study.work
+    folder, threads = folder_of(where.output), where.threads
     if folder is None:
-        refuse_ways(ways)
-        design, read = study.designed(load_scene(name, where.settings, code), asked, run)
-        progress: Any = True
+        refuse_ways(where.ways)
+        design, read = designed()
         if isinstance(work, Members):
-            say(work.price(design, read, where.threads))
-            progress = show_done
-        return work.compute(design, read, where.threads, None, progress), output
+            say(work.price(design, read, threads))
+        progress: Any = True if isinstance(work, Tasks) else show_done
+        return work.compute(design, read, threads, None, progress), where.output
     refuse_force(folder, where.force)
-    design, read = study.designed(load_scene(name, where.settings, code), asked, run)
+    design, read = designed()
 
     def make(
         size: float | None, only: range | None, threads: int | None, limit: float | None
     ) -> "RunDirectory":
         sizes = {"size": size, "only": only, "threads": threads, "limit": limit}
-        return work.create(study.name, design, read, folder, **sizes)
+        directory: RunDirectory = work.create(study.name, design, read, folder, **sizes)
+        return directory
 
-    code_of_run, whole = begun(make, ways, where.threads, code)
+    code_of_run, whole = begun(make, where.ways, threads, where.allow_code)
     if not whole:
         raise typer.Exit(code_of_run)
     return stored(folder), None
 
 
-def _shown(
+def show(
     study: "Study",
     dataset: "xr.Dataset",
     where: Where,
@@ -311,6 +336,12 @@ def _shown(
         print("\n".join(lines), end="\n" * bool(lines))
 
 
+def end(study: "Study", dataset: "xr.Dataset") -> None:
+    """End the command with the exit code of the outcome of a study."""
+    if code := OUTCOMES[study.outcome(dataset)]:
+        raise typer.Exit(code)
+
+
 def _refuse_new(given: dict[str, Any]) -> None:
     """OptionError for an option of new members beside those that exist."""
     for key, value in given.items():
@@ -319,9 +350,10 @@ def _refuse_new(given: dict[str, Any]) -> None:
             raise OptionError(rule, at=key, value=value)
 
 
-def _unmade() -> None:
+def unmade() -> None:
     """In place of the function of a command, until it is made."""
 
 
 for _name, _text in STUDIES.items():
-    app.command(_name, cls=StudyCommand, help=_text, rich_help_panel=STUDY)(_unmade)
+    if _name != "stability_map":  # `rigidmc.cli.maps` has its command
+        app.command(_name, cls=StudyCommand, help=_text, rich_help_panel=STUDY)(unmade)

@@ -50,6 +50,9 @@ STUDIES = {
     " that each causes alone, and in which it takes part (Sobol indices), with intervals. With -o"
     " RUN/ the members are a run directory, which survives a kill: `rigidmc sensitivity RUN/ --of"
     " MEASURE` tells of it.",
+    "stability_map": "Map two parameters of a scene against what its members do, with replicas and"
+    " a confidence interval for every pixel. With -o MAP/ the map is a run directory, which"
+    " survives a kill: `rigidmc map MAP/` draws what is there.",
     "stress": "Hard cases on this machine, each against its bound; or how far your own scene can be"
     " trusted. Exit code 4 if something fails.",
 }

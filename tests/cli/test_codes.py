@@ -9,10 +9,9 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.cli.app import CODES, INVALID, IO, OK, REFUSED, USAGE, code_table
-from rigidmc.studies import STUDIES
+from rigidmc.studies import STUDIES, load_study
 from tests.studies.examples import words_of
 
-EVENT = "--of", "p(flips >= 1)"
 # what each command needs beside its first argument
 SCENES = {
     "run": (),
@@ -23,8 +22,7 @@ SCENES = {
     "exact": (),
     "warm": (),
     "scenes": (),
-    "map": ("--x", "run.t_end=1:2", "--y", "run.dt=0.1:0.2", *EVENT),
-    **{name: words_of(name) for name in STUDIES},
+    **{load_study(name).command: words_of(name) for name in STUDIES},
 }
 RESULTS = {
     "summary": (),

@@ -22,7 +22,8 @@ def words_of(name, stored=False):
 
 def command_words(name):
     """The command of the example."""
-    return [name, load_study(name).example.scene, *words_of(name)]
+    study = load_study(name)
+    return [study.command, study.example.scene, *words_of(name)]
 
 
 def _words(options):

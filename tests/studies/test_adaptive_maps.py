@@ -13,11 +13,11 @@ from rigidmc.cli import app
 from rigidmc.errors import FileError, OptionError
 from rigidmc.results.run_directory import CHOSEN, RunDirectory, status
 from rigidmc.runs.directory import resume
+from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.pixels import Pixels
 from rigidmc.studies.stability_map.question import adapted, question
 from rigidmc.studies.stability_map.refine import BEGUN, STRIDE, refined, unit
 from rigidmc.studies.stability_map.stored import create_map, resume_growing
-from rigidmc.studies.stability_map.study import prepare_map
 from tests import torture
 from tests.faulty import LINUX
 

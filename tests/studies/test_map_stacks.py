@@ -8,10 +8,10 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.runs.directory import resume
 from rigidmc.scene.parameters import with_parameter
+from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.picture import stability_map
 from rigidmc.studies.stability_map.question import question
 from rigidmc.studies.stability_map.stored import create_map
-from rigidmc.studies.stability_map.study import prepare_map
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 SCENE = rm.Scene(rm.Body.from_moments((0.5, 1.0, 1.4)), start=rm.Start(omega=(1e-3, 1.0, 1e-3)))

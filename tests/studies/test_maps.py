@@ -417,7 +417,7 @@ def test_where_nothing_else_is_drawn_a_pixel_is_one_member():
         ).attrs["members"]
         == 16
     )
-    for x in (("start.omega.1", 0.0), "start.omega.1=0:1"):
+    for x in (("start.omega.1", 0.0), "start.omega.1=0", "start.omega.1"):
         with pytest.raises(OptionError, match="expected"):
             rm.stability_map(scene, x, axes[1], "flips")
 

@@ -12,9 +12,9 @@ from rigidmc.cli import app
 from rigidmc.errors import FileError, OptionError
 from rigidmc.results.run_directory import RunDirectory, read_facts, rendered
 from rigidmc.runs.directory import resume
+from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.question import question, stored_question
 from rigidmc.studies.stability_map.stored import create_map, is_map, members_of_pixels
-from rigidmc.studies.stability_map.study import prepare_map
 
 # of long steps, which maps take on purpose
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
@@ -84,7 +84,7 @@ def test_more_replicas_are_those_of_a_larger_map(whole, tmp_path):
 
 def test_pixels_in_parts_are_the_same(whole, monkeypatch):
     for chunk in (1000, 2400, 5000):  # some pixels, all of one replica, of two
-        monkeypatch.setattr("rigidmc.studies.stability_map.study.CHUNK", chunk)
+        monkeypatch.setattr("rigidmc.studies.stability_map.compute.CHUNK", chunk)
         assert in_memory().drop_attrs().identical(whole.drop_attrs()), chunk
 
 

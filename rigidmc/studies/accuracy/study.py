@@ -99,6 +99,6 @@ accuracy = Study(
     table=table,
     picture="accuracy_picture",
     example=Example(
-        "dzhanibekov", {"integrators": "rk4,rk8", "members": 4, "long": True, "steps": 2000}, {}
+        "dzhanibekov", {"integrators": "rk4", "members": 4, "long": True, "steps": 1000}, {}
     ),
 )

@@ -4,7 +4,7 @@ import inspect
 import math
 import re
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from numbers import Real
 from typing import Any, NamedTuple, Self, dataclass_transform, get_args, get_type_hints
@@ -31,12 +31,14 @@ class Option:
     text : a noun phrase without a full stop, for help page and docstring
     more : what the docstring adds to it
     unit : of a number
-    above, below : open bounds of a number;  least : lowest value of a count
+    above, below : open bounds of a number;  least, most : of a count
     rule : what is allowed, for errors
     metavar : what the help page shows for the value
     is_new : whether it is about members, and refused beside members that exist
     missing : what a new study lacks without it: of an option that a study on disk has
-    in_command : whether the command has it
+    in_command, in_function : whether the command and the function have it
+    reader : (value, name) -> the value as it is used, if its type does not tell
+    kind : what it is in the docstring, if its type does not tell
     """
 
     text: str
@@ -45,21 +47,27 @@ class Option:
     above: float = -math.inf
     below: float = math.inf
     least: int = 1
+    most: int | None = None
     rule: str = ""
     metavar: str = ""
     is_new: bool = False
     missing: str = ""
     in_command: bool = True
+    in_function: bool = True
+    reader: Callable[[Any, str], Any] | None = None
+    kind: str = ""
     name: str = ""
-    type: Any = str
+    type: Any = None
     default: Any = REQUIRED
 
     def read(self, value: Any) -> Any:
         """The value as it is used; OptionError for one that it cannot have."""
         if value is None and self.default is None:
             return None
+        if self.reader is not None:
+            return self.reader(value, self.name)
         if self.type is int:
-            return counted(value, self.name, self.least)
+            return counted(value, self.name, self.least, self.most)
         if self.type is float:
             return self._number(value)
         if self.type is Time:
@@ -99,7 +107,7 @@ class Option:
 
     def documented(self) -> str:
         """Its lines under Parameters of a numpydoc docstring."""
-        head = f"{self.name} : {_DOCUMENTED[self.type]}"
+        head = f"{self.name} : {self.kind or _DOCUMENTED[self.type]}"
         unit = f" [{self.unit}]" if self.unit else ""
         more = f"; {self.more}" if self.more else ""
         # --long is its neighbour `long`; options with a hyphen are of the command alone
@@ -134,10 +142,14 @@ def parameter(head: str, text: str) -> str:
     ])  # fmt: skip
 
 
-def option(default: Any, text: str, **more: Any) -> Any:
-    """A field of `Options`: its default and its text, and what else an Option has."""
+def option(default: Any, text: str, like: Option = Option(""), **more: Any) -> Any:
+    """A field of `Options`: its default and its text, and what else an Option has.
+
+    like : an option that has the rest
+    """
     of_field = MISSING if default is REQUIRED else default
-    return field(default=of_field, metadata={"option": Option(text, default=default, **more)})
+    made = replace(like, text=text, default=default, **more)
+    return field(default=of_field, metadata={"option": made})
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(option,))
@@ -145,7 +157,7 @@ class Options:
     """The options of a study, checked: a subclass has a field made by `option` for each.
 
     A field is an int (a count), a float, a bool, a str, Time, Words, Names, Numbers, or one of
-    these or None.
+    these or None; or something else, with a `type` on the command line and a `reader`.
     """
 
     def __init_subclass__(cls) -> None:
@@ -193,8 +205,8 @@ def options_of(cls: type[Options]) -> list[Option]:
     hints = get_type_hints(cls)
     found = []
     for one in fields(cls):  # type: ignore[arg-type]  # a subclass is a dataclass
-        kind = hints[one.name]
-        if type(None) in get_args(kind):
+        kind, known = hints[one.name], one.metadata["option"]
+        if known.type is None and type(None) in get_args(kind):
             (kind,) = (one for one in get_args(kind) if one is not type(None))
-        found.append(replace(one.metadata["option"], name=one.name, type=kind))
+        found.append(replace(known, name=one.name, type=known.type or kind))
     return found

@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import xarray as xr
 
@@ -13,12 +13,47 @@ from rigidmc.files.outputs import Path
 from rigidmc.scene.scene import Scene, as_scene
 from rigidmc.scene.settings import Run, no_such_keyword
 from rigidmc.studies.framework.direct import Direct
-from rigidmc.studies.framework.members import Members
-from rigidmc.studies.framework.options import Example, NoOptions, Options, options_of, parameter
-from rigidmc.studies.framework.tasks import Tasks
+from rigidmc.studies.framework.options import (
+    Example,
+    NoOptions,
+    Option,
+    Options,
+    options_of,
+    parameter,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+KEYWORDS = "threads", "device", "progress"  # of a function, if its work has them
+
+
+class Work(Protocol):
+    """What computes a study: `Members`, `Tasks`, `Direct`, or one of its own.
+
+    sources : what its command takes
+    keywords : {keyword of its function: (type, text)}
+    """
+
+    @property
+    def sources(self) -> str: ...
+
+    @property
+    def keywords(self) -> dict[str, tuple[str, str]]: ...
+
+    def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Any:
+        """What `compute` takes, of a scene with its settings; raises for what cannot be studied."""
+
+    def compute(
+        self, design: Any, options: Any, threads: int | None, device: str | None, progress: Any, /
+    ) -> xr.Dataset:
+        """The study, computed now."""
+
+    def stored(
+        self, name: str, result: Any, options: Any, threads: int | None, allow_code: bool
+    ) -> xr.Dataset:
+        """The study of what was computed before."""
 
 
 class OutputFile(NamedTuple):
@@ -38,7 +73,7 @@ class OutputFile(NamedTuple):
 class Study:
     """A question about a scene: a value that is called, as the function of its name.
 
-    name : of function, command and folder
+    name : of function and folder, and of the command without `command`
     text : the docstring of the function, with a line `{parameters}` in place of its parameters
     options : what may be asked
     work : what computes: members of one scene, tasks, or a function at once
@@ -56,10 +91,11 @@ class Study:
     name: str
     text: str
     options: type[Options]
-    work: Members | Tasks | Direct
+    work: Work
     table: Callable[[xr.Dataset], list[Any]]
     picture: str
     example: Example
+    command: str = ""
     picture_options: type[Options] = NoOptions
     settings: tuple[str, ...] | None = None
     settings_help: Mapping[str, str] = field(default_factory=dict)
@@ -70,6 +106,7 @@ class Study:
     files: Mapping[str, OutputFile] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "command", self.command or self.name)
         facts = {
             "__name__": self.name,
             "__qualname__": self.name,
@@ -83,9 +120,9 @@ class Study:
     def __call__(self, *arguments: Any, **keywords: Any) -> xr.Dataset:
         """The study of a scene, as its own docstring has it."""
         given = self._bound(arguments, keywords)
-        of_work = (given.pop(name, None) for name in ("threads", "device", "progress"))
+        threads, device, progress = (given.pop(name, None) for name in KEYWORDS)
         design, options = self._designed(given)
-        return self.work.compute(design, options, *of_work)
+        return self.work.compute(design, options, threads, device, progress)
 
     @property
     def needs_scene(self) -> bool:
@@ -114,7 +151,7 @@ class Study:
         Raises OptionError for a result that cannot be studied, SceneError for code that is not
         allowed, and as the study.
         """
-        known = [one.name for one in options_of(self.options) if not one.is_new]
+        known = [one.name for one in self._arguments() if not one.is_new]
         self._refuse_unknown(options, known)
         asked = self.options.read({**dict(zip(known, arguments, strict=False)), **options})
         return self.work.stored(self.name, result, asked, threads, allow_code)
@@ -127,7 +164,7 @@ class Study:
 
     def _designed(self, given: dict[str, Any]) -> tuple[Any, Options]:
         """(what `design` returns, the options) of bound arguments."""
-        names = {one.name for one in options_of(self.options)}
+        names = {one.name for one in self._arguments()}
         asked = {k: v for k, v in given.items() if k in names}
         scene = given.get("scene")
         if self.needs_scene or scene is not None:
@@ -149,6 +186,10 @@ class Study:
             return None, read
         return self.work.design(scene.with_run(**settings), read, settings), read
 
+    def _arguments(self) -> list[Option]:
+        """The options that the function has."""
+        return [one for one in options_of(self.options) if one.in_function]
+
     def _bound(self, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> dict[str, Any]:
         """The arguments of a call by name; TypeError for those that there are not."""
         signature = inspect.signature(self)
@@ -168,7 +209,7 @@ class Study:
         kinds = inspect.Parameter
         default = kinds.empty if self.needs_scene else None
         made = [kinds("scene", kinds.POSITIONAL_OR_KEYWORD, default=default)]
-        for one in options_of(self.options):
+        for one in self._arguments():
             default = one.default if one.is_optional else kinds.empty
             made.append(kinds(one.name, kinds.POSITIONAL_OR_KEYWORD, default=default))
         made += [kinds(name, kinds.KEYWORD_ONLY, default=None) for name in self.work.keywords]
@@ -182,7 +223,7 @@ class Study:
             "Parameters",
             "----------",
             parameter(f"scene : Scene or path_like{optional}", self.scene_text),
-            *(one.documented() for one in options_of(self.options)),
+            *(one.documented() for one in self._arguments()),
             *(
                 parameter(f"{name} : {kind}, optional", text)
                 for name, (kind, text) in self.work.keywords.items()

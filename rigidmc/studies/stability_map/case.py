@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, unknown
 from rigidmc.scene.scene import Scene
+from rigidmc.studies.stability_map.compute import Prepared, Progress, mapped, prepare_map
 from rigidmc.studies.stability_map.question import Borders, Resolution, Side, adapted, question
-from rigidmc.studies.stability_map.study import Prepared, Progress, mapped, prepare_map
 
 Derived = dict[str, tuple[NDArray[Any], dict[str, str]]]  # {name: (values, attributes)}
 
@@ -80,7 +80,7 @@ def case_map(
     resolution: Resolution = RESOLUTION,
     members: int | None = None,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     adaptive: bool | Borders = False,
     **settings: Any,
 ) -> xr.Dataset:
@@ -88,7 +88,7 @@ def case_map(
 
     settings : of the run, which replace those of the map if not None;  others : see `stability_map`
     """
-    ready = prepared_case(name, resolution, members, threads, adaptive, **settings)
+    ready = prepared_case(name, resolution, members, adaptive, **settings)
     return with_theory(mapped(ready, threads, progress), name)
 
 
@@ -96,7 +96,6 @@ def prepared_case(
     name: str,
     resolution: Resolution = RESOLUTION,
     members: int | None = None,
-    threads: int | None = None,
     adaptive: bool | Borders = False,
     **settings: Any,
 ) -> Prepared:

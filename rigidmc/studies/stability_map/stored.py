@@ -25,6 +25,14 @@ from rigidmc.runs.directory.resume import grow, resume
 from rigidmc.scene.amounts import seconds
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.studies.stability_map.case import with_theory
+from rigidmc.studies.stability_map.compute import (
+    Prepared,
+    Progress,
+    described,
+    finished,
+    mapped,
+    prepare_map,
+)
 from rigidmc.studies.stability_map.pixels import (
     ASKED,
     COMPUTED,
@@ -42,14 +50,6 @@ from rigidmc.studies.stability_map.question import (
     stored_question,
 )
 from rigidmc.studies.stability_map.refine import BEGUN, members_of, refined, unit
-from rigidmc.studies.stability_map.study import (
-    Prepared,
-    Progress,
-    described,
-    finished,
-    mapped,
-    prepare_map,
-)
 
 MAP = "map"  # of the question, among the attributes in run.json
 
@@ -269,9 +269,10 @@ def zoom_map(
     x: Ends,
     y: Ends,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     allow_code: bool = False,
     resolution: Resolution | None = None,
+    device: str | None = None,
 ) -> xr.Dataset:
     """Draw a part of a map anew: other ends of its sides, and the same scene, settings, measures
     and members of a pixel.
@@ -286,12 +287,14 @@ def zoom_map(
         the same for the other side
     threads : int, optional
         number of threads; by default one for each core that the process may use
-    progress : callable, optional
-        a function of (members done, all)
+    progress : bool or callable, optional
+        True for a bar, or a function of (members done, all)
     allow_code : bool, optional
         whether to run the Python files of a user's own effects
     resolution : int or tuple of int, optional
         pixels per side, or (columns, rows); by default those of the map
+    device : str, optional
+        where members move, as of `simulate`
 
     Returns
     -------
@@ -314,15 +317,14 @@ def zoom_map(
     >>> rm.zoom_map(whole, (1.0, 1.5), (0.5, 1.0)).x.values.tolist()
     [1.125, 1.375]
     """
-    ready = zoomed(source, x, y, threads, allow_code, resolution)
-    return with_theory(mapped(ready, threads, progress), ready.question.name)
+    ready = zoomed(source, x, y, allow_code, resolution)
+    return with_theory(mapped(ready, threads, progress, device), ready.question.name)
 
 
 def zoomed(
     source: Path | xr.Dataset,
     x: Ends,
     y: Ends,
-    threads: int | None = None,
     allow_code: bool = False,
     resolution: Resolution | None = None,
 ) -> Prepared:

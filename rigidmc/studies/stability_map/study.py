@@ -1,247 +1,280 @@
-"""Maps: two parameters of a scene against measures, with replicas and an interval per pixel."""
+"""Map a measure over two parameters of a scene.
 
-import time
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+Pixel (i, j) has the number p = i columns + j, and its member r is member r pixels + p of the
+scene in the attributes, to the bit.
+
+{parameters}
+
+Returns
+-------
+xarray.Dataset
+    over y and x: each measure with the ends `_low` and `_high` of its confidence interval;
+    `good` members per pixel, `failed` ones, which are flagged in `status` and left out, and
+    `none`, for which the body or the start does not exist. A measure is nan in pixels without a
+    good member
+
+Raises
+------
+OptionError
+    for parameters and measures that the scene does not have
+
+Examples
+--------
+The spin about axis 2 is unstable while I1 < I2 < I3:
+
+>>> start = rm.Start(omega=(0.01, 1.0, 0.01))
+>>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start)
+>>> sides = ("body.moments.1", 1.0, 3.0), ("start.omega.1", 0.01, 0.1)
+>>> flips = rm.stability_map(scene, *sides, "p(flips >= 1)", (2, 1), t_end=40.0, dt=0.1)
+>>> flips["p(flips>=1)"].values.tolist()
+[[1.0, 0.0]]
+"""
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from rigidmc.errors import OptionError, SceneError, SceneWarning
-from rigidmc.planning.tolerance.choose import choose_integrator
-from rigidmc.results.measures import Measure, measure, observing
-from rigidmc.results.variables import Variable, variables_of
-from rigidmc.runs.prepare import prepared
-from rigidmc.runs.simulate import simulate
-from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.scene import Scene, takes_scene
-from rigidmc.scene.vector_distributions.protocol import Law
-from rigidmc.studies.stability_map.pixels import Collected, Pixels, joined, map_dataset
+from rigidmc.errors import OptionError
+from rigidmc.files.outputs import Path
+from rigidmc.results.labels import count_text
+from rigidmc.results.run_directory import RunDirectory
+from rigidmc.scene.scene import Scene
+from rigidmc.studies.framework.options import Example, Option, Options, Words, keywords_of, option
+from rigidmc.studies.framework.study import Study
+from rigidmc.studies.stability_map.case import with_theory
+from rigidmc.studies.stability_map.compute import Prepared, mapped, prepare_map, replicas_of
 from rigidmc.studies.stability_map.question import (
+    MOST_LAYERS,
     Borders,
-    Question,
     Resolution,
     Side,
     adapted,
+    columns_and_rows,
     question,
 )
-from rigidmc.studies.stability_map.refine import BEGUN, borders_of, members_of, refined
+from rigidmc.studies.stability_map.stored import create_map, open_map
 
-CHUNK = 2**17  # members at once: 20 to 40 MB, and 40 waits for the last block in a map of 4e6
-REPLICAS = 16  # members per pixel
 RESOLUTION = 128  # pixels per side: 262,144 members with REPLICAS
+ENDS = "LOW:HIGH,LOW:HIGH"
 
-Progress = Callable[[int, int], object]
 
+def read_side(value: Any, at: str) -> Any:
+    """(parameter, low, high, whether in even ratios) of KEY=LOW:HIGH[:log]; OptionError.
 
-@takes_scene
-def stability_map(
-    scene: Scene,
-    x: Side,
-    y: Side,
-    of: str | Sequence[str],
-    resolution: Resolution = RESOLUTION,
-    members: int | None = None,
-    threads: int | None = None,
-    progress: Progress | None = None,
-    confidence: float = 0.95,
-    z: Side | None = None,
-    layers: int | None = None,
-    adaptive: bool | Borders = False,
-    **settings: Any,
-) -> xr.Dataset:
-    """Map a measure over two parameters of a scene.
-
-    Pixel (i, j) has the number p = i columns + j, and its member r is member r pixels + p of the
-    scene in the attributes, to the bit.
-
-    Parameters
-    ----------
-    scene : Scene or path_like
-        what is run; also its file, or the name of a shipped one
-    x : tuple
-        (parameter, low, high), or (parameter, low, high, True) for even ratios
-    y : tuple
-        the same for the other side
-    of : str or sequence of str
-        one measure or several, such as "p(flips >= 1)", see `rigidmc.results.measures`
-    resolution : int or tuple of int, optional
-        pixels per side, or (columns, rows)
-    members : int, optional
-        per pixel; default REPLICAS, or 1 if only x and y differ between members
-    threads : int, optional
-        number of threads; by default one for each core that the process may use
-    progress : callable, optional
-        a function of (members done, all)
-    confidence : float, optional
-        of the intervals
-    z : tuple, optional
-        a third parameter, as x and y: a stack of maps
-    layers : int, optional
-        how many, 6 by default
-    adaptive : bool or tuple, optional
-        True to compute the pixels near borders between classes alone, and a coarse grid: the others
-        show one nearby that is computed, and `computed` in the result tells which are. Classes are
-        those of the first measure, divided at 0.5 for a share and at 4 for a MEGNO, else eight
-        equal parts of its range; or of the measures in a tuple of (measure, values that divide its
-        classes)
-    **settings : object
-        of `simulate`
-
-    Returns
-    -------
-    xarray.Dataset
-        over y and x: each measure with the ends `_low` and `_high` of its confidence interval;
-        `good` members per pixel, `failed` ones, which are flagged in `status` and left out, and
-        `none`, for which the body or the start does not exist. A measure is nan in pixels without a
-        good member
-
-    Raises
-    ------
-    OptionError
-        for parameters and measures that the scene does not have
-
-    Examples
-    --------
-    The spin about axis 2 is unstable while I1 < I2 < I3:
-
-    >>> start = rm.Start(omega=(0.01, 1.0, 0.01))
-    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start)
-    >>> sides = ("body.moments.1", 1.0, 3.0), ("start.omega.1", 0.01, 0.1)
-    >>> flips = rm.stability_map(scene, *sides, "p(flips >= 1)", (2, 1), t_end=40.0, dt=0.1)
-    >>> flips["p(flips>=1)"].values.tolist()
-    [[1.0, 0.0]]
+    What is no text is left to `question`.
     """
-    if members is None:
-        members = replicas_of(scene, x, y)
-    asked = question(x, y, of, resolution, members, z, layers, confidence=confidence)
-    return mapped(prepare_map(adapted(asked, adaptive), scene, **settings), threads, progress)
+    if not isinstance(value, str):
+        return value
+    name, equals, ends = value.partition("=")
+    parts = ends.split(":")
+    try:
+        low, high = float(parts[0]), float(parts[1])
+    except (ValueError, IndexError):
+        low = high = float("nan")
+    if not equals or len(parts) not in (2, 3) or parts[2:] not in ([], ["log"]) or low != low:
+        rule = "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9"
+        raise OptionError(rule, at=at, value=value)
+    return name.strip(), low, high, len(parts) == 3
 
 
-class Prepared(NamedTuple):
-    """A map before its first step.
-
-    scene : whose members are those of the map, with integrator and step
-    known : {name: Variable} of the members
-    """
-
-    question: Question
-    scene: Scene
-    measures: list[Measure]
-    known: dict[str, Variable]
+def read_part(value: Any, at: str) -> tuple[tuple[float, float], tuple[float, float]]:
+    """((low, high), (low, high)) of LOW:HIGH,LOW:HIGH; OptionError."""
+    try:
+        x, y = (side.split(":") for side in value.split(","))
+        (left, right), (low, high) = map(float, x), map(float, y)
+    except ValueError:
+        rule = f"expected the ends across and upwards, {ENDS}, e.g. 0.1:0.2,1:1.5"
+        raise OptionError(rule, at=at, value=value) from None
+    return (left, right), (low, high)
 
 
-def replicas_of(scene: Scene, x: Side, y: Side) -> int:
-    """REPLICAS if the members of a pixel differ: a quantity or the attitude is random; else 1."""
-    one = question(x, y, "status", 1, 1).of_scene(scene)
-    drawn = any(isinstance(q, (Distribution, Law)) for q in one.quantities())
-    return REPLICAS if drawn or isinstance(one.start.attitude, str) else 1
+# an option that takes a parameter and its ends
+SIDE = Option(
+    "", metavar="KEY=LOW:HIGH", type=str, kind="tuple or str", reader=read_side, is_new=True
+)
+NEEDED = "is missing: a map of a scene needs x, y and of"
 
 
-def prepare_map(asked: Question, scene: Scene, **settings: Any) -> Prepared:
-    """Settle everything about a map before its first step.
+class MapOptions(Options):
+    """What `stability_map` may be asked."""
 
-    settings : of the run. Raises OptionError for parameters and measures that the scene lacks.
-    """
-    scene = asked.of_scene(scene).with_run(save=settings.pop("save", ()), **settings)
-    if scene.run.points != "independent":
-        rule = "the interval of a pixel needs independent members"
-        raise SceneError(rule, at="run.points", value=scene.run.points)
-    scene = observing(scene, asked.of)
-    whole = _with_integrator(scene)
-    run = prepared(whole)
-    # not those on large steps, which maps take on purpose
-    for note in run.scene_notes:
-        warnings.warn(note, SceneWarning, stacklevel=3)
-    return described(asked, whole, run.layout.by_member)
-
-
-def described(asked: Question, scene: Scene, known: dict[str, Variable]) -> Prepared:
-    """The Prepared map of a scene that has its integrator; known : the variables of its members."""
-    measures = [measure(text, variables_of(scene)) for text in asked.of]
-    if asked.borders is not None:
-        asked = asked._replace(borders=borders_of(measures, asked.borders))
-    return Prepared(asked, scene, measures, known)
-
-
-def mapped(
-    ready: Prepared, threads: int | None = None, progress: Progress | None = None
-) -> xr.Dataset:
-    """The Dataset of a map, computed in memory."""
-    began = time.perf_counter()
-    if ready.question.borders is not None:
-        found = finished(ready, _refined(ready, threads, progress))
-    else:
-        found = finished(ready, joined(list(_computed(ready, threads, progress))))
-    return found.assign_attrs(seconds=time.perf_counter() - began)
-
-
-def finished(
-    ready: Prepared, pixels: Pixels, computed: NDArray[np.bool_] | None = None
-) -> xr.Dataset:
-    """The Dataset of the pixels; OptionError if none has a body and a start.
-
-    computed : whether a pixel of an adaptive map was, if the others show their neighbours already
-    """
-    asked = ready.question
-    if not pixels.counts[:2].any():
-        (x, *ends), (y, *others) = asked.x[:3], asked.y[:3]
-        between = f"between {ends[0]:g} and {ends[1]:g}, and {others[0]:g} and {others[1]:g} of {y}"
-        rule = f"{between} no pixel has a body and a start: moments must obey I_i <= I_j + I_k"
-        raise OptionError(rule, at="x", value=x)
-    if asked.borders is not None and computed is None:
-        state = refined(asked, pixels)
-        pixels, computed = pixels.at(state.source), state.known
-    return map_dataset(asked, ready.scene, ready.known, ready.measures, pixels, computed)
-
-
-def _with_integrator(scene: Scene) -> Scene:
-    """The scene with an integrator and a step for its tolerance, chosen over the whole map."""
-    if scene.run.integrator != "auto":
-        return scene
-    run = choose_integrator(scene.with_model(scene.model.coarse()))[0].run
-    step = {"dt": run.dt} if run.turn is None else {"turn": run.turn}
-    chosen: Scene = scene.with_run(integrator=run.integrator, dtype=run.dtype, **step)
-    return chosen
-
-
-def _refined(ready: Prepared, threads: int | None, progress: Progress | None) -> Pixels:
-    """The pixels of an adaptive map, integrated level by level."""
-    asked, done = ready.question, 0
-    collected, level = Collected(asked, ready.measures), BEGUN
-    while True:
-        state = refined(asked, pixels := collected.pixel_values(), level)
-        if not (level := state.level):
-            return pixels
-        members = members_of(asked, state.wanted)
-        for low in range(0, members.size, CHUNK):
-            part = members[low : low + CHUNK]
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", SceneWarning)  # the notes were given before
-                collected.take(simulate(ready.scene, members=part, threads=threads))
-            done += part.size
-            if progress is not None:
-                progress(done, done + members.size - low - part.size)
+    x: Side | None = option(
+        None,
+        "scene parameter across, e.g. body.moments.1=0:1; with :log in even ratios",
+        more="or (parameter, low, high), or (parameter, low, high, True) for even ratios",
+        missing=NEEDED,
+        like=SIDE,
+    )
+    y: Side | None = option(None, "scene parameter upwards", more="as x", missing=NEEDED, like=SIDE)
+    of: Words | None = option(
+        None,
+        'what a pixel shows: "p(flips >= 1)", "mean(megno)", "quantile(flip_wait, 0.9)"; may be'
+        " repeated",
+        more="see `rigidmc.results.measures`",
+        metavar="MEASURE",
+        is_new=True,
+        missing=NEEDED,
+    )
+    resolution: Resolution = option(
+        RESOLUTION,
+        "pixels along each side; by default 256 for a map of the package, 128 for a scene",
+        more="or (columns, rows)",
+        type=int,
+        kind="int or tuple of int",
+        is_new=True,
+        reader=lambda value, at: columns_and_rows(value),
+    )
+    members: int | None = option(
+        None,
+        "members of a pixel; by default the map's own, or 16, or 1 if only x and y differ",
+        is_new=True,
+    )
+    confidence: float = option(
+        0.95, "of the intervals", above=0.0, below=1.0, in_command=False, is_new=True
+    )
+    z: Side | None = option(
+        None, "a third scene parameter: a stack of maps, one for each value", more="as x", like=SIDE
+    )
+    layers: int | None = option(None, "number of maps in the stack; by default 6", most=MOST_LAYERS)
+    adaptive: bool | Borders = option(
+        False,
+        "compute a coarse grid, and more pixels where neighbours are of different classes or an"
+        " interval holds the border between two; the others show one nearby",
+        more="`computed` in the result tells which are. Classes are those of the first measure,"
+        " divided at 0.5 for a share and at 4 for a MEGNO, else eight equal parts of its range; or"
+        " of the measures in a tuple of (measure, values that divide its classes)",
+        type=bool,
+        kind="bool or tuple",
+        is_new=True,
+        reader=lambda value, at: value,
+    )
+    border: Any = option(
+        None,
+        "with --adaptive: a value of the first measure between two classes; may be repeated. By"
+        " default 0.5 of a share, 4 of a MEGNO, else eight equal parts of its range",
+        metavar="NUMBER",
+        type=list[float],
+        in_function=False,
+        is_new=True,
+    )
+    zoom: Any = option(
+        None,
+        "draw this part of a map that exists anew, across and upwards in its units",
+        metavar=ENDS,
+        type=str,
+        reader=read_part,
+        in_function=False,
+        is_new=True,
+    )
 
 
-def _computed(ready: Prepared, threads: int | None, progress: Progress | None) -> Iterator[Pixels]:
-    """Integrate the members, CHUNK at a time: all replicas of some pixels, then of the next."""
-    asked, done = ready.question, 0
-    width = min(asked.pixels, CHUNK)
-    together = CHUNK // asked.pixels if width == asked.pixels else 1  # replicas
-    for low in range(0, asked.pixels, width):
-        here = range(low, min(low + width, asked.pixels))
-        collected = Collected(asked, ready.measures, here)
-        for replica in range(0, asked.replicas, together):
-            more = min(together, asked.replicas - replica) - 1
-            first = replica * asked.pixels + low
-            members = range(first, first + more * asked.pixels + len(here))
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", SceneWarning)  # the notes were given before
-                collected.take(simulate(ready.scene, members=members, threads=threads))
-            done += len(members)
-            if progress is not None:
-                progress(done, asked.members)
-        yield collected.pixel_values()
+class Maps:
+    """The work of a map: members of one scene, which belong to pixels."""
+
+    sources = "NAME|SCENE|FILE|MAP/"
+
+    @property
+    def keywords(self) -> dict[str, tuple[str, str]]:
+        """{keyword of its function: (type, text)}."""
+        told = "bool or callable", "True for a bar, or a function of (members done, all)"
+        return {**keywords_of("members"), "progress": told}
+
+    def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Prepared:
+        """The map before its first step."""
+        x, y, members = options.x, options.y, options.members
+        if members is None:
+            members = replicas_of(scene, x, y)
+        sizes = options.resolution, members, options.z, options.layers
+        asked = question(x, y, options.of, *sizes, confidence=options.confidence)
+        return prepare_map(adapted(asked, options.adaptive), scene, save=settings.get("save", ()))
+
+    def compute(
+        self, ready: Prepared, options: Any, threads: int | None, device: str | None, progress: Any
+    ) -> xr.Dataset:
+        """The map, whose members are computed now."""
+        return with_theory(mapped(ready, threads, progress, device), ready.question.name)
+
+    def stored(
+        self, name: str, path: Path, options: Any, threads: int | None, allow_code: bool
+    ) -> xr.Dataset:
+        """A map on disk; FileError."""
+        return open_map(path, allow_code)
+
+    def create(
+        self, name: str, ready: Prepared, options: Any, path: Path, **ways: Any
+    ) -> RunDirectory:
+        """Make a run directory; see `rigidmc.runs.directory.create.create`."""
+        return create_map(ready, path, **ways)
+
+
+def outcome(dataset: xr.Dataset) -> str:
+    """Whether members are missing, or some failed."""
+    if "missing" in dataset.attrs:
+        return "incomplete"
+    return "flagged" if int(dataset.failed.sum()) else "done"
+
+
+def table(dataset: xr.Dataset) -> list[str]:
+    """What the map cost, the range of each measure, and how well it is known."""
+    there = dataset["computed"] if "computed" in dataset else 1 + 0 * dataset.good
+    pixels, none = int(there.sum()), int(((dataset.good == 0) & (dataset.failed == 0)).sum())
+    failed, count = int((dataset.failed * there).sum()), dataset.attrs["members"]
+    seconds, missing = dataset.attrs.get("seconds"), dataset.attrs.get("missing", 0)
+    took = f": {seconds:.1f} s, {pixels * count / seconds:,.0f} members/s" if seconds else ""
+    stack = f" x {dataset.sizes['z']}" if "z" in dataset.sizes else ""
+    lines = [
+        dataset.attrs["title"],
+        f"  {dataset.sizes['x']} x {dataset.sizes['y']}{stack} pixels of"
+        f" {count_text(count, 'member')} with {dataset.attrs['integrator']}{took}",
+    ]
+    if "computed" in dataset:
+        lines.append(f"  {100 * pixels / there.size:.3g} % of the pixels were computed")
+    if missing and "computed" in dataset:
+        lines.append(f"  at least {missing:,} members are missing; `rigidmc resume` goes on")
+    elif missing:
+        share = 100 * (1 - missing / (pixels * count))
+        lines.append(f"  {share:.3g} % of the members are there; `rigidmc resume` goes on")
+    for name, values in dataset.data_vars.items():
+        ends = str(name).endswith(("_low", "_high"))
+        counts = name in ("good", "failed", "none", "computed") or ends
+        if not counts and bool(values.notnull().any()):
+            lines.append(
+                f"  {name:28s} {float(values.min()):.4g} to {float(values.max()):.4g},"
+                f" median {float(values.median()):.4g}{_interval(dataset, str(name), count)}"
+            )
+    return [*lines, f"  pixels without body or start: {none:,}; members that failed: {failed:,}"]
+
+
+def _interval(dataset: xr.Dataset, name: str, count: int) -> str:
+    """In words, half the width of the confidence interval in the median pixel."""
+    if f"{name}_low" not in dataset or count == 1:
+        return ""
+    width = dataset[f"{name}_high"] - dataset[f"{name}_low"]
+    known = np.isfinite(width)
+    if not known.any():
+        return ", too few members for intervals"
+    half = float(width.where(known).median()) / 2
+    return f", intervals of {100 * dataset.attrs['confidence']:g} % +-{half:.2g} in the median"
+
+
+stability_map = Study(
+    name="stability_map",
+    command="map",
+    text=__doc__,
+    options=MapOptions,
+    work=Maps(),
+    table=table,
+    picture="stability_map",
+    settings=("integrator", "dt", "turn", "t_end", "tolerance", "seed", "dtype", "compensated"),
+    outcome=outcome,
+    example=Example(
+        "dzhanibekov",
+        {
+            "x": "start.omega.1=0.01:0.1", "y": "start.omega.3=0.01:0.1", "of": "p(flips >= 1)",
+            "resolution": 4, "members": 4,
+        },
+        {"t_end": 5.0},
+    ),
+)  # fmt: skip
