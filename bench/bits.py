@@ -23,7 +23,7 @@ PROCESSORS = {
 QUICK = ("rk4", "exact", "strang")  # integrators of a quick run; strang takes the bath
 
 
-def sums(widths, integrators=None, motions=None, names=None):
+def sums(widths, integrators=None, motions=None, names=None, device=None):
     """{case: [sha256 of its result for each width]}; of the cases with `names` alone, if given."""
     from rigidmc.engine import program
     from rigidmc.studies.bits import cases, digest
@@ -34,7 +34,7 @@ def sums(widths, integrators=None, motions=None, names=None):
             program.lanes_for = (lambda dtype, width=width: width) if width else lanes_for
             for case in cases(integrators, motions):  # new scenes: one keeps its program
                 if names is None or case.name in names:
-                    digests.setdefault(case.name, []).append(digest(case.scene))
+                    digests.setdefault(case.name, []).append(digest(case.scene, device=device))
     finally:
         program.lanes_for = lanes_for
     return digests

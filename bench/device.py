@@ -189,8 +189,8 @@ def whole_runs(quick):
 
     def written():
         scene = last.with_run(members=huge)
-        with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder, rm.device(WORD):
-            resume(create(scene, os.path.join(folder, "run")))
+        with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
+            resume(create(scene, os.path.join(folder, "run"), device=WORD), device=WORD)
 
     def here(scene):
         return lambda: rm.simulate(scene, device=WORD)

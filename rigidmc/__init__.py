@@ -31,7 +31,6 @@ _HOMES = {name: f"studies.{name}.study" for name in STUDIES} | {
     "simulate": "runs.simulate",
     "prepare": "runs.prepare",
     "PreparedRun": "runs.prepare",
-    "device": "engine.cuda.devices",
     "rerun": "runs.rerun",
     "open_map": "studies.stability_map.stored",
     "zoom_map": "studies.stability_map.stored",
@@ -66,7 +65,6 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from xarray import Dataset
 
     from rigidmc import protocols as protocols
-    from rigidmc.engine.cuda.devices import device as device
     from rigidmc.errors import FileError as FileError
     from rigidmc.errors import NoDevice as NoDevice
     from rigidmc.errors import OptionError as OptionError
@@ -151,7 +149,13 @@ def _registered() -> dict[str, str]:
     return {kind.__name__: kind.__module__.removeprefix("rigidmc.") for kind in (*effects, *laws)}
 
 
+# {a name that is gone: what to write}
+_OLD = {"device": "give device= to simulate, run, resume and the studies"}
+
+
 def __getattr__(name: str) -> Any:
+    if name in _OLD:
+        raise AttributeError(f"rigidmc.{name} is gone: {_OLD[name]}")
     if name == "__all__":
         return [*_HOMES, "open", *_registered()]
     if name == "protocols":  # what parts of a user's own are made of

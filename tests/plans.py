@@ -1,6 +1,5 @@
 """What tests ask of a scene before its first step."""
 
-from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.planning import closed_form as forms
 from rigidmc.planning.initial import block_rows, initial_block, make_sampler
 from rigidmc.planning.monitors import has_attitude, make_monitors
@@ -15,9 +14,9 @@ def plan_of(scene):
     return prepared(scene).plan
 
 
-def program_of(scene):
-    """The Program of a scene for the device that runs take, uncompiled."""
-    return make_program(plan_of(scene), resolve_device(None), compiled=False)
+def program_of(scene, device="cpu"):
+    """The Program of a scene for a device, uncompiled."""
+    return make_program(plan_of(scene), device, compiled=False)
 
 
 def starts(scene, first, count, attitude):

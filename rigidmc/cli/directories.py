@@ -87,7 +87,9 @@ def refuse_force(output: str, force: bool) -> None:
 Make = Callable[[float | None, range | None, int | None, float | None], "RunDirectory"]
 
 
-def begun(make: Make, ways: Ways, threads: int | None, allow_code: bool) -> tuple[int, bool]:
+def begun(
+    make: Make, ways: Ways, threads: int | None, allow_code: bool, device: str | None
+) -> tuple[int, bool]:
     """Make a run directory and compute its shards; see `continued`."""
     from rigidmc.runs.directory.cluster import checked
 
@@ -108,6 +110,7 @@ def begun(make: Make, ways: Ways, threads: int | None, allow_code: bool) -> tupl
         shards=shards,
         allow_code=allow_code,
         cluster=cluster,
+        device=device,
     )
 
 
@@ -119,6 +122,7 @@ def continued(
     shards: str | None = None,
     allow_code: bool = False,
     cluster: str | None = None,
+    device: str | None = None,
 ) -> tuple[int, bool]:
     """Compute the missing shards of a run, or of a range, and say which are done; (the exit code,
     whether the whole run is done)."""
@@ -137,6 +141,7 @@ def continued(
         only=mine,
         allow_code=allow_code,
         cluster=cluster,
+        device=device,
     )
     status = run_directory.status(directory.path)
     computed = sum(flagged.values())
@@ -214,7 +219,7 @@ def resume(
             from rigidmc.runs.directory import gather
 
             print(f"  {gather.repair(run)} damaged shards were deleted")
-        code, _ = continued(run, threads, accept, max_wall, shards, allow_code, cluster)
+        code, _ = continued(run, threads, accept, max_wall, shards, allow_code, cluster, device)
     raise typer.Exit(code)
 
 
@@ -322,7 +327,7 @@ def extend(
         if is_map(run):
             members = members_of_pixels(run, members)
         runs.extend(run, members, accept, allow_code)
-        code, _ = continued(run, threads, accept, max_wall, None, allow_code, cluster)
+        code, _ = continued(run, threads, accept, max_wall, None, allow_code, cluster, device)
     raise typer.Exit(code)
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from rigidmc.cli.app import INVALID, IO, fail
-from rigidmc.engine.cuda.devices import use
+from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.errors import NoDevice, RigidmcError
 from rigidmc.scene.amounts import counted_text, seconds, words_of
 from rigidmc.scene.library import shipped
@@ -45,15 +45,14 @@ def time_option(key: str, positive: bool = True, **option: Any) -> Any:
     return typer.Option(key, parser=_checked(key, read), metavar="TIME", **option)
 
 
-def _moved_on(word: str) -> str:
-    """The parser of --device: what follows moves members there."""
+def _device(word: str) -> str:
+    """The parser of --device: a device that is there."""
     try:
-        use(word)
+        return resolve_device(word)
     except RigidmcError as error:
         fail(error.text("--device"), INVALID)
     except NoDevice as error:
         fail(f"{error}; nothing was written", IO)
-    return word
 
 
 def _keep_of(text: str) -> str | dict[str, str]:
@@ -192,7 +191,7 @@ Device = Annotated[
     typer.Option(
         "--device",
         metavar="DEVICE",
-        parser=_moved_on,
+        parser=_device,
         help="Where members move: cpu, cuda for all graphics processors, cuda:1 for one, or auto.",
     ),
 ]

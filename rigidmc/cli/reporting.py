@@ -12,7 +12,6 @@ from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, Any, TextIO, cast
 
 from rigidmc.cli.app import INCOMPLETE, INTERRUPTED, INVALID, IO, REFUSED, TERMINATED, fail
-from rigidmc.engine.cuda.devices import use
 from rigidmc.errors import (
     NoRoom,
     NoSuchScene,
@@ -76,8 +75,6 @@ def reported(file: str | None = None) -> Iterator[None]:
             fail(f"terminated; {LEFT}", TERMINATED)
         except AskedToStop:
             fail(f"asked to stop; {LEFT}", INCOMPLETE)
-        finally:
-            use("cpu")  # what --device chose is for one command
 
 
 def _of_files(error: RuntimeError) -> bool:

@@ -76,21 +76,23 @@ def run_scene(
                 rule = "a run directory takes neither --plot nor --until: consolidate it first"
                 raise OptionError(rule, at="output", value=output)
             refuse_force(output, force)
-            make = partial(_created, loaded, output)
-            raise typer.Exit(begun(make, ways, threads, allow_code)[0])
+            make = partial(_created, loaded, output, device)
+            raise typer.Exit(begun(make, ways, threads, allow_code, device)[0])
         refuse_ways(ways)
         output = output and output.rstrip(os.sep)
         refuse_outputs(force, output, plot)
         if until is None:
             from rigidmc.runs.simulate import simulate
 
-            dataset = simulate(loaded, threads=threads, progress=True, output=output, force=force)
+            dataset = simulate(
+                loaded, threads=threads, progress=True, output=output, force=force, device=device
+            )
             code = OK
         else:
             if "members" in run:
                 rule = "does not go with --until, which adds as many as it takes: give --most"
                 raise OptionError(rule, at="members", value=run["members"])
-            dataset, code = _until(loaded, until, most, threads, output, force)
+            dataset, code = _until(loaded, until, most, threads, device, output, force)
         if plot is not None:
             save_picture(plots_module().summary(dataset), plot, force)
         _summarise(dataset, time.perf_counter() - began, [p for p in (output, plot) if p])
@@ -100,17 +102,23 @@ def run_scene(
 
 
 def _created(
-    scene: "Scene", path: str, size: float | None, only: range | None, threads: int | None,
-    limit: float | None,
+    scene: "Scene", path: str, device: str | None, size: float | None, only: range | None,
+    threads: int | None, limit: float | None,
 ) -> "RunDirectory":  # fmt: skip
     """A new run directory, as `Make` of `rigidmc.cli.directories`."""
     from rigidmc.runs.directory.create import create
 
-    return create(scene, path, size, only, threads, limit=limit)
+    return create(scene, path, size, only, threads, limit=limit, device=device)
 
 
 def _until(
-    scene: "Scene", until: str, most: int, threads: int | None, output: str | None, force: bool
+    scene: "Scene",
+    until: str,
+    most: int,
+    threads: int | None,
+    device: str | None,
+    output: str | None,
+    force: bool,
 ) -> tuple["xr.Dataset", int]:
     """Add members until a measure is known well enough; the result and the exit code."""
     from rigidmc.studies.until import goal_reached, simulate_until
@@ -120,7 +128,14 @@ def _until(
         print(line, file=sys.stderr, flush=True)
 
     dataset, interval = simulate_until(
-        scene, until, most, threads=threads, progress=show, output=output, force=force
+        scene,
+        until,
+        most,
+        threads=threads,
+        progress=show,
+        output=output,
+        force=force,
+        device=device,
     )
     dataset.encoding["rigidmc"]["until"] = f"  {until}: {interval.words()}"
     return dataset, OK if goal_reached(until, interval) else INCOMPLETE

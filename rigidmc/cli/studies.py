@@ -61,6 +61,7 @@ class Where(NamedTuple):
     settings: list[str]
     allow_code: bool
     threads: int | None
+    device: str | None
     output: str | None
     plot: str | None
     force: bool
@@ -72,7 +73,8 @@ def where_of(given: dict[str, Any]) -> Where:
     ways = Ways(*(given.pop(name, None) for name in Ways._fields))
     settings, output = list(given["settings"] or ()), given["output"]
     flags = bool(given["allow_code"]), bool(given["force"])
-    return Where(settings, flags[0], given["threads"], output, given["plot"], flags[1], ways)
+    threads, device = given["threads"], given.get("device")
+    return Where(settings, flags[0], threads, device, output, given["plot"], flags[1], ways)
 
 
 # options of which `where_of` makes a Where: of studies whose members or tasks a run directory may
@@ -281,25 +283,25 @@ def computed(
     from rigidmc.studies.framework.tasks import Tasks
 
     work: Any = study.work
-    folder, threads = folder_of(where.output), where.threads
+    folder, threads, device = folder_of(where.output), where.threads, where.device
     if folder is None:
         refuse_ways(where.ways)
         design, read = designed()
         if isinstance(work, Members):
-            say(work.price(design, read, threads))
+            say(work.price(design, read, threads, device=device))
         progress: Any = True if isinstance(work, Tasks) else show_done
-        return work.compute(design, read, threads, None, progress), where.output
+        return work.compute(design, read, threads, device, progress), where.output
     refuse_force(folder, where.force)
     design, read = designed()
 
     def make(
         size: float | None, only: range | None, threads: int | None, limit: float | None
     ) -> "RunDirectory":
-        sizes = {"size": size, "only": only, "threads": threads, "limit": limit}
+        sizes = {"size": size, "only": only, "threads": threads, "limit": limit, "device": device}
         directory: RunDirectory = work.create(study.name, design, read, folder, **sizes)
         return directory
 
-    code_of_run, whole = begun(make, where.ways, threads, where.allow_code)
+    code_of_run, whole = begun(make, where.ways, threads, where.allow_code, device)
     if not whole:
         raise typer.Exit(code_of_run)
     return stored(folder), None

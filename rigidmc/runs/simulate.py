@@ -71,7 +71,9 @@ def simulate(
     attrs : dict, optional
         more attributes of the result, words and numbers
     device : str, optional
-        where members move: "cpu", "cuda", "cuda:1" or "auto", see `device`; no result depends on it
+        where members move: "cpu", "cuda" for all graphics processors (which needs
+        `pip install 'rigidmc[cuda]'`), "cuda:1" for one, "auto" for all of them if there are any
+        that can be used; no result depends on it
     {settings}
 
     Returns

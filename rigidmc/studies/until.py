@@ -69,6 +69,7 @@ def simulate_until(
     progress: Callable[[int, Estimate], object] | None = None,
     output: str | PathLike[str] | None = None,
     force: bool = False,
+    device: str | None = None,
     **options: Any,
 ) -> tuple[xr.Dataset, Estimate]:
     """Grow an ensemble until the interval of a measure is narrow enough.
@@ -95,6 +96,8 @@ def simulate_until(
     output : path_like, optional
         as of `simulate`
     force : bool, optional
+        as of `simulate`
+    device : str, optional
         as of `simulate`
     **options : object
         as of `simulate`
@@ -135,7 +138,7 @@ def simulate_until(
     if (count := rows(*scene.quantities())) is not None:
         most = min(most, count - scene.run.first)
     size, interval = _grown(
-        lean, until, goal(until, variables_of(lean)), most, confidence, threads, progress
+        lean, until, goal(until, variables_of(lean)), most, confidence, threads, device, progress
     )
     if not goal_reached(until, interval):
         reached = f"{interval.value:.6g} +- {interval.half:.2g} by {size:,} members"
@@ -148,6 +151,7 @@ def simulate_until(
         threads=threads,
         output=output,
         force=force,
+        device=device,
         attrs={"until": until, "found": f"{interval.value:.10g} in {ends}"},
     )
     return result, interval
@@ -181,6 +185,7 @@ def _grown(
     most: int,
     confidence: float,
     threads: int | None,
+    device: str | None,
     progress: Callable[[int, Estimate], object] | None,
 ) -> tuple[int, Estimate]:
     """(members, Estimate) when the goal is reached, or at `most` members."""
@@ -189,7 +194,8 @@ def _grown(
     while True:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)
-            part = simulate(scene, members=range(first + known, first + size), threads=threads)
+            members = range(first + known, first + size)
+            part = simulate(scene, members=members, threads=threads, device=device)
         values = np.append(values, wanted.measure.values(part))
         who = np.append(who, wanted.measure.asks(part))
         interval = wanted.measure.interval(values, who, confidence).each(float)
@@ -261,6 +267,7 @@ def randomised(
     randomisations: int = 16,
     confidence: float = 0.95,
     threads: int | None = None,
+    device: str | None = None,
     **options: Any,
 ) -> Interval:
     """Estimate the mean of a measure by independent randomisations of its points.
@@ -282,6 +289,8 @@ def randomised(
         of the interval
     threads : int, optional
         as of `simulate`
+    device : str, optional
+        as of `simulate`
     **options : object
         as of `simulate`
 
@@ -302,7 +311,7 @@ def randomised(
     asked = measure(text, variables_of(scene))
     values: list[float] = []
     for i in range(randomisations):
-        part = simulate(scene, seed=scene.run.seed + i, threads=threads)
+        part = simulate(scene, seed=scene.run.seed + i, threads=threads, device=device)
         found = asked.interval(asked.values(part), asked.asks(part), confidence).each(float)
         asked.refuse_unknown(found)
         values.append(found.value)

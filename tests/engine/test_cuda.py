@@ -41,7 +41,7 @@ from rigidmc.engine.compiler import kernels as pieces
 from rigidmc.engine.cuda import code as cuda_code
 from rigidmc.engine.cuda import devices as cuda_device
 from rigidmc.engine.cuda import program as cuda
-from rigidmc.engine.cuda.devices import device_now
+from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.errors import NoRoom
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.monitors import Monitors
@@ -87,24 +87,21 @@ def test_the_launches_give_the_recorded_bits(fake):
     """Of all that runs on the processor: events, statistics, noise, steps of members' own, works,
     neighbours, float32."""
     driver = fake()
-    with rm.device("cuda"):
-        assert not changed(sums((0,), QUICK, names=NAMES))
+    assert not changed(sums((0,), QUICK, names=NAMES, device="cuda"))
     assert driver.launches
 
 
 @pytest.mark.slow
 def test_the_launches_give_the_recorded_bits_of_the_other_cases(fake):
     fake()
-    with rm.device("cuda"):
-        assert not changed(sums((0,), QUICK, names=others()))
+    assert not changed(sums((0,), QUICK, names=others(), device="cuda"))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in INTEGRATORS if name != "closed"])
 def test_the_launches_of_every_integrator_give_the_recorded_bits(name, fake):
     fake()
-    with rm.device("cuda"):
-        assert not changed(sums((0,), (name,)))
+    assert not changed(sums((0,), (name,), device="cuda"))
 
 
 @pytest.mark.slow
@@ -115,8 +112,7 @@ def test_the_launches_of_every_integrator_give_the_recorded_bits(name, fake):
 def test_a_shorter_last_interval_has_the_same_bits(settings, fake):
     one = shortened().with_run(members=70, **settings)
     here, driver = rm.simulate(one), fake()
-    with rm.device("cuda"):
-        there = rm.simulate(one)
+    there = rm.simulate(one, device="cuda")
     assert driver.launches
     for name in here.data_vars:
         assert np.array_equal(here[name].values, there[name].values, equal_nan=True), name
@@ -132,15 +128,13 @@ def test_the_comparison_sees_one_bit(fake, monkeypatch):
         return llvm.parse_assembly(re.sub(r"= fadd <1", "= fadd contract <1", text))
 
     monkeypatch.setattr(cuda, "link_kernel", fusing)
-    with rm.device("cuda"):
-        assert changed(sums((0,), QUICK, names=NAMES[-2:]))
+    assert changed(sums((0,), QUICK, names=NAMES[-2:], device="cuda"))
 
 
 def kernels(*integrators, names=(*NAMES, *(f"heavy, {name}, 0.05" for name in NO_SPILL))):
     """{label: program} of the cases of `bench.bits` by these integrators, nothing compiled."""
     some = (one for one in cases(integrators) if one.scene.run.integrator in integrators)
-    with rm.device("cuda"):
-        return {one.name: program_of(one.scene) for one in some if one.name in names}
+    return {one.name: program_of(one.scene, "cuda") for one in some if one.name in names}
 
 
 def targets(programs):
@@ -233,7 +227,6 @@ def test_launches_are_short_and_change_no_bit(fake, monkeypatch):
     assert driver.used == {0, 1}
     # what is left are the numbers of programs
     assert driver.most > 10_000 and driver.taken < 4_000  # measured 27,545 to 80,907, and 0
-    assert device_now() == "cpu"
 
 
 def test_a_run_begun_on_a_device_goes_on_without_one(fake, tmp_path):
@@ -243,9 +236,8 @@ def test_a_run_begun_on_a_device_goes_on_without_one(fake, tmp_path):
     for folder in folders:
         create(SCENE.with_run(members=9000), folder, 1e3)
     resume(folders[0])
-    with rm.device("cuda"):
-        resume(folders[1])
-        resume(folders[2], only=range(1))
+    resume(folders[1], device="cuda")
+    resume(folders[2], only=range(1), device="cuda")
     resume(folders[2])
     names = [sorted(path.name for path in (folder / "shards").iterdir()) for folder in folders]
     assert names[0] == names[1] == names[2] and len(names[0]) > 2
@@ -316,12 +308,10 @@ def test_faults_are_one_message(fault, error, words, fake, tmp_path):
 
 def test_words_of_devices(fake, monkeypatch):
     fake(devices=2)
-    with rm.device("auto") as word:
-        assert word == "cuda" == device_now()
-        with rm.device("cuda:1"):
-            assert device_now() == "cuda:1"
-        with rm.device(None):
-            assert device_now() == "cuda"
+    found = {word: resolve_device(word) for word in ("auto", "cuda:1", "cpu", None)}
+    assert found == {"auto": "cuda", "cuda:1": "cuda:1", "cpu": "cpu", None: "cpu"}
+    with pytest.raises(AttributeError, match=r"rigidmc\.device is gone: give device= to"):
+        rm.device("cuda")
     with pytest.raises(rm.NoDevice, match="cuda:2: the devices are cuda:0 to cuda:1"):
         rm.simulate(SCENE, device="cuda:2")
     for word in ("gpu", "cuda:x", "CUDA", ""):
@@ -330,8 +320,7 @@ def test_words_of_devices(fake, monkeypatch):
         ):
             rm.simulate(SCENE, device=word)
     fake(devices=0)
-    with rm.device("auto") as word:
-        assert word == "cpu"
+    assert resolve_device("auto") == "cpu"
 
 
 def test_without_the_driver(monkeypatch):
@@ -406,7 +395,7 @@ def test_doctor_compares_and_measures(fake, monkeypatch):
     assert found.exit_code == 0
     assert "same bits   free, rk4, 0.05" in found.output
     assert "75.00 G steps/s, 44 % of the peak in float64  free, rk4" in found.output
-    monkeypatch.setattr(bits, "digest", lambda scene: object())
+    monkeypatch.setattr(bits, "digest", lambda scene, device=None: object())
     assert invoked("doctor", "--cuda-check").exit_code == 4
 
 
@@ -462,7 +451,7 @@ def test_commands_take_a_device(fake, monkeypatch, tmp_path):
     scene.write_text(SCENE.dumps())
     words = ("run", scene, "--members", 96, "--shard-size", 0.001, "-o")
     assert invoked(*words, f"{tmp_path}/there/", "--device", "cuda").exit_code == 0
-    assert driver.launches and device_now() == "cpu"
+    assert driver.launches
     moved = len(driver.launches)
     assert invoked(*words, f"{tmp_path}/here/").exit_code == 0 and len(driver.launches) == moved
     names = [sorted(p.name for p in (tmp_path / x / "shards").iterdir()) for x in ("here", "there")]
@@ -481,6 +470,36 @@ def test_commands_take_a_device(fake, monkeypatch, tmp_path):
     files = [xr.open_dataset(tmp_path / f"{where}.nc") for where in ("here", "there")]
     with files[0] as here, files[1] as there:
         assert here.total.values.tobytes() == there.total.values.tobytes()
+    assert len(driver.launches) > moved
+
+
+MEASURED = "--of", "mean(nutation_max)"
+SIDES = "--x", "start.omega.size=4:6", "--y", "start.attitude.theta=0.3:0.6"
+
+
+@pytest.mark.parametrize("words", [
+    ("run", "scene"),
+    ("run", "scene", "--until", "mean(nutation_max) +- 50 %", "--most", 64),
+    ("map", "scene", *SIDES, *MEASURED, "--resolution", 2, "--members", 8),
+    ("rare", "scene", "--of", "p(nutation_max >= 0.4)", "--members", 32, "--repetitions", 2),
+], ids=("run", "until", "map", "rare"))  # fmt: skip
+def test_commands_move_members_on_the_device(words, fake, monkeypatch, tmp_path):
+    """In memory and in a run directory, and only there where --device says so."""
+    driver = fake()
+    monkeypatch.setattr(price, "DEVICE_BLOCK", 32)
+    monkeypatch.setattr(price, "LONG", 0.01)
+    scene = tmp_path / "tops.toml"
+    scene.write_text(SCENE.dumps())
+    command = [scene if word == "scene" else word for word in words]
+    folders = [()] if "--until" in words else [(), ("-o", f"{tmp_path}/run/")]
+    for where in folders:
+        moved = len(driver.launches)
+        found = invoked(*command, *where, "--device", "cuda")
+        assert found.exit_code in (0, 4, 5), found.output
+        assert len(driver.launches) > moved
+    moved = len(driver.launches)
+    assert invoked(*command).exit_code in (0, 4, 5)
+    assert len(driver.launches) == moved
 
 
 @pytest.mark.parametrize(
@@ -494,7 +513,7 @@ def test_a_wrong_device_is_one_message(word, code, rule, fake, tmp_path):
     fake()
     found = invoked("run", "dzhanibekov", "--device", word, "-o", tmp_path / "a.nc")
     assert found.exit_code == code and rule in found.output and "Traceback" not in found.output
-    assert not list(tmp_path.iterdir()) and device_now() == "cpu"
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_device_that_is_lost_leaves_a_run_that_goes_on(fake, tmp_path):
@@ -528,8 +547,7 @@ def test_a_run_on_a_device_goes_on_on_the_processor_from_where_it_was_cut(
 
     monkeypatch.setattr(checkpoints.Checkpoints, "keep", copying)
     create(SCENE, tmp_path / "run", 1e3)
-    with rm.device("cuda"):
-        resume(tmp_path / "run", threads=1)
+    resume(tmp_path / "run", threads=1, device="cuda")
     assert len(copies) >= 2
     alone = rm.simulate(SCENE)
     monkeypatch.setattr(checkpoints.Checkpoints, "keep", keep)
@@ -552,13 +570,12 @@ def test_blocks_fill_devices_and_no_memory(fake):
     """Few members are one block for each device; many saves make blocks small, shards are one."""
     fake(devices=2)
     scene = SCENE.with_run(save=("omega", "flips"))
-    with rm.device("cuda"):
-        few = plan_of(scene.with_run(members=1000))
-        many = plan_of(scene.with_run(members=10**7))
-        wide = plan_of(scene.with_run(members=10**7, every=0.02))
-        blocks = [block_of(one, 16, "cuda", False) for one in (few, many)]
-        block = block_of(wide, 16, "cuda", True)
-        assert blocks == [512, 156_256] and movers(16, "cuda") == 2
+    few = plan_of(scene.with_run(members=1000))
+    many = plan_of(scene.with_run(members=10**7))
+    wide = plan_of(scene.with_run(members=10**7, every=0.02))
+    blocks = [block_of(one, 16, "cuda", False) for one in (few, many)]
+    block = block_of(wide, 16, "cuda", True)
+    assert blocks == [512, 156_256] and movers(16, "cuda") == 2
     saved = block * wide.values * wide.times.size * 8
     assert 0.98 * DEVICE_SLAB < saved <= DEVICE_SLAB
     assert block_of_shard(many, 137 * 4064) == 137 * 4064  # which has no large divisor

@@ -4,12 +4,10 @@ First the words cpu, cuda, cuda:1 and auto, then the functions of CUDA's driver:
 code, and streams.
 """
 
-import contextlib
 import ctypes
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from contextvars import ContextVar
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -19,63 +17,18 @@ from numpy.typing import NDArray
 from rigidmc.errors import NoDevice, OptionError, nearest
 
 WORDS = ("cpu", "cuda", "auto")
-_NOW = ContextVar("device", default="cpu")
-
-
-@contextlib.contextmanager
-def device(word: str | None) -> Iterator[str]:
-    """Let runs and studies in the body of a `with` move their members on a device.
-
-    The device is that of the thread that calls this, and no bit of a result depends on it. With
-    CUDA, a thread of a graphics processor takes each member through its steps; the package
-    `cuda-bindings` is needed, `pip install 'rigidmc[cuda]'`.
-
-    Parameters
-    ----------
-    word : str or None
-        "cpu", "cuda" for all graphics processors, "cuda:1" for one, "auto" for all of them if there
-        are any that can be used, else "cpu"; None for the device that runs take anyway
-
-    Yields
-    ------
-    str
-        "cpu", "cuda" or "cuda:1"
-
-    Raises
-    ------
-    OptionError
-        for another word
-    NoDevice
-        if there is no such device, or no driver
-
-    Examples
-    --------
-    >>> scene = rm.Scene.load("dzhanibekov").with_run(members=4, t_end=1.0)
-    >>> with rm.device("auto"):
-    ...     ds = rm.simulate(scene)
-    """
-    token = _NOW.set(resolve_device(word))
-    try:
-        yield _NOW.get()
-    finally:
-        _NOW.reset(token)
-
-
-def use(word: str) -> None:
-    """Let all runs and studies from here on move their members on a device, as `device`."""
-    _NOW.set(resolve_device(word))
-
-
-def device_now() -> str:
-    """The device that runs take now: "cpu", "cuda" or "cuda:1"."""
-    return _NOW.get()
 
 
 def resolve_device(word: str | None) -> str:
-    """The device of a word, which has to be there; None for the device that runs take now. Raises
-    as `device`."""
+    """The device of a word: "cpu", "cuda" or "cuda:1".
+
+    word : "cpu", "cuda" for all graphics processors, "cuda:1" for one, "auto" for all of them if
+        there are any that can be used, else "cpu"; None for "cpu"
+
+    Raises OptionError for another word, NoDevice if there is no such device, or no driver.
+    """
     if word is None:
-        return device_now()
+        return "cpu"
     if word not in WORDS and not re.fullmatch(r"cuda:\d{1,3}", word):
         rule = "expected cpu, cuda, cuda:NUMBER or auto"
         raise OptionError(rule, at="device", value=word, nearest=nearest(word, WORDS))

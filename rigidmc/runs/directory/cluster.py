@@ -30,8 +30,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rigidmc.engine.cuda.devices import device as moved_on
-from rigidmc.engine.cuda.devices import device_now, resolve_device
+from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import content_of, write_bytes
@@ -62,7 +61,8 @@ SETTINGS = {  # of a cluster on this machine
 }
 
 
-Work = Callable[[str, int, bool, bool], dict[str, int]]  # (path, i, allow_code, accept)
+# (path, i, allow_code, accept, device) -> {status: members}
+Work = Callable[[str, int, bool, bool, str | None], dict[str, int]]
 
 
 class Computed(NamedTuple):
@@ -97,6 +97,7 @@ def compute_on(
     allow_code: bool = False,
     accept: bool = False,
     work: Work | None = None,
+    device: str | None = None,
 ) -> dict[str, int]:
     """Compute some shards of a run whose lock this process holds; {status: members}.
 
@@ -105,6 +106,7 @@ def compute_on(
         (`if __name__ == "__main__":`)
     stop : time limit on the clock of time.monotonic(); no shard begins that would end later
     work : what computes a shard of a folder, by default its members
+    device : where workers move members, as of `simulate`
 
     Raises OptionError if there is no dask or no such cluster, OSError if the cluster is lost, and
     what workers raise.
@@ -115,7 +117,7 @@ def compute_on(
         _connected(cluster, directory) as client,
         reporter(progress, directory.members_of(numbers), 1) as report,
     ):
-        options = allow_code, accept, work, device_now()
+        options = allow_code, accept, work, device
         tasks = _Tasks(client, cluster, directory, texts, numbers, stop, options)
         for computed in tasks.results(report.poll):
             _store(computed, cluster, directory)
@@ -166,7 +168,7 @@ class _Tasks:
         texts: tuple[bytes, ...],
         numbers: Numbers,
         stop: float | None,
-        options: tuple[bool, bool, Work | None, str],
+        options: tuple[bool, bool, Work | None, str | None],
     ) -> None:
         self._client, self._cluster, self._stop, self._options = client, cluster, stop, options
         self._path = os.path.abspath(directory.path)
@@ -260,23 +262,16 @@ def shard(
     allow_code: bool = False,
     accept: bool = False,
     work: Work | None = None,
-    device: str = "cpu",
+    device: str | None = None,
 ) -> Computed:
     """Compute shard i of a run: what a worker does.
 
     path, texts : of the run directory, and its the contents of FILES;  work : as of `compute_on`
-    device : where members move, as of `rigidmc.engine.cuda.devices`
+    device : where members move, as of `simulate`
     """
-    with moved_on(device):
-        return _shard(path, texts, i, work or _compute, allow_code, accept)
-
-
-def _shard(
-    path: str, texts: tuple[bytes, ...], i: int, compute: Work, allow_code: bool, accept: bool
-) -> Computed:
-    """`shard`, on the device that runs take."""
+    compute = work or _compute
     if content_of(path, "run.json") == texts[0]:
-        flagged = compute(path, i, allow_code, accept)
+        flagged = compute(path, i, allow_code, accept, device)
         return Computed(i, flagged, os.path.basename(RunDirectory(path).shards()[i]), None)
     with tempfile.TemporaryDirectory(prefix="rigidmc-") as folder:
         os.mkdir(os.path.join(folder, "shards"))
@@ -284,15 +279,17 @@ def _shard(
             if text:
                 with open(os.path.join(folder, name), "wb") as file:
                     file.write(text)
-        flagged = compute(folder, i, allow_code, accept)
+        flagged = compute(folder, i, allow_code, accept, device)
         (written,) = RunDirectory(folder).shards().values()
         return Computed(i, flagged, os.path.basename(written), content_of(*os.path.split(written)))
 
 
-def _compute(path: str, i: int, allow_code: bool, accept: bool) -> dict[str, int]:
+def _compute(
+    path: str, i: int, allow_code: bool, accept: bool, device: str | None
+) -> dict[str, int]:
     """Compute one shard of a run directory; {status: members}."""
     directory = RunDirectory(path)
     refuse_others(directory, accept)
-    run, device = load_run(directory, allow_code), resolve_device(None)
+    run, device = load_run(directory, allow_code), resolve_device(device)
     block = block_of_run(directory, run, device)
     return compute_shards(directory, run, [i], 1, block, device)

@@ -71,6 +71,7 @@ def create(
     about: Mapping[str, str] = {},
     chosen: Chosen | None = None,
     limit: float | None = None,
+    device: str | None = None,
 ) -> RunDirectory:
     """Make a run directory for a scene.
 
@@ -82,6 +83,7 @@ def create(
     threads : how many will compute, which decides how much memory is needed
     about : more attributes of the result
     chosen : the members that the run has, if it has chosen ones
+    device : where the rate is measured, as of `simulate`
 
     Raises OutputExists if the folder contains anything, OptionError if the run has no shard in
     `only`, NoRoom if memory or disk is too small.
@@ -93,7 +95,7 @@ def create(
     path = free_place(path)
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
-    run, device = prepared(scene), resolve_device(None)
+    run, device = prepared(scene), resolve_device(device)
     for note in run.notes:
         warnings.warn(note, SceneWarning, stacklevel=2)
     if chosen is not None:

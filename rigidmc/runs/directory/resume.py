@@ -39,6 +39,7 @@ def resume(
     block: int | None = None,
     allow_code: bool = False,
     cluster: str | None = None,
+    device: str | None = None,
 ) -> tuple[RunDirectory, dict[str, int]]:
     """Compute the missing shards of a run; (RunDirectory, {status: members} of what was computed).
 
@@ -51,6 +52,7 @@ def resume(
     block : members computed at once; no result depends on it
     cluster : "tcp://host:8786" of a dask scheduler, or "local:4" for four processes on this
         machine, see `rigidmc.runs.directory.cluster`
+    device : where members move, as of `simulate`; that of the workers of a cluster
 
     Raises FileError for a directory that is no run, is damaged or was changed, OutputExists if
     another process writes to it, NoRoom if memory or disk is too small.
@@ -66,7 +68,7 @@ def resume(
         checked(cluster)
     with directory.locked():
         numbers = missing_of(directory, only)
-        run, device = load_run(directory, allow_code), resolve_device(None)
+        run, device = load_run(directory, allow_code), resolve_device(device)
         size = block_of_run(directory, run, device, block)
         many = threads or threads_available()
         if numbers.size:
@@ -87,7 +89,9 @@ def resume(
         def compute() -> dict[str, int]:
             if cluster is None:
                 return compute_shards(directory, run, numbers, many, size, device, progress, stop)
-            return compute_on(cluster, directory, numbers, progress, stop, allow_code, accept)
+            return compute_on(
+                cluster, directory, numbers, progress, stop, allow_code, accept, device=device
+            )
 
         return directory, noted(directory, compute)
 

@@ -111,6 +111,7 @@ def resume_tasks(
     allow_code: bool = False,
     cluster: str | None = None,
     together: int = 1,
+    device: str | None = None,
 ) -> dict[str, int]:
     """Compute the missing tasks of a study; {status: tasks}. Arguments as of
     `rigidmc.runs.directory.resume.resume`.
@@ -130,7 +131,9 @@ def resume_tasks(
         def compute() -> dict[str, int]:
             if cluster is None:
                 return compute_tasks(directory, task, numbers, many, progress, stop, together)
-            return compute_on(cluster, directory, numbers, progress, stop, allow_code, accept, work)
+            return compute_on(
+                cluster, directory, numbers, progress, stop, allow_code, accept, work, device
+            )
 
         return noted(directory, compute)
 

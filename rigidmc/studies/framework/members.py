@@ -54,7 +54,7 @@ def compute_batches(
         if told:
             scene = _chosen(scene)
         if progress is True:
-            say(str(price(scene, studied, threads)))
+            say(str(price(scene, studied, threads, device=device)))
         with reporter(progress is True, scene.run.members, 1) as report:
             for members in _ranges(scene, size):
                 with warnings.catch_warnings():
@@ -180,17 +180,19 @@ class Members(NamedTuple):
         ways : of `rigidmc.runs.directory.create.create`
         """
         directory = create(scene, path, **ways)
-        say(self.price(scene, options, ways.get("threads"), os.fspath(path)))
+        threads, device = ways.get("threads"), ways.get("device")
+        say(self.price(scene, options, threads, os.fspath(path), device))
         return directory
 
     def price(
-        self, scene: Scene, options: Any, threads: int | None, folder: str | None = None
-    ) -> str:
+        self, scene: Scene, options: Any, threads: int | None, folder: str | None = None,
+        device: str | None = None,
+    ) -> str:  # fmt: skip
         """What the study will cost, in words.
 
         folder : the run directory, if the members are stored
         """
-        return str(price(scene, self.priced(scene, options, threads), threads, folder))
+        return str(price(scene, self.priced(scene, options, threads), threads, folder, device))
 
     def stored(
         self, name: str, result: xr.Dataset, options: Any, threads: int | None, allow_code: bool

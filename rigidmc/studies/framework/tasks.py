@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from rigidmc.engine.cuda.devices import device as on_device
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import FileError, OptionError, SceneWarning
@@ -48,8 +47,8 @@ class Tasks(NamedTuple):
         numbers and words; raises for what it cannot study
     next : (scene, request, {number: what was found} of the tasks so far) -> the numbers of the next
         tasks, [] at the end; none is done at the beginning
-    compute_some : (scene, request, numbers of tasks, threads) -> what each finds, a pure function
-        of all but the threads and the other tasks
+    compute_some : (scene, request, numbers of tasks, threads, device) -> what each finds, a pure
+        function of all but threads, device and the other tasks
     cost : (scene, request, numbers of tasks) -> the member-steps that they take
     reduce : (scene, request, {number: what was found}, options) -> the Dataset
     is_growing : whether what tasks say decides which are next
@@ -60,7 +59,7 @@ class Tasks(NamedTuple):
 
     start: Callable[[Scene, Any], Design]
     next: Callable[[Scene, Request, dict[int, Found]], Sequence[int]]
-    compute_some: Callable[[Scene, Request, Sequence[int], int], list[Found]]
+    compute_some: Callable[[Scene, Request, Sequence[int], int, str | None], list[Found]]
     cost: Callable[[Scene, Request, Sequence[int]], float]
     reduce: Callable[[Scene, Request, dict[int, Found], Any], xr.Dataset]
     is_growing: bool = False
@@ -90,8 +89,7 @@ class Tasks(NamedTuple):
         threads = threads_available() if threads is None else counted(threads, "threads")
         for note in self.notes(design[0]):
             warnings.warn(note, SceneWarning, stacklevel=3)
-        with on_device(device):
-            found = compute_all(self, *design, threads, progress)
+        found = compute_all(self, *design, threads, progress, resolve_device(device))
         dataset = self.reduce(*design, found, options)
         for note in self.doubts(dataset):
             warnings.warn(note, SceneWarning, stacklevel=3)
@@ -122,9 +120,12 @@ class Tasks(NamedTuple):
         first = self.next(scene, request, {})
         return create_tasks(scene, path, name, request, first, int(self.is_growing))
 
-    def price(self, scene: Scene, request: Request, numbers: Sequence[int], threads: int) -> str:
+    def price(
+        self, scene: Scene, request: Request, numbers: Sequence[int], threads: int,
+        device: str | None = None,
+    ) -> str:  # fmt: skip
         """What tasks will cost, in words, by steps that are measured now."""
-        steps, device = self.cost(scene, request, numbers), resolve_device(None)
+        steps, device = self.cost(scene, request, numbers), resolve_device(device)
         took = 1e-9 * steps * cost_per_step(prepared(scene), device) / movers(threads, device)
         return (
             f"{len(numbers):,} tasks x {steps / max(1, len(numbers)):,.0f} member-steps,"
@@ -133,7 +134,12 @@ class Tasks(NamedTuple):
 
 
 def compute_all(
-    tasks: Tasks, scene: Scene, request: Request, threads: int, progress: Progress = False
+    tasks: Tasks,
+    scene: Scene,
+    request: Request,
+    threads: int,
+    progress: Progress = False,
+    device: str | None = None,
 ) -> dict[int, Found]:
     """{number: what was found} of all tasks of a study, computed now.
 
@@ -143,11 +149,11 @@ def compute_all(
     with announcing(progress):
         while numbers := tasks.next(scene, request, found):
             if progress is True:
-                say(tasks.price(scene, request, numbers, threads))
+                say(tasks.price(scene, request, numbers, threads, device))
             with reporter(progress, len(numbers), 1) as report:
                 for first in range(0, len(numbers), tasks.together):
                     group = numbers[first : first + tasks.together]
-                    values = tasks.compute_some(scene, request, group, threads)
+                    values = tasks.compute_some(scene, request, group, threads, device)
                     found |= zip(group, values, strict=True)
                     report.step(len(group))
                     report.poll()
@@ -171,6 +177,7 @@ def resume(
     max_wall: float | str | None = None,
     only: range | None = None,
     allow_code: bool = False,
+    device: str | None = None,
     **options: Any,
 ) -> tuple[RunDirectory, dict[str, int]]:
     """Compute the tasks of a study until what is there asks for no more; (RunDirectory, {status:
@@ -185,15 +192,16 @@ def resume(
     left: float | None = None if stop is None else max(1e-9, stop - time.monotonic())
     while True:
         if options.get("progress") is True:
-            _tell(tasks, scene, request, directory, only, options.get("threads"))
+            _tell(tasks, scene, request, directory, only, options.get("threads"), device)
         now = resume_tasks(
             directory,
-            lambda numbers, threads: tasks.compute_some(scene, request, numbers, threads),
+            lambda numbers, threads: tasks.compute_some(scene, request, numbers, threads, device),
             work,
             max_wall=left,
             only=only,
             allow_code=allow_code,
             together=tasks.together,
+            device=device,
             **options,
         )
         flagged = {word: flagged.get(word, 0) + count for word, count in now.items()}
@@ -211,12 +219,12 @@ def resume(
 
 def _tell(
     tasks: Tasks, scene: Scene, request: Request, directory: RunDirectory, only: range | None,
-    threads: int | None,
+    threads: int | None, device: str | None,
 ) -> None:  # fmt: skip
     """Say what the missing tasks will cost."""
     numbers = [int(directory.members(int(i))[0]) for i in missing_of(directory, only)]
     if numbers:
-        say(tasks.price(scene, request, numbers, threads or threads_available()))
+        say(tasks.price(scene, request, numbers, threads or threads_available(), device))
 
 
 def load_tasks(
@@ -237,7 +245,7 @@ def load_tasks(
     return scene_of_run(directory, allow_code), study[2], done
 
 
-def work(path: str, i: int, allow_code: bool, accept: bool) -> dict[str, int]:
+def work(path: str, i: int, allow_code: bool, accept: bool, device: str | None) -> dict[str, int]:
     """Compute one task of a run directory: what a worker of a cluster does."""
     directory = RunDirectory(path)
     refuse_others(directory, accept)
@@ -245,7 +253,7 @@ def work(path: str, i: int, allow_code: bool, accept: bool) -> dict[str, int]:
     scene = scene_of_run(directory, allow_code)
     return compute_tasks(
         directory,
-        lambda numbers, threads: tasks.compute_some(scene, request, numbers, threads),
+        lambda numbers, threads: tasks.compute_some(scene, request, numbers, threads, device),
         [i],
         1,
     )
@@ -266,12 +274,12 @@ def verified(
         return faults
     scene, many = scene_of_run(directory, allow_code), threads or threads_available()
     done = sorted(directory.shards())
-    again = (
-        unlike(
-            directory, i, lambda numbers, n: tasks.compute_some(scene, request, numbers, n), many
-        )
-        for i in sorted(random.sample(done, min(spot, len(done))))
-    )
+
+    def task(numbers: Sequence[int], threads: int) -> list[Found]:
+        return tasks.compute_some(scene, request, numbers, threads, None)
+
+    chosen = sorted(random.sample(done, min(spot, len(done))))
+    again = (unlike(directory, i, task, many) for i in chosen)
     return [fault for fault in again if fault]
 
 

@@ -63,7 +63,9 @@ def number_of(level: int, batch: int) -> int:
     return level * TASKS + batch
 
 
-def sums(request: Request, numbers: Sequence[int], threads: int) -> list[dict[str, NDArray[Any]]]:
+def sums(
+    request: Request, numbers: Sequence[int], threads: int, device: str | None = None
+) -> list[dict[str, NDArray[Any]]]:
     """The sums of tasks, each of which depends on request and number alone, to the bit.
 
     members : that count;  flagged : paths that are flagged, or pairs of which one is
@@ -71,7 +73,7 @@ def sums(request: Request, numbers: Sequence[int], threads: int) -> list[dict[st
     mean, squares : of the corrections, and the sum of their squared distances from it
     """
     parts = _together(numbers, max(1, CHUNK // request.batch))
-    return [one for part in parts for one in _batches(request, *part, threads)]
+    return [one for part in parts for one in _batches(request, *part, threads, device)]
 
 
 def _together(numbers: Sequence[int], most: int) -> Iterator[tuple[int, int, int]]:
@@ -86,7 +88,7 @@ def _together(numbers: Sequence[int], most: int) -> Iterator[tuple[int, int, int
 
 
 def _batches(
-    request: Request, level: int, first: int, count: int, threads: int
+    request: Request, level: int, first: int, count: int, threads: int, device: str | None
 ) -> list[dict[str, NDArray[Any]]]:
     """The sums of `count` batches of a level from batch `first` on."""
     size = request.batch
@@ -94,7 +96,8 @@ def _batches(
     low = level * APART + first * size
     for sign, run in zip((1.0, -1.0), paths(request, level), strict=False):
         some = run.with_members(range(low, low + count * size))
-        result = (some if sign > 0.0 else some.with_paired_noise()).run(threads=threads)
+        some = some if sign > 0.0 else some.with_paired_noise()
+        result = some.run(threads=threads, device=device)
         values += sign * request.measure.numbers(result)
         good &= result.status.values == 0
     parts = zip(values.reshape(count, size), good.reshape(count, size), strict=True)

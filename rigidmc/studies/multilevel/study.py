@@ -137,10 +137,10 @@ def understood(
 
 
 def compute_batches(
-    scene: Scene, request: runs.Request, numbers: Sequence[int], threads: int
+    scene: Scene, request: runs.Request, numbers: Sequence[int], threads: int, device: str | None
 ) -> list[runs.Found]:
     """What batches of levels find."""
-    return sums(understood(scene, **request)[0], numbers, threads)
+    return sums(understood(scene, **request)[0], numbers, threads, device)
 
 
 def next_batches(scene: Scene, request: runs.Request, found: dict[int, runs.Found]) -> list[int]:

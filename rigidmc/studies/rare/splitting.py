@@ -121,6 +121,7 @@ def split(
     members: int,
     target: float,
     threads: int,
+    device: str | None,
     rows: int | None,
     seed: int,
 ) -> Found:
@@ -138,7 +139,7 @@ def split(
     Source: Cerou & Guyader, Stoch. Anal. Appl. 25 (2007) 417; Brehier, Gazeau, Goudenege, Lelievre
     & Rousset, Ann. Appl. Probab. 26 (2016) 3559.
     """
-    moving = Moving(scene.with_run(seed=seed), PARTS, threads)
+    moving = Moving(scene.with_run(seed=seed), PARTS, threads, device)
     paths = Paths(moving, score, members, seed, rows)
     share, levels, shares, flagged = 1.0, list[float](), list[float](), 0
     for number in range(MOST):

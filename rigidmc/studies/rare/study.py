@@ -156,13 +156,14 @@ def cost_of(scene: Scene, request: Request, numbers: Sequence[int]) -> float:
 
 
 def compute_repetitions(
-    scene: Scene, request: Request, numbers: Sequence[int], threads: int
+    scene: Scene, request: Request, numbers: Sequence[int], threads: int, device: str | None
 ) -> list[Found]:
     """What repetitions find."""
     moved, score = scored(scene, request["of"])
-    given = moved, score, request["members"], request["target"], threads, request.get("rows")
+    given = moved, score, request["members"], request["target"], threads, device
     way = split if is_noisy(moved) else partial(descend, parts=_parts(score))
-    return [way(*given, seed=scene.run.seed + number).numbers() for number in numbers]
+    rows, seed = request.get("rows"), scene.run.seed
+    return [way(*given, rows=rows, seed=seed + number).numbers() for number in numbers]
 
 
 def _parts(score: Score) -> int:

@@ -72,6 +72,7 @@ def descend(
     members: int,
     target: float,
     threads: int,
+    device: str | None,
     rows: int | None,
     seed: int,
     parts: int,
@@ -92,7 +93,7 @@ def descend(
 
     parts : of the run, after each of which the score of an event is taken
     """
-    moving = Moving(scene.with_run(seed=seed), parts, threads)
+    moving = Moving(scene.with_run(seed=seed), parts, threads, device)
     made = Members(moving, score, seed, rows)
     z = made.normals(members, "rare.start", 0)
     if rows is not None:

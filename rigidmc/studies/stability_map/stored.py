@@ -61,13 +61,14 @@ def create_map(
     only: range | None = None,
     threads: int | None = None,
     limit: float | None = None,
+    device: str | None = None,
 ) -> RunDirectory:
     """Make a run directory for a map; the arguments and errors are those of `create`."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # `prepared` gave the notes
         asked, about = ready.question, {MAP: ready.question.text()}
         if asked.borders is None:
-            return create(ready.scene, path, size, only, threads, about, None, limit)
+            return create(ready.scene, path, size, only, threads, about, None, limit, device)
         nothing = Collected(asked, ready.measures).pixel_values()
         first = refined(asked, nothing, BEGUN)
         shard = unit(asked) * asked.replicas
