@@ -87,6 +87,8 @@ _of_observables: set[type] = set()
 
 def is_observable(value: Any) -> bool:
     """Whether a value is an observable of any kind, such as Flips(): an instance, not its class."""
+    if type(value) is tuple:  # of observables: it has no class of its own to look up
+        return False
     if type(value) not in _of_observables:
         kinds = Observable, Event, Running, Neighbour, EnsembleObservable
         if not isinstance(value, tuple) or not (isinstance(value, kinds) or is_opaque(value)):
