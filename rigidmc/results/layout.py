@@ -14,6 +14,8 @@ from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.recording import Recording
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.settings import changed
+from rigidmc.scene.toml.write import dumps
 from rigidmc.version import VERSION
 
 Coordinate = tuple[tuple[str, ...], NDArray[Any], dict[str, Any]]  # dimensions, values, attributes
@@ -147,7 +149,8 @@ class ResultLayout(NamedTuple):
 
     def text(self) -> str:
         """The scene as TOML text."""
-        return self.scene.with_run(**self.settings).dumps()
+        own = {name: value for name, value in self.settings.items() if value is not None}
+        return dumps(self.scene, changed(self.scene.run, own))
 
     def is_rounded(self, name: str) -> bool:
         """Whether files store only some digits of a variable: those of saves over time, but never

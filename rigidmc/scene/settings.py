@@ -318,4 +318,6 @@ def changed(run: Run, given: Mapping[str, Any]) -> Run:
     settings = {**kept, **given}
     new = table_of(Run, settings, "run", given)
     lost = idle(new).keys() - idle(run).keys() - given.keys() - STAYS
+    if not lost & settings.keys():
+        return new
     return table_of(Run, {k: v for k, v in settings.items() if k not in lost}, "run", given)

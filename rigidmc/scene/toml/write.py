@@ -10,13 +10,17 @@ from rigidmc.physics.effects.protocol import user_parameters
 from rigidmc.physics.observables import is_own, word_of_observable
 from rigidmc.scene.body import IDENTITY
 from rigidmc.scene.parts import Parts
+from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.values import plain
 from rigidmc.scene.user_parts.registry import module_of
 
 
-def dumps(scene: Parts) -> str:
+def dumps(scene: Parts, run: Run | None = None) -> str:
     """The scene as TOML text; arrays with one row per member become references to the variables of
-    the result."""
+    the result.
+
+    run : its settings in place of those of the scene
+    """
     texts = {"title": scene.title, "summary": scene.summary, "source": scene.source}
     tables: dict[str, Any] = {key: text for key, text in texts.items() if text != ""}
     tables |= {"body": _body(scene), "effects": _effects(scene)}
@@ -30,7 +34,7 @@ def dumps(scene: Parts) -> str:
         tables["integrators"] = {
             word_of(type(one)): {**module_of(one), **one._asdict()} for one in scene.integrators
         }
-    tables |= {"start": _start(scene), "run": _run(scene)}
+    tables |= {"start": _start(scene), "run": _run(run or scene.run)}
     return tomli_w.dumps(tables)
 
 
@@ -63,8 +67,8 @@ def _start(scene: Parts) -> dict[str, Any]:
     }
 
 
-def _run(scene: Parts) -> dict[str, Any]:
-    settings = scene.run.model_dump(exclude={"dt"} if scene.run.turn else None)
+def _run(run: Run) -> dict[str, Any]:
+    settings = run.model_dump(exclude={"dt"} if run.turn else None)
     return {
         key: list(value) if isinstance(value, tuple) else value
         for key, value in settings.items()
