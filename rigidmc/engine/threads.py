@@ -73,6 +73,25 @@ def run_block(
     return job
 
 
+def run_alone(
+    make: Callable[[int], Any],
+    indices: Iterable[int],
+    finished: Callable[[Any], Any],
+    progress: Callable[[float], Any],
+    poll: Callable[[], Any],
+) -> None:
+    """As `run_blocks` for a single block, in this thread: another one takes 0.1 ms to answer."""
+
+    def between_calls(steps: float) -> None:
+        progress(steps)
+        poll()
+        if is_late():
+            raise Late
+
+    for i in indices:
+        finished(run_block(make(i), None, between_calls))
+
+
 def run_blocks(
     make: Callable[[int], Any],
     indices: Iterable[int],

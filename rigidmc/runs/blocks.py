@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys
 from rigidmc.engine.program import NO_NOISE, Program
-from rigidmc.engine.threads import Keeper, run_blocks
+from rigidmc.engine.threads import Keeper, run_alone, run_blocks
 from rigidmc.planning import monitors
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.initial import Start, noise
@@ -136,7 +136,10 @@ def compute(
         threads = program.workers(threads, count, block, plan.times.size)
     with reporter(progress, members, plan.grid.steps) as report:
         left = _left(which, plan, block, sink, report)
-        run_blocks(make, left, threads, finished, report.step, report.poll, sink.keeper)
+        if blocks is None and plan.members <= block and sink.keeper is None:
+            run_alone(make, left, finished, report.step, report.poll)
+        else:
+            run_blocks(make, left, threads, finished, report.step, report.poll, sink.keeper)
     return flagged
 
 

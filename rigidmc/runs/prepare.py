@@ -37,7 +37,7 @@ from rigidmc.planning.units import UnitScale, choose_units, scaled
 from rigidmc.progress import Progress
 from rigidmc.results.export import is_streamed
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.sinks import Export, File, Memory
+from rigidmc.results.sinks import Blanks, Export, File, Memory
 from rigidmc.runs.assemble import make_layout, make_program
 from rigidmc.runs.blocks import Sink, compute
 from rigidmc.runs.resources import block_of, needs, refuse_hopeless
@@ -98,7 +98,8 @@ class PreparedRun:
         self.scene, self.plan, self.layout, self.units = scene, plan, layout, units
         self.sampler, self.pilot, self.choice = sampler, pilot, choice
         self.step_notes, self.scene_notes = step_notes, scene_notes
-        self._programs: dict[str, Program | None] = {}
+        self._programs: dict[tuple[str, bool], Program | None] = {}
+        self._blanks = Blanks()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -131,9 +132,10 @@ class PreparedRun:
 
         Raises SceneError for parts of a user's own that cannot be compiled.
         """
-        if device not in self._programs:
-            self._programs[device] = make_program(self.plan, device)
-        return self._programs[device]
+        key = device, self.plan.paired
+        if key not in self._programs:
+            self._programs[key] = make_program(self.plan, device)
+        return self._programs[key]
 
     def initial(self, first: int, count: int) -> tuple[Array, Start]:
         """`count` members from place `first` on at their start: rows for the kernel, filled up to
@@ -279,8 +281,9 @@ class PreparedRun:
         layout, more = self.layout._replace(block=size), dict(attrs or {})
         if self.choice is not None:
             more = {**self.choice.attributes(), **more}
-        sink: Sink = Memory(layout, more)
-        if output is not None:
+        if output is None:
+            sink: Sink = Memory(layout, more, blank=self._blanks.of(layout))
+        else:
             sink = (File if streaming else Export)(output, layout, force, more)
         began = time.perf_counter()
         try:
@@ -312,7 +315,10 @@ class PreparedRun:
     ) -> "PreparedRun":
         known = self.units, self.sampler, self.pilot, self.choice
         notes = self.step_notes, self.scene_notes
-        return PreparedRun(scene or self.scene, plan, layout, *known, *notes)
+        changed = PreparedRun(scene or self.scene, plan, layout, *known, *notes)
+        # Neither the code nor the text of a result depends on the numbers of members.
+        changed._programs, changed._blanks = self._programs, self._blanks
+        return changed
 
 
 @takes_settings

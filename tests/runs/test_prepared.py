@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import psutil
 import pytest
+import xarray as xr
 
 import rigidmc as rm
 from rigidmc.physics.effects.protocol import is_random
@@ -176,3 +177,19 @@ def test_ten_thousand_calls_leak_nothing():
             before = process.memory_info().rss
     gc.collect()
     assert process.memory_info().rss - before < 8e6
+
+
+def test_results_of_one_run_share_nothing():
+    """From its second result on, a run copies one without values; each is still its own."""
+    scene = rm.Scene.load("dzhanibekov").with_run(t_end=0.2, every=0.1)
+    run, fresh = rm.prepare(scene, members=40), rm.prepare(scene, members=40).run()
+    spoiled = [run.run(attrs={"note": "mine"}), run.run(attrs={"note": "mine"})]
+    for dataset in spoiled:
+        xr.testing.assert_identical(dataset.drop_attrs(deep=False), fresh.drop_attrs(deep=False))
+        dataset.attrs["scene"] = dataset.omega.attrs["units"] = dataset.time.attrs["units"] = "?"
+        dataset.omega.values[:] = dataset.status.values[:] = 7
+    xr.testing.assert_identical(run.run(), fresh)
+    for members in (range(3, 9), range(2, 8), 6, 40):
+        for _ in range(2):
+            expected = rm.prepare(scene, members=members).run()
+            xr.testing.assert_identical(run.run(members=members), expected)
