@@ -38,7 +38,7 @@ from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.scene.vector_distributions import Cone
 
-LONG = 0.2  # seconds of launches that are long beside the first, shorter ones
+LAUNCHED = 0.2  # seconds of launches that are long beside the first, shorter ones
 
 
 def cost_per_step(
@@ -69,7 +69,7 @@ def cost_per_step(
 
     best, steps = math.inf, 16
     if on_device:
-        while (took := timed(2 * steps) - timed(steps)) < LONG:
+        while (took := timed(2 * steps) - timed(steps)) < LAUNCHED:
             steps *= 2
         return 1e9 * took / (members * steps)
     for _ in range(12):

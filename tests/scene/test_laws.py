@@ -160,8 +160,9 @@ def test_coarse_grids_span_the_same():
     ("text", "words"),
     [
         ("omega = { cone = { axis = 4, size = 1.0, angle = 0.1 } }", "axis"),
-        ("omega = { cone = { axis = 2, size = 1.0 } }", "angle: is missing"),
-        ("omega = { cone = { axis = 2, size = 1.0, angel = 0.1 } }", "angle"),
+        ("omega = { cone = { axis = 2, size = 1.0 } }", r"\[start.omega.cone\] angle: is missing"),
+        ("omega = { cone = { axis = 2, size = 1.0, angel = 0.1 } }", r"cone\] angel: .*'angle'"),
+        ("omega = { cone = 3.0 }", r"\[start.omega\] cone = 3.0: expected a table"),
         ("omega = { con = { axis = 2, size = 1.0, angle = 0.1 } }", "con"),
         ("omega = { shell = 1.0 }", "shell"),
         (

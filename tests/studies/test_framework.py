@@ -2,6 +2,7 @@
 directory, result, picture, and what they refuse."""
 
 import inspect
+import math
 
 import numpy as np
 import pytest
@@ -125,6 +126,10 @@ def test_wrong_options_are_refused(name, here):
         with pytest.raises(TypeError, match=f"did you mean '{word}'"):
             study(study.example.scene, **study.example.options, **{f"{word}s": 1})
     assert "No such option" in done(*command_words(name), "--familis", 3, codes=(USAGE,))
+    for one in options_of(study.options):
+        if one.below < math.inf:  # refused here, not after the work
+            with pytest.raises(rm.OptionError, match=f"{one.name} = 2.5: expected a "):
+                study.options.read({**study.example.options, one.name: 2.5})
     counts = [one for one in options_of(study.options) if one.type is int]
     for one in counts:
         with pytest.raises(rm.OptionError, match=f"{one.name} = 0: expected a whole number"):

@@ -55,13 +55,13 @@ def law_of_table(
     kind = own or laws_of(at).get(word)
     if kind is None:
         return None
-    at, fields = f"{at.rpartition('.')[2]}.{word}", kind.names()
+    at, fields = f"{at}.{word}", kind.names()
     whole = not isinstance(table, dict) or (table and not set(table) & set(fields))
     if whole and len(fields) == 1:  # { sphere = 2.0 } instead of { sphere = { size = 2.0 } }
         table = {fields[0]: table}
     if not isinstance(table, dict):
         rule = f"expected a table with the keys {', '.join(fields)}"
-        raise SceneError(rule, at=at, table="", value=table)
+        raise SceneError(rule, at=at, value=table)
     for name in table:
         if name not in fields:
             raise unknown("key", fields, at=at, key=name)

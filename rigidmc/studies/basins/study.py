@@ -66,7 +66,14 @@ from rigidmc.studies.framework.members import (
     refuse_noise,
     started,
 )
-from rigidmc.studies.framework.options import REQUIRED, Example, Options, Words, option
+from rigidmc.studies.framework.options import (
+    REQUIRED,
+    Example,
+    Options,
+    Words,
+    confidence_option,
+    option,
+)
 from rigidmc.studies.framework.study import Study
 
 Array = NDArray[np.float64]
@@ -85,7 +92,7 @@ class BasinOptions(Options):
         metavar="MEASURE",
     )
     families: int = option(4096, "how many starts; each has 12 neighbours", is_new=True)
-    confidence: float = option(0.95, "of the intervals", in_command=False)
+    confidence: float = confidence_option("of the intervals")
 
 
 def scene_of_neighbours(scene: Scene, options: BasinOptions, settings: Mapping[str, Any]) -> Scene:

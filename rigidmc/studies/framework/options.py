@@ -152,7 +152,13 @@ def option(default: Any, text: str, like: Option = Option(""), **more: Any) -> A
     return field(default=of_field, metadata={"option": made})
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(option,))
+def confidence_option(text: str, **more: Any) -> Any:
+    """The field of the confidence of intervals, refused before anything is computed."""
+    rule = "expected a number between 0 and 1"
+    return option(0.95, text, above=0.0, below=1.0, rule=rule, in_command=False, **more)
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(option, confidence_option))
 class Options:
     """The options of a study, checked: a subclass has a field made by `option` for each.
 

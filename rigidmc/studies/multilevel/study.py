@@ -64,7 +64,7 @@ from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.recording import recording
 from rigidmc.scene.sampling import refuse_indexed
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.framework.options import Example, Options, option
+from rigidmc.studies.framework.options import Example, Options, confidence_option, option
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.framework.tasks import Tasks
 from rigidmc.studies.multilevel.corrections import Level, Plain, plain
@@ -100,7 +100,7 @@ class MultilevelOptions(Options):
         is_new=True,
         in_command=False,
     )
-    confidence: float = option(0.95, "of the interval", is_new=True, in_command=False)
+    confidence: float = confidence_option("of the interval", is_new=True)
 
 
 def start(scene: Scene, options: MultilevelOptions) -> tuple[Scene, dict[str, Any]]:

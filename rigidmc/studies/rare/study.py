@@ -71,7 +71,7 @@ from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.sampling import is_indexed
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.framework.options import Example, Options, option
+from rigidmc.studies.framework.options import Example, Options, confidence_option, option
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.framework.tasks import Tasks
 from rigidmc.studies.rare.score import Score, is_noisy, scored
@@ -108,7 +108,7 @@ class RareOptions(Options):
     )
     members: int = option(1000, "of each repetition; by default 1000", is_new=True)
     repetitions: int = option(16, "how many; by default 16", least=2, is_new=True)
-    confidence: float = option(0.95, "of the interval", in_command=False)
+    confidence: float = confidence_option("of the interval")
 
 
 def start(scene: Scene, options: RareOptions) -> tuple[Scene, dict[str, Any]]:

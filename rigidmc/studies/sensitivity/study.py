@@ -66,7 +66,14 @@ from rigidmc.results.measures import Measure, Variables, measure
 from rigidmc.results.variables import variables_of
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.members import TUNING, Batches, Members, drawn_families
-from rigidmc.studies.framework.options import REQUIRED, Example, Options, Words, option
+from rigidmc.studies.framework.options import (
+    REQUIRED,
+    Example,
+    Options,
+    Words,
+    confidence_option,
+    option,
+)
 from rigidmc.studies.framework.study import Study
 
 Array = NDArray[np.float64]
@@ -93,7 +100,7 @@ class SensitivityOptions(Options):
         "how many; a family has two members more than the scene has uncertain numbers",
         is_new=True,
     )
-    confidence: float = option(0.95, "of the intervals", in_command=False)
+    confidence: float = confidence_option("of the intervals")
 
 
 def scene_of_families(
