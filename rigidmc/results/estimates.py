@@ -138,7 +138,8 @@ def rows(result: xr.Dataset, name: str) -> Array:
 
 def component_of(scene: Scene, text: str, key: str) -> Component:
     """The Component of a text such as "omega[1]"; OptionError that names the option `key`."""
-    match = re.fullmatch(rf"\s*{NAME}\s*", text)
+    text = text.strip()
+    match = re.fullmatch(NAME, text)
     if match is None:
         raise OptionError("expected an observable: NAME or NAME[3]", at=key, value=text)
     name, component = match["name"], match["component"]

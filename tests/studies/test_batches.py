@@ -92,6 +92,7 @@ def test_a_closed_form_has_no_steps():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:energy and .L.*drift one way")  # 2,000,000 steps of rk4
 @pytest.mark.parametrize(
     ("designed", "studied", "count"),
     [
