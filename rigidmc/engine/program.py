@@ -169,23 +169,30 @@ class Program:
         return {**table._asdict(), "advance": advance_key(self.dtype)}
 
     def _compile(self) -> None:
-        """Compile the kernels that are missing, some of them in a second process."""
-        missing, theirs = self.missing(), self.helper_share()
-        with announce_compiling(self.label, missing, self.effects, theirs):
-            with compile_in_helper([key for name in theirs if (key := self.kernel_keys[name])]):
-                for name in missing:
-                    if name not in theirs and (key := self.kernel_keys[name]):
-                        compile_kernel(key)
-            compiled = [
-                compile_kernel(key) if key else (NO_FUNCTION, None)
-                for key in self.kernel_keys.values()
-            ]
+        """Take the kernels from memory, and compile those that are not there."""
+        if missing := self.missing():
+            self._compile_missing(missing)
+        compiled = [
+            compile_kernel(key) if key else (NO_FUNCTION, None) for key in self.kernel_keys.values()
+        ]
         # A kernel knows only where its numbers are: they have to live as long as the program.
         self._numbers = [numbers for _, numbers in compiled]
         *table, self._advance = (kernel for kernel, _ in compiled)
         record = record_type(self.dtype)
         empty = SimpleNamespace(real=1.0) if config.DISABLE_JIT else np.zeros(1, record)
         self._frame = fill_record(empty, KernelTable(*table), self.shape)
+
+    def _compile_missing(self, missing: Sequence[str]) -> None:
+        """Compile kernels by their names, some of them in a second process."""
+        theirs = self.helper_share()
+        keys = {name: key for name in missing if (key := self.kernel_keys[name])}
+        with announce_compiling(self.label, missing, self.effects, theirs):
+            with compile_in_helper([keys[name] for name in theirs]):
+                for name in missing:
+                    if name not in theirs:
+                        compile_kernel(keys[name])
+            for name in theirs:  # from the disk cache
+                compile_kernel(keys[name])
 
     @property
     def label(self) -> str:

@@ -254,8 +254,10 @@ def _millimetres(moments: Array, mass: Array, centre: Array) -> str:
 def _density(seen: Seen) -> Iterator[str]:
     """A density unlike any matter, for bodies of given mass that extend in three directions: the
     density of the uniform ellipsoid with their moments."""
-    mass = seen.mass
-    second = _about_centre(seen.moments, mass, seen.centre)
+    moments, mass, centre = seen.moments, seen.mass, seen.centre
+    if is_shared(*seen.model.body.quantities()):  # one stands for all: 0.06 of 0.14 ms
+        moments, mass, centre = moments[:, :1], mass[:1], centre[:, :1]
+    second = _about_centre(moments, mass, centre)
     thick = second.min(0) > 1e-9 * second.max(0)  # plates, rods and points have no density
     # a mass of 1 stands for none: only the moments are meant
     real = thick & (mass != 1.0) & (mass > SMALLEST) & (mass < LARGEST)
