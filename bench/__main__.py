@@ -11,6 +11,7 @@ import time
 BENCHES = {
     "throughput": "bench.throughput",
     "startup": "bench.startup",
+    "calls": "bench.calls",
     "accuracy": "bench.accuracy",
     "bits": "bench.bits",
     "memory": "bench.memory",

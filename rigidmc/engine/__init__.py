@@ -1,9 +1,9 @@
 """From types to machine code, and from machine code to millions of members.
 
 What is known of a scene before its first step decides what code moves it: which integrator, which
-effects, what is saved. These are types, and the engine compiles for them. How heavy a body is and
-how fast it spins are numbers, which the code reads from memory; so the same code serves all scenes
-of one kind, all members, and the next process.
+effects, what is saved. Each choice is a class of NamedTuples, and code is compiled for the classes.
+How heavy a body is and how fast it spins are numbers, which the code reads from memory; so the same
+code serves all scenes of one kind, all members, and the next process.
 
 Three sub-rooms, each with a guide of its own:
 
@@ -18,7 +18,17 @@ formulas         plain functions over arrays of millions of elements, compiled t
 inspection       what LLVM's code of a part shows: operations, memory, whether it runs on vectors
 compile_helper   some kernels compiled by a second process, so that the first run begins earlier
 compile_time     what is compiled is said before it begins, with how long it takes
+threads          blocks on threads: no call of a kernel is longer than a blink
+streams          random numbers as a function of (seed, name, member)
 machine          the widest vectors and the cores of this machine
+
+The words: a block is a table of members, a column for each. A lane is the place of a member in a
+vector, and as many members as there are lanes are worked on side by side. A stop is the next step
+after which members are assessed, saved or left. A round is a stretch of time that each member
+divides into a number of steps of its own, if they have such, and a slot a place for a step in it. A
+trace is the states after the last steps, and a node a state within a step. The stepping form is the
+form in which an integrator has q and L between steps. Works are the energies that effects brought.
+A flag is ON or OFF, and a type.
 
 The life of a block of some thousand members:
 
@@ -28,11 +38,13 @@ The life of a block of some thousand members:
    can be stopped, kept, or shown.
 4. `advance` takes as many members at a time as fill the vectors of the CPU (`run_lanes`).
 5. `gather` copies their rows side by side; at step 0 `initialise` notes energy and momentum.
-6. `march` makes the steps up to the next stop, in registers.
+6. `march` makes the steps up to the next stop, in registers. The integrator's `step` is no kernel
+   of its own: it is inlined there.
 7. `monitor_steps` goes through their trace: events, extrema, means.
-8. `assess` every 64 steps measures drifts, and freezes a member that has gone wrong.
+8. `assess`, every 64 steps and at each save, measures drifts, and puts a member that has gone wrong
+   back to its last good state. It steps on beside the others, and each assessment puts it back.
 9. `record` writes what is saved.
-10. `scatter` copies the rows back to the block.
+10. `refine_events` at the end of the run finds the times of events; `scatter` copies the rows back.
 
 What must never change:
 

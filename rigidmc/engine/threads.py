@@ -80,7 +80,8 @@ def run_alone(
     progress: Callable[[float], Any],
     poll: Callable[[], Any],
 ) -> None:
-    """As `run_blocks` for a single block, in this thread: another one takes 0.1 ms to answer."""
+    """As `run_blocks` for a single block, in this thread: no time goes by until another one has
+    begun and answered."""
 
     def between_calls(steps: float) -> None:
         progress(steps)

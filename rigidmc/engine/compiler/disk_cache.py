@@ -57,10 +57,8 @@ def with_cache(kernel: Any) -> Any:
 
 
 def keeps_kernel(kernel: Any, signature: Any) -> bool:
-    """Whether the disk cache keeps a kernel, and another process can compile it: one of the
-    package's
-        classes.
-    """
+    """Whether the disk cache keeps a kernel, and another process can compile it: one of classes of
+    the package."""
     return hasattr(kernel._cache, "_cache_file") and of_package(signature)
 
 
@@ -77,9 +75,9 @@ _texts: dict[tuple[Any, ...], str] = {}  # of this process
 
 
 def text_path(signatures: Sequence[Any], extra: str) -> str | None:
-    """The file of a text that follows from the types of kernels and from `extra`, None if a class
-    among
-        the types has no stamp; OSError if there is no cache.
+    """The file of a text that follows from the types of kernels and from `extra`.
+
+    None if a class among the types has no stamp; OSError if there is no cache.
     """
     homes = [homes_of(signature) for signature in signatures]
     if None in homes:
@@ -224,6 +222,7 @@ def is_closed(code: Any) -> bool:
     """
     library, module = code.library, code.library._final_module
     text = str(module)
+    # "inttoptr (" is a constant address of this process; code that computes one has no bracket
     if library.has_dynamic_globals or code.reload_init or code.lifted or "inttoptr (" in text:
         return False
     # All is inlined: a second function would be one of Numba's, linked by its name.

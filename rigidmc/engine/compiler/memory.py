@@ -32,7 +32,7 @@ def allocate_aligned(
 
     Half of all arrays are 32 bytes off it, and every vector of 512 bits then takes two accesses.
     """
-    array = make(count + LINE // 4, dtype)
+    array = make(count + LINE // 4, dtype)  # a line more, of the smallest numbers: 4 bytes each
     offset = (-array.ctypes.data % LINE) // array.itemsize
     return array[offset : offset + count]
 
@@ -240,7 +240,7 @@ def _put_rows(typing_context, values, rows, row):
 def store_rows(values, rows, array, at, pitch, past):
     """Write a tuple to a flat array, at `at`, at + pitch, ..., and return the index after it.
 
-    skips_cache : whether past the cache, which takes whole cache lines
+    past : whether the stores go past the cache, which takes whole cache lines
     """
     for i, value in enumerate(values):
         store_lanes(array, at + i * pitch, value)

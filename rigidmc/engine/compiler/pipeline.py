@@ -148,7 +148,8 @@ class Fusing:
         for function in self.module.functions:
             fuse(function)
             if function.blocks:
-                function.attributes.add("nounwind")  # without it the next is not written
+                # llvmlite writes alignstack only beside another attribute
+                function.attributes.add("nounwind")
                 function.attributes.alignstack = LINE
 
 
@@ -170,6 +171,7 @@ class InlineLibrary(JITCodeLibrary):
         ll_module.data_layout = self._codegen._data_layout
 
     def finalize(self) -> None:
+        # Two kernels may have the same function, and one that is inlined everywhere is dropped.
         for function in self.get_defined_functions():
             function.linkage = "linkonce_odr"
         self._finalized = True
@@ -182,7 +184,8 @@ class InlineLibrary(JITCodeLibrary):
 def in_written_order() -> Iterator[None]:
     """Let machine code keep the order in which the physics is written, on 512-bit vectors.
 
-    The bits are the same in any order.
+    The bits are the same in any order. In the order of LLVM's scheduler numbers wait for their use
+    in memory, and splittings take longer.
     """
     if vector_bits() < 512:
         yield
@@ -220,6 +223,7 @@ class KernelLibrary(JITCodeLibrary):
         passes.add_always_inliner_pass()
         passes.add_global_dead_code_eliminate_pass()
         passes.run(self._final_module, builder)
+        # The vectors are members: LLVM would only make others out of the numbers of one member.
         passes, builder = self._codegen._module_pass_manager(
             loop_vectorize=False, slp_vectorize=False
         )

@@ -10,8 +10,9 @@ short list of things and nothing else:
 - what builtins, math, numpy and rigidmc have under its own name; their versions are in the name of
   the folder of the cache
 
-Whatever reads something else has no stamp and is compiled in every process. So is what reads
-something else than when it was first seen, as Numba keeps in memory what it has compiled from that.
+Whatever reads something else has no stamp and is compiled in every process. So is a function whose
+globals have changed since it was first seen: Numba keeps in memory what it compiled from the old
+ones.
 """
 
 import builtins

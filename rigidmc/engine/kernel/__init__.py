@@ -4,19 +4,21 @@ Every function here is plain Python on numbers and rows, and runs uncompiled. Co
 a vector with one number of each of several members (`rigidmc.engine.compiler`), so there is no
 branch on a member's number: both sides are computed and `select` chooses, or `any_of` asks whether
 any member needs what follows. What a scene has or has not is a flag, ON or OFF, and is asked for by
-`if len(flag) == 0`, which leaves nothing behind in the code.
+`if len(flag) == 0`, which leaves nothing behind in the code. `0.0 * x` is a zero with the type of
+x.
 
 A whole run, in the order in which to read it:
 
-rigidmc.engine                     the guide: the life of a block in ten lines
-rigidmc.physics.integrators.rk4    a step: what all the rest is there for
+rigidmc.engine                     the guide: the life of a block in ten lines, and the words
+rigidmc.physics.integrators.rk4    a step: what all the rest is there for, with `protocol` beside it
 arguments     the record with which the loop over members is called
 layout        which row of memory holds which number
 member        gather, initialise, assess, record, scatter
 march         the steps, in registers; here nearly all time is spent
 block         the loop: when what is called
 
-What is monitored over all steps, with no trajectory kept:
+What is monitored over all steps, with no trajectory kept (`rigidmc.physics.observables.protocol`
+tells what an event is, and when it is armed):
 
 dense_output  the state within a step
 events        whether something happened in a step, and when

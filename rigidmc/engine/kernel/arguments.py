@@ -79,7 +79,7 @@ class StepRange(NamedTuple):
     """From step `first` to step `last`, of `total`, and when to save.
 
     h : the step [s], with member steps the length of a round [s]
-    slots : steps of a round; members with steps of their own make some number of them each
+    slots : places for steps in a round: as many as the member with the most steps makes
     stride : steps between saves; step `total` is always saved
     member_steps : 1 if members have steps of their own, else 0
     head, last_h : the step after which h is `last_h`, see `rigidmc.engine.kernel.last_interval`
@@ -98,9 +98,7 @@ class StepRange(NamedTuple):
 
 class NoiseKeys(NamedTuple):
     """Whose noise: the two words of the seed, the stream of each random effect, and the indices of
-    the
-        members of the block.
-    """
+    the members of the block."""
 
     key: Any
     second_key: Any

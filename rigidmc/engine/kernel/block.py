@@ -83,7 +83,7 @@ def run_lanes(frame, low):
         initialise_members(frame, low)
     elif frame.shadow != 0:
         exchange_shadow(frame, 0)
-    # Stopped and frozen members make no more steps, but they are saved to the end.
+    # Once all lanes are stopped or frozen no more steps are made, but they are saved to the end.
     now, idle = frame.first, False
     while now < frame.last:
         # the first step of the round; without member steps there is one round

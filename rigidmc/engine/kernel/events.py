@@ -1,11 +1,12 @@
 """Events: whether one happened in a step, and when, to the order of the integrator.
 
-An event happens when its level rises through 0 while it is armed. Its EVENT_ROWS are part of what
-is known of a member, see `rigidmc.engine.kernel.layout`. At first only a bracket is recorded: the
-state at the end of the step, and two levels of opposite sign. After the last step, `refine_events`
-of `rigidmc.engine.kernel.block` makes single steps back from that state, whose length the Illinois
-method (regula falsi that halves the level at an end which stays) shortens until the level is 0. The
-time is thus as exact as the integrator.
+An event happens when its level passes through 0 while it is armed; the observable arms it, by
+default where the level is below 0, so that it happens as the level rises. Its EVENT_ROWS are part
+of what is known of a member, see `rigidmc.engine.kernel.layout`. At first only a bracket is
+recorded: the state at the end of the step, and two levels of opposite sign. After the last step,
+`refine_events` of `rigidmc.engine.kernel.block` makes single steps back from that state, whose
+length the Illinois method (regula falsi that halves the level at an end which stays) shortens until
+the level is 0. The time is thus as exact as the integrator.
 
 An event with a dwell time counts only once its level has stayed above 0 for so long. A dwell begins
 where the level rises through 0 and ends where it falls through 0. Both times are found on the dense
@@ -55,7 +56,7 @@ from rigidmc.physics.observables.protocol import (
 )
 
 # Steps back: three steps of the Illinois method together have order 3, and after five the error is
-# 1e-15 of a step.
+# 1e-15 of a step where the level is smooth; three more are for levels that are not.
 TRIES = 8
 
 
@@ -119,7 +120,7 @@ def any_has_happened(before, now):
 
 
 def rearm(events, moves, body, q, l, before, now):
-    """The levels from which events may happen in the next step, 0 if they cannot.
+    """The levels now, 0 of events that are not armed and cannot happen in the next step.
 
     For members that made no step they are those before.
     """
@@ -170,9 +171,9 @@ def step_starts(levels):
 
 
 def update_events(events, moves, step, befores, before, after, q, l, now, work, row):
-    """The levels of events after an interval that ends in (q, L), recorded if they happened;
-    arguments
-        as of `record_events`.
+    """The levels of events after an interval that ends in (q, L), recorded if they happened.
+
+    The arguments are as of `record_events`.
     """
     # A branch for all lanes at once: in most steps nothing happens, and what records is long.
     if any_of(any_has_happened(before, now)):
@@ -192,8 +193,9 @@ def count_dwells(events, moves, step, after, now, work, row):
 def record_events(events, moves, step, befores, before, after, now, work, row):
     """Record the events between two states of a step, of members that move.
 
-    step : its Step;  befores, after : of the two states the fraction of the step from its end back
-        to them, and how much further the event may be; the first may differ from event to event
+    step : its Step;  befores, after : (how far back from the step's end, as a fraction of the step;
+        how far beyond it the bracket is widened) of the two states; `befores` has a pair for each
+        event
     before, now : the levels in the states
 
     A stopped member makes steps until the next assessment: it does not move, and nothing is
@@ -232,8 +234,8 @@ def record_crossing(hit, step, start_back, before, after, now, work, row):
     # Both 0: the fraction of the step is 0, in any unit of the level.
     fraction = now / select(rise == 0.0, 1.0, rise)
     tau = t - h * (after[0] + (start_back[0] - after[0]) * fraction)
-    wait = select(hit & (count > 0.0), tau - last, 0.0)
-    work[row + SQUARES] = work[row + SQUARES] + wait * wait
+    interval = select(hit & (count > 0.0), tau - last, 0.0)
+    work[row + SQUARES] = work[row + SQUARES] + interval * interval
     work[row + TAU] = select(hit, tau, last)
     work[row + COUNT] = select(hit, count + 1.0, count)
     first = hit & (count == 0.0)
@@ -283,8 +285,8 @@ def refine_event(
     q, l = four_at(work, at + 5), three_at(work, at + 9)
     q, l = to_stepping(integrator, body, present, t + substeps[3] * back_step, substep, q, l)
     put_stepping(in_precision(q, spare_state), in_precision(l, spare_state), spare_state)
-    put_rows((t, back_step), spare_work, ROUND_START)
-    # Levels of one sign: the event was there at the start, and its time is the start.
+    put_rows((t, back_step), spare_work, ROUND_START)  # and STEP_LENGTH, the row after it
+    # Both ends have one sign: no crossing was bracketed, because the event counted at the start.
     at_start = (level_before < 0.0) == (older < 0.0)
     work[row + record // 2 * EVENT_ROWS + TIMES + record % 2] = select(at_start, t, t + back_step)
     return 0
@@ -324,9 +326,9 @@ def record_dwell(wait, event, hit, step, start_back, before, after, now, work, r
 
 
 def crossing_time(dense, event, step, start_back, before, after, now):
-    """The time at which the level passes through 0 between two states of a step, by a straight line
-    if
-        there is no dense output.
+    """The time at which the level passes through 0 between two states of a step.
+
+    By a straight line if there is no dense output.
     """
     zero = 0.0 * now
     bracket = zero + (1.0 - start_back), before, zero + (1.0 - after), now
@@ -342,9 +344,9 @@ def crossing_time(dense, event, step, start_back, before, after, now):
 
 
 def count_dwell(wait, moves, step, after, now, work, row):
-    """Count a dwell as soon as it has lasted; after, now : the fraction of the step after the
-    present
-        state, and the level there.
+    """Count a dwell as soon as it has lasted.
+
+    after, now : the fraction of the step after the present state, and the level there
     """
     if len(wait) == 0:
         return 0

@@ -30,7 +30,7 @@ from rigidmc.physics.observables.statistics import rest
 
 # How much lower than its estimate a smallest value may be, in units of the change of the slope: of
 # an estimate by a parabola, and by a polynomial of degree 3. Over 1.6 rad of a cosine the value is
-# 0.007 lower than the latter. Without the first, extrema near the vertical were 0.026 rad off.
+# 0.007 lower than the latter. Without PARABOLA_DOUBT extrema near the vertical were 0.026 rad off.
 PARABOLA_DOUBT, CUBIC_DOUBT = 0.02, 0.01
 # Levels at inner nodes are up to 3e-4 off, so that an event may lie a little beyond them: its
 # bracket is wider by this fraction of a step, times x (1 - x).
@@ -162,6 +162,8 @@ def may_dip(a, b, interval):
     a, b : (value, slope) at the nodes
     """
     bend, width = 2.0 * (b[1] - a[1]), interval.b - interval.a
+    # The parabola's least value is value - slope^2 width / (2 bend): multiplied out, since bend may
+    # be 0.
     margin = (0.5 * PARABOLA_DOUBT) * bend * bend
     dips = width * (a[1] * a[1] + margin) > bend * a[0]
     dips = dips | (width * (b[1] * b[1] + margin) > bend * b[0])

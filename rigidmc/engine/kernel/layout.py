@@ -93,8 +93,9 @@ FIRST_TAU = _event.take(1)  # when it first happened, by linear interpolation
 SQUARES = _event.take(1)  # sum of the squares of the times between
 TIMES = _event.take(2)  # when it first and last happened, exactly
 DWELL_START = SQUARES  # of an event that has to last, which needs no squares
-# time of the step's end; the ends between which the level passes through 0 as parts of a step back
-# from there, and the levels at them, the later end first; the state at the step's end
+# A record: the time of the step's end; of the later end of the bracket how far back it is from
+# there, as a fraction of the step, and the level at it; of the earlier end the same; q and L at the
+# step's end.
 RECORD_ROWS = 12
 RECORDS = _event.take(2 * RECORD_ROWS)  # of the first and of the last
 EVENT_ROWS = _event.end
@@ -162,7 +163,8 @@ def body_and_effects(effects, work):
 
 
 def opening_substep(substeps, h):
-    """(drift, kick, gradient) of row 0 of a StepScheme, which opens a state, for a step h."""
+    """(drift, kick, gradient) of row 0 of a StepScheme for a step h: it turns (q, L) into stepping
+    form."""
     return substeps[0] * h, substeps[1] * h, substeps[2] * h
 
 
@@ -194,7 +196,7 @@ def put_state(q, l, state, compensated, row):
 def extra_flags(keeps, work_flags):
     """As many numbers as follow L in a state without remainders, from `extra_row` on.
 
-    They are what the integrator keeps, else the works.
+    They are the extra numbers of the integrator's own state, else the works.
     """
     if len(keeps) == 0:
         return work_flags

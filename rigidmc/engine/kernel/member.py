@@ -224,6 +224,8 @@ def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
     frozen = work[MEMBER_ROWS + STATUS] > 0.0
     last_good = tuple_at(work_flags, work, good_work_row)
     keep_good_works(frozen, last_good, works, work, good_work_row, state, work_row)
+    # The true state, in rows that hold the stepping form: whatever steps make of it, the next
+    # assessment puts it back, and nothing else reads it.
     restore_good(frozen | stopped, good, state)
     return 0
 

@@ -248,6 +248,7 @@ def keep_norm(effects, q, new):
     it, stays until the next step and does not add up. The direction of q does not depend on the
     norm.
     """
+    # 1/sqrt(n) near n = 9 by one Newton step is (1/3) (3/2 - n/18), and `new` is 3 times too large
     if len(effects) == 0:
         return scale4(
             0.5 - (1.0 / 54.0) * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), new
