@@ -273,11 +273,11 @@ def insert(path, before, text):
 
 @pytest.fixture(scope="module")
 def extended(tmp_path_factory):
-    """A copy of package and tests with one of each kind added."""
+    """A copy of package and tests, with what Python has compiled of them, with one of each kind
+    added."""
     folder = tmp_path_factory.mktemp("extended")
     for name in ("rigidmc", "tests"):
-        skipped = shutil.ignore_patterns("__pycache__")
-        shutil.copytree(ROOT / name, folder / name, ignore=skipped)
+        shutil.copytree(ROOT / name, folder / name)
     shutil.copy(ROOT / "pyproject.toml", folder)
     for file, text, registry, before, line in NEW.values():
         (folder / "rigidmc" / file).write_text(text.lstrip())

@@ -29,8 +29,10 @@ compose            plain functions and methods of NamedTuples, called by the typ
 vector_types       one number of each of several members as one vector: float64x16, and masks
 intrinsics         functions with code of their own: a choice by a mask, another precision
 memory             rows of vectors as a type; uncompiled they are arrays
-pipeline           Numba's passes without those that these functions do not need, and when code is
-                   inlined and optimised: once, in the kernel
+pipeline           how Numba's passes are run, and when code is inlined and optimised: once, in the
+                   kernel
+lean_passes        Numba's passes without what these functions do not need
+inlined            an inlined function, compiled for the types of a call
 fma                the one rule by which products are fused with sums
 disk_cache         kernels kept on disk, named by a hash of everything that they follow from
 user_stamps        that hash for a class of a user's own

@@ -9,20 +9,22 @@ act of lowering, before anything is inlined.
 
 import contextlib
 import operator
-from collections.abc import Collection, Iterator
+from collections import Counter
+from collections.abc import Iterator
 from typing import Any
 
 import llvmlite.binding as llvm
 from numba._dynfunc import make_function
 from numba.core import compiler, errors, ir, types
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler_lock import global_compiler_lock
-from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.cgutils import alloca_once, normalize_ir_text
+from numba.core.codegen import CodeLibrary, JITCodeLibrary
+from numba.core.compiler_machinery import register_pass
 from numba.core.lowering import Lower
 from numba.core.typed_passes import NativeLowering, NopythonTypeInference
 from numba.core.typeinfer import TypeInferer
 
 from rigidmc.engine.compiler.fma import fuse
+from rigidmc.engine.compiler.lean_passes import LEAN, UNUSED_PASSES, LeanPasses
 from rigidmc.engine.compiler.user_stamps import compare_globals, tag_of
 from rigidmc.engine.machine import vector_bits
 
@@ -33,24 +35,10 @@ _signatures: dict[Any, Any] = {}  # of calls, by the types of function and argum
 def _signature(context: Any, function: Any, arguments: Any) -> Any:
     """The signature of a call, found once: Numba looks it up two or three times in each
     function."""
-    key = function, tuple(arguments)
+    key = function._code, *[argument._code for argument in arguments]
     if key not in _signatures:
-        _signatures[key] = context.resolve_function_type(function, key[1], {})
+        _signatures[key] = context.resolve_function_type(function, tuple(arguments), {})
     return _signatures[key]
-
-
-class LeanPasses(PassManager):
-    """Runs passes without events, and without checks of functions between them.
-
-    The passes that need the lifetimes of variables find them themselves.
-    """
-
-    @global_compiler_lock
-    def _runPass(self, index: int, pss: Any, internal_state: Any) -> None:
-        pss.analysis = self._analysis
-        pss.run_initialization(internal_state)
-        pss.run_pass(internal_state)
-        pss.run_finalizer(internal_state)
 
 
 class _Inference(TypeInferer):
@@ -60,6 +48,13 @@ class _Inference(TypeInferer):
         if type(fnty) is types.Function and not kw_args:
             return _signature(self.context, fnty, pos_args)
         return super().resolve_call(fnty, pos_args, kw_args)
+
+    def propagate(self, raise_errors: bool = True) -> Any:
+        # In one block each type follows from those before: Numba goes through all twice to see that
+        # nothing changes.
+        if len(self.blocks) > 1 or self.constraints.propagate(self):
+            return super().propagate(raise_errors)
+        return None
 
 
 class _Unfiltered(errors.WarningsFixer):  # type: ignore[misc, name-defined]
@@ -97,7 +92,25 @@ class LeanInference(NopythonTypeInference):
 
 
 class LeanLower(Lower):
-    """Numba's own lowering of a function, without texts of instructions for messages of errors."""
+    """Numba's own lowering of a function, without texts of instructions for messages of errors.
+
+    No variable is deleted, and there is no `try`.
+    """
+
+    def _find_singly_assigned_variable(self) -> None:
+        if len(self.func_ir.blocks) > 1:
+            super()._find_singly_assigned_variable()
+            return
+        (block,) = self.func_ir.blocks.values()
+        count = Counter(each.target.name for each in block.body if isinstance(each, ir.Assign))
+        self._singly_assigned_vars = {name for name, times in count.items() if times == 1}
+        self._blk_local_varmap: dict[str, Any] = {}
+
+    def pre_block(self, block: Any) -> None:
+        self._cur_ir_block = block
+
+    def post_block(self, block: Any) -> None:
+        pass
 
     def lower_block(self, block: Any) -> None:
         self.pre_block(block)
@@ -107,15 +120,41 @@ class LeanLower(Lower):
         self.post_block(block)
 
     def lower_inst(self, inst: Any) -> None:
-        # Nearly all instructions are assignments and ends of lifetimes.
+        # Nearly all instructions are assignments.
         if isinstance(inst, ir.Assign):
             value = self.lower_assign(self.typeof(inst.target.name), inst)
             argument = inst.value.index + 1 if isinstance(inst.value, ir.Arg) else None
             self.storevar(value, inst.target.name, argidx=argument)
-        elif isinstance(inst, ir.Del):
-            self.delvar(inst.value)
         else:
             super().lower_inst(inst)
+
+    def emit_environment_object(self) -> None:
+        if not self.flags.forceinline:  # nobody calls an inlined function from Python
+            super().emit_environment_object()
+
+    def alloca_lltype(self, name: str, lltype: Any, datamodel: Any = None) -> Any:
+        # Numba finds the size of each variable for a debugger.
+        return alloca_once(self.builder, lltype, name=name, zfill=False)
+
+    def storevar(self, value: Any, name: str, argidx: int | None = None) -> None:
+        """Numba loads the old value first, whose references it would count."""
+        if name in self._singly_assigned_vars:
+            self._blk_local_varmap[name] = value
+        else:
+            self._alloca_var(name, self.typeof(name))
+            self.builder.store(value, self.getvar(name))
+
+    def lower_call(self, resty: Any, expr: Any) -> Any:
+        """Numba makes three texts of each call, for who debugs it."""
+        signature, kind = self.fndesc.calltypes[expr], self.typeof(expr.func.name)
+        result = signature.return_type
+        if type(kind) is not types.Function or isinstance(result, types.Phantom) or expr.target:
+            return super().lower_call(resty, expr)
+        given = self.fold_call_args(kind, signature, expr.args, expr.vararg, expr.kws)
+        value = self.context.get_function(kind, signature)(self.builder, given, self.loc)
+        if value is None:
+            value = self.context.get_dummy_value()
+        return self.context.cast(self.builder, value, result, resty)
 
     def lower_binop(self, resty: Any, expr: Any, op: Any) -> Any:
         """Numba tries first whether a constant operand has code of its own: powers alone do."""
@@ -167,8 +206,15 @@ class InlineLibrary(JITCodeLibrary):
     By itself it is neither linked, nor optimised, nor made into machine code.
     """
 
-    def _optimize_functions(self, ll_module: Any) -> None:
-        ll_module.data_layout = self._codegen._data_layout
+    def __init__(self, codegen: Any, name: str) -> None:
+        CodeLibrary.__init__(self, codegen, name)
+        self._linking_libraries = []
+
+    def add_ir_module(self, ir_module: Any) -> None:
+        # Numba links it into an empty module first.
+        self._final_module = llvm.parse_assembly(normalize_ir_text(str(ir_module)))
+        self._final_module.name = ir_module.name
+        self._final_module.verify()
 
     def finalize(self) -> None:
         # Two kernels may have the same function, and one that is inlined everywhere is dropped.
@@ -283,37 +329,48 @@ class LeanFusingLowering(FusingLowering):
         return FusingLeanLower
 
 
-# Passes for closures, `with`, arrays, exceptions and Numba's other ways to inline. The package's
-# functions use none of them: an eighth of the time.
-UNUSED_PASSES = {
-    "WithLifting", "InlineClosureLikes", "RewriteDynamicRaises", "MakeFunctionToJitFunction",
-    "InlineInlinables", "FindLiterallyCalls", "LiteralUnroll", "LiteralPropagationSubPipelinePass",
-    "InlineOverloads", "NopythonRewrites",
-}  # fmt: skip
+def is_of_package(function: Any) -> bool:
+    """Whether a function is of the package, and no user's."""
+    return str(function.__module__).startswith("rigidmc.")
 
 
 class Pipeline(compiler.CompilerBase):
     """Numba's own pipeline with `FusingLowering` in the place of its lowering.
 
     For functions of the package it leaves out what they do not need, see
-    `rigidmc.engine.compiler.pipeline`.
+    `rigidmc.engine.compiler.lean_passes`.
     """
 
     def define_pipelines(self) -> list[Any]:
-        passes = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
-        others: dict[type, type] = {NativeLowering: OwnFusingLowering}
-        needless: Collection[str] = ()
-        if str(self.state.func_id.func.__module__).startswith("rigidmc."):
-            passes.__class__, needless = LeanPasses, UNUSED_PASSES
+        if is_of_package(self.state.func_id.func):
             self.state.targetctx.enable_nrt = False  # none of their values counts references
-            others = {NativeLowering: LeanFusingLowering, NopythonTypeInference: LeanInference}
-        passes.passes = [
-            (others.get(pass_class, pass_class), description)
-            for pass_class, description in passes.passes
-            if pass_class.__name__ not in needless
-        ]
-        passes.finalize()
-        return [passes]
+            return [_lean_passes(self.state)]
+        return [_passes(self.state, {NativeLowering: OwnFusingLowering}, set())]
+
+
+def _passes(state: Any, others: dict[type, type], needless: set[str]) -> Any:
+    """Numba's own passes, some replaced by others and some left out."""
+    passes = compiler.DefaultPassBuilder.define_nopython_pipeline(state)
+    passes.passes = [
+        (others.get(pass_class, pass_class), description)
+        for pass_class, description in passes.passes
+        if pass_class.__name__ not in needless
+    ]
+    passes.finalize()
+    return passes
+
+
+_lean: list[Any] = []
+
+
+def _lean_passes(state: Any) -> Any:
+    """The passes of all functions of the package."""
+    if not _lean:
+        others = {**LEAN, NativeLowering: LeanFusingLowering, NopythonTypeInference: LeanInference}
+        passes = _passes(state, others, UNUSED_PASSES)
+        passes.__class__ = LeanPasses
+        _lean.append(passes)
+    return _lean[0]
 
 
 # No flag of fast arithmetic: "nnan" or "ninf" would delete the check for non-finite members,

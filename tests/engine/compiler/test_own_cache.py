@@ -132,13 +132,13 @@ import json, sys
 import numpy as np
 from numba.core import compiler
 
-count, plain = [0], compiler.CompilerBase.__init__
+count, plain = [0], compiler.CompilerBase._compile_core
 
 def counted(self, *arguments):
     count[0] += 1
-    plain(self, *arguments)
+    return plain(self, *arguments)
 
-compiler.CompilerBase.__init__ = counted
+compiler.CompilerBase._compile_core = counted
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects.sums import total_torque
 from rigidmc.engine.compiler import kernels, user_stamps
@@ -395,8 +395,13 @@ def compiled(tmp_path, monkeypatch):
     """What tells how many functions Numba compiles for a class, with an empty cache at first."""
     monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(disk_cache, "_TOLD", set())
-    count, real = [], CompilerBase.__init__
-    monkeypatch.setattr(CompilerBase, "__init__", lambda *arguments: count.append(real(*arguments)))
+    count, real = [], CompilerBase._compile_core
+
+    def counted(*arguments):
+        count.append(arguments)
+        return real(*arguments)
+
+    monkeypatch.setattr(CompilerBase, "_compile_core", counted)
 
     def functions(kind):
         count.clear()
@@ -497,8 +502,11 @@ save = ["omega"]
 SIMULATE = """
 import sys
 from numba.core import compiler
-count, plain = [], compiler.CompilerBase.__init__
-compiler.CompilerBase.__init__ = lambda *arguments: count.append(plain(*arguments))
+count, plain = [], compiler.CompilerBase._compile_core
+def counted(*arguments):
+    count.append(1)
+    return plain(*arguments)
+compiler.CompilerBase._compile_core = counted
 import rigidmc as rm
 from rigidmc.engine import compile_helper
 compile_helper.threads_available = lambda: 1
