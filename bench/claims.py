@@ -190,9 +190,9 @@ def of_text(
     in_code = file.endswith(".py")
     for begin, part in paragraphs(plain):
         whole = text[begin : begin + len(part)]
-        defaults = [(one.start(), one.end()) for one in DEFAULT.finditer(part)]
+        said = [(one.start(), one.end()) for one in DEFAULT.finditer(part)]
         for offset, number in numbers(blanked(part, SOURCE) if in_code else part, known):
-            if any(low <= offset < high for low, high in defaults) and value(number) in DEFAULTS:
+            if any(low <= offset < high for low, high in said) and value(number) in defaults():
                 continue
             place = begin + offset
             words = " ".join(text[max(0, place - 50) : place + 40].split())
@@ -239,8 +239,8 @@ def constants(tree: ast.AST) -> str:
     """The numbers in the code of a module, and those of constants that it imports by name."""
     values = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)]
     for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module in NAMED_CONSTANTS:
-            known = NAMED_CONSTANTS[node.module]
+        if isinstance(node, ast.ImportFrom) and node.module in constants_of_modules():
+            known = constants_of_modules()[node.module]
             values += [known[one.name] for one in node.names if one.name in known]
     return " ".join(f"{v:.17g} {v:g}" for v in values if type(v) in (int, float))
 
@@ -273,18 +273,30 @@ def preset(tree: ast.Module) -> Iterator[float]:
                 yield float(one.value)
 
 
-TREES = {
-    ".".join(path.relative_to(ROOT).with_suffix("").parts): ast.parse(path.read_text("utf-8"))
-    for path in sorted((ROOT / "rigidmc").rglob("*.py"))
-}
-NAMED_CONSTANTS = {module: named_constants(tree) for module, tree in TREES.items()}
-# bytes also in MB
-DEFAULTS = {
-    known
-    for module, tree in TREES.items()
-    for one in (*NAMED_CONSTANTS[module].values(), *preset(tree))
-    for known in (one, round(one / 1e6, 0))
-}
+@cache
+def trees() -> dict[str, ast.Module]:
+    """{module of the package: its code}."""
+    return {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts): ast.parse(path.read_text("utf-8"))
+        for path in sorted((ROOT / "rigidmc").rglob("*.py"))
+    }
+
+
+@cache
+def constants_of_modules() -> dict[str, dict[str, float]]:
+    """{module: its `named_constants`}."""
+    return {module: named_constants(tree) for module, tree in trees().items()}
+
+
+@cache
+def defaults() -> set[float]:
+    """The constants and preset numbers of the package; those of bytes also in MB."""
+    return {
+        known
+        for module, tree in trees().items()
+        for one in (*constants_of_modules()[module].values(), *preset(tree))
+        for known in (one, round(one / 1e6, 0))
+    }
 
 
 def scenes() -> Iterator[Claim]:
