@@ -195,7 +195,7 @@ def kills(count, folder, some, members=400_000, size=4, names=None):
     """
     server = multiprocessing.get_context("forkserver")
     server.set_forkserver_preload(
-        ["rigidmc.cli", "rigidmc.runs.simulate", "rigidmc.runs.directory.resume"]
+        ["rigidmc.cli", "rigidmc.studies.stability_map.stored", "dask.array"]
     )
 
     def process(*words):

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
-from scipy import special, stats
+from scipy import special
 
 from rigidmc.errors import OptionError, unknown
 from rigidmc.scene.scene import Scene
@@ -138,7 +138,7 @@ def mean(values: ArrayLike, axis: int = -1, confidence: float = 0.95) -> Interva
     with np.errstate(all="ignore"):
         value = np.where(n > 0, np.nansum(x, axis) / n, np.nan)
         variance = np.nansum((x - np.expand_dims(value, axis)) ** 2, axis) / (n - 1.0)
-        t = stats.t.ppf(0.5 + 0.5 * confidence, np.maximum(n - 1, 1))
+        t = special.stdtrit(np.maximum(n - 1, 1), 0.5 + 0.5 * confidence)
         half = np.where(n > 1, t * np.sqrt(variance / n), np.nan)
     return Interval(value, value - half, value + half)
 
@@ -220,6 +220,8 @@ def quantile(
     _check(confidence)
     if not 0.0 < q < 1.0:
         raise OptionError("expected a share between 0 and 1", at="q", value=q)
+    from scipy import stats  # half a second, for which a run or a map does not wait
+
     x = np.asarray(values, float)
     x = np.sort(x[np.isfinite(x) | ((x == np.inf) & infinite)])
     if not x.size:
@@ -257,7 +259,7 @@ def mean_of_skew(values: ArrayLike, confidence: float = 0.95) -> Interval:
     value, _, high = (float(one) for one in mean(values, confidence=confidence))
     n = np.size(values)
     half = (high - value) / value if value > 0.0 else 0.0  # t c/n^(1/2)
-    t = stats.t.ppf(0.5 + 0.5 * confidence, n - 1)
+    t = special.stdtrit(n - 1, 0.5 + 0.5 * confidence)
     grown = half * np.sqrt(1.0 + (half / t) ** 2 * n * n / (2.0 * (n - 1.0)))
     return Interval(value, value * float(np.exp(-grown)), value * float(np.exp(grown)))
 

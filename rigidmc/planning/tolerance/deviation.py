@@ -116,11 +116,12 @@ def _conserved(body: Any, effects: tuple[Any, ...], q: Any, l: Any) -> dict[str,
 def upper_quantile(values: ArrayLike, share: float = 0.99, sure: float = 0.95) -> float:
     """The smallest element of a sample that exceeds the quantile of its distribution with
     probability `sure`; the largest element if none does."""
-    from scipy import stats  # half a second, which only a chosen step has to wait for
+    from scipy.special import bdtr  # a quarter of a second, which only a chosen step waits for
 
     ordered = np.sort(np.asarray(values))
     n = len(ordered)
-    rank = int(stats.binom.ppf(sure, n, share)) + 1
+    # The quantile of the binomial distribution: to import `scipy.stats` takes .4 s more.
+    rank = int(np.searchsorted(bdtr(np.arange(n + 1), n, share), sure)) + 1
     return float(ordered[min(n, rank) - 1])
 
 
