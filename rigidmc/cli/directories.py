@@ -26,6 +26,7 @@ from rigidmc.cli.options import (
 )
 from rigidmc.cli.reporting import reported, written
 from rigidmc.errors import OptionError
+from rigidmc.results.labels import count_text
 
 if TYPE_CHECKING:
     from rigidmc.results.run_directory import RunDirectory
@@ -146,8 +147,8 @@ def continued(
     status = run_directory.status(directory.path)
     computed = sum(flagged.values())
     print(
-        f"{directory.path}: {status['done']:,} of {status['shards']:,} shards,"
-        f" {status['members_done']:,} members; {computed:,} of them computed now"
+        f"{directory.path}: {status['done']:,} of {count_text(status['shards'], 'shard')},"
+        f" {count_text(status['members_done'], 'member')}; {computed:,} of them computed now"
     )
     words = ", ".join(f"{n:,} {word}" for word, n in flagged.items() if n and word != "ok")
     older = f"; of all: {status['flagged']:,}" if status["members_done"] > computed else ""
@@ -218,7 +219,8 @@ def resume(
         if repair:
             from rigidmc.runs.directory import gather
 
-            print(f"  {gather.repair(run)} damaged shards were deleted")
+            deleted = gather.repair(run)
+            print(f"  {count_text(deleted, 'damaged shard was', 'damaged shards were')} deleted")
         code, _ = continued(run, threads, accept, max_wall, shards, allow_code, cluster, device)
     raise typer.Exit(code)
 
@@ -234,12 +236,12 @@ def status(run: RunArgument) -> None:
 
         facts = run_directory.status(run)
     print(
-        f"{run}: {facts['done']:,} of {facts['shards']:,} shards,"
-        f" {facts['members_done']:,} of {facts['members']:,} members"
+        f"{run}: {facts['done']:,} of {count_text(facts['shards'], 'shard')},"
+        f" {facts['members_done']:,} of {count_text(facts['members'], 'member')}"
     )
     if facts["growing"]:
         print("  what these say may ask for more")
-    print(f"  flagged so far: {facts['flagged']:,} members")
+    print(f"  flagged so far: {count_text(facts['flagged'], 'member')}")
     versions = ", ".join(f"{name} {number}" for name, number in facts["versions"].items())
     print(f"  code generated for {facts['machine']}, by {versions}")
     if facts["rate"]:
@@ -273,11 +275,11 @@ def verify(run: RunArgument, spot: Spot = 3, allow_code: AllowCode = False) -> N
             print(line, file=sys.stderr)
         if faults:
             cure = f"`rigidmc resume {run} --repair` computes bad shards again"
-            fail(f"{run}: {len(faults):,} faults; {cure}", INVALID)
+            fail(f"{run}: {count_text(len(faults), 'fault')}; {cure}", INVALID)
         print(
-            f"{run}: {facts['done']:,} of {facts['shards']:,} shards, all of them sound;"
-            f" some members of {min(spot, facts['done'])} random shards were computed again and are"
-            " equal"
+            f"{run}: {facts['done']:,} of {count_text(facts['shards'], 'shard')}, all of them"
+            f" sound; some members of {min(spot, facts['done'])} random shards were computed again"
+            " and are equal"
         )
     raise typer.Exit(OK if whole(facts) else INCOMPLETE)
 
@@ -347,7 +349,7 @@ def merge(run: RunArgument, parts: Parts) -> None:
         directory, copied = gather.merge(run, parts)
         facts = run_directory.status(directory.path)
     print(
-        f"{directory.path}: {copied:,} shards copied;"
+        f"{directory.path}: {count_text(copied, 'shard')} copied;"
         f" {facts['done']:,} of {facts['shards']:,} are there"
     )
     raise typer.Exit(outcome(facts))

@@ -22,6 +22,7 @@ from rigidmc.errors import (
     nearest,
     shown,
 )
+from rigidmc.results.labels import count_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -206,7 +207,7 @@ def show_done(done: int, total: int) -> None:
     """Show how many members are done, on a terminal."""
     if sys.stderr.isatty():
         end = "" if done < total else "\n"
-        line = f"\r{100 * done / total:3.0f} % of {total:,} members{end}"
+        line = f"\r{100 * done / total:3.0f} % of {count_text(total, 'member')}{end}"
         getattr(sys.stderr, "draw", sys.stderr.write)(line)
         sys.stderr.flush()
 

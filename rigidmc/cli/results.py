@@ -31,6 +31,7 @@ from rigidmc.cli.reporting import (
 )
 from rigidmc.errors import OptionError, RigidmcError, in_file, unknown
 from rigidmc.files.outputs import refuse_existing
+from rigidmc.results.labels import count_text
 from rigidmc.scene.library import shipped
 from rigidmc.views import PICTURES
 from rigidmc.views import picture as picture_named
@@ -81,7 +82,7 @@ def rerun(
             save_picture(plots_module().summary(dataset), plot, force)
         names = ", ".join(str(v) for v in dataset.data_vars if "time" in dataset[v].dims)
         times = dataset.sizes["time"]
-        print(f"{dataset.attrs['title']}: member {member}, {times:,} saves of {names}")
+        print(f"{dataset.attrs['title']}: member {member}, {count_text(times, 'save')} of {names}")
         print(f"  {dataset.attrs['rerun']}")
         print("\n".join(written([output, plot])), end="\n" * bool(output or plot))
         dataset.close()
@@ -195,7 +196,8 @@ def animate(
             fail(f"{file}: member {member} never started: it has no such body or start", INVALID)
         count = -(-dataset.sizes["time"] // SMOOTH)
         if count < 0.9 * seconds * fps:
-            line = f"  the member makes only {dataset.sizes['time'] - 1} steps: {count} frames"
+            made = count_text(dataset.sizes["time"] - 1, "step")
+            line = f"  the member makes only {made}: {count_text(count, 'frame')}"
             print(line, file=sys.stderr)
             fps = max(1, round(count / seconds))
         draw(dataset, output, fps, force=force)

@@ -31,6 +31,7 @@ from rigidmc.cli.options import (
 )
 from rigidmc.cli.reporting import plots_module, refuse_outputs, reported, save_picture, written
 from rigidmc.errors import OptionError
+from rigidmc.results.labels import count_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -124,7 +125,7 @@ def _until(
     from rigidmc.studies.until import goal_reached, simulate_until
 
     def show(members: int, interval: "Estimate") -> None:
-        line = f"  {members:,} members: {interval.value:.6g} +- {interval.half:.2g}"
+        line = f"  {count_text(members, 'member')}: {interval.value:.6g} +- {interval.half:.2g}"
         print(line, file=sys.stderr, flush=True)
 
     dataset, interval = simulate_until(
@@ -151,10 +152,11 @@ def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
     each = (
         f"{steps:,.1f} steps, which differ from member to member, on average"
         if "turn" in dataset.attrs
-        else f"{steps:,} steps of {dataset.attrs['dt']:.6g} s"
+        else f"{count_text(steps, 'step')} of {dataset.attrs['dt']:.6g} s"
     )
     print(
-        f"{dataset.attrs['title']}: {count:,} members x {each} with {dataset.attrs['integrator']}"
+        f"{dataset.attrs['title']}: {count_text(count, 'member')} x {each}"
+        f" with {dataset.attrs['integrator']}"
     )
     print(
         f"  {seconds:.2f} s, {in_two_digits(count * steps / seconds)} member-steps/s,"

@@ -8,6 +8,7 @@ from rigidmc.cli.app import REFERENCE, START, app, load_scene
 from rigidmc.cli.options import AllowCode, Device, SceneArgument, Set, Threads, takes_settings
 from rigidmc.cli.reporting import reported
 from rigidmc.errors import in_file
+from rigidmc.results.labels import count_text
 from rigidmc.scene import library
 
 
@@ -54,7 +55,7 @@ def check(
         steps = f"{ready.plan.mean_steps:,.0f} steps with {loaded.run.integrator}"
         if auto:
             steps = f"as many steps as the tolerance {loaded.run.tolerance:g} needs"
-        print(f"{scene}: valid, {loaded.run.members:,} members x {steps}")
+        print(f"{scene}: valid, {count_text(loaded.run.members, 'member')} x {steps}")
 
 
 @app.command(

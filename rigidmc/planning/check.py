@@ -15,6 +15,7 @@ from rigidmc.physics.effects.protocol import Effect, facts, is_random, shape
 from rigidmc.physics.integrators import refusal
 from rigidmc.physics.observables import OUTCOMES, is_own, outputs
 from rigidmc.physics.observables.protocol import DIMENSIONS, EnsembleObservable, Neighbour
+from rigidmc.scene.amounts import count_text
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import Grid, draw, is_shared, rows
 from rigidmc.scene.recording import Recording
@@ -94,7 +95,7 @@ def _check_sampled(model: Model, run: Run) -> None:
         raise SceneError(rule, at="effects.bath")
     count, last = rows(*model.quantities()), run.first + run.members
     if count is not None and count < last:
-        rule = f"the scene has arrays with rows for {count} members only"
+        rule = f"the scene has arrays with rows for {count_text(count, 'member')} only"
         raise SceneError(rule, at="run.members", value=last)
     _check_bodies(model, run.seed)
     _check_orbit(model, run.seed)

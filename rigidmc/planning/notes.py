@@ -25,6 +25,7 @@ from rigidmc.physics.effects.pivot import MovingPivot
 from rigidmc.physics.effects.protocol import blank, facts, from_numbers, numbers, shape, torque
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.units import UnitScale
+from rigidmc.scene.amounts import count_text
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import Grid, draw, is_open, is_shared
 from rigidmc.scene.settings import Run, idle
@@ -371,7 +372,7 @@ def idle_effects(effects: list[tuple[str, Any]], moments: Array, centre: Array) 
         why = "its torque is 0 at any attitude and spin"
         if type(effect) in (Gravity, MovingPivot) and not centre.any():
             why = "the centre of mass is on the fixed point: give [body] centre or pivot"
-        yield f"[effects.{label}] has no effect on the first {few} members: {why}"
+        yield f"[effects.{label}] has no effect on the first {count_text(few, 'member')}: {why}"
 
 
 def _acts(effect: Any, bodies: MassProperties, i: int, chance: np.random.Generator) -> bool:

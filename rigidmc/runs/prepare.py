@@ -41,7 +41,7 @@ from rigidmc.results.sinks import Blanks, Export, File, Memory
 from rigidmc.runs.assemble import make_layout, make_program
 from rigidmc.runs.blocks import Sink, compute
 from rigidmc.runs.resources import block_of, needs, refuse_hopeless
-from rigidmc.scene.amounts import counted
+from rigidmc.scene.amounts import count_text, counted
 from rigidmc.scene.quantities import Varied, rows
 from rigidmc.scene.recording import recording
 from rigidmc.scene.scene import Scene, takes_scene
@@ -184,7 +184,7 @@ class PreparedRun:
         if run.strata is not None:
             most, what = run.strata, "a Latin hypercube of"
         if most is not None and last > most:
-            rule = f"the scene has {what} {most:,} members only"
+            rule = f"the scene has {what} {count_text(most, 'member')} only"
             raise SceneError(rule, at="run.members", value=last)
         return members
 

@@ -32,7 +32,7 @@ from rigidmc.planning.tolerance.costs import Costs
 from rigidmc.planning.tolerance.pilot import pilot
 from rigidmc.runs.prepare import PreparedRun, prepared
 from rigidmc.runs.resources import DEVICE_BLOCK, WAVE, block_of, in_words, moved_at_once, needs
-from rigidmc.scene.amounts import in_two_digits
+from rigidmc.scene.amounts import count_text, in_two_digits
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
@@ -162,8 +162,8 @@ class Price(NamedTuple):
             each = f"x {self.steps:,.0f} steps, {total} in all"
         disk = f", {in_words(self.disk)} of disk" if self.disk else ""
         return (
-            f"{self.members:,} members {each}:"
-            f" about {self.seconds:.2g} s on {self.threads} threads{disk}"
+            f"{count_text(self.members, 'member')} {each}:"
+            f" about {self.seconds:.2g} s on {count_text(self.threads, 'thread')}{disk}"
         )
 
 

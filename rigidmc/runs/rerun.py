@@ -22,7 +22,7 @@ from rigidmc.results.reader import open_result
 from rigidmc.runs.directory.dataset import open_run
 from rigidmc.runs.prepare import prepared
 from rigidmc.runs.simulate import simulate
-from rigidmc.scene.amounts import counted, seconds
+from rigidmc.scene.amounts import count_text, counted, seconds
 from rigidmc.scene.recording import recording
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.scene.settings import Run
@@ -128,7 +128,7 @@ def chosen_members(member: int | range, run: Run, result: xr.Dataset, name: str)
     with in_file(name):
         refuse_twice(result.member.values)
     if not np.isin(members, result.member.values).all():
-        there = f"{result.sizes['member']:,} of its {run.members:,} members"
+        there = f"{result.sizes['member']:,} of its {count_text(run.members, 'member')}"
         raise OptionError(f"{name} has only {there}, and not this one", at="member", value=member)
     return members
 

@@ -14,6 +14,7 @@ from rigidmc.errors import NoRoom
 from rigidmc.files.outputs import Path
 from rigidmc.planning.plan import Plan
 from rigidmc.results.layout import ResultLayout
+from rigidmc.scene.amounts import count_text
 
 SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a file
 # The same on graphics processors, one of which moves 50,000 members at once, as their registers
@@ -106,7 +107,7 @@ def refuse_hopeless(
             room = f"{in_words(needed.lean)} of memory and {in_words(needed.file)} of disk"
             cure = f"write it to a file (-o FILE), which needs {room}, or {cure}"
         raise NoRoom(
-            f"{members:,} members need {in_words(asked)} of memory,"
+            f"{count_text(members, 'member needs', 'members need')} {in_words(asked)} of memory,"
             f" of which {in_words(free)} are free: {cure}"
         )
     if path is not None:
@@ -117,7 +118,8 @@ def _refuse_full_disk(members: int, folder: str, size: int) -> None:
     free = shutil.disk_usage(folder).free
     if size > free:
         raise NoRoom(
-            f"{members:,} members need {in_words(size)} of disk in {folder},"
+            f"{count_text(members, 'member needs', 'members need')} {in_words(size)} of disk"
+            f" in {folder},"
             f" of which {in_words(free)} are free: keep less of what is saved (--keep final),"
             " fewer digits (--set run.digits=6), or run fewer members"
         )

@@ -130,3 +130,13 @@ def in_two_digits(number: float) -> str:
         if number >= size:
             return f"{number / size:.2g}{word}"
     return f"{number:.0f}" if number >= 99.5 else f"{number:.2g}"
+
+
+def count_text(count: int, one: str, many: str = "") -> str:
+    """A number of things in words: "1 member", "20,000 members", "2 families".
+
+    many : what more than one are, unless that is regular: "tasks are missing" of "task is missing"
+    """
+    if count == 1:
+        return f"1 {one}"
+    return f"{count:,} {many or (f'{one[:-1]}ies' if one.endswith('y') else f'{one}s')}"

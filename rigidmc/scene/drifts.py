@@ -14,6 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
+from rigidmc.scene.amounts import count_text
 
 LAWS = {"not_judged": 0, "rounding": 1, "bounded": 2, "one_way": 3}
 # A drift goes one way if in the second half of the run it never falls below this part of the
@@ -84,7 +85,8 @@ def one_way(dataset: xr.Dataset, least: float = 0.0) -> str:
         return ""
     words = f"{names[0]} and {names[1]} drift" if len(names) > 1 else f"{names[0]} drifts"
     return (
-        f"{words} one way in {which.sum():,} of {which.size:,} members, by up to {worst:.1e}: with"
-        f" {dataset.attrs['integrator']} a wobble of {math.sqrt(worst):.1g} rad dies or grows in"
-        " such a run; use shorter steps, or an integrator that conserves them"
+        f"{words} one way in {which.sum():,} of {count_text(which.size, 'member')},"
+        f" by up to {worst:.1e}: with {dataset.attrs['integrator']} a wobble of"
+        f" {math.sqrt(worst):.1g} rad dies or grows in such a run; use shorter steps, or an"
+        " integrator that conserves them"
     )

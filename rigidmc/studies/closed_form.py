@@ -13,6 +13,7 @@ from rigidmc.mechanics.lagrange_top import Nutation, sleeping_growth, steady_pre
 from rigidmc.mechanics.rotation import attitude_error, matrix
 from rigidmc.planning.closed_form import NONE, Case, closed_form
 from rigidmc.planning.initial import make_sampler
+from rigidmc.results.labels import count_text
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.scene import Scene
 
@@ -145,7 +146,8 @@ def _beside(motion: Motion, result: xr.Dataset) -> list[str]:
     if not good.any():
         counts = {word: int((status == code).sum()) for word, code in STATUSES.items()}
         words = ", ".join(f"{count:,} {word}" for word, count in counts.items() if count)
-        rule = f"all {members:,} members are flagged ({words}): there is no integration"
+        flagged = count_text(members, "member is", "members are")
+        rule = f"all {flagged} flagged ({words}): there is no integration"
         raise SceneError(
             f"{rule} to compare with; perhaps dt is too long", at="run.integrator", value=integrator
         )

@@ -13,6 +13,7 @@ import xarray as xr
 from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
 from rigidmc.results.intervals import Estimate, Interval, mean, probability
+from rigidmc.results.labels import count_text
 from rigidmc.results.measures import Measure, Variables, measure, observing
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.resources import refuse_count
@@ -141,7 +142,7 @@ def simulate_until(
         lean, until, goal(until, variables_of(lean)), most, confidence, threads, device, progress
     )
     if not goal_reached(until, interval):
-        reached = f"{interval.value:.6g} +- {interval.half:.2g} by {size:,} members"
+        reached = f"{interval.value:.6g} +- {interval.half:.2g} by {count_text(size, 'member')}"
         rule = f"{until} is not reached: {reached}, which are all that may be"
         warnings.warn(rule, SceneWarning, stacklevel=2)
     ends = f"{interval.low:.10g} to {interval.high:.10g}{interval.lacking()}"
@@ -225,7 +226,7 @@ def _grown(
 def _check_first(until: str, wanted: Goal, interval: Estimate, size: int) -> None:
     """OptionError if the first round shows that no number of members reaches the goal."""
     if np.isnan(interval.value):
-        rule = f"none of the first {size:,} members has a {wanted.measure.result.name}"
+        rule = f"none of the first {count_text(size, 'member')} has a {wanted.measure.result.name}"
         raise OptionError(rule, at="run.until", value=until)
     if wanted.half_at(interval.value) == 0.0:
         rule = f"is 0 for the first {size:,} members: no number of them brings it to a share of 0"

@@ -22,9 +22,7 @@ def laws(dataset):
 def test_a_wobble_that_an_integrator_ends_is_told():
     """By 9,000 s rk4 has ended it, with a status of 0; the drift of the energy, 1e-4, does not grow
     after that. exact keeps it for ever: omega_1 and omega_2 make an ellipse."""
-    with pytest.warns(
-        rm.SceneWarning, match="energy and [|]L[|].2 drift one way in 1 of 1 members"
-    ):
+    with pytest.warns(rm.SceneWarning, match="energy and [|]L[|].2 drift one way in 1 of 1 member"):
         lost = rm.simulate(WOBBLING, "rk4")
     kept = rm.simulate(WOBBLING, "exact")
     assert lost.status == 0 and laws(lost) == ["one_way"] and laws(kept) == ["rounding"]
@@ -77,4 +75,4 @@ def test_the_command_line_says_it(tmp_path):
     path = tmp_path / "wobble.toml"
     path.write_text(WOBBLING.dumps())
     done = CliRunner().invoke(app, ["run", str(path), "--integrator", "rk4"])
-    assert done.exit_code == 0 and "drift one way in 1 of 1 members" in done.output
+    assert done.exit_code == 0 and "drift one way in 1 of 1 member" in done.output

@@ -233,7 +233,7 @@ def test_run_directory(tmp_path):
         multilevel.of(directory.path)
     directory, done = tasks.resume(directory, threads=1, only=range(2))
     assert done["ok"] == 2
-    with pytest.raises(rm.RigidmcError, match="1 tasks of the first round"):
+    with pytest.raises(rm.RigidmcError, match="1 task of the first round is missing"):
         multilevel.of(directory.path)
     directory, done = tasks.resume(directory, threads=2)
     assert tasks.verified(directory.path, spot=1) == []

@@ -171,7 +171,7 @@ def test_run_directory(tmp_path):
         rare.of(directory.path)
     directory, done = tasks.resume(directory, threads=1, only=range(2))
     assert done["ok"] == 2 and rare.of(directory.path).sizes["repetition"] == 2
-    assert "1 repetitions are missing" in table(rare.of(directory.path))[-1]
+    assert "1 repetition is missing" in table(rare.of(directory.path))[-1]
     directory, done = tasks.resume(directory, threads=2)
     assert done["ok"] == 1 and tasks.verified(directory.path, spot=1) == []
     assert rare.of(directory.path).identical(now)

@@ -224,7 +224,7 @@ def test_questions_that_have_no_answer():
 
 def test_picture_and_table():
     found = rm.section(FREE, "omega[2] = 0", t_end=50.0)
-    assert table(found)[1].startswith("  4 points, omega[2] = 0 as it rises, of 1 of 1 members")
+    assert table(found)[1].startswith("  4 points, omega[2] = 0 as it rises, of 1 of 1 member")
     axes = section_points(found).axes[0]
     assert axes.get_xlabel() == "omega[1] [rad s-1]" and axes.get_ylabel() == "omega[3] [rad s-1]"
     points = axes.collections[0].get_offsets()

@@ -34,6 +34,7 @@ from rigidmc.planning.tolerance.pilot import (
     pilot,
 )
 from rigidmc.planning.tolerance.truth import AGREED, Truth, check_agreement, integrated, truth
+from rigidmc.scene.amounts import count_text
 from rigidmc.scene.recording import recording
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.validation import named_integrators
@@ -112,11 +113,11 @@ class Chosen(NamedTuple):
             lines.append(f"  next best {second}, {other[1]:.2g} times the cost")
         lines.append(
             f"  error of 99 % of the members below {self.predicted:.1e}; on a second pilot of "
-            f"{self.members} members {100 * self.checked:.1f} % keep the tolerance"
+            f"{count_text(self.members, 'member')} {100 * self.checked:.1f} % keep the tolerance"
         )
         lines += [f"  note: {self.short}"] * bool(self.short)
         lines.append(f"  against the {self.truth}")
-        lines.append(f"  about {seconds:.2g} s for {count:,} members")
+        lines.append(f"  about {seconds:.2g} s for {count_text(count, 'member')}")
         return lines
 
     def attributes(self) -> dict[str, Any]:
@@ -292,8 +293,8 @@ def check_pilot(scene: Scene, pilot: Pilot) -> None:
     bad = int(np.count_nonzero(pilot.block[layout.STATUS, : pilot.members]))
     if bad:
         rule = (
-            f"{bad} of {pilot.members} members of the pilot are no bodies: mend the scene before "
-            "asking for accuracy"
+            f"{bad} of {count_text(pilot.members, 'member')} of the pilot are no bodies:"
+            " mend the scene before asking for accuracy"
         )
         raise SceneError(rule, at="body.moments")
 

@@ -21,6 +21,7 @@ from rigidmc.planning.tolerance.pilot import (
     follow,
     push,
 )
+from rigidmc.scene.amounts import count_text
 
 AGREED = 1e-12  # two methods that agree to this are taken for the truth
 
@@ -80,8 +81,8 @@ def integrated(
     if not np.isfinite(worst):
         bad = int(np.count_nonzero(~np.isfinite(apart)))
         rule = (
-            f"{bad} of {pilot.members} members end non-finite with rk8 and {other} at {steps:,} "
-            "steps: no truth to compare with"
+            f"{bad} of {count_text(pilot.members, 'member')} end non-finite with rk8 and {other}"
+            f" at {steps:,} steps: no truth to compare with"
         )
         raise SceneError(rule, at="pilot")
     sums = " (sums compensated)" if compensated else ""

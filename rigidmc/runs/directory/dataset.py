@@ -18,6 +18,7 @@ from rigidmc.results.reader import as_result
 from rigidmc.results.run_directory import RunDirectory, flagged_of
 from rigidmc.results.variables import NEWER, Variable
 from rigidmc.runs.directory.load import load_run, scene_of_run, text_of_run
+from rigidmc.scene.amounts import count_text
 
 
 def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
@@ -43,7 +44,8 @@ def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
     if len(shards.paths) < directory.count:
         there = sum(len(members) for members in shards.members)
         warnings.warn(
-            f"{directory.path}: {there:,} of {directory.facts['members']:,} members are there",
+            f"{directory.path}: {there:,} of {count_text(directory.facts['members'], 'member')}"
+            " are there",
             SceneWarning,
             stacklevel=3,
         )

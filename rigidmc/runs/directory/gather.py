@@ -24,7 +24,7 @@ from rigidmc.runs.directory.load import block_of_run, load_run, scene_of_run
 from rigidmc.runs.directory.shards import fault_of
 from rigidmc.runs.resources import needs, refuse_hopeless
 from rigidmc.runs.simulate import simulate
-from rigidmc.scene.amounts import counted
+from rigidmc.scene.amounts import count_text, counted
 from rigidmc.scene.scene import Scene
 
 
@@ -165,7 +165,8 @@ def consolidate(
     refuse_existing(output, force, "netCDF files")
     run = load_run(directory, allow_code)
     if (missing := directory.missing()).size:
-        rule = f"{missing.size:,} of {directory.count:,} shards are missing: resume it first"
+        shards = count_text(directory.count, "shard")
+        rule = f"{missing.size:,} of {shards} are missing: resume it first"
         raise FileError(rule, at="run", value=directory.path)
     block, members = block_of_run(directory, run), run.plan.members
     refuse_hopeless(needs(run.layout, run.plan, members, block, 1), members, 1, output)

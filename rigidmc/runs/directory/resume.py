@@ -25,7 +25,7 @@ from rigidmc.runs.directory.load import (
 from rigidmc.runs.directory.shards import compute_shards, memory_of_shards
 from rigidmc.runs.prepare import PreparedRun
 from rigidmc.runs.resources import needs, refuse_hopeless
-from rigidmc.scene.amounts import counted, seconds
+from rigidmc.scene.amounts import count_text, counted, seconds
 from rigidmc.scene.quantities import rows
 
 
@@ -192,7 +192,7 @@ def extend(
         raise OptionError(rule, at="run.members", value=members)
     if (most := rows(*scene.quantities())) is not None and members + facts["first"] > most:
         raise OptionError(
-            f"the scene has rows for {most:,} members", at="run.members", value=members
+            f"the scene has rows for {count_text(most, 'member')}", at="run.members", value=members
         )
     run, more = load_run(directory, allow_code), members - facts["members"]
     threads, block = threads_available(), block_of_run(directory, run)

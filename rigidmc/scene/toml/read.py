@@ -25,6 +25,7 @@ from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import Effect, user_parameters
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import WATCHED, WITH_TABLE
+from rigidmc.scene.amounts import count_text
 from rigidmc.scene.body import Body
 from rigidmc.scene.settings import Run, Table, changed, table_of
 from rigidmc.scene.shape import shape_of
@@ -312,8 +313,8 @@ def stored_rows(dataset: xr.Dataset) -> Callable[[str], NDArray[Any] | None]:
         count = int(members.max()) + 1
         if count > max(ROWS, 100 * members.size):
             rule = (
-                f"has the rows of {members.size:,} members only, up to member {count - 1:,}: "
-                "open the whole result"
+                f"has the rows of {count_text(members.size, 'member')} only, up to member"
+                f" {count - 1:,}: open the whole result"
             )
             raise FileError(rule, at="member")
         whole = np.repeat(rows[..., :1], count, axis=-1)

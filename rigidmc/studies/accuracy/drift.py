@@ -14,6 +14,7 @@ from rigidmc.physics.integrators import accepting, refusal
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.deviation import drift_along
 from rigidmc.planning.tolerance.pilot import ROUNDING, pilot
+from rigidmc.results.labels import count_text
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.recording import conservation
@@ -107,7 +108,7 @@ def long_table(study: xr.Dataset) -> list[str]:
     """Lines of text: the final drift and its law for each integrator and conserved quantity."""
     a = study.attrs
     steps = f"{study.step.values[-1]:,} steps of {a['dt']:.6g} s"
-    lines = [f"drift over {steps}, worst of {a['members']} members"]
+    lines = [f"drift over {steps}, worst of {count_text(a['members'], 'member')}"]
     for i, name in enumerate(study.integrator.values):
         parts = []
         for key, symbol in SYMBOLS.items():

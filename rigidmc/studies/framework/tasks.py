@@ -15,6 +15,7 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.outputs import Path
 from rigidmc.progress import Progress, announcing, reporter, say
+from rigidmc.results.labels import count_text
 from rigidmc.results.run_directory import RunDirectory
 from rigidmc.runs.directory.gather import verify
 from rigidmc.runs.directory.load import refuse_others, scene_of_run
@@ -128,8 +129,9 @@ class Tasks(NamedTuple):
         steps, device = self.cost(scene, request, numbers), resolve_device(device)
         took = 1e-9 * steps * cost_per_step(prepared(scene), device) / movers(threads, device)
         return (
-            f"{len(numbers):,} tasks x {steps / max(1, len(numbers)):,.0f} member-steps,"
-            f" {in_two_digits(steps)} in all: about {took:.2g} s on {threads} threads"
+            f"{count_text(len(numbers), 'task')} x"
+            f" {steps / max(1, len(numbers)):,.0f} member-steps, {in_two_digits(steps)} in all:"
+            f" about {took:.2g} s on {count_text(threads, 'thread')}"
         )
 
 

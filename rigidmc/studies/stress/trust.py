@@ -29,6 +29,7 @@ from rigidmc.planning.tolerance.deviation import growth, relative
 from rigidmc.planning.tolerance.pilot import Pilot, States, first_steps, follow, pilot
 from rigidmc.planning.units import scaled
 from rigidmc.progress import reporter
+from rigidmc.results.labels import count_text
 from rigidmc.runs.prepare import prepared
 from rigidmc.scene.scene import Scene
 from rigidmc.version import VERSION
@@ -323,7 +324,8 @@ def table(study: xr.Dataset) -> list[str]:
         cells = [f"{worst[i]:.1e} ({median[i]:.1e})" for i in at]
         lines.append(f"{name:32s}" + "".join(f"{cell:>22s}" for cell in cells))
     if a["flagged"]:
-        lines.append(f"{a['flagged']} of {a['members']} members turn non-finite and are left out")
+        of_all = f"{a['flagged']} of {count_text(a['members'], 'member')}"
+        lines.append(f"{of_all} turn non-finite and are left out")
     if a["chaotic_share"] > 0.0:
         share = f"{100 * a['chaotic_share']:.0f} % of the members"
         words = "errors grew faster than a power of time (chaos, or a separatrix nearby)"

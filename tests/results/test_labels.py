@@ -1,0 +1,87 @@
+"""Units, labels and counts as people read them."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from rigidmc.physics.effects import EFFECTS
+from rigidmc.physics.observables import KNOWN, OBSERVABLES
+from rigidmc.planning.units import dimensions
+from rigidmc.results.labels import (
+    axis_label,
+    column_head,
+    count_text,
+    label_of,
+    long_label,
+    units_text,
+    value_text,
+    with_units,
+)
+
+
+@pytest.mark.parametrize(
+    ("units", "text"),
+    [
+        ("1", ""),
+        ("s-1", "1/s"),
+        ("rad s-1", "rad/s"),
+        ("kg m2", "kg m²"),
+        ("kg m2 s-1", "kg m²/s"),
+        ("kg2 m4 s-2", "kg² m⁴/s²"),
+        ("J kg m2", "J kg m²"),
+        ("W m-2 K-1", "W/(m² K)"),
+        # of a user's own observable, which may be anything
+        ("km/h", "km/h"),
+        ("1e-05 J", "1e-05 J"),
+        ("", ""),
+    ],
+)
+def test_units(units, text):
+    assert units_text(units) == text
+    assert with_units("speed", units) == (f"speed [{text}]" if text else "speed")
+
+
+def test_units_of_the_package_are_read():
+    """None is taken for something that it is not: text and units have the same dimensions."""
+    known = {units for kind in EFFECTS.values() for units in kind.units.values()}
+    known |= {kind.units for kind in OBSERVABLES.values()}
+    assert len(known) > 10 and KNOWN
+    lowered = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789")
+    for units in known - {"1"}:
+        above, _, below = units_text(units).translate(lowered).partition("/")
+        found, under = dimensions(above), dimensions(below.strip("()") or "1")
+        assert tuple(np.subtract(found, under)) == dimensions(units), units
+
+
+@pytest.fixture
+def ds():
+    three, one = ("axis", [1.0, 2.0, 3.0]), ((), 0.5)
+    return xr.Dataset({
+        "momentum": (*three, {"units": "kg m2 s-1"}),
+        "omega": (*three, {"units": "rad s-1"}),
+        "frequency": (*three, {"units": "rad s-1", "symbol": "nu"}),
+        "orbit": (*one, {"long_name": "radius; of the orbit", "units": "m"}),
+        "flips": (*one, {}),
+    })  # fmt: skip
+
+
+def test_labels(ds):
+    assert axis_label(ds.momentum, 3) == "momentum_3 [kg m²/s]"
+    assert axis_label(ds.omega, 3) == r"$\omega_3$ [rad/s]"
+    assert axis_label(ds.omega) == r"$\omega$ [rad/s]"
+    assert axis_label(ds.frequency, 10) == r"$\nu_{10}$ [rad/s]"
+    assert axis_label(ds.flips) == "flips"
+    assert column_head(ds.frequency, 1) == "nu_1 [rad/s]"
+    assert label_of(ds, " momentum[2]") == axis_label(ds.momentum, 2)
+    assert label_of(ds, "flips") == "flips"
+    assert long_label(ds.orbit) == "radius; of the orbit [m]"
+
+
+def test_values_and_counts(ds):
+    assert value_text(0.25, ds.omega) == "0.25 rad/s" and value_text(3.0, ds.flips) == "3"
+    assert value_text(2.0 / 3.0, ds.orbit, 2) == "0.67 m"
+    assert count_text(1, "member") == "1 member" and count_text(0, "fault") == "0 faults"
+    assert count_text(20_000, "member") == "20,000 members"
+    assert count_text(2, "family") == "2 families"
+    assert count_text(np.int64(1), "task is", "tasks are") == "1 task is"
+    assert count_text(3, "task is", "tasks are") == "3 tasks are"
