@@ -16,6 +16,7 @@ from rigidmc.cli.app import REFERENCE, app, load_scene
 from rigidmc.cli.options import AllowCode
 from rigidmc.cli.reporting import reported
 from rigidmc.errors import OptionError, unknown
+from rigidmc.results.labels import units_text, with_units
 
 Name = Annotated[
     str | None,
@@ -129,7 +130,8 @@ def _of_effect(name: str) -> Facts:
     table = ", ".join(f"{field}{default}" for field, default in fields.items())
     in_python = f"rigidmc.{kind.__name__}({', '.join(fields)})"
     yield "in a scene", f"[effects.{name}] with {table}; in Python {in_python}"
-    yield "units", ", ".join(f"{field} [{kind.units[field]}]" for field in fields)
+    units = {field: units_text(kind.units[field]) or "1" for field in fields}
+    yield "units", ", ".join(f"{field} [{text}]" for field, text in units.items())
     ranges = ((field, *limits(kind, field, False)) for field in fields)
     yield (
         "ranges",
@@ -174,10 +176,10 @@ def observables(
 
         print("at save times (save = [...]):")
         for word, kind in OBSERVABLES.items():
-            print(f"{word:12s} {_first_line(kind)} [{kind.units}]")
+            print(f"{word:12s} {with_units(_first_line(kind), kind.units)}")
         for word, kind in WITH_TABLE.items():
             parameters = ", ".join(_default(kind, f) for f in kind._fields)
-            print(f"{word:12s} {_first_line(kind)} [{kind.units}]")
+            print(f"{word:12s} {with_units(_first_line(kind), kind.units)}")
             print(f"{'':12s} parameters, in a table [observables.{word}]: {parameters}")
         print("\nover all steps, one result per member (save = [...]; parameters in a table")
         print("[observables.NAME]):")
@@ -221,7 +223,7 @@ def _of_observable(name: str) -> Facts:
         fields = ", ".join(_default(kind, field) for field in kind._fields)
         yield "in a scene", f'save = ["{name}"] with [observables.{name}] {fields}'
         yield "over all steps", ", ".join(f"{name}_{word}" for word in STATISTICS)
-        yield "result", f"{name} [{kind.units}]{_by(kind.dims)}"
+        yield "result", f"{with_units(name, kind.units)}{_by(kind.dims)}"
     elif name in OBSERVABLES:
         kind = OBSERVABLES[name]
         over = (
@@ -229,19 +231,19 @@ def _of_observable(name: str) -> Facts:
             or "nothing of it"
         )
         yield "in a scene", f'save = ["{name}"], at save times; over all steps {over}'
-        yield "result", f"{kind.long_name} [{kind.units}]{_by(kind.dims)}"
+        yield "result", f"{with_units(kind.long_name, kind.units)}{_by(kind.dims)}"
     elif name in WATCHED:
         kind = WATCHED[name]
         fields = ", ".join(_default(kind, field) for field in kind._fields)
         table = f" with [observables.{name}] {fields}" if fields else ""
         yield "in a scene", f'save = ["{name}"]{table}'
         for variable, (units, _, dims) in kind.outputs.items():
-            yield "result", f"{variable} [{units}]{_by(dims)}"
+            yield "result", f"{with_units(variable, units)}{_by(dims)}"
     else:
         of, kind = WATCHED_STATISTICS[name]
         yield "in a scene", f'save = ["{name}"], over all steps of {of}'
         for variable, (units, text, dims) in outputs(name, kind(OBSERVABLES[of]())).items():
-            yield "result", f"{variable}: {text} [{units}]{_by(dims)}"
+            yield "result", f"{variable}: {with_units(text, units)}{_by(dims)}"
 
 
 def _default(kind: Any, field: str) -> str:

@@ -19,14 +19,17 @@ from rigidmc.mechanics.lagrange_top import (
     lagrange_top,
     with_axis_third,
 )
+from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.closed_form import NONE, Case
 from rigidmc.planning.turns import Drive, turning
+from rigidmc.results.labels import with_units
 from rigidmc.views.sphere import CIRCLE, draw_curve, draw_polhodes, draw_sphere, screen
 
 NARROW = 0.02  # rad: the least width of a nutation that the scale of a picture follows
 
 FINE = 0.5  # rad between two points of a curve: half a radian of a circle is a smooth line
 POINTS = 1600, 20_000  # of a curve, at least and at most
+TIME = with_units("time", "s")
 UPRIGHT = 0.05  # of the largest sin theta: below it phi and psi run fast and in opposite ways
 
 
@@ -105,8 +108,11 @@ def potential(
     if low - high < NARROW:  # the energy is all but that of the floor: the well gives the scale
         height = max(height, 0.5 * (u[[0, -1]].min() - floor))
     axes.set(xlim=degrees[[0, -1]], ylim=(floor - 0.25 * height, energy + 1.1 * height))
-    label = "energy less that of the spin" + (f" [{unit:.0e} J]" if unit != 1.0 else " [J]")
-    axes.set(xlabel="theta [deg]", ylabel=label)
+    joules = f"{unit:.0e} J" if unit != 1.0 else "J"
+    axes.set(
+        xlabel=with_units("theta", "deg"),
+        ylabel=with_units("energy less that of the spin", joules),
+    )
     axes.ticklabel_format(useOffset=False)
     _finish(axes, "Effective potential of the nutation")
     return figure_of(axes)
@@ -140,7 +146,7 @@ def euler_angles(
         label = name if rate == 0.0 else f"{name} {sign} {abs(rate):.4g} rad/s t"
         angle = np.degrees(values - rate * (t - t[0]))
         axes.plot(t, angle, style, color=color, linewidth=1.8, label=label)
-    axes.set(xlabel="time [s]", ylabel="angle [deg]", xlim=(t[0], t[-1]))
+    axes.set(xlabel=TIME, ylabel=with_units("angle", "deg"), xlim=(t[0], t[-1]))
     _finish(axes, "Euler angles (z-x-z)")
     return figure_of(axes)
 
@@ -176,7 +182,8 @@ def free_summary(
     for k, (color, style) in enumerate(((MEDIAN, "-"), (PATH, "--"), (INK, ":"))):
         label = f"$\\omega_{k + 1}$"
         upper.plot(t, motion.omega[:, k], style, color=color, linewidth=1.8, label=label)
-    upper.set(xlabel="time [s]", ylabel="angular velocity [rad/s]", xlim=(0.0, t[-1]))
+    up = with_units("angular velocity", OBSERVABLES["omega"].units)
+    upper.set(xlabel=TIME, ylabel=up, xlim=(0.0, t[-1]))
     _finish(upper, "Angular velocity in body axes")
     euler_angles(motion.attitude, t, lower)
     return figure

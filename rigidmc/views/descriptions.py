@@ -21,6 +21,7 @@ from rigidmc.physics.observables.protocol import EnsembleObservable
 from rigidmc.planning.limits import Limits
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.turns import sparse_saves
+from rigidmc.results.labels import count_text, units_text
 from rigidmc.runs.assemble import make_program
 from rigidmc.runs.directory.shards import members_of, shortened
 from rigidmc.runs.prepare import PreparedRun, prepared
@@ -73,7 +74,7 @@ def outline(scene: Scene) -> list[str]:
 def body_lines(body: Body) -> list[str]:
     """Moments, mass, centre and principal axes."""
     lines = [
-        f"body         moments {_words(body.moments)} kg m2, mass {_words(body.mass)} kg,"
+        f"body         moments {_words(body.moments)} kg m², mass {_words(body.mass)} kg,"
         f" centre {_words(body.centre)} m"
     ]
     if body.axes != IDENTITY:
@@ -89,7 +90,7 @@ def _physics(scene: Scene) -> list[str]:
         lines.append(f"source       {scene.source}")
     lines += body_lines(scene.body)
     name = "omega" if start.momentum is None else "momentum"
-    spin = f"{name} {_words(getattr(start, name))} {OBSERVABLES[name].units}"
+    spin = f"{name} {_words(getattr(start, name))} {units_text(OBSERVABLES[name].units)}"
     named = {"uniform": "uniform on SO(3)", "ensemble": "of the momentum's ensemble"}
     attitude = start.attitude
     attitude = named[attitude] if isinstance(attitude, str) else _words(attitude)
@@ -164,11 +165,12 @@ def _room(run: PreparedRun, threads: int, device: str) -> list[str]:
     packed = settings.compress or settings.digits is not None
     block, shard = members_of(run)
     few = shortened(run, block, shard, device=device)[1]
-    shards = f"{-(-plan.members // few):,} shards of {few:,} members with -o RUN/"
+    shards = count_text(-(-plan.members // few), "shard")
+    shards += f" of {count_text(few, 'member')} with -o RUN/"
     if few != shard:
         shards += f", by their time; {-(-plan.members // shard):,} of {shard:,} with --shards"
     return [
-        f"members      {plan.members:,} in blocks of {size:,} on {threads} threads",
+        f"members      {plan.members:,} in blocks of {size:,} on {count_text(threads, 'thread')}",
         f"memory       {in_words(memory)} as a Dataset in memory, {in_words(with_file)} with"
         f" -o FILE, {in_words(BASE)} of it for interpreter and libraries{has}",
         f"file         {in_words(file)}{' before it is compressed' if packed else ''}",
@@ -322,12 +324,12 @@ def describe_body(body: Body, title: str) -> list[str]:
         f"{title}: {known['shape']}",
         f"mass         {known['mass']:.12g} kg",
         f"centre       ({_row(centre, size)}) m from the fixed point, in the body's own axes",
-        "tensor       about the fixed point, in the body's own axes [kg m2]",
+        "tensor       about the fixed point, in the body's own axes [kg m²]",
     ]
     largest = np.abs(known["tensor"]).max()
     clean = [[0.0 if abs(x) < 1e-15 * largest else x for x in row] for row in known["tensor"]]
     lines += ["             " + " ".join(f"{x:18.10g}" for x in row) for row in clean]
-    lines.append("principal    moment [kg m2]       axis in the body's own axes")
+    lines.append("principal    moment [kg m²]       axis in the body's own axes")
     names = dict(zip(known["order"], ("smallest", "middle", "largest"), strict=True))
     for a, b in ((0, 1), (1, 2), (2, 0)):
         if abs(moments[a] - moments[b]) <= SAME * moments[a]:

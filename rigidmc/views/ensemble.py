@@ -17,8 +17,9 @@ from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
 from rigidmc.figures import BAND, CORE, INK, MEDIAN, PATH, figure_of, legend_above, titled
+from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.turns import BODY
-from rigidmc.results.labels import count_text
+from rigidmc.results.labels import axis_label, count_text, with_units
 from rigidmc.views.hemispheres import axis_sphere, momentum_sphere
 from rigidmc.views.sample import (
     drawn_members,
@@ -83,8 +84,9 @@ def middle_component(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
         few = few[:, np.argmax(np.ptp(few, axis=0)), None]
     for k, line in enumerate(axes.plot(t, few, color=PATH, linewidth=0.8)):
         line.set_label("_" if k else "one member" if few.shape[1] == 1 else "single members")
-    name = f"\\omega_{axis[0] + 1}" if np.ptp(axis) == 0 else "\\omega_\\mathrm{mid}"
-    axes.set(xlabel="time [s]", ylabel=f"${name}$ [rad/s]", xlim=(t[0], t[-1]))
+    name = f"$\\omega_{axis[0] + 1}$" if np.ptp(axis) == 0 else "$\\omega_\\mathrm{mid}$"
+    up = with_units(name, OBSERVABLES["omega"].units)
+    axes.set(xlabel=axis_label(part.time), ylabel=up, xlim=(t[0], t[-1]))
     symmetric = central_axis(np.median(moments, axis=1)) != axis[0]
     where = "across the symmetry axis" if symmetric else "about the axis of the middle moment"
     titled(axes, f"Angular velocity {where}", note_on(part, BODY), pad=20)
@@ -115,7 +117,7 @@ def start_and_end(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
                 style = {"color": MEDIAN, "linewidth": 1.2}
             axes.stairs(height, edges, baseline=-row, label=None if row else name, **style)
     axes.set(
-        xlabel="angular velocity, body axes [rad/s]",
+        xlabel=with_units(OBSERVABLES["omega"].long_name, OBSERVABLES["omega"].units),
         ylabel="members, each row to its peak",
         ylim=(-2.1, 1.0),
     )
@@ -157,7 +159,7 @@ def drift_histogram(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
             why = conserved.removeprefix("no").lstrip(":, ")
             title.append(fill(f"{symbol} is not conserved: {why}", 62))
     axes.set(
-        xlabel="largest relative drift [1]",
+        xlabel="largest relative drift",
         ylabel="members per bin",
         xlim=(edges[0], edges[-1]),
         ylim=(0.7, 2 * top),

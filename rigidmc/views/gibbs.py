@@ -12,6 +12,7 @@ from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects.protocol import is_random, numbers
 from rigidmc.planning.initial import members_at_start
 from rigidmc.planning.steps import physics
+from rigidmc.results.labels import count_text, value_text
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene, scene_of
 
@@ -45,7 +46,7 @@ def gibbs(ds: xr.Dataset, allow_code: bool = False) -> Figure:
     good = ds.status.values == 0
     l = ds.momentum.isel(time=-1).transpose("axis", "member").values[:, good]
     moments = ds.moments.transpose("axis", "member").values[:, good]
-    what = f"{good.sum():,} members at t = {float(ds.time[-1]):.6g} s"
+    what = f"{count_text(good.sum(), 'member')} at t = {value_text(float(ds.time[-1]), ds.time)}"
     title = f"{scene.title}: {what} against the Gibbs distribution"
     figure = new_figure(title, (11.0 if potentials else 6.0, 4.6))
     places = figure.subplots(1, 2 if potentials else 1, squeeze=False)[0]
@@ -68,7 +69,7 @@ def _momenta(axes: Axes, x: NDArray[np.float64]) -> None:
     axes.plot(line, normal, color=INK, linewidth=0.8, label="Gibbs")
     twice = (x**2).sum(0)
     mean, error = twice.mean() / 3.0, twice.std() / np.sqrt(x.shape[1]) / 3.0
-    axes.set(xlabel="$L_i/\\sqrt{I_i kT}$ [1]", ylabel="density", yscale="log", ylim=(1e-5, 1.0))
+    axes.set(xlabel="$L_i/\\sqrt{I_i kT}$", ylabel="density", yscale="log", ylim=(1e-5, 1.0))
     words = f"angular momentum: $\\langle T\\rangle$ = {mean:.4f} ± {error:.4f} of 3/2 kT"
     axes.set_title(words, fontsize=10)
     axes.legend(fontsize=8, frameon=False)
@@ -91,7 +92,7 @@ def _energies(axes: Axes, scene: Scene, q: NDArray[np.float64], kT: float) -> No
     axes.stairs(height, edges, color=INK, linewidth=1.4, label="Gibbs")
     mean, error = run.mean(), run.std() / np.sqrt(run.size)
     expected = np.average(theory, weights=weights)
-    axes.set(xlabel="potential energy $V/kT$ [1]", ylabel="density")
+    axes.set(xlabel="potential energy $V/kT$", ylabel="density")
     words = f"$\\langle V\\rangle$ = {mean:.4f} ± {error:.4f} kT; Gibbs {expected:.4f} kT"
     axes.set_title(words, fontsize=10)
     axes.legend(fontsize=8, frameon=False)

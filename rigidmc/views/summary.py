@@ -13,6 +13,7 @@ from rigidmc.physics.observables.saving import is_event_time
 from rigidmc.results import censored, intervals
 from rigidmc.results.estimates import estimate, why_no_interval
 from rigidmc.results.intervals import is_constant
+from rigidmc.results.labels import count_text, units_text
 from rigidmc.scene.drifts import one_way
 from rigidmc.scene.toml.read import scene_text
 
@@ -57,7 +58,8 @@ def summary(dataset: xr.Dataset, confidence: float = 0.95, of: str | Iterable[st
     if texts:
         return "\n".join(lines)
     saved = [str(name) for name, v in dataset.data_vars.items() if "time" in v.dims]
-    lines.append(f"  {dataset.sizes['time']:,} save times: {', '.join(saved) or 'no variables'}")
+    times = count_text(dataset.sizes["time"], "save time")
+    lines.append(f"  {times}: {', '.join(saved) or 'no variables'}")
     if thinned := [str(name) for name, v in dataset.data_vars.items() if "thinned_time" in v.dims]:
         lines.append(f"  and at {dataset.sizes['thinned_time']:,}: {', '.join(thinned)}")
     return "\n".join(lines)
@@ -68,7 +70,8 @@ def _heading(dataset: xr.Dataset, planned: int) -> str:
     attrs, count = dataset.attrs, dataset.sizes["member"]
     step = f"turn = {attrs.get('turn', float('nan')):.6g} rad"
     step = f"dt = {attrs['dt']:.6g} s" if "dt" in attrs else step
-    members = f"{count:,}{f' of {planned:,}' if count < planned else ''} members"
+    part = f"{count:,} of " if count < planned else ""
+    members = part + count_text(max(count, planned), "member")
     end = f"{float(dataset.time.values[-1]):g} s"
     return f"{attrs.get('title', 'result')}: {members} to {end} with {attrs['integrator']}, {step}"
 
@@ -123,7 +126,7 @@ def _time(dataset: xr.Dataset, name: str, confidence: float | None) -> str:
     low, middle, high = (
         censored.quantile(there, q, confidence or 0.95).each(float) for q in (0.05, 0.5, 0.95)
     )
-    left = f"by {middle.until:.6g} s for {none:,} of {count:,} members"
+    left = f"by {middle.until:.6g} s for {none:,} of {count_text(count, 'member')}"
     if none == count:
         return f"  {name:24s} not {left}"
     words = (
@@ -144,9 +147,9 @@ def _line(
     confidence : None if the spread of the members gives no interval
     """
     finite = values[np.isfinite(values)]
-    units = "" if variable.attrs.get("units", "1") == "1" else variable.attrs["units"]
+    units = units_text(variable.attrs.get("units", "1"))
     if not finite.size:
-        return f"  {label:24s} none of {values.size:,} members has a value"
+        return f"  {label:24s} none of {count_text(values.size, 'member')} has a value"
     if finite.size == values.size and is_constant(finite):
         if label.startswith("moments"):
             return None
@@ -154,8 +157,8 @@ def _line(
     mean = intervals.mean(finite, confidence=confidence or 0.95)
     width = f" +- {mean.half:.2g}" if confidence else ""
     low, median, high = np.quantile(finite, (0.05, 0.5, 0.95))
-    missing = values.size - finite.size
-    never = f"; no value for {missing:,} of {values.size:,} members" if missing else ""
+    missing, all_members = values.size - finite.size, count_text(values.size, "member")
+    never = f"; no value for {missing:,} of {all_members}" if missing else ""
     spread = f"median {median:.6g}, 90 % in {low:.4g} to {high:.4g} {units}{never}".rstrip()
     conserved = variable.attrs.get("conserved", "yes")
     why = "" if conserved == "yes" else f"   (not conserved: {conserved.removeprefix('no: ')})"

@@ -401,12 +401,12 @@ def test_every_name_is_explained():
 
 @pytest.mark.parametrize(("words", "parts"), [
     (("effects", "gravity"),
-    ("tau = -g m r x u(q)", "[effects.gravity] with g", "g [m s-2]", "TdC Example 3.7")),
+    ("tau = -g m r x u(q)", "[effects.gravity] with g", "g [m/s²]", "TdC Example 3.7")),
     (("observables", "passage"),
     ("angle : half the opening", "[observables.passage] axis, angle, way = leaves",
     "passage_first [s]")),
-    (("observables", "omega_max"), ("over all steps of omega", "[rad s-1]")),
-    (("observables", "omega"), ("omega_i = L_i/I_i", "[rad s-1]")),
+    (("observables", "omega_max"), ("over all steps of omega", "[rad/s]")),
+    (("observables", "omega"), ("omega_i = L_i/I_i", "[rad/s]")),
     (("integrators", "rk8"), ("Dormand & Prince", "order 8, 12 torques a step")),
     (("map", "list", "kapitza"), ("Kapitza 1951", "[effects.moving_pivot]")),
 ])  # fmt: skip

@@ -27,6 +27,7 @@ from rigidmc.studies.framework.options import (
     options_of,
 )
 from rigidmc.studies.framework.tasks import Tasks
+from tests.axes import unlabelled
 from tests.studies.examples import command_words, function_of, words_of
 
 INVALID, USAGE = 3, 2
@@ -145,7 +146,7 @@ def test_wrong_options_are_refused(name, here):
 def test_the_picture_draws(name, studied):
     figure = load_study(name).draw(studied(name))
     assert isinstance(figure, Figure)
-    assert any(axes.get_xlabel() or axes.get_ylabel() for axes in figure.axes)
+    assert not unlabelled(figure)
 
 
 @pytest.mark.parametrize("name", STUDIES)

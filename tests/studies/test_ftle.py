@@ -120,7 +120,7 @@ def test_the_ridge_of_a_pendulum_is_the_way_to_the_upright(tmp_path):
     )
     axes = ftle_field(again).axes[0]
     assert axes.get_xlabel() == "start.attitude.theta [rad]"
-    assert axes.get_ylabel() == "start.omega.1 [rad s-1]"
+    assert axes.get_ylabel() == "start.omega.1 [rad/s]"
     with pytest.raises(OptionError, match=r"did you mean 'start.omega.1'"):
         ftle_field(again, "start.omega.2")
 

@@ -36,6 +36,7 @@ from rigidmc.studies.stress.motions import (
 )
 from rigidmc.studies.stress.processes import carried_out
 from rigidmc.studies.stress.truths import against_closed, closed_states, flips
+from tests.axes import unlabelled
 
 
 @cache
@@ -123,6 +124,7 @@ def test_a_study_reports_cases_above_their_bound(tmp_path):
     kept = H.load_bounds(tmp_path / "b.csv")
     assert error < kept["needle", "exact"] < 6 * error
     figure = picture.hard_cases(second)
+    assert not unlabelled(figure)
     assert figure.axes[0].get_images()[0].get_array().shape[:2] == second.error.shape
     first.to_netcdf(tmp_path / "s.nc", engine="netcdf4")
 

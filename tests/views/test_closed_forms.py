@@ -8,7 +8,13 @@ pytest.importorskip("matplotlib")
 import rigidmc as rm
 from rigidmc.mechanics.lagrange_top import steady_precession
 from rigidmc.studies.closed_form import compare
-from rigidmc.views.closed_forms import euler_angles, potential
+from rigidmc.views.closed_forms import (
+    euler_angles,
+    free_summary,
+    lagrange_summary,
+    potential,
+)
+from tests.axes import unlabelled
 
 SCENE = rm.Scene.load("heavy_top").with_run(members=1)
 MOMENTS, THETA, SPIN = np.array(SCENE.body.moments), 0.4, 200.0
@@ -26,8 +32,15 @@ def test_the_potential_of_a_steady_top_is_a_well():
     inside = theta[(u > low) & (u < high)]
     # 0.8 degrees are drawn; before, the height was 1e-12 of the energy and the well a line
     assert np.ptp(inside) > 0.5  # measured 0.59
-    axes.figure.canvas.draw()
+    assert not unlabelled(axes.figure)
     assert axes.yaxis.get_offset_text().get_text() == ""
+
+
+def test_every_axis_has_a_label():
+    momentum = MOMENTS * (0.0, 3.0, SPIN)
+    assert not unlabelled(lagrange_summary(MOMENTS, WEIGHT, momentum, ATTITUDE))
+    moments = np.array(rm.Scene.load("dzhanibekov").body.moments)
+    assert not unlabelled(free_summary(moments, moments * (0.01, 6.28, 0.0), ATTITUDE, 6.0))
 
 
 def test_phi_and_psi_are_left_out_where_theta_is_0():

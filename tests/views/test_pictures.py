@@ -12,11 +12,13 @@ pytest.importorskip("matplotlib")
 from matplotlib.figure import Figure
 
 import rigidmc as rm
+from rigidmc import views
 from rigidmc.figures import save
 from rigidmc.studies.stability_map import picture as maps
-from rigidmc.views import ensemble, sphere
+from rigidmc.views import PICTURES, ensemble, sphere
 from rigidmc.views.descriptions import describe_body
 from rigidmc.views.sample import DRAWN, MEMBERS, TIMES, sample, vectors
+from tests.axes import unlabelled
 
 MOMENTS = (1.0, 2.0, 3.0)
 STATES = {"omega": "axis", "attitude": "quat"}
@@ -64,7 +66,7 @@ def dataset(time, start_omega, moments=MOMENTS, **states):
     }
     coords = {
         "member": np.arange(members),
-        "time": np.asarray(time, float),
+        "time": ("time", np.asarray(time, float), {"units": "s"}),
         "axis": [1, 2, 3],
         "quat": list("wxyz"),
     }
@@ -108,6 +110,14 @@ def draw(figure):
     """Lay out and render, which is when matplotlib warns."""
     figure.canvas.draw()
     return figure
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_every_axis_has_a_label(name, free, ends, tops):
+    for ds in (free, ends, tops):
+        lacking = {"axis_sphere": ds is not tops, "middle_component": ds is ends}
+        if not lacking.get(name):
+            assert not unlabelled(views.picture(name)(ds))
 
 
 def test_momentum_sphere_shows_two_discs_axes_paths_and_separatrices(free):
@@ -248,7 +258,7 @@ def test_drift_histogram_marks_median_worst_and_zeros(free):
     ds = free.copy(deep=True)
     ds["energy_drift_max"][:3] = 0.0
     (axes,) = draw(ensemble.drift_histogram(ds)).axes
-    assert axes.get_xlabel() == "largest relative drift [1]"
+    assert axes.get_xlabel() == "largest relative drift"
     assert axes.get_xscale() == "log"
     energy, l2 = legend(axes)
     assert energy == "E: median (¦) 3.2e-13, worst (▾) 1.0e-11; 3 members at 0"

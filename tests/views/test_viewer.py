@@ -162,7 +162,7 @@ def test_the_page_of_a_map_knows_pixels_and_members(map_page):
         ds.x.values.tolist(),
         ds.y.values.tolist(),
     ]
-    assert len(known["members"]) == 15 and known["map"]["members"] == 2
+    assert len(known["members"]) == 15 and known["map"]["members"] == "2 members"
     one = known["members"][7]
     assert one["pixel"] == [1, 2] and one["index"] == 7
     (measure,) = known["map"]["measures"]
@@ -177,7 +177,7 @@ def test_the_command_writes_pages_of_results_scenes_and_maps(spun, map_page, tmp
     for words in (["top.nc", "--members", "0"], ["map.nc", "-o", "m.html"]):
         done = CliRunner().invoke(app, ["view", *words])
         assert done.exit_code == 0, done.output
-    assert data_of((tmp_path / "m.html").read_text())["map"]["members"] == 2
+    assert data_of((tmp_path / "m.html").read_text())["map"]["members"] == "2 members"
     assert len(data_of((tmp_path / "top.html").read_text())["members"]) == 1
     again = CliRunner().invoke(app, ["view", "top.nc"])
     assert again.exit_code == 6 and "exists" in again.stderr

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from rigidmc.figures import GREY, INK, LIGHT, new_figure, style_of
+from rigidmc.results.labels import count_text
 from rigidmc.scene.amounts import in_two_digits
 from rigidmc.studies.accuracy.work_precision import horizon_text
 
@@ -28,7 +29,8 @@ def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     study : the Dataset of `rigidmc.accuracy`
     """
     to = f"{study.attrs['t_end']:g} s"
-    title = f"{study.attrs['title']}: what accuracy costs, {count_of(study)} to {to}"
+    members = count_text(study.attrs["members"], "member")
+    title = f"{study.attrs['title']}: what accuracy costs, {members} to {to}"
     figure = figure or new_figure(title, (11.0, 7.2))
     axes = figure.add_subplot()
     error = study.error_state_upper.values
@@ -38,7 +40,9 @@ def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:
         _work_precision_lines(axes, study.isel(row=shown & (study.integrator.values == name)), name)
     what = "error of momentum [of its size] and attitude [rad]"
     axes.set(xscale="log", yscale="log", xlabel=f"{what}, that 99 % of the members stay below")
-    axes.set_ylabel(f"members to t_end per second on {study.attrs['threads']} threads")
+    axes.set_ylabel(
+        f"members to t_end per second on {count_text(study.attrs['threads'], 'thread')}"
+    )
     axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: in_two_digits(v)))
     axes.invert_xaxis()
     known = study.attrs["truth_error"]
@@ -61,11 +65,6 @@ def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     words = fill(f"Truth: {study.attrs['truth']}. {horizon_text(study).capitalize()}.", 170)
     figure.text(0.01, 0.008, words, fontsize=8, color=INK)
     return figure
-
-
-def count_of(study: xr.Dataset) -> str:
-    """The number of members in words."""
-    return "1 member" if study.attrs["members"] == 1 else f"{study.attrs['members']} members"
 
 
 def _work_precision_lines(axes: Axes, rows: xr.Dataset, name: str) -> None:
@@ -135,7 +134,8 @@ def long_drift(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     }
     shown = [name for name in words if study.attrs[f"{name}_conserved"] == "yes"]
     steps = f"{study.step.values[-1]:,} steps of {study.attrs['dt']:.3g} s"
-    title = f"{study.attrs['title']}: drift over {steps}, worst of {study.attrs['members']} members"
+    members = count_text(study.attrs["members"], "member")
+    title = f"{study.attrs['title']}: drift over {steps}, worst of {members}"
     figure = figure or new_figure(title, (4.6 * len(shown) + 1.6, 5.6))
     for place, name in enumerate(shown):
         axes = figure.add_subplot(1, len(shown), place + 1)
@@ -152,6 +152,7 @@ def long_drift(study: xr.Dataset, figure: Figure | None = None) -> Figure:
                 label=f"{integrator}: {study[f'{name}_law'].values[i]}",
             )
         axes.set(xscale="log", yscale="log", xlabel="steps", title=f"drift of {words[name]}")
+        axes.set_ylabel("largest drift so far")
         axes.grid(True, which="major", lw=0.3, color=LIGHT)
         axes.legend(fontsize=8, frameon=False)
     return figure

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rigidmc.figures import CORE, INK, LIGHT, MARKERS, MEDIAN, PATH, legend_above, new_figure
+from rigidmc.results.labels import with_units
 from rigidmc.studies.basins.study import basin_names, line
 
 BASINS = (MEDIAN, "#fdd49e", PATH, CORE, "#777777", "#2a9d6f")  # dark and light by turns
@@ -40,9 +41,8 @@ def _plane(axes: Axes, study: xr.Dataset) -> None:
             color=BASINS[i % len(BASINS)], rasterized=True,
             label=fill(f"{text}: {there.mean():.1%}", 50),
         )  # fmt: skip
-    names = [f"{n} [{u}]" for n, u in zip(study.number.values, study.units.values, strict=True)]
-    axes.set_xlabel(names[0])
-    axes.set_ylabel(names[1])
+    across, up = map(with_units, study.number.values, study.units.values)
+    axes.set(xlabel=across, ylabel=up)
     legend_above(axes, 1)
 
 

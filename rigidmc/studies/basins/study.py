@@ -54,6 +54,7 @@ from scipy.special import ndtri
 from rigidmc.errors import OptionError
 from rigidmc.planning.initial import groups, members_at_start
 from rigidmc.results.intervals import Interval, probability, resolution_of
+from rigidmc.results.labels import count_text
 from rigidmc.results.measures import Measure, Variables, measure
 from rigidmc.results.variables import variables_of
 from rigidmc.scene.sampling import DISTANCES, Neighbours
@@ -279,7 +280,7 @@ def table(study: xr.Dataset) -> list[str]:
     """The study in lines of text."""
     basin = study.basin.values
     counts = int((basin >= 0).sum())
-    lines = [f"{study.attrs['title']}: {counts:,} starts, each with 12 neighbours"]
+    lines = [f"{study.attrs['title']}: {count_text(counts, 'start')}, each with 12 neighbours"]
     for one, text in basin_names(study).items():
         lines.append(f"  {(basin == one).sum() / counts:7.1%} end with {text}")
     lines.append(f"  {'distance':>10s}  uncertain")

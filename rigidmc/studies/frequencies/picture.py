@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
 from rigidmc.figures import LIGHT, VALUES, figure_of, new_figure
+from rigidmc.results.labels import label_of
 
 LOWEST = 1e-14  # change that is drawn as none: rounding
 FREQUENCY = "frequency[1]"
@@ -47,8 +48,8 @@ def frequency_map(
         across, up, s=size, c=change[order], marker="s", cmap=VALUES, vmin=-12.0, vmax=0.0,
         linewidths=0.0, rasterized=True,
     )  # fmt: skip
-    axes.set_xlabel(_label(study, names[0]))
-    axes.set_ylabel(_label(study, names[1]))
+    axes.set_xlabel(label_of(study, names[0]))
+    axes.set_ylabel(label_of(study, names[1]))
     axes.grid(True, lw=0.3, color=LIGHT)
     axes.set_axisbelow(True)
     bar = figure.colorbar(dots, ax=axes, extend="min")
@@ -70,9 +71,3 @@ def _known(study: xr.Dataset) -> dict[str, NDArray[np.float64]]:
         else:
             found |= {f"{name}[{v.item()}]": one.sel({dim: v}).values for v in one[dim].values}
     return found
-
-
-def _label(study: xr.Dataset, text: str) -> str:
-    """A name with its unit."""
-    units = study[text.partition("[")[0]].attrs.get("units", "1")
-    return text if units == "1" else f"{text} [{units}]"

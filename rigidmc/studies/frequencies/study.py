@@ -49,6 +49,7 @@ from scipy.optimize import elementwise
 from rigidmc.errors import OptionError, nearest
 from rigidmc.results.estimates import component_of
 from rigidmc.results.intervals import ULPS, resolution, resolution_of
+from rigidmc.results.labels import column_head, count_text
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.members import Batches, Members
@@ -144,7 +145,11 @@ def _studied(part: xr.Dataset, signal: Array, terms: int, resolved: float) -> xr
     with np.errstate(invalid="ignore", divide="ignore"):
         change = np.abs(ends[1] - ends[0]) / found.sought[0]
     words = {
-        "frequency": {"long_name": "frequency of the oscillation", "units": "rad s-1"},
+        "frequency": {
+            "long_name": "frequency of the oscillation",
+            "units": "rad s-1",
+            "symbol": "nu",
+        },
         "amplitude": {"long_name": "amplitude of the oscillation"},
         "phase": {"long_name": "phase of the oscillation at t = 0", "units": "rad"},
     }
@@ -275,18 +280,19 @@ def _fitted(waves: Array, signal: Array, weight: Array) -> tuple[Array, Array]:
 def table(study: xr.Dataset) -> list[str]:
     """The study in lines of text."""
     good = study.status.values == 0
-    lines = [f"{study.attrs['title']}: {study.attrs['of']} of {good.sum():,} members"]
+    lines = [f"{study.attrs['title']}: {study.attrs['of']} of {count_text(good.sum(), 'member')}"]
     if not good.any():
         return lines
     few = study.isel(member=np.flatnonzero(good)[:5])
-    lines += [f"  member {'':5s}" + "".join(f"{f'nu_{k} [rad/s]':>20s}" for k in few.term.values)]
+    heads = (column_head(study.frequency, k) for k in few.term.values)
+    lines += [f"  member {'':5s}" + "".join(f"{head:>20s}" for head in heads)]
     for one in few.member.values:
         row = few.sel(member=one)
         lines.append(f"  {one:<12d}" + "".join(f"{x:20.12g}" for x in row.frequency.values))
     why = study.why.values[0, good]
     for word, text in WORDS.items():
         if count := int((why == WHY.index(word)).sum()):
-            lines.append(f"  nu_1 is not resolved, for {count:,} members: it {text}")
+            lines.append(f"  nu_1 is not resolved, for {count_text(count, 'member')}: it {text}")
     change = study.change.values[good]
     change = change[np.isfinite(change)]
     if change.size:

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from rigidmc.errors import OptionError, nearest
 from rigidmc.figures import VALUES, figure_of, new_figure
+from rigidmc.results.labels import with_units
 
 Array = NDArray[np.float64]
 PIXELS = 500  # a side at most
@@ -42,8 +43,9 @@ def ftle_field(
     axes, values = figure.add_subplot(), study.ftle.values
     order = np.argsort(values)[: int(np.isfinite(values).sum())]
     places = [study.start.sel(number=name).values[order] for name in names]
-    labels = [f"{n} [{study.units.sel(number=n).item()}]" for n in names]
-    words = f"finite-time Lyapunov exponent over {time} [1/s]"
+    labels = [with_units(n, study.units.sel(number=n).item()) for n in names]
+    exponent = f"{study.ftle.attrs['long_name']} over {time}"
+    words = with_units(exponent, study.ftle.attrs["units"])
     axes.set_xlabel(labels[0])
     if len(names) == 1:
         axes.plot(places[0], values[order], ".", ms=2.0, rasterized=True)

@@ -47,6 +47,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import SceneError
 from rigidmc.planning.initial import groups
 from rigidmc.results.intervals import resolution_of
+from rigidmc.results.labels import count_text, value_text
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.members import (
     TUNING,
@@ -209,13 +210,15 @@ def table(study: xr.Dataset) -> list[str]:
     """The study in lines of text."""
     a, good = study.attrs, study.ftle.values[np.isfinite(study.ftle.values)]
     lines = [
-        f"{a['title']}: {good.size:,} starts, each with a neighbour for each of its numbers"
-        f" ({a['numbers']}), to t = {a['t_end']:g} s; angular velocities times {a['unit']:.4g} s"
+        f"{a['title']}: {count_text(good.size, 'start')}, each with a neighbour for each of its"
+        f" numbers ({a['numbers']}), to t = {a['t_end']:g} s; angular velocities times"
+        f" {a['unit']:.4g} s"
     ]
     if good.size:
         ends = np.quantile(good, [0.0, 0.05, 0.5, 0.95, 1.0])
         lines += [
-            f"  {word:28s} {value:10.4g} 1/s, growth by {math.exp(value * a['t_end']):.3g}"
+            f"  {word:28s} {value_text(value, study.ftle, 4):>14s},"
+            f" growth by {math.exp(value * a['t_end']):.3g}"
             for word, value in zip(
                 ("least", "5 % are below", "half are below", "95 % are below", "largest"),
                 ends,

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from rigidmc.figures import CORE, GREY, INK, LIGHT, MEDIAN, PATH, figure_of, new_figure
+from rigidmc.results.labels import with_units
 from rigidmc.studies.multilevel.corrections import cost_of
 from rigidmc.studies.multilevel.study import levels_of, plain_members
 
@@ -46,7 +47,7 @@ def _corrections(axes: Axes, study: xr.Dataset) -> None:
         )
     axes.set_yscale("log")
     axes.set_xlabel("level: the step is halved from one to the next")
-    axes.set_ylabel("corrections" + _units(study))
+    axes.set_ylabel(with_units("corrections", study["mean"].attrs["units"]))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
@@ -75,10 +76,4 @@ def _costs(axes: Axes, study: xr.Dataset) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel("cost: members times steps")
-    axes.set_ylabel("half the width of the interval" + _units(study))
-
-
-def _units(study: xr.Dataset) -> str:
-    """The units of the measure as an axis has them."""
-    units = study.value.attrs["units"]
-    return f" [{units}]" if units != "1" else ""
+    axes.set_ylabel(with_units("half the width of the interval", study.half.attrs["units"]))

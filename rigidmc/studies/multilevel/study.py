@@ -56,6 +56,7 @@ from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import default_names, own, squared
 from rigidmc.progress import say
+from rigidmc.results.labels import count_text, with_units
 from rigidmc.results.measures import observing
 from rigidmc.results.variables import saved_variables, variables_of
 from rigidmc.runs.directory import tasks as runs
@@ -164,7 +165,10 @@ def reduce(
     known = understood(scene, **request)
     now = stand(*known, found)
     if now.found is None:
-        rule = f"{len(now.next):,} tasks of the first round are missing: resume it first"
+        missing = count_text(
+            len(now.next), "task of the first round is", "tasks of the first round are"
+        )
+        rule = f"{missing} missing: resume it first"
         raise FileError(rule, at="run")
     if now.short:
         text = f"{request['until']} is not reached: {now.short}"
@@ -264,12 +268,13 @@ def table(study: xr.Dataset) -> list[str]:
     """The study in lines of text."""
     attrs, cost = study.attrs, float(study.cost[-1])
     v = {name: float(study[name]) for name in ("value", "low", "high", "sampling", "bias")}
+    step = with_units("step", study["dt"].attrs["units"])
     lines = [
         attrs["title"],
         f"  {attrs['measure']} = {v['value']:.8g}, {100 * attrs['confidence']:g} % between"
         f" {v['low']:.8g} and {v['high']:.8g}:",
         f"  +- {v['sampling']:.2g} by sampling, {v['bias']:.2g} by the step",
-        f"  {'level':>5s} {'steps':>9s} {'step [s]':>10s} {'members':>14s}"
+        f"  {'level':>5s} {'steps':>9s} {step:>10s} {'members':>14s}"
         f" {'correction':>24s} {'variance':>10s} {'of the cost':>12s}",
     ]
     spent = (study.members + study.flagged) * study.price
@@ -296,7 +301,8 @@ def table(study: xr.Dataset) -> list[str]:
     if not attrs["reached"]:
         lines.append(f"  {attrs['until']} is not reached")
     if attrs["missing"]:
-        lines.append(f"  {attrs['missing']:,} tasks are missing: `rigidmc resume` goes on")
+        tasks = count_text(attrs["missing"], "task is", "tasks are")
+        lines.append(f"  {tasks} missing: `rigidmc resume` goes on")
     if left := int(study.flagged.sum()):
         lines.append(f"  flagged members, which are left out: {left:,}")
     return lines

@@ -5,6 +5,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from rigidmc.figures import CORE, INK, LIGHT, figure_of, legend_above, new_figure
+from rigidmc.results.labels import with_units
 
 
 def rare_curve(study: xr.Dataset, figure: Figure | None = None) -> Figure:
@@ -34,7 +35,7 @@ def rare_curve(study: xr.Dataset, figure: Figure | None = None) -> Figure:
             label=f"{of} = {p:.3g}",
         )  # fmt: skip
     axes.set_yscale("log")
-    axes.set_xlabel(_named(graded, goal))
+    axes.set_xlabel(with_units(_named(graded, goal), study.score.attrs["units"]))
     axes.set_ylabel("probability to pass the level")
     axes.grid(True, lw=0.3, color=LIGHT)
     legend_above(axes, 2)

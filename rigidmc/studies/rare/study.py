@@ -64,6 +64,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError
 from rigidmc.planning.initial import drawn
 from rigidmc.results.intervals import mean_of_skew, probability
+from rigidmc.results.labels import count_text
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.directory.tasks import Found, Request
 from rigidmc.runs.prepare import prepared
@@ -270,7 +271,8 @@ def _stuck(study: xr.Dataset) -> list[str]:
     if not stuck:
         return []
     if float(study.p) > 0.0:
-        return [f"{stuck:,} of {done:,} repetitions found no way to the event and count as 0"]
+        repetitions = count_text(done, "repetition")
+        return [f"{stuck:,} of {repetitions} found no way to the event and count as 0"]
     levels = int(np.isfinite(study.score.values).any(axis=0).sum())
     why = "their members came no nearer" if levels else "all members score the same"
     return [
@@ -291,7 +293,8 @@ def table(study: xr.Dataset) -> list[str]:
         lines += [f"  {why}" for why in _stuck(study)]
     steps = float(study.member_steps.sum())
     lines.append(
-        f"  {study.attrs['method']}: {done:,} repetitions of {study.attrs['members']:,} members,"
+        f"  {study.attrs['method']}: {count_text(done, 'repetition')} of"
+        f" {count_text(study.attrs['members'], 'member')},"
         f" {study.sizes['level']:,} levels at most, {steps:.3g} member-steps"
     )
     if math.isfinite(gain := float(study.gain)):
@@ -302,9 +305,10 @@ def table(study: xr.Dataset) -> list[str]:
             " members, or a number that tells better how near they are"
         )
     if done < wanted:
-        lines.append(f"  {wanted - done:,} repetitions are missing: `rigidmc resume` goes on")
+        missing = count_text(wanted - done, "repetition is", "repetitions are")
+        lines.append(f"  {missing} missing: `rigidmc resume` goes on")
     if not study.below_target.values.all() and (deep := int(study.below_target.sum())):
-        lines.append(f"  {deep:,} repetitions ended at the target and count as 0")
+        lines.append(f"  {count_text(deep, 'repetition')} ended at the target and count as 0")
     if flagged := int(study.flagged.sum()):
         lines.append(f"  members that were flagged, and count as far from the event: {flagged:,}")
     return lines

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, nearest
 from rigidmc.figures import COLOURS, INK, LIGHT, figure_of, new_figure
 from rigidmc.mechanics.rotation import euler
+from rigidmc.results.labels import label_of, with_units
 
 EULER = ("phi", "theta", "psi")
 FEW = len(COLOURS)  # members that have colours of their own
@@ -43,8 +44,11 @@ def section_points(
         colour = COLOURS[k] if len(groups) > 1 else INK
         across, up = (one[group][::every] for one in values)
         axes.scatter(across, up, s=size, color=colour, linewidths=0.0, rasterized=True)
-    axes.set_xlabel(_label(study, names[0]))
-    axes.set_ylabel(_label(study, names[1]))
+    across, up = (
+        with_units(f"Euler angle {name}", "rad") if name in EULER else label_of(study, name)
+        for name in names
+    )
+    axes.set(xlabel=across, ylabel=up)
     axes.grid(True, lw=0.3, color=LIGHT)
     axes.set_axisbelow(True)
     return figure_of(axes)
@@ -82,11 +86,3 @@ def _values(study: xr.Dataset, text: str) -> NDArray[np.float64]:
         raise OptionError(f"{name} has no components", at="x and y", value=text)
     values: NDArray[np.float64] = one.values
     return values
-
-
-def _label(study: xr.Dataset, text: str) -> str:
-    """A name with its unit."""
-    if text in EULER:
-        return f"Euler angle {text} [rad]"
-    units = study[text.partition("[")[0].strip()].attrs.get("units", "1")
-    return text if units == "1" else f"{text} [{units}]"

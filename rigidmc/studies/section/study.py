@@ -45,6 +45,7 @@ from rigidmc.errors import OptionError, nearest
 from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.planning.steps import MOST_STEPS
 from rigidmc.results.estimates import of_the_state
+from rigidmc.results.labels import count_text
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.recording import recording
 from rigidmc.scene.scene import Scene
@@ -186,9 +187,9 @@ def table(study: xr.Dataset) -> list[str]:
     each = np.bincount(np.unique(study.member.values, return_inverse=True)[1])
     lines = [
         study.attrs["title"],
-        f"  {study.sizes['point']:,} points, {study.attrs['at']}"
+        f"  {count_text(study.sizes['point'], 'point')}, {study.attrs['at']}"
         + f" as it {study.attrs['way']}" * (study.attrs["way"] in WAYS[:2])
-        + f", of {each.size:,} of {study.attrs['members']:,} members",
+        + f", of {each.size:,} of {count_text(study.attrs['members'], 'member')}",
     ]
     if each.size:
         lines.append(f"  points of a member: {each.min():,} to {each.max():,}")

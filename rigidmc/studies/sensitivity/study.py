@@ -62,6 +62,7 @@ from scipy import stats
 from rigidmc.errors import OptionError
 from rigidmc.planning.initial import groups
 from rigidmc.results.intervals import Interval, is_constant, resolution_of
+from rigidmc.results.labels import count_text
 from rigidmc.results.measures import Measure, Variables, measure
 from rigidmc.results.variables import variables_of
 from rigidmc.scene.scene import Scene
@@ -263,7 +264,8 @@ def _dataset(
 def _shares(one: xr.Dataset) -> list[str]:
     """The shares of a measure in lines of text, the largest first."""
     if one.differing < FEW:
-        often = f"in {int(one.differing):,} families" if one.differing else "in no family"
+        differing = count_text(int(one.differing), "family")
+        often = f"in {differing}" if one.differing else "in no family"
         return [
             f"  its members differ by more than rounding {often}, and shares of a variance need"
             f" {FEW}: add families, or ask for a number that differs more often"
@@ -290,7 +292,8 @@ def table(study: xr.Dataset) -> list[str]:
     lines = [study.attrs["title"]]
     for text in study.measure.values:
         one = study.sel(measure=text)
-        members = f"{int(one.families):,} families of {2 + study.sizes['number']} members"
+        families = count_text(int(one.families), "family")
+        members = f"{families} of {2 + study.sizes['number']} members"
         if not one.families:
             lines.append(f"  {text}: no family has a value")
             continue

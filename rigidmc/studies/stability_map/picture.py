@@ -19,7 +19,7 @@ from scipy.ndimage import uniform_filter
 
 from rigidmc.figures import ALARM, GREY, MEDIAN, Scale, colour_scale, new_figure
 from rigidmc.physics.observables.saving import CENSORED
-from rigidmc.results.labels import count_text
+from rigidmc.results.labels import count_text, long_label, value_text, with_units
 from rigidmc.studies.stability_map.case import MAPS, MapCase
 
 BLANK = "#dddddd"  # pixels in which the measure has no value
@@ -54,15 +54,16 @@ def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | Non
         image, more = _panel(axes, part, name, case, scale)
         handles += [one for one in more if one.get_label() not in {h.get_label() for h in handles}]
         if "z" in ds.dims:
-            axes.set_title(f"{part.z.attrs['long_name']} = {float(part.z):.4g}", fontsize=9)
+            layer = f"{part.z.attrs['long_name']} = {value_text(float(part.z), part.z, 4)}"
+            axes.set_title(layer, fontsize=9)
     if marked:
         _mark(panels.flat[1], ds)
     for axes in panels.flat[count:]:
         axes.set_axis_off()
     for axes in panels[-1]:
-        axes.set_xlabel(case.labels[0] if case else label(ds.x))
+        axes.set_xlabel(case.labels[0] if case else long_label(ds.x))
     for axes in panels[:, 0]:
-        axes.set_ylabel(case.labels[1] if case else label(ds.y))
+        axes.set_ylabel(case.labels[1] if case else long_label(ds.y))
     ticks = scale[2]
     where = panels if len(parts) > 1 else panels.flat[0]
     bar = figure.colorbar(image, ax=where, pad=0.02, ticks=ticks[0] if ticks else None)
@@ -112,11 +113,6 @@ def _mark(axes: Axes, ds: xr.Dataset) -> None:
     axes.set_title(f"computed: {100 * computed.mean():.3g} % of the pixels", fontsize=10)
 
 
-def label(coordinate: xr.DataArray) -> str:
-    """The label of an axis: the parameter and its units."""
-    return f"{coordinate.attrs['long_name']} [{coordinate.attrs['units']}]"
-
-
 def _title(ds: xr.Dataset, case: MapCase | None) -> str:
     """The title of a map, with the facts of its run unless it is a map of the package."""
     title: str = ds.attrs["title"]
@@ -131,9 +127,8 @@ def _bar_label(variable: xr.DataArray, case: MapCase | None) -> str:
     """What the colours mean, with units."""
     if case and len(case.labels) > 2 and variable.name == case.shown:
         return case.labels[2]
-    units = variable.attrs["units"]
-    words = "" if units == "1" else f" [{units}]".replace(" ", "\N{NO-BREAK SPACE}")
-    return fill(variable.attrs["long_name"].split(";")[0] + words, 75)
+    units = with_units("", variable.attrs["units"]).replace(" ", "\N{NO-BREAK SPACE}")
+    return fill(variable.attrs["long_name"].split(";")[0] + units, 75)
 
 
 def _hatched(

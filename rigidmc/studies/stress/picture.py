@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from rigidmc.figures import ALARM, COLOURS, GREY, INK, LIGHT, MARKERS, new_figure
+from rigidmc.results.labels import axis_label, count_text
 from rigidmc.studies.stress.hard_cases import AMBER, VERDICTS
 
 # {verdict of `rigidmc.studies.stress.hard_cases`: (colour, words)}; "not claimed" stays white
@@ -115,8 +116,8 @@ def trust(study: xr.Dataset, figure: Figure | None = None) -> Figure:
         fontsize=8,
         color=ALARM,
     )
-    worst = f"error of the worst of {study.attrs['members']} members"
-    axes.set(yscale="log", xlabel="time [s]", ylabel=worst)
+    worst = f"error of the worst of {count_text(study.attrs['members'], 'member')}"
+    axes.set(yscale="log", xlabel=axis_label(study.time), ylabel=worst)
     axes.grid(True, which="major", lw=0.3, color=LIGHT)
     axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.01, 0.5))
     return figure

@@ -19,6 +19,7 @@ from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.gravity_gradient import GravityGradient, place
 from rigidmc.physics.effects.protocol import Effect
 from rigidmc.planning.turns import ATTITUDE, BODY, sparse
+from rigidmc.results.labels import count_text, long_label, units_text
 from rigidmc.runs.rerun import integrated, rerun
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.views.sample import fastest, sample, vectors
@@ -247,7 +248,7 @@ def _pixels(ds: xr.Dataset) -> dict[str, Any]:
     measures = [name for name in measures if not name.endswith(("_low", "_high", "_without"))]
     return {
         "sides": [_side(ds[key]) for key in ("x", "y")],
-        "members": int(ds.attrs["members"]),
+        "members": count_text(int(ds.attrs["members"]), "member"),
         "good": encoded(ds.good.values),
         "failed": encoded(ds.failed.values),
         "measures": [_measure(ds, name) for name in measures],
@@ -256,11 +257,10 @@ def _pixels(ds: xr.Dataset) -> dict[str, Any]:
 
 def _side(coordinate: xr.DataArray) -> dict[str, Any]:
     a = coordinate.attrs
-    units = "" if a["units"] == "1" else f" [{a['units']}]"
     return {
         "values": coordinate.values.tolist(),
         "log": int(a["log"]),
-        "name": a["long_name"] + units,
+        "name": long_label(coordinate),
     }
 
 
@@ -274,7 +274,7 @@ def _measure(ds: xr.Dataset, name: str) -> dict[str, Any]:
     return {
         "name": name,
         "words": ds[name].attrs.get("long_name", name),
-        "units": ds[name].attrs.get("units", "1"),
+        "units": units_text(ds[name].attrs.get("units", "1")),
         # in the units of the variable; a scale without ends is that of a share
         "range": [float(norm.vmin or 0.0), float(norm.vmax or 1.0)],
         "places": encoded(places),

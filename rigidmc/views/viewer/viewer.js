@@ -400,12 +400,12 @@ class Pixels {
   words(i, j) {
     const m = this.measure, p = i * this.columns + j, [x, y] = this.map.sides;
     const say = v => isFinite(v) ? +v.toPrecision(4) : "open";
-    const units = m.units === "1" ? "" : " " + m.units;
+    const units = m.units && " " + m.units;
     const middle = m.values[p] === Infinity ? "beyond the end" : say(m.values[p]) + units;
     const value = isNaN(m.values[p]) ? "none" : middle +
       (m.low && !isNaN(m.low[p]) ? ` [${say(m.low[p])}, ${say(m.high[p])}]` : "");
     return `${x.name.split(" ")[0]} = ${say(x.values[j])}, ${y.name.split(" ")[0]} = ${say(y.values[i])}: ${value}, ` +
-      `${this.map.good[p]} of ${this.map.members} members`;
+      `${this.map.good[p]} of ${this.map.members}`;
   }
   tell(i, j) { $("pixel").textContent = this.words(i, j); }
   // show the member of the pixel nearest to one that is on the page

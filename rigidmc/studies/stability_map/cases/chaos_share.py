@@ -27,7 +27,7 @@ def chaos_share() -> MapCase:
         shown="p(megno>4)",
         contours=("theory", (1.0,), "energy of the upright top at rest"),
         labels=(
-            "middle moment I$_2$ [kg m$^2$]",
+            "middle moment I$_2$ [kg m²]",
             "energy [J]; -1 hanging at rest",
             "share of the energy surface that is chaotic (MEGNO > 4)",
         ),
