@@ -25,6 +25,7 @@ from rigidmc.cli.studies import (
     where_of,
 )
 from rigidmc.errors import OptionError, unknown
+from rigidmc.results.labels import count_text
 from rigidmc.studies import STUDIES, load_study
 
 if TYPE_CHECKING:
@@ -215,7 +216,7 @@ def _list(name: str | None) -> None:
             )
             settings = ", ".join(f"{key} = {value}" for key, value in case.settings.items())
             print(f"{'':18s} across {across}; upwards {upwards}")
-            print(f"{'':18s} {case.members} members of each pixel; {settings}")
+            print(f"{'':18s} {count_text(case.members, 'member')} of each pixel; {settings}")
             print(f"\n{case.scene.dumps()}", end="")
 
 

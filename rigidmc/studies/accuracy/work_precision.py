@@ -19,6 +19,7 @@ from rigidmc.planning.tolerance.deviation import QUANTITIES, growth, upper_quant
 from rigidmc.planning.tolerance.ladder import candidates, ladder
 from rigidmc.planning.tolerance.pilot import ROUNDING, Pilot, pilot
 from rigidmc.planning.tolerance.truth import Truth, truth
+from rigidmc.results.labels import count_text
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.amounts import counted, in_two_digits
 from rigidmc.scene.scene import Scene
@@ -64,7 +65,8 @@ def work_precision(
     check_quiet(scene)
     first = pilot(scene, members)
     check_pilot(scene, first)
-    say(f"first the truth for {first.members:,} members, then each integrator in many steps")
+    count = count_text(first.members, "member")
+    say(f"first the truth for {count}, then each integrator in many steps")
     true, costs = truth(first, say), Costs(first)
     say(f"truth: {true.source}, known to {upper_quantile(true.error):.1e}")
     ways = _ways(scene, first, true, costs, integrators, say)
@@ -151,7 +153,7 @@ def _costs(ways: list[Way], costs: Costs, threads: int) -> dict[str, Any]:
         ),
         "members_per_second": (
             [costs.members_per_second(w, threads) for w in ways],
-            {"units": "s-1", "long_name": f"members to t_end on {threads} threads"},
+            {"units": "s-1", "long_name": f"members to t_end on {count_text(threads, 'thread')}"},
         ),
     }
     texts = ("integrator", "dtype")
@@ -224,7 +226,7 @@ def _horizon(
 def ladder_table(study: xr.Dataset) -> list[str]:
     """Lines of text: the cheapest way to each tolerance, and its gain over rk4."""
     a, names, upper = study.attrs, study.integrator.values, study.error_state_upper.values
-    members = f"{a['members']} member{'s' * (a['members'] > 1)} to {a['t_end']:g} s"
+    members = f"{count_text(a['members'], 'member')} to {a['t_end']:g} s"
     lines = [f"truth: {a['truth']}, known to {a['truth_error']:.1e}; {members}"]
     for tolerance, i in zip(study.tolerance.values, study.cheapest.values, strict=True):
         if i < 0:

@@ -232,7 +232,8 @@ def table(dataset: xr.Dataset) -> list[str]:
     if "computed" in dataset:
         lines.append(f"  {100 * pixels / there.size:.3g} % of the pixels were computed")
     if missing and "computed" in dataset:
-        lines.append(f"  at least {missing:,} members are missing; `rigidmc resume` goes on")
+        lacking = count_text(missing, "member is", "members are")
+        lines.append(f"  at least {lacking} missing; `rigidmc resume` goes on")
     elif missing:
         share = 100 * (1 - missing / (pixels * count))
         lines.append(f"  {share:.3g} % of the members are there; `rigidmc resume` goes on")

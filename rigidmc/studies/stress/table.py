@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
+from rigidmc.results.labels import count_text
 from rigidmc.studies.stress import GROUPS
 from rigidmc.studies.stress.hard_cases import AMBER, VERDICTS
 
@@ -54,8 +55,9 @@ def _counts(study: xr.Dataset) -> str:
     idle = int((verdict == 0).all(axis=1).sum())
     claimed = f" ({idle} claimed by no integrator here)" if idle else ""
     return (
-        f"{study.sizes['case']} cases{claimed}, {int((verdict > 0).sum()):,} runs:"
-        f" {', '.join(parts)} (close: above {AMBER:g} of the bound;"
+        f"{count_text(study.sizes['case'], 'case')}{claimed},"
+        f" {count_text(int((verdict > 0).sum()), 'run')}: {', '.join(parts)}"
+        f" (close: above {AMBER:g} of the bound;"
         f" {'not judged: no bound; ' * bool(count['not judged'])}"
         f"{float(np.nansum(study.seconds.values)):.0f} s of work)"
     )
