@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rigidmc.scene.sampling import Neighbours
+from rigidmc.scene.sampling import NeighbourFamilies
 from rigidmc.studies.basins.study import exponent
 
 CANTOR = 1.0 - np.log(2.0) / np.log(3.0)  # 1 - dimension of the middle-thirds set
@@ -22,7 +22,7 @@ def gap(x):
 
 def ends_of(seed, families, basin):
     """(families, 13): the basin of each member of a study of one number."""
-    words = Neighbours(seed, {("x", 0, 0): 0}).words("x", 0, 13 * families, 0, (0,))[0]
+    words = NeighbourFamilies(seed, {("x", 0, 0): 0}).words("x", 0, 13 * families, 0, (0,))[0]
     return basin(words.reshape(families, 13))
 
 

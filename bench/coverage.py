@@ -129,7 +129,7 @@ def of_censored_quantile(law, q, share, members, studies, several=False, saved=0
     """The same for a quantile of the time of an event, which has not come of a share."""
     truth = law.ppf(q)
     times = censored_times(law, share, several, saved, (studies, members))
-    found = censored.quantile(times, q, 0.95)
+    found = censored.censored_quantile(times, q, 0.95)
     return inside(found, saved * np.ceil(truth / saved) if saved else truth).sum(), studies
 
 
@@ -139,7 +139,7 @@ def of_censored_share(law, p, share, members, studies, several=False, saved=0.0)
     at = law.isf(p)
     at = saved * np.ceil(at / saved) if saved else at
     times = censored_times(law, share, several, saved, (studies, members))
-    found = censored.probability(times, ">", at, 0.95)
+    found = censored.censored_probability(times, ">", at, 0.95)
     return inside(found, law.sf(at)).sum(), studies
 
 

@@ -23,10 +23,10 @@ from rigidmc.engine.inspection import step_operations
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import StepRange
 from rigidmc.engine.program import NO_NOISE, NO_SAVES
-from rigidmc.physics.integrators import accepting
+from rigidmc.physics.integrators import integrators_for
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
-from rigidmc.runs.prepare import prepared
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.studies import bits
 
 WORD = "cuda:0"
@@ -56,7 +56,7 @@ class Steps:
         motion, save = MOVING[what]
         self.labels = {"what": what, "integrator": integrator}
         scene = bits.plain_steps(motion).with_run(integrator=integrator, save=save)
-        self._run = run = prepared(scene)
+        self._run = run = prepare_scene(scene)
         plan, self.program = run.plan, run.program(WORD)
         self.program._code = limited(self.program._code, limit)  # of this run alone, not yet loaded
         self.operations = step_operations(plan.scheme, plan.model.effects, plan.has_attitude).all
@@ -121,7 +121,10 @@ def same_bits(quick):
     """The rows of all cases: whether the device gives the bits of the processor."""
     some = bits.cases(("rk4",), ("free",)) if quick else bits.cases()
     with mock.patch.object(bits, "cases", lambda: some):
-        rows = [{"kind": "bits", "case": name, "same": same} for name, same in bits.compared(WORD)]
+        rows = [
+            {"kind": "bits", "case": name, "same": same}
+            for name, same in bits.compare_devices(WORD)
+        ]
     right = sum(row["same"] for row in rows)
     return [*rows, harness.target("cases with the bits of the processor", len(rows), right)]
 
@@ -130,7 +133,7 @@ def speeds(quick, peak):
     """The rows of steps a second, by what moves, integrator and members at once."""
     rows, enough = [], 0.01 if quick else 0.3
     for what in list(MOVING)[: 1 if quick else None]:
-        allowed = accepting(bits.plain_steps(MOVING[what][0]).effects)
+        allowed = integrators_for(bits.plain_steps(MOVING[what][0]).effects)
         names = [name for name in INTEGRATORS if name in allowed]
         for name in names[: 1 if quick else None]:
             steps = Steps(what, name)

@@ -20,7 +20,7 @@ from rigidmc.engine.program import lanes_for
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import from_numbers, is_random
 from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, scheme_of
-from rigidmc.runs.prepare import prepared
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.price import cost_per_step, prices
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
@@ -134,7 +134,7 @@ def run(quick):
     ]
     for name in SCENES:
         scene = Scene.load(name)
-        ready = prepared(scene)
+        ready = prepare_scene(scene)
         free, _, _, noise, predicted = prices(ready)
         cost = min(cost_per_step(ready) for _ in range(1 if quick else 5))
         rows.append(
@@ -209,7 +209,7 @@ def noise_rows(rounds):
             integrator="strang", dt=dt, t_end=10 * dt, save=("attitude",), checks=False
         )
         noisy = Scene(quiet.body, (*quiet.effects, EFFECTS["bath"](1.0, 1.0)), start, quiet.run)
-        runs = [prepared(scene) for scene in (quiet, noisy)]
+        runs = [prepare_scene(scene) for scene in (quiet, noisy)]
         ns = np.median([[cost_per_step(one) for one in runs] for _ in range(rounds)], axis=0)
         rows.append({"kind": "noise", "what": what, "quiet": float(ns[0]), "noisy": float(ns[1])})
     return rows

@@ -15,8 +15,8 @@ import numpy as np
 from bench import harness
 from rigidmc.engine.machine import threads_available
 from rigidmc.mechanics import textbook
-from rigidmc.mechanics.free_top import free_motion, free_top
-from rigidmc.mechanics.lagrange_top import lagrange_motion, lagrange_top
+from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
+from rigidmc.mechanics.lagrange_top import analyse_lagrange_top, solve_lagrange_top
 from rigidmc.mechanics.rotation import attitude_error
 from tests.mechanics import oracles
 
@@ -208,7 +208,7 @@ def free_rows(count, pool):
     rng, rows = np.random.default_rng(1), []
     for kind in FREE:
         moments, l = bodies(kind, count // len(FREE) + 1, rng)
-        what, spin = free_motion(moments, l), np.linalg.norm(l / moments, axis=1)
+        what, spin = analyse_free_top(moments, l), np.linalg.norm(l / moments, axis=1)
         period = np.minimum(np.where(np.isfinite(what.period), what.period, np.inf), 200.0 / spin)
         for words, most in (("one period", 1.0), ("1e3 periods", 1e3)):
             t = rng.uniform(-1.0, 1.0, len(l)) * most * period
@@ -235,7 +235,7 @@ def free_rows(count, pool):
                 accuracy(
                     "free top",
                     (kind, words),
-                    lambda i, l, t: free_top(i, l, (1.0, 0.0, 0.0, 0.0), t),
+                    lambda i, l, t: solve_free_top(i, l, (1.0, 0.0, 0.0, 0.0), t),
                     (moments, l, t),
                     truth,
                     drift,
@@ -250,7 +250,7 @@ def heavy_rows(count, pool):
     rng, rows = np.random.default_rng(2), []
     for kind in HEAVY:
         moments, weight, l, q = tops(kind, count // len(HEAVY) + 1, rng)
-        what = lagrange_motion(moments, weight, l, q)
+        what = analyse_lagrange_top(moments, weight, l, q)
         for words, most in (("one period", 1.0), ("1e3 periods", 1e3)):
             t = (
                 rng.uniform(-1.0, 1.0, len(l))
@@ -276,7 +276,7 @@ def heavy_rows(count, pool):
 
             # I1 = I2 move together: a nudge of one alone would leave no Lagrange top
             def function(one, three, weight, l, q, t):
-                return lagrange_top(np.stack([one, one, three], -1), weight, l, q, t)
+                return solve_lagrange_top(np.stack([one, one, three], -1), weight, l, q, t)
 
             rows.append(
                 accuracy(
@@ -324,8 +324,8 @@ def speed_rows(rounds):
     moments = np.sort(rng.uniform(0.5, 1.0, (n, 1, 3)), axis=-1)
     l, q = rng.normal(size=(n, 1, 3)), rng.normal(size=(n, 1, 4))
     candidates = {
-        "free top with attitude": lambda: free_top(moments, l, q, times),
-        "Lagrange top": lambda: lagrange_top(symmetric, 1.0, l, q, times),
+        "free top with attitude": lambda: solve_free_top(moments, l, q, times),
+        "Lagrange top": lambda: solve_lagrange_top(symmetric, 1.0, l, q, times),
     }
     rows = []
     for name, call in candidates.items():

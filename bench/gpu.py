@@ -23,10 +23,10 @@ from rigidmc.engine.cuda import program as cuda
 from rigidmc.engine.cuda.devices import Device
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import is_random
-from rigidmc.physics.integrators import accepting
+from rigidmc.physics.integrators import integrators_for
 from rigidmc.protocols import cross, effect, into_body, scale
 from rigidmc.runs.assemble import make_program
-from rigidmc.runs.prepare import prepared
+from rigidmc.runs.prepare import prepare_scene
 
 CAPABILITIES = (8, 0), (9, 0)
 ROUNDED = re.compile(r"^\s+(fma|add|sub|mul|div|rcp|sqrt)((?:\.\w+)*)\.f(?:64|32)\s", re.M)
@@ -61,7 +61,7 @@ def scenes(quick):
     for word in ("all effects",) if quick else ():
         del acting[word]
     run = {"dt": 0.01, "t_end": 1.0, "every": 0.5, "checks": False}
-    bodies = {"all effects": body.about_centre()}  # as bodies on an orbit have to be
+    bodies = {"all effects": body.with_pivot_at_centre()}  # as bodies on an orbit have to be
     return {
         word: rm.Scene(bodies.get(word, body), effects, start).with_run(**run)
         for word, effects in acting.items()
@@ -119,7 +119,7 @@ def inspected(what, name, scene, watched, capability):
     """The row of a kernel."""
     scene = scene.with_run(integrator=name, save=("omega", "attitude", *watched))
     with mock.patch.object(cuda, "select_devices", lambda number: (NOBODY,)):
-        program = make_program(prepared(scene).plan, "cuda", compiled=False)
+        program = make_program(prepare_scene(scene).plan, "cuda", compiled=False)
         began = time.perf_counter()
         text = program.ptx(capability)
     counts = Counter(kind for kind, _ in ROUNDED.findall(text))
@@ -145,7 +145,7 @@ def run(quick):
     """All rows of the bench."""
     rows = []
     for what, scene in scenes(quick).items():
-        for name in accepting(scene.effects):
+        for name in integrators_for(scene.effects):
             if name == "closed" or (quick and name not in NO_SPILL):
                 continue
             for watched in ((), ("flips", "omega_max")):

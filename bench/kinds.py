@@ -245,10 +245,10 @@ def maps(threads):
         out = ("-o", f"{name}.nc", "--plot", f"{name}.png")
         yield f"{name}: printed", done_well("map", name, *few, *out)
         yield f"{name}: picture", pixels(f"{name}.png")
-        yield from each(name, rm.open_map(f"{name}.nc"))
+        yield from each(name, rm.open(f"{name}.nc"))
     yield "directory: printed", done_well("map", "growth", *few, *SHARDS, "-o", "growth/")
-    yield "directory", whole(rm.open_map("growth/"))
-    ds = rm.open_map("growth.nc")
+    yield "directory", whole(rm.open("growth/"))
+    ds = rm.open("growth.nc")
     part = [tuple(ds[side].values[[2, 5]].tolist()) for side in ("x", "y")]
     yield "part", whole(rm.zoom_map("growth.nc", *part, threads=threads))
     sides = ("body.moments.1", 2e-6, 2e-5), ("start.omega.1", 0.01, 0.1, True)
@@ -313,7 +313,10 @@ def studies(threads):
     yield "simulate_until: interval", repr(tuple(interval))
     yield "simulate_until", whole(ds)
     points = {"points": "sobol", "members": 64, "randomisations": 4}
-    yield "randomised", repr(tuple(rm.randomised("dzhanibekov", "p(flips >= 1)", **points, **goal)))
+    yield (
+        "randomised",
+        repr(tuple(rm.estimate_rqmc("dzhanibekov", "p(flips >= 1)", **points, **goal))),
+    )
     for scene in ("dzhanibekov", "heavy_top"):
         yield f"stress {scene}", told("stress", scene, "--quick")
 
@@ -401,13 +404,13 @@ def closed_forms(threads):
     times = np.array([0.0, 0.1, 1.0, 37.0, 1e6])
     for i, (moments, momentum) in enumerate(FREE, 1):
         top = moments, momentum
-        yield f"free top {i}", fields(rm.free_top(*top, (1.0, 0.0, 0.0, 0.0), times))
-        yield f"free motion {i}", fields(rm.free_motion(*top))
+        yield f"free top {i}", fields(rm.solve_free_top(*top, (1.0, 0.0, 0.0, 0.0), times))
+        yield f"free motion {i}", fields(rm.analyse_free_top(*top))
     for i, (weight, momentum, tilt) in enumerate(HEAVY, 1):
         q = (np.cos(0.5 * tilt), np.sin(0.5 * tilt), 0.0, 0.0)
         top = (1.0, 1.0, 0.5), weight, momentum, q
-        yield f"heavy top {i}", fields(rm.lagrange_top(*top, times))
-        yield f"heavy motion {i}", fields(rm.lagrange_motion(*top))
+        yield f"heavy top {i}", fields(rm.solve_lagrange_top(*top, times))
+        yield f"heavy motion {i}", fields(rm.analyse_lagrange_top(*top))
     for name in names("scenes"):
         yield f"exact {name}", told("exact", name, "--members", 3)
 

@@ -126,14 +126,18 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from rigidmc.protocols import Law, event, observable, running, sample
+from rigidmc.protocols import VectorDistribution, event, observable, running, sample
 
 """
 EFFECT = "class Own(NamedTuple):\n    size: float\n"
 VALUE = '@observable(units="1", long_name="own", dims=())\nclass Own(NamedTuple):\n'
 EVENT = '@event(outputs={"own": ("1", "own", ())})\nclass Own(NamedTuple):\n'
 RUNNING = '@running(state_size=1, outputs={"own": ("1", "own", ())})\nclass Own(NamedTuple):\n'
-LAW = '@dataclass(frozen=True)\nclass Own(Law):\n    size: Any\n    of = ("omega",)\n'
+LAW = """@dataclass(frozen=True)
+class Own(VectorDistribution):
+    size: Any
+    variables = ("omega",)
+"""
 SAMPLE = "def sample(self, source, name, first, count, facts): return "
 STEP = """class Own(NamedTuple):
     order, evaluations, is_reversible, conserves = 4, 4, False, ()
@@ -393,6 +397,12 @@ def _rm():
     return rm
 
 
+def _open_map(path):
+    from rigidmc.studies.stability_map.stored import open_map
+
+    return open_map(path)
+
+
 # {mistake: a call that raises}
 CALLS = {
     "name of the package": lambda: _rm().simulat,
@@ -453,7 +463,7 @@ CALLS = {
     "map: layers": lambda: _rm().stability_map(
         _scene(), ("start.omega.1", 0.0, 1.0), ("start.omega.2", 0.0, 1.0), "flips", layers=3
     ),
-    "map: file": lambda: _rm().open_map("result.nc"),
+    "map: file": lambda: _open_map("result.nc"),
     "until: width": lambda: _rm().simulate_until("dzhanibekov", "p(flips >= 1) +- 0"),
     "until: members": lambda: _rm().simulate_until(
         "dzhanibekov", "p(flips >= 1) +- 0.1", members=9

@@ -346,7 +346,7 @@ def judge():
     layout.LANES = 1
     from rigidmc.studies.stress import catalogue
     from rigidmc.studies.stress import hard_cases as run
-    from rigidmc.studies.stress.processes import carried_out
+    from rigidmc.studies.stress.processes import run_case
 
     known = run.shipped_bounds()
     cases = sorted(
@@ -355,7 +355,7 @@ def judge():
     )
     for case in cases:
         for name in case.integrators():
-            error, _, reason = carried_out(case, name, 1e-4)
+            error, _, reason = run_case(case, name, 1e-4)
             bound = run.bound_of(case, name, known)[0]
             # plain Python has no fused multiply-adds: it rounds differently, at most 0.54 of the
             # shipped bounds here

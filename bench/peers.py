@@ -241,7 +241,7 @@ def rigidmc_closed(many, kind, limit, true):
 
     return Entry(
         lambda: None,
-        lambda _: rigidmc.free_top(moments, momentum, attitude, T_END),
+        lambda _: rigidmc.solve_free_top(moments, momentum, attitude, T_END),
         read,
         "closed form",
     )

@@ -12,7 +12,7 @@ import time
 
 from bench import harness, startup
 from bench.memory import peak
-from rigidmc.results.sinks import Whole, buffer
+from rigidmc.results.sinks import WholeSink, make_buffer
 from rigidmc.runs.blocks import compute
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.load import load_run
@@ -37,14 +37,14 @@ print(opened - began, time.perf_counter() - opened)
 """
 
 
-class Nothing(Whole):
+class Nothing(WholeSink):
     """A sink that stores nothing, so that only computing is left."""
 
     def __init__(self, layout):
         self.layout = layout
 
     def reserve(self, low, count):
-        return buffer(self.layout, count)
+        return make_buffer(self.layout, count)
 
     def take(self, job, results):
         pass

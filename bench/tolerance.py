@@ -15,8 +15,8 @@ from rigidmc.errors import RigidmcError
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.planning.tolerance.deviation import errors
 from rigidmc.planning.tolerance.pilot import pilot
-from rigidmc.planning.tolerance.truth import truth
-from rigidmc.scene.library import shipped
+from rigidmc.planning.tolerance.truth import make_reference
+from rigidmc.scene.library import shipped_names
 from rigidmc.studies.accuracy.study import accuracy
 
 TOLERANCES = (1e-4, 1e-7, 1e-10)
@@ -28,7 +28,7 @@ FIRST, JUDGED, MANY = (20_000, 1000, 100_000)
 def run(quick):
     """All rows of the bench."""
     rows = []
-    for name in ("heavy_top", "nasa_brick") if quick else shipped():
+    for name in ("heavy_top", "nasa_brick") if quick else shipped_names():
         for tolerance in TOLERANCES:
             rows.append(kept(name, tolerance))
     for name in ("heavy_top",) if quick else ("heavy_top", "dzhanibekov", "cylinder_on_edge"):
@@ -80,7 +80,7 @@ def run(quick):
 def others(scene, count):
     """Members that no pilot has seen, and their truth."""
     other = pilot(scene, count, first=FIRST)
-    return other, truth(other)
+    return other, make_reference(other)
 
 
 def kept(name, tolerance):
@@ -146,7 +146,7 @@ def predicted(name, tolerance, saved):
 
 def study_errors(name):
     """The error of 99 % of other members against that of the study, at two accuracies."""
-    from rigidmc.planning.tolerance.pilot import follow
+    from rigidmc.planning.tolerance.pilot import integrate_pilot
 
     scene, rows = rigidmc.Scene.load(name), []
     study = accuracy(
@@ -160,7 +160,7 @@ def study_errors(name):
             other = other._replace(member_steps=True)
         apart = errors(
             other,
-            follow(other, integrator, steps if other.member_steps else int(steps), dtype),
+            integrate_pilot(other, integrator, steps if other.member_steps else int(steps), dtype),
             true.states,
         )["state"]
         rows.append({"kind": "error", "scene": name, "integrator": integrator, "dtype": dtype,

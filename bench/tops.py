@@ -11,7 +11,7 @@ from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.engine.threads import run_block
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects.protocol import blank, numbers, parameter_count
-from rigidmc.planning.steps import by_steps, own_steps, rates
+from rigidmc.planning.steps import count_member_steps, order_by_steps, rate_bounds
 from rigidmc.runs.blocks import BlockJob
 
 GRAVITY = 9.81  # m/s^2
@@ -80,9 +80,9 @@ def advance_own(parts, steps_form, effects, turn, t_end, pool, dtype="float64"):
     program = Program(steps_form, blank(effects), dtype=dtype)
 
     def move(block):
-        block[layout.STEPS] = own_steps(rates(effects, block), t_end, turn)
+        block[layout.STEPS] = count_member_steps(rate_bounds(effects, block), t_end, turn)
         slots = int(block[layout.STEPS].max())
-        order = by_steps(block)
+        order = order_by_steps(block)
         given = np.take(block, order, axis=1)
         run_block(
             BlockJob(

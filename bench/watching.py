@@ -11,7 +11,7 @@ import numpy as np
 
 import rigidmc as rm
 from bench import harness
-from rigidmc.runs.prepare import prepared
+from rigidmc.runs.prepare import prepare_scene
 
 TOPS = rm.Scene(
     rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3)),
@@ -71,7 +71,7 @@ def errors(members):
 
 def costs(integrator, turn, rounds):
     """Rows: what watching adds to a step, in percent, on one thread, by CPU time."""
-    plan = prepared(TOPS.with_run(integrator=integrator, turn=turn, t_end=T_END)).plan
+    plan = prepare_scene(TOPS.with_run(integrator=integrator, turn=turn, t_end=T_END)).plan
     pace = plan.mean_steps / T_END
     run = {"turn": turn, "t_end": STEPS / pace, "members": 2048}
     cpu = {}

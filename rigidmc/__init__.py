@@ -8,6 +8,7 @@ For example::
     ds = rm.simulate(scene, integrator="rk4", dt=1e-2, t_end=40.0, members=100_000, every=0.1)
 
 The names are loaded when first used: importing rigidmc compiles nothing and takes about 20 ms.
+Type checkers and editors read `__init__.pyi`, which `python -m bench.stub --write` makes of them.
 A Dataset has `ds.rigid` as soon as rigidmc and xarray are imported, see `rigidmc.views.accessor`.
 """
 
@@ -22,7 +23,7 @@ from rigidmc.views import register
 
 __version__ = VERSION
 
-# name: module; studies, and the classes of effects and laws, come from their registries
+# name: module; studies, and the classes of effects and distributions, come from their registries
 _HOMES = {name: f"studies.{name}.study" for name in STUDIES} | {
     "Body": "scene.body",
     "Scene": "scene.scene",
@@ -32,15 +33,14 @@ _HOMES = {name: f"studies.{name}.study" for name in STUDIES} | {
     "prepare": "runs.prepare",
     "PreparedRun": "runs.prepare",
     "rerun": "runs.rerun",
-    "open_map": "studies.stability_map.stored",
     "zoom_map": "studies.stability_map.stored",
     "simulate_until": "studies.until",
-    "randomised": "studies.until",
-    "warm": "runs.precompile",
-    "free_top": "mechanics.free_top",
-    "free_motion": "mechanics.free_top",
-    "lagrange_top": "mechanics.lagrange_top",
-    "lagrange_motion": "mechanics.lagrange_top",
+    "estimate_rqmc": "studies.until",
+    "precompile": "runs.precompile",
+    "solve_free_top": "mechanics.free_top",
+    "analyse_free_top": "mechanics.free_top",
+    "solve_lagrange_top": "mechanics.lagrange_top",
+    "analyse_lagrange_top": "mechanics.lagrange_top",
     "normal": "scene.distributions",
     "uniform": "scene.distributions",
     "distribution": "scene.distributions",
@@ -61,47 +61,8 @@ _HOMES = {name: f"studies.{name}.study" for name in STUDIES} | {
     "OutputExists": "errors",
 }
 
-if TYPE_CHECKING:  # the same names for type checkers and editors
+if TYPE_CHECKING:
     from xarray import Dataset
-
-    from rigidmc import protocols as protocols
-    from rigidmc.errors import FileError as FileError
-    from rigidmc.errors import NoDevice as NoDevice
-    from rigidmc.errors import OptionError as OptionError
-    from rigidmc.errors import OutputExists as OutputExists
-    from rigidmc.errors import PartError as PartError
-    from rigidmc.errors import RigidmcError as RigidmcError
-    from rigidmc.errors import SceneError as SceneError
-    from rigidmc.errors import SceneWarning as SceneWarning
-    from rigidmc.mechanics.free_top import free_motion as free_motion
-    from rigidmc.mechanics.free_top import free_top as free_top
-    from rigidmc.mechanics.lagrange_top import lagrange_motion as lagrange_motion
-    from rigidmc.mechanics.lagrange_top import lagrange_top as lagrange_top
-    from rigidmc.physics.effects import *  # noqa: F403
-    from rigidmc.physics.observables import Flips as Flips
-    from rigidmc.physics.observables import Histogram as Histogram
-    from rigidmc.physics.observables import OrbitAngles as OrbitAngles
-    from rigidmc.physics.observables import Passage as Passage
-    from rigidmc.physics.observables import PointingAngle as PointingAngle
-    from rigidmc.runs.precompile import warm as warm
-    from rigidmc.runs.prepare import PreparedRun as PreparedRun
-    from rigidmc.runs.prepare import prepare as prepare
-    from rigidmc.runs.rerun import rerun as rerun
-    from rigidmc.runs.simulate import simulate as simulate
-    from rigidmc.scene.body import Body as Body
-    from rigidmc.scene.distributions import distribution as distribution
-    from rigidmc.scene.distributions import mixture as mixture
-    from rigidmc.scene.distributions import normal as normal
-    from rigidmc.scene.distributions import uniform as uniform
-    from rigidmc.scene.quantities import grid as grid
-    from rigidmc.scene.scene import Scene as Scene
-    from rigidmc.scene.settings import Run as Run
-    from rigidmc.scene.start import Start as Start
-    from rigidmc.scene.vector_distributions import *  # noqa: F403
-    from rigidmc.studies.stability_map.stored import open_map as open_map
-    from rigidmc.studies.stability_map.stored import zoom_map as zoom_map
-    from rigidmc.studies.until import randomised as randomised
-    from rigidmc.studies.until import simulate_until as simulate_until
 
 
 def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
@@ -110,7 +71,7 @@ def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
     Parameters
     ----------
     path : path_like
-        a netCDF file, a zarr store or a run directory
+        a netCDF file, a zarr store or a run directory; of a run, or of a map
     allow_code : bool, optional
         whether `rerun` and other methods that integrate may run the Python files of a user's own
         parts; what is stored opens without
@@ -118,12 +79,14 @@ def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
     Returns
     -------
     xarray.Dataset
-        as of `simulate`, see `rigidmc.runs.directory.dataset.open_run`
+        as of `simulate`, see `rigidmc.runs.directory.dataset.open_run`; of a map as of
+        `stability_map`. If members of the run directory of a map are missing, pixels have the
+        others, and `missing` in the attributes counts them
 
     Raises
     ------
     FileError
-        for a path that is none of them
+        for a path that is none of them, and for a map without a shard
 
     Examples
     --------
@@ -132,9 +95,16 @@ def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
     >>> with rm.open("flips.nc") as ds:
     ...     ds.sizes["member"]
     4
+    >>> sides = ("start.omega.1", 0.0, 1.0), ("start.omega.2", 0.0, 1.0)
+    >>> rm.stability_map(scene, *sides, "p(flips >= 1)", 2, members=4).to_netcdf("map.nc")
+    >>> dict(rm.open("map.nc").sizes)
+    {'y': 2, 'x': 2}
     """
     result: Dataset
-    if isdir(path) and not import_module("rigidmc.files.opening").is_zarr(path):
+    maps = import_module("rigidmc.studies.stability_map.stored")
+    if maps.is_map(path):
+        result = maps.open_map(path, allow_code)
+    elif isdir(path) and not import_module("rigidmc.files.opening").is_zarr(path):
         result = import_module("rigidmc.runs.directory.dataset").open_run(path, allow_code)
     else:
         result = import_module("rigidmc.results.reader").open_result(path)
@@ -143,14 +113,27 @@ def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
 
 
 def _registered() -> dict[str, str]:
-    """{name: module} of the classes of effects and laws."""
+    """{name: module} of the classes of effects and of distributions of vectors."""
     effects = import_module("rigidmc.physics.effects").EFFECTS.values()
-    laws = import_module("rigidmc.scene.vector_distributions").LAWS
-    return {kind.__name__: kind.__module__.removeprefix("rigidmc.") for kind in (*effects, *laws)}
+    vectors = import_module("rigidmc.scene.vector_distributions").VECTOR_DISTRIBUTIONS
+    kinds = (*effects, *vectors)
+    return {kind.__name__: kind.__module__.removeprefix("rigidmc.") for kind in kinds}
 
 
 # {a name that is gone: what to write}
 _OLD = {"device": "give device= to simulate, run, resume and the studies"}
+
+
+# Names of earlier versions, and what they are called now; until 1.0.
+_OLD_NAMES = {
+    "free_motion": "analyse_free_top",
+    "free_top": "solve_free_top",
+    "lagrange_motion": "analyse_lagrange_top",
+    "lagrange_top": "solve_lagrange_top",
+    "open_map": "open",
+    "randomised": "estimate_rqmc",
+    "warm": "precompile",
+}
 
 
 def __getattr__(name: str) -> Any:
@@ -160,6 +143,9 @@ def __getattr__(name: str) -> Any:
         return [*_HOMES, "open", *_registered()]
     if name == "protocols":  # what parts of a user's own are made of
         return import_module("rigidmc.protocols")
+    if name in _OLD_NAMES:
+        # Of an AttributeError `from rigidmc import warm` would lose the words.
+        raise ImportError(f"rigidmc.{name} is now called rigidmc.{_OLD_NAMES[name]}")
     home = _HOMES.get(name)
     if home is None and not name.startswith("_"):  # Python itself asks for names with underscores
         home = _registered().get(name)

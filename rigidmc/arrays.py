@@ -41,7 +41,7 @@ def is_number(value: Any) -> bool:
         return False
 
 
-def placed(value: Any, at: str = "input", kinds: str = "fiu") -> Any:
+def as_plain_arrays(value: Any, at: str = "input", kinds: str = "fiu") -> Any:
     """A value whose arrays are plain ones; SceneError for what has a meaning beyond its places.
 
     Numbers, text and objects that hold no numbers in places stay as they are, and so do lists and
@@ -58,11 +58,11 @@ def placed(value: Any, at: str = "input", kinds: str = "fiu") -> Any:
     if isinstance(value, (list, tuple)):
         if all(type(one) in (float, int) for one in value):
             return value
-        inside = [placed(one, at, kinds) for one in value]
+        inside = [as_plain_arrays(one, at, kinds) for one in value]
         same = all(one is other for one, other in zip(inside, value, strict=True))
         return value if same else inside
     if isinstance(value, _SEQUENCES):
-        return placed(list(value), at, kinds)
+        return as_plain_arrays(list(value), at, kinds)
     if cure := _cure(value):
         shown = f"{type(value).__module__}.{type(value).__name__}"
         raise SceneError(f"is a {shown.removeprefix('builtins.')}, which {cure}", at=at)
@@ -93,7 +93,7 @@ def floats(
 
 def _converted(value: Any, at: str, kinds: str, rule: str) -> NDArray[Any]:
     """The numbers of an object that is not an array of float64 yet; SceneError."""
-    value = placed(value, at, kinds)
+    value = as_plain_arrays(value, at, kinds)
     try:
         found = np.asarray(value)
     except ValueError:  # rows of different lengths
@@ -129,7 +129,7 @@ def _plain(value: NDArray[Any], at: str, kinds: str) -> Any:
             raise SceneError(rule, at=at)
         value = np.asarray(value)
     if value.dtype.kind == "O":
-        return placed(value.tolist(), at, kinds)
+        return as_plain_arrays(value.tolist(), at, kinds)
     if value.dtype.kind not in kinds + "SU":  # what is text is for others to refuse, or to take
         raise SceneError(f"its elements {_why(value)}", at=at)
     return value if value.ndim else value[()]

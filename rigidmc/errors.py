@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -91,7 +91,7 @@ class RigidmcError(ValueError):
         place = f"[{_cut(self.table, _WORD)}] " if self.table else ""
         given = "" if self.value is None else f" = {_short(self.value)}"
         hint = f" (did you mean '{_cut(self.nearest, _WORD)}'?)" if self.nearest else ""
-        return shown(f"{file}{place}{_cut(key, _WORD)}{given}: {_cut(self.rule)}{hint}")
+        return terminal_text(f"{file}{place}{_cut(key, _WORD)}{given}: {_cut(self.rule)}{hint}")
 
 
 class SceneError(RigidmcError):
@@ -233,6 +233,25 @@ class SceneWarning(UserWarning):
     """
 
 
+class Renamed:
+    """Base of classes whose attributes had other names before: an old one is refused with the new.
+
+    Until 1.0: then the tables of old names go, and this class with them.
+    """
+
+    _OLD_NAMES: ClassVar[Mapping[str, str]] = {}
+
+    if not TYPE_CHECKING:  # type checkers would take any attribute
+
+        def __getattr__(self, name: str) -> None:
+            kind = type(self)
+            if name in kind._OLD_NAMES:
+                raise AttributeError(
+                    f"{kind.__name__}.{name} is now called {kind._OLD_NAMES[name]}"
+                )
+            raise AttributeError(f"'{kind.__name__}' object has no attribute '{name}'")
+
+
 def nearest(word: object, words: Iterable[object]) -> str | None:
     """The word of `words` that `word` is another name of, or else the one most like it; None if
     none is like it."""
@@ -316,7 +335,7 @@ def path_of(at: str, key: str) -> str:
     return f"{at}.{key}" if at else key
 
 
-def flag(bad: ArrayLike, rule: str, at: str = "input") -> None:
+def check_rows(bad: ArrayLike, rule: str, at: str = "input") -> None:
     """Raise SceneError if all elements are bad; warn with their number if some are, because they
     are nan in the result."""
     count, size = int(np.count_nonzero(bad)), np.size(bad)
@@ -328,7 +347,7 @@ def flag(bad: ArrayLike, rule: str, at: str = "input") -> None:
         warnings.warn(some, SceneWarning, stacklevel=4)
 
 
-def shown(text: str) -> str:
+def terminal_text(text: str) -> str:
     """A text as a terminal may show it: what controls a terminal, or turns the direction of
     writing, is there as an escape. Titles and names come from files of others."""
     return text if text.isascii() and text.isprintable() else _CONTROLS.sub(_escaped, text)

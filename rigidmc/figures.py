@@ -70,7 +70,7 @@ def figure_of(axes: Axes) -> Figure:
     return cast(Figure, axes.figure)
 
 
-def titled(axes: Axes, text: str, note: str = "", pad: float | None = None) -> None:
+def add_title(axes: Axes, text: str, note: str = "", pad: float | None = None) -> None:
     """Give axes a title; a note on what the picture does not show stands below it, in red."""
     lines = [text, *([fill(note, 74)] if note else [])]
     colour = ALARM if note else "black"
@@ -123,10 +123,10 @@ def save(figure: Figure, path: str | PathLike[str], force: bool = False) -> None
     Raises OutputExists if the file exists and `force` is False, OptionError as `check_suffix`.
     """
     refuse_existing(path, force, "pictures")
-    write_bytes(path, drawn(figure, path), force)
+    write_bytes(path, picture_bytes(figure, path), force)
 
 
-def drawn(figure: Figure, path: str | PathLike[str]) -> bytes:
+def picture_bytes(figure: Figure, path: str | PathLike[str]) -> bytes:
     """The bytes of a picture in the format of a path's suffix; OptionError as `check_suffix`."""
     check_suffix(path, "pictures")
     buffer = io.BytesIO()

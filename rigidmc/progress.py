@@ -18,7 +18,7 @@ _announced: ContextVar[bool] = ContextVar("announced", default=False)
 
 
 @contextmanager
-def announcing(progress: object) -> Iterator[None]:
+def announce(progress: object) -> Iterator[None]:
     """Within this context `say` prints its lines if `progress` is True."""
     token = _announced.set(_announced.get() or progress is True)
     try:

@@ -4,7 +4,8 @@
 - An observable is a NamedTuple with `value` (decorator `observable`), `level` (`event`), or `begin`
   and `update` (`running`); `Observable`, `Event` and `Running` list facts and methods.
 - An integrator is a NamedTuple with `step` and its facts, see `Integrator`.
-- A law is a frozen dataclass, a subclass of `Law`; `sample`, `number` and `numbers` serve it.
+- A distribution of vectors is a frozen dataclass, a subclass of `VectorDistribution`; `sample`,
+  `number` and `numbers` serve it.
 - What a part has or has not is a flag, ON or OFF; `flag(condition)` makes one.
 
 Compiled methods are plain arithmetic, functions of `math`, the functions below, and functions of
@@ -52,7 +53,7 @@ from rigidmc.physics.observables.protocol import (
     running,
 )
 from rigidmc.scene.quantities import draw as sample
-from rigidmc.scene.vector_distributions.protocol import Law, number, numbers
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution, number, numbers
 
 __all__ = [
     "OFF",
@@ -61,11 +62,11 @@ __all__ = [
     "Event",
     "EventRecord",
     "Integrator",
-    "Law",
     "Number",
     "Observable",
     "Running",
     "Vector",
+    "VectorDistribution",
     "add",
     "arctan2",
     "axpy",
@@ -102,6 +103,7 @@ __all__ = [
 
 # Names of earlier versions, and what they are called now; until 1.0.
 _OLD = {
+    "Law": "VectorDistribution",
     "Record": "EventRecord",
     "changes": "state_rates",
     "combined": "linear_combination",

@@ -38,7 +38,7 @@ _WORDS = {
     "uniform_field": "magnet magnetic magnetic_field dipole field",
     "body_torque": "torque thruster",
     "energy_dissipation": "dissipation slosh",
-    # laws and distributions
+    # distributions and distributions
     "normal": "gaussian gauss norm",
     "uniform": "flat random isotropic",
     "expon": "exponential",

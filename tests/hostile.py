@@ -16,7 +16,7 @@ import numpy as np
 import tomli_w
 
 import rigidmc as rm
-from rigidmc.results.run_directory import _SHARD, RunDirectory, hash_of_file, rendered
+from rigidmc.results.run_directory import _SHARD, RunDirectory, facts_text, hash_of_file
 from rigidmc.runs.directory import resume
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.load import scene_in
@@ -474,7 +474,7 @@ class Good:
         with open(self.at(f"{name}/run.json")) as file:
             facts = json.load(file)
         del facts["check"]
-        self.at(f"{name}/run.json", rendered({**facts, "block": 32, "shard": 32}))
+        self.at(f"{name}/run.json", facts_text({**facts, "block": 32, "shard": 32}))
         resume.resume(self.at(name), only=only)
 
     def at(self, name, text=None):
@@ -620,7 +620,7 @@ def summed(path, scene):
             from rigidmc.results.run_directory import hash_of
 
             facts["scene"] = hash_of(scene_in(path, facts, False))
-        text = rendered(facts)
+        text = facts_text(facts)
     except Exception:  # it cannot be read at all
         return
     with open(os.path.join(path, "run.json"), "w", encoding="utf-8") as file:

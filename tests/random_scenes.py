@@ -13,7 +13,7 @@ import rigidmc as rm
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import EFFECTS, name_of
 from rigidmc.physics.effects.protocol import facts, from_numbers, numbers, user_parameters
-from rigidmc.physics.integrators import INTEGRATORS, accepting
+from rigidmc.physics.integrators import INTEGRATORS, integrators_for
 from tests.physics.effects.laws import REFERENCE
 from tests.physics.effects.test_effects import EXAMPLES
 
@@ -65,7 +65,7 @@ def kinds(count, seed=0):
         if names and some.random() < 0.3:
             names += names[:1]
         compensated = bool(some.random() < 0.2)
-        able = accepting(tuple(EXAMPLES[name] for name in names), compensated)
+        able = integrators_for(tuple(EXAMPLES[name] for name in names), compensated)
         turn, single = some.random() < 0.3, some.random() < 0.15 and not compensated
         name = str(some.choice(able))
         found.append(

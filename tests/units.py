@@ -26,9 +26,9 @@ from rigidmc.physics.observables import (
     WATCHED,
     WATCHED_STATISTICS,
     WITH_TABLE,
-    squared,
+    square_units,
 )
-from rigidmc.planning.units import scaled
+from rigidmc.planning.units import scale_scene
 from rigidmc.scene.distributions import Distribution
 from rigidmc.studies.stress.trust import trust
 
@@ -116,7 +116,7 @@ def _effect(word: str, some: np.random.Generator) -> Any:
 
 def in_units(one: rm.Scene, units: Units) -> rm.Scene:
     """A scene in other units."""
-    return scaled(one, mass=units.mass, time=units.time)
+    return scale_scene(one, mass=units.mass, time=units.time)
 
 
 def of_dataset(ds: xr.Dataset) -> dict[str, tuple[Any, str]]:
@@ -130,7 +130,7 @@ def of_dataset(ds: xr.Dataset) -> dict[str, tuple[Any, str]]:
             dim = ds.units.dims[0]  # along which numbers differ in their units
             values = variable.transpose(..., dim).values
             for i, unit in enumerate(map(str, ds.units.values)):
-                of = squared(unit) if name == "variance" else unit
+                of = square_units(unit) if name == "variance" else unit
                 found[f"{name} {i}"] = values[..., i], of
         else:
             found[str(name)] = variable.values, own or "1"
@@ -194,7 +194,7 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
 
     def spread() -> Any:
         points = single.with_run(points="sobol")
-        return _interval(rm.randomised(points, f"mean({fast})", 64), "rad s-1")
+        return _interval(rm.estimate_rqmc(points, f"mean({fast})", 64), "rad s-1")
 
     def measured() -> Any:
         ds = rm.simulate(single, save=("omega_max", "passage", "flips", "megno"), members=32)
@@ -262,7 +262,7 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
 
     return {
         "simulate": simulated, "rerun": again, "simulate(tolerance)": chosen,
-        "simulate_until": until, "randomised": spread, "rigid.measure": measured,
+        "simulate_until": until, "estimate_rqmc": spread, "rigid.measure": measured,
         "rigid": followed, "stability_map": mapped, "zoom_map": nearer, "section": cross,
         "section, every": periodic, "frequencies": spectra, "ftle": grown, "sensitivity": shares,
         "basins": sure, "rare, event": seldom, "rare, tail": tail, "multilevel": levels,

@@ -66,7 +66,7 @@ def code_table() -> str:
     return "\n".join(["| code | meaning |", "| ---: | --- |", *rows])
 
 
-def unwrapped(text: str) -> str:
+def unwrap_text(text: str) -> str:
     """A help text with each paragraph on one line, except those marked with a backspace."""
     paragraphs = cleandoc(text).split("\n\n")
     return "\n\n".join(p if p.startswith("\b") else " ".join(p.split()) for p in paragraphs)
@@ -99,7 +99,7 @@ class Commands(TyperGroup):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         for command in self.commands.values():
-            command.help = unwrapped(command.help or "")
+            command.help = unwrap_text(command.help or "")
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command; a value that an option cannot take ends it as one does that the command
@@ -170,20 +170,20 @@ def load_scene(
         file = source.lower().endswith(".nc") and not os.path.isdir(source)
         if file or is_zarr(source):
             # this checks the whole result, Scene.load only its scene
-            with open_result(source) as result:
+            with load_result(source) as result:
                 scene = scene_of(result, pairs, allow_code)
         else:
             scene = Scene.load(source, pairs, allow_code)
         return scene.with_run(**run or {})
 
 
-def open_result(path: str, allow_code: bool = False) -> "xr.Dataset":
+def load_result(path: str, allow_code: bool = False) -> "xr.Dataset":
     """A result as a Dataset: a file or a run directory; FileError that helps for a scene."""
     import rigidmc
-    from rigidmc.scene.library import shipped
+    from rigidmc.scene.library import shipped_names
 
     there = os.path.exists(path)
-    if (there and path.lower().endswith(".toml")) or (not there and path in shipped()):
+    if (there and path.lower().endswith(".toml")) or (not there and path in shipped_names()):
         rule = (
             f"is a scene, no result: run it first, `rigidmc run {path} -o RESULT.nc`, or see it"
             f" turn by `rigidmc view {path}`"

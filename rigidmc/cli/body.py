@@ -11,11 +11,11 @@ from rigidmc.cli.options import (
     Force,
     SceneArgument,
     Set,
+    add_setting_options,
     count_option,
-    takes_settings,
     time_option,
 )
-from rigidmc.cli.reporting import refuse_outputs, reported, save_picture, written
+from rigidmc.cli.reporting import refuse_outputs, report_errors, report_files, save_picture
 from rigidmc.errors import OptionError, SceneError
 
 if TYPE_CHECKING:
@@ -44,12 +44,14 @@ def body_command(
 ) -> None:
     """Say what a body is: mass, centre of mass, inertia tensor, principal axes, which rotations are
     stable and how fast the unstable one grows."""
-    with reported(source):
-        from rigidmc.views.descriptions import describe_body, facts
+    with report_errors(source):
+        from rigidmc.views.descriptions import body_facts, describe_body
 
         body, title = load_body(source, density, mass, scale)
         print(
-            json.dumps(facts(body), indent=1) if machine else "\n".join(describe_body(body, title))
+            json.dumps(body_facts(body), indent=1)
+            if machine
+            else "\n".join(describe_body(body, title))
         )
 
 
@@ -94,7 +96,7 @@ Picture = Annotated[
 
 
 @app.command("exact", rich_help_panel=STUDY)
-@takes_settings("integrator", "dt")
+@add_setting_options("integrator", "dt")
 def exact_command(
     scene: SceneArgument,
     run: dict[str, Any],
@@ -106,7 +108,7 @@ def exact_command(
     force: Force = False,
 ) -> None:
     """The closed form of a scene at a time, beside its integration, with the difference."""
-    with reported(scene):
+    with report_errors(scene):
         from rigidmc.planning.closed_form import closed_form
         from rigidmc.studies.closed_form import compare
 
@@ -124,4 +126,4 @@ def exact_command(
             title = f"{loaded.title}: {case.name}, closed form of member {loaded.run.first}"
             picture = closed_forms.case_summary(case, title, abs(at) or loaded.run.t_end)
             save_picture(picture, plot, force)
-        print("\n".join([*lines, *written([plot])]))
+        print("\n".join([*lines, *report_files([plot])]))

@@ -22,9 +22,9 @@ from rigidmc.cli.options import (
     ShardTime,
     Threads,
     count_option,
-    gathering,
+    gather_options,
 )
-from rigidmc.cli.reporting import reported, written
+from rigidmc.cli.reporting import report_errors, report_files
 from rigidmc.errors import OptionError
 from rigidmc.results.labels import count_text
 
@@ -44,7 +44,7 @@ def shards_of(text: str | None) -> range | None:
     return range(int(low), int(high))
 
 
-class Ways(NamedTuple):
+class DirectoryOptions(NamedTuple):
     """The options of `run` and `map` that only run directories have."""
 
     max_wall: float | None
@@ -54,13 +54,13 @@ class Ways(NamedTuple):
     cluster: str | None
 
 
-takes_ways = gathering(  # decorates a command that has a parameter `ways`
+with_directory_options = gather_options(  # decorates a command that has a parameter `ways`
     "ways",
     {
         "max_wall": MaxWall, "shards": Shards, "shard_size": ShardSize, "shard_time": ShardTime,
         "cluster": Cluster,
     },
-    lambda given: Ways(**given),
+    lambda given: DirectoryOptions(**given),
 )  # fmt: skip
 
 
@@ -70,7 +70,7 @@ def names_a_run(output: str) -> bool:
     return folder and not output.lower().rstrip(os.sep).endswith(".zarr")
 
 
-def refuse_ways(ways: Ways) -> None:
+def refuse_directory_options(ways: DirectoryOptions) -> None:
     """OptionError for an option that needs a run directory."""
     for name, value in ways._asdict().items():
         if value is not None:
@@ -88,15 +88,15 @@ def refuse_force(output: str, force: bool) -> None:
 Make = Callable[[float | None, range | None, int | None, float | None], "RunDirectory"]
 
 
-def begun(
-    make: Make, ways: Ways, threads: int | None, allow_code: bool, device: str | None
+def start_directory(
+    make: Make, ways: DirectoryOptions, threads: int | None, allow_code: bool, device: str | None
 ) -> tuple[int, bool]:
-    """Make a run directory and compute its shards; see `continued`."""
-    from rigidmc.runs.directory.cluster import checked
+    """Make a run directory and compute its shards; see `resume_directory`."""
+    from rigidmc.runs.directory.cluster import parse_cluster
 
     began = time.monotonic()
     max_wall, shards, shard_size, shard_time, cluster = ways
-    kind, count = ("", "") if cluster is None else checked(cluster)
+    kind, count = ("", "") if cluster is None else parse_cluster(cluster)
     if shard_size is not None and not shard_size < 1e6:
         raise OptionError("expected megabytes, at most 1e6", at="shard_size", value=shard_size)
     size = None if shard_size is None else 1e6 * shard_size
@@ -104,7 +104,7 @@ def begun(
     directory = make(size, shards_of(shards), many, shard_time)
     if max_wall is not None:  # what is left of it
         max_wall = max(1e-9, max_wall - (time.monotonic() - began))
-    return continued(
+    return resume_directory(
         directory.path,
         threads,
         max_wall=max_wall,
@@ -115,7 +115,7 @@ def begun(
     )
 
 
-def continued(
+def resume_directory(
     run: str,
     threads: int | None,
     accept: bool = False,
@@ -133,7 +133,7 @@ def continued(
 
     directory = run_directory.RunDirectory(run)
     study, mine = tasks.tasks_of(directory), shards_of(shards)
-    directory, flagged = (resume_growing if study is None else tasks.resume)(
+    directory, flagged = (resume_growing if study is None else tasks.resume_study)(
         directory,
         threads=threads,
         progress=True,
@@ -154,17 +154,17 @@ def continued(
     older = f"; of all: {status['flagged']:,}" if status["members_done"] > computed else ""
     print(f"  flagged among these: {words or 'none'}{older}")
     if whole(status):
-        return outcome(status), True
+        return run_outcome(status), True
     if mine is None or directory.missing_in(mine).size:
         kept = " with what is kept of unfinished shards" * os.path.isdir(directory.unfinished)
         print(f"  not done: `rigidmc resume` goes on{kept}")
-        return outcome(status), False
+        return run_outcome(status), False
     left = f"{status['shards'] - status['done']:,} of other tasks are left"
     words = in_ranges(directory.missing().tolist())
     print(f"  the shards {shards} are done; {left} ({words}), and `rigidmc merge` gathers all")
     there = directory.shards()
-    mine_flagged = any(run_directory.flagged_of(there[i]) for i in mine if i in there)
-    return outcome(status, FLAGGED if mine_flagged else OK), False
+    mine_flagged = any(run_directory.flagged_count(there[i]) for i in mine if i in there)
+    return run_outcome(status, FLAGGED if mine_flagged else OK), False
 
 
 def in_ranges(numbers: list[int], most: int = 4) -> str:
@@ -180,7 +180,7 @@ def whole(status: dict[str, Any]) -> bool:
     return status["done"] == status["shards"] and not status["growing"]
 
 
-def outcome(status: dict[str, Any], part: int = INCOMPLETE) -> int:
+def run_outcome(status: dict[str, Any], part: int = INCOMPLETE) -> int:
     """The exit code that belongs to the status of a run; part : that of one with shards missing."""
     if status["strays"]:
         rule = "files among the shards are not of this run; `rigidmc verify` names them"
@@ -198,8 +198,8 @@ Repair = Annotated[
 ]
 
 
-@app.command(rich_help_panel=LONG_RUNS)
-def resume(
+@app.command("resume", rich_help_panel=LONG_RUNS)
+def resume_command(
     run: RunArgument,
     threads: Threads = None,
     device: Device = None,
@@ -215,23 +215,25 @@ def resume(
 
     Exit code 0 if the run, or the range of --shards, is done, 4 if some of these members are
     flagged, 5 if shards of these are missing (--max-wall)."""
-    with reported():
+    with report_errors():
         if repair:
             from rigidmc.runs.directory import gather
 
             deleted = gather.repair(run)
             print(f"  {count_text(deleted, 'damaged shard was', 'damaged shards were')} deleted")
-        code, _ = continued(run, threads, accept, max_wall, shards, allow_code, cluster, device)
+        code, _ = resume_directory(
+            run, threads, accept, max_wall, shards, allow_code, cluster, device
+        )
     raise typer.Exit(code)
 
 
-@app.command(rich_help_panel=LONG_RUNS)
-def status(run: RunArgument) -> None:
+@app.command("status", rich_help_panel=LONG_RUNS)
+def status_command(run: RunArgument) -> None:
     """Say how far a run is, by the names of its shards, also while it runs.
 
     Exit code 0 if the run is done, 4 if it is done and some members are flagged, 5 if shards are
     missing."""
-    with reported():
+    with report_errors():
         from rigidmc.results import run_directory
 
         facts = run_directory.status(run)
@@ -247,7 +249,7 @@ def status(run: RunArgument) -> None:
     if facts["rate"]:
         left = f", {facts['seconds_left']:,.0f} s left" if facts["seconds_left"] else ""
         print(f"  {facts['rate']:,.0f} members/s since it was last started{left}")
-    raise typer.Exit(outcome(facts))
+    raise typer.Exit(run_outcome(facts))
 
 
 Spot = Annotated[
@@ -258,19 +260,19 @@ Spot = Annotated[
 ]
 
 
-@app.command(rich_help_panel=LONG_RUNS)
-def verify(run: RunArgument, spot: Spot = 3, allow_code: AllowCode = False) -> None:
+@app.command("verify", rich_help_panel=LONG_RUNS)
+def verify_command(run: RunArgument, spot: Spot = 3, allow_code: AllowCode = False) -> None:
     """Check a run: the checksum of every shard against its name, run.json and the scene; and
     compute some members again, to the bit.
 
     Exit code 0 if all shards are there and sound, 5 if they are sound and some are missing, 3 if
     something is wrong."""
-    with reported():
+    with report_errors():
         from rigidmc.results import run_directory
         from rigidmc.studies.framework import tasks
 
         facts = run_directory.status(run)
-        faults = tasks.verified(run, spot, allow_code)
+        faults = tasks.verify_study(run, spot, allow_code)
         for line in faults:
             print(line, file=sys.stderr)
         if faults:
@@ -284,8 +286,8 @@ def verify(run: RunArgument, spot: Spot = 3, allow_code: AllowCode = False) -> N
     raise typer.Exit(OK if whole(facts) else INCOMPLETE)
 
 
-@app.command(rich_help_panel=LONG_RUNS)
-def consolidate(
+@app.command("consolidate", rich_help_panel=LONG_RUNS)
+def consolidate_command(
     run: RunArgument,
     output: Annotated[
         str, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")
@@ -294,18 +296,18 @@ def consolidate(
     allow_code: AllowCode = False,
 ) -> None:
     """Write a whole run as one netCDF file; exit code 4 if some of its members are flagged."""
-    with reported():
+    with report_errors():
         from rigidmc.results import run_directory
         from rigidmc.runs.directory import gather
 
         gather.consolidate(run, output, force, allow_code).close()
         facts = run_directory.status(run)
-        print(f"{written([output])[0]}; flagged members: {facts['flagged'] or 'none'}")
-    raise typer.Exit(outcome(facts))
+        print(f"{report_files([output])[0]}; flagged members: {facts['flagged'] or 'none'}")
+    raise typer.Exit(run_outcome(facts))
 
 
-@app.command(rich_help_panel=LONG_RUNS)
-def extend(
+@app.command("extend", rich_help_panel=LONG_RUNS)
+def extend_command(
     run: RunArgument,
     members: Annotated[
         int,
@@ -319,17 +321,19 @@ def extend(
     allow_code: AllowCode = False,
 ) -> None:
     """Give a run more members; the existing members do not change by a bit."""
-    with reported():
+    with report_errors():
         from rigidmc.runs.directory import resume as runs
-        from rigidmc.runs.directory.cluster import checked
+        from rigidmc.runs.directory.cluster import parse_cluster
         from rigidmc.studies.stability_map.stored import is_map, members_of_pixels
 
         if cluster is not None:
-            checked(cluster)
+            parse_cluster(cluster)
         if is_map(run):
             members = members_of_pixels(run, members)
         runs.extend(run, members, accept, allow_code)
-        code, _ = continued(run, threads, accept, max_wall, None, allow_code, cluster, device)
+        code, _ = resume_directory(
+            run, threads, accept, max_wall, None, allow_code, cluster, device
+        )
     raise typer.Exit(code)
 
 
@@ -338,11 +342,11 @@ Parts = Annotated[
 ]
 
 
-@app.command(rich_help_panel=LONG_RUNS)
-def merge(run: RunArgument, parts: Parts) -> None:
+@app.command("merge", rich_help_panel=LONG_RUNS)
+def merge_command(run: RunArgument, parts: Parts) -> None:
     """Gather the shards of a job array in one run directory, which may be a new one. All parts have
     the same scene, seed, members and shard size."""
-    with reported():
+    with report_errors():
         from rigidmc.results import run_directory
         from rigidmc.runs.directory import gather
 
@@ -352,4 +356,4 @@ def merge(run: RunArgument, parts: Parts) -> None:
         f"{directory.path}: {count_text(copied, 'shard')} copied;"
         f" {facts['done']:,} of {facts['shards']:,} are there"
     )
-    raise typer.Exit(outcome(facts))
+    raise typer.Exit(run_outcome(facts))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigidmc.cli.app import FLAGGED, REFERENCE, app
-from rigidmc.cli.reporting import reported
+from rigidmc.cli.reporting import report_errors
 from rigidmc.errors import NoDevice
 from rigidmc.version import VERSION
 
@@ -33,7 +33,7 @@ def doctor(
     """Say what this machine offers: cores, vector width, threads, kernel cache, graphics
     processors, versions."""
     if cuda_check:
-        with reported():
+        with report_errors():
             if _different():
                 raise typer.Exit(FLAGGED)
         return
@@ -49,13 +49,13 @@ def doctor(
 def _different() -> int:
     """Print how graphics processors compare with this one; how many cases have other bits."""
     from rigidmc.engine.cuda.devices import select_devices
-    from rigidmc.studies.bits import compared, speeds
+    from rigidmc.studies.bits import compare_devices, speeds
 
     wrong = 0
     for one in select_devices(None):
         word, equal = f"cuda:{one.number}", list[bool]()
         print(f"{word}: {one.name}")
-        for name, same in compared(word):
+        for name, same in compare_devices(word):
             print(f"{'same bits ' if same else 'OTHER BITS'}  {name}", flush=True)
             equal.append(same)
         print(f"{sum(equal)} of {len(equal)} cases have the bits of this processor")

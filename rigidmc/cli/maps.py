@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rigidmc.cli.app import STUDY, app, load_scene
-from rigidmc.cli.options import Force, gathering, takes_settings
-from rigidmc.cli.reporting import refuse_outputs, reported
+from rigidmc.cli.options import Force, add_setting_options, gather_options
+from rigidmc.cli.reporting import refuse_outputs, report_errors
 from rigidmc.cli.studies import (
     OF_MEMBERS,
+    RunOptions,
     StudyCommand,
-    Where,
-    computed,
+    command_parameters,
+    compute_study,
     end,
     folder_of,
-    parameters_of,
     show,
     unmade,
     where_of,
@@ -61,9 +61,9 @@ def command_of_map(study: "Study") -> Callable[..., None]:
     """The function of the command, with options as typer reads them."""
 
     def command(
-        name: str, run: dict[str, Any], where: Where, listed: str | None = None, **options: Any
+        name: str, run: dict[str, Any], where: RunOptions, listed: str | None = None, **options: Any
     ) -> None:
-        with reported(name):
+        with report_errors(name):
             if name == "list":
                 _list(listed)
                 return
@@ -78,16 +78,18 @@ def command_of_map(study: "Study") -> Callable[..., None]:
     parameters = [
         inspect.Parameter("name", kind, annotation=Name),
         inspect.Parameter("listed", kind, annotation=Listed, default=None),
-        *parameters_of(study),
+        *command_parameters(study),
         *(inspect.Parameter(name, kind) for name in ("run", "where")),
     ]
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     options = {**OF_MEMBERS, "force": (Force, False)}  # the help page shows this default
-    return takes_settings(*(study.settings or ()))(gathering("where", options, where_of)(command))
+    return add_setting_options(*(study.settings or ()))(
+        gather_options("where", options, where_of)(command)
+    )
 
 
 def _mapped(
-    study: "Study", name: str, asked: dict[str, Any], where: Where, run: dict[str, Any]
+    study: "Study", name: str, asked: dict[str, Any], where: RunOptions, run: dict[str, Any]
 ) -> "tuple[xr.Dataset, str | None]":
     """(a map, the file to write it to): one that exists, or a new one."""
     file = None if folder_of(where.output) else where.output
@@ -99,10 +101,10 @@ def _mapped(
         refuse_outputs(where.force, plot=where.plot, study=where.output)
         return stored(name), where.output
     refuse_outputs(where.force, plot=where.plot, study=file, size=_size(name, asked, where))
-    return computed(study, where, lambda: _designed(study, name, asked, where, run), stored)
+    return compute_study(study, where, lambda: _designed(study, name, asked, where, run), stored)
 
 
-def _is_drawn(name: str, asked: dict[str, Any], where: Where, run: dict[str, Any]) -> bool:
+def _is_drawn(name: str, asked: dict[str, Any], where: RunOptions, run: dict[str, Any]) -> bool:
     """Whether a map that exists is to be drawn as it is; OptionError for an option of a new map
     beside one that exists, and for a part of a map that does not."""
     from rigidmc.studies.stability_map.stored import is_map
@@ -129,10 +131,10 @@ def _is_drawn(name: str, asked: dict[str, Any], where: Where, run: dict[str, Any
     return exists and part is None
 
 
-def _is_of_package(name: str, asked: dict[str, Any], where: Where) -> bool:
+def _is_of_package(name: str, asked: dict[str, Any], where: RunOptions) -> bool:
     """Whether a map of the package is asked for; OptionError if neither it nor a map of a scene is
     described completely."""
-    from rigidmc.scene.library import shipped
+    from rigidmc.scene.library import shipped_names
     from rigidmc.studies.stability_map.case import MAPS
 
     missing = [key for key in ("x", "y", "of") if key not in asked]
@@ -142,7 +144,7 @@ def _is_of_package(name: str, asked: dict[str, Any], where: Where) -> bool:
             rule = "a map of the package has two sides; give a scene with --x, --y, --z and --of"
             raise OptionError(rule, at="z", value=asked["z"])
         return True
-    if plain and name not in shipped():
+    if plain and name not in shipped_names():
         if name.lower().endswith((".nc", ".toml", "/")) and not os.path.exists(name):
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), name)
         raise unknown("map", MAPS, at="map", value=name, error=OptionError)
@@ -159,7 +161,7 @@ def _is_of_package(name: str, asked: dict[str, Any], where: Where) -> bool:
     return False
 
 
-def _size(name: str, asked: dict[str, Any], where: Where) -> int:
+def _size(name: str, asked: dict[str, Any], where: RunOptions) -> int:
     """Bytes of the file of a map; 0 for a part of a map, which is as large as that."""
     from rigidmc.studies.stability_map import case
     from rigidmc.studies.stability_map.question import LAYERS
@@ -174,16 +176,16 @@ def _size(name: str, asked: dict[str, Any], where: Where) -> int:
 
 
 def _designed(
-    study: "Study", name: str, asked: dict[str, Any], where: Where, run: dict[str, Any]
+    study: "Study", name: str, asked: dict[str, Any], where: RunOptions, run: dict[str, Any]
 ) -> tuple[Any, Any]:
     """(the map before its first step, its options)."""
     from rigidmc.studies.stability_map import case
-    from rigidmc.studies.stability_map.stored import zoomed
+    from rigidmc.studies.stability_map.stored import prepare_zoom
     from rigidmc.studies.stability_map.study import read_part
 
     if "zoom" in asked:
         part = read_part(asked["zoom"], "zoom")
-        return zoomed(name, *part, where.allow_code, asked.get("resolution")), None
+        return prepare_zoom(name, *part, where.allow_code, asked.get("resolution")), None
     if _is_of_package(name, asked, where):
         adaptive = _adaptive(asked, case.MAPS[name]().of[0])
         sides = asked.get("resolution", case.RESOLUTION)

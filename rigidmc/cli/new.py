@@ -9,17 +9,17 @@ from typing import Annotated, Any
 import typer
 
 from rigidmc.cli.app import INTERRUPTED, START, app, fail
-from rigidmc.cli.options import Force, count_option, gathering, time_option
-from rigidmc.cli.reporting import refuse_outputs, reported
+from rigidmc.cli.options import Force, count_option, gather_options, time_option
+from rigidmc.cli.reporting import refuse_outputs, report_errors
 from rigidmc.errors import OptionError, RigidmcError, unknown
 from rigidmc.mechanics.solids import SOLIDS
-from rigidmc.scene.amounts import counted_text
+from rigidmc.scene.amounts import read_count_text
 
 Vector = tuple[float, ...]
 Given = dict[str, Any]  # {option: its text, number or None}
 
 
-def numbers(text: str, key: str, count: int | None = None) -> Vector:
+def read_numbers(text: str, key: str, count: int | None = None) -> Vector:
     """Numbers separated by commas; OptionError."""
     try:
         values = tuple(float(part) for part in text.split(","))
@@ -32,7 +32,7 @@ def numbers(text: str, key: str, count: int | None = None) -> Vector:
     return values
 
 
-def sizes(text: str, key: str = "size") -> dict[str, Any]:
+def read_sizes(text: str, key: str = "size") -> dict[str, Any]:
     """{name: number, or list of numbers} of "radius=0.03,height=0.008" or "size=1,2,3"."""
     values: dict[str, Any] = {}
     for part in text.replace(" ", "").split(","):
@@ -42,7 +42,7 @@ def sizes(text: str, key: str = "size") -> dict[str, Any]:
         if not values and not equals:
             rule = "expected NAME=NUMBER, as in radius=0.03,height=0.008 or size=0.02,0.05,0.1"
             raise OptionError(rule, at=key, value=text)
-        values.setdefault(last, []).extend(numbers(value, key, 1))
+        values.setdefault(last, []).extend(read_numbers(value, key, 1))
     return {name: one[0] if len(one) == 1 else one for name, one in values.items()}
 
 
@@ -52,7 +52,9 @@ def lean_of(text: str, key: str = "lean") -> float | str:
         return text
     degrees = text.removesuffix("deg")
     angle = (
-        math.radians(numbers(degrees, key, 1)[0]) if degrees != text else numbers(text, key, 1)[0]
+        math.radians(read_numbers(degrees, key, 1)[0])
+        if degrees != text
+        else read_numbers(text, key, 1)[0]
     )
     if not -math.pi <= angle <= math.pi:
         raise OptionError(
@@ -63,10 +65,10 @@ def lean_of(text: str, key: str = "lean") -> float | str:
 
 def gravity_of(text: str, key: str = "gravity") -> float:
     """A number [m/s2], 0 for "none"; OptionError."""
-    return 0.0 if text == "none" else numbers(text, key, 1)[0]
+    return 0.0 if text == "none" else read_numbers(text, key, 1)[0]
 
 
-def table_of(given: Given) -> Given:
+def body_table(given: Given) -> Given:
     """The table [body] of the options of a body; without any of them that of a heavy top."""
     from rigidmc.views.new_scene import SIZES, TOP, body_in
 
@@ -77,10 +79,10 @@ def table_of(given: Given) -> Given:
             if given[key] is not None:
                 rule = "does not go with --moments, which are a body of their own"
                 raise OptionError(rule, at=key, value=given[key])
-        table["moments"] = list(numbers(given["moments"], "moments", 3))
+        table["moments"] = list(read_numbers(given["moments"], "moments", 3))
         table["mass"] = 1.0 if given["mass"] is None else given["mass"]
         if given["centre"] is not None:
-            table["centre"] = list(numbers(given["centre"], "centre", 3))
+            table["centre"] = list(read_numbers(given["centre"], "centre", 3))
     elif given["centre"] is not None:
         rule = "goes with --moments; the fixed point of a solid is its --pivot"
         raise OptionError(rule, at="centre", value=given["centre"])
@@ -90,11 +92,11 @@ def table_of(given: Given) -> Given:
         solid = given["solid"] or "cylinder"
         if solid not in SOLIDS:
             raise unknown("solid", SOLIDS, at="solid", value=solid, error=OptionError)
-        table[solid] = SIZES[solid] if given["size"] is None else sizes(given["size"])
+        table[solid] = SIZES[solid] if given["size"] is None else read_sizes(given["size"])
         mass = {} if given["mass"] is None else {"mass": given["mass"]}
         table[solid] = ({} if solid == "t_handle" else {"mass": 0.2}) | table[solid] | mass
     if given["pivot"] is not None:
-        table["pivot"] = list(numbers(given["pivot"], "pivot", 3))
+        table["pivot"] = list(read_numbers(given["pivot"], "pivot", 3))
     _refuse_body(lambda: body_in(table))
     return table
 
@@ -111,7 +113,7 @@ def _refuse_body(make: Callable[[], object]) -> None:
 
 def motion_of(given: Given, table: Given) -> Any:
     """The Motion that the options ask for, with defaults that suit the body."""
-    from rigidmc.views.new_scene import Motion, body_in, default_gravity, default_spin
+    from rigidmc.views.new_scene import FirstMotion, body_in, default_gravity, default_spin
 
     body, text = body_in(table), given["gravity"]
     gravity = default_gravity(body) if text is None else gravity_of(text)
@@ -124,10 +126,10 @@ def motion_of(given: Given, table: Given) -> Any:
             "expected a share of the spin, from 0 to below 1", at="spread", value=spread
         )
     auto, given_spin = default_spin(body, gravity), given["spin"]
-    spin = auto if given_spin is None else numbers(given_spin, "spin", 3)
+    spin = auto if given_spin is None else read_numbers(given_spin, "spin", 3)
     lean: float | str | None = 0.4 if gravity else None
     lean = lean if given["lean"] is None else lean_of(given["lean"])
-    return Motion(spin, spread, lean, gravity)
+    return FirstMotion(spin, spread, lean, gravity)
 
 
 def ask(question: str, default: str | None, read: Callable[[str], Any]) -> str | None:
@@ -146,12 +148,12 @@ def ask(question: str, default: str | None, read: Callable[[str], Any]) -> str |
     return str(answer) if answer else None
 
 
-def asked(given: Given) -> Given:
+def ask_options(given: Given) -> Given:
     """The options from answers to questions."""
     from rigidmc.views.new_scene import SIZES, TOP
 
     def body(key: str) -> Callable[[str], object]:
-        return lambda text: table_of({**given, key: text})
+        return lambda text: body_table({**given, key: text})
 
     given = dict(given)
     given["solid"] = ask(f"Solid: {', '.join(SOLIDS)}", "cylinder", body("solid"))
@@ -161,20 +163,20 @@ def asked(given: Given) -> Given:
     top = ",".join(map(str, TOP["pivot"])) if given["solid"] == "cylinder" else None
     where = "Fixed point, seen from the origin of the solid [m], 0,0,0 for the origin itself"
     given["pivot"] = ask(where, top or "0,0,0", body("pivot"))
-    table = table_of(given)
+    table = body_table(given)
     auto = motion_of(given, table)
     if auto.gravity:
         given["gravity"] = ask("Gravity [m/s2] or none", f"{auto.gravity:g}", gravity_of)
         auto = motion_of(given, table)
     spin = ",".join(f"{w:g}" for w in auto.spin)
     given["spin"] = ask(
-        "Spin about the principal axes [rad/s]", spin, lambda text: numbers(text, "spin", 3)
+        "Spin about the principal axes [rad/s]", spin, lambda text: read_numbers(text, "spin", 3)
     )
     if auto.gravity:
         question = "Lean of axis 3 from the vertical [rad], or uniform"
         given["lean"] = ask(question, f"{auto.lean:g}", lean_of)
-    members = ask("Members", "1000", lambda text: counted_text(text, "members"))
-    return {**given, "members": counted_text(members or "1000", "members")}
+    members = ask("Members", "1000", lambda text: read_count_text(text, "members"))
+    return {**given, "members": read_count_text(members or "1000", "members")}
 
 
 def at_terminal() -> bool:
@@ -228,14 +230,14 @@ OPTIONS = {
 
 
 @app.command("new", rich_help_panel=START)
-@gathering("given", {**OPTIONS, "force": (Force, False)}, dict)
+@gather_options("given", {**OPTIONS, "force": (Force, False)}, dict)
 def new_command(
     file: Annotated[str, typer.Argument(metavar="FILE", help="Scene file to write (.toml).")],
     given: Given,
 ) -> None:
     """Write a scene file with a comment on each line, to begin with and to change. At a terminal
     and without options it asks; otherwise what is not given has a default: a heavy top."""
-    with reported():
+    with report_errors():
         from rigidmc.files.outputs import write_bytes
         from rigidmc.views.new_scene import new_scene
 
@@ -243,10 +245,10 @@ def new_command(
         refuse_outputs(force, scene=file)
         if at_terminal() and all(value is None for value in given.values()):
             try:
-                given = asked(given)
+                given = ask_options(given)
             except typer.Abort:
                 fail("interrupted; nothing was written", INTERRUPTED)
-        table = table_of(given)
+        table = body_table(given)
         name = os.path.basename(file).removesuffix(".toml")
         text = new_scene(
             given["title"] or name,

@@ -10,8 +10,8 @@ import typer
 from rigidmc.cli.app import INVALID, IO, fail
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.errors import NoDevice, RigidmcError
-from rigidmc.scene.amounts import counted_text, seconds, words_of
-from rigidmc.scene.library import shipped
+from rigidmc.scene.amounts import read_count_text, read_seconds, words_of
+from rigidmc.scene.library import shipped_names
 from rigidmc.scene.settings import Count, Digits, Index, Run, Time, types
 
 
@@ -31,7 +31,7 @@ def count_option(key: str, least: int = 1, most: int | None = None, **option: An
     """An option that takes a whole number, also as 1e6."""
 
     def read(text: str) -> int:
-        return counted_text(text, key[2:], least, most)
+        return read_count_text(text, key[2:], least, most)
 
     return typer.Option(key, parser=_checked(key, read), metavar="N", **option)
 
@@ -40,7 +40,7 @@ def time_option(key: str, positive: bool = True, **option: Any) -> Any:
     """An option that takes a time: seconds, or 90s, 1h30m, 250ms."""
 
     def read(text: str) -> float:
-        return seconds(text, key[2:], positive=positive)
+        return read_seconds(text, key[2:], positive=positive)
 
     return typer.Option(key, parser=_checked(key, read), metavar="TIME", **option)
 
@@ -63,7 +63,7 @@ def _keep_of(text: str) -> str | dict[str, str]:
     return {name.strip(): word.strip() for name, _, word in pairs}
 
 
-def completing(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+def make_completion(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
     """Completion in the shell: those of the words that begin with what is typed after a comma.
 
     If none does, the shell completes names of files.
@@ -88,7 +88,7 @@ def _observables() -> Iterable[str]:
     return KNOWN
 
 
-_COMPLETED = {"integrator": completing(_integrators), "save": completing(_observables)}
+_COMPLETED = {"integrator": make_completion(_integrators), "save": make_completion(_observables)}
 _TEXTS: dict[str, Callable[[str], Any]] = {"save": words_of, "keep": _keep_of}
 
 
@@ -120,7 +120,7 @@ def setting(name: str, words: str | None = None) -> Any:
 Command = Callable[..., None]
 
 
-def takes_settings(
+def add_setting_options(
     *names: str, but: Collection[str] = (), words: Mapping[str, str] = {}
 ) -> Callable[[Command], Command]:
     """Decorate a command that has a parameter `run`: give it an option for each run setting of
@@ -129,14 +129,14 @@ def takes_settings(
     words : {setting: what it means for this command}, where that is not what it means for a run
     """
     chosen = [name for name in names or Run.model_fields if name not in (*but, "varied")]
-    return gathering(
+    return gather_options(
         "run",
         {name: setting(name, words.get(name)) for name in chosen},
         lambda given: {k: v for k, v in given.items() if v is not None},
     )
 
 
-def gathering(
+def gather_options(
     into: str, options: Mapping[str, Any], made: Callable[[dict[str, Any]], Any]
 ) -> Callable[[Command], Command]:
     """Decorate a command that has a parameter `into`: give it options in its place, of which `made`
@@ -174,7 +174,7 @@ SceneArgument = Annotated[
     typer.Argument(
         metavar="SCENE",
         help="A TOML file, the name of a shipped scene, or a result (.nc, .zarr).",
-        autocompletion=completing(shipped),
+        autocompletion=make_completion(shipped_names),
     ),
 ]
 ResultArgument = Annotated[

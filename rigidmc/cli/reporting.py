@@ -20,7 +20,7 @@ from rigidmc.errors import (
     SceneWarning,
     in_file,
     nearest,
-    shown,
+    terminal_text,
 )
 from rigidmc.results.labels import count_text
 
@@ -40,19 +40,19 @@ class AskedToStop(BaseException):
 
 
 @contextmanager
-def reported(file: str | None = None) -> Iterator[None]:
+def report_errors(file: str | None = None) -> Iterator[None]:
     """Turn what can go wrong with files and memory into one message and an exit code, never a
     traceback; `rigidmc.cli.app.Commands` does so with a user's mistakes. Announce compilation
     before it begins.
 
     file : a scene or a result that the command is about, which a mistake names if it names none
     """
-    from rigidmc.progress import announcing
+    from rigidmc.progress import announce
 
     named = contextlib.nullcontext() if file is None else in_file(file)
     with _signals() as numbers:
         try:
-            with noted(), announcing(True), _no_parts_left(numbers), named:
+            with show_notes(), announce(True), _no_parts_left(numbers), named:
                 yield
         except OutputExists as error:
             fail(error, REFUSED)
@@ -134,7 +134,7 @@ def _in_words(error: Exception) -> str:
 
 
 @contextmanager
-def noted() -> Iterator[None]:
+def show_notes() -> Iterator[None]:
     """Show each warning about a scene once, as a note. Warnings of libraries about overflow or
     strange files are hidden: rigidmc itself flags or refuses what follows from them."""
     seen = set[str]()
@@ -212,38 +212,41 @@ def show_done(done: int, total: int) -> None:
         sys.stderr.flush()
 
 
-def keep(
+def write_study(
     dataset: "xr.Dataset",
     output: str | None,
     plot: str | None,
     force: bool,
     draw: Callable[["xr.Dataset"], "Figure"],
 ) -> list[str]:
-    """Write a study, and the picture draw(dataset); return a line for each file, see `written`."""
+    """Write a study, and the picture draw(dataset); return a line for each file, see
+    `report_files`."""
     from rigidmc.files.outputs import write_bytes
-    from rigidmc.results.writer import encoded
+    from rigidmc.results.writer import netcdf_bytes
 
     if output is not None:
-        write_bytes(output, encoded(dataset), force)
+        write_bytes(output, netcdf_bytes(dataset), force)
     if plot is not None:
         save_picture(draw(dataset), plot, force)
-    return written([output, plot])
+    return report_files([output, plot])
 
 
 def save_picture(figure: "Figure", path: str, force: bool) -> None:
     """Write a picture to a path that was checked before the work. If a file has appeared there
     since, the picture gets another name."""
-    from rigidmc.figures import drawn
+    from rigidmc.figures import picture_bytes
     from rigidmc.files.outputs import write_bytes
 
-    write_bytes(path, drawn(figure, path), force)
+    write_bytes(path, picture_bytes(figure, path), force)
 
 
-def written(paths: Iterable[str | None]) -> list[str]:
+def report_files(paths: Iterable[str | None]) -> list[str]:
     """A line for each file that was written."""
-    from rigidmc.files.outputs import size_of
+    from rigidmc.files.outputs import disk_bytes
 
-    return [f"  wrote {path} ({size_of(path) / 1e6:,.1f} MB)" for path in paths if path is not None]
+    return [
+        f"  wrote {path} ({disk_bytes(path) / 1e6:,.1f} MB)" for path in paths if path is not None
+    ]
 
 
 class Stream:
@@ -266,7 +269,7 @@ class Stream:
         """Write a text without what controls a terminal, unless rich writes: that draws help and
         progress, of words that are our own."""
         rich = sys._getframe(1).f_globals.get("__name__", "").startswith("rich.")
-        return self.draw(text if rich else shown(text))
+        return self.draw(text if rich else terminal_text(text))
 
     def draw(self, text: str) -> int:
         """Write a text as it is."""

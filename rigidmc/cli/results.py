@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import INVALID, LOOK, app, fail, load_scene, open_result
+from rigidmc.cli.app import INVALID, LOOK, app, fail, load_result, load_scene
 from rigidmc.cli.options import (
     FORMATS,
     AllowCode,
@@ -17,22 +17,22 @@ from rigidmc.cli.options import (
     ResultArgument,
     ResultOutput,
     Set,
-    completing,
+    add_setting_options,
     count_option,
-    takes_settings,
+    make_completion,
     time_option,
 )
 from rigidmc.cli.reporting import (
     plots_module,
     refuse_outputs,
-    reported,
+    report_errors,
+    report_files,
     save_picture,
-    written,
 )
 from rigidmc.errors import OptionError, RigidmcError, in_file, unknown
 from rigidmc.files.outputs import refuse_existing
 from rigidmc.results.labels import count_text
-from rigidmc.scene.library import shipped
+from rigidmc.scene.library import shipped_names
 from rigidmc.views import PICTURES
 from rigidmc.views import picture as picture_named
 
@@ -51,8 +51,8 @@ Of = Annotated[
 Member = Annotated[int, count_option("--member", 0, help="Index of the member.")]
 
 
-@app.command(rich_help_panel=LOOK)
-@takes_settings(
+@app.command("rerun", rich_help_panel=LOOK)
+@add_setting_options(
     "every",
     "save",
     words={
@@ -60,7 +60,7 @@ Member = Annotated[int, count_option("--member", 0, help="Index of the member.")
         "save": "what to save; by default all observables",
     },
 )
-def rerun(
+def rerun_command(
     file: ResultArgument,
     member: Member,
     run: dict[str, Any],
@@ -71,7 +71,7 @@ def rerun(
 ) -> None:
     """Integrate one member of a result again, to the same bits, and save more: all observables
     unless --save names them."""
-    with reported(file):
+    with report_errors(file):
         from rigidmc.runs.rerun import rerun as integrate_again
 
         refuse_outputs(force, output, plot)
@@ -84,19 +84,19 @@ def rerun(
         times = dataset.sizes["time"]
         print(f"{dataset.attrs['title']}: member {member}, {count_text(times, 'save')} of {names}")
         print(f"  {dataset.attrs['rerun']}")
-        print("\n".join(written([output, plot])), end="\n" * bool(output or plot))
+        print("\n".join(report_files([output, plot])), end="\n" * bool(output or plot))
         dataset.close()
 
 
-@app.command(rich_help_panel=LOOK)
-def summary(file: ResultArgument, of: Of = []) -> None:  # noqa: B006
+@app.command("summary", rich_help_panel=LOOK)
+def summary_command(file: ResultArgument, of: Of = []) -> None:  # noqa: B006
     """Say what is in a result: flagged members, and of each number that members have its mean with
     a confidence interval, its median and its range. Or answer questions: --of."""
-    with reported():
-        from rigidmc.views.summary import summary as lines
+    with report_errors():
+        from rigidmc.views.summary import summary_text as lines
 
         try:
-            with open_result(file) as dataset, in_file(file):
+            with load_result(file) as dataset, in_file(file):
                 print(lines(dataset, of=of))
         except RigidmcError:
             raise
@@ -104,8 +104,8 @@ def summary(file: ResultArgument, of: Of = []) -> None:  # noqa: B006
             fail(error, INVALID)
 
 
-@app.command(rich_help_panel=LOOK)
-def plot(
+@app.command("plot", rich_help_panel=LOOK)
+def plot_command(
     file: ResultArgument,
     output: Annotated[
         str,
@@ -118,14 +118,14 @@ def plot(
     allow_code: AllowCode = False,
 ) -> None:
     """Draw a picture of a result."""
-    with reported():
+    with report_errors():
         if picture not in (*PICTURES, "gibbs"):
             raise unknown(
                 "picture", (*PICTURES, "gibbs"), at="picture", value=picture, error=OptionError
             )
         refuse_outputs(force, picture=output)
         try:
-            with open_result(file, allow_code) as dataset:
+            with load_result(file, allow_code) as dataset:
                 if picture == "gibbs":
                     from rigidmc.views.gibbs import gibbs
 
@@ -136,11 +136,11 @@ def plot(
             raise
         except ValueError as error:
             fail(error, INVALID)
-        print(*written([output]))
+        print(*report_files([output]))
 
 
-@app.command(rich_help_panel=LOOK)
-def export(
+@app.command("export", rich_help_panel=LOOK)
+def export_command(
     file: ResultArgument,
     output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help=f"{FORMATS}.")],
     force: Force = False,
@@ -148,17 +148,17 @@ def export(
 ) -> None:
     """Write a result in another format. A table has the columns that each member has one number of:
     start, last state, drifts, status, statistics."""
-    with reported():
+    with report_errors():
         from rigidmc.results.export import write
 
         refuse_outputs(force, output)
-        with open_result(file, allow_code) as dataset:
+        with load_result(file, allow_code) as dataset:
             write(dataset, output, force)
-        print(*written([output]))
+        print(*report_files([output]))
 
 
-@app.command(rich_help_panel=LOOK)
-def animate(
+@app.command("animate", rich_help_panel=LOOK)
+def animate_command(
     file: ResultArgument,
     member: Member,
     output: Annotated[
@@ -177,7 +177,7 @@ def animate(
 ) -> None:
     """Animate one member of a result: integrate it again, and draw it turning beside its momentum
     sphere."""
-    with reported():
+    with report_errors():
         from rigidmc.runs.rerun import frames
 
         refuse_outputs(force, animation=output)
@@ -191,7 +191,7 @@ def animate(
         except ValueError as error:
             fail(error, INVALID)
         steps = max(2, round(seconds * fps) - 1) * SMOOTH
-        dataset = frames(open_result(file, allow_code), member, steps, allow_code, until)
+        dataset = frames(load_result(file, allow_code), member, steps, allow_code, until)
         if int(dataset.status.values[0]) == 2:
             fail(f"{file}: member {member} never started: it has no such body or start", INVALID)
         count = -(-dataset.sizes["time"] // SMOOTH)
@@ -203,7 +203,7 @@ def animate(
         draw(dataset, output, fps, force=force)
         end = float(dataset.time.values[-1])
         print(f"{dataset.attrs['title']}: member {member}, {count} frames of {end:g} s")
-        print(*written([output]))
+        print(*report_files([output]))
 
 
 MEMBERS = 500  # of a scene that is run for its page
@@ -213,7 +213,7 @@ Source = Annotated[
     typer.Argument(
         metavar="FILE|RUN|SCENE",
         help="A result (.nc, .zarr), a run directory, a map, or a scene.",
-        autocompletion=completing(shipped),
+        autocompletion=make_completion(shipped_names),
     ),
 ]
 Shown = Annotated[
@@ -231,8 +231,8 @@ Page = Annotated[
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 
 
-@app.command(rich_help_panel=LOOK)
-def view(
+@app.command("view", rich_help_panel=LOOK)
+def view_command(
     source: Source,
     members: Shown = None,
     output: Page = None,
@@ -246,7 +246,7 @@ def view(
 ) -> None:
     """Write one HTML page in which members turn in space beside their momentum spheres, with a
     slider, omega, Euler angles and drifts. The page works without a network."""
-    with reported(source):
+    with report_errors(source):
         from rigidmc.views.viewer.page import check_k3d
         from rigidmc.views.viewer.page import view as page_of
 
@@ -258,7 +258,7 @@ def view(
         dataset = _result(source, settings, allow_code)
         page_of(dataset, name, chosen, until, force, allow_code)
         dataset.close()
-        print(*written([name]))
+        print(*report_files([name]))
         if show:
             webbrowser.open(Path(name).absolute().as_uri())
 
@@ -275,7 +275,7 @@ def _indices(text: str | None) -> list[int] | None:
 
 
 def _map(source: str) -> "xr.Dataset | None":
-    """The map in a file or a run directory; None for everything else, which `open_result` tries."""
+    """The map in a file or a run directory; None for everything else, which `load_result` tries."""
     from rigidmc.studies.stability_map.stored import is_map, open_map
 
     return open_map(source) if is_map(source) else None
@@ -289,7 +289,7 @@ def _result(source: str, settings: list[str], allow_code: bool) -> "xr.Dataset":
                 "is for scenes; a result has been computed", at="set", value=settings[0]
             )
         found = _map(source)
-        return found if found is not None else open_result(source, allow_code)
+        return found if found is not None else load_result(source, allow_code)
     from rigidmc.runs.simulate import simulate
 
     scene = load_scene(source, settings, allow_code)

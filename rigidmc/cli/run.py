@@ -10,12 +10,12 @@ import typer
 
 from rigidmc.cli.app import FLAGGED, INCOMPLETE, OK, START, app, load_scene
 from rigidmc.cli.directories import (
-    Ways,
-    begun,
+    DirectoryOptions,
     names_a_run,
+    refuse_directory_options,
     refuse_force,
-    refuse_ways,
-    takes_ways,
+    start_directory,
+    with_directory_options,
 )
 from rigidmc.cli.options import (
     AllowCode,
@@ -26,10 +26,16 @@ from rigidmc.cli.options import (
     SceneArgument,
     Set,
     Threads,
+    add_setting_options,
     count_option,
-    takes_settings,
 )
-from rigidmc.cli.reporting import plots_module, refuse_outputs, reported, save_picture, written
+from rigidmc.cli.reporting import (
+    plots_module,
+    refuse_outputs,
+    report_errors,
+    report_files,
+    save_picture,
+)
 from rigidmc.errors import OptionError
 from rigidmc.results.labels import count_text
 
@@ -52,12 +58,12 @@ Most = Annotated[int, count_option("--most", 32, help="With --until: most member
 
 
 @app.command("run", rich_help_panel=START)
-@takes_settings()
-@takes_ways
+@add_setting_options()
+@with_directory_options
 def run_scene(
     scene: SceneArgument,
     run: dict[str, Any],
-    ways: Ways,
+    ways: DirectoryOptions,
     settings: Set = [],  # noqa: B006
     allow_code: AllowCode = False,
     threads: Threads = None,
@@ -70,7 +76,7 @@ def run_scene(
 ) -> None:
     """Run a scene: integrate its ensemble, write the result and a picture, and say what it cost."""
     began = time.perf_counter()
-    with reported(scene):
+    with report_errors(scene):
         loaded = load_scene(scene, settings, allow_code, run)
         if output is not None and names_a_run(output):
             if plot is not None or until is not None:
@@ -78,8 +84,8 @@ def run_scene(
                 raise OptionError(rule, at="output", value=output)
             refuse_force(output, force)
             make = partial(_created, loaded, output, device)
-            raise typer.Exit(begun(make, ways, threads, allow_code, device)[0])
-        refuse_ways(ways)
+            raise typer.Exit(start_directory(make, ways, threads, allow_code, device)[0])
+        refuse_directory_options(ways)
         output = output and output.rstrip(os.sep)
         refuse_outputs(force, output, plot)
         if until is None:
@@ -122,7 +128,7 @@ def _until(
     force: bool,
 ) -> tuple["xr.Dataset", int]:
     """Add members until a measure is known well enough; the result and the exit code."""
-    from rigidmc.studies.until import goal_reached, simulate_until
+    from rigidmc.studies.until import is_goal_reached, simulate_until
 
     def show(members: int, interval: "Estimate") -> None:
         line = f"  {count_text(members, 'member')}: {interval.value:.6g} +- {interval.half:.2g}"
@@ -139,12 +145,12 @@ def _until(
         device=device,
     )
     dataset.encoding["rigidmc"]["until"] = f"  {until}: {interval.words()}"
-    return dataset, OK if goal_reached(until, interval) else INCOMPLETE
+    return dataset, OK if is_goal_reached(until, interval) else INCOMPLETE
 
 
 def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
     """Print what was run, what it cost, how well energy and |L|^2 are kept, and who is flagged."""
-    from rigidmc.scene.amounts import in_two_digits
+    from rigidmc.scene.amounts import two_digits
     from rigidmc.scene.drifts import one_way
 
     cost = dataset.encoding["rigidmc"]
@@ -159,8 +165,8 @@ def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
         f" with {dataset.attrs['integrator']}"
     )
     print(
-        f"  {seconds:.2f} s, {in_two_digits(count * steps / seconds)} member-steps/s,"
-        f" {in_two_digits(count / seconds)} members/s; compiled in {cost['compile_seconds']:.2f} s;"
+        f"  {seconds:.2f} s, {two_digits(count * steps / seconds)} member-steps/s,"
+        f" {two_digits(count / seconds)} members/s; compiled in {cost['compile_seconds']:.2f} s;"
         f" {wall:.2f} s in all"
     )
     for name, word in (
@@ -175,7 +181,7 @@ def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
     print(f"  flagged members: {flags or 'none'}{where}")
     if not files:
         print("  nothing was written: -o FILE keeps the result, --plot FILE draws it")
-    for line in written(files):
+    for line in report_files(files):
         print(line)
     if "until" in cost:
         print(cost["until"])

@@ -5,16 +5,16 @@ from typing import Annotated, Any
 import typer
 
 from rigidmc.cli.app import REFERENCE, START, app, load_scene
-from rigidmc.cli.options import AllowCode, Device, SceneArgument, Set, Threads, takes_settings
-from rigidmc.cli.reporting import reported
+from rigidmc.cli.options import AllowCode, Device, SceneArgument, Set, Threads, add_setting_options
+from rigidmc.cli.reporting import report_errors
 from rigidmc.errors import in_file
 from rigidmc.results.labels import count_text
 from rigidmc.scene import library
 
 
-@app.command(rich_help_panel=START)
-@takes_settings()
-def show(
+@app.command("show", rich_help_panel=START)
+@add_setting_options()
+def show_command(
     scene: SceneArgument,
     run: dict[str, Any],
     settings: Set = [],  # noqa: B006
@@ -23,7 +23,7 @@ def show(
     device: Device = None,
 ) -> None:
     """Say what a scene is, which effects are compiled, and what a run would take; run nothing."""
-    with reported(scene):
+    with report_errors(scene):
         from rigidmc.engine.cuda.devices import resolve_device
         from rigidmc.engine.machine import threads_available
         from rigidmc.views.descriptions import describe_scene
@@ -33,23 +33,23 @@ def show(
         print(describe_scene(loaded, many, where))
 
 
-@app.command(rich_help_panel=START)
-def check(
+@app.command("check", rich_help_panel=START)
+def check_command(
     scene: SceneArgument,
     settings: Set = [],  # noqa: B006
     allow_code: AllowCode = False,
 ) -> None:
     """Check a scene file: exit code 0 if it can be run, else 3 and a message."""
-    with reported(scene):
-        from rigidmc.planning.check import check as check_scene
-        from rigidmc.runs.prepare import prepared
-        from rigidmc.scene.recording import recording
+    with report_errors(scene):
+        from rigidmc.planning.check import check_scene as check_scene
+        from rigidmc.runs.prepare import prepare_scene
+        from rigidmc.scene.recording import make_recording
 
         loaded = load_scene(scene, settings, allow_code)
         auto = loaded.run.integrator == "auto"
         if auto:
-            check_scene(loaded, recording(loaded))
-        ready = prepared(loaded.with_run(integrator="rk8") if auto else loaded)
+            check_scene(loaded, make_recording(loaded))
+        ready = prepare_scene(loaded.with_run(integrator="rk8") if auto else loaded)
         for note in ready.scene_notes if auto else ready.notes:
             print(f"note: {note}")
         steps = f"{ready.plan.mean_steps:,.0f} steps with {loaded.run.integrator}"
@@ -59,20 +59,21 @@ def check(
 
 
 @app.command(
+    "scenes",
     rich_help_panel=START,
     help=(library.__doc__ or "").replace("[", r"\[").replace("\n\n", "\n\n\b\n"),
 )
-def scenes(
+def scenes_command(
     name: Annotated[str | None, typer.Argument(help="A shipped scene to print.")] = None,
 ) -> None:
-    with reported():
-        from rigidmc.scene.library import read_source, shipped
+    with report_errors():
+        from rigidmc.scene.library import read_source, shipped_names
         from rigidmc.scene.scene import Scene
 
         if name is not None:
             print(read_source(name), end="")
             return
-        names = shipped()
+        names = shipped_names()
         width = max(map(len, names))
         for word in names:
             print(f"{word:{width}s} {Scene.load(word).summary}")
@@ -93,8 +94,8 @@ AllIntegrators = Annotated[
 ]
 
 
-@app.command(rich_help_panel=REFERENCE)
-def warm(
+@app.command("warm", rich_help_panel=REFERENCE)
+def warm_command(
     scenes: Scenes = [],  # noqa: B006
     all_integrators: AllIntegrators = False,
     settings: Set = [],  # noqa: B006
@@ -104,15 +105,17 @@ def warm(
     before jobs that share a cache.
 
     Prints the compile time of each scene; compiled code is not compiled again."""
-    with reported():
+    with report_errors():
         from rigidmc.runs import precompile
-        from rigidmc.scene.library import shipped
+        from rigidmc.scene.library import shipped_names
 
-        loaded = [(name, load_scene(name, settings, allow_code)) for name in scenes or shipped()]
+        loaded = [
+            (name, load_scene(name, settings, allow_code)) for name in scenes or shipped_names()
+        ]
         width = max(len(name) for name, _ in loaded)
         for name, scene in loaded:
             with in_file(name):
-                programs = precompile.warm(scene, all_integrators)
+                programs = precompile.precompile(scene, all_integrators)
             new = [one.integrator for one in programs if one.compiled and not one.skipped]
             seconds = sum(one.seconds for one in programs if not one.skipped)
             print(

@@ -14,8 +14,14 @@ from typer.core import TyperCommand
 from typer.main import get_command_from_info
 from typer.models import CommandInfo
 
-from rigidmc.cli.app import FLAGGED, INCOMPLETE, OK, STUDY, app, load_scene, open_result
-from rigidmc.cli.directories import Ways, begun, names_a_run, refuse_force, refuse_ways
+from rigidmc.cli.app import FLAGGED, INCOMPLETE, OK, STUDY, app, load_result, load_scene
+from rigidmc.cli.directories import (
+    DirectoryOptions,
+    names_a_run,
+    refuse_directory_options,
+    refuse_force,
+    start_directory,
+)
 from rigidmc.cli.options import (
     AllowCode,
     Cluster,
@@ -31,12 +37,18 @@ from rigidmc.cli.options import (
     ShardSize,
     ShardTime,
     Threads,
+    add_setting_options,
     count_option,
-    gathering,
-    takes_settings,
+    gather_options,
     time_option,
 )
-from rigidmc.cli.reporting import keep, refuse_outputs, reported, show_done, written
+from rigidmc.cli.reporting import (
+    refuse_outputs,
+    report_errors,
+    report_files,
+    show_done,
+    write_study,
+)
 from rigidmc.errors import OptionError, in_file
 from rigidmc.studies import STUDIES, load_study
 
@@ -52,7 +64,7 @@ if TYPE_CHECKING:
 OUTCOMES = {"done": OK, "flagged": FLAGGED, "incomplete": INCOMPLETE}  # {of a study: exit code}
 
 
-class Where(NamedTuple):
+class RunOptions(NamedTuple):
     """How members are computed and where they go, as options.
 
     settings : of --set;  output : a file, or a run directory;  ways : that only these have
@@ -65,20 +77,20 @@ class Where(NamedTuple):
     output: str | None
     plot: str | None
     force: bool
-    ways: Ways
+    ways: DirectoryOptions
 
 
-def where_of(given: dict[str, Any]) -> Where:
-    """The Where of the options."""
-    ways = Ways(*(given.pop(name, None) for name in Ways._fields))
+def where_of(given: dict[str, Any]) -> RunOptions:
+    """The RunOptions of the options."""
+    ways = DirectoryOptions(*(given.pop(name, None) for name in DirectoryOptions._fields))
     settings, output = list(given["settings"] or ()), given["output"]
     flags = bool(given["allow_code"]), bool(given["force"])
     threads, device = given["threads"], given.get("device")
-    return Where(settings, flags[0], threads, device, output, given["plot"], flags[1], ways)
+    return RunOptions(settings, flags[0], threads, device, output, given["plot"], flags[1], ways)
 
 
-# options of which `where_of` makes a Where: of studies whose members or tasks a run directory may
-# hold, and of others
+# options of which `where_of` makes a RunOptions: of studies whose members or tasks a run directory
+# may hold, and of others
 OF_MEMBERS: dict[str, Any] = {
     "settings": Set, "allow_code": AllowCode, "threads": Threads, "device": Device,
     "output": OutputOrRun, "plot": Plot, "force": Force, "max_wall": MaxWall, "shards": Shards,
@@ -136,32 +148,32 @@ def command_of(study: "Study") -> Callable[..., None]:
 
     pictured, is_direct = options_of(study.picture_options), isinstance(study.work, Direct)
 
-    def command(name: str, where: Where, run: Any = None, **options: Any) -> None:
+    def command(name: str, where: RunOptions, run: Any = None, **options: Any) -> None:
         picture = {one.name: options.pop(one.name) for one in pictured}
         files = {key: options.pop(key) for key in study.files}
-        with reported(None if is_direct else name):  # its outputs are not about the scene
+        with report_errors(None if is_direct else name):  # its outputs are not about the scene
             if is_direct:
                 dataset, file = _measured(study, name, where, options, files), where.output
             else:
-                dataset, file = _studied(study, name, where, options, run)
+                dataset, file = _run_study(study, name, where, options, run)
             show(study, dataset, where._replace(output=file), picture, files)
         end(study, dataset)
 
     kind = inspect.Parameter.KEYWORD_ONLY
     parameters = [
         _source(study),
-        *parameters_of(study),
+        *command_parameters(study),
         *(_path(name, one.text) for name, one in study.files.items()),
         *(inspect.Parameter(name, kind) for name in ("run", "where")[is_direct:]),
     ]
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     if is_direct:
-        return gathering("where", OF_FILES, where_of)(command)
-    settings = takes_settings(*(study.settings or ()), words=study.settings_help)
-    return settings(gathering("where", OF_MEMBERS, where_of)(command))
+        return gather_options("where", OF_FILES, where_of)(command)
+    settings = add_setting_options(*(study.settings or ()), words=study.settings_help)
+    return settings(gather_options("where", OF_MEMBERS, where_of)(command))
 
 
-def parameters_of(study: "Study") -> list[inspect.Parameter]:
+def command_parameters(study: "Study") -> list[inspect.Parameter]:
     """The options of a study and of its picture as parameters of a command."""
     from rigidmc.studies.framework.options import options_of
 
@@ -218,7 +230,7 @@ def _parameter(one: "Option") -> inspect.Parameter:
 def _measured(
     study: "Study",
     name: str | None,
-    where: Where,
+    where: RunOptions,
     options: dict[str, Any],
     files: dict[str, str | None],
 ) -> "xr.Dataset":
@@ -232,8 +244,8 @@ def _measured(
         return study.work.compute(scene, read, where.threads, None, True)
 
 
-def _studied(
-    study: "Study", name: str, where: Where, options: dict[str, Any], run: dict[str, Any]
+def _run_study(
+    study: "Study", name: str, where: RunOptions, options: dict[str, Any], run: dict[str, Any]
 ) -> "tuple[xr.Dataset, str | None]":
     """(a study, the file to write it to): of a result or a run directory, or of a scene."""
     from rigidmc.studies.framework.members import Members
@@ -246,7 +258,7 @@ def _studied(
 
     def stored(path: str) -> "xr.Dataset":
         code = where.allow_code
-        result = open_result(path, code) if isinstance(study.work, Members) else path
+        result = load_result(path, code) if isinstance(study.work, Members) else path
         return study.of(result, allow_code=code, threads=where.threads, **again)
 
     file = None if folder_of(where.output) else where.output
@@ -258,7 +270,7 @@ def _studied(
     def designed() -> tuple[Any, Any]:
         return study.designed(load_scene(name, where.settings, where.allow_code), asked, run)
 
-    return computed(study, where, designed, stored)
+    return compute_study(study, where, designed, stored)
 
 
 def folder_of(output: str | None) -> str | None:
@@ -266,9 +278,9 @@ def folder_of(output: str | None) -> str | None:
     return output if output is not None and names_a_run(output) else None
 
 
-def computed(
+def compute_study(
     study: "Study",
-    where: Where,
+    where: RunOptions,
     designed: Callable[[], tuple[Any, Any]],
     stored: "Callable[[str], xr.Dataset]",
 ) -> "tuple[xr.Dataset, str | None]":
@@ -285,7 +297,7 @@ def computed(
     work: Any = study.work
     folder, threads, device = folder_of(where.output), where.threads, where.device
     if folder is None:
-        refuse_ways(where.ways)
+        refuse_directory_options(where.ways)
         design, read = designed()
         if isinstance(work, Members):
             say(work.price(design, read, threads, device=device))
@@ -301,7 +313,7 @@ def computed(
         directory: RunDirectory = work.create(study.name, design, read, folder, **sizes)
         return directory
 
-    code_of_run, whole = begun(make, where.ways, threads, where.allow_code, device)
+    code_of_run, whole = start_directory(make, where.ways, threads, where.allow_code, device)
     if not whole:
         raise typer.Exit(code_of_run)
     return stored(folder), None
@@ -310,7 +322,7 @@ def computed(
 def show(
     study: "Study",
     dataset: "xr.Dataset",
-    where: Where,
+    where: RunOptions,
     picture: dict[str, Any],
     files: dict[str, str | None],
 ) -> None:
@@ -322,10 +334,10 @@ def show(
         return study.draw(found, **picture)
 
     try:
-        lines += keep(dataset, where.output, where.plot, where.force, draw)
+        lines += write_study(dataset, where.output, where.plot, where.force, draw)
         for key, path in files.items():
             if path is not None and study.files[key].write(dataset, path, where.force):
-                lines += written([path])
+                lines += report_files([path])
     finally:
         if all(isinstance(line, str) for line in table):
             print("\n".join(table))

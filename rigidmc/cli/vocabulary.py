@@ -14,7 +14,7 @@ import typer
 
 from rigidmc.cli.app import REFERENCE, app, load_scene
 from rigidmc.cli.options import AllowCode
-from rigidmc.cli.reporting import reported
+from rigidmc.cli.reporting import report_errors
 from rigidmc.errors import OptionError, unknown
 from rigidmc.results.labels import units_text, with_units
 
@@ -53,7 +53,7 @@ def _explain(
     """Print the docstring of a kind, which has its equation and source, then its facts."""
     if name not in kinds:
         raise unknown(kind, kinds, at=kind, value=name, error=OptionError)
-    print(f"{name}: {explained(text or '')}\n")
+    print(f"{name}: {explain_docstring(text or '')}\n")
     for label, fact in facts(name):
         if fact:
             print(f"{label:12s} {fact}")
@@ -76,7 +76,7 @@ def effects(
 ) -> None:
     """List the effects: law, parameters, what each needs and conserves; with --measure what each
     costs here. NAME: its equation, parameters and source."""
-    with reported():
+    with report_errors():
         from rigidmc.physics.effects import EFFECTS, description
 
         if name is not None:
@@ -119,7 +119,7 @@ def _of_effect(name: str) -> Facts:
     """(label, fact) of an effect."""
     from rigidmc.physics.effects import EFFECTS, description
     from rigidmc.physics.effects.protocol import user_parameters
-    from rigidmc.scene.validation import limits
+    from rigidmc.scene.validation import parameter_limits
 
     kind = EFFECTS[name]
     defaults = kind._field_defaults
@@ -132,7 +132,7 @@ def _of_effect(name: str) -> Facts:
     yield "in a scene", f"[effects.{name}] with {table}; in Python {in_python}"
     units = {field: units_text(kind.units[field]) or "1" for field in fields}
     yield "units", ", ".join(f"{field} [{text}]" for field, text in units.items())
-    ranges = ((field, *limits(kind, field, False)) for field in fields)
+    ranges = ((field, *parameter_limits(kind, field, False)) for field in fields)
     yield (
         "ranges",
         ", ".join(
@@ -151,7 +151,7 @@ def observables(
 ) -> None:
     """List what can be saved and watched: its parameters and results; with --measure what each
     watched one adds to a step here. NAME: all about it."""
-    with reported():
+    with report_errors():
         from rigidmc.physics.observables import (
             KNOWN,
             OBSERVABLES,
@@ -263,7 +263,7 @@ def integrators(
 ) -> None:
     """List the integrators: order, torques a step, what they conserve, which torques they take;
     with --measure what a step costs here. NAME: its source."""
-    with reported():
+    with report_errors():
         from rigidmc.physics.integrators import INTEGRATORS, description
 
         kinds = dict(INTEGRATORS)
@@ -310,7 +310,7 @@ _PARAMETER = re.compile(r"^(?P<names>\w[\w, ]*) : (?P<kind>.*)\n(?P<meaning>(?:[
 _UNIT = re.compile(r"\[[^\]]+\]$")
 
 
-def explained(docstring: str) -> str:
+def explain_docstring(docstring: str) -> str:
     """Summary, equation, text and source of a docstring, and lines `name : meaning [unit]`.
 
     Other sections tell what Python alone does: examples, errors raised, what is returned.

@@ -17,7 +17,7 @@ from typing import Any
 from rigidmc.engine.compiler.kernels import KernelKey, compile_kernel, is_cacheable
 from rigidmc.engine.kernel.arguments import record_type
 from rigidmc.engine.machine import threads_available
-from rigidmc.files.processes import can_start, start
+from rigidmc.files.processes import can_start, start_helper
 
 PATIENCE = 60.0  # [s] for what takes 1 to 3 s on two cores
 
@@ -58,7 +58,7 @@ def _start_helper(keys: Sequence[KernelKey]) -> subprocess.Popen[str] | None:
         for key in keys
     ]
     try:
-        process = start(__name__, answers=False)
+        process = start_helper(__name__, answers=False)
     except OSError:
         return None
     assert process.stdin is not None

@@ -14,7 +14,7 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 from rigidmc.engine.compiler.disk_cache import cache_home
-from rigidmc.files.opening import plain
+from rigidmc.files.opening import open_plain
 from rigidmc.progress import say
 
 log = logging.getLogger("rigidmc")
@@ -153,7 +153,7 @@ def _pace() -> float:
     """
     with (
         contextlib.suppress(OSError, ValueError),
-        open(_file(), encoding="ascii", opener=plain) as file,
+        open(_file(), encoding="ascii", opener=open_plain) as file,
     ):
         # Bounded, as the file may be damaged, or of another machine.
         pace = float(file.read(32))
@@ -165,7 +165,7 @@ def _learn(pace: float) -> None:
     """Keep the pace for other processes, if there is a cache."""
     with contextlib.suppress(OSError, ValueError):
         path = _file()
-        with open(f"{path}.{os.getpid()}", "w", encoding="ascii", opener=plain) as file:
+        with open(f"{path}.{os.getpid()}", "w", encoding="ascii", opener=open_plain) as file:
             file.write(f"{pace:.3f}\n")
         os.replace(file.name, path)
 

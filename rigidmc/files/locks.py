@@ -8,7 +8,7 @@ import tempfile
 import weakref
 from typing import IO, Any
 
-from rigidmc.files.outputs import naming
+from rigidmc.files.outputs import naming_the_path
 from rigidmc.files.processes import let_go
 
 if sys.platform == "win32":
@@ -43,7 +43,7 @@ def lock(file: IO[Any], name: str, shared: bool = False) -> None:
     shared : several processes may hold a shared lock at once
     """
     try:
-        with naming(name):
+        with naming_the_path(name):
             _held.add(file)  # before it is locked: a fork may come in between
             _lock(file, shared)
     except OSError as error:

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 from rigidmc.errors import FileError
-from rigidmc.files.opening import is_zarr, plain, refuse_irregular
+from rigidmc.files.opening import is_zarr, open_plain, refuse_irregular
 from rigidmc.files.outputs import Path
-from rigidmc.files.processes import unlock
+from rigidmc.files.processes import unlock_in_fork
 from rigidmc.files.reading import bytes_of, json_of
 from rigidmc.files.trial import refuse_unreadable
 from rigidmc.threads import Task, threads_of
@@ -32,7 +32,7 @@ T = TypeVar("T")
 _opening = threading.Lock()
 
 
-def alone(function: Callable[..., T], *arguments: Any) -> T:
+def in_netcdf_thread(function: Callable[..., T], *arguments: Any) -> T:
     """Call a function that uses the C library while no other thread does: it is not thread-safe.
 
     xarray holds its lock while it reads values, and when it closes a dropped Dataset, which happens
@@ -60,7 +60,7 @@ def close_once(file: netCDF4.Dataset) -> None:
     """Close a file once. If that fails, the C library keeps a number for what it has freed, and
     crashes when the file is closed again. Its lock ends, also if a fork has the file open."""
     try:
-        unlock(file.filepath())
+        unlock_in_fork(file.filepath())
         file.close()
     except BaseException:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(file))  # the collector would close it again
@@ -149,7 +149,7 @@ def read(
 
     refuse_unreadable(path)
     try:
-        return alone(values)
+        return in_netcdf_thread(values)
     except (OSError, RuntimeError, IndexError) as error:
         # the system's own errors have positive numbers, those of the library negative ones
         if isinstance(error, OSError) and (error.errno or 0) > 0:
@@ -264,7 +264,7 @@ def _refuse_swollen(path: str, arrays: dict[str, _Array]) -> None:
         folder, before = os.path.dirname(folder), folder
         if folder == before:
             return
-    with open(path, "rb", opener=plain) as file:
+    with open(path, "rb", opener=open_plain) as file:
         announced = _announced(arrays[folder].packer, file.read(18))
     if announced > arrays[folder].chunk:
         rule = f"unpacks to {announced:,} bytes, a chunk has {arrays[folder].chunk:,}"

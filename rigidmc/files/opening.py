@@ -44,24 +44,24 @@ def refuse_unnamed(path: str | os.PathLike[str]) -> None:
         raise FileError(rule, at="path", file=repr(os.path.abspath(path))) from None
 
 
-def regular(path: str, flags: int) -> int:
+def open_regular(path: str, flags: int) -> int:
     """Open a regular file that the user names, perhaps by a link; for `open(path, opener=...)`."""
     refuse_irregular(path)  # a device may do something when it is opened
     return _kept_if_regular(path, os.open(path, flags | _WAITLESS))
 
 
-def plain(path: str, flags: int) -> int:
+def open_plain(path: str, flags: int) -> int:
     """Open a regular file that is no link; for `open(path, opener=plain)`."""
     return _checked(path, path, flags, None)
 
 
-def below(path: str, flags: int) -> int:
-    """As `plain`, for a file whose folder may not be a link either."""
+def open_below(path: str, flags: int) -> int:
+    """As `open_plain`, for a file whose folder may not be a link either."""
     folder, name = os.path.split(path)
     if not _BY_FOLDER:
         if os.path.islink(folder):
             refuse_irregular(folder, stat.S_IFLNK)
-        return plain(path, flags)
+        return open_plain(path, flags)
     at = _opened(folder, folder, os.O_RDONLY | _FOLDER, None)
     try:
         return _checked(path, name, flags, at)
@@ -100,11 +100,11 @@ def _opened(path: str, name: str, flags: int, at: int | None) -> int:
 
 def copy(path: str, to: str) -> None:
     """Copy a file of a folder of others to an existing file."""
-    with open(path, "rb", opener=below) as source, open(to, "wb", opener=plain) as target:
+    with open(path, "rb", opener=open_below) as source, open(to, "wb", opener=open_plain) as target:
         shutil.copyfileobj(source, target, 2**20)
 
 
-def held(file: int) -> int:
+def data_bytes(file: int) -> int:
     """Bytes of an open file that hold data: its size without the holes of a sparse file.
 
     A file of gigabytes may take no room at all. A file system that knows no holes tells the size.
@@ -128,10 +128,10 @@ def held(file: int) -> int:
     return data
 
 
-def held_in(path: str | os.PathLike[str]) -> int:
-    """As `held`, of a regular file by its path."""
-    with open(path, "rb", opener=regular) as file:
-        return held(file.fileno())
+def data_bytes_at(path: str | os.PathLike[str]) -> int:
+    """As `data_bytes`, of a regular file by its path."""
+    with open(path, "rb", opener=open_regular) as file:
+        return data_bytes(file.fileno())
 
 
 KINDS = {  # of what is written, with their endings

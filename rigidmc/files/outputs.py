@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all. Each is written beside its place as a `Part`, made
+"""Files that appear whole or not at all. Each is written beside its place as a `PartialFile`, made
 durable, then renamed; an existing file is replaced only on request.
 
 A part is called .part-COMPUTER-PROCESS-NUMBER. If a process is killed, the next one that writes to
@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable, Iterator
 
 from rigidmc.errors import FileError, NoRoom, OutputExists
-from rigidmc.files.opening import check_suffix, is_zarr, plain, refuse_unnamed
+from rigidmc.files.opening import check_suffix, is_zarr, open_plain, refuse_unnamed
 from rigidmc.files.processes import descriptors, let_go
 
 Path = str | os.PathLike[str]
@@ -80,9 +80,9 @@ def refuse_unwritable(folder: str, size: float = 100_000) -> None:
     clear(folder)
     try:
         # os.access may be wrong about a folder: only writing tells
-        probe = Part(os.path.join(folder, "probe"))
+        probe = PartialFile(os.path.join(folder, "probe"))
         try:
-            with open(probe.path, "wb", opener=plain) as file:
+            with open(probe.path, "wb", opener=open_plain) as file:
                 file.write(bytes(4096))
         finally:
             probe.discard()
@@ -110,7 +110,7 @@ def _not_writable(error: OSError, path: Path) -> OSError:
     return type(error)(f"{path}: not writable: {error.strerror}; nothing was written")
 
 
-class Part:
+class PartialFile:
     """An unfinished file or folder. Its content is written to `path`, which exists and is empty;
     `finish` gives it its name, and `discard` deletes it.
 
@@ -137,7 +137,7 @@ class Part:
             self.path = os.path.join(place, name + suffix * bool(_PART.fullmatch(name + suffix)))
             _parts.add(self.path)
             try:
-                with naming(self.final, self.path):
+                with naming_the_path(self.final, self.path):
                     _create(self.path, folder)
                 break
             except BaseException as error:
@@ -161,10 +161,10 @@ class Part:
         """
         final = self.final if final is None else final
         try:
-            with naming(final, self.path):
+            with naming_the_path(final, self.path):
                 for file in _files_of(self.path):
                     with open(
-                        file, "rb+", opener=plain
+                        file, "rb+", opener=open_plain
                     ) as one:  # Windows makes only writable files durable
                         os.fsync(one.fileno())
                 if self.before is not None:
@@ -193,7 +193,7 @@ class Part:
 
     def _replace_by_folder(self, final: str) -> None:
         """Systems replace no folder that has files: what exists is put aside for a moment."""
-        old = Part(final, folder=os.path.isdir(final) and not os.path.islink(final))
+        old = PartialFile(final, folder=os.path.isdir(final) and not os.path.islink(final))
         if os.name == "nt":  # Windows puts a folder in the place of no other
             os.rmdir(old.path)
         os.replace(final, old.path)
@@ -214,7 +214,7 @@ class Part:
 @contextlib.contextmanager
 def folder_beside(path: Path) -> Iterator[str]:
     """A folder beside a place, deleted in the end unless it was renamed."""
-    part = Part(path, folder=True)
+    part = PartialFile(path, folder=True)
     try:
         yield part.path
     finally:
@@ -224,11 +224,11 @@ def folder_beside(path: Path) -> Iterator[str]:
 def write_bytes(
     path: Path, data: bytes, force: bool = False, before: Callable[[], None] | None = None
 ) -> None:
-    """Write a file whole or not at all; `before` as for `Part`."""
+    """Write a file whole or not at all; `before` as for `PartialFile`."""
     with (
-        Part(path, force, before) as part,
-        naming(path, part),
-        open(part, "wb", opener=plain) as file,
+        PartialFile(path, force, before) as part,
+        naming_the_path(path, part),
+        open(part, "wb", opener=open_plain) as file,
     ):
         file.write(data)
 
@@ -242,7 +242,7 @@ def _create(path: str, folder: bool) -> None:
 
 
 @contextlib.contextmanager
-def naming(path: Path, part: str | None = None) -> Iterator[None]:
+def naming_the_path(path: Path, part: str | None = None) -> Iterator[None]:
     """Let errors of the system name `path` if they name its part, or no file, as in fsync."""
     try:
         yield
@@ -356,7 +356,7 @@ def _free(part: str) -> None:
     that has its final name already, and a file of somebody else are left as they are."""
     with (
         contextlib.suppress(OSError, FileError),
-        open(part, "rb+", buffering=0, opener=plain) as file,
+        open(part, "rb+", buffering=0, opener=open_plain) as file,
     ):
         facts = os.fstat(file.fileno())
         mine = not hasattr(os, "getuid") or facts.st_uid == os.getuid()
@@ -364,7 +364,7 @@ def _free(part: str) -> None:
             file.truncate(0)
 
 
-def size_of(path: Path) -> int:
+def disk_bytes(path: Path) -> int:
     """Bytes of a file, or of all files of a folder."""
     return sum(map(os.path.getsize, _files_of(os.fspath(path))))
 
@@ -373,7 +373,7 @@ def content_of(folder: Path, name: str) -> bytes:
     """The bytes of a file of a folder, b"" if there is none; FileError for a link."""
     with (
         contextlib.suppress(FileNotFoundError),
-        open(os.path.join(folder, name), "rb", opener=plain) as file,
+        open(os.path.join(folder, name), "rb", opener=open_plain) as file,
     ):
         return file.read()
     return b""

@@ -1,16 +1,16 @@
 """Other processes: helpers, which this package starts, and forks of a process that has files open.
 
-`start` is the one way in which this package starts another Python. A helper imports nothing from
-the working directory, which may hold a downloaded result beside a file netCDF4.py: it is isolated
-(`python -I`), its folders of modules are those of this process without the working directory, and
-it works in the folder of the package, because libraries look for settings where they are (Numba for
-.numba_config.yaml, matplotlib for matplotlibrc).
+`start_helper` is the one way in which this package starts another Python. A helper imports nothing
+from the working directory, which may hold a downloaded result beside a file netCDF4.py: it is
+isolated (`python -I`), its folders of modules are those of this process without the working
+directory, and it works in the folder of the package, because libraries look for settings where they
+are (Numba for .numba_config.yaml, matplotlib for matplotlibrc).
 
 A fork has the open files of its origin. A lock of the kind that the C library of netCDF takes
 belongs to the open file: it stays while any process has that open, and nobody, not even the process
 that wrote the file, opens it again. A fork that ends in the ordinary way also writes what the
-library still held, into the file of its origin. So a process takes its locks off itself (`unlock`),
-and a fork lets go of the files that its origin was writing (`let_go`).
+library still held, into the file of its origin. So a process takes its locks off itself
+(`unlock_in_fork`), and a fork lets go of the files that its origin was writing (`let_go`).
 """
 
 import contextlib
@@ -30,7 +30,7 @@ def can_start() -> bool:
     return "python" in name and not hasattr(sys, "frozen")
 
 
-def start(module: str, answers: bool = True) -> "subprocess.Popen[str]":
+def start_helper(module: str, answers: bool = True) -> "subprocess.Popen[str]":
     """A process that runs `main` of a module of this package; it is written to through its stdin.
 
     answers : whether its stdout is read
@@ -98,7 +98,7 @@ def descriptors(paths: Iterable[str]) -> Iterator[int]:
                     yield int(name)
 
 
-def unlock(path: str) -> None:
+def unlock_in_fork(path: str) -> None:
     """Take the lock off a file that this process has open, for the forks that have it open too."""
     if sys.platform != "win32":
         for file in descriptors([path]):

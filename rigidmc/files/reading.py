@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import FileError, SceneError, path_of
-from rigidmc.files.opening import plain, regular
+from rigidmc.files.opening import open_plain, open_regular
 from rigidmc.files.outputs import Path
 
 TEXT = 4 * 2**20  # bytes of a text: TOML is read at 1 to 5 MB/s
@@ -37,7 +37,7 @@ def bytes_of(path: Path, most: int = TEXT, last: bool = False, links: bool = Tru
 
     links : whether a link is followed: of a path that the user names, but not within a folder
     """
-    with open(path, "rb", opener=regular if links else plain) as file:
+    with open(path, "rb", opener=open_regular if links else open_plain) as file:
         if last:
             file.seek(max(0, os.fstat(file.fileno()).st_size - most))
             return file.read(most)
@@ -105,13 +105,13 @@ LINE = 2**20  # letters of a line: the holes of a sparse file make one line of g
 _LINES, _LETTERS = 20_000, 2**22  # that are turned into numbers at once
 
 
-def numbers_of(path: str | os.PathLike[str]) -> tuple[list[str], NDArray[np.float64]]:
+def read_number_table(path: str | os.PathLike[str]) -> tuple[list[str], NDArray[np.float64]]:
     """(names in the first line, numbers (rows, columns)) of a CSV file; (0, 0) without rows.
 
     Memory and time grow with the size of the file. Raises ValueError, of which UnicodeDecodeError
     is one, for lines that differ in length, and FileError for what is no text file.
     """
-    with open(path, encoding="utf-8", opener=regular) as file:
+    with open(path, encoding="utf-8", opener=open_regular) as file:
         names = [
             word.strip().strip('"') for word in _line(file).strip().lstrip("\ufeff").split(",")
         ]
@@ -155,14 +155,14 @@ _FORMULA = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # and t
 MESHES = (".stl", ".obj", ".ply", ".off")
 
 
-def loaded(path: str) -> Any:
+def load_mesh(path: str) -> Any:
     """The trimesh.Trimesh of a file; what trimesh raises, and ValueError for another format."""
     import trimesh
 
     ending = os.path.splitext(path)[1].lower()
     if ending not in MESHES:
         raise ValueError(f"its name ends in none of {', '.join(MESHES)}")
-    with open(path, "rb", opener=regular) as file:
+    with open(path, "rb", opener=open_regular) as file:
         # by the bytes, which have no place: an OBJ file names others, of materials, and trimesh
         # looks for them beside an open file; a pipe of such a name kept it waiting for 20 s
         data = io.BytesIO(file.read())

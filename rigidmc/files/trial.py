@@ -17,10 +17,10 @@ import threading
 
 from rigidmc.errors import FileError
 from rigidmc.files.locks import lock
-from rigidmc.files.opening import held_in, refuse_unnamed, regular
+from rigidmc.files.opening import data_bytes_at, open_regular, refuse_unnamed
 from rigidmc.files.outputs import Path
-from rigidmc.files.processes import start
-from rigidmc.files.reading import loaded
+from rigidmc.files.processes import start_helper
+from rigidmc.files.reading import load_mesh
 
 if sys.platform != "win32":
     import resource
@@ -46,7 +46,7 @@ def refuse_unreadable(path: Path, kind: str = "netCDF") -> None:
     """
     path = os.path.abspath(path)
     refuse_unnamed(path)
-    with open(path, "rb", opener=regular) as file:
+    with open(path, "rb", opener=open_regular) as file:
         facts = os.fstat(file.fileno())
         state = (kind, path, facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns)
         if state in _sound:
@@ -70,7 +70,7 @@ def _verdict(kind: str, path: str) -> str:
     """The helper's complaint about a file, "" for none."""
     if not _helpers or _helpers[0].poll() is not None:
         _end()
-        _helpers.append(start(__name__))
+        _helpers.append(start_helper(__name__))
         atexit.register(_end)
         if _helpers[0].stdout is None or not _helpers[0].stdout.readline():
             _end()
@@ -146,7 +146,7 @@ def complaint(path: str) -> str:
 
     try:
         with netCDF4.Dataset(path) as file:
-            holds = PACKED * held_in(path)
+            holds = PACKED * data_bytes_at(path)
             claims = 0
             if len(file.variables) > MOST or len(file.dimensions) > MOST:
                 return f"has more than {MOST:,} variables or dimensions"
@@ -178,7 +178,7 @@ def complaint(path: str) -> str:
 def _mesh_complaint(path: str) -> str:
     """Why a mesh must not be loaded, in words; "" if it may be."""
     try:
-        loaded(path)
+        load_mesh(path)
     except Exception as error:  # the readers of trimesh raise all kinds of exceptions
         return f"is no mesh that trimesh can read: {error}"
     return ""

@@ -107,7 +107,7 @@ def _changed(files: Iterable[str]) -> dict[str, int]:
     return {file: os.stat(file).st_mtime_ns if os.path.isfile(file) else 0 for file in files}
 
 
-def is_own(names: Mapping[str, Any]) -> bool:
+def is_user_code(names: Mapping[str, Any]) -> bool:
     """Whether what a module has comes from a file of the user's own, not from an installed one."""
     file = names.get("__file__")
     return isinstance(file, str) and not os.path.abspath(file).startswith(_INSTALLED)
@@ -123,7 +123,7 @@ def sources_of(kind: type[Any]) -> list[str]:
     files, seen = {file: None}, set[int]()
     while pending:
         names = pending.pop()
-        if id(names) in seen or not is_own(names):
+        if id(names) in seen or not is_user_code(names):
             continue
         seen.add(id(names))
         files |= dict.fromkeys([os.path.abspath(names["__file__"]), *names.get(_BESIDE, ())])

@@ -109,7 +109,7 @@ def force_of_torque(coordinates: Coordinates, q: ArrayLike, torque: ArrayLike) -
     return force
 
 
-def torque(potential: Potential, attitude: ArrayLike) -> _Floats:
+def torque_of_potential(potential: Potential, attitude: ArrayLike) -> _Floats:
     """Body torque (..., 3) [N m] of a potential, TdC (3.34).
 
     tau_k = -d/de V(A exp(e hat(e_k))) at e = 0
@@ -170,7 +170,7 @@ def equations_of_motion(
         q, rate = y[:3], y[3:]
         m = rate_matrix(coordinates, q)
         slope, omega = _along(coordinates, q, rate), m @ rate
-        tau = 0.0 if potential is None else torque(potential, matrix(coordinates, q))
+        tau = 0.0 if potential is None else torque_of_potential(potential, matrix(coordinates, q))
         right = (np.cross(moments * omega, omega) + tau) / moments - slope @ rate
         return np.concatenate([rate, np.linalg.solve(m, right)])
 

@@ -24,12 +24,12 @@ from rigidmc.mechanics.jacobi import (
     Third,
     angle_past,
     complete,
-    divided,
+    divide,
     first_kind,
     jacobi,
     parity,
     quarter_period,
-    reduced,
+    reduce_argument,
     third,
 )
 from rigidmc.physics.dynamics.arc import squares
@@ -40,7 +40,7 @@ from rigidmc.physics.dynamics.quaternions import conjugate, multiply, normalised
 from rigidmc.physics.dynamics.vectors import dot, scale, select
 
 
-class Orbit(NamedTuple):
+class FreeOrbit(NamedTuple):
     """The constants of a free motion, computed once for all times.
 
     size : |L| [kg m^2/s];  rate : lambda [rad/s]
@@ -77,8 +77,8 @@ class Orbit(NamedTuple):
     q3: float
 
 
-class Started(NamedTuple):
-    """The Orbit of principal moments, body momentum and attitude at t = 0."""
+class FreeOrbitFormula(NamedTuple):
+    """The FreeOrbit of principal moments, body momentum and attitude at t = 0."""
 
     i1: float
     i2: float
@@ -92,7 +92,7 @@ class Started(NamedTuple):
     q3: float
 
     def values(self):
-        return orbit(
+        return make_free_orbit(
             (self.i1, self.i2, self.i3),
             (self.l1, self.l2, self.l3),
             (self.q0, self.q1, self.q2, self.q3),
@@ -102,9 +102,9 @@ class Started(NamedTuple):
 def size_and_direction(l):
     """(|L|, L/|L|); at rest any direction will do."""
     big = max(max(abs(l[0]), abs(l[1])), abs(l[2]))
-    l = scale(divided(1.0, big), l)  # squares of |L| < 1e-154 would underflow
+    l = scale(divide(1.0, big), l)  # squares of |L| < 1e-154 would underflow
     norm = math.sqrt(dot(l, l))
-    one, two, three = scale(divided(1.0, norm), l)
+    one, two, three = scale(divide(1.0, norm), l)
     # a unit vector: pure
     return big * norm, (one, two, select(big > 0.0, three, 1.0))
 
@@ -142,17 +142,17 @@ def curve(axes, u):
     aj, ak = abs(select(on_third, axes.a1, axes.a3)), abs(select(on_third, axes.a3, axes.a1))
     a2 = abs(axes.a2)
     square, low = p + max(q1, q3), p + min(q1, q3)  # lambda^2 and m lambda^2, per |L|^2
-    m = divided(low, square)
-    mc = select(square > 0.0, divided(max(q1, q3) - min(q1, q3), square), 1.0)
-    bb = uk * uk + divided(aj, a2) * (u2 * u2)
-    ww = u2 * u2 + divided(a2, aj) * (uk * uk)
-    cc = uj * uj + divided(ak, a2) * (u2 * u2)
+    m = divide(low, square)
+    mc = select(square > 0.0, divide(max(q1, q3) - min(q1, q3), square), 1.0)
+    bb = uk * uk + divide(aj, a2) * (u2 * u2)
+    ww = u2 * u2 + divide(a2, aj) * (uk * uk)
+    cc = uj * uj + divide(ak, a2) * (u2 * u2)
     sign = select(uj < 0.0, -1.0, 1.0)
     sign2 = select(axes.a2 < 0.0, -sign, sign)
     # sine and cosine of the amplitude at t = 0 are proportional to u2/W and uk/B
     s, c = sign2 * math.sqrt(aj) * u2, math.sqrt(a2) * uk
     hypotenuse = math.sqrt(s * s + c * c)
-    s, c = divided(s, hypotenuse), select(hypotenuse > 0.0, divided(c, hypotenuse), 1.0)
+    s, c = divide(s, hypotenuse), select(hypotenuse > 0.0, divide(c, hypotenuse), 1.0)
     # a u that does not move, also a spin about the middle axis, is put at the amplitude pi/4, where
     # none of its components is lost
     still = (square == 0.0) | ((mc == 0.0) & (c == 0.0))
@@ -171,13 +171,13 @@ def curve(axes, u):
         select(still, math.sqrt(2.0) * u2, sign2 * math.sqrt(ww)),
         select(still, uj, sign * math.sqrt(cc)),
         direct,
-        select(direct, divided(ak, aj), divided(bb, cc)),
-        math.sqrt(divided(a2, aj)),
+        select(direct, divide(ak, aj), divide(bb, cc)),
+        math.sqrt(divide(a2, aj)),
     )
 
 
-def orbit(moments, l, q):
-    """The Orbit of principal moments, body momentum and attitude at t = 0."""
+def make_free_orbit(moments, l, q):
+    """The FreeOrbit of principal moments, body momentum and attitude at t = 0."""
     size, u = size_and_direction(l)
     body = mass_properties(moments, (0.0, 0.0, 0.0))
     first, last = middle_axis(body)
@@ -191,7 +191,7 @@ def orbit(moments, l, q):
     back = normalised(conjugate(to_axis(o.on_third, o.sign, u)))
     one, two, three = relabel(last, first, back[1:])
     q = multiply(normalised(q), (back[0], one, two, three))
-    return Orbit(
+    return FreeOrbit(
         size=size,
         rate=select(o.still, 0.0, size * o.rate),
         m=o.m,
@@ -221,7 +221,7 @@ def orbit(moments, l, q):
 def direction_and_phase(o, t):
     """(u in relabelled axes, sense (Theta + chi)) at time t."""
     kind, phi = Third(o.one_plus_nu, o.mu), o.offset + o.rate * t
-    n, v = reduced(phi, o.mc, o.quarter)
+    n, v = reduce_argument(phi, o.mc, o.quarter)
     s, c, d, angles = jacobi(v, o.m, o.mc, (kind,))
     odd = parity(n)
     uk, u2, uj = odd * o.b * c, odd * o.w2 * s, o.c * d
@@ -234,7 +234,7 @@ def direction_and_phase(o, t):
     return (select(on_third, uk, uj), u2, select(on_third, uj, uk)), o.sense * angle
 
 
-def motion(o, t):
+def free_state(o, t):
     """(attitude, momentum) at time t."""
     u, angle = direction_and_phase(o, t)
     on_third = o.about == 3.0
@@ -251,21 +251,21 @@ def motion(o, t):
     return q, scale(o.size, relabel(last, first, u))
 
 
-class Phase(NamedTuple("Phase", Orbit.__annotations__.items())):  # type: ignore[misc]
-    """sense (Theta + chi) of an Orbit at t = 0."""
+class Phase(NamedTuple("Phase", FreeOrbit.__annotations__.items())):  # type: ignore[misc]
+    """sense (Theta + chi) of an FreeOrbit at t = 0."""
 
     def values(self):
         return (direction_and_phase(self, 0.0)[1],)
 
 
-_FIELDS = [*Orbit.__annotations__.items(), ("t", float)]
+_FIELDS = [*FreeOrbit.__annotations__.items(), ("t", float)]
 
 
-class Reached(NamedTuple("Reached", _FIELDS)):  # type: ignore[misc]
-    """Attitude and momentum of an Orbit at time t."""
+class FreeStateFormula(NamedTuple("FreeStateFormula", _FIELDS)):  # type: ignore[misc]
+    """Attitude and momentum of an FreeOrbit at time t."""
 
     def values(self):
-        q, l = motion(self, self.t)
+        q, l = free_state(self, self.t)
         return q + l
 
 

@@ -1,7 +1,7 @@
 """The free top at any time in closed form, for arrays of bodies, TdC (3.35) and Example 3.6.
 
-Arguments of all closed forms broadcast in their leading shapes; `aligned` brings their components
-first, as `rigidmc.engine.formulas` takes them.
+Arguments of all closed forms broadcast in their leading shapes; `broadcast_arguments` brings their
+components first, as `rigidmc.engine.formulas` takes them.
 """
 
 from typing import Any, NamedTuple
@@ -11,14 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
 from rigidmc.engine.formulas import evaluate
-from rigidmc.errors import SceneError, flag
-from rigidmc.mechanics.free_orbit import Orbit, Phase, Reached, Started
+from rigidmc.errors import SceneError, check_rows
+from rigidmc.mechanics.free_orbit import FreeOrbit, FreeOrbitFormula, FreeStateFormula, Phase
 from rigidmc.mechanics.rotation import Attitude, quaternion
 
 Shape = tuple[int, ...]
 
 
-def aligned(*arguments: tuple[str, ArrayLike, int]) -> tuple[Shape, list[NDArray[np.float64]]]:
+def broadcast_arguments(
+    *arguments: tuple[str, ArrayLike, int],
+) -> tuple[Shape, list[NDArray[np.float64]]]:
     """(leading shape, arrays (components, n)) of the values of some arguments.
 
     arguments : (name, value (..., components), number of components) each
@@ -83,7 +85,7 @@ class Motion(NamedTuple):
     attitude: NDArray[np.float64]
 
 
-class Kind(NamedTuple):
+class FreeMotionType(NamedTuple):
     """What kind of motion a free motion is; arrays of the leading shape of the bodies.
 
     kind : "invalid", "rest", "permanent rotation", "symmetric precession", "separatrix",
@@ -117,8 +119,8 @@ class Kind(NamedTuple):
 def _orbits(
     moments: ArrayLike, momentum: ArrayLike, attitude: Attitude
 ) -> tuple[NDArray[np.float64], Shape, NDArray[np.bool_]]:
-    """(table of Orbits, one row per top; leading shape; which rows are bad)."""
-    shape, (moments, momentum, attitude) = aligned(
+    """(table of FreeOrbits, one row per top; leading shape; which rows are bad)."""
+    shape, (moments, momentum, attitude) = broadcast_arguments(
         ("moments", moments, 3), ("momentum", momentum, 3), ("attitude", quaternion(attitude), 4)
     )
     bad = (
@@ -127,15 +129,17 @@ def _orbits(
         | ~(np.linalg.norm(attitude, axis=0) > 0)
     )
     rule = "moments must be positive, momenta finite, and a quaternion have a norm"
-    flag(bad & ~np.isnan(attitude).any(0), rule)
+    check_rows(bad & ~np.isnan(attitude).any(0), rule)
     columns = np.concatenate([moments, momentum, attitude])
     columns[:, bad] = np.nan
-    table = evaluate(Started, len(Orbit._fields), columns).T.copy()
-    table[:, Orbit._fields.index("phase")] = evaluate(Phase, 1, table.T)[0]
+    table = evaluate(FreeOrbitFormula, len(FreeOrbit._fields), columns).T.copy()
+    table[:, FreeOrbit._fields.index("phase")] = evaluate(Phase, 1, table.T)[0]
     return table, shape, bad
 
 
-def free_top(moments: ArrayLike, momentum: ArrayLike, attitude: Attitude, t: ArrayLike) -> Motion:
+def solve_free_top(
+    moments: ArrayLike, momentum: ArrayLike, attitude: Attitude, t: ArrayLike
+) -> Motion:
     """The exact motion of free rigid bodies at any time, TdC (3.35) and Example 3.6.
 
     Leading shapes broadcast: moments (B, 1, 3) and t (T,) give (B, T).
@@ -171,13 +175,13 @@ def free_top(moments: ArrayLike, momentum: ArrayLike, attitude: Attitude, t: Arr
     Examples
     --------
     >>> top = (1.0, 2.0, 3.0), (0.0, 1.0, 0.5), (1.0, 0.0, 0.0, 0.0)
-    >>> motion = rm.free_top(*top, t=[1.0, 1e6])
+    >>> motion = rm.solve_free_top(*top, t=[1.0, 1e6])
     >>> motion.omega.round(6).tolist()
     [[-0.084088, 0.492879, 0.173593], [0.184068, -0.464886, 0.197665]]
     """
     table, bodies, _ = _orbits(moments, momentum, attitude)
     shape, index, times = spread(bodies, floats(t, "t"))
-    values = evaluate(Reached, 7, times[None], table, index).reshape(7, *shape)
+    values = evaluate(FreeStateFormula, 7, times[None], table, index).reshape(7, *shape)
     q, l = np.moveaxis(values[:4], 0, -1), np.moveaxis(values[4:], 0, -1)
     return Motion(l, l / floats(moments, "moments"), q)
 
@@ -185,13 +189,13 @@ def free_top(moments: ArrayLike, momentum: ArrayLike, attitude: Attitude, t: Arr
 _AXES = np.array([[1, 3], [3, 2], [2, 1]])  # the axes of the body that `shift` made axes 1 and 3
 
 
-def free_motion(moments: ArrayLike, momentum: ArrayLike) -> Kind:
+def analyse_free_top(moments: ArrayLike, momentum: ArrayLike) -> FreeMotionType:
     """What kind of motion a free motion is, its period and its turning angle, TdC (3.35).
 
     Parameters
     ----------
     moments : array_like (..., 3) [kg m^2]
-        principal moments, as of `free_top`
+        principal moments, as of `solve_free_top`
     momentum : array_like (..., 3) [kg m^2/s]
         angular momentum in principal axes
 
@@ -199,27 +203,27 @@ def free_motion(moments: ArrayLike, momentum: ArrayLike) -> Kind:
     -------
     Kind
         arrays (...): kind, axis, m, mc, rate, period, flip_interval, turn, solid_angle, phase, see
-        `rigidmc.mechanics.free_top.Kind`
+        `rigidmc.mechanics.free_top.FreeMotionType`
 
     Raises
     ------
     SceneError
-        as of `free_top`
+        as of `solve_free_top`
 
     Warns
     -----
     SceneWarning
-        as of `free_top`
+        as of `solve_free_top`
 
     Examples
     --------
-    >>> motion = rm.free_motion((1.0, 2.0, 3.0), (0.5, 1.0, 0.5))
+    >>> motion = rm.analyse_free_top((1.0, 2.0, 3.0), (0.5, 1.0, 0.5))
     >>> print(motion.kind, motion.period.round(6))
     about the smallest moment 19.879658
     """
     table, shape, bad = _orbits(moments, momentum, (1.0, 0.0, 0.0, 0.0))
-    o: Any = Orbit(*table.T)
-    _, (moments, l) = aligned(("moments", moments, 3), ("momentum", momentum, 3))
+    o: Any = FreeOrbit(*table.T)
+    _, (moments, l) = broadcast_arguments(("moments", moments, 3), ("momentum", momentum, 3))
     axis = np.where(bad, 0, _AXES[np.nan_to_num(o.shift).astype(int), (o.about == 3.0).astype(int)])
     with np.errstate(over="ignore"):  # components of L x omega, times moments
         torques = [(moments[i] - moments[j]) * l[i] * l[j] for i, j in ((1, 2), (2, 0), (0, 1))]
@@ -255,4 +259,4 @@ def free_motion(moments: ArrayLike, momentum: ArrayLike) -> Kind:
         solid,
         phase,
     )
-    return Kind(*(np.reshape(v, shape) for v in values))
+    return FreeMotionType(*(np.reshape(v, shape) for v in values))

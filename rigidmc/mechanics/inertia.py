@@ -1,8 +1,8 @@
 """Inertia tensors of arrays of bodies: particles, parallel axes, principal axes, L = I omega.
 
 Components are last, leading shapes are free. The principal axes of many bodies are named after
-those of one (`named`): a turn (3, 3, n) has as columns the axes of a body in those of the one, v' =
-turn^T v. Its numbers are multiplied one by one, so that no bit depends on a library or on the
+those of one (`match_axes`): a turn (3, 3, n) has as columns the axes of a body in those of the one,
+v' = turn^T v. Its numbers are multiplied one by one, so that no bit depends on a library or on the
 number of bodies.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
-from rigidmc.errors import SceneError, flag
+from rigidmc.errors import SceneError, check_rows
 from rigidmc.physics.dynamics.principal_axes import Principal
 
 SLACK = 1e-12  # relative: a flat plate obeys I3 = I1 + I2 only to rounding
@@ -32,7 +32,7 @@ def symmetric(six: Any) -> NDArray[np.float64]:
     return np.stack([np.stack(row, -1) for row in ((xx, xy, zx), (xy, yy, yz), (zx, yz, zz))], -2)
 
 
-def broken(moments: Any) -> Any:
+def violates_triangle(moments: Any) -> Any:
     """Whether (...) no body has the moments (3, ...).
 
     One of them is not positive, or exceeds the sum of the other two.
@@ -233,21 +233,21 @@ def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.f
     flat = tensor.reshape(-1, 3, 3)
     size = np.abs(flat).max((1, 2))
     infinite = ~np.isfinite(size)
-    flag(infinite, "an inertia tensor has finite components")
+    check_rows(infinite, "an inertia tensor has finite components")
     with np.errstate(invalid="ignore"):
         # a tensor of zeros: 0 by anything is 0
         skew = np.abs(flat - np.swapaxes(flat, 1, 2)).max((1, 2)) / np.where(size > 0.0, size, 1.0)
     bad = infinite | ~(skew <= 1e-9)
     worst = np.max(skew, where=~infinite, initial=0.0)
     rule = f"an inertia tensor is symmetric; I_ij and I_ji differ by {worst:.2g} of its size"
-    flag(bad & ~infinite, rule)
+    check_rows(bad & ~infinite, rule)
     symmetric = 0.5 * (flat + np.swapaxes(flat, 1, 2))
     values = _principal(symmetric[:, _SIX[0], _SIX[1]])
     values[:, bad] = np.nan
     moments = values[:3]
     # particles on a line that is no axis leave a moment of 6e-17 of the others, of either sign
-    impossible = (broken(moments) | (moments.min(0) <= 1e-14 * moments.max(0))) & ~bad
-    flag(impossible, _why_none(moments[:, np.argmax(impossible)]) if impossible.any() else "")
+    impossible = (violates_triangle(moments) | (moments.min(0) <= 1e-14 * moments.max(0))) & ~bad
+    check_rows(impossible, _why_none(moments[:, np.argmax(impossible)]) if impossible.any() else "")
     values[:, impossible] = np.nan
     shape = tensor.shape[:-2]
     axes = np.moveaxis(values[3:].reshape(3, 3, -1), -1, 0).swapaxes(1, 2)
@@ -311,7 +311,7 @@ def _names() -> tuple[tuple[tuple[int, ...], tuple[float, ...]], ...]:
 NAMES = _names()
 
 
-def named(moments: ArrayLike, axes: ArrayLike, mean: ArrayLike) -> tuple[Array, Array]:
+def match_axes(moments: ArrayLike, axes: ArrayLike, mean: ArrayLike) -> tuple[Array, Array]:
     """(moments (3, n), turn (3, 3, n)) of bodies with the axes named after the nearest ones.
 
     moments (n, 3), axes (n, 3, 3) : of `rigidmc.mechanics.inertia.principal_axes`
@@ -338,7 +338,8 @@ def named(moments: ArrayLike, axes: ArrayLike, mean: ArrayLike) -> tuple[Array, 
 
 
 def quaternions(turn: Array) -> tuple[Array, ...]:
-    """The unit quaternions (w, x, y, z) of the turns of `named`, which are far from 180 deg."""
+    """The unit quaternions (w, x, y, z) of the turns of `match_axes`, which are far from 180
+    deg."""
     w = 0.5 * np.sqrt(1.0 + turn[0, 0] + turn[1, 1] + turn[2, 2])
     by = 0.25 / w
     parts = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]

@@ -60,7 +60,7 @@ def goryachev_chaplygin(
     return constant
 
 
-class Precession(NamedTuple):
+class SteadyPrecession(NamedTuple):
     """Grioli's regular precession: the centre of mass that the top needs, and the motion.
 
     Components in principal axes. centre : unit vector (..., 3) from the fixed point to the centre
@@ -74,7 +74,7 @@ class Precession(NamedTuple):
     up: NDArray[np.float64]
 
 
-def grioli(moments: ArrayLike, weight: ArrayLike, t: ArrayLike) -> Precession:
+def grioli(moments: ArrayLike, weight: ArrayLike, t: ArrayLike) -> SteadyPrecession:
     """Grioli's regular precession of an asymmetric heavy top, an exact solution.
 
         omega = nu (cos p x1 + sin p x2 + e),   p = -nu t,
@@ -109,7 +109,7 @@ def grioli(moments: ArrayLike, weight: ArrayLike, t: ArrayLike) -> Precession:
     al, be = np.asarray(al)[..., None], np.asarray(be)[..., None]
     omega = np.asarray(rate)[..., None] * (cos * x1 + sin * x2 + e)
     up = (al * cos + be * sin**2) * x1 + (al - be * cos) * sin * x2 + be * cos * e
-    return Precession(e, rate, omega, up)
+    return SteadyPrecession(e, rate, omega, up)
 
 
 def staude(

@@ -36,7 +36,7 @@ def third(nu, one_plus_nu, m_plus_nu):
     return Third(one_plus_nu, math.sqrt(nu * one_plus_nu * m_plus_nu))
 
 
-def divided(a, b):
+def divide(a, b):
     """a/b; 0 if b is 0."""
     # what is divided by 1 is not taken
     return select(b == 0.0, 0.0, a / select(b == 0.0, 1.0, b))
@@ -202,7 +202,7 @@ def complete(quarter, m, mc, thirds):
     return jacobi_at(quarter, m, mc, thirds, 1.0, 0.0, math.sqrt(max(mc, SMALLEST)))
 
 
-def reduced(u, mc, quarter):
+def reduce_argument(u, mc, quarter):
     """(n, v) with u = 2 n K + v and |v| <= K.
 
     On the separatrix (mc = 0) there is no period: n = 0, and beyond K(SMALLEST) only the angles
@@ -218,7 +218,7 @@ def angle_past(one, angle, whole, u, n, v, mc):
 
     On the tail of the separatrix sn^2 = 1, and Theta grows at the rate mu/(1 + nu).
     """
-    tail = select(mc > 0.0, 0.0, (u - v) * divided(one.mu, one.one_plus_nu))
+    tail = select(mc > 0.0, 0.0, (u - v) * divide(one.mu, one.one_plus_nu))
     return angle + 2.0 * n * whole + tail
 
 
@@ -236,7 +236,7 @@ class JacobiAt(NamedTuple):
 
     def values(self):
         quarter = quarter_period(self.mc)
-        n, v = reduced(self.u, self.mc, quarter)
+        n, v = reduce_argument(self.u, self.mc, quarter)
         s, c, d, _ = jacobi(v, self.m, self.mc, ())
         odd = parity(n)
         return odd * s, odd * c, d, arctan2(s, c) + math.pi * n

@@ -10,7 +10,7 @@ import sys
 from typing import NamedTuple
 
 from rigidmc.engine.compiler.compose import inline_all
-from rigidmc.mechanics.jacobi import divided
+from rigidmc.mechanics.jacobi import divide
 from rigidmc.physics.dynamics.functions import arctan2, sincos
 from rigidmc.physics.dynamics.quaternions import vertical
 from rigidmc.physics.dynamics.vectors import logical_not, select
@@ -39,27 +39,27 @@ def differences(beta, f0, f1, f2):
     x = 2.0 * math.sqrt(p3) * select(last, cosine, -0.5 * cosine - math.sqrt(0.75) * sine)
     big = x - third_f2
     slope = (3.0 * big + 2.0 * f2) * big + beta * f1
-    big = big - divided(((big + f2) * big + beta * f1) * big + beta * beta * f0, slope)
+    big = big - divide(((big + f2) * big + beta * f1) * big + beta * beta * f0, slope)
     # if last, big = beta s3 and the pair is s1 and s2; else big = beta s1 and the pair is beta s2
     # and beta s3, and a start at u1 has big = 0
-    product = -divided(select(last, f0, beta * beta * f0), big)
-    total = divided(select(last, f1 - beta * product, beta * f1 - product), big)
+    product = -divide(select(last, f0, beta * beta * f0), big)
+    total = divide(select(last, f1 - beta * product, beta * f1 - product), big)
     small = logical_not(last) & (2.0 * abs(big) < abs(f2 + big))
     total = select(small, -f2 - big, total)
     product = select(small, beta * f1 - big * total, product)
     # to all digits from u'^2(0), where the Newton step leaves an error of 1e-16 of the other roots:
     # 0 for a start at u1
-    big = select(small, -divided(beta * beta * f0, product), big)
+    big = select(small, -divide(beta * beta * f0, product), big)
     root = math.sqrt(max(total * total - 4.0 * product, 0.0))
     far = 0.5 * (total + select(total < 0.0, -root, root))
-    near = divided(product, far)
+    near = divide(product, far)
     low, high = min(far, near), max(far, near)
-    s1 = select(last, low, divided(big, beta))
-    s2 = select(last, high, divided(low, beta))
+    s1 = select(last, low, divide(big, beta))
+    s2 = select(last, high, divide(low, beta))
     return min(s1, 0.0), max(s2, 0.0), max(select(last, big, high), 0.0)
 
 
-class Start(NamedTuple):
+class CubicStart(NamedTuple):
     """The start of a motion, with rates in the unit `unit` [rad/s].
 
     one, two : omega_1, omega_2;  b, beta : see above;  v, y : 1 - u and 1 + u
@@ -92,8 +92,8 @@ def plumb(q):
     )
 
 
-def start_of(a, k, l, q):
-    """The Start of A, k, body momentum and unit quaternion."""
+def cubic_start(a, k, l, q):
+    """The CubicStart of A, k, body momentum and unit quaternion."""
     y, v = 2.0 * (q[0] * q[0] + q[3] * q[3]), 2.0 * (q[1] * q[1] + q[2] * q[2])
     g = vertical(q)
     one, two, b, beta = l[0] / a, l[1] / a, l[2] / a, 2.0 * k / a
@@ -103,10 +103,10 @@ def start_of(a, k, l, q):
     moving = select(swing < VERTICAL * other, 0.0, 1.0 / unit)
     one, two, b, beta = moving * one, moving * two, b / unit, beta / unit / unit
     across, speed = one * g[0] + two * g[1], g[0] * two - g[1] * one
-    return Start(unit, one, two, b, beta, v, y, across, speed, across - b * v, across + b * y)
+    return CubicStart(unit, one, two, b, beta, v, y, across, speed, across - b * v, across + b * y)
 
 
-class Limits(NamedTuple):
+class TurningPoints(NamedTuple):
     """The turning points u1 <= u2 and what the third root u3 is used for.
 
     v1, v2, y1, y2 : 1 - u and 1 + u there;  s1, s2 : u1 - u(0), u2 - u(0);  width : u2 - u1
@@ -127,8 +127,8 @@ class Limits(NamedTuple):
     e_plus: float
 
 
-def limits(o):
-    """The Limits of a Start."""
+def turning_points(o):
+    """The TurningPoints of a CubicStart."""
     u0, w = 0.5 * (o.y - o.v), o.one * o.one + o.two * o.two
     s1, s2, r3 = differences(
         o.beta,
@@ -138,21 +138,21 @@ def limits(o):
     )
     v1 = o.v - s1
     # v2 and beta |v3| from their product and difference, the larger of the two first
-    product, gap = divided(o.e_minus * o.e_minus, v1), o.beta * (o.v - s2) - (r3 - o.beta * o.v)
+    product, gap = divide(o.e_minus * o.e_minus, v1), o.beta * (o.v - s2) - (r3 - o.beta * o.v)
     larger = 0.5 * (abs(gap) + math.sqrt(gap * gap + 4.0 * o.beta * product))
-    v2 = select(gap > 0.0, divided(larger, o.beta), divided(product, larger))
-    v3 = select(gap > 0.0, divided(product, v2), larger)
+    v2 = select(gap > 0.0, divide(larger, o.beta), divide(product, larger))
+    v3 = select(gap > 0.0, divide(product, v2), larger)
     # if u2 and u3 are close, s2 has half the digits of v2
     s2 = select(2.0 * v2 < o.v, o.v - v2, s2)
     width, y2, y3 = s2 - s1, o.y + s2, 2.0 * o.beta + v3
     through = (v2 == 0.0) & (v3 > 0.0)
     v2 = select(through, TINY, v2)
     e_minus = select(through, math.sqrt(v1 * TINY * v3), o.e_minus)
-    y1 = divided(o.e_plus * o.e_plus, y2 * y3)
+    y1 = divide(o.e_plus * o.e_plus, y2 * y3)
     through = (y1 == 0.0) & (y2 * y3 > 0.0)
     y1 = select(through, TINY, y1)
     e_plus = select(through, math.sqrt(TINY * y2 * y3), o.e_plus)
-    return Limits(v1, v2, y1, y2, s1, s2, width, v3, y3, o.beta * v1 + v3, e_minus, e_plus)
+    return TurningPoints(v1, v2, y1, y2, s1, s2, width, v3, y3, o.beta * v1 + v3, e_minus, e_plus)
 
 
 inline_all(sys.modules[__name__])

@@ -21,20 +21,20 @@ from rigidmc.mechanics.jacobi import (
     Third,
     angle_past,
     complete,
-    divided,
+    divide,
     first_kind,
     jacobi,
     jacobi_at,
     quarter_period,
-    reduced,
+    reduce_argument,
     third,
 )
-from rigidmc.mechanics.lagrange_limits import limits, plumb, start_of
+from rigidmc.mechanics.lagrange_limits import cubic_start, plumb, turning_points
 from rigidmc.physics.dynamics.functions import arctan2, sincos
 from rigidmc.physics.dynamics.vectors import logical_not, select
 
 
-class Orbit(NamedTuple):
+class LagrangeOrbit(NamedTuple):
     """The constants of a motion, computed once for all times.
 
     inertia : A [kg m^2];  spin : L_3 [kg m^2/s];  rate : p [rad/s]
@@ -83,8 +83,8 @@ class Orbit(NamedTuple):
     minus_all: float
 
 
-class Started(NamedTuple):
-    """The Orbit of A, C, k = m g l >= 0, body momentum and attitude at t = 0."""
+class LagrangeOrbitFormula(NamedTuple):
+    """The LagrangeOrbit of A, C, k = m g l >= 0, body momentum and attitude at t = 0."""
 
     a: float
     c: float
@@ -98,7 +98,7 @@ class Started(NamedTuple):
     q3: float
 
     def values(self):
-        return orbit(
+        return make_lagrange_orbit(
             self.a,
             self.c,
             self.k,
@@ -129,12 +129,12 @@ class Amplitude(NamedTuple):
 
 def amplitude(o, p):
     """The Amplitude of a Start and its Limits."""
-    m = divided(o.beta * p.width, p.span)
-    mc = select(p.span > 0.0, divided(o.beta * p.v2 + p.v3, p.span), 1.0)
+    m = divide(o.beta * p.width, p.span)
+    mc = select(p.span > 0.0, divide(o.beta * p.v2 + p.v3, p.span), 1.0)
     still = (p.span == 0.0) | ((mc == 0.0) & (p.s2 == 0.0))
     moves = (p.width > 0.0) & logical_not(still)
-    sn = select(moves, math.sqrt(divided(-p.s1, p.width)), 0.0)
-    cn = select(moves, math.sqrt(divided(p.s2, p.width)), 1.0)
+    sn = select(moves, math.sqrt(divide(-p.s1, p.width)), 0.0)
+    cn = select(moves, math.sqrt(divide(p.s2, p.width)), 1.0)
     m, mc = select(still, 0.0, m), select(still, 1.0, mc)
     return Amplitude(
         m,
@@ -150,10 +150,10 @@ def amplitude(o, p):
     )
 
 
-class Rates(NamedTuple):
+class PhaseRates(NamedTuple):
     """The two phases as functions of the argument x = p t + d of sn.
 
-    direct, h_s, h_c, h_minus : see Orbit;  plus, minus : the Thirds of sigma and delta
+    direct, h_s, h_c, h_minus : see LagrangeOrbit;  plus, minus : the Thirds of sigma and delta
     """
 
     direct: Any
@@ -165,21 +165,21 @@ class Rates(NamedTuple):
 
 
 def phase_rates(o, p, e):
-    """The Rates of a Start, its Limits and its Amplitude."""
+    """The PhaseRates of a Start, its Limits and its Amplitude."""
     # nu of sigma is width/y1, or its partner beta y1/span if that is smaller
     direct = p.width * p.width * p.span <= o.beta * p.width * e.y1 * e.y1
     plus = third(
-        select(direct, divided(p.width, e.y1), divided(o.beta * e.y1, p.span)),
-        select(direct, divided(e.y2, e.y1), divided(p.y3, p.span)),
-        select(direct, divided(p.width * p.y3, p.span * e.y1), divided(o.beta * e.y2, p.span)),
+        select(direct, divide(p.width, e.y1), divide(o.beta * e.y1, p.span)),
+        select(direct, divide(e.y2, e.y1), divide(p.y3, p.span)),
+        select(direct, divide(p.width * p.y3, p.span * e.y1), divide(o.beta * e.y2, p.span)),
     )
-    tilt = divided(p.width, e.v1)
-    minus = Third(divided(e.v2, e.v1), math.sqrt(divided(tilt * tilt * e.v2 * p.v3, e.v1 * p.span)))
-    return Rates(
+    tilt = divide(p.width, e.v1)
+    minus = Third(divide(e.v2, e.v1), math.sqrt(divide(tilt * tilt * e.v2 * p.v3, e.v1 * p.span)))
+    return PhaseRates(
         direct,
         select(e.still, 0.0, math.sqrt(e.y2 * p.y3)),
         select(e.still, 1.0, math.sqrt(e.y1 * p.span)),
-        select(e.still, 0.0, math.sqrt(divided(e.v2 * p.v3, e.v1 * p.span))),
+        select(e.still, 0.0, math.sqrt(divide(e.v2 * p.v3, e.v1 * p.span))),
         plus,
         minus,
     )
@@ -205,11 +205,11 @@ def start_phases(o, q, s_plus, s_minus):
     )
 
 
-def orbit(a, c, k, l, q):
-    """The Orbit of A, C, k = m g l, body momentum and attitude at t = 0."""
+def make_lagrange_orbit(a, c, k, l, q):
+    """The LagrangeOrbit of A, C, k = m g l, body momentum and attitude at t = 0."""
     q = plumb(q)
-    o = start_of(a, k, l, q)
-    p = limits(o)
+    o = cubic_start(a, k, l, q)
+    p = turning_points(o)
     e = amplitude(o, p)
     f = phase_rates(o, p, e)
     quarter = quarter_period(e.mc)
@@ -220,10 +220,10 @@ def orbit(a, c, k, l, q):
     angles = jacobi_at(offset, e.m, e.mc, (f.plus, f.minus), e.sn, e.cn, e.dn)
     theta_plus, theta_minus = sign * angles[0], sign * angles[1]
     jump = select(f.direct, 0.0, arctan2(f.h_s * sign * e.sn, f.h_c * e.cn * e.dn))
-    slope = select(f.direct, divided(f.h_s, f.h_c) * sign * offset, jump)
+    slope = select(f.direct, divide(f.h_s, f.h_c) * sign * offset, jump)
     sigma, delta = start_phases(o, q, s_plus, s_minus)
-    stays = select(e.still, 0.5 * o.unit * divided(p.e_plus, o.y), 0.0)
-    return Orbit(
+    stays = select(e.still, 0.5 * o.unit * divide(p.e_plus, o.y), 0.0)
+    return LagrangeOrbit(
         inertia=a,
         spin=l[2],
         rate=select(e.still, 0.0, 0.5 * o.unit * math.sqrt(p.span)),
@@ -257,18 +257,18 @@ def orbit(a, c, k, l, q):
     )
 
 
-def motion(o, t):
+def lagrange_state(o, t):
     """(attitude, momentum) at time t."""
     x = o.offset + o.rate * t
     plus, minus = Third(o.plus_nu, o.plus_mu), Third(o.minus_nu, o.minus_mu)
-    n, z = reduced(x, o.mc, o.quarter)
+    n, z = reduce_argument(x, o.mc, o.quarter)
     s, c, d, angles = jacobi(z, o.m, o.mc, (plus, minus))
     theta_plus = angle_past(plus, angles[0], o.plus_all, x, n, z, o.mc)
     theta_minus = angle_past(minus, angles[1], o.minus_all, x, n, z, o.mc)
     v, y = o.v1 * (c * c) + o.v2 * (s * s), o.y1 * (c * c) + o.y2 * (s * s)
     jump = arctan2(o.h_s * s, o.h_c * c * d) + math.pi * n
     sigma = o.s_plus * select(
-        o.direct == 1.0, divided(o.h_s, o.h_c) * x - theta_plus, jump + theta_plus
+        o.direct == 1.0, divide(o.h_s, o.h_c) * x - theta_plus, jump + theta_plus
     )
     delta = o.s_minus * (o.h_minus * x + theta_minus)
     sine, cosine = sincos(o.sigma + (o.drift * t + sigma))
@@ -278,20 +278,20 @@ def motion(o, t):
     q = (half * ry * cosine, half * rv * cosine2, half * rv * sine2, half * ry * sine)
     # omega_1 + i omega_2 = i e^(i (delta - sigma)/2) ((a - b u) + i u')/sqrt(v y)
     across = select(v < y, o.e_minus + o.b * v, o.e_plus - o.b * y)
-    r = divided(o.inertia, rv * ry)
+    r = divide(o.inertia, rv * ry)
     speed = 2.0 * o.rate * o.width * s * c * d
     re, im = cosine2 * cosine + sine2 * sine, sine2 * cosine - cosine2 * sine
     return q, (-r * (im * across + re * speed), r * (re * across - im * speed), o.spin)
 
 
-_FIELDS = [*Orbit.__annotations__.items(), ("t", float)]
+_FIELDS = [*LagrangeOrbit.__annotations__.items(), ("t", float)]
 
 
-class Reached(NamedTuple("Reached", _FIELDS)):  # type: ignore[misc]
-    """Attitude and momentum of an Orbit at time t."""
+class LagrangeStateFormula(NamedTuple("LagrangeStateFormula", _FIELDS)):  # type: ignore[misc]
+    """Attitude and momentum of an LagrangeOrbit at time t."""
 
     def values(self):
-        q, l = motion(self, self.t)
+        q, l = lagrange_state(self, self.t)
         return q + l
 
 

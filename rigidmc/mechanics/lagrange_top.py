@@ -7,9 +7,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
 from rigidmc.engine.formulas import evaluate
-from rigidmc.errors import flag
-from rigidmc.mechanics.free_top import Motion, Shape, aligned, spread
-from rigidmc.mechanics.lagrange_orbit import Orbit, Reached, Started
+from rigidmc.errors import check_rows
+from rigidmc.mechanics.free_top import Motion, Shape, broadcast_arguments, spread
+from rigidmc.mechanics.lagrange_orbit import (
+    LagrangeOrbit,
+    LagrangeOrbitFormula,
+    LagrangeStateFormula,
+)
 from rigidmc.mechanics.rotation import Attitude, quaternion
 from rigidmc.physics.dynamics.quaternions import conjugate, multiply
 
@@ -23,8 +27,8 @@ SAME = 1e-12
 _TURNS = {1: (0.5, 0.5, 0.5, 0.5), 2: (0.5, -0.5, -0.5, -0.5), 3: (1.0, 0.0, 0.0, 0.0)}
 
 
-class Nutation(NamedTuple):
-    """What kind of motion a Lagrange top makes; `lagrange_motion` says what its fields are."""
+class NutationRange(NamedTuple):
+    """What kind of motion a Lagrange top makes; `analyse_lagrange_top` says what its fields are."""
 
     kind: NDArray[np.str_]
     p_phi: NDArray[np.float64]
@@ -56,13 +60,13 @@ def _orbits(
 ) -> tuple[_Floats, _Floats, Shape, NDArray[np.bool_], NDArray[np.bool_]]:
     """(table, columns, leading shape, bad, below).
 
-    table : Orbits, one row per top;  columns : A, C, k, L, attitude (10, n);  below : which tops
-        are turned
+    table : LagrangeOrbits, one row per top;  columns : A, C, k, L, attitude (10, n);  below : which
+        tops are turned
     upside down, because their weight is negative
     """
     if axis not in _TURNS:
         raise ValueError(f"axis = {axis!r}: the symmetry axis is 1, 2 or 3")
-    shape, columns = aligned(
+    shape, columns = broadcast_arguments(
         ("moments", moments, 3),
         ("weight", weight, 0),
         ("momentum", momentum, 3),
@@ -78,19 +82,25 @@ def _orbits(
             f"a Lagrange top is symmetric about its axis {axis}: {others} must be equal, but are "
             f"{i[0, at]:.6g} and {i[1, at]:.6g}; simulate() takes any moments"
         )
-        flag(unequal, rule)
+        check_rows(unequal, rule)
     finite = np.isfinite(k) & np.isfinite(l).all(0) & (np.linalg.norm(q, axis=0) > 0)
     bad = unequal | ~((i > 0) & (i < np.inf)).all(0) | ~finite
     rule = "moments must be positive, the rest finite, and a quaternion have a norm"
-    flag(bad & ~unequal & ~np.isnan(q).any(0), rule)
+    check_rows(bad & ~unequal & ~np.isnan(q).any(0), rule)
     below = k < 0.0  # the same motion upside down: rotated by pi about the space axis x
     q = np.where(below, np.stack(multiply((0.0, 1.0, 0.0, 0.0), q)), q)
     rows = np.concatenate([i[[0, 2]], np.abs(k)[None], l, q])
     rows[:, bad] = np.nan
-    return evaluate(Started, len(Orbit._fields), rows).T.copy(), rows, shape, bad, below
+    return (
+        evaluate(LagrangeOrbitFormula, len(LagrangeOrbit._fields), rows).T.copy(),
+        rows,
+        shape,
+        bad,
+        below,
+    )
 
 
-def lagrange_top(
+def solve_lagrange_top(
     moments: ArrayLike,
     weight: ArrayLike,
     momentum: ArrayLike,
@@ -100,7 +110,7 @@ def lagrange_top(
 ) -> Motion:
     """The exact motion of heavy symmetric tops at any time, TdC Example 3.7.
 
-    Leading shapes broadcast as in `free_top`.
+    Leading shapes broadcast as in `solve_free_top`.
 
     Parameters
     ----------
@@ -122,7 +132,7 @@ def lagrange_top(
     Returns
     -------
     Motion
-        as of `free_top`
+        as of `solve_free_top`
 
     Raises
     ------
@@ -137,13 +147,13 @@ def lagrange_top(
     Examples
     --------
     >>> top = (1.0, 1.0, 0.5), 1.0, (0.0, 0.0, 5.0), (0.96, 0.28, 0.0, 0.0)
-    >>> motion = rm.lagrange_top(*top, t=[0.0, 1.0])
+    >>> motion = rm.solve_lagrange_top(*top, t=[0.0, 1.0])
     >>> motion.momentum[:, 2].round(12).tolist()  # L_3 stays
     [5.0, 5.0]
     """
     table, _, tops, _, below = _orbits(moments, weight, momentum, attitude, axis)
     shape, index, times = spread(tops, floats(t, "t"))
-    values = evaluate(Reached, 7, times[None], table, index)
+    values = evaluate(LagrangeStateFormula, 7, times[None], table, index)
     q = values[:4]
     with np.errstate(invalid="ignore"):  # a motion too fast for floats is nan
         if below.any():
@@ -155,9 +165,9 @@ def lagrange_top(
     return Motion(l, omega, np.moveaxis(q.reshape(4, *shape), 0, -1))
 
 
-def lagrange_motion(
+def analyse_lagrange_top(
     moments: ArrayLike, weight: ArrayLike, momentum: ArrayLike, attitude: Attitude, axis: int = 3
-) -> Nutation:
+) -> NutationRange:
     """Constants, turning angles and kind of motion of heavy symmetric tops, TdC (3.40)-(3.42).
 
     Loops, cusps and waves are told apart by the sign, at the turning angles, of::
@@ -167,9 +177,9 @@ def lagrange_motion(
     Parameters
     ----------
     moments : array_like (..., 3) [kg m^2]
-        principal moments, as of `lagrange_top`
+        principal moments, as of `solve_lagrange_top`
     weight : array_like (...) [N m]
-        k = m g l, as of `lagrange_top`
+        k = m g l, as of `solve_lagrange_top`
     momentum : array_like (..., 3) [kg m^2/s]
         angular momentum in principal axes
     attitude : array_like (..., 4), (..., 3, 3) or scipy Rotation
@@ -197,23 +207,23 @@ def lagrange_motion(
     Raises
     ------
     SceneError
-        as of `lagrange_top`
+        as of `solve_lagrange_top`
 
     Warns
     -----
     SceneWarning
-        as of `lagrange_top`
+        as of `solve_lagrange_top`
 
     Examples
     --------
     A top that is released with its axis at rest:
 
-    >>> top = rm.lagrange_motion((1.0, 1.0, 0.5), 1.0, (0.0, 0.0, 5.0), (0.96, 0.28, 0.0, 0.0))
+    >>> top = rm.analyse_lagrange_top((1.0, 1.0, 0.5), 1.0, (0.0, 0.0, 5.0), (0.96, 0.28, 0.0, 0.0))
     >>> print(top.kind, top.period.round(6))
     cusps 1.348585
     """
     table, columns, shape, bad, below = _orbits(moments, weight, momentum, attitude, axis)
-    o: Any = Orbit(*table.T)
+    o: Any = LagrangeOrbit(*table.T)
     (a, c, k, l1, l2, l3), q = columns[:6], columns[6:]
     with np.errstate(all="ignore"):
         fixed = (o.width <= SAME) | (o.v1 == o.v2)
@@ -240,11 +250,11 @@ def lagrange_motion(
         upside * precession,
         spin,
     )
-    return Nutation(*(np.reshape(v, shape) for v in values))
+    return NutationRange(*(np.reshape(v, shape) for v in values))
 
 
 def _kinds(o: Any, columns: _Floats, bad: NDArray[np.bool_], fixed: NDArray[np.bool_]) -> Any:
-    """The kind of motion of each of the Orbits o, as `lagrange_motion` names them.
+    """The kind of motion of each of the LagrangeOrbits o, as `analyse_lagrange_top` names them.
 
     columns : A, C, k and L first;  fixed : whether the axis keeps its angle from the vertical
     """

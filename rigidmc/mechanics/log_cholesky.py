@@ -85,7 +85,7 @@ def parameters_of(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([yy + zz, zz + xx, xx + yy, -yz, -zx, -xy, x, y, z, mass])
 
 
-def factor(covariance: Sequence[Sequence[float]]) -> list[list[float]]:
+def cholesky_factor(covariance: Sequence[Sequence[float]]) -> list[list[float]]:
     """A lower triangular C with C C^T = covariance, which may be singular (Cholesky)."""
     size = len(covariance)
     c = [[0.0] * size for _ in range(size)]

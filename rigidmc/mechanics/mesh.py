@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import FileError, SceneError
-from rigidmc.files.reading import loaded
+from rigidmc.files.reading import load_mesh
 from rigidmc.files.trial import refuse_unreadable
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio, odd
@@ -46,7 +46,7 @@ def load(path: "str | os.PathLike[str] | Mesh", scale: float = 1.0) -> NDArray[n
         raise FileNotFoundError(f"{path}: no such file")
     try:
         refuse_unreadable(name, "mesh")
-        mesh: Any = loaded(name)
+        mesh: Any = load_mesh(name)
     except FileError as error:
         raise SceneError(error.rule, at="mesh", value=name) from None
     except Exception as error:  # the readers of trimesh raise all kinds of exceptions
@@ -65,19 +65,19 @@ def _closed(mesh: Mesh, name: str, scale: float) -> NDArray[np.float64]:
         raise SceneError("has triangles of corners that it does not have", at="mesh", value=name)
     if not np.isfinite(vertices).all():
         raise SceneError("has corners that are not finite", at="mesh", value=name)
-    faces = merged(vertices)[faces]
+    faces = first_vertices(vertices)[faces]
     # a triangle with two equal corners encloses nothing, and its edges would count as holes
     one, two, three = faces.T
     thin = (one == two) | (two == three) | (three == one)
     faces = faces[~thin]
     if not len(faces):
         raise SceneError("has no triangles with an area", at="mesh", value=name)
-    check(faces, name)
+    check_closed_surface(faces, name)
     triangles: NDArray[np.float64] = scale * vertices[faces]
     return triangles
 
 
-def merged(vertices: NDArray[np.float64]) -> NDArray[np.int64]:
+def first_vertices(vertices: NDArray[np.float64]) -> NDArray[np.int64]:
     """Index (n,) of the first vertex with the same coordinates, for each of vertices (n, 3).
 
     An STL file repeats a vertex for each of its triangles. Only bitwise equal vertices are merged:
@@ -101,7 +101,7 @@ def merged(vertices: NDArray[np.float64]) -> NDArray[np.int64]:
     return index
 
 
-def check(faces: ArrayLike, name: str = "mesh") -> None:
+def check_closed_surface(faces: ArrayLike, name: str = "mesh") -> None:
     """SceneError for faces (n, 3) that do not close a volume.
 
     Every edge must belong to two triangles that traverse it in opposite directions.

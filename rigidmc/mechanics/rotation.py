@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
-from rigidmc.errors import SceneError, flag
+from rigidmc.errors import SceneError, check_rows
 from rigidmc.physics.dynamics.functions import sincos
 from rigidmc.physics.dynamics.quaternions import multiply
 
@@ -48,7 +48,7 @@ def quaternion(attitude: Attitude) -> _Floats:
         raise SceneError(f"has shape {array.shape}: give {allowed}", at="attitude")
     norm = np.linalg.norm(array, axis=-1, keepdims=True)
     bad = ~(norm[..., 0] > 0.0) | ~np.isfinite(norm[..., 0])
-    flag(bad, "a quaternion must be finite and have a norm")
+    check_rows(bad, "a quaternion must be finite and have a norm")
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(bad[..., None], np.nan, array / norm)
 
@@ -94,7 +94,7 @@ def quaternion_from_matrix(matrix: ArrayLike, at: str = "matrix") -> _Floats:
             if not (defect[bad] < 1e-9).all()
             else "its determinant is -1, a mirror image"
         )
-        flag(bad, f"no rotation: {how}", at)
+        check_rows(bad, f"no rotation: {how}", at)
     q = np.full((len(flat), 4), np.nan)
     if not bad.all():
         q[~bad] = Rotation.from_matrix(flat[~bad]).as_quat(scalar_first=True)
@@ -273,7 +273,7 @@ def euler_rates(angles: ArrayLike, omega: ArrayLike, convention: str = "zxz") ->
         one, two = two, -one
     _, theta, psi = np.moveaxis(angles, -1, 0)
     bad = np.sin(theta) == 0.0
-    flag(bad, "Euler rates need sin(theta) other than 0")
+    check_rows(bad, "Euler rates need sin(theta) other than 0")
     with np.errstate(all="ignore"):
         phi = np.where(bad, np.nan, (one * np.sin(psi) + two * np.cos(psi)) / np.sin(theta))
     return np.stack([phi, one * np.cos(psi) - two * np.sin(psi), three - phi * np.cos(theta)], -1)

@@ -1,6 +1,6 @@
 """The closed forms of omega as TdC writes them, and elliptic functions and integrals of arrays.
 
-`free_top` serves every case; these two hold where the textbook has them, and test it.
+`solve_free_top` serves every case; these two hold where the textbook has them, and test it.
 
 Elliptic functions take the parameter m = k^2, 0 <= m <= 1, or its complement mc = 1 - m, and stay
 accurate as the modulus goes to 1. There the complement counts: at m = 1 - 1e-14, m holds two digits
@@ -59,7 +59,7 @@ def jacobi_omega(
         A = 2 T I_3 - L^2,   B = L^2 - 2 T I_1,   D_ij = I_i - I_j,   p = sqrt(D32 B/(I_1 I_2 I_3))
 
     and otherwise the same with 1 and 3 exchanged. The differences cancel near the separatrix and
-    the axes: half the digits are lost at 1 - m = 1e-8, where `free_top` keeps all
+    the axes: half the digits are lost at 1 - m = 1e-8, where `solve_free_top` keeps all
     (tests/mechanics/test_textbook.py).
 
     moments (..., 3) [kg m^2];  energy T (...) [J];  square L^2 (...) [kg^2 m^4/s^2];  t (...) [s].

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rigidmc.errors import PartError, SceneError
-from rigidmc.mechanics.inertia import broken
+from rigidmc.mechanics.inertia import violates_triangle
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.gravity_gradient import GravityGradient
@@ -17,20 +17,20 @@ from rigidmc.physics.observables import OUTCOMES, is_own, outputs
 from rigidmc.physics.observables.protocol import DIMENSIONS, EnsembleObservable, Neighbour
 from rigidmc.scene.amounts import count_text
 from rigidmc.scene.model import Model
-from rigidmc.scene.quantities import Grid, draw, is_shared, rows
+from rigidmc.scene.quantities import Grid, count_rows, draw, is_shared
 from rigidmc.scene.recording import Recording
 from rigidmc.scene.sampling import DESIGNS, is_drawn, refuse_indexed
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import Run, idle
 from rigidmc.scene.user_parts.effects import check_user_effect
-from rigidmc.scene.user_parts.effects import sample as plain_numbers
+from rigidmc.scene.user_parts.effects import trial_effect as plain_numbers
 from rigidmc.scene.user_parts.integrators import check_user_integrator
 from rigidmc.scene.user_parts.observables import check_user_observable
-from rigidmc.scene.validation import ALLOWED, PILOT, limits, named_integrators, outside
+from rigidmc.scene.validation import ALLOWED, PILOT, named_integrators, outside, parameter_limits
 from rigidmc.scene.vector_distributions import Correlated
 
 
-def check(scene: Scene, recording: Recording) -> None:
+def check_scene(scene: Scene, recording: Recording) -> None:
     """Raise SceneError if a scene cannot be run."""
     run, model = scene.run, scene.model
     if run.integrator == "auto" and run.tolerance is None:
@@ -93,7 +93,7 @@ def _check_sampled(model: Model, run: Run) -> None:
             " kT = (gamma_1 kT_1 + gamma_2 kT_2)/gamma"
         )
         raise SceneError(rule, at="effects.bath")
-    count, last = rows(*model.quantities()), run.first + run.members
+    count, last = count_rows(*model.quantities()), run.first + run.members
     if count is not None and count < last:
         rule = f"the scene has arrays with rows for {count_text(count, 'member')} only"
         raise SceneError(rule, at="run.members", value=last)
@@ -110,20 +110,20 @@ def _check_bodies(model: Model, seed: int) -> None:
     """
     if any(isinstance(q, Grid) for q in model.body.quantities()):
         return
-    if model.body.given == "tensor" and rows(*model.start.quantities()) is not None:
+    if model.body.inertia_key == "tensor" and count_rows(*model.start.quantities()) is not None:
         rule = (
             "beside an uncertain tensor it is no table: its axes differ from member to member; give"
             " laws, or moments and starts of each member"
         )
-        raise SceneError(rule, at=f"start.{model.start.which}")
-    for label, effect in label_effects(model.effects) if model.body.given == "tensor" else ():
+        raise SceneError(rule, at=f"start.{model.start.spin_name}")
+    for label, effect in label_effects(model.effects) if model.body.inertia_key == "tensor" else ():
         for name in facts(effect).in_body:
-            if rows(*getattr(effect, name)) is not None:
+            if count_rows(*getattr(effect, name)) is not None:
                 # results have it in the axes of the members
                 rule = "beside an uncertain tensor what is fixed in the body is no table: give laws"
                 raise SceneError(rule, at=f"effects.{label}.{name}")
     moments, mass, _ = model.body.sample(seed, 0, PILOT)
-    bad = np.flatnonzero(broken(moments) | ~(mass > 0))
+    bad = np.flatnonzero(violates_triangle(moments) | ~(mass > 0))
     if bad.size > (PILOT // 2 if isinstance(model.body.moments, Correlated) else 0):
         example = ", ".join(f"{m:.4g}" for m in moments[:, bad[0]])
         rule = (
@@ -143,16 +143,17 @@ def _check_orbit(model: Model, seed: int) -> None:
     moments, mass, centre = model.body.sample(seed, 0, PILOT)
     off = mass * (centre * centre).sum(0) > 1e-12 * moments.max(0)
     if off.any():
-        law = model.body.given == "tensor"
+        uncertain = model.body.inertia_key == "tensor"
         rule = (
             "a body on an orbit (gravity_gradient) turns about its centre of mass, and this is off"
             " the fixed point: "
         )
         known = is_shared(model.body.moments, model.body.mass, model.body.centre)
         rule += (
-            'say pivot = "centre" in [body], or body.about_centre() in Python, which moves the'
-            " fixed point and the tensor there" + (", of each draw its own" if law else "")
-            if law or known
+            'say pivot = "centre" in [body], or body.with_pivot_at_centre() in Python, which moves'
+            " the fixed point and the tensor there"
+            + (", of each draw its own" if uncertain else "")
+            if uncertain or known
             else "give moments about the centre of mass and leave centre out"
         )
         raise SceneError(rule, at="body.centre", value=centre[:, off][:, 0].tolist())
@@ -169,7 +170,7 @@ def _check_parameters(run: Run, label: str, effect: Effect) -> None:
 
     values = {name: drawn(name, value) for name, value in zip(effect._fields, effect, strict=True)}
     for name, sample in values.items():
-        low, high = limits(effect, name, run.anti_damping)
+        low, high = parameter_limits(effect, name, run.anti_damping)
         bad = sample[~((sample >= low) & (sample <= high))]
         if bad.size:
             wrong = float(bad[0])

@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
-from rigidmc.mechanics.free_top import Motion, free_motion, free_top
-from rigidmc.mechanics.lagrange_top import lagrange_motion, lagrange_top
+from rigidmc.mechanics.free_top import Motion, analyse_free_top, solve_free_top
+from rigidmc.mechanics.lagrange_top import analyse_lagrange_top, solve_lagrange_top
 from rigidmc.physics.dynamics.euler import kinetic_energy
 from rigidmc.physics.dynamics.so3 import dot, inverse
 from rigidmc.physics.effects import label_effects, name_of
@@ -26,7 +26,7 @@ COVERED = (
 NONE = -1  # the form of a member without a body or a start: its motion is nan
 
 
-class Case(NamedTuple):
+class ClosedMotion(NamedTuple):
     """Members of a scene as closed forms take them: moments, momentum (n, 3) and attitude (n, 4) at
     the start.
 
@@ -51,13 +51,13 @@ class Case(NamedTuple):
         free = [f"free top{damped}"] if np.any(self.form == 0) else []
         return " and ".join(free + ["Lagrange top"] * bool(np.any(self.form > 0)))
 
-    def parts(self) -> list[tuple[int, NDArray[np.int64], "Case"]]:
-        """[(form, members, their Case)] of the forms that occur."""
+    def parts(self) -> list[tuple[int, NDArray[np.int64], "ClosedMotion"]]:
+        """[(form, members, their ClosedMotion)] of the forms that occur."""
         parts = []
         for form in np.unique(self.form[self.form != NONE]):
             members = np.flatnonzero(self.form == form)
             chosen = {name: field[members] for name, field in self._asdict().items()}
-            parts.append((int(form), members, Case(**chosen)))
+            parts.append((int(form), members, ClosedMotion(**chosen)))
         return parts
 
     def motion(self, t: ArrayLike) -> Motion:
@@ -76,38 +76,42 @@ class Case(NamedTuple):
         return [
             (
                 members,
-                lagrange_motion(part.moments, part.weight, part.momentum, part.attitude, axis=form)
+                analyse_lagrange_top(
+                    part.moments, part.weight, part.momentum, part.attitude, axis=form
+                )
                 if form
-                else free_motion(part.moments, part.momentum),
+                else analyse_free_top(part.moments, part.momentum),
             )
             for form, members, part in self.parts()
         ]
 
 
-def _motion(form: int, case: Case, t: Array) -> Motion:
-    """The Motion of a Case of one form."""
+def _motion(form: int, case: ClosedMotion, t: Array) -> Motion:
+    """The Motion of a ClosedMotion of one form."""
     if form:
-        return lagrange_top(case.moments, case.weight, case.momentum, case.attitude, t, axis=form)
+        return solve_lagrange_top(
+            case.moments, case.weight, case.momentum, case.attitude, t, axis=form
+        )
     # L' = L x omega - rate L runs through the undamped motion at the time (1 - exp(-rate t))/rate,
     # of either sign
     rate = case.damping
     with np.errstate(over="ignore", invalid="ignore"):  # a motion that overflows becomes nan
         # what is divided by 1 is not taken
         passed = np.where(rate == 0.0, t, -np.expm1(-rate * t) / np.where(rate == 0.0, 1.0, rate))
-        l, omega, q = free_top(case.moments, case.momentum, case.attitude, passed)
+        l, omega, q = solve_free_top(case.moments, case.momentum, case.attitude, passed)
         left = np.exp(-rate * t)[..., None]
         return Motion(left * l, left * omega, q)
 
 
-def closed_form(model: Model, sampler: Source, first: int, members: int) -> Case:
-    """The Case of `members` members from index `first` on; SceneError, which says why, if no closed
-    form covers it."""
+def closed_form(model: Model, sampler: Source, first: int, members: int) -> ClosedMotion:
+    """The ClosedMotion of `members` members from index `first` on; SceneError, which says why, if
+    no closed form covers it."""
     rows = block_rows(model.effects, False)
     return case_of(model.effects, *initial_block(model, sampler, first, members, True, rows))
 
 
-def case_of(effects: Sequence[Any], block: Array, start: Start) -> Case:
-    """The Case of an initial block; SceneError if no closed form covers one of the healthy
+def case_of(effects: Sequence[Any], block: Array, start: Start) -> ClosedMotion:
+    """The ClosedMotion of an initial block; SceneError if no closed form covers one of the healthy
     members."""
     moments = start["moments"].T
     momentum, attitude = block[layout.MOMENTUM : layout.EXTRA].T, block[: layout.MOMENTUM].T
@@ -133,7 +137,7 @@ def case_of(effects: Sequence[Any], block: Array, start: Start) -> Case:
         raise _uncovered(rule + _some(off))
     _refuse_asymmetric(moments, form)
     along = np.take_along_axis(weight, np.maximum(form, 1)[:, None] - 1, 1)[:, 0]
-    return Case(moments, momentum, attitude, form, np.where(form > 0, along, 0.0), rate)
+    return ClosedMotion(moments, momentum, attitude, form, np.where(form > 0, along, 0.0), rate)
 
 
 def _refuse_asymmetric(moments: Array, form: NDArray[np.int64]) -> None:

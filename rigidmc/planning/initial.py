@@ -11,30 +11,34 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys
 from rigidmc.engine.streams import key_of, stream_of, uniforms
 from rigidmc.errors import SceneError
-from rigidmc.mechanics.inertia import broken, quaternions, tensors_into, vectors_into
+from rigidmc.mechanics.inertia import quaternions, tensors_into, vectors_into, violates_triangle
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import Flag, flag, implements
 from rigidmc.physics.dynamics.so3 import multiply
-from rigidmc.physics.effects import label_effects, shared
+from rigidmc.physics.effects import label_effects, shared_parameters
 from rigidmc.physics.effects.protocol import facts as effect_facts
 from rigidmc.physics.effects.protocol import parameter_count, shape, takes_noise
 from rigidmc.physics.effects.sums import total_energy_scale
 from rigidmc.planning.steps import Array, physics
 from rigidmc.scene.model import Model
-from rigidmc.scene.quantities import draw, is_shared, rows
+from rigidmc.scene.quantities import count_rows, draw, is_shared
 from rigidmc.scene.sampling import (
     DESIGNS,
-    Antithetic,
-    Design,
-    Dimension,
-    Given,
-    Points,
-    Recorder,
+    AntitheticPairs,
+    DimensionProbe,
+    FamilyDesign,
+    FixedPoints,
+    PointSequence,
+    RandomDimension,
     points,
 )
 from rigidmc.scene.settings import Run
 from rigidmc.scene.validation import PILOT
-from rigidmc.scene.vector_distributions.protocol import Ensemble, Facts, Law
+from rigidmc.scene.vector_distributions.protocol import (
+    EquilibriumEnsemble,
+    MemberFacts,
+    VectorDistribution,
+)
 from rigidmc.scene.vector_distributions.vectors import uniform_attitudes
 
 APART = 256  # members that are made for nothing take less time than another call
@@ -42,7 +46,7 @@ RANGE = 2**14  # members made at once at most: 8 MB
 
 Start = dict[str, Array]  # what members were made from, by the names of the result
 # what members are drawn from
-Source = int | Antithetic | Design | Given | Points | Recorder
+Source = int | AntitheticPairs | FamilyDesign | FixedPoints | PointSequence | DimensionProbe
 
 
 def block_rows(effects: Sequence[Any], has_work: bool) -> int:
@@ -60,7 +64,7 @@ def initial_block(
     has_attitude : whether the attitude is followed;  rows : of the block, see `block_rows`
     """
     block = np.zeros((rows, count))
-    return block, fill(block, model, sampler, first, has_attitude)
+    return block, fill_initial(block, model, sampler, first, has_attitude)
 
 
 def members_at_start(model: Model, run: Run, first: int, count: int) -> tuple[Array, Start]:
@@ -92,7 +96,7 @@ def initial_block_of(
 
 class InitialMembers(NamedTuple):
     """The first members of a model at their start, from index 0 on: a block that nobody changes, of
-    which only the rows of `filled` are set, and what the members were made from."""
+    which only the rows of `rows_to_fill` are set, and what the members were made from."""
 
     block: Array
     start: Start
@@ -100,7 +104,7 @@ class InitialMembers(NamedTuple):
     def part(self, model: Model, first: int, count: int, rows: int) -> tuple[Array, Start]:
         """As `initial_block`, of members that are among these."""
         block, part = np.zeros((rows, count)), slice(first, first + count)
-        for some in filled(model.effects):
+        for some in rows_to_fill(model.effects):
             block[some] = self.block[some, part]
         return block, {name: values[..., part] for name, values in self.start.items()}
 
@@ -110,7 +114,7 @@ def make_pilot(model: Model, sampler: Source, has_attitude: bool, count: int = 0
     count = count or pilot_size(model)
     # zeros in all rows, and their copies, took 1 of 21 ms for 65,536 members and one step
     block = np.empty((block_rows(model.effects, False), count))
-    return InitialMembers(block, fill(block, model, sampler, 0, has_attitude))
+    return InitialMembers(block, fill_initial(block, model, sampler, 0, has_attitude))
 
 
 def pilot_size(model: Model) -> int:
@@ -118,35 +122,38 @@ def pilot_size(model: Model) -> int:
     quantities = model.quantities()
     if is_shared(*quantities) and not isinstance(model.start.attitude, str):
         return layout.LANES
-    return layout.whole_lanes(max(PILOT, rows(*quantities) or 0))
+    return layout.whole_lanes(max(PILOT, count_rows(*quantities) or 0))
 
 
 def make_sampler(model: Model, run: Run) -> Source:
-    """What the members of a run are drawn from: its seed, or the Points of `run.points`."""
+    """What the members of a run are drawn from: its seed, or the PointSequence of `run.points`."""
     if run.points == "independent":
         return run.seed
     if run.points == "antithetic":
-        return Antithetic(run.seed)
+        return AntitheticPairs(run.seed)
     if run.points in DESIGNS:
-        return DESIGNS[run.points](run.seed, groups(model)[1], run.dtype)
-    return points(run.seed, run.points, drawn(model), run.strata or run.first + run.members)
+        return DESIGNS[run.points](run.seed, uncertain_numbers(model)[1], run.dtype)
+    return points(
+        run.seed, run.points, random_dimensions(model), run.strata or run.first + run.members
+    )
 
 
-def drawn(model: Model) -> tuple[Dimension, ...]:
+def random_dimensions(model: Model) -> tuple[RandomDimension, ...]:
     """The random numbers that a member draws."""
-    recorder = Recorder()
+    recorder = DimensionProbe()
     # with the attitude, so that no point depends on what is saved
     initial_block(model, recorder, 0, 1, True, block_rows(model.effects, False))
     return tuple(recorder.dimensions)
 
 
-def groups(model: Model) -> tuple[list[str], dict[Dimension, int]]:
+def uncertain_numbers(model: Model) -> tuple[list[str], dict[RandomDimension, int]]:
     """(the names of the uncertain numbers of a model, {dimension: place of its name}).
 
-    A number has the name that a map gives it, such as start.omega.2. The numbers that a law of a
-    whole vector or of the attitude draws are one group, with the name of what it draws.
+    A number has the name that a map gives it, such as start.omega.2. The numbers that a
+    distribution of a whole vector or of the attitude draws are one group, with the name of what it
+    draws.
     """
-    names = {dimension: _name(model, *dimension) for dimension in drawn(model)}
+    names = {dimension: _name(model, *dimension) for dimension in random_dimensions(model)}
     places = {name: i for i, name in enumerate(dict.fromkeys(names.values()))}
     return list(places), {dimension: places[name] for dimension, name in names.items()}
 
@@ -159,16 +166,16 @@ def _name(model: Model, stream: str, draw: int, word: int) -> str:
         return f"{stream}.{4 * draw + word + 1}" if shape(effect, rest[0]) else stream
     whole = f"{table}.{first}"
     if first == "attitude":
-        angles = model.start.by_euler_angles
+        angles = model.start.has_euler_angles
         return f"{whole}.{('phi', 'theta', 'psi')[word]}" if angles else whole
-    if whole in ("body.mass", "body.tensor"):  # a tensor is a law of all its numbers
+    if whole in ("body.mass", "body.tensor"):  # a tensor is a distribution of all its numbers
         return whole
     value = getattr(getattr(model, table), first)
     return f"{whole}.{4 * draw + word + 1}" if isinstance(value, tuple) else whole
 
 
-def filled(effects: Sequence[Any]) -> tuple[slice, ...]:
-    """The rows of a block that `fill` sets; the others are 0 until the engine begins."""
+def rows_to_fill(effects: Sequence[Any]) -> tuple[slice, ...]:
+    """The rows of a block that `fill_initial` sets; the others are 0 until the engine begins."""
     end = layout.EFFECTS + parameter_count(*effects)
     return (
         slice(layout.ATTITUDE, layout.EXTRA),
@@ -177,8 +184,11 @@ def filled(effects: Sequence[Any]) -> tuple[slice, ...]:
     )
 
 
-def fill(block: Array, model: Model, sampler: Source, first: int, has_attitude: bool) -> Start:
-    """Set the rows of `filled` for members from index `first` on; what these are made from."""
+def fill_initial(
+    block: Array, model: Model, sampler: Source, first: int, has_attitude: bool
+) -> Start:
+    """Set the rows of `rows_to_fill` for members from index `first` on; what these are made
+    from."""
     count = block.shape[1]
     moments, mass, centre, turn = model.body.sample_turned(sampler, first, count)
     effects = {
@@ -201,19 +211,21 @@ def fill(block: Array, model: Model, sampler: Source, first: int, has_attitude: 
     if effects:
         end = layout.EFFECTS + parameter_count(*model.effects)
         acting = dict(effects)
-        for name, sources in shared(model.effects).items():
+        for name, sources in shared_parameters(model.effects).items():
             acting[name] = np.sum([effects[one] for one in sources], axis=0)
         block[layout.EFFECTS : end] = np.concatenate(list(acting.values()))
     block[layout.STATUS], block[layout.STEPS] = layout.STATUSES["ok"], 1.0
     block[layout.ATTITUDE : layout.MOMENTUM] = np.array([[1.0], [0.0], [0.0], [0.0]])
     if has_attitude:
-        known = facts(model.effects, block, moments)
-        attitude = model.start.quaternions(sampler, first, count, known)
+        facts = member_facts(model.effects, block, moments)
+        attitude = model.start.sample_attitude(sampler, first, count, facts)
         if turn is not None and model.start.attitude != "ensemble":
             attitude = multiply(tuple(attitude), quaternions(turn))
         block[layout.ATTITUDE : layout.MOMENTUM] = attitude
-    word, spin = model.start.spin(sampler, first, count, facts(model.effects, block, moments))
-    if turn is not None and not isinstance(getattr(model.start, word), Ensemble):
+    word, spin = model.start.sample_spin(
+        sampler, first, count, member_facts(model.effects, block, moments)
+    )
+    if turn is not None and not isinstance(getattr(model.start, word), EquilibriumEnsemble):
         spin = vectors_into(turn, spin)
     start = {"moments": moments, "mass": mass, "centre": centre, f"start_{word}": spin}
     if turn is not None:
@@ -221,13 +233,18 @@ def fill(block: Array, model: Model, sampler: Source, first: int, has_attitude: 
     start |= {name: values if len(values) > 1 else values[0] for name, values in effects.items()}
     if has_attitude:
         start["start_attitude"] = block[layout.ATTITUDE : layout.MOMENTUM].copy()
-        if model.start.by_euler_angles:
+        if model.start.has_euler_angles:
             start["start_euler"] = draw(
                 model.start.attitude, sampler, "start.attitude", first, count
             )
     block[layout.MOMENTUM : layout.EXTRA] = spin * moments if word == "omega" else spin
     # the spin is nan if a shell has too little energy
-    bad = broken(moments) | ~(mass > 0) | np.isnan(spin).any(0) | np.isnan(block[layout.ATTITUDE])
+    bad = (
+        violates_triangle(moments)
+        | ~(mass > 0)
+        | np.isnan(spin).any(0)
+        | np.isnan(block[layout.ATTITUDE])
+    )
     block[layout.STATUS, bad] = layout.STATUSES["invalid_input"]
     return start
 
@@ -243,8 +260,9 @@ def _turned(effects: Sequence[Any], drawn: Mapping[str, Array], turn: Array) -> 
     return turned
 
 
-def facts(effects: Sequence[Any], block: Array, moments: Array) -> Facts:
-    """The Facts that laws of vectors may depend on, of members whose rows a block has."""
+def member_facts(effects: Sequence[Any], block: Array, moments: Array) -> MemberFacts:
+    """The MemberFacts that distributions of vectors may depend on, of members whose rows a block
+    has."""
     body, arrays = physics(effects, block)
     q = tuple(block[layout.ATTITUDE : layout.MOMENTUM])
     zeros = np.zeros(block.shape[1])
@@ -255,7 +273,7 @@ def facts(effects: Sequence[Any], block: Array, moments: Array) -> Facts:
         energy: Array = energies(arrays, body, tuple(q)) + zeros
         return energy
 
-    return Facts(moments, potential, total_energy_scale(potentials, body) + zeros, q)
+    return MemberFacts(moments, potential, total_energy_scale(potentials, body) + zeros, q)
 
 
 def check_starts(model: Model, sampler: Source, seed: int) -> None:
@@ -263,8 +281,8 @@ def check_starts(model: Model, sampler: Source, seed: int) -> None:
     if model.start.attitude == "ensemble":
         _check_ensemble(model, seed)
         return
-    spin = model.start.which
-    if not isinstance(getattr(model.start, spin), Law):
+    spin = model.start.spin_name
+    if not isinstance(getattr(model.start, spin), VectorDistribution):
         return
     rows = block_rows(model.effects, False)
     if initial_block(model, sampler, 0, PILOT, True, rows)[0][layout.STATUS].all():
@@ -278,18 +296,18 @@ def _check_ensemble(model: Model, seed: int) -> None:
     """Raise SceneError if the attitudes of an ensemble are too rare among uniform ones to be drawn
     by rejection."""
     block, start = initial_block(model, seed, 0, PILOT, False, block_rows(model.effects, False))
-    known = facts(model.effects, block, start["moments"])
-    law: Any = model.start.momentum
-    share = law.share(seed, 0, PILOT, known)
+    facts = member_facts(model.effects, block, start["moments"])
+    ensemble: Any = model.start.momentum
+    acceptance = ensemble.acceptance(seed, 0, PILOT, facts)
     u, v, w, _ = uniforms(seed, "start.attitude.ensemble", 0, PILOT, 0)
     tried = uniform_attitudes(u, v, w)
-    if (np.abs(known.potential(tried)) > known.bound * (1.0 + 1e-9)).any():
+    if (np.abs(facts.potential(tried)) > facts.bound * (1.0 + 1e-9)).any():
         rule = (
             "needs the largest potential energy that an attitude may have: an effect of your own "
             "tells it by energy_scale(self, body) [J]"
         )
         raise SceneError(rule, at="start.attitude", value="ensemble")
-    accepted = float(np.nanmean(share(tried)))
+    accepted = float(np.nanmean(acceptance(tried)))
     if not accepted >= 0.01:
         rule = (
             f"of uniform attitudes the ensemble keeps {accepted:.1g}, less than 1 in 100: too "
@@ -299,7 +317,7 @@ def _check_ensemble(model: Model, seed: int) -> None:
         raise SceneError(rule, at="start.attitude", value="ensemble")
 
 
-def ledger(effects: Sequence[Any], has_work: bool) -> tuple[Flag, ...]:
+def work_flags(effects: Sequence[Any], has_work: bool) -> tuple[Flag, ...]:
     """For each effect OFF if its energy tells its work, else ON; () if no works are saved. See
     `rigidmc.engine.program.Program`."""
     if not has_work:
@@ -307,7 +325,7 @@ def ledger(effects: Sequence[Any], has_work: bool) -> tuple[Flag, ...]:
     return tuple(flag(not implements(effect, "energy")) for effect in effects)
 
 
-def noise(effects: Sequence[Any], seed: int, members: NDArray[np.int64]) -> NoiseKeys:
+def noise_keys(effects: Sequence[Any], seed: int, members: NDArray[np.int64]) -> NoiseKeys:
     """What decides the noise of random effects, for members by their indices."""
     streams = [
         stream_of(f"effects.{label}.noise")

@@ -45,7 +45,7 @@ from rigidmc.physics.observables.protocol import (
 from rigidmc.physics.observables.saving import FOLLOWED, event_times
 from rigidmc.planning.steps import Clock
 from rigidmc.scene.model import Model
-from rigidmc.scene.quantities import is_open, rows
+from rigidmc.scene.quantities import count_rows, is_variable
 from rigidmc.scene.recording import Labelled, Recording
 from rigidmc.scene.validation import PILOT
 
@@ -107,8 +107,8 @@ def make_monitors(model: Model, recording: Recording, seed: int) -> Monitors:
 
 def _bodies(model: Model, seed: int) -> tuple[NDArray[np.float64], bool]:
     """(moments (3, n) of the first members, or of all rows of arrays; whether these are all)."""
-    complete = not is_open(model.body.moments)
-    count = (rows(*model.body.moments) or 1) if complete else PILOT
+    complete = not is_variable(model.body.moments)
+    count = (count_rows(*model.body.moments) or 1) if complete else PILOT
     return model.coarse().body.sample(seed, 0, count)[0], complete
 
 

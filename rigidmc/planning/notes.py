@@ -14,7 +14,7 @@ from rigidmc.engine.compiler.compose import NumbaError
 from rigidmc.engine.inspection import refusal_of, scalar_parts
 from rigidmc.engine.machine import is_uncompiled
 from rigidmc.errors import SceneError
-from rigidmc.mechanics.inertia import TOO_FAR, broken, too_far
+from rigidmc.mechanics.inertia import TOO_FAR, too_far, violates_triangle
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import EFFECTS, label_effects
@@ -27,7 +27,7 @@ from rigidmc.planning.plan import Plan
 from rigidmc.planning.units import UnitScale
 from rigidmc.scene.amounts import count_text
 from rigidmc.scene.model import Model
-from rigidmc.scene.quantities import Grid, draw, is_open, is_shared
+from rigidmc.scene.quantities import Grid, draw, is_shared, is_variable
 from rigidmc.scene.settings import Run, idle
 from rigidmc.scene.validation import PILOT
 from rigidmc.scene.vector_distributions import GibbsMomentum
@@ -58,7 +58,7 @@ UNCOMPILED = (
 Array = NDArray[np.float64]
 
 
-class Seen(NamedTuple):
+class PilotFacts(NamedTuple):
     """What moves, the settings, the Plan, and the first FEW members: bodies, and [(label, effect)]
     as arrays."""
 
@@ -89,12 +89,12 @@ def scene_notes(model: Model, run: Run, plan: Plan) -> tuple[str, ...]:
 
     model, run : as the user gave them;  plan : of their run
     """
-    seen = _seen(model, run, plan)
+    seen = _pilot_facts(model, run, plan)
     uncompiled = plan.scheme is not None and is_uncompiled()
     return (*[UNCOMPILED] * uncompiled, *(note for look in LOOKS for note in look(seen)))
 
 
-def _seen(model: Model, run: Run, plan: Plan) -> Seen:
+def _pilot_facts(model: Model, run: Run, plan: Plan) -> PilotFacts:
     coarse, seed = model.coarse(), run.seed
     effects = []
     for label, effect in label_effects(coarse.effects):
@@ -105,10 +105,10 @@ def _seen(model: Model, run: Run, plan: Plan) -> Seen:
         rows = [draw(parts, seed, f"effects.{label}.{field}", 0, FEW) for field, parts in each]
         effects.append((label, from_numbers(type(effect), np.concatenate(rows))))
     moments, mass, centre = coarse.body.sample(seed, 0, FEW)
-    return Seen(model, run, plan, moments, mass, centre, effects)
+    return PilotFacts(model, run, plan, moments, mass, centre, effects)
 
 
-def _idle(seen: Seen) -> Iterator[str]:
+def _idle(seen: PilotFacts) -> Iterator[str]:
     yield from idle_settings(seen.run)
     yield from idle_sums(seen.run, seen.plan)
     yield from idle_limits(seen.run, seen.plan)
@@ -116,7 +116,7 @@ def _idle(seen: Seen) -> Iterator[str]:
     yield from idle_effects(seen.effects, seen.moments, seen.centre)
 
 
-def _one_at_a_time(seen: Seen) -> Iterator[str]:
+def _one_at_a_time(seen: PilotFacts) -> Iterator[str]:
     events, running, _ = seen.plan.monitors.compiled
     watches = *seen.plan.recording.recorded.values(), *events, *(one for one, _ in running)
     scheme, effects = seen.plan.scheme, blank(seen.model.effects)
@@ -131,7 +131,7 @@ def _one_at_a_time(seen: Seen) -> Iterator[str]:
             )
 
 
-def _anti_damping(seen: Seen) -> Iterator[str]:
+def _anti_damping(seen: PilotFacts) -> Iterator[str]:
     if not seen.run.anti_damping:
         return
     if any(
@@ -143,13 +143,13 @@ def _anti_damping(seen: Seen) -> Iterator[str]:
         yield "[run] anti_damping = true has no effect: the scene has no damping"
 
 
-def _gravity_upwards(seen: Seen) -> Iterator[str]:
+def _gravity_upwards(seen: PilotFacts) -> Iterator[str]:
     for label, effect in seen.effects:
         if isinstance(effect, Gravity) and (least := np.min(effect.g)) < 0.0:
             yield f"[effects.{label}] g = {least:g} pulls upwards: g > 0 pulls along -z"
 
 
-def _orbit_inside(seen: Seen) -> Iterator[str]:
+def _orbit_inside(seen: PilotFacts) -> Iterator[str]:
     for label, effect in seen.effects:
         if not isinstance(effect, GravityGradient):
             continue
@@ -163,9 +163,9 @@ def _orbit_inside(seen: Seen) -> Iterator[str]:
                 )
 
 
-def _not_turned(seen: Seen) -> Iterator[str]:
+def _not_turned(seen: PilotFacts) -> Iterator[str]:
     """Vectors of own effects that do not say whether they are fixed in bodies of different axes."""
-    if seen.model.body.given != "tensor":
+    if seen.model.body.inertia_key != "tensor":
         return
     for label, effect in seen.effects:
         if is_shipped(effect) or hasattr(effect, "in_body"):
@@ -179,15 +179,15 @@ def _not_turned(seen: Seen) -> Iterator[str]:
                 )
 
 
-def _angles(seen: Seen) -> Iterator[str]:
+def _angles(seen: PilotFacts) -> Iterator[str]:
     start, seed = seen.model.coarse().start, seen.run.seed
     circle = 2.0 * math.pi * (1.0 + 1e-9)
     rule = "is more than {} pi: angles are in rad, 30 degrees are 0.5236"
-    if start.by_euler_angles:
+    if start.has_euler_angles:
         worst = np.abs(draw(start.attitude, seed, "start.attitude", 0, FEW)).max()
         if worst > circle:
             yield f"[start] attitude: an Euler angle of {worst:g} {rule.format(2)}"
-    word = start.which
+    word = start.spin_name
     spin = getattr(start, word)
     for field, most in (("angle", ""), ("azimuth", "2")):
         if hasattr(spin, field):
@@ -203,11 +203,11 @@ def _angles(seen: Seen) -> Iterator[str]:
                     yield f"[effects.{label}] {field} = {worst:g} {rule.format(2)}"
 
 
-def _quaternions(seen: Seen) -> Iterator[str]:
+def _quaternions(seen: PilotFacts) -> Iterator[str]:
     attitude = seen.model.start.attitude
     if not isinstance(attitude, tuple) or len(attitude) != 4:
         return
-    if is_open(*attitude):
+    if is_variable(*attitude):
         return
     sizes = np.atleast_1d(np.sqrt(sum(np.square(part) for part in attitude)))
     worst = sizes[np.abs(sizes - 1.0).argmax()]
@@ -215,7 +215,7 @@ def _quaternions(seen: Seen) -> Iterator[str]:
         yield f"[start] attitude: a quaternion of length {worst:.9g} is normalised to 1"
 
 
-def _bodies(seen: Seen) -> Iterator[str]:
+def _bodies(seen: PilotFacts) -> Iterator[str]:
     """Bodies that cannot exist: I_i > I_j + I_k, or a centre of mass too far from the fixed point.
 
     Those run: torques know m c alone, and units in which m = 1 and m g c = 1 may leave no room for
@@ -225,7 +225,7 @@ def _bodies(seen: Seen) -> Iterator[str]:
     mapped = any(isinstance(q, Grid) for q in body.quantities())
     count = PILOT if mapped else min(PILOT, run.first + run.members)
     moments, mass, centre = seen.model.coarse().body.sample(run.seed, 0, count)
-    impossible = broken(moments)
+    impossible = violates_triangle(moments)
     which = f"of the first {count:,} bodies"
     if mapped:
         which = f"of {count:,} bodies spread over the grid"  # blank parts of a map are impossible
@@ -252,7 +252,7 @@ def _millimetres(moments: Array, mass: Array, centre: Array) -> str:
     return "; is centre in millimetres, and not in m?" if 30.0 < ratio < 3e4 else ""
 
 
-def _density(seen: Seen) -> Iterator[str]:
+def _density(seen: PilotFacts) -> Iterator[str]:
     """A density unlike any matter, for bodies of given mass that extend in three directions: the
     density of the uniform ellipsoid with their moments."""
     moments, mass, centre = seen.moments, seen.mass, seen.centre
@@ -282,7 +282,7 @@ def _about_centre(moments: Array, mass: Array, centre: Array) -> Array:
     return np.asarray(np.linalg.eigvalsh(np.moveaxis(matrices, -1, 0))).T
 
 
-def _hot(seen: Seen) -> Iterator[str]:
+def _hot(seen: PilotFacts) -> Iterator[str]:
     """A kT given in K instead of J, for bodies small enough to feel heat at all."""
     momentum, seed = seen.model.coarse().start.momentum, seen.run.seed
     heats: list[tuple[str, Any]] = [
@@ -299,7 +299,7 @@ def _hot(seen: Seen) -> Iterator[str]:
             )
 
 
-LOOKS: tuple[Callable[[Seen], Iterator[str]], ...] = (
+LOOKS: tuple[Callable[[PilotFacts], Iterator[str]], ...] = (
     _idle,
     _one_at_a_time,
     _gravity_upwards,

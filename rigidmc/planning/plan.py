@@ -16,7 +16,7 @@ from rigidmc.physics.effects.protocol import facts, is_conservative, is_random
 from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.integrators.protocol import Integrator, has_extra_state
 from rigidmc.physics.observables import value_rows
-from rigidmc.physics.observables.saving import thinned
+from rigidmc.physics.observables.saving import thinned_indices
 from rigidmc.physics.observables.statistics import counts_steps
 from rigidmc.planning.initial import (
     InitialMembers,
@@ -24,12 +24,18 @@ from rigidmc.planning.initial import (
     Start,
     initial_block,
     initial_block_of,
-    ledger,
+    work_flags,
 )
 from rigidmc.planning.limits import SPUN_UP, Limits, make_limits
 from rigidmc.planning.monitors import Monitors, places_of
 from rigidmc.planning.scheme import largest_rates, make_scheme
-from rigidmc.planning.steps import Grid, grid, own_steps, rates, rounds
+from rigidmc.planning.steps import (
+    TimeGrid,
+    count_member_steps,
+    make_time_grid,
+    rate_bounds,
+    round_grid,
+)
 from rigidmc.scene.model import Model
 from rigidmc.scene.recording import Recording, conservation
 from rigidmc.scene.settings import Run
@@ -59,7 +65,8 @@ class Plan(NamedTuple):
     dtype : of the numbers in which steps are made;  compensated : whether sums keep their
         remainders
     notes : what the user should know;  limits : what flags a member, () if nothing does
-    labels : of the effects whose works are saved;  works : see `rigidmc.planning.initial.ledger`
+    labels : of the effects whose works are saved;  works : see
+        `rigidmc.planning.initial.work_flags`
     monitors : what is kept of every step;  places : its rows of a block
     nodes : states that are watched in a step, the last at its end; 0 if only the end is known
     saved : {observable: rows of its values} of what is recorded at saves
@@ -74,7 +81,7 @@ class Plan(NamedTuple):
     recording: Recording
     first: int
     members: int
-    grid: Grid
+    grid: TimeGrid
     has_member_steps: bool
     mean_steps: float
     times: NDArray[np.float64]
@@ -126,8 +133,8 @@ class Plan(NamedTuple):
         else:
             block, start = initial_block(self.model, sampler, first, members.size, *known)
         if self.has_member_steps:
-            rate = rates(self.model.effects, block)
-            block[layout.STEPS] = own_steps(rate, self.grid.dt, self.run.turn)
+            rate = rate_bounds(self.model.effects, block)
+            block[layout.STEPS] = count_member_steps(rate, self.grid.dt, self.run.turn)
         return block, start
 
     def bounds(self) -> dict[str, float]:
@@ -151,7 +158,7 @@ class _Steps(NamedTuple):
         rate [rad]
     """
 
-    grid: Grid
+    grid: TimeGrid
     has_member_steps: bool
     mean_steps: float
     angle: float
@@ -182,7 +189,7 @@ def make_plan(
     # torques may bring a member to theta
     reach = steps.theta if effects else steps.angle
     notes += monitor_notes(effects, monitors, reach, found.dt, run.turn is not None)
-    if steps.has_member_steps and (driving := spinning_up(effects)):
+    if steps.has_member_steps and (driving := driving_effects(effects)):
         rule = (
             f"steps are those of the start, and {', '.join(driving)} may spin members up; one that "
             f"turns by {SPUN_UP:g} times as much in a step is flagged"
@@ -208,7 +215,7 @@ def make_plan(
         has_member_steps=steps.has_member_steps,
         mean_steps=mean,
         times=found.clock.time(slots),
-        thinned=thinned(len(slots), run.thin) if is_thinned else np.empty(0, int),
+        thinned=thinned_indices(len(slots), run.thin) if is_thinned else np.empty(0, int),
         scheme=scheme,
         has_attitude=attitude,
         angle=steps.angle,
@@ -219,7 +226,7 @@ def make_plan(
         notes=notes,
         limits=make_limits(*bounds) if scheme else (),
         labels=tuple(label for label, _ in label_effects(effects)) if recording.has_work else (),
-        works=ledger(effects, recording.has_work),
+        works=work_flags(effects, recording.has_work),
         monitors=monitors,
         places=places_of(effects, recording.has_work, monitors),
         nodes=nodes(effects, monitors, reach),
@@ -230,13 +237,13 @@ def make_plan(
 
 def _steps(effects: Sequence[Any], run: Run, pilot: NDArray[np.float64]) -> _Steps:
     if run.integrator == "closed":
-        saves = rounds(run.t_end, run.every)
+        saves = round_grid(run.t_end, run.every)
         return _Steps(saves, False, saves.steps, 0.0, 0.0)
     if run.turn is not None:
-        made = rounds(run.t_end, run.every)
-        mean = float(np.mean(own_steps(rates(effects, pilot), made.dt, run.turn)))
+        made = round_grid(run.t_end, run.every)
+        mean = float(np.mean(count_member_steps(rate_bounds(effects, pilot), made.dt, run.turn)))
         return _Steps(made, True, made.steps * mean, run.turn, run.turn)
-    even = grid(run.t_end, run.dt, run.every)
+    even = make_time_grid(run.t_end, run.dt, run.every)
     angle, theta = (even.dt * rate for rate in largest_rates(effects, pilot))
     return _Steps(even, False, even.steps, angle, theta)
 
@@ -285,7 +292,7 @@ def nodes(effects: Sequence[Any], monitors: Monitors, theta: float) -> int:
     return max(1, math.ceil(min(theta, LARGEST_TURN) / ARC * (1.0 - 1e-9)))
 
 
-def longest_monitored(effects: Sequence[Any]) -> float:
+def max_monitored_step(effects: Sequence[Any]) -> float:
     """How far a member may move in a step that is monitored [rad]."""
     return RANDOM_TURN if any(map(is_random, effects)) else LARGEST_TURN
 
@@ -294,7 +301,7 @@ def monitor_notes(
     effects: Sequence[Any], monitors: Monitors, theta: float, dt: float, own_steps: bool
 ) -> tuple[str, ...]:
     """A note if steps `dt` [s] of `theta` [rad] are too long for what is monitored in each."""
-    labels, most = monitors.each_step, longest_monitored(effects)
+    labels, most = monitors.each_step, max_monitored_step(effects)
     if not labels or theta <= most * (1.0 + 1e-9):
         return ()
     would = f"turn <= {most:g}" if own_steps else f"dt <= {dt * most / theta:.2g} s"
@@ -304,7 +311,7 @@ def monitor_notes(
     )
 
 
-def spinning_up(effects: Sequence[Any]) -> list[str]:
+def driving_effects(effects: Sequence[Any]) -> list[str]:
     """Labels of the effects that may bring a body more energy than its start tells: torques that do
     not brake, and have neither an energy nor a bound on one."""
     return [

@@ -10,9 +10,9 @@ from rigidmc.errors import SceneError
 from rigidmc.physics.effects.sums import total_energy_scale
 from rigidmc.physics.integrators import StepScheme, TurnBounds, scheme_of
 from rigidmc.physics.integrators.protocol import Integrator, follows_turns
-from rigidmc.planning.steps import Array, physics, rates
+from rigidmc.planning.steps import Array, physics, rate_bounds
 from rigidmc.scene.model import Model
-from rigidmc.scene.quantities import is_open
+from rigidmc.scene.quantities import is_variable
 from rigidmc.scene.settings import Run
 
 # a member beyond the pilot may spin faster than all of the pilot: 7 sigma if the pilot reaches 3.5
@@ -51,11 +51,11 @@ def make_scheme(
 
 
 def largest_rates(effects: Sequence[Any], pilot: Array) -> tuple[float, float]:
-    """(largest |omega| at the start, largest of the `rates`) of the pilot [rad/s]."""
+    """(largest |omega| at the start, largest of the `rate_bounds`) of the pilot [rad/s]."""
     with np.errstate(all="ignore"):
         omega = pilot[layout.BODY : layout.BODY + 3] * pilot[layout.MOMENTUM : layout.EXTRA]
         spins = np.sqrt((omega**2).sum(0))
-        return _largest(spins), _largest(rates(effects, pilot))
+        return _largest(spins), _largest(rate_bounds(effects, pilot))
 
 
 def _largest(values: Array) -> float:
@@ -95,13 +95,13 @@ def _turn_rates(model: Model, block: Array, own_steps: bool) -> _TurnRates:
         free = np.where(scale > 0.0, bound, free)
         spin = np.where(scale > 0.0, spin + np.sqrt(2.0 * scale * i.max(0)), spin)
         if own_steps:
-            rate = rates(model.effects, block)
+            rate = rate_bounds(model.effects, block)
             free, spin = free / rate, np.ones_like(rate)  # no member is faster than its rate
         equal = bool(np.all(sizes.min(0) <= 4e-15 * i.max(0)))
     # the pilot tells the symmetry of all members only if no moment is drawn
-    symmetric = equal and not is_open(model.body.moments)
+    symmetric = equal and not is_variable(model.body.moments)
     margin = OWN_MARGIN if own_steps else MARGIN
-    margin = margin if is_open(*model.quantities()) else 1.0
+    margin = margin if is_variable(*model.quantities()) else 1.0
     # a member that exceeds the bounds is flagged, not planned for
     return _TurnRates(
         margin * _largest(free),

@@ -2,7 +2,7 @@
 
 Saves are at 0, `every`, 2 `every`, ... and at t_end. If `every` does not divide t_end, the last
 interval is shorter than the others, and so are the steps in it. With steps of members' own, each
-member makes as many as the rate at which it may turn demands (`rates`, `own_steps`).
+member makes as many as the rate at which it may turn demands (`rate_bounds`, `count_member_steps`).
 """
 
 import math
@@ -34,7 +34,7 @@ def physics(effects: Sequence[Any], block: Array) -> tuple[MassProperties, tuple
     return MassProperties(*block[layout.BODY : layout.EFFECTS]), tuple(arrays)
 
 
-def rates(effects: Sequence[Any], block: Array) -> Array:
+def rate_bounds(effects: Sequence[Any], block: Array) -> Array:
     """How fast each member of a block may move [rad/s]:
 
         sqrt(2 (E + V)/I) + sqrt(V/I)
@@ -56,16 +56,16 @@ def rates(effects: Sequence[Any], block: Array) -> Array:
         return np.asarray(bound)
 
 
-def own_steps(rate: Array, span: float, turn: float | None) -> Array:
-    """How many steps members that move at `rate` [rad/s] need in a time `span` [s] if none of the
-    steps may turn them by more than `turn` [rad], the setting of a scene."""
+def count_member_steps(rate: Array, interval: float, turn: float | None) -> Array:
+    """How many steps members that move at `rate` [rad/s] need in a time `interval` [s] if none of
+    the steps may turn them by more than `turn` [rad], the setting of a scene."""
     assert turn is not None, "members of this scene have no steps of their own"
     with np.errstate(all="ignore"):
-        steps = np.ceil(span * rate / turn)
+        steps = np.ceil(interval * rate / turn)
     return np.clip(np.where(np.isfinite(steps), steps, 1.0), 1.0, MOST_OWN_STEPS)
 
 
-def by_steps(block: Array) -> NDArray[np.int64]:
+def order_by_steps(block: Array) -> NDArray[np.int64]:
     """The order of a block's members by their number of steps: equal numbers lie side by side."""
     steps = block[layout.STEPS]
     # whole numbers of two bytes are sorted by radix, 15 times as fast
@@ -122,7 +122,7 @@ class Clock(NamedTuple):
         return Clock(self.dt / each, self.head * each, self.last_dt / each)
 
 
-class Grid(NamedTuple):
+class TimeGrid(NamedTuple):
     """Steps of a run and its saves.
 
     steps : to t_end;  dt : their length [s];  stride : steps between saves; step `steps` is saved
@@ -149,8 +149,8 @@ class Grid(NamedTuple):
         return self.head < self.steps
 
 
-def grid(t_end: float, dt: float, every: float | None) -> Grid:
-    """The Grid of a run, with a whole number of steps between saves and a step of at most dt.
+def make_time_grid(t_end: float, dt: float, every: float | None) -> TimeGrid:
+    """The TimeGrid of a run, with a whole number of steps between saves and a step of at most dt.
 
     Decimal numbers are taken as the fractions they are written as, so that `10 / 0.3` is 100/3. All
     steps have one length if `every` and t_end have a common step that is not much shorter than dt.
@@ -171,14 +171,14 @@ def grid(t_end: float, dt: float, every: float | None) -> Grid:
     return found._replace(notes=(note,))
 
 
-def _saved_once(end: Fraction, step: Fraction, t_end: float) -> Grid:
-    """The Grid of a run that is saved at its end."""
+def _saved_once(end: Fraction, step: Fraction, t_end: float) -> TimeGrid:
+    """The TimeGrid of a run that is saved at its end."""
     steps = _count(end / step)
-    return Grid(steps, t_end / steps, steps, steps, t_end / steps)
+    return TimeGrid(steps, t_end / steps, steps, steps, t_end / steps)
 
 
-def _even(end: Fraction, step: Fraction, every: float, t_end: float) -> Grid | None:
-    """The Grid with steps of one length, or None if they would be too many."""
+def _even(end: Fraction, step: Fraction, every: float, t_end: float) -> TimeGrid | None:
+    """The TimeGrid with steps of one length, or None if they would be too many."""
     # steps must be a multiple of p for stride = steps q/p to be whole, with p/q = t_end/every
     ratio = end / Fraction(repr(every))
     # numbers that are only written to 16 digits, such as t_end/7 or 2^-30 s
@@ -192,17 +192,17 @@ def _even(end: Fraction, step: Fraction, every: float, t_end: float) -> Grid | N
         return None
     multiples = _count(end / step / ratio.numerator)
     steps = multiples * ratio.numerator
-    return Grid(steps, t_end / steps, multiples * ratio.denominator, steps, t_end / steps)
+    return TimeGrid(steps, t_end / steps, multiples * ratio.denominator, steps, t_end / steps)
 
 
-def _with_rest(end: Fraction, step: Fraction, every: float) -> Grid:
-    """The Grid with a last interval that is shorter than the others."""
+def _with_rest(end: Fraction, step: Fraction, every: float) -> TimeGrid:
+    """The TimeGrid with a last interval that is shorter than the others."""
     between = Fraction(repr(every))
     whole = end // between
     stride = _count(between / step)
     dt, rest = every / stride, end - whole * between
     last = _count(rest / Fraction(repr(dt)))
-    return Grid(whole * stride + last, dt, stride, whole * stride, float(rest / last))
+    return TimeGrid(whole * stride + last, dt, stride, whole * stride, float(rest / last))
 
 
 def _count(steps: Fraction) -> int:
@@ -219,19 +219,19 @@ def _refuse_many(steps: int | Fraction, key: str, length: float, t_end: float) -
         raise SceneError(rule, at=f"run.{key}", value=length)
 
 
-def rounds(t_end: float, every: float | None) -> Grid:
-    """The Grid of the longest times that divide `every`, and t_end if that is possible.
+def round_grid(t_end: float, every: float | None) -> TimeGrid:
+    """The TimeGrid of the longest times that divide `every`, and t_end if that is possible.
 
     They are the rounds of members with steps of their own, which take as many steps in a last,
     shorter round as in others.
     """
     if every is None or every >= t_end:
-        return Grid(1, t_end, 1, 1, t_end)
-    found = grid(t_end, every, every)
+        return TimeGrid(1, t_end, 1, 1, t_end)
+    found = make_time_grid(t_end, every, every)
     if not found.is_shortened:
         return found._replace(notes=())
     end, between = Fraction(repr(t_end)), Fraction(repr(every))
     parts = next(
         m for m in range(1, 21) if -(-end * m // between) * between / m <= end * (1 + WASTE)
     )
-    return grid(t_end, every / parts, every)._replace(notes=())
+    return make_time_grid(t_end, every / parts, every)._replace(notes=())

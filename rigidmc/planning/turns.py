@@ -99,7 +99,7 @@ def _swing(body: Any, effects: Any, inverse: Array) -> float:
         return math.sqrt(_largest(np.linalg.norm(felt - np.mean(felt, axis=0), axis=1)))
 
 
-def turning(moments: Array, l: Array, by: Drive) -> Turning:
+def turning_rates(moments: Array, l: Array, by: Drive) -> Turning:
     """The rates of states of momenta l (..., 3, n) of bodies of moments (3, n).
 
     A free momentum runs round its polhode with lambda, which is at most |omega|:
@@ -195,7 +195,7 @@ def turning_at_start(model: Model, run: Run) -> Turning:
     block = _first_block(model, run)
     with np.errstate(all="ignore"):
         moments = 1.0 / block[layout.BODY : layout.BODY + 3]
-    return turning(moments, block[layout.MOMENTUM : layout.EXTRA], drive(model, run))
+    return turning_rates(moments, block[layout.MOMENTUM : layout.EXTRA], drive(model, run))
 
 
 def sparse_saves(model: Model, run: Run) -> tuple[str, Sparse] | None:

@@ -18,9 +18,9 @@ from rigidmc.planning.plan import Plan
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Grid, Varied, is_shared
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.vector_distributions import LAWS
+from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
-from rigidmc.scene.vector_distributions.protocol import Law
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 # exponents of kilogram, metre and second; amperes stay as they are
 _KNOWN = {
@@ -41,7 +41,7 @@ _KNOWN = {
 RANGE = {"float64": 100, "float32": 10}
 
 
-def dimensions(units: str) -> tuple[int, int, int]:
+def unit_exponents(units: str) -> tuple[int, int, int]:
     """(kg, m, s) exponents of a string such as "kg m2 s-1"; ValueError for an unknown unit."""
     total = [0, 0, 0]
     for word in units.split():
@@ -53,15 +53,15 @@ def dimensions(units: str) -> tuple[int, int, int]:
     return total[0], total[1], total[2]
 
 
-def factor(units: str, mass: float, length: float, time: float) -> float:
+def unit_factor(units: str, mass: float, length: float, time: float) -> float:
     """The factor of a number in `units` if masses, lengths and times have these factors; inf if
     beyond float64."""
-    kg, m, s = dimensions(units)
+    kg, m, s = unit_exponents(units)
     with np.errstate(over="ignore"):
         return float(np.float64(mass) ** kg * np.float64(length) ** m * np.float64(time) ** s)
 
 
-def scaled(scene: Scene, mass: float = 1.0, length: float = 1.0, time: float = 1.0) -> Scene:
+def scale_scene(scene: Scene, mass: float = 1.0, length: float = 1.0, time: float = 1.0) -> Scene:
     """The same scene with all masses, lengths and times multiplied by these factors.
 
     It moves alike, to the bit if they are powers of 2. Raises SceneError if an effect does not tell
@@ -69,18 +69,18 @@ def scaled(scene: Scene, mass: float = 1.0, length: float = 1.0, time: float = 1
     """
     effects = _scaled_effects(scene.effects, mass, length, time)
     inertia = mass * length**2
-    law = scene.body.moments
-    whole = isinstance(law, UncertainInertia)
+    distribution = scene.body.moments
+    whole = isinstance(distribution, UncertainInertia)
     body = replace(
         scene.body,
-        moments=law.resized(mass, length) if whole else _sized(law, inertia, 1.0),
+        moments=distribution.resized(mass, length) if whole else _sized(distribution, inertia, 1.0),
         mass=_times(scene.body.mass, mass),
         centre=tuple(_times(x, length) for x in scene.body.centre),
     )
     spin = "omega" if scene.start.momentum is None else "momentum"
     by = 1.0 / time if spin == "omega" else inertia / time
-    law = _sized(getattr(scene.start, spin), by, inertia / time / time)
-    start = replace(scene.start, **{spin: law})
+    distribution = _sized(getattr(scene.start, spin), by, inertia / time / time)
+    start = replace(scene.start, **{spin: distribution})
     run = {
         name: getattr(scene.run, name) * time
         for name in ("t_end", "every")
@@ -106,7 +106,7 @@ def _scaled_effects(
         for name, _, value in numbers(effect):
             unit: Any = facts(effect).units.get(name)
             try:
-                values.append(_times(value, factor(unit, mass, length, time)))
+                values.append(_times(value, unit_factor(unit, mass, length, time)))
             except (ValueError, AttributeError):
                 kind = name_of(effect)
                 why = f"{kind} does not tell the unit of {name}"
@@ -126,7 +126,7 @@ class UnitScale(NamedTuple):
 
     def factor(self, units: str) -> float:
         """The factor that brings a result in `units` back to the units of the scene."""
-        return factor(units, 1.0 / self.mass, 1.0, 1.0 / self.time)
+        return unit_factor(units, 1.0 / self.mass, 1.0, 1.0 / self.time)
 
     def back(self, plan: Plan) -> Plan:
         """A Plan in the units of the user."""
@@ -142,7 +142,7 @@ class UnitScale(NamedTuple):
 
     def original(self, scene: Scene) -> Scene:
         """A scene in the units of the user."""
-        return scaled(scene, 1.0 / self.mass, 1.0, 1.0 / self.time)
+        return scale_scene(scene, 1.0 / self.mass, 1.0, 1.0 / self.time)
 
 
 def choose_units(scene: Scene) -> UnitScale | None:
@@ -156,8 +156,8 @@ def choose_units(scene: Scene) -> UnitScale | None:
         _scaled_effects(scene.effects, 1.0, 1.0, 1.0)
     except SceneError:  # a user's own effect, without units
         return None
-    # nobody tells the units of the numbers of an observable, or of a law without `sized`
-    if any(map(is_own, scene.observables)) or any(map(_is_unsized, scene.quantities())):
+    # nobody tells the units of the numbers of an observable, or of a distribution without `scaling`
+    if any(map(is_own, scene.observables)) or any(map(_is_unsized, scene.model.quantities())):
         return None
     moments, mass, centre = (x[..., 0] for x in scene.body.sample(scene.run.seed, 0, 1))
     inertia = _exponent(np.max(moments))
@@ -178,12 +178,14 @@ def choose_units(scene: Scene) -> UnitScale | None:
 def _spin_exponents(scene: Scene, moments: Any, sampler: Source) -> list[int]:
     """Exponents of the components of omega [rad/s] of the first member that are not 0."""
     word = "omega" if scene.start.momentum is None else "momentum"
-    if isinstance(getattr(scene.start, word), Law):  # a law, which may depend on the energy
+    if isinstance(
+        getattr(scene.start, word), VectorDistribution
+    ):  # a distribution, which may depend on the energy
         rows = block_rows(scene.effects, False)
         _, start = initial_block(scene.model, sampler, 0, 1, True, rows)
         spin = start[f"start_{word}"]
     else:
-        _, spin = scene.start.spin(sampler, 0, 1, None)
+        _, spin = scene.start.sample_spin(sampler, 0, 1, None)
     spin = np.nan_to_num(spin)
     return [
         _exponent(x) - (_exponent(i) if word == "momentum" else 0)
@@ -202,22 +204,27 @@ def _power(exponent: int) -> float:
 
 
 def _sized(values: Any, by: float, energy: float) -> Any:
-    """Three quantities, or a law of a vector, with sizes times `by` and energies times `energy`."""
-    if not isinstance(values, Law):
+    """Three quantities, or a distribution of a vector, with sizes times `by` and energies times
+    `energy`."""
+    if not isinstance(values, VectorDistribution):
         return tuple(_times(x, by) for x in values)
     if _is_unsized(values):
-        rule = f"the scene cannot be put in other units: {values.word} has no `sized`"
-        raise SceneError(rule, at=f"start.{values.word}")
+        rule = f"the scene cannot be put in other units: {values.name} has no `scaling`"
+        raise SceneError(rule, at=f"start.{values.name}")
     changed = {}
-    for name, power in values.sized.items():
+    for name, power in values.scaling.items():
         scale = energy if power == "energy" else by**power
         changed[name] = _all_times(getattr(values, name), scale)
     return replace(values, **changed)
 
 
 def _is_unsized(value: Any) -> bool:
-    """Whether a law of the user's own does not tell how its fields scale."""
-    return isinstance(value, Law) and type(value) not in LAWS and not value.sized
+    """Whether a distribution of the user's own does not tell how its fields scale."""
+    return (
+        isinstance(value, VectorDistribution)
+        and type(value) not in VECTOR_DISTRIBUTIONS
+        and not value.scaling
+    )
 
 
 def _all_times(value: Any, by: float) -> Any:

@@ -50,7 +50,7 @@ RELATIONS: dict[str, Callable[[Any, float], Any]] = {
 }
 
 
-def signed(dataset: xr.Dataset, name: str, times: Array) -> Array:
+def signed_times(dataset: xr.Dataset, name: str, times: Array) -> Array:
     """The times of an event of the members of a result (..., n), see above.
 
     name : the variable, whose attributes tell of an event that has to last
@@ -95,7 +95,7 @@ def is_censored(times: Array) -> NDArray[np.bool_]:
     return found
 
 
-def plain(times: Array) -> Array:
+def times_that_came(times: Array) -> Array:
     """Times that have come; nan for others."""
     return np.where(is_censored(times), np.nan, times)
 
@@ -109,7 +109,7 @@ def answers(times: Array, relation: str, number: float) -> Array:
     return np.where(np.isnan(times), np.nan, found)
 
 
-def refuse_beyond(text: str, times: Array, number: float) -> None:
+def refuse_later_times(text: str, times: Array, number: float) -> None:
     """OptionError for a relation with a time that no member was followed to."""
     ends = np.abs(times[is_censored(times)])
     if ends.size and not number <= (last := float(np.nanmax(np.abs(times)))) * SAME:
@@ -172,7 +172,7 @@ def survival(times: Array) -> Survival:
     return Survival(at, s, size, numbers, float(numbers[-1]) if numbers.size else np.nan)
 
 
-def probability(times: Array, relation: str, number: float, confidence: float) -> Estimate:
+def censored_probability(times: Array, relation: str, number: float, confidence: float) -> Estimate:
     """The probability that a time has a relation with a number, of signed times (..., n)."""
     told = answers(times, relation, number)
     there = ~np.isnan(times)
@@ -203,7 +203,7 @@ def _probability_of(
     return intervals.Interval(*map(float, intervals.probability(p * size, size, confidence)))
 
 
-def quantile(times: Array, q: float, confidence: float) -> Estimate:
+def censored_quantile(times: Array, q: float, confidence: float) -> Estimate:
     """The quantile q of signed times (..., n): inf if it is beyond the end. An end of its interval
     that is beyond is inf too, but the lower one is the end of the members."""
     rows = times.reshape(math.prod(times.shape[:-1]), times.shape[-1])

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, nearest
 from rigidmc.files.reading import toml
 from rigidmc.physics.dynamics.methods import argument_names
-from rigidmc.physics.observables import OBSERVABLES, named, own
+from rigidmc.physics.observables import OBSERVABLES, find_observable, own
 from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.results.intervals import Estimate
 from rigidmc.results.measures import Measure, measure
-from rigidmc.scene.recording import recording
+from rigidmc.scene.recording import make_recording
 from rigidmc.scene.sampling import is_sample_of
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.toml.read import scene_text
@@ -33,7 +33,7 @@ def why_no_interval(dataset: xr.Dataset) -> str:
     if points != "independent":
         return (
             f"its members are {points} points, whose spread tells no interval: see"
-            " rigidmc.randomised"
+            " rigidmc.estimate_rqmc"
         )
     if not is_sample_of(tables):
         return "nothing is drawn: its members are all that there is, and no sample of more"
@@ -116,7 +116,7 @@ Array = NDArray[np.float64]
 NAME = r"(?P<name>[A-Za-z_]\w*)(\[(?P<component>\w+)\])?"
 
 
-class Component(NamedTuple):
+class StateComponent(NamedTuple):
     """An observable at save times, or a component of it.
 
     row : of the component among the numbers of the observable
@@ -127,38 +127,38 @@ class Component(NamedTuple):
 
     def values(self, result: xr.Dataset) -> Array:
         """Its values (time, member) in a result."""
-        return rows(result, self.name)[:, self.row]
+        return rows_in_time(result, self.name)[:, self.row]
 
 
-def rows(result: xr.Dataset, name: str) -> Array:
+def rows_in_time(result: xr.Dataset, name: str) -> Array:
     """An observable of a result as (time, numbers, member)."""
     values: Array = result[name].transpose("time", ..., "member").values
     return values.reshape(values.shape[0], -1, values.shape[-1])
 
 
-def component_of(scene: Scene, text: str, key: str) -> Component:
-    """The Component of a text such as "omega[1]"; OptionError that names the option `key`."""
+def component_of(scene: Scene, text: str, key: str) -> StateComponent:
+    """The StateComponent of a text such as "omega[1]"; OptionError that names the option `key`."""
     text = text.strip()
     match = re.fullmatch(NAME, text)
     if match is None:
         raise OptionError("expected an observable: NAME or NAME[3]", at=key, value=text)
     name, component = match["name"], match["component"]
-    names = dict.fromkeys((*OBSERVABLES, *own(scene.observables), *recording(scene).recorded))
+    names = dict.fromkeys((*OBSERVABLES, *own(scene.observables), *make_recording(scene).recorded))
     known = [word for word in names if of_the_state(scene, word)]
     if name not in known:
         rule = f"no such observable of the state at save times; known: {', '.join(known)}"
         raise OptionError(rule, at=key, value=text, nearest=nearest(name, known))
-    dims = named(scene.observables, name).dims
+    dims = find_observable(scene.observables, name).dims
     labels = [str(label) for label in DIMENSIONS[dims[0]].labels] if dims else []
     if (component is None) == bool(labels) or (labels and component not in labels):
         rule = f"has the components {', '.join(labels)}" if labels else "has no components"
         example = f": expected one, as in {name}[{labels[0]}]" if labels else ""
         raise OptionError(f"{name} {rule}{example}", at=key, value=text)
-    return Component(name, labels.index(component) if labels else 0)
+    return StateComponent(name, labels.index(component) if labels else 0)
 
 
 def of_the_state(scene: Scene, name: str) -> bool:
     """Whether an observable follows from the state and the time, and not from the start too."""
-    observable = named(scene.observables, name)
+    observable = find_observable(scene.observables, name)
     needs = argument_names(observable, "value")
     return not needs & {"start", "works"} and "effect" not in observable.dims

@@ -1,7 +1,8 @@
 """Results in the formats that others read: netCDF and zarr whole, and tables with a row per member.
 
     .nc, .zarr       the Dataset, as `xarray.open_dataset` reads it
-    .csv, .parquet   `table`: what each member has one number of; saves over time are left out, and
+    .csv, .parquet   `member_table`: what each member has one number of; saves over time are left
+    out, and
                      the last one stays
 
 All numbers keep their bits. `pandas.read_csv` before version 3.1 reads the last one only with
@@ -14,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from rigidmc.files.outputs import Part, Path, naming, refuse_existing, write_bytes
+from rigidmc.files.outputs import PartialFile, Path, naming_the_path, refuse_existing, write_bytes
 from rigidmc.files.reading import harmless
-from rigidmc.results.writer import encoded
+from rigidmc.results.writer import netcdf_bytes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,23 +38,23 @@ def write(dataset: xr.Dataset, path: Path, force: bool = False) -> None:
     refuse_existing(path, force)
     ending = _ending(path)
     if ending == ".nc":
-        write_bytes(path, encoded(dataset), force)
+        write_bytes(path, netcdf_bytes(dataset), force)
         return
-    with Part(path, force, folder=ending == ".zarr") as part, naming(path, part):
+    with PartialFile(path, force, folder=ending == ".zarr") as part, naming_the_path(path, part):
         if ending == ".zarr":
             # version 2 is read everywhere; version 3 has no text of fixed length yet
             plain = dataset.drop_encoding()
             plain.to_zarr(part, mode="w", zarr_format=2, write_empty_chunks=True)
         elif ending == ".csv":
-            rows = table(dataset)
+            rows = member_table(dataset)
             for name in rows.select_dtypes(["object", "string"]):
                 rows[name] = rows[name].map(harmless)
             rows.rename(columns=harmless).to_csv(part, index=False, lineterminator="\n")
         else:
-            table(dataset).to_parquet(part, index=False)
+            member_table(dataset).to_parquet(part, index=False)
 
 
-def table(dataset: xr.Dataset) -> "pd.DataFrame":
+def member_table(dataset: xr.Dataset) -> "pd.DataFrame":
     """A result as a table with one row per member.
 
     Columns are the variables that have one number per member; of vectors one for each component,

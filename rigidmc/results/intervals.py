@@ -171,7 +171,7 @@ def correlation(
         return Interval(r, *np.tanh(np.arctanh(r) + np.multiply.outer((-1.0, 1.0), width)))
 
 
-def controlled(
+def control_variate_mean(
     values: ArrayLike, control: ArrayLike, expected: float, confidence: float = 0.95
 ) -> tuple[Interval, float]:
     """(Interval, factor): the mean of independent values by a control variate.
@@ -193,11 +193,11 @@ def controlled(
     return mean(rest, confidence=confidence), factor
 
 
-def paired(values: ArrayLike, confidence: float = 0.95) -> tuple[Interval, float]:
+def antithetic_mean(values: ArrayLike, confidence: float = 0.95) -> tuple[Interval, float]:
     """(Interval, factor): the mean of antithetic pairs, members 2k and 2k + 1, by their averages.
 
-    factor as in `controlled`: 1/(1 + correlation within pairs). A pair with a non-finite value is
-    left out.
+    factor as in `control_variate_mean`: 1/(1 + correlation within pairs). A pair with a non-finite
+    value is left out.
     """
     x = np.asarray(values, float)
     pairs = x[: len(x) // 2 * 2].reshape(-1, 2)
@@ -239,20 +239,21 @@ def quantile(
 
 
 def mean_of_skew(values: ArrayLike, confidence: float = 0.95) -> Interval:
-    """The mean of positive values whose law is about log-normal, with an interval of its logarithm.
+    """The mean of positive values whose distribution is about log-normal, with an interval of its
+    logarithm.
 
-    Student's interval misses the mean of few values of a skew law, mostly from below: of 16
-    log-normal values with a spread of 0.6 of the mean it covers 92 %
+    Student's interval misses the mean of few values of a skew distribution, mostly from below: of
+    16 log-normal values with a spread of 0.6 of the mean it covers 92 %
     (tests/results/test_intervals.py). With a spread of c of the mean the ends are
 
         mean exp(+-t (c^2/n + c^4/2(n - 1))^(1/2))
 
     where c^2 is about the variance of the logarithms, and the second term is its own error. Of 8
     values or more with c up to 0.6 it covers 94 to 96 % of log-normal means and of those of the
-    gamma law, and for 16 of them is an eighth wider than Student's. For c = 1 it covers 92 to 98 %;
-    with a larger spread few values carry the mean, and no interval of them is to be trusted.
-    Source: Cox's method (Land, Technometrics 14 (1972) 145) with Student's t (Olsson, J. Stat.
-    Educ. 13 (2005) 1), here about the plain mean.
+    gamma distribution, and for 16 of them is an eighth wider than Student's. For c = 1 it covers 92
+    to 98 %; with a larger spread few values carry the mean, and no interval of them is to be
+    trusted. Source: Cox's method (Land, Technometrics 14 (1972) 145) with Student's t (Olsson, J.
+    Stat. Educ. 13 (2005) 1), here about the plain mean.
 
     values : (n,), not negative;  raises OptionError for an impossible confidence
     """

@@ -14,7 +14,7 @@ from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.recording import Recording
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.settings import changed
+from rigidmc.scene.settings import with_changes
 from rigidmc.scene.toml.write import dumps
 from rigidmc.version import VERSION
 
@@ -150,7 +150,7 @@ class ResultLayout(NamedTuple):
     def text(self) -> str:
         """The scene as TOML text."""
         own = {name: value for name, value in self.settings.items() if value is not None}
-        return dumps(self.scene, changed(self.scene.run, own))
+        return dumps(self.scene, with_changes(self.scene.run, own))
 
     def is_rounded(self, name: str) -> bool:
         """Whether files store only some digits of a variable: those of saves over time, but never
@@ -173,9 +173,9 @@ class ResultLayout(NamedTuple):
         return same, other
 
 
-def constant(model: Model) -> frozenset[str]:
+def constant_variables(model: Model) -> frozenset[str]:
     """Member variables that are the same for all."""
-    spin = model.start.which
+    spin = model.start.spin_name
     variables = {
         "moments": model.body.moments,
         "mass": model.body.mass,
@@ -183,6 +183,6 @@ def constant(model: Model) -> frozenset[str]:
         f"start_{spin}": getattr(model.start, spin),
         "start_attitude": model.start.attitude,
     }
-    if model.body.given == "tensor":  # each member has axes of its own
+    if model.body.inertia_key == "tensor":  # each member has axes of its own
         return frozenset()
     return frozenset(name for name, value in variables.items() if is_shared(value))

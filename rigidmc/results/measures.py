@@ -60,7 +60,7 @@ class Result(NamedTuple):
         """The numbers of the members (n,); signed times of events, see `censored`."""
         result = dataset[self.name]
         values: NDArray[np.float64] = (result.sel(axis=self.axis) if self.axis else result).values
-        return censored.signed(dataset, self.name, values) if self.timed else values
+        return censored.signed_times(dataset, self.name, values) if self.timed else values
 
 
 class Condition(NamedTuple):
@@ -130,12 +130,12 @@ class Measure(NamedTuple):
         """
         values: NDArray[Any] = self.result.values(dataset)
         if self.kind == "p" and self.result.timed:
-            censored.refuse_beyond(self.text, values, self.number)
+            censored.refuse_later_times(self.text, values, self.number)
         elif self.kind == "p":
             values = Condition(self.result, self.relation, self.number).answers(values)
         elif self.other is not None:
             one, other = self._plain(values), self.other.values(dataset)
-            values = one + 1j * (censored.plain(other) if self.other.timed else other)
+            values = one + 1j * (censored.times_that_came(other) if self.other.timed else other)
         return values.astype(self.dtype)
 
     def asks(self, dataset: xr.Dataset) -> NDArray[np.bool_]:
@@ -194,9 +194,9 @@ class Measure(NamedTuple):
     def _timed(self, times: NDArray[np.float64], confidence: float) -> Estimate:
         """The Estimate of a time of an event, from signed times (..., n)."""
         if self.kind == "p":
-            return censored.probability(times, self.relation, self.number, confidence)
+            return censored.censored_probability(times, self.relation, self.number, confidence)
         if self.kind == "quantile":
-            return censored.quantile(times, self.number, confidence)
+            return censored.censored_quantile(times, self.number, confidence)
         found = intervals.mean(times, confidence=confidence)
         none = censored.is_censored(times).any(-1)
         return censored.as_estimate(times, *(np.where(none, np.nan, x) for x in found))
@@ -222,10 +222,10 @@ class Measure(NamedTuple):
 
     def _plain(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """The numbers of the result, nan for times that have not come."""
-        return censored.plain(values) if self.result.timed else values
+        return censored.times_that_came(values) if self.result.timed else values
 
 
-def observing(scene: Scene, texts: Iterable[str]) -> Scene:
+def save_for_measures(scene: Scene, texts: Iterable[str]) -> Scene:
     """The scene that also saves the observables over all steps that measures name.
 
     Only observables without obligatory parameters are added.

@@ -31,7 +31,7 @@ from rigidmc.results.variables import (
     parameter_variable,
     saved_variables,
 )
-from rigidmc.scene.recording import Recording, recording
+from rigidmc.scene.recording import Recording, make_recording
 from rigidmc.scene.scene import Scene, loads
 from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.read import scene_text
@@ -51,7 +51,7 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
                     " `rigidmc map FILE` a map"
                 )
                 raise FileError(rule, at="file")
-            result, strange = as_result(dataset, path)
+            result, strange = check_result(dataset, path)
     except BaseException:
         dataset.close()
         raise
@@ -85,7 +85,7 @@ def _added(dataset: xr.Dataset, name: str) -> xr.Variable:
 _OVER = ("time", "thinned_time", "member", "flagged")
 
 
-def as_result(dataset: xr.Dataset, path: str) -> tuple[xr.Dataset, list[str]]:
+def check_result(dataset: xr.Dataset, path: str) -> tuple[xr.Dataset, list[str]]:
     """Check an undecoded Dataset. Returns it as results of its scene are laid out, and the names of
     variables that no such result has. Raises FileError if it is not a result."""
 
@@ -142,7 +142,7 @@ def _scene_of(dataset: xr.Dataset, path: str) -> Scene:
 def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable], list[str]]:
     """(axes of a result, {name: Variable} of all variables that results of a scene may have, the
     names that they must have)."""
-    model, run, recorded = scene.model, scene.run, recording(scene)
+    model, run, recorded = scene.model, scene.run, make_recording(scene)
     bins = tuple(
         (f"{label}_bin", one.edges(), _units(recorded, one.name, f"{label}_bin", dataset))
         for label, one in recorded.histograms
@@ -169,7 +169,9 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
         for label, effect in label_effects(scene.effects)
         if hasattr(effect, "stand_in")
     ]
-    if scene.body.given == "tensor":  # only the code tells which vectors are turned into each body
+    if (
+        scene.body.inertia_key == "tensor"
+    ):  # only the code tells which vectors are turned into each body
         known = {
             **{
                 f"{label}_{name}": parameter_variable(label, name, size, "1")

@@ -39,7 +39,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from rigidmc.errors import FileError, OutputExists, SceneWarning, in_file
 from rigidmc.files.locks import lock, unlock
-from rigidmc.files.opening import below, held, plain, refuse_unnamed, regular
+from rigidmc.files.opening import data_bytes, open_below, open_plain, open_regular, refuse_unnamed
 from rigidmc.files.outputs import Path, clear, is_part
 from rigidmc.files.reading import bytes_of, json_of, text_of
 from rigidmc.scene.scene import Scene
@@ -90,7 +90,7 @@ def _facts_of(text: str) -> dict[str, Any]:
         raise FileError(rule, at=key) from None
     except ValueError as error:
         raise FileError(f"is damaged: {error}", at="run.json") from None
-    if rendered(facts) != text:
+    if facts_text(facts) != text:
         rule = "is damaged, or was changed by hand: its checksum does not match"
         raise FileError(rule, at="run.json")
     if facts["format"] != FORMAT:
@@ -105,7 +105,7 @@ def _facts_of(text: str) -> dict[str, Any]:
     return dict(facts)
 
 
-def rendered(facts: dict[str, Any]) -> str:
+def facts_text(facts: dict[str, Any]) -> str:
     """The text of run.json, with its checksum."""
     check = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
     return json.dumps({**facts, "check": check}, indent=1) + "\n"
@@ -196,10 +196,10 @@ class RunDirectory:
         name = os.path.join(self.path, CHOSEN)
         if not os.path.isfile(name):
             raise FileError("is missing", at=CHOSEN, file=self.path)
-        with open(name, "rb", opener=plain) as file:
-            count = min(int(self.facts["members"]), held(file.fileno()) // 8)
+        with open(name, "rb", opener=open_plain) as file:
+            count = min(int(self.facts["members"]), data_bytes(file.fileno()) // 8)
             members = np.fromfile(file, "<i8", count)
-        if facts_of_chosen(members)["chosen"] != self.facts["chosen"]:
+        if selection_facts(members)["chosen"] != self.facts["chosen"]:
             raise FileError("was changed: its sum is another", at=CHOSEN, file=self.path)
         return members.astype(np.int64)
 
@@ -278,7 +278,7 @@ class RunDirectory:
         name = os.path.join(self.path, "journal.jsonl")
         with (
             contextlib.suppress(OSError, FileError),
-            open(name, "a", encoding="utf-8", opener=plain) as file,
+            open(name, "a", encoding="utf-8", opener=open_plain) as file,
         ):
             file.write(line + "\n")
 
@@ -308,7 +308,7 @@ class RunDirectory:
         """
         os.makedirs(self._folder, exist_ok=True)
         name = os.path.join(self.path, "lock")
-        with open(name, "ab+", buffering=0, opener=plain) as file:
+        with open(name, "ab+", buffering=0, opener=open_plain) as file:
             try:
                 lock(file, name)
             except BlockingIOError:
@@ -333,28 +333,28 @@ class RunDirectory:
             clear(folder, _OLD)
 
 
-def facts_of_chosen(members: NDArray[np.int64]) -> dict[str, Any]:
+def selection_facts(members: NDArray[np.int64]) -> dict[str, Any]:
     """What run.json tells of chosen members, which CHOSEN holds as eight bytes each."""
     data = members.astype("<i8").tobytes()
     return {"members": members.size, "chosen": hashlib.sha256(data).hexdigest()}
 
 
-def flagged_of(path: str) -> int:
+def flagged_count(path: str) -> int:
     """How many members of a shard are flagged, by its name."""
     name = _SHARD.fullmatch(os.path.basename(path))
     return int(name[2]) if name else 0
 
 
-def hash_of_file(path: Path, opener: Callable[[str, int], int] = regular) -> str:
+def hash_of_file(path: Path, opener: Callable[[str, int], int] = open_regular) -> str:
     """The sha256 of a file. opener : whose links it follows, see `rigidmc.files.opening`"""
     with open(path, "rb", opener=opener) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def damaged(path: str) -> bool:
+def is_damaged(path: str) -> bool:
     """Whether the content of a shard contradicts its name."""
     name = _SHARD.fullmatch(os.path.basename(path))
-    return not name or hash_of_file(path, below)[:16] != name[3]
+    return not name or hash_of_file(path, open_below)[:16] != name[3]
 
 
 def status(path: Path) -> dict[str, Any]:
@@ -386,7 +386,7 @@ def status(path: Path) -> dict[str, Any]:
         "done": len(shards),
         "members": directory.facts["members"],
         "members_done": members,
-        "flagged": sum(map(flagged_of, shards.values())),
+        "flagged": sum(map(flagged_count, shards.values())),
         "strays": len(strays),
         "growing": bool(directory.facts.get("growing")),
         "rate": rate,

@@ -15,7 +15,7 @@ from rigidmc.files.netcdf import open_trusted
 from rigidmc.files.outputs import Path
 from rigidmc.results.export import write
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.writer import Writer, rounded
+from rigidmc.results.writer import Writer, round_digits
 from rigidmc.scene.recording import Labelled
 
 Arrays = dict[str, NDArray[Any]]
@@ -58,7 +58,7 @@ def flagged_values(
     }
 
 
-def joined(pieces: Iterable[Arrays]) -> Arrays:
+def concat_flagged(pieces: Iterable[Arrays]) -> Arrays:
     """{variable: array} of pieces of flagged values, members in order."""
     pieces = [piece for piece in pieces if piece]
     if not pieces:
@@ -68,7 +68,7 @@ def joined(pieces: Iterable[Arrays]) -> Arrays:
     return {name: values[..., order] for name, values in whole.items()}
 
 
-class Counts:
+class HistogramCounts:
     """The histograms of a run, block by block."""
 
     def __init__(self, histograms: Labelled) -> None:
@@ -93,7 +93,7 @@ class Counts:
         return variables
 
 
-class Whole:
+class WholeSink:
     """A result that is computed at once: no earlier run left anything of it."""
 
     keeper: Keeper | None = None
@@ -115,7 +115,7 @@ def _named(part: Mapping[str, NDArray[Any]], mark: str) -> Arrays:
     return {n.removeprefix(mark): a.copy() for n, a in part.items() if n.startswith(mark)}
 
 
-class Memory(Whole):
+class MemorySink(WholeSink):
     """Collects blocks in one Dataset.
 
     If all saved values are kept, the kernel writes them straight to their place.
@@ -132,7 +132,7 @@ class Memory(Whole):
         blank : see `Blanks`
         """
         self.layout, self.more, self.blank, known = layout, more, blank, layout.recording
-        self.counts, self.flagged = Counts(known.histograms), list[Arrays]()
+        self.counts, self.flagged = HistogramCounts(known.histograms), list[Arrays]()
         all_kept = set(known.retained.values()) <= {"full"}
         self.direct = direct and tuple(known.recorded) == known.names and all_kept
         self.width, self.times = whole_lanes(layout.members), layout.axes.times.size
@@ -149,7 +149,7 @@ class Memory(Whole):
         """The place for the values of `count` members from index `low` of the result on."""
         if self.direct:
             return self.out, self.width if self.layout.values else 0, low
-        return buffer(self.layout, count)
+        return make_buffer(self.layout, count)
 
     def take(self, job: Any, results: Arrays) -> None:
         """Take the results of a block that is done."""
@@ -176,7 +176,7 @@ class Memory(Whole):
 
     def values(self) -> Arrays:
         """{variable: array} of the result."""
-        arrays = {**self.arrays, **self.counts.variables(), **joined(self.flagged)}
+        arrays = {**self.arrays, **self.counts.variables(), **concat_flagged(self.flagged)}
         if self.direct:
             values = self.out.reshape(self.times, self.layout.values, self.width)
             arrays |= _split(self.layout, values[..., : self.layout.members])
@@ -184,7 +184,7 @@ class Memory(Whole):
 
     def part(self) -> Arrays:
         """What is there of a result of which members are missing, for `fill`."""
-        counts, flagged = self.counts.counts, joined(self.flagged)
+        counts, flagged = self.counts.counts, concat_flagged(self.flagged)
         return {
             **{f"{_ARRAY}{name}": self.arrays[name] for name in self._own()},
             **{f"{_COUNTS}{name}": values for name, values in counts.items()},
@@ -264,7 +264,7 @@ class Blanks:
         return blank
 
 
-class Export(Memory):
+class ExportSink(MemorySink):
     """Collects blocks in one Dataset, and writes it as zarr or as a table when it is whole."""
 
     def __init__(
@@ -279,20 +279,20 @@ class Export(Memory):
         for name in self.layout.at_saves:
             if digits is not None and self.layout.is_rounded(name):
                 variable = dataset[name]
-                variable.values = rounded(variable.values, digits)
+                variable.values = round_digits(variable.values, digits)
                 variable.attrs["significant_digits"] = digits
         write(dataset, self.path, self.force)
         return dataset
 
 
-def buffer(layout: ResultLayout, count: int) -> Place:
+def make_buffer(layout: ResultLayout, count: int) -> Place:
     """The place for the values that a block of so many members saves."""
     width = whole_lanes(count)
     values = allocate_aligned(layout.axes.times.size * layout.values * width, float, np.empty)
     return values, width if layout.values else 0, 0
 
 
-class File(Whole):
+class FileSink(WholeSink):
     """Writes blocks to a netCDF file as they are done."""
 
     def __init__(
@@ -303,12 +303,12 @@ class File(Whole):
         more: Mapping[str, Any] | None = None,
     ) -> None:
         self.layout, self.path = layout, path
-        self.counts, self.flagged = Counts(layout.recording.histograms), list[Arrays]()
+        self.counts, self.flagged = HistogramCounts(layout.recording.histograms), list[Arrays]()
         self.writer = Writer(path, layout, force, more)
 
     def reserve(self, low: int, count: int) -> Place:
         """The place for the values of `count` members."""
-        return buffer(self.layout, count)
+        return make_buffer(self.layout, count)
 
     def take(self, job: Any, results: Arrays) -> None:
         """Write the results of a block that is done."""
@@ -325,7 +325,7 @@ class File(Whole):
 
     def finish(self) -> xr.Dataset:
         """Finish the file and open it."""
-        self.writer.write_all({**self.counts.variables(), **joined(self.flagged)})
+        self.writer.write_all({**self.counts.variables(), **concat_flagged(self.flagged)})
         self.writer.finish()
         return open_trusted(self.path)
 

@@ -16,7 +16,7 @@ from rigidmc.scene.body import Body
 from rigidmc.scene.drifts import LAWS
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import is_shared
-from rigidmc.scene.recording import Recording, conservation, recording, untracked
+from rigidmc.scene.recording import Recording, conservation, make_recording, untracked_effects
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import Run
 from rigidmc.scene.start import Start
@@ -45,7 +45,7 @@ def saved_variables(effects: Sequence[Any], recording: Recording) -> dict[str, V
             attrs["conserved"] = conserved[kind.conserved]
         if name == "work":
             # the energy tells the work of the other effects
-            attrs["booked"] = ", ".join(untracked(effects)) or "none"
+            attrs["booked"] = ", ".join(untracked_effects(effects)) or "none"
         word, dims = recording.retained[name], (*kind.dims, "member")
         if word == "full":
             variables[name] = Variable(("time", *dims), "f8", attrs)
@@ -116,7 +116,7 @@ def member_variables(
 
 def variables_of(scene: Scene) -> dict[str, Variable]:
     """The variables by members of the results of a scene, without those of attitudes."""
-    return member_variables(scene.model, scene.run, recording(scene), False)
+    return member_variables(scene.model, scene.run, make_recording(scene), False)
 
 
 # variables that results of earlier versions lack, and what stands for them
@@ -138,7 +138,7 @@ def is_turned(body: Body, effect: Effect, name: str) -> bool:
     """Whether a parameter is fixed in the body, and members have principal axes of their own: then
     a result has it in these, also if all members are given the same one."""
     fixed = name in facts(effect).in_body and name not in facts(effect).hidden
-    if not fixed or body.given != "tensor":
+    if not fixed or body.inertia_key != "tensor":
         return False
     return not all(isinstance(x, float) and x == 0.0 for x in getattr(effect, name))
 
@@ -159,7 +159,7 @@ def _health_variables(effects: Sequence[Any], has_work: bool) -> dict[str, Varia
     energy = "|E - E(0)|"
     if has_work:
         drift += " and the sizes of all works, or the largest kinetic energy where that is larger"
-        energy = f"|E - E(0) - work of {', '.join(untracked(effects)) or 'none'}|"
+        energy = f"|E - E(0) - work of {', '.join(untracked_effects(effects)) or 'none'}|"
     momentum = f"relative change of |L|^2 (1 for a body that starts at rest and moves), {over}"
     values = np.array(list(STATUSES.values()), "i1")
     values.flags.writeable = False  # all results of a scene share it
@@ -198,7 +198,7 @@ def _body_variables(model: Model, own_steps: bool) -> dict[str, Variable]:
     """Moments; steps of members that have their own; mass and centre if effects may need them."""
     text = "principal moments of inertia about the fixed point"
     variables = {"moments": _by_member(text, "kg m2", ("axis",))}
-    turned = model.body.given == "tensor"
+    turned = model.body.inertia_key == "tensor"
     if turned:
         text = "attitude of the principal axes of the member in those of the mean tensor"
         variables["principal_axes"] = _by_member(text, "1", ("quat",))
@@ -214,14 +214,14 @@ def _body_variables(model: Model, own_steps: bool) -> dict[str, Variable]:
 
 def _start_variables(start: Start, has_attitude: bool) -> dict[str, Variable]:
     """Spin, and attitude if it is followed, at t = 0."""
-    spin = start.which
+    spin = start.spin_name
     kind = OBSERVABLES[spin]
     name = f"start_{spin}"
     variables = {name: _by_member(f"{kind.long_name}, at t = 0", kind.units, ("axis",))}
     if has_attitude:
         text = f"{OBSERVABLES['attitude'].long_name}, at t = 0"
         variables["start_attitude"] = _by_member(text, "1", ("quat",))
-        if start.by_euler_angles and not is_shared(start.attitude):
+        if start.has_euler_angles and not is_shared(start.attitude):
             text = "Euler angles z-x-z (phi, theta, psi), at t = 0"
             variables["start_euler"] = _by_member(text, "rad", ("axis",))
     return variables

@@ -12,21 +12,21 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.files.locks import refuse_lockless
-from rigidmc.files.netcdf import alone, close_once, naming_failures
-from rigidmc.files.outputs import Part, Path, refuse_existing
+from rigidmc.files.netcdf import close_once, in_netcdf_thread, naming_failures
+from rigidmc.files.outputs import PartialFile, Path, refuse_existing
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.variables import Variable
 
 Arrays = Mapping[str, NDArray[Any]]
 
 
-def encoded(dataset: xr.Dataset) -> bytes:
+def netcdf_bytes(dataset: xr.Dataset) -> bytes:
     """A Dataset as the bytes of a netCDF file: in memory, as a full disk crashes the C library."""
     words = {name: {"dtype": "S1"} for name, v in dataset.variables.items() if v.dtype.kind in "UO"}
     return bytes(dataset.to_netcdf(engine="netcdf4", encoding=words))
 
 
-def rounded(values: NDArray[Any], digits: int) -> NDArray[Any]:
+def round_digits(values: NDArray[Any], digits: int) -> NDArray[Any]:
     """Values as they are stored if only some digits are wanted: the last bits are zeros, which
     compress well. netCDF's own rounding makes -0 of inf."""
     drop = 52 - math.ceil(digits * math.log2(10.0))
@@ -61,10 +61,10 @@ class Writer:
         self._file: Any = None
         self.layout, self._digits = layout, dict[str, int]()
         attrs = layout.attributes() if attrs is None else attrs
-        self._part = Part(path, force)
+        self._part = PartialFile(path, force)
         try:
             with naming_failures(self.path):
-                alone(self._begin, attrs, more or {})
+                in_netcdf_thread(self._begin, attrs, more or {})
         except BaseException:
             self.discard()
             raise
@@ -135,7 +135,7 @@ class Writer:
                 self._file.variables[name][..., part] = self._rounded(name, array[..., :count])
 
         with naming_failures(self.path):
-            alone(put)
+            in_netcdf_thread(put)
 
     def write_all(self, values: Arrays) -> None:
         """Write {name: array} of variables that are not by members."""
@@ -145,22 +145,22 @@ class Writer:
                 self._file.variables[name][:] = self._rounded(name, array)
 
         with naming_failures(self.path):
-            alone(put)
+            in_netcdf_thread(put)
 
     def _rounded(self, name: str, values: NDArray[Any]) -> NDArray[Any]:
         digits = self._digits.get(name)
-        return values if digits is None else rounded(values, digits)
+        return values if digits is None else round_digits(values, digits)
 
     def finish(self) -> None:
         """Close the file, make it durable and give it its name."""
         with naming_failures(self.path):
-            alone(self._close)
+            in_netcdf_thread(self._close)
         self._part.finish(None if self._named is None else self._named(self._part.path))
 
     def discard(self) -> None:
         """Leave nothing behind."""
         with contextlib.suppress(RuntimeError):
-            alone(self._close)
+            in_netcdf_thread(self._close)
         self._part.discard()
 
     def _close(self) -> None:
@@ -193,10 +193,10 @@ def write_columns(
         finally:
             close_once(file)
 
-    part = Part(path)
+    part = PartialFile(path)
     try:
         with naming_failures(path):
-            alone(write_to, part.path)
+            in_netcdf_thread(write_to, part.path)
         part.finish(named and named(part.path))
     except BaseException:
         part.discard()

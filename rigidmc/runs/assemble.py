@@ -4,7 +4,7 @@ from functools import partial
 from typing import Any
 
 from rigidmc.engine.compiler.compose import NumbaError, innermost_cause
-from rigidmc.engine.cuda.devices import number_of
+from rigidmc.engine.cuda.devices import device_number
 from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
 from rigidmc.engine.program import Program
@@ -14,15 +14,16 @@ from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.observables import is_own
 from rigidmc.planning.plan import Plan
-from rigidmc.results.layout import Axes, ResultLayout, constant
+from rigidmc.results.layout import Axes, ResultLayout, constant_variables
 from rigidmc.results.variables import (
     ensemble_variables,
     flagged_variables,
     member_variables,
     saved_variables,
 )
-from rigidmc.scene.quantities import rows
+from rigidmc.scene.quantities import count_rows
 from rigidmc.scene.recording import Recording
+from rigidmc.scene.sampling import drawn_through
 from rigidmc.scene.scene import Scene
 
 
@@ -32,7 +33,7 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
     # a selection of the result has only the rows of its own members, so whatever was chosen by
     # looking at all of them is written down
     settings: dict[str, Any] = {} if plan.has_member_steps else {"dt": grid.dt}
-    if run.varied or rows(*model.quantities()) is not None:
+    if run.varied or count_rows(*model.quantities()) is not None:
         settings |= {"turn_rate": plan.turn_rate, **plan.bounds()}
     own = plan.has_member_steps
     steps: dict[str, Any] = {"turn": run.turn} if own else {"dt": grid.dt, "steps": grid.steps}
@@ -44,7 +45,7 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
         "compensated": int(plan.compensated),
         **plan.bounds(),
         "parts_per_step": len(plan.scheme.substeps) - 1 if plan.scheme else 0,
-        **({"drawn": through} if (through := scene.drawn_through()) else {}),
+        **({"drawn": through} if (through := drawn_through(scene.model, scene.run)) else {}),
         **(UNCOMPILED if plan.scheme is not None and is_uncompiled() else {}),
     }
     monitors = plan.monitors
@@ -62,7 +63,7 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
         at_saves=saved_variables(model.effects, recorded),
         of_ensemble=ensemble_variables(recorded),
         of_flagged=flagged_variables(recorded),
-        constant=constant(model),
+        constant=constant_variables(model),
     )
 
 
@@ -82,7 +83,7 @@ def make_program(plan: Plan, device: str = "cpu", compiled: bool = True) -> Prog
         if device != "cpu":
             from rigidmc.engine.cuda.program import CudaProgram
 
-            kind = partial(CudaProgram, number=number_of(device))
+            kind = partial(CudaProgram, number=device_number(device))
         found: Program = kind(
             plan.scheme,
             blank(effects),

@@ -14,9 +14,9 @@ from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.engine.threads import Keeper, run_alone, run_blocks
 from rigidmc.planning import monitors
 from rigidmc.planning.closed_form import closed_values
-from rigidmc.planning.initial import Start, noise
+from rigidmc.planning.initial import Start, noise_keys
 from rigidmc.planning.plan import Plan
-from rigidmc.planning.steps import Array, by_steps
+from rigidmc.planning.steps import Array, order_by_steps
 from rigidmc.planning.units import UnitScale
 from rigidmc.progress import Progress, Report, reporter
 from rigidmc.results.layout import ResultLayout
@@ -175,9 +175,9 @@ def _make_job(
     if program is None:
         _close(plan, rows, start, out, width, column)
     else:
-        random = noise(plan.model.effects, plan.run.seed, members)
+        random = noise_keys(plan.model.effects, plan.run.seed, members)
         if plan.has_member_steps:
-            order = by_steps(rows)
+            order = order_by_steps(rows)
             rows = np.take(rows, order, axis=1)  # rows[:, order] would have another memory layout
             slots = int(rows[layout.STEPS].max(initial=1.0))
     return BlockJob(

@@ -9,14 +9,14 @@ from rigidmc.engine.compiler.user_stamps import why_not_cached
 from rigidmc.errors import RigidmcError
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.closed_form import closed_values
-from rigidmc.progress import announcing
-from rigidmc.runs.prepare import prepared
+from rigidmc.progress import announce
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.scene import Scene, takes_scene
-from rigidmc.scene.user_parts.registry import own_parts
-from rigidmc.scene.vector_distributions.protocol import Law
+from rigidmc.scene.user_parts.registry import user_parts_of
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 
-class Warmed(NamedTuple):
+class Precompiled(NamedTuple):
     """What was compiled for an integrator.
 
     seconds : that it took
@@ -31,7 +31,9 @@ class Warmed(NamedTuple):
 
 
 @takes_scene
-def warm(scene: Scene, all_integrators: bool = False, progress: bool = False) -> list[Warmed]:
+def precompile(
+    scene: Scene, all_integrators: bool = False, progress: bool = False
+) -> list[Precompiled]:
     """Compile what a run of a scene needs.
 
     Parameters
@@ -45,7 +47,7 @@ def warm(scene: Scene, all_integrators: bool = False, progress: bool = False) ->
 
     Returns
     -------
-    list of Warmed
+    list of Precompiled
         one for each integrator: integrator, seconds that it took, labels of what was compiled, why
         it was skipped
 
@@ -56,30 +58,32 @@ def warm(scene: Scene, all_integrators: bool = False, progress: bool = False) ->
 
     Examples
     --------
-    >>> [one.integrator for one in rm.warm(rm.Scene.load("dzhanibekov"))]
+    >>> [one.integrator for one in rm.precompile(rm.Scene.load("dzhanibekov"))]
     ['rk4']
     """
-    with announcing(progress):
-        results = [_warmed(scene)]
+    with announce(progress):
+        results = [_precompile_one(scene)]
         for name in INTEGRATORS if all_integrators else ():
             if name == scene.run.integrator:
                 continue
             try:
-                results.append(_warmed(scene.with_run(integrator=name)))
+                results.append(_precompile_one(scene.with_run(integrator=name)))
             except RigidmcError as error:
-                results.append(Warmed(name, 0.0, (), error.rule))
+                results.append(Precompiled(name, 0.0, (), error.rule))
     return results
 
 
-def _warmed(scene: Scene) -> Warmed:
+def _precompile_one(scene: Scene) -> Precompiled:
     began, name, before = time.perf_counter(), scene.run.integrator, len(compiled)
-    run = prepared(scene)
-    parts = [type(part) for part in own_parts(run.scene) if not isinstance(part, Law)]
+    run = prepare_scene(scene)
+    parts = [
+        type(part) for part in user_parts_of(run.scene) if not isinstance(part, VectorDistribution)
+    ]
     if found := {kind.__name__: why for kind in parts if (why := why_not_cached(kind))}:
         rule = "; ".join(
             f"{user} is compiled in every process: {why}" for user, why in found.items()
         )
-        return Warmed(name, 0.0, (), rule)
+        return Precompiled(name, 0.0, (), rule)
     plan = run.plan
     if plan.scheme is None:
         block, start = run.initial(plan.first, 1)
@@ -88,4 +92,4 @@ def _warmed(scene: Scene) -> Warmed:
         closed_values(plan.model.effects, observables, block, start, few, plan.grid.clock)
     else:
         run.program()
-    return Warmed(name, time.perf_counter() - began, tuple(compiled[before:]), "")
+    return Precompiled(name, time.perf_counter() - began, tuple(compiled[before:]), "")

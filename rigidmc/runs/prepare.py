@@ -12,14 +12,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import placed
+from rigidmc.arrays import as_plain_arrays
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import Program
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.files.outputs import Path
-from rigidmc.planning.check import check
+from rigidmc.planning.check import check_scene
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.initial import (
     InitialMembers,
@@ -32,22 +32,23 @@ from rigidmc.planning.initial import (
 from rigidmc.planning.monitors import has_attitude, make_monitors
 from rigidmc.planning.notes import scene_notes, step_notes
 from rigidmc.planning.plan import Plan, make_plan
-from rigidmc.planning.tolerance.choose import Chosen, choose_integrator
-from rigidmc.planning.units import UnitScale, choose_units, scaled
+from rigidmc.planning.tolerance.choose import Choice, choose_integrator
+from rigidmc.planning.units import UnitScale, choose_units, scale_scene
 from rigidmc.progress import Progress
 from rigidmc.results.export import is_streamed
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.sinks import Blanks, Export, File, Memory
+from rigidmc.results.sinks import Blanks, ExportSink, FileSink, MemorySink
 from rigidmc.runs.assemble import make_layout, make_program
 from rigidmc.runs.blocks import Sink, compute
-from rigidmc.runs.resources import block_of, needs, refuse_hopeless
-from rigidmc.scene.amounts import count_text, counted
-from rigidmc.scene.quantities import Varied, rows
-from rigidmc.scene.recording import recording
+from rigidmc.runs.resources import block_of, check_resources, needs
+from rigidmc.scene.amounts import count_text, read_count
+from rigidmc.scene.quantities import Varied, count_rows
+from rigidmc.scene.recording import make_recording
+from rigidmc.scene.sampling import rows_to_run
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings
 from rigidmc.scene.validation import PILOT
-from rigidmc.scene.varied import closed, nominal_of, opened, stored_values, with_values
+from rigidmc.scene.varied import close_varied, nominal_of, open_varied, stored_values, with_values
 
 Array = NDArray[np.float64]
 
@@ -69,7 +70,7 @@ class PreparedRun:
         where the uniform numbers of members come from
     pilot : InitialMembers or None
         the first members at their start, if they are those of the run
-    choice : Chosen or None
+    choice : Choice or None
         what a tolerance chose, None if the scene names its integrator
     step_notes : tuple of str
         what the user should know of the length of steps
@@ -91,7 +92,7 @@ class PreparedRun:
         units: UnitScale | None,
         sampler: Source,
         pilot: InitialMembers | None,
-        choice: Chosen | None,
+        choice: Choice | None,
         step_notes: tuple[str, ...],
         scene_notes: tuple[str, ...],
     ) -> None:
@@ -162,7 +163,7 @@ class PreparedRun:
         """The run of members with other numbers of what is varied; see `run`."""
         scene, count = with_values(self.scene, values)
         units = self.units
-        moving = scene if units is None else scaled(scene, units.mass, 1.0, units.time)
+        moving = scene if units is None else scale_scene(scene, units.mass, 1.0, units.time)
         plan = self.plan._replace(model=moving.model, first=0, members=count, which=None)
         layout = self.layout._replace(scene=scene, first=0, members=count, which=None)
         run = self._changed(plan, layout, scene)
@@ -173,14 +174,14 @@ class PreparedRun:
         """Members that `run` is asked for; SceneError for some that the scene does not have."""
         first = self.scene.run.first
         if isinstance(members, (int, np.integer)):
-            members = range(first, first + counted(members, "members"))
+            members = range(first, first + read_count(members, "members"))
         elif not isinstance(members, range):
             members = _indices(np.asarray(members))
         elif members.step != 1 or members.start < 0 or not members:
             rule = "expected a range of member indices with step 1"
             raise SceneError(rule, at="run.members", value=members)
         run, last = self.scene.run, int(members[-1]) + 1
-        most, what = rows(*self.plan.model.quantities()), "arrays with rows for"
+        most, what = count_rows(*self.plan.model.quantities()), "arrays with rows for"
         if run.strata is not None:
             most, what = run.strata, "a Latin hypercube of"
         if most is not None and last > most:
@@ -269,12 +270,12 @@ class PreparedRun:
         if any(isinstance(q, Varied) for q in self.plan.model.quantities()):
             rule = f"is missing: the run varies {', '.join(self.scene.run.varied or ())}"
             raise OptionError(rule, at="values")
-        threads = threads_available() if threads is None else counted(threads, "threads")
+        threads = threads_available() if threads is None else read_count(threads, "threads")
         device = "cpu" if self.plan.scheme is None else resolve_device(device)
         streaming = output is not None and is_streamed(output)
         size = block or block_of(self.plan, threads, device, streaming)
         room = needs(self.layout, self.plan, self.plan.members, size, threads)
-        refuse_hopeless(room, self.plan.members, threads, output if streaming else None)
+        check_resources(room, self.plan.members, threads, output if streaming else None)
         began = time.perf_counter()
         program = self.program(device)
         compiled = time.perf_counter() - began
@@ -282,9 +283,9 @@ class PreparedRun:
         if self.choice is not None:
             more = {**self.choice.attributes(), **more}
         if output is None:
-            sink: Sink = Memory(layout, more, blank=self._blanks.of(layout))
+            sink: Sink = MemorySink(layout, more, blank=self._blanks.of(layout))
         else:
-            sink = (File if streaming else Export)(output, layout, force, more)
+            sink = (FileSink if streaming else ExportSink)(output, layout, force, more)
         began = time.perf_counter()
         try:
             flagged = compute(
@@ -377,7 +378,7 @@ def prepare(
     """
     which = None
     if not isinstance(members, (int, range)):
-        members = placed(members, "run.members")
+        members = as_plain_arrays(members, "run.members")
     if isinstance(members, (list, tuple)):
         members = np.array(members)
     if isinstance(members, np.ndarray):
@@ -386,7 +387,7 @@ def prepare(
     scene = _with_settings(scene, members, {**settings, "integrator": integrator})
     if names := (varied,) if isinstance(varied, str) else tuple(varied):
         scene = scene.with_run(varied=nominal_of(scene, names))
-    run = prepared(scene)
+    run = prepare_scene(scene)
     return run if which is None else run.with_members(which)
 
 
@@ -407,18 +408,19 @@ def _with_settings(scene: Scene, members: int | range | None, settings: Mapping[
             raise SceneError(rule, at="run.members", value=members)
         first, members = members.start, len(members)
     elif members is None:
-        members = (scene if first is None else scene.with_run(first=first)).rows_to_run()
+        run = scene.run if first is None else scene.with_run(first=first).run
+        members = rows_to_run(scene.model, run)
     scene = scene.with_run(**{**settings, "first": first, "members": members})
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
     return scene
 
 
-def prepared(scene: Scene) -> PreparedRun:
+def prepare_scene(scene: Scene) -> PreparedRun:
     """Settle everything about the run of a scene; SceneError if it cannot be run."""
     if not scene.run.varied:
-        return _prepared(scene)
-    run, values = _prepared(opened(scene)), stored_values(scene)
+        return _prepare_scene(scene)
+    run, values = _prepare_scene(open_varied(scene)), stored_values(scene)
     if values is None:
         return run
     # a result of varied numbers: planned as it was, and each member has its own
@@ -426,14 +428,14 @@ def prepared(scene: Scene) -> PreparedRun:
     return run.with_values(values).with_members(range(first, first + members))
 
 
-def _prepared(scene: Scene) -> PreparedRun:
-    """`prepared`, of a scene whose varied numbers are marked."""
+def _prepare_scene(scene: Scene) -> PreparedRun:
+    """`prepare_scene`, of a scene whose varied numbers are marked."""
     asked, units = scene, choose_units(scene)
     if units is not None:
-        scene = scaled(scene, units.mass, 1.0, units.time)
+        scene = scale_scene(scene, units.mass, 1.0, units.time)
     scene, choice = choose_integrator(scene)
-    run, model, recorded = scene.run, scene.model, recording(scene)
-    check(scene, recorded)
+    run, model, recorded = scene.run, scene.model, make_recording(scene)
+    check_scene(scene, recorded)
     coarse, sampler = model.coarse(), make_sampler(model, run)
     check_starts(coarse, sampler, run.seed)
     monitors = make_monitors(model, recorded, run.seed)
@@ -445,10 +447,10 @@ def _prepared(scene: Scene) -> PreparedRun:
     notes = step_notes(asked.run, plan, units), scene_notes(asked.model, asked.run, plan)
     if units is not None:
         scene = units.original(scene)
-        recorded = recording(scene)
+        recorded = make_recording(scene)
     layout = make_layout(scene, recorded, plan if units is None else units.back(plan))
     if run.varied:
-        scene = closed(scene)
+        scene = close_varied(scene)
         layout = layout._replace(scene=scene)
     known = sampler, pilot if coarse is model else None
     return PreparedRun(scene, plan, layout, units, *known, choice, *notes)

@@ -22,17 +22,17 @@ from rigidmc.engine.program import NO_SAVES
 from rigidmc.files.outputs import folder_beside
 from rigidmc.physics.effects import EFFECTS, label_effects
 from rigidmc.physics.effects.protocol import from_numbers, is_random
-from rigidmc.physics.integrators import accepting
+from rigidmc.physics.integrators import integrators_for
 from rigidmc.physics.integrators.splitting import Langevin
 from rigidmc.physics.observables.flips import Flips
 from rigidmc.physics.observables.passage import Passage
-from rigidmc.planning.initial import noise
+from rigidmc.planning.initial import noise_keys
 from rigidmc.planning.monitors import Monitors, places_of
 from rigidmc.planning.tolerance.costs import Costs
 from rigidmc.planning.tolerance.pilot import pilot
-from rigidmc.runs.prepare import PreparedRun, prepared
+from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import DEVICE_BLOCK, WAVE, block_of, in_words, moved_at_once, needs
-from rigidmc.scene.amounts import count_text, in_two_digits
+from rigidmc.scene.amounts import count_text, two_digits
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
@@ -53,7 +53,7 @@ def cost_per_step(
     assert program is not None, "closed forms make no steps"
     on_device, own = device != "cpu", int(plan.has_member_steps)
     members = DEVICE_BLOCK if on_device else members
-    random = noise(plan.model.effects, plan.run.seed, plan.indices(plan.first, members))
+    random = noise_keys(plan.model.effects, plan.run.seed, plan.indices(plan.first, members))
     staged, _ = run.initial(plan.first, members)
     staged[layout.STEPS] = 1.0
     order = NO_SAVES._replace(order=np.arange(staged.shape[1]))
@@ -158,7 +158,7 @@ class Price(NamedTuple):
     def __str__(self) -> str:
         each = "in closed form"
         if self.steps:
-            total = in_two_digits(self.members * self.steps)
+            total = two_digits(self.members * self.steps)
             each = f"x {self.steps:,.0f} steps, {total} in all"
         disk = f", {in_words(self.disk)} of disk" if self.disk else ""
         return (
@@ -169,24 +169,24 @@ class Price(NamedTuple):
 
 def price(
     scene: Scene,
-    studied: Callable[[xr.Dataset], object],
+    reduce: Callable[[xr.Dataset], object],
     threads: int | None = None,
     folder: str | None = None,
     device: str | None = None,
 ) -> Price:
     """The Price of a study, measured on the first members of its scene.
 
-    studied : what the study does with a result, also with one of few members
+    reduce : what the study does with a result, also with one of few members
     folder : the run directory of its members, in which the rehearsal writes: if it is killed there,
         `resume` deletes what it left
     """
     threads = threads or threads_available()
-    run = prepared(scene)
+    run = prepare_scene(scene)
     plan = run.plan
     return Price(
         plan.members,
         plan.mean_steps if plan.scheme else 0.0,
-        _seconds(run, studied, threads, folder, resolve_device(device)),
+        _seconds(run, reduce, threads, folder, resolve_device(device)),
         threads,
         needs(run.layout, plan, plan.members, LANES, threads).file if folder else 0,
     )
@@ -194,7 +194,7 @@ def price(
 
 def _seconds(
     run: PreparedRun,
-    studied: Callable[[xr.Dataset], object],
+    reduce: Callable[[xr.Dataset], object],
     threads: int,
     folder: str | None,
     device: str,
@@ -219,9 +219,9 @@ def _seconds(
     part = folder and os.path.join(folder, "rehearsal")
     with folder_beside(part) if part else tempfile.TemporaryDirectory() as place:
         file = os.path.join(place, "rehearsal.nc") if folder else None
-        _studied(scene, count, studied, threads, file, device)  # compiles
+        _studied(scene, count, reduce, threads, file, device)  # compiles
         while True:
-            took = _studied(scene, count, studied, threads, file, device)
+            took = _studied(scene, count, reduce, threads, file, device)
             if took >= ENOUGH or count == members:
                 break
             before, count = (count, took), min(4 * count, members)
@@ -237,7 +237,7 @@ def _of_a_member(run: PreparedRun, device: str) -> float:
 def _studied(
     scene: Scene,
     count: int,
-    studied: Callable[[xr.Dataset], object],
+    reduce: Callable[[xr.Dataset], object],
     threads: int,
     file: str | None,
     device: str,
@@ -245,9 +245,9 @@ def _studied(
     """Seconds of the first `count` members of a scene and of the study of them."""
     few = scene.with_run(members=count)
     began = time.perf_counter()
-    run = prepared(few)
+    run = prepare_scene(few)
     with run.run(threads=threads, output=file, force=True, device=device) as dataset:
-        studied(dataset)
+        reduce(dataset)
     return time.perf_counter() - began
 
 
@@ -260,7 +260,7 @@ def step_costs() -> dict[str, dict[str, float]]:
     for word, effects in (("free", ()), ("heavy", (EFFECTS["gravity"](1.0),))):
         scene = Scene(body, effects, start).with_run(t_end=1.0, save=("attitude",))
         costs = Costs(pilot(scene, 1))
-        for name in accepting(effects):
+        for name in integrators_for(effects):
             if name != "closed":
                 measured.setdefault(name, {})[word] = costs.step(name, 10, "float64")
     return measured
@@ -321,18 +321,18 @@ def prices(run: PreparedRun) -> tuple[float, Any, dict[str, Any], float, float]:
 
 
 def observable_prices(
-    scene: Scene, watched: dict[str, tuple[Any, ...]], rounds: int = 5
+    scene: Scene, monitored: dict[str, tuple[Any, ...]], rounds: int = 5
 ) -> dict[str, float]:
     """{label: ns that it adds to a step of rk4 with attitude on one thread}, "" for the step
     itself; medians of interleaved rounds.
 
-    watched : {label: what is named in `save`}
+    monitored : {label: what is named in `save`}
     """
     scenes = {
         label: scene.with_run(save=("attitude", *some))
-        for label, some in {"": (), **watched}.items()
+        for label, some in {"": (), **monitored}.items()
     }
-    runs = {label: prepared(one) for label, one in scenes.items()}
+    runs = {label: prepare_scene(one) for label, one in scenes.items()}
     taken: dict[str, list[float]] = {label: [] for label in scenes}
     for _ in range(rounds):
         for label, one in runs.items():
@@ -349,7 +349,7 @@ def watched_prices(rounds: int = 5) -> dict[str, dict[str, float]]:
     names = (
         "nutation", "precession", "megno", "omega_max", "energy_mean", "energy_variance",
     )  # fmt: skip
-    watched: dict[str, tuple[Any, ...]] = {
+    monitored: dict[str, tuple[Any, ...]] = {
         "flips": (Flips(2),),
         "passage": (Passage(3, 0.01, "reaches"),),
         **{name: (name,) for name in names},
@@ -358,7 +358,7 @@ def watched_prices(rounds: int = 5) -> dict[str, dict[str, float]]:
         word: Scene(body, effects, start).with_run(dt=0.02, t_end=20.0)
         for word, effects in (("free", ()), ("heavy", (EFFECTS["gravity"](1.0),)))
     }
-    return {word: observable_prices(scene, watched, rounds) for word, scene in scenes.items()}
+    return {word: observable_prices(scene, monitored, rounds) for word, scene in scenes.items()}
 
 
 def effect_prices() -> dict[str, Any]:
@@ -372,7 +372,7 @@ def effect_prices() -> dict[str, Any]:
         scene = Scene(body, effects, start).with_run(
             integrator=integrator, dt=0.1, t_end=1.0, save=(save,), checks=False
         )
-        return cost_per_step(prepared(scene))
+        return cost_per_step(prepare_scene(scene))
 
     gravity = EFFECTS["gravity"](1.0)
     found: dict[str, Any] = {

@@ -16,14 +16,14 @@ from rigidmc.files.outputs import Path, refuse_existing
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import OBSERVABLES, OUTCOMES, outputs, own
 from rigidmc.physics.observables.saving import summaries
-from rigidmc.planning.steps import grid
+from rigidmc.planning.steps import make_time_grid
 from rigidmc.results.export import write
 from rigidmc.results.reader import open_result
 from rigidmc.runs.directory.dataset import open_run
-from rigidmc.runs.prepare import prepared
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.simulate import simulate
-from rigidmc.scene.amounts import count_text, counted, seconds
-from rigidmc.scene.recording import recording
+from rigidmc.scene.amounts import count_text, read_count, read_seconds
+from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.read import refuse_twice
@@ -105,7 +105,7 @@ def rerun(
     members = chosen_members(member, scene.run, source, name)
     between = scene.run.every
     if every is not None:
-        between = _whole_steps(scene.run, seconds(every, "run.every", error=SceneError))
+        between = _whole_steps(scene.run, read_seconds(every, "run.every", error=SceneError))
     scene = _saving(scene, save, between, members, every)
     again = simulate(scene, members=members, **options)
     again.attrs["rerun"] = _compared(again, source.sel(member=list(members)), original, name)
@@ -119,7 +119,7 @@ def chosen_members(member: int | range, run: Run, result: xr.Dataset, name: str)
     if isinstance(member, range):
         members = member
     else:
-        first = counted(member, "member", 0)
+        first = read_count(member, "member", 0)
         members = range(first, first + 1)
     known = range(run.first, run.first + run.members)
     if not members or members.step != 1 or members[0] not in known or members[-1] not in known:
@@ -138,7 +138,7 @@ def _whole_steps(run: Run, every: float) -> float:
     two differ."""
     if run.turn is not None or run.integrator == "closed" or every >= run.t_end:
         return every
-    known, count = grid(run.t_end, run.dt, run.every), max(1, round(every / run.dt))
+    known, count = make_time_grid(run.t_end, run.dt, run.every), max(1, round(every / run.dt))
     if known.is_shortened and every != run.every:
         rule = (
             f"the last steps of this run are shorter, because its every = {run.every:.10g} s does"
@@ -183,7 +183,7 @@ def _saving(
     if (
         not free
         and between is not None
-        and abs(prepared(more).layout.settings["dt"] / run.dt - 1.0) > 1e-9
+        and abs(prepare_scene(more).layout.settings["dt"] / run.dt - 1.0) > 1e-9
     ):
         rule = (
             f"saves {between / run.dt:.0f} steps of {run.dt:.10g} s apart do not fit"
@@ -197,7 +197,7 @@ def _everything(scene: Scene) -> tuple[str, ...]:
     """Names of all observables at save times, of work only if the scene books it, and of those over
     all steps that the scene has."""
     more = dict.fromkeys(
-        (*own(scene.observables), *scene.run.save, *summaries(recording(scene).retained))
+        (*own(scene.observables), *scene.run.save, *summaries(make_recording(scene).retained))
     )
     over = (name for name in more if name not in OBSERVABLES)
     return (*(name for name in OBSERVABLES if name != "work" or "work" in scene.run.save), *over)
@@ -278,7 +278,9 @@ def _pairs(again: xr.Dataset, result: xr.Dataset, scene: Scene) -> Iterator[Pair
     """Each variable that both results have, also if one keeps only a part of its saves."""
     over = set[str]()  # variables over all steps
     if again.sizes["time"]:
-        over = {name for label, one in recording(scene).monitored for name in outputs(label, one)}
+        over = {
+            name for label, one in make_recording(scene).monitored for name in outputs(label, one)
+        }
     for name in map(str, again.data_vars):
         variable = again[name]
         dims = tuple(map(str, variable.dims))
@@ -339,16 +341,18 @@ def frames(
     own = _own_step(run, result, member)
     whole = until is None or until >= end
     if whole and run.turn is None and own is not None and own * count <= end:
-        if not grid(end, own, run.every).is_shortened:
+        if not make_time_grid(end, own, run.every).is_shortened:
             return _thinned(result, member, count, allow_code, run)
         if any(map(is_random, scene.effects)):  # only the saves of the run are after its steps
             again = rerun(result, member, save=SAVE, allow_code=allow_code)
             again.attrs["frames"] = "steps as in the run, at its saves"
             return again
-    return integrated(scene, member, count, end if whole or until is None else until, own)
+    return integrate_member(scene, member, count, end if whole or until is None else until, own)
 
 
-def integrated(scene: Scene, member: int, count: int, end: float, own: float | None) -> xr.Dataset:
+def integrate_member(
+    scene: Scene, member: int, count: int, end: float, own: float | None
+) -> xr.Dataset:
     """A member of a scene with attitude and momentum at `count` + 1 times from 0 to `end`.
 
     own : the step that the run makes [s], which is kept if it is short enough; None if any will do

@@ -7,7 +7,7 @@ import os
 import shutil
 from typing import NamedTuple
 
-from rigidmc.engine.cuda.devices import number_of, select_devices
+from rigidmc.engine.cuda.devices import device_number, select_devices
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.layout import BLOCK, LANES, whole_lanes
 from rigidmc.errors import NoRoom
@@ -28,7 +28,7 @@ BASE = 0.25e9  # interpreter, libraries and kernels [bytes]
 
 def movers(threads: int, device: str) -> int:
     """How many threads or graphics processors move members at once."""
-    return threads if device == "cpu" else len(select_devices(number_of(device)))
+    return threads if device == "cpu" else len(select_devices(device_number(device)))
 
 
 def moved_at_once(members: int, threads: int, device: str) -> float:
@@ -45,13 +45,13 @@ def block_of(plan: Plan, threads: int, device: str, streaming: bool) -> int:
         blocks = max(movers(threads, device), min(blocks, plan.members // WAVE))
         block = min(DEVICE_BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
         # in memory most saves are written where they stay
-        return min(block, fitting(plan, DEVICE_SLAB if streaming else 16 * DEVICE_SLAB))
+        return min(block, members_within(plan, DEVICE_SLAB if streaming else 16 * DEVICE_SLAB))
     blocks = min(blocks, max(1, math.ceil(plan.members * plan.mean_steps / LEAST)))
     block = min(BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
-    return min(block, fitting(plan, SLAB)) if streaming else block
+    return min(block, members_within(plan, SLAB)) if streaming else block
 
 
-def fitting(plan: Plan, slab: int) -> int:
+def members_within(plan: Plan, slab: int) -> int:
     """Members whose saved values take about `slab` bytes."""
     values = 8 * max(1, plan.values) * plan.times.size
     return max(LANES, slab // values // LANES * LANES)
@@ -59,7 +59,7 @@ def fitting(plan: Plan, slab: int) -> int:
 
 def block_of_shard(plan: Plan, shard: int) -> int:
     """Members of a block on graphics processors that divides a shard: all of it if they fit."""
-    most = min(2 * DEVICE_BLOCK, fitting(plan, DEVICE_SLAB))
+    most = min(2 * DEVICE_BLOCK, members_within(plan, DEVICE_SLAB))
     return shard if shard <= most else block_in(shard, most)
 
 
@@ -90,7 +90,7 @@ def needs(result: ResultLayout, plan: Plan, members: int, block: int, threads: i
     )
 
 
-def refuse_hopeless(
+def check_resources(
     needed: Needs, members: int, threads: int, path: Path | None = None, more: int = 0
 ) -> None:
     """Raise NoRoom if a run needs more memory than is free or, with its result in `path`, more of

@@ -15,8 +15,8 @@ from rigidmc.engine.kernel.layout import LANES, whole_lanes
 from rigidmc.engine.program import NO_SAVES
 from rigidmc.errors import SceneError
 from rigidmc.planning import monitors
-from rigidmc.planning.initial import Source, initial_block, noise
-from rigidmc.runs.prepare import prepared
+from rigidmc.planning.initial import Source, initial_block, noise_keys
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.quantities import of_members
 from rigidmc.scene.scene import Scene
 from rigidmc.threads import Late, Task, end_of_work, threads_of
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 SHARE = 8 * LANES  # members that are worth a thread
 
 
-class Moving:
+class SegmentedRun:
     """The members of a scene on their way, as blocks of rows, see `rigidmc.engine.kernel.layout`.
 
     A block is the whole state of its members: columns of it may be copied to go on from there. A
@@ -40,7 +40,7 @@ class Moving:
         if scene.run.turn is not None:
             rule = "the members of such a study make the same steps: give dt"
             raise SceneError(rule, at="run.turn", value=scene.run.turn)
-        run = prepared(scene)
+        run = prepare_scene(scene)
         program = run.program(resolve_device(device))
         if program is None:
             rule = "is told at its ends only: such a study follows members, so take exact"
@@ -60,7 +60,7 @@ class Moving:
         if rows is not None:
             model = model.mapped(lambda quantity: of_members(quantity, rows))
         block, _ = initial_block(model, source, 0, count, plan.has_attitude, plan.places.end)
-        return widened(block)
+        return fill_lanes(block)
 
     def moved(self, block: Array, members: NDArray[np.int64], part: int) -> Array:
         """A block after a part of the run, from its state before. Raises Late if the work has to
@@ -76,9 +76,9 @@ class Moving:
         size, end = max(SHARE, whole_lanes(-(-count // self._threads))), end_of_work()
 
         def advance(low: int) -> Array:
-            mine = widened(block[:, low : low + size])
+            mine = fill_lanes(block[:, low : low + size])
             indices = np.resize(members[low : low + size], mine.shape[1])
-            for _ in self._program.through(mine, run, noise(effects, seed, indices), NO_SAVES):
+            for _ in self._program.through(mine, run, noise_keys(effects, seed, indices), NO_SAVES):
                 if time.monotonic() >= end:
                     raise Late
             return mine[:, : min(size, count - low)]
@@ -111,7 +111,7 @@ class Moving:
         return self.plan.monitors.of_events
 
 
-def widened(block: Array) -> Array:
+def fill_lanes(block: Array) -> Array:
     """A block of whole lanes of its own memory: after its members come copies of the first."""
     count = block.shape[1]
     wide = np.empty((block.shape[0], whole_lanes(count)))

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneWarning
 from rigidmc.files.outputs import refuse_existing
-from rigidmc.progress import Progress, announcing
+from rigidmc.progress import Progress, announce
 from rigidmc.runs.prepare import prepare
 from rigidmc.runs.price import predicted_seconds
-from rigidmc.scene.amounts import counted
+from rigidmc.scene.amounts import read_count
 from rigidmc.scene.drifts import LARGE, one_way
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings
@@ -97,10 +97,10 @@ def simulate(
     >>> ds.omega.dims, ds.omega.shape
     (('time', 'axis', 'member'), (3, 3, 4))
     """
-    threads = threads_available() if threads is None else counted(threads, "threads")
+    threads = threads_available() if threads is None else read_count(threads, "threads")
     if output is not None:
         refuse_existing(output, force)
-    with announcing(progress):
+    with announce(progress):
         run = prepare(scene, integrator, members=members, **settings)
         for note in run.notes:
             _warn(note)

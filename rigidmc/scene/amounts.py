@@ -48,7 +48,7 @@ def parse_seconds(value: Any, positive: bool = True) -> float:
     return number
 
 
-def seconds(
+def read_seconds(
     value: Any, at: str, positive: bool = True, error: type[RigidmcError] = OptionError
 ) -> float:
     """The time [s] that an argument of this name stands for; an error of this kind."""
@@ -97,19 +97,19 @@ def parse_count(value: Any, least: int | None = 1, most: int | None = None) -> i
     raise ValueError(f"expected a whole number{limits}")
 
 
-def counted(value: Any, at: str, least: int | None = 1, most: int | None = None) -> int:
+def read_count(value: Any, at: str, least: int | None = 1, most: int | None = None) -> int:
     """The whole number that an argument of this name stands for; OptionError."""
     with _argument(value, at):
         return parse_count(value, least, most)
 
 
-def counted_text(text: str, at: str, least: int = 1, most: int | None = None) -> int:
+def read_count_text(text: str, at: str, least: int = 1, most: int | None = None) -> int:
     """A whole number from the text of the command line; OptionError."""
     plain = text.strip().replace("_", "") if isinstance(text, str) else ""
     if not _PLAIN.fullmatch(plain):
-        return counted(text, at, least, most)
+        return read_count(text, at, least, most)
     exact = Fraction(plain)
-    return counted(int(exact) if exact.denominator == 1 else float(plain), at, least, most)
+    return read_count(int(exact) if exact.denominator == 1 else float(plain), at, least, most)
 
 
 def words_of(text: str) -> tuple[str, ...]:
@@ -122,7 +122,7 @@ def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-def in_two_digits(number: float) -> str:
+def two_digits(number: float) -> str:
     """A number with two digits or three: `0.5`, `99`, `1.3 k`, `100 k`, `3.4 M`."""
     for size, word in ((1e6, " M"), (1e3, " k")):
         if number >= 99.5 * size:

@@ -11,11 +11,11 @@ from rigidmc.arrays import floats
 from rigidmc.errors import SceneError
 from rigidmc.mechanics import inertia, rotation
 from rigidmc.scene.body_changes import BodyChanges
-from rigidmc.scene.quantities import Source, draw, is_open, is_shared, quantity, vector
+from rigidmc.scene.quantities import Source, draw, is_shared, is_variable, quantity, vector
 from rigidmc.scene.shape import Shape
-from rigidmc.scene.vector_distributions import checked
+from rigidmc.scene.vector_distributions import check_distribution
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
-from rigidmc.scene.vector_distributions.protocol import Law, numbers_of
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution, flat_parameters
 
 Array = NDArray[np.float64]
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -59,9 +59,9 @@ class Body(BodyChanges):
 
     Parameters
     ----------
-    moments : quantities (3,), array_like (members, 3) or law [kg m^2]
-        principal moments (I1, I2, I3) about the fixed point. The laws are SecondMoments, whose
-        bodies always exist, Correlated, measured moments with their covariance, and
+    moments : quantities (3,), array_like (members, 3) or distribution [kg m^2]
+        principal moments (I1, I2, I3) about the fixed point. The distributions are SecondMoments,
+        whose bodies always exist, Correlated, measured moments with their covariance, and
         UncertainInertia, a measured tensor with its covariance
     mass : quantity, optional [kg]
         of the body
@@ -86,6 +86,16 @@ class Body(BodyChanges):
     rigidmc.errors.SceneError: [body] moments = [1.0, 2.0, 4.0]: the triangle inequality is...
     """
 
+    _OLD_NAMES = {
+        "about_centre": "with_pivot_at_centre",
+        "given": "inertia_key",
+        "joined": "join",
+        "own_attitude": "reference_attitude",
+        "pivoted_at": "with_pivot",
+        "to_own": "to_reference",
+        "without": "subtract",
+    }
+
     moments: Any
     mass: Any = 1.0
     centre: Any = (0.0, 0.0, 0.0)
@@ -93,10 +103,10 @@ class Body(BodyChanges):
     shape: Shape = ()
 
     def __post_init__(self) -> None:
-        whole = isinstance(self.moments, Law)
+        whole = isinstance(self.moments, VectorDistribution)
         uncertain = isinstance(self.moments, UncertainInertia)
-        check = checked if whole else vector
-        object.__setattr__(self, "moments", check(self.moments, f"body.{self.given}"))
+        check = check_distribution if whole else vector
+        object.__setattr__(self, "moments", check(self.moments, f"body.{self.inertia_key}"))
         object.__setattr__(self, "mass", quantity(self.mass, "body.mass"))
         object.__setattr__(self, "centre", vector(self.centre, "body.centre"))
         if isinstance(self.moments, UncertainInertia):
@@ -106,46 +116,46 @@ class Body(BodyChanges):
         if not uncertain and self.axes != IDENTITY and not is_shared(self.centre):
             rule = "a body given by a tensor takes plain numbers; give principal moments instead"
             raise SceneError(rule, at="body.centre")
-        if not is_open(self.mass) and not np.min(self.mass) > 0:
+        if not is_variable(self.mass) and not np.min(self.mass) > 0:
             shown = self.mass if is_shared(self.mass) else None
             raise SceneError("the mass must be positive", at="body.mass", value=shown)
         if not whole:
             self._check_moments()
 
     @property
-    def given(self) -> str:
+    def inertia_key(self) -> str:
         """The key of a scene file by which its inertia is given, "moments" or "tensor".
 
         Examples
         --------
-        >>> rm.Body((1.0, 2.0, 2.5)).given
+        >>> rm.Body((1.0, 2.0, 2.5)).inertia_key
         'moments'
         """
         return "tensor" if isinstance(self.moments, UncertainInertia) else "moments"
 
-    def _check_uncertain(self, law: UncertainInertia) -> None:
+    def _check_uncertain(self, distribution: UncertainInertia) -> None:
         """Take the axes of the mean tensor; SceneError for a mean body that cannot be."""
         for key in ("mass", "centre"):
             if not is_shared(getattr(self, key)):
                 rule = "beside an uncertain tensor it is a plain number, the mean"
                 raise SceneError(rule, at=f"body.{key}")
-        if law.centre is not None and any(self.centre):
+        if distribution.centre is not None and any(self.centre):
             rule = "the tensor has a centre of its own, about which the body turns: leave this out"
             raise SceneError(rule, at="body.centre", value=list(self.centre))
-        law.bodies(0, "body.tensor", 0, 1, self.mass, self.centre)
-        _, axes = inertia.principal_axes(law.mean_tensor(self.mass))
+        distribution.bodies(0, "body.tensor", 0, 1, self.mass, self.centre)
+        _, axes = inertia.principal_axes(distribution.mean_tensor(self.mass))
         object.__setattr__(self, "axes", tuple(map(tuple, axes.tolist())))
 
     def _check_moments(self) -> None:
         """SceneError for moments that no body can have; distributions are checked when drawn."""
         shown = list(self.moments) if is_shared(self.moments) else None
-        known = [m for m in self.moments if not is_open(m)]
+        known = [m for m in self.moments if not is_variable(m)]
         if not all(np.min(m) > 0 for m in known):
             raise SceneError("principal moments must be positive", at="body.moments", value=shown)
         if len(known) < 3:
             return
         moments = np.array(np.broadcast_arrays(*self.moments)).reshape(3, -1)
-        bad = np.flatnonzero(inertia.broken(moments))
+        bad = np.flatnonzero(inertia.violates_triangle(moments))
         if bad.size:
             values = moments[:, bad[0]].tolist()
             large, rest = max(values), sum(values) - max(values)
@@ -172,10 +182,10 @@ class Body(BodyChanges):
         "principal",
         "described",
         """>>> body = rm.Body.from_tensor([[2.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 3.0]])
-        >>> body.to_own((0.0, 0.0, 1.0)).round(12).tolist()
+        >>> body.to_reference((0.0, 0.0, 1.0)).round(12).tolist()
         [0.0, 0.0, 1.0]""",
     )
-    def to_own(self, vector: ArrayLike) -> Array:
+    def to_reference(self, vector: ArrayLike) -> Array:
         """Resolve vectors, such as omega and momentum of a result, in the described axes."""
         components: Array = floats(vector, "vector", 3) @ np.array(self.axes).T
         return components
@@ -183,10 +193,10 @@ class Body(BodyChanges):
     @_between_axes(
         "principal",
         "described",
-        """>>> rm.Body((1.0, 2.0, 2.5)).own_attitude((0.6, 0.8, 0.0, 0.0)).round(12).tolist()
+        """>>> rm.Body((1.0, 2.0, 2.5)).reference_attitude((0.6, 0.8, 0.0, 0.0)).round(12).tolist()
         [0.6, 0.8, 0.0, 0.0]""",
     )
-    def own_attitude(self, attitude: ArrayLike) -> Array:
+    def reference_attitude(self, attitude: ArrayLike) -> Array:
         """Turn attitudes of the principal axes, as in results, into those of the described axes."""
         inverse = rotation.quaternion(np.array(self.axes)) * np.array([1.0, -1.0, -1.0, -1.0])
         return rotation.product(rotation.quaternion(attitude), inverse)
@@ -276,7 +286,7 @@ class Body(BodyChanges):
         Returns
         -------
         tuple
-            moments (before the numbers of a law the law), mass, components of the centre
+            moments (a distribution of a vector before its numbers), mass, components of the centre
 
         Examples
         --------
@@ -284,16 +294,16 @@ class Body(BodyChanges):
         (1.0, 2.0, 2.5, 1.0, 0.0, 0.0, 0.0)
         """
         moments = self.moments
-        if isinstance(moments, Law):
-            moments = (moments, *numbers_of(moments))
+        if isinstance(moments, VectorDistribution):
+            moments = (moments, *flat_parameters(moments))
         return (*moments, self.mass, *self.centre)
 
-    def sample(self, source: Source, first: int, count: int) -> tuple[Array, Array, Array]:
+    def sample(self, sampler: Source, first: int, count: int) -> tuple[Array, Array, Array]:
         """Moments, mass and centre of mass of members first ... first + count - 1.
 
         Parameters
         ----------
-        source : int or point set
+        sampler : int or point set
             the seed, or the points from which numbers are drawn
         first : int
             index of the first member
@@ -315,16 +325,16 @@ class Body(BodyChanges):
         >>> moments.shape, mass.shape, centre.shape
         ((3, 5), (5,), (3, 5))
         """
-        return self.sample_turned(source, first, count)[:3]
+        return self.sample_turned(sampler, first, count)[:3]
 
     def sample_turned(
-        self, source: Source, first: int, count: int
+        self, sampler: Source, first: int, count: int
     ) -> tuple[Array, Array, Array, Array | None]:
         """Moments, mass, centre of mass, and principal axes of members first ... first + count - 1.
 
         Parameters
         ----------
-        source : int or point set
+        sampler : int or point set
             the seed, or the points from which numbers are drawn
         first : int
             index of the first member
@@ -345,13 +355,13 @@ class Body(BodyChanges):
         True
         """
         if isinstance(self.moments, UncertainInertia):
-            return self._turned(self.moments, source, first, count)
-        if isinstance(self.moments, Law):
-            moments = self.moments.sample(source, "body.moments", first, count, None)
+            return self._turned(self.moments, sampler, first, count)
+        if isinstance(self.moments, VectorDistribution):
+            moments = self.moments.sample(sampler, "body.moments", first, count, None)
         else:
-            moments = draw(self.moments, source, "body.moments", first, count)
-        mass = draw((self.mass,), source, "body.mass", first, count)[0]
-        centre = draw(self.centre, source, "body.centre", first, count)
+            moments = draw(self.moments, sampler, "body.moments", first, count)
+        mass = draw((self.mass,), sampler, "body.mass", first, count)[0]
+        centre = draw(self.centre, sampler, "body.centre", first, count)
         if self.axes != IDENTITY:
             centre = self._along_axes(centre)
         return moments, mass, centre, None
@@ -362,14 +372,14 @@ class Body(BodyChanges):
         return np.stack([sum(self.axes[j][i] * vectors[j] for j in range(3)) for i in range(3)])
 
     def _turned(
-        self, law: UncertainInertia, source: Source, first: int, count: int
+        self, distribution: UncertainInertia, sampler: Source, first: int, count: int
     ) -> tuple[Array, Array, Array, Array]:
-        """`sample_turned` of a law of tensors."""
-        *six, x, y, z, mass = law.bodies(
-            source, "body.tensor", first, count, self.mass, self.centre
+        """`sample_turned` of a distribution of tensors."""
+        *six, x, y, z, mass = distribution.bodies(
+            sampler, "body.tensor", first, count, self.mass, self.centre
         )
         moments, axes = inertia.principal_axes(inertia.symmetric(six))
-        moments, turn = inertia.named(moments, axes, self.axes)
+        moments, turn = inertia.match_axes(moments, axes, self.axes)
         centre = self._along_axes(np.stack([x, y, z]))
         return moments, mass, inertia.vectors_into(turn, centre), turn
 

@@ -30,7 +30,7 @@ class BodyChanges(BodyMakers):
         @property
         def tensor(self) -> NDArray[np.float64]: ...
 
-    def pivoted_at(self, point: Any) -> Self:
+    def with_pivot(self, point: Any) -> Self:
         """Move the fixed point to another point of the body, by the parallel axes theorem.
 
         TdC (3.26), (3.27), with d from the centre of mass to the fixed point::
@@ -55,7 +55,7 @@ class BodyChanges(BodyMakers):
         Examples
         --------
         >>> rod = rm.Body.cylinder(mass=12.0, radius=1.0, height=3.0)
-        >>> rod.pivoted_at((0.0, 0.0, -1.5)).moments
+        >>> rod.with_pivot((0.0, 0.0, -1.5)).moments
         (39.0, 39.0, 6.0)
         """
         if isinstance(point, str):
@@ -78,7 +78,7 @@ class BodyChanges(BodyMakers):
         parts = tuple(part.placed(-np.array(point)) for part in self.shape)
         return self._of_tensor(tensor, self.mass, tuple(new.tolist()), parts)
 
-    def about_centre(self) -> Self:
+    def with_pivot_at_centre(self) -> Self:
         """Move the fixed point to the centre of mass, TdC (3.28): a satellite turns about it.
 
         Returns
@@ -90,21 +90,25 @@ class BodyChanges(BodyMakers):
         Raises
         ------
         SceneError
-            for a body of other laws or arrays
+            for a body of other distributions or arrays
 
         Examples
         --------
         >>> rod = rm.Body.cylinder(mass=12.0, radius=1.0, height=3.0)
-        >>> rod.pivoted_at((0.0, 0.0, -1.5)).about_centre().moments
+        >>> rod.with_pivot((0.0, 0.0, -1.5)).with_pivot_at_centre().moments
         (12.0, 12.0, 6.0)
         """
         if isinstance(self.moments, UncertainInertia):
-            law = self.moments
-            law = law if law.centre is not None else replace(law, centre=self.centre)
-            return type(self)(law, self.mass, shape=self.shape)
-        return self.pivoted_at(self.centre)
+            distribution = self.moments
+            distribution = (
+                distribution
+                if distribution.centre is not None
+                else replace(distribution, centre=self.centre)
+            )
+            return type(self)(distribution, self.mass, shape=self.shape)
+        return self.with_pivot(self.centre)
 
-    def joined(
+    def join(
         self, other: Self, at: Any = (0.0, 0.0, 0.0), turned: Any = (1.0, 0.0, 0.0, 0.0)
     ) -> Self:
         """Make one body of this one and another, about the fixed point of this body.
@@ -133,16 +137,16 @@ class BodyChanges(BodyMakers):
         Examples
         --------
         >>> box = rm.Body.box(mass=12.0, size=(1.0, 2.0, 3.0))
-        >>> two = box.joined(box, at=(0.0, 0.0, 3.0))
+        >>> two = box.join(box, at=(0.0, 0.0, 3.0))
         >>> two.mass, two.centre
         (24.0, (0.0, 0.0, 1.5))
         """
         return self._with(other, at, turned, 1.0)
 
-    def without(
+    def subtract(
         self, other: Self, at: Any = (0.0, 0.0, 0.0), turned: Any = (1.0, 0.0, 0.0, 0.0)
     ) -> Self:
-        """Take away from this body another that lies within it, placed as in `joined`.
+        """Take away from this body another that lies within it, placed as in `join`.
 
         Parameters
         ----------
@@ -166,7 +170,7 @@ class BodyChanges(BodyMakers):
         Examples
         --------
         >>> whole = rm.Body.cylinder(mass=4.0, radius=2.0, height=1.0)
-        >>> tube = whole.without(rm.Body.cylinder(mass=1.0, radius=1.0, height=1.0))
+        >>> tube = whole.subtract(rm.Body.cylinder(mass=1.0, radius=1.0, height=1.0))
         >>> tube.mass, tube.moments[2]
         (3.0, 7.5)
         """
@@ -194,5 +198,5 @@ class BodyChanges(BodyMakers):
         # a remainder must be a body about its own centre of mass too
         inertia.principal_axes(inertia.about_centre(tensor, mass, middle))
         parts = (part.placed(place, turned) for part in other.shape)
-        whole = shape.joined(self.shape, parts, sign < 0.0)
+        whole = shape.join_shapes(self.shape, parts, sign < 0.0)
         return self._of_tensor(tensor, mass, tuple(middle.tolist()), whole)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NoReturn, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rigidmc.arrays import floats, placed
-from rigidmc.errors import SceneError, nearest, unknown
+from rigidmc.arrays import as_plain_arrays, floats
+from rigidmc.errors import Renamed, SceneError, nearest, unknown
 from rigidmc.mechanics import inertia, solids
 from rigidmc.scene import shape
 from rigidmc.scene.quantities import quantity, vector
@@ -40,7 +40,7 @@ class _Hints(type):
         raise AttributeError(words)
 
 
-class BodyMakers(metaclass=_Hints):
+class BodyMakers(Renamed, metaclass=_Hints):
     """The class methods of Body that make one."""
 
     if TYPE_CHECKING:  # the fields of Body
@@ -53,7 +53,7 @@ class BodyMakers(metaclass=_Hints):
 
         Parameters
         ----------
-        moments : quantities (3,), array_like (members, 3) or law [kg m^2]
+        moments : quantities (3,), array_like (members, 3) or distribution [kg m^2]
             (I1, I2, I3) about the fixed point
         mass : quantity, optional [kg]
             of the body
@@ -169,7 +169,9 @@ class BodyMakers(metaclass=_Hints):
             raise SceneError(rule, at="body.particles")
         mass = float(m.sum())
         centre = tuple((m @ x / mass).tolist())
-        return cls._of_tensor(inertia.of_particles(m, x), mass, centre, shape.of_particles(m, x))
+        return cls._of_tensor(
+            inertia.of_particles(m, x), mass, centre, shape.shape_of_particles(m, x)
+        )
 
     @classmethod
     def solid(cls, name: str, **sizes: Any) -> Self:
@@ -219,7 +221,7 @@ class BodyMakers(metaclass=_Hints):
                 given[key] = tuple(_positive(part, f"{at}.{key}") for part in parts)
         mass, centre, tensor = make(**given)
         sizes = {key: given[key] for key in shape.sizes_of(name)}
-        parts = (shape.Part(name, sizes),)
+        parts = (shape.ShapePart(name, sizes),)
         return cls(tuple(np.diag(tensor).tolist()), mass, centre, shape=parts)
 
     @classmethod
@@ -314,7 +316,7 @@ class BodyMakers(metaclass=_Hints):
         >>> [round(moment, 12) for moment in rm.Body.from_density(2.0, box).moments]
         [13.0, 10.0, 5.0]
         """
-        region = placed(region, "body.region")
+        region = as_plain_arrays(region, "body.region")
         coarse, fine = (inertia.moments_of_density(density, region, points) for points in (24, 40))
         mass, first, second = fine[0], fine[1:4], fine[4:].reshape(3, 3)
         if not mass > 0:
@@ -330,7 +332,9 @@ class BodyMakers(metaclass=_Hints):
             )
             raise SceneError(rule, at="body.density")
         tensor, centre = np.trace(second) * np.eye(3) - second, first / mass
-        return cls._of_tensor(tensor, float(mass), tuple(centre.tolist()), shape.of_region(region))
+        return cls._of_tensor(
+            tensor, float(mass), tuple(centre.tolist()), shape.shape_of_region(region)
+        )
 
     @classmethod
     def from_mesh(
@@ -385,7 +389,7 @@ class BodyMakers(metaclass=_Hints):
             by = _positive(density, "body.mesh.density")
         else:
             by = _positive(mass, "body.mesh.mass") / volume
-        parts = (shape.of_mesh(loaded),)
+        parts = (shape.shape_of_mesh(loaded),)
         return cls._of_tensor(by * tensor, float(by * volume), tuple(centre.tolist()), parts)
 
 

@@ -33,13 +33,13 @@ class Distribution:
     parameters: tuple[Any, ...]
 
     @property
-    def by_scipy(self) -> bool:
+    def uses_scipy(self) -> bool:
         """Whether scipy computes the quantiles; another version of scipy may round differently."""
         return self.name not in _RULES
 
     def ppf(self, u: Array) -> Array:
         """Quantiles of u, an array in (0, 1)."""
-        if self.by_scipy:
+        if self.uses_scipy:
             quantiles: Array = _scipy(self.name)(**dict(self.parameters)).ppf(u)
             return quantiles
         a, b = map(float, self.parameters)
@@ -47,7 +47,7 @@ class Distribution:
 
     def times(self, by: float) -> "Distribution":
         """The distribution of the number times a positive factor."""
-        if not self.by_scipy:
+        if not self.uses_scipy:
             return Distribution(self.name, tuple(by * p for p in self.parameters))
         parameters = {"loc": 0.0, "scale": 1.0} | dict(self.parameters)
         parameters["loc"] *= by
@@ -56,11 +56,11 @@ class Distribution:
 
     def as_table(self) -> dict[str, Any]:
         """The distribution as it is written in a scene file."""
-        return {self.name: dict(self.parameters) if self.by_scipy else list(self.parameters)}
+        return {self.name: dict(self.parameters) if self.uses_scipy else list(self.parameters)}
 
     def words(self) -> str:
         """The distribution as people read it."""
-        pairs = [f"{k} = {v:g}" for k, v in self.parameters] if self.by_scipy else None
+        pairs = [f"{k} = {v:g}" for k, v in self.parameters] if self.uses_scipy else None
         return f"{self.name}({', '.join(pairs or [f'{p:g}' for p in self.parameters])})"
 
     def least(self) -> float:
@@ -103,7 +103,7 @@ class Distribution:
         if self.name == "uniform":
             low, high = max(low, self.parameters[0]), min(high, self.parameters[1])
         law = Truncated("truncated", (self, float(low), float(high)))
-        if not law.share() > 1e-300:  # pure: smaller shares leave no digits to divide by
+        if not law.acceptance() > 1e-300:  # pure: smaller shares leave no digits to divide by
             rule = "the distribution has no numbers between these"
             raise SceneError(rule, at="between", value=given)
         # a uniform one has bits of its own, which are the same for every version of scipy
@@ -111,7 +111,7 @@ class Distribution:
 
     def frozen(self) -> Any:
         """The distribution as scipy knows it."""
-        if self.by_scipy:
+        if self.uses_scipy:
             return _scipy(self.name)(**dict(self.parameters))
         a, b = self.parameters
         return _scipy("norm")(a, b) if self.name == "normal" else _scipy("uniform")(a, b - a)
@@ -125,11 +125,11 @@ class Truncated(Distribution):
     """
 
     @property
-    def by_scipy(self) -> bool:
+    def uses_scipy(self) -> bool:
         """Distribution function and quantiles are scipy's."""
         return True
 
-    def share(self) -> float:
+    def acceptance(self) -> float:
         """The share of the numbers of the whole distribution that lie between the bounds."""
         _, below, above, _ = self._ends()
         return abs(above - below)
@@ -323,9 +323,9 @@ class Mixture(Distribution):
         return np.array(weights) / math.fsum(weights)
 
     @property
-    def by_scipy(self) -> bool:
+    def uses_scipy(self) -> bool:
         """Whether scipy computes quantiles of a part."""
-        return any(law.by_scipy for _, law in self.parameters)
+        return any(law.uses_scipy for _, law in self.parameters)
 
     def ppf(self, u: Array) -> Array:
         """The number of each u, an array in (0, 1): u tells the part, and its place in it.

@@ -9,7 +9,7 @@ from rigidmc.scene.body import Body
 from rigidmc.scene.quantities import Grid
 from rigidmc.scene.start import Start
 from rigidmc.scene.validation import PILOT
-from rigidmc.scene.vector_distributions.protocol import Law
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 Change = Callable[[Any], Any]
 
@@ -25,7 +25,7 @@ class Model(NamedTuple):
     start: Start
 
     def quantities(self) -> tuple[Any, ...]:
-        """All numbers, distributions, grids, arrays and laws, which may differ from member to
+        """All numbers, distributions, grids and arrays, which may differ from member to
         member."""
         parameters = (value for effect in self.effects for _, _, value in numbers(effect))
         return (*self.body.quantities(), *self.start.quantities(), *parameters)
@@ -35,7 +35,7 @@ class Model(NamedTuple):
         parts = {
             key: _mapped(getattr(self.body, key), change) for key in ("moments", "mass", "centre")
         }
-        start, which = self.start, self.start.which
+        start, which = self.start, self.start.spin_name
         starts = {which: _mapped(getattr(start, which), change)}
         if not isinstance(start.attitude, str):
             starts["attitude"] = _mapped(start.attitude, change)
@@ -61,8 +61,9 @@ class Model(NamedTuple):
 
 
 def _mapped(value: Any, change: Change) -> Any:
-    """A quantity changed, or a law, an effect or a tuple with each of its quantities changed."""
-    if isinstance(value, Law):
+    """A quantity changed, or a distribution, an effect or a tuple with each of its quantities
+    changed."""
+    if isinstance(value, VectorDistribution):
         return replace(value, **{k: _mapped(v, change) for k, v in value.as_dict().items()})
     if isinstance(value, tuple):
         parts = [_mapped(x, change) for x in value]

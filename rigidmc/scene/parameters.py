@@ -15,14 +15,14 @@ from rigidmc.physics.effects.protocol import shape, user_parameters
 from rigidmc.scene.body import Body
 from rigidmc.scene.quantities import Grid
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.vector_distributions.protocol import Law
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 _ANGLES = {"phi": 0, "theta": 1, "psi": 2}
 _BY_MASS = [name for name, make in SOLIDS.items() if "mass" in signature(make).parameters]
-_FIXED = ("axis", "covariance", "direction")  # fields of laws that no map varies
+_FIXED = ("axis", "covariance", "direction")  # fields of distributions that no map varies
 
 
-def parameters(scene: Scene) -> list[str]:
+def parameter_names(scene: Scene) -> list[str]:
     """The names of all numbers of a scene that may differ from member to member."""
     solid = _solid_of(scene.body)
     if solid is not None:
@@ -30,9 +30,9 @@ def parameters(scene: Scene) -> list[str]:
     else:
         names = [*_of("body.moments", scene.body.moments), "body.mass"]
         names += [f"body.centre.{i}" for i in (1, 2, 3)]
-    which = scene.start.which
+    which = scene.start.spin_name
     names += _of(f"start.{which}", getattr(scene.start, which))
-    if scene.start.by_euler_angles:
+    if scene.start.has_euler_angles:
         names += [f"start.attitude.{name}" for name in _ANGLES]
     for label, effect in label_effects(scene.effects):
         for field in user_parameters(effect):
@@ -42,8 +42,8 @@ def parameters(scene: Scene) -> list[str]:
 
 
 def _of(name: str, value: Any) -> list[str]:
-    """The names of the numbers of three components, or of a law."""
-    if not isinstance(value, Law):
+    """The names of the numbers of three components, or of a distribution."""
+    if not isinstance(value, VectorDistribution):
         return [f"{name}.{i}" for i in (1, 2, 3)]
     names = []
     for field, part in value.as_dict().items():
@@ -63,9 +63,9 @@ def with_parameter(
     """The scene with a number, distribution or grid in place of one of its parameters; SceneError
     with the nearest name.
 
-    key : what the error calls the parameter;  names : which there are, by default `parameters`
+    key : what the error calls the parameter;  names : which there are, by default `parameter_names`
     """
-    names = parameters(scene) if names is None else names
+    names = parameter_names(scene) if names is None else names
     table, first, *rest = name.split(".")
     solid = _solid_of(scene.body) if table == "body" else None
     if solid is not None:
@@ -97,7 +97,7 @@ def _solid_of(body: Any) -> str | None:
     moments, mass, centre = (values[..., 0] for values in body.sample(0, 0, 1))
     made = Body.solid(part.solid, mass=float(mass), **part.sizes)
     if any(part.at):
-        made = made.pivoted_at(tuple(-x for x in part.at))
+        made = made.with_pivot(tuple(-x for x in part.at))
     long = np.sqrt(max(made.moments) / mass)
     off = moments / max(made.moments) - np.array(made.moments) / max(made.moments)
     away = (centre - made.to_principal(made.centre)) / long
@@ -123,11 +123,11 @@ def _of_mass(body: Any, solid: str, name: str, value: Any, key: str) -> Any:
 
 
 def _put(whole: Any, path: Sequence[str], value: Any) -> Any:
-    """An effect, a law or a tuple with a value in one place."""
+    """An effect, a distribution or a tuple with a value in one place."""
     if not path:
         return value
     field, *rest = path
-    if isinstance(whole, Law):
+    if isinstance(whole, VectorDistribution):
         return replace(whole, **{field: _put(getattr(whole, field), rest, value)})
     if hasattr(whole, "_replace"):  # an effect
         return whole._replace(**{field: _put(getattr(whole, field), rest, value)})

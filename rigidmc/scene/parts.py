@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from importlib.metadata import version
 from typing import Any, Self
 
 from rigidmc.errors import SceneError, unknown
@@ -19,20 +18,18 @@ from rigidmc.physics.observables import (
 from rigidmc.physics.observables.histogram import Histogram
 from rigidmc.physics.observables.saving import check_keep
 from rigidmc.scene.body import Body
-from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.model import Model
-from rigidmc.scene.quantities import rows
-from rigidmc.scene.settings import Run, changed
+from rigidmc.scene.quantities import count_rows
+from rigidmc.scene.settings import Run, with_changes
 from rigidmc.scene.start import Start
 from rigidmc.scene.validation import (
+    check_effect,
     check_histogram,
-    check_saved,
-    checked_effect,
-    checked_observable,
+    check_observable,
+    check_saved_names,
     named_integrators,
-    place,
+    observable_order,
 )
-from rigidmc.scene.vector_distributions.protocol import Law
 
 _CURES = {
     "body": ", such as rm.Body((1.0, 2.0, 2.5)); rm.Scene.load takes files and names",
@@ -53,6 +50,9 @@ _GONE = {
     "watched": "rm.prepare(scene).layout.recording.monitored has it",
     "histograms": _RECORDING,
     "observable": _RECORDING,
+    "quantities": "scene.model.quantities() has them",
+    "rows_to_run": "rm.prepare(scene).plan.members is how many members run",
+    "drawn_through": 'a result has it as its attribute "drawn"',
 }
 
 
@@ -90,7 +90,7 @@ class Parts:
 
     Examples
     --------
-    >>> body = rm.Body.cylinder(1.0, 0.1, 0.4).pivoted_at((0.0, 0.0, -0.2))
+    >>> body = rm.Body.cylinder(1.0, 0.1, 0.4).with_pivot((0.0, 0.0, -0.2))
     >>> start = rm.Start(omega=(0.0, 0.0, rm.normal(200.0, 1.0)), attitude=(0.0, 0.3, 0.0))
     >>> scene = rm.Scene(body, rm.Gravity(9.81), start, rm.Run(t_end=2.0, dt=1e-3))
     """
@@ -112,10 +112,10 @@ class Parts:
                 raise SceneError(f"expected a {kind.__name__}{_CURES[key]}", at=key, value=value)
         several = isinstance(self.effects, (list, tuple)) and not is_effect(self.effects)
         effects: Iterable[Any] = self.effects if several else (self.effects,)
-        effects = canonical(tuple(checked_effect(e, self.run.anti_damping) for e in effects))
+        effects = canonical(tuple(check_effect(e, self.run.anti_damping) for e in effects))
         alone = not isinstance(self.observables, (list, tuple)) or is_observable(self.observables)
         given: Iterable[Any] = (self.observables,) if alone else self.observables
-        observables = sorted(map(checked_observable, given), key=place)
+        observables = sorted(map(check_observable, given), key=observable_order)
         for one in observables:
             if isinstance(one, Histogram):
                 check_histogram(one, observables)
@@ -123,7 +123,7 @@ class Parts:
         object.__setattr__(self, "observables", tuple(observables))
         own = named_integrators(self.integrators)
         object.__setattr__(self, "integrators", tuple(own.values()))
-        rows(*self.quantities())
+        count_rows(*self.model.quantities())
 
     def __getattr__(self, name: str) -> Any:
         """An attribute that there was before: the error names what takes its place."""
@@ -141,21 +141,6 @@ class Parts:
         (Gravity(g=9.81),)
         """
         return Model(self.body, self.effects, self.start)
-
-    def quantities(self) -> tuple[Any, ...]:
-        """All quantities that may differ from member to member.
-
-        Returns
-        -------
-        tuple
-            numbers, distributions, grids, arrays and laws of body, start and effects
-
-        Examples
-        --------
-        >>> rm.Scene(rm.Body((1.0, 2.0, 3.0)), rm.Gravity(9.81)).quantities()[-1]
-        9.81
-        """
-        return self.model.quantities()
 
     def with_model(self, model: Model) -> Self:
         """Make the same scene with other numbers of body, effects and start.
@@ -178,43 +163,6 @@ class Parts:
         (Gravity(g=1.62),)
         """
         return replace(self, **model._asdict())
-
-    def rows_to_run(self) -> int | None:
-        """The number of members that arrays with one row per member leave to run.
-
-        Returns
-        -------
-        int or None
-            None without such arrays, or if the scene has a number of members of its own
-
-        Examples
-        --------
-        >>> body = rm.Body(np.array([[1.0, 2.0, 2.5], [1.0, 1.5, 2.0]]))
-        >>> rm.Scene(body).rows_to_run()
-        2
-        """
-        count = rows(*self.quantities())
-        if count is None or "members" in self.run.model_fields_set:
-            return None
-        return count - self.run.first
-
-    def drawn_through(self) -> str:
-        """The library that draws numbers of the scene whose bits may change with its version.
-
-        Returns
-        -------
-        str
-            in words; "" if rigidmc alone draws them
-
-        Examples
-        --------
-        >>> rm.Scene.load("dzhanibekov").drawn_through()
-        ''
-        """
-        laws = any(isinstance(q, (Distribution, Law)) and q.by_scipy for q in self.quantities())
-        if not laws and self.run.points not in ("sobol", "latin_hypercube"):
-            return ""
-        return f"through scipy {version('scipy')}: the bits are those of this version"
 
     def with_run(self, **settings: Any) -> Self:
         """Make the same scene with other run settings.
@@ -260,10 +208,10 @@ class Parts:
         scene = self
         if not isinstance(given.get("integrator", ""), str):
             scene, (given["integrator"],) = self.with_integrators([given["integrator"]])
-        run, integrators = changed(self.run, given), (*scene.known_integrators(), "auto")
+        run, integrators = with_changes(self.run, given), (*scene.known_integrators(), "auto")
         if run.integrator not in integrators:
             raise unknown("integrator", integrators, at="run.integrator", value=run.integrator)
-        check_saved(run.save, observables)
+        check_saved_names(run.save, observables)
         check_keep(run.keep, observables)
         return replace(scene, run=run, observables=observables)
 

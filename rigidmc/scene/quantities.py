@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.arrays import is_number, placed
+from rigidmc.arrays import as_plain_arrays, is_number
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.functions import power
@@ -139,7 +139,7 @@ def quantity(value: Any, at: str) -> Any:
     anything else."""
     if isinstance(value, (Distribution, Grid, Varied)):
         return value
-    value = placed(value, at)
+    value = as_plain_arrays(value, at)
     if is_number(value):
         return float(value)
     if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiu":
@@ -160,7 +160,7 @@ def quantity(value: Any, at: str) -> Any:
 
 def vector(values: Any, at: str, size: int = 3) -> tuple[Any, ...]:
     """A tuple of `size` quantities, from a sequence of them or an array (members, size)."""
-    values = placed(values, at)
+    values = as_plain_arrays(values, at)
     rule = f"expected {size} components, or an array of shape (members, {size})"
     if isinstance(values, np.ndarray) and values.ndim != 1:
         if values.ndim != 2 or values.shape[1] != size:
@@ -172,7 +172,7 @@ def vector(values: Any, at: str, size: int = 3) -> tuple[Any, ...]:
     return tuple(quantity(v, at) for v in values)
 
 
-def rows(*quantities: Any) -> int | None:
+def count_rows(*quantities: Any) -> int | None:
     """The number of rows of the arrays among the quantities; None if there are no arrays."""
     sizes = {q.size for q in quantities if isinstance(q, np.ndarray)}
     if len(sizes) > 1:
@@ -189,28 +189,28 @@ def of_members(value: Any, members: NDArray[np.int64]) -> Any:
     return value[members] if isinstance(value, np.ndarray) else value
 
 
-def is_open(*values: Any) -> bool:
+def is_variable(*values: Any) -> bool:
     """Whether the first members do not determine the range of all: whether a value is a
-    distribution, a grid, a law of a whole vector, or a tuple with one of these."""
+    distribution, also of a whole vector, a grid, or a tuple with one of these."""
     return any(
-        any(map(is_open, v)) if type(v) is tuple else not isinstance(v, (float, np.ndarray))
+        any(map(is_variable, v)) if type(v) is tuple else not isinstance(v, (float, np.ndarray))
         for v in values
     )
 
 
 def is_shared(*values: Any) -> bool:
-    """Whether all members have the same values: plain numbers, or tuples of plain numbers. A law of
-    a whole vector is never shared, even if its parameters are plain numbers."""
+    """Whether all members have the same values: plain numbers, or tuples of plain numbers. A
+    distribution of a whole vector is never shared, even if its parameters are plain numbers."""
     return all(all(map(is_shared, v)) if type(v) is tuple else isinstance(v, float) for v in values)
 
 
-def is_seed(source: Source) -> TypeGuard[int]:
+def is_seed(sampler: Source) -> TypeGuard[int]:
     """Whether numbers are drawn from a seed, independently for each member."""
-    return isinstance(source, (int, np.integer))
+    return isinstance(sampler, (int, np.integer))
 
 
-def numbers(
-    source: Source,
+def draw_uniforms(
+    sampler: Source,
     name: str,
     first: int,
     count: int,
@@ -219,13 +219,13 @@ def numbers(
 ) -> Array:
     """(4, count) numbers in (0, 1) for members first ... first + count - 1, of which the rows
     `used` matter."""
-    if is_seed(source):
-        return uniforms(source, name, first, count, draw)
+    if is_seed(sampler):
+        return uniforms(sampler, name, first, count, draw)
     # a TypeGuard does not narrow the other branch
-    return source.words(name, first, count, draw, used)  # type: ignore[union-attr]
+    return sampler.words(name, first, count, draw, used)  # type: ignore[union-attr]
 
 
-def draw(quantities: Sequence[Any], source: Source, name: str, first: int, count: int) -> Array:
+def draw(quantities: Sequence[Any], sampler: Source, name: str, first: int, count: int) -> Array:
     """(len(quantities), count) values for members first ... first + count - 1. Component i takes
     word i % 4 of draw i // 4 of the random stream `name`.
 
@@ -238,7 +238,7 @@ def draw(quantities: Sequence[Any], source: Source, name: str, first: int, count
             if i // 4 not in words:
                 group = range(i, min(len(quantities), i // 4 * 4 + 4))
                 used = tuple(j % 4 for j in group if isinstance(quantities[j], Distribution))
-                words[i // 4] = numbers(source, name, first, count, i // 4, used)
+                words[i // 4] = draw_uniforms(sampler, name, first, count, i // 4, used)
             values[i] = q.ppf(words[i // 4][i % 4])
         elif isinstance(q, Grid):
             values[i] = q.at(first, count)

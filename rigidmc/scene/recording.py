@@ -6,9 +6,15 @@ from typing import Any, NamedTuple
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import facts, is_conservative, is_random
-from rigidmc.physics.observables import bind, named, recorded, saved, watched
+from rigidmc.physics.observables import (
+    bind,
+    find_observable,
+    monitored_observables,
+    recorded_observables,
+    saved_observables,
+)
 from rigidmc.physics.observables.protocol import EnsembleObservable
-from rigidmc.physics.observables.saving import kept, summaries
+from rigidmc.physics.observables.saving import save_words, summaries
 from rigidmc.scene.parts import Parts
 
 Labelled = tuple[tuple[str, Any], ...]  # (label, observable) of each
@@ -34,7 +40,7 @@ class Recording(NamedTuple):
 
     def observable(self, name: str) -> Any:
         """The observable at save times of a name, shipped or of the user's own."""
-        return named(self.observables, name)
+        return find_observable(self.observables, name)
 
     @property
     def histograms(self) -> Labelled:
@@ -44,17 +50,17 @@ class Recording(NamedTuple):
         )
 
 
-def recording(scene: Parts) -> Recording:
+def make_recording(scene: Parts) -> Recording:
     """The Recording of a scene."""
     save, given = scene.run.save, scene.observables
-    names = saved(save, given)
-    retained = kept(scene.run.keep, names, given)
-    at_saves = recorded(save, given)
+    names = saved_observables(save, given)
+    retained = save_words(scene.run.keep, names, given)
+    at_saves = recorded_observables(save, given)
     return Recording(
         names,
         retained,
         {name: bind(one, scene.effects) for name, one in at_saves.items()},
-        tuple(watched((*save, *summaries(retained)), given)),
+        tuple(monitored_observables((*save, *summaries(retained)), given)),
         "work" in save,
         given,
     )
@@ -83,7 +89,7 @@ def conservation(effects: Sequence[Any], has_work: bool) -> dict[str, str]:
     }
 
 
-def untracked(effects: Sequence[Any]) -> list[str]:
+def untracked_effects(effects: Sequence[Any]) -> list[str]:
     """The labels of the effects whose work is no part of `energy`."""
     return [label for label, e in label_effects(effects) if not implements(e, "energy")]
 

@@ -14,6 +14,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -25,11 +26,12 @@ from rigidmc.physics.effects import EFFECTS, label_effects
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.model import Model
-from rigidmc.scene.quantities import Grid
-from rigidmc.scene.vector_distributions.protocol import Law, numbers_of
+from rigidmc.scene.quantities import Grid, count_rows
+from rigidmc.scene.settings import Run
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution, flat_parameters
 
 Array = NDArray[np.float64]
-Dimension = tuple[str, int, int]  # name of the random stream, draw, word
+RandomDimension = tuple[str, int, int]  # name of the random stream, draw, word
 
 # bits of a Sobol point, hence 2^30 points (scipy 1.17 cannot skip ahead with more than 32 bits);
 # half a step is added, so that no number is 0
@@ -43,11 +45,11 @@ DISTANCES = tuple(0.25**k for k in range(1, 13))
 NEAREST = {"float64": 0.5**28, "float32": 0.5**11}
 
 
-class Recorder:
+class DimensionProbe:
     """Notes which numbers are drawn instead of drawing them."""
 
     def __init__(self) -> None:
-        self.dimensions: list[Dimension] = []
+        self.dimensions: list[RandomDimension] = []
 
     def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
         drawn = [(name, draw, i) for i in used]
@@ -55,7 +57,7 @@ class Recorder:
         return np.full((4, count), 0.5)
 
 
-class Antithetic:
+class AntitheticPairs:
     """Pairs of members: if the first draws u, the second has 1 - u. The u of pairs are independent
     numbers of a seed."""
 
@@ -78,7 +80,7 @@ class Saltelli:
     group : {dimension: number of its group, from 0 on}
     """
 
-    def __init__(self, seed: int, group: Mapping[Dimension, int]) -> None:
+    def __init__(self, seed: int, group: Mapping[RandomDimension, int]) -> None:
         self.seed, self.group = seed, group
         self.size = 2 + len(set(group.values()))
 
@@ -94,11 +96,11 @@ class Saltelli:
         return words
 
 
-class Given:
+class FixedPoints:
     """Numbers in (0, 1) that a study has chosen: member i has column i of `numbers` (d, members),
-    whose rows are the `dimensions` that a Recorder noted."""
+    whose rows are the `dimensions` that a DimensionProbe noted."""
 
-    def __init__(self, dimensions: Sequence[Dimension], numbers: Array) -> None:
+    def __init__(self, dimensions: Sequence[RandomDimension], numbers: Array) -> None:
         self.place = {dimension: i for i, dimension in enumerate(dimensions)}
         self.numbers = numbers
 
@@ -109,19 +111,19 @@ class Given:
         return words
 
 
-class Neighbours:
+class NeighbourFamilies:
     """Families of a member and its neighbours at each of DISTANCES, for d numbers or groups.
 
     The first member of a family draws independent numbers u of a seed; the others have those, but
     in group `family % d` u + distance, or u - distance where the sum is not below 1. Distances are
-    those of probabilities: of a uniform law they are shares of its range.
+    those of probabilities: of a uniform distribution they are shares of its range.
 
     group : {dimension: number of its group, from 0 on}
     """
 
     size = 1 + len(DISTANCES)
 
-    def __init__(self, seed: int, group: Mapping[Dimension, int]) -> None:
+    def __init__(self, seed: int, group: Mapping[RandomDimension, int]) -> None:
         self.seed, self.group, self.groups = seed, group, len(set(group.values()))
 
     def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
@@ -137,16 +139,16 @@ class Neighbours:
         return words
 
 
-class Points:
+class PointSequence:
     """The points of an ensemble.
 
     kind : "sobol" or "latin_hypercube"
-    dimensions : what each dimension is for, as a Recorder noted it
+    dimensions : what each dimension is for, as a DimensionProbe noted it
     strata : number of strata of a Latin hypercube
     """
 
     def __init__(
-        self, seed: int, kind: str, dimensions: Sequence[Dimension], strata: int | None = None
+        self, seed: int, kind: str, dimensions: Sequence[RandomDimension], strata: int | None = None
     ) -> None:
         self.place = {dimension: i for i, dimension in enumerate(dimensions)}
         self._lock, self._at = threading.Lock(), 0
@@ -203,7 +205,7 @@ def _engine(name: str, dimensions: int, rng: np.random.Generator, **options: Any
     return kind(dimensions, **{key: rng}, **options)
 
 
-class Tangents:
+class TangentFamilies:
     """Families of a member and a neighbour at NEAREST along each of the d numbers.
 
     The first member of a family has a Sobol point u; member 1 + k has those numbers, but number k
@@ -212,7 +214,9 @@ class Tangents:
     group : {dimension: anything}
     """
 
-    def __init__(self, seed: int, group: Mapping[Dimension, int], dtype: str = "float64") -> None:
+    def __init__(
+        self, seed: int, group: Mapping[RandomDimension, int], dtype: str = "float64"
+    ) -> None:
         self.base, self.size = points(seed, "sobol", tuple(group)), 1 + len(group)
         self.nearest = NEAREST[dtype]
 
@@ -230,25 +234,44 @@ class Tangents:
 
 @lru_cache(maxsize=8)
 def points(
-    seed: int, kind: str, dimensions: tuple[Dimension, ...], strata: int | None = None
-) -> Points:
-    """The Points with these properties, computed once."""
-    return Points(seed, kind, dimensions, strata)
+    seed: int, kind: str, dimensions: tuple[RandomDimension, ...], strata: int | None = None
+) -> PointSequence:
+    """The PointSequence with these properties, computed once."""
+    return PointSequence(seed, kind, dimensions, strata)
 
 
-Design = Saltelli | Neighbours | Tangents
+FamilyDesign = Saltelli | NeighbourFamilies | TangentFamilies
 # of a seed, groups, and the precision of the run
-DESIGNS: dict[str, Callable[[int, Mapping[Dimension, int], str], Design]] = {
+DESIGNS: dict[str, Callable[[int, Mapping[RandomDimension, int], str], FamilyDesign]] = {
     "saltelli": lambda seed, group, _: Saltelli(seed, group),
-    "neighbours": lambda seed, group, _: Neighbours(seed, group),
-    "tangents": Tangents,
+    "neighbours": lambda seed, group, _: NeighbourFamilies(seed, group),
+    "tangents": TangentFamilies,
 }
 
 
 def is_drawn(model: Model) -> bool:
     """Whether body, effects or start draw a number of each member."""
     words = isinstance(model.start.attitude, str)  # "uniform" or "ensemble"
-    return words or any(isinstance(q, (Distribution, Law)) for q in model.quantities())
+    return words or any(
+        isinstance(q, (Distribution, VectorDistribution)) for q in model.quantities()
+    )
+
+
+def rows_to_run(model: Model, run: Run) -> int | None:
+    """How many members arrays with one row per member leave to run; None without such arrays, or if
+    the run has a number of members of its own."""
+    count = count_rows(*model.quantities())
+    return None if count is None or "members" in run.model_fields_set else count - run.first
+
+
+def drawn_through(model: Model, run: Run) -> str:
+    """The library that draws numbers of the members, in words, if its version may change their
+    bits; "" if rigidmc alone draws them."""
+    kinds = Distribution, VectorDistribution
+    through = any(isinstance(q, kinds) and q.uses_scipy for q in model.quantities())
+    if not through and run.points not in ("sobol", "latin_hypercube"):
+        return ""
+    return f"through scipy {version('scipy')}: the bits are those of this version"
 
 
 def is_sample(model: Model) -> bool:
@@ -280,7 +303,7 @@ def _several(tables: Any) -> list[Any]:
 
 
 def _differs(value: Any) -> bool:
-    """Whether a value of a scene file has a distribution, a law or a table in it."""
+    """Whether a value of a scene file has a distribution or a table in it."""
     if isinstance(value, list):
         return any(map(_differs, value))
     return isinstance(value, dict) and "grid" not in value
@@ -313,8 +336,8 @@ def _named(model: Model) -> Iterator[tuple[str, Any]]:
     """(path, quantity) of all quantities."""
     body, start = model.body, model.start
     given: list[tuple[str, Any]] = [
-        (f"body.{body.given}", body.moments), ("body.mass", body.mass),
-        ("body.centre", body.centre), (f"start.{start.which}", getattr(start, start.which)),
+        (f"body.{body.inertia_key}", body.moments), ("body.mass", body.mass),
+        ("body.centre", body.centre), (f"start.{start.spin_name}", getattr(start, start.spin_name)),
         ("start.attitude", start.attitude),
     ]  # fmt: skip
     for label, effect in label_effects(model.effects):
@@ -323,5 +346,5 @@ def _named(model: Model) -> Iterator[tuple[str, Any]]:
             for key, value in zip(effect._fields, effect, strict=True)
         ]
     for at, value in given:
-        parts = numbers_of(value) if isinstance(value, Law) else value
+        parts = flat_parameters(value) if isinstance(value, VectorDistribution) else value
         yield from ((at, one) for one in (parts if type(parts) is tuple else (parts,)))

@@ -13,7 +13,8 @@ from rigidmc.files.opening import is_zarr
 from rigidmc.scene.body import Body
 from rigidmc.scene.library import read_source
 from rigidmc.scene.parts import Parts
-from rigidmc.scene.toml.read import Settings, located, parts_of
+from rigidmc.scene.sampling import rows_to_run
+from rigidmc.scene.toml.read import Settings, locate_source, read_parts
 from rigidmc.scene.toml.write import dumps
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ class Scene(Parts):
         >>> scene.effects
         (Gravity(g=1.62),)
         """
-        file = located(source)
+        file = locate_source(source)
         if file.lower().endswith(".nc") or is_zarr(file):
             return scene_of(file, settings, allow_code)
         title = os.path.basename(file).removesuffix(".toml")
@@ -162,8 +163,8 @@ def loads(
         physics stand in for it
     """
     with in_file(file):
-        scene = Scene(**parts_of(text, file, settings, stored, title, allow_code))
-        return scene.with_run(members=scene.rows_to_run())
+        scene = Scene(**read_parts(text, file, settings, stored, title, allow_code))
+        return scene.with_run(members=rows_to_run(scene.model, scene.run))
 
 
 def scene_of(

@@ -1,7 +1,8 @@
 """The settings of a run, defined once: the table [run] of a scene file, the keywords of `simulate`
 and the options of the command line all follow from the fields of `Run`.
 
-`changed` makes a Run with other settings; `idle` names those that have no effect beside others.
+`with_changes` makes a Run with other settings; `idle` names those that have no effect beside
+others.
 """
 
 import functools
@@ -71,7 +72,7 @@ class Table(BaseModel):
 Model = TypeVar("Model", bound=Table)
 
 
-def table_of(
+def check_table(
     model: type[Model], settings: Mapping[str, Any], at: str, given: Mapping[str, Any] | None = None
 ) -> Model:
     """A table with its keys and values checked; SceneError.
@@ -191,7 +192,7 @@ def types() -> dict[str, Any]:
     return {name: _without_none(hints[name]) for name in Run.model_fields}
 
 
-def parameters(names: Iterable[str]) -> str:
+def document_settings(names: Iterable[str]) -> str:
     """Settings as numpydoc lists them in a docstring."""
     lines = []
     for name in names:
@@ -222,7 +223,7 @@ def _without_none(hint: Any) -> Any:
 
 
 Run.__doc__ = inspect.cleandoc(Run.__doc__ or "").replace(
-    "{settings}", parameters(Run.model_fields)
+    "{settings}", document_settings(Run.model_fields)
 )
 
 Arguments = ParamSpec("Arguments")
@@ -253,7 +254,7 @@ def takes_settings(function: Callable[Arguments, Result]) -> Callable[Arguments,
     shown = signature.replace(parameters=[*named, *more])
     checked.__signature__ = shown  # type: ignore[attr-defined]
     about = inspect.cleandoc(function.__doc__ or "")  # as Python 3.13 keeps docstrings anyway
-    checked.__doc__ = about.replace("{settings}", parameters(words))
+    checked.__doc__ = about.replace("{settings}", document_settings(words))
     return checked
 
 
@@ -303,7 +304,7 @@ def _without_effect(run: Run) -> Iterator[tuple[str, str]]:
         yield "thin", "nothing is kept thinned"
 
 
-def changed(run: Run, given: Mapping[str, Any]) -> Run:
+def with_changes(run: Run, given: Mapping[str, Any]) -> Run:
     """A Run with the settings `given` in place of its own; SceneError.
 
     A tolerance replaces integrator and step, and `turn` replaces dt. Settings that lose their
@@ -316,8 +317,8 @@ def changed(run: Run, given: Mapping[str, Any]) -> Run:
     if "save" in given and isinstance(run.keep, dict):
         kept["keep"] = {name: word for name, word in run.keep.items() if name in given["save"]}
     settings = {**kept, **given}
-    new = table_of(Run, settings, "run", given)
+    new = check_table(Run, settings, "run", given)
     lost = idle(new).keys() - idle(run).keys() - given.keys() - STAYS
     if not lost & settings.keys():
         return new
-    return table_of(Run, {k: v for k, v in settings.items() if k not in lost}, "run", given)
+    return check_table(Run, {k: v for k, v in settings.items() if k not in lost}, "run", given)

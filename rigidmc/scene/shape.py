@@ -17,7 +17,7 @@ MOST_CORNERS = 2000  # of a mesh; the text of a scene with 1,902 of them has 320
 MOST_PARTS = 200
 
 
-class Part(NamedTuple):
+class ShapePart(NamedTuple):
     """One solid of a shape, placed in the described axes of its body.
 
     solid : a name in `rigidmc.mechanics.solids.SOLIDS`, "particles" or "mesh"
@@ -42,7 +42,7 @@ class Part(NamedTuple):
         words += [f"{k}={v}" for k, v in more.items() if v != self._field_defaults[k]]
         return f"{self.solid}({', '.join(words)})"
 
-    def placed(self, at: ArrayLike, turned: ArrayLike = UPRIGHT) -> "Part":
+    def placed(self, at: ArrayLike, turned: ArrayLike = UPRIGHT) -> "ShapePart":
         """The part after its body was turned about the origin, then moved."""
         origin = rotation.to_space(turned, np.array(self.at)) + floats(at, "at", 3)
         attitude = rotation.product(turned, self.turned)
@@ -59,7 +59,7 @@ class Part(NamedTuple):
         return table
 
 
-Shape = tuple[Part, ...]
+Shape = tuple[ShapePart, ...]
 
 
 def sizes_of(solid: str) -> tuple[str, ...]:
@@ -74,7 +74,7 @@ def sizes_of(solid: str) -> tuple[str, ...]:
     return tuple(name for name in names if name not in ("mass", "density"))
 
 
-def shape_of(tables: Any) -> Shape:
+def read_shape(tables: Any) -> Shape:
     """The shape in the tables [[body.shape]] of a scene file.
 
     Raises SceneError for a solid or a size that does not exist, and for sizes that are no positive
@@ -88,7 +88,7 @@ def shape_of(tables: Any) -> Shape:
     return tuple(map(_part_of, tables))
 
 
-def _part_of(table: dict[str, Any]) -> Part:
+def _part_of(table: dict[str, Any]) -> ShapePart:
     at = "body.shape"
     if not isinstance(table.get("solid"), str):
         rule = 'each part names its solid, e.g. solid = "cylinder"'
@@ -113,7 +113,7 @@ def _part_of(table: dict[str, Any]) -> Part:
         raise SceneError("expected one for each of the masses", at=f"{at}.positions")
     place = _numbers("at", table.get("at", ORIGIN), (3,))
     turned = rotation.quaternion(_numbers("turned", table.get("turned", UPRIGHT), (4,)))
-    return Part(solid, sizes, tuple(place.tolist()), tuple(turned.tolist()), hole)
+    return ShapePart(solid, sizes, tuple(place.tolist()), tuple(turned.tolist()), hole)
 
 
 def _size(solid: str, key: str, value: Any) -> Any:
@@ -145,7 +145,7 @@ def _numbers(key: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float64
     return array
 
 
-def of_mesh(triangles: NDArray[np.float64]) -> Part:
+def shape_of_mesh(triangles: NDArray[np.float64]) -> ShapePart:
     """The part of a closed mesh, triangles (n, 3, 3) [m], with at most about MOST_CORNERS corners.
 
     Corners in one cell of a lattice become one, at their mean; numbers keep five digits.
@@ -167,30 +167,30 @@ def of_mesh(triangles: NDArray[np.float64]) -> Part:
     faces = index.reshape(-1, 3)
     a, b, c = faces.T
     faces = np.unique(faces[(a != b) & (b != c) & (c != a)], axis=0)
-    return Part("mesh", {"corners": _tuples(means.round(digits)), "faces": _tuples(faces)})
+    return ShapePart("mesh", {"corners": _tuples(means.round(digits)), "faces": _tuples(faces)})
 
 
-def of_particles(masses: NDArray[np.float64], positions: NDArray[np.float64]) -> Shape:
+def shape_of_particles(masses: NDArray[np.float64], positions: NDArray[np.float64]) -> Shape:
     """The shape of particles with masses (N,) at positions (N, 3); none of too many."""
     if masses.size > MOST_CORNERS:
         return ()
-    return (Part("particles", {"masses": _tuples(masses), "positions": _tuples(positions)}),)
+    return (ShapePart("particles", {"masses": _tuples(masses), "positions": _tuples(positions)}),)
 
 
-def of_region(region: Any) -> Shape:
+def shape_of_region(region: Any) -> Shape:
     """The shape of a region of `Body.from_density`: of a box or a cylinder, otherwise none."""
     if region[0] == "box":
         low, high = np.array(region[1:], dtype=float).T
         size, at = _tuples(high - low), _tuples(0.5 * (high + low))
-        return (Part("box", {"size": size}, at),)
+        return (ShapePart("box", {"size": size}, at),)
     if region[0] == "cylinder":
         _, radius, (low, high) = region
         sizes = {"radius": float(radius), "height": float(high - low)}
-        return (Part("cylinder", sizes, (0.0, 0.0, 0.5 * float(high + low))),)
+        return (ShapePart("cylinder", sizes, (0.0, 0.0, 0.5 * float(high + low))),)
     return ()
 
 
-def joined(one: Shape, other: Iterable[Part], hole: bool) -> Shape:
+def join_shapes(one: Shape, other: Iterable[ShapePart], hole: bool) -> Shape:
     """Both shapes as one, the other placed already; none if one of them is not known."""
     parts = tuple(part._replace(hole=part.hole != hole) for part in other)
     return (*one, *parts) if one and parts else ()

@@ -6,33 +6,46 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.arrays import floats, placed
-from rigidmc.errors import SceneError, unknown
+from rigidmc.arrays import as_plain_arrays, floats
+from rigidmc.errors import Renamed, SceneError, unknown
 from rigidmc.mechanics.rotation import quaternion_from_euler, quaternion_from_matrix
-from rigidmc.scene.quantities import Source, draw, is_open, is_shared, numbers, rows, vector
-from rigidmc.scene.vector_distributions import checked
+from rigidmc.scene.quantities import (
+    Source,
+    count_rows,
+    draw,
+    draw_uniforms,
+    is_shared,
+    is_variable,
+    vector,
+)
+from rigidmc.scene.vector_distributions import check_distribution
 from rigidmc.scene.vector_distributions.ensembles import attitudes_of_ensemble
-from rigidmc.scene.vector_distributions.protocol import Ensemble, Facts, Law, numbers_of
+from rigidmc.scene.vector_distributions.protocol import (
+    EquilibriumEnsemble,
+    MemberFacts,
+    VectorDistribution,
+    flat_parameters,
+)
 from rigidmc.scene.vector_distributions.vectors import uniform_attitudes
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class Start(Renamed):
     """How members start. Each component is a number, a distribution, a grid, or an array with one
     row per member.
 
     Parameters
     ----------
-    omega : quantities (3,) or law, optional [rad/s]
+    omega : quantities (3,) or distribution, optional [rad/s]
         either this: angular velocity in the principal axes of the body
-    momentum : quantities (3,) or law, optional [kg m^2/s]
+    momentum : quantities (3,) or distribution, optional [kg m^2/s]
         or this: angular momentum in the principal axes of the body
-    attitude : quantities (3,) [rad], (4,), array_like (3, 3), Rotation, str or law, optional
+    attitude : quantities (3,) or (4,), array_like (3, 3), Rotation, str or distribution, optional
         a quaternion (w, x, y, z), normalised here; a 3x3 matrix; Euler angles z-x-z
         (phi, theta, psi) [rad], TdC (3.36); a scipy Rotation; "uniform" on SO(3); Fisher or
-        Pointing; or "ensemble", which follows the law of the momentum: with GibbsMomentum
+        Pointing; or "ensemble", which follows the distribution of the momentum: with GibbsMomentum
         exp(-V/kT), the canonical ensemble, with Shell sqrt(E - V), the microcanonical one. By
         default the body axes lie along the space axes
 
@@ -50,6 +63,13 @@ class Start:
     rigidmc.errors.SceneError: [start] omega: give either omega or momentum, one of them
     """
 
+    _OLD_NAMES = {
+        "by_euler_angles": "has_euler_angles",
+        "quaternions": "sample_attitude",
+        "spin": "sample_spin",
+        "which": "spin_name",
+    }
+
     omega: Any = None
     momentum: Any = None
     attitude: Any = (1.0, 0.0, 0.0, 0.0)
@@ -58,14 +78,18 @@ class Start:
         if (self.omega is None) == (self.momentum is None):
             raise SceneError("give either omega or momentum, one of them", at="start.omega")
         given = self._given
-        whole = isinstance(given, Law)
-        put = (checked if whole else vector)(given, f"start.{self.which}")
-        object.__setattr__(self, self.which, put)
-        whole = isinstance(self.attitude, Law)
-        attitude = checked(self.attitude, "start.attitude") if whole else _attitude(self.attitude)
+        whole = isinstance(given, VectorDistribution)
+        put = (check_distribution if whole else vector)(given, f"start.{self.spin_name}")
+        object.__setattr__(self, self.spin_name, put)
+        whole = isinstance(self.attitude, VectorDistribution)
+        attitude = (
+            check_distribution(self.attitude, "start.attitude")
+            if whole
+            else _attitude(self.attitude)
+        )
         object.__setattr__(self, "attitude", attitude)
         if self.attitude == "ensemble" and not (
-            isinstance(given, Ensemble) and given.direction is None
+            isinstance(given, EquilibriumEnsemble) and given.direction is None
         ):
             rule = (
                 "follows the law of the momentum: give momentum = { gibbs = kT }, or"
@@ -74,30 +98,30 @@ class Start:
             raise SceneError(rule, at="start.attitude", value=self.attitude)
 
     @property
-    def which(self) -> str:
+    def spin_name(self) -> str:
         """The word "omega" or "momentum", whichever is given.
 
         Examples
         --------
-        >>> rm.Start(momentum=(0.0, 0.0, 1.0)).which
+        >>> rm.Start(momentum=(0.0, 0.0, 1.0)).spin_name
         'momentum'
         """
         return "omega" if self.momentum is None else "momentum"
 
     @property
-    def by_euler_angles(self) -> bool:
+    def has_euler_angles(self) -> bool:
         """Whether the attitude is given by Euler angles.
 
         Examples
         --------
-        >>> rm.Start(omega=(0.0, 0.0, 1.0), attitude=(0.0, 0.3, 0.0)).by_euler_angles
+        >>> rm.Start(omega=(0.0, 0.0, 1.0), attitude=(0.0, 0.3, 0.0)).has_euler_angles
         True
         """
         return isinstance(self.attitude, tuple) and len(self.attitude) == 3
 
     @property
     def _given(self) -> Any:
-        return getattr(self, self.which)
+        return getattr(self, self.spin_name)
 
     def quantities(self) -> tuple[Any, ...]:
         """All quantities of the start, in one flat tuple.
@@ -116,24 +140,26 @@ class Start:
         return tuple(
             part
             for value in (self._given, attitude)
-            for part in ((value, *numbers_of(value)) if isinstance(value, Law) else value)
+            for part in (
+                (value, *flat_parameters(value)) if isinstance(value, VectorDistribution) else value
+            )
         )
 
-    def spin(
-        self, source: Source, first: int, count: int, facts: Facts | None
+    def sample_spin(
+        self, sampler: Source, first: int, count: int, facts: MemberFacts | None
     ) -> tuple[str, Array]:
         """Draw omega or momentum of members first ... first + count - 1.
 
         Parameters
         ----------
-        source : int or point set
+        sampler : int or point set
             the seed, or the points from which numbers are drawn
         first : int
             index of the first member
         count : int
             number of members
-        facts : Facts or None
-            of the members, which only laws of ensembles need
+        facts : MemberFacts or None
+            of the members, which only distributions of ensembles need
 
         Returns
         -------
@@ -144,29 +170,30 @@ class Start:
 
         Examples
         --------
-        >>> name, values = rm.Start(omega=(0.0, rm.uniform(1.0, 2.0), 0.0)).spin(0, 0, 5, None)
+        >>> start = rm.Start(omega=(0.0, rm.uniform(1.0, 2.0), 0.0))
+        >>> name, values = start.sample_spin(0, 0, 5, None)
         >>> name, values.shape
         ('omega', (3, 5))
         """
-        name, given = f"start.{self.which}", self._given
-        if isinstance(given, Law):
-            return self.which, given.sample(source, name, first, count, facts)
-        return self.which, draw(given, source, name, first, count)
+        name, given = f"start.{self.spin_name}", self._given
+        if isinstance(given, VectorDistribution):
+            return self.spin_name, given.sample(sampler, name, first, count, facts)
+        return self.spin_name, draw(given, sampler, name, first, count)
 
-    def quaternions(
-        self, source: Source, first: int, count: int, facts: Facts | None = None
+    def sample_attitude(
+        self, sampler: Source, first: int, count: int, facts: MemberFacts | None = None
     ) -> Array:
         """Draw the attitudes of members first ... first + count - 1.
 
         Parameters
         ----------
-        source : int or point set
+        sampler : int or point set
             the seed, or the points from which numbers are drawn
         first : int
             index of the first member
         count : int
             number of members
-        facts : Facts or None, optional
+        facts : MemberFacts or None, optional
             of the members, which only attitude = "ensemble" needs
 
         Returns
@@ -176,19 +203,21 @@ class Start:
 
         Examples
         --------
-        >>> q = rm.Start(omega=(0.0, 0.0, 1.0), attitude="uniform").quaternions(0, 0, 5)
+        >>> q = rm.Start(omega=(0.0, 0.0, 1.0), attitude="uniform").sample_attitude(0, 0, 5)
         >>> (q**2).sum(0).round(12).tolist()
         [1.0, 1.0, 1.0, 1.0, 1.0]
         """
         name = "start.attitude"
         if self.attitude == "ensemble":
-            share = self.momentum.share(source, first, count, facts)
-            return attitudes_of_ensemble(share, source, first, count)
+            share = self.momentum.acceptance(sampler, first, count, facts)
+            return attitudes_of_ensemble(share, sampler, first, count)
         if self.attitude == "uniform":
-            return uniform_attitudes(*numbers(source, name, first, count, used=(0, 1, 2))[:3])
-        if isinstance(self.attitude, Law):
-            return self.attitude.sample(source, name, first, count, None)
-        values = draw(self.attitude, source, name, first, count)
+            return uniform_attitudes(
+                *draw_uniforms(sampler, name, first, count, used=(0, 1, 2))[:3]
+            )
+        if isinstance(self.attitude, VectorDistribution):
+            return self.attitude.sample(sampler, name, first, count, None)
+        values = draw(self.attitude, sampler, name, first, count)
         if len(values) == 3:
             return quaternion_from_euler(*values)
         square = values[0] ** 2 + values[1] ** 2 + values[2] ** 2 + values[3] ** 2
@@ -198,7 +227,7 @@ class Start:
 
 
 def _attitude(value: Any) -> Any:
-    """An attitude that is no law, with its numbers checked."""
+    """An attitude that is not a distribution, with its numbers checked."""
     if isinstance(value, str):
         if value not in ("uniform", "ensemble"):
             raise unknown("attitude", ["uniform", "ensemble"], at="start.attitude", value=value)
@@ -206,7 +235,7 @@ def _attitude(value: Any) -> Any:
     if hasattr(value, "as_quat"):  # scipy's Rotation
         value = np.asarray(value.as_quat(scalar_first=True))
         value = value if value.ndim == 2 else tuple(value.tolist())
-    value = placed(value, "start.attitude")
+    value = as_plain_arrays(value, "start.attitude")
     if not hasattr(value, "__len__"):
         rule = (
             'expected "uniform", "ensemble", a quaternion (w, x, y, z), Euler angles (phi, theta,'
@@ -259,8 +288,8 @@ def _is_columns(value: Any) -> bool:
 
 def _check_quaternion(parts: tuple[Any, ...], value: Any) -> None:
     """SceneError for a quaternion of norm 0, or one that mixes arrays and distributions."""
-    if is_open(parts):
-        if rows(*parts) is not None:
+    if is_variable(parts):
+        if count_rows(*parts) is not None:
             rule = "a quaternion has distributions or arrays as components, not both"
             raise SceneError(rule, at="start.attitude")
     # pure: components of a quaternion

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.arrays import placed
+from rigidmc.arrays import as_plain_arrays
 from rigidmc.errors import PartError, SceneError, unknown
 from rigidmc.physics.dynamics.methods import implements, word_of
 from rigidmc.physics.effects import EFFECTS, name_of
@@ -19,17 +19,17 @@ from rigidmc.physics.observables import (
     OBSERVABLES,
     WATCHED,
     WITH_TABLE,
+    find_observable,
     is_observable,
     is_opaque,
     is_own,
-    known,
-    named,
     own,
+    saveable_names,
     word_of_observable,
 )
 from rigidmc.physics.observables.histogram import Histogram
 from rigidmc.physics.observables.protocol import Monitored, Observable, size
-from rigidmc.scene.quantities import is_open, quantity, vector
+from rigidmc.scene.quantities import is_variable, quantity, vector
 from rigidmc.scene.user_parts.integrators import known_facts
 
 
@@ -39,7 +39,7 @@ def named_integrators(given: Iterable[Any]) -> dict[str, Integrator]:
     return {word: known_facts(one, word) for word, one in pairs}
 
 
-def checked_effect(effect: Any, driven: bool) -> Effect:
+def check_effect(effect: Any, driven: bool) -> Effect:
     """An effect with its parameters checked; SceneError. driven : whether damping may be
     negative"""
     if not is_effect(effect):
@@ -49,13 +49,13 @@ def checked_effect(effect: Any, driven: bool) -> Effect:
     values = []
     for name, value in zip(effect._fields, effect, strict=True):
         at = f"effects.{name_of(effect)}.{name}"
-        size, (low, high) = shape(effect, name), limits(effect, name, driven)
-        value = placed(value, at)
+        size, (low, high) = shape(effect, name), parameter_limits(effect, name, driven)
+        value = as_plain_arrays(value, at)
         if isinstance(value, str) or (size is None and isinstance(value, (tuple, list))):
             raise SceneError(_one_number(effect, name, value), at=at, value=value)
         one = quantity(value, at) if size is None else vector(value, at, size)
         for part in (one,) if size is None else one:
-            if not is_open(part) and not (low <= np.min(part) and np.max(part) <= high):
+            if not is_variable(part) and not (low <= np.min(part) and np.max(part) <= high):
                 wrong = float(np.min(part) if np.min(part) < low else np.max(part))
                 raise SceneError(outside(effect, low, high), at=at, value=wrong)
         values.append(one)
@@ -74,13 +74,13 @@ def _one_number(effect: Any, name: str, value: Any) -> str:
     return f"expected {what}{unit}, without a unit; {kind.__name__}: {summary}"
 
 
-def place(observable: Any) -> int:
+def observable_order(observable: Any) -> int:
     """The place of an observable in the order of KNOWN; those of the user's own come last."""
     word = word_of_observable(observable)
     return KNOWN.index(word) if word in KNOWN else len(KNOWN)
 
 
-def checked_observable(observable: Any) -> Monitored | Observable:
+def check_observable(observable: Any) -> Monitored | Observable:
     """An observable with its parameters checked; SceneError."""
     if not is_observable(observable) or type(observable) in OBSERVABLES.values():
         kinds = (*WITH_TABLE.values(), *WATCHED.values())
@@ -93,7 +93,7 @@ def checked_observable(observable: Any) -> Monitored | Observable:
         raise PartError.of(observable, rule, "observables")
     whole = {}  # 1e2 bins are 100 bins
     for name, kind in type(observable).__annotations__.items():
-        value = placed(getattr(observable, name), f"observables.{word}.{name}")
+        value = as_plain_arrays(getattr(observable, name), f"observables.{word}.{name}")
         real = isinstance(value, Real) and not isinstance(value, bool)
         if kind is int and real and float(value) == float(value) // 1:
             whole[name] = int(value)
@@ -103,7 +103,7 @@ def checked_observable(observable: Any) -> Monitored | Observable:
     return checked
 
 
-def check_saved(names: Iterable[str], observables: Sequence[Any]) -> None:
+def check_saved_names(names: Iterable[str], observables: Sequence[Any]) -> None:
     """SceneError for unknown names, for observables whose parameters are missing, and for two
     classes of one name."""
     given: dict[str, type] = {}
@@ -113,7 +113,7 @@ def check_saved(names: Iterable[str], observables: Sequence[Any]) -> None:
             rule = f"there are two classes whose name is '{word}': give one of them another name"
             raise PartError.of(kind, rule, "observables")
     for name in names:
-        if name not in (names_known := known(observables)):
+        if name not in (names_known := saveable_names(observables)):
             raise unknown("observable", names_known, at="run.save", value=name)
         shipped = {**WITH_TABLE, **WATCHED}.get(name)
         if shipped is not None and name not in given:
@@ -140,7 +140,7 @@ def check_histogram(one: Histogram, given: Sequence[Any]) -> None:
     known = [name for name in (*OBSERVABLES, *own(given)) if name != "work"]
     if one.name not in known:
         raise unknown("observable", known, at=at, value=one.name)
-    count = size(named(given, one.name).dims)
+    count = size(find_observable(given, one.name).dims)
     if (count > 1) != one.of.endswith("]") or one.component >= count:
         rule = f"{one.name} has no components"
         if count > 1:
@@ -148,7 +148,7 @@ def check_histogram(one: Histogram, given: Sequence[Any]) -> None:
         raise SceneError(rule, at=at, value=one.of)
 
 
-def limits(effect: Effect | type[Effect], name: str, driven: bool) -> tuple[float, float]:
+def parameter_limits(effect: Effect | type[Effect], name: str, driven: bool) -> tuple[float, float]:
     """(least, largest) value of a parameter. driven : whether damping may be negative"""
     low, high = facts(effect).limits.get(name, (-np.inf, np.inf))
     return (0.0 if low == -np.inf and facts(effect).is_damping and not driven else low), high

@@ -11,21 +11,21 @@ from numpy.typing import ArrayLike, NDArray
 from rigidmc.errors import OptionError, nearest, unknown
 from rigidmc.physics.effects import label_effects
 from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.parameters import parameters, with_parameter
-from rigidmc.scene.quantities import Grid, Varied, rows
+from rigidmc.scene.parameters import parameter_names, with_parameter
+from rigidmc.scene.quantities import Grid, Varied, count_rows
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.vector_distributions.protocol import Law
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 Nominal = dict[str, float | list[float]]
 
 
-def names_of(scene: Scene) -> list[str]:
-    """The names that may be varied: of all parameters but those of laws, which have no rows, and of
-    the vectors that they are part of."""
-    start = getattr(scene.start, scene.start.which)
-    laws = {f"start.{scene.start.which}": start, "body.moments": scene.body.moments}
-    drawn = tuple(name for name, value in laws.items() if isinstance(value, Law))
-    known = [name for name in parameters(scene) if not name.startswith(drawn)]
+def variable_names(scene: Scene) -> list[str]:
+    """The names that may be varied: of all parameters but those of distributions, which have no
+    rows, and of the vectors that they are part of."""
+    start = getattr(scene.start, scene.start.spin_name)
+    vectors = {f"start.{scene.start.spin_name}": start, "body.moments": scene.body.moments}
+    drawn = tuple(name for name, value in vectors.items() if isinstance(value, VectorDistribution))
+    known = [name for name in parameter_names(scene) if not name.startswith(drawn)]
     if isinstance(scene.start.attitude, tuple):
         known = [*known, "start.attitude.1"]
     return list(dict.fromkeys(word for name in known for word in (_vector(name), name) if word))
@@ -45,8 +45,8 @@ def nominal_of(scene: Scene, names: Iterable[str]) -> Nominal:
     """
     found: Nominal = {}
     for name in names:
-        if name not in names_of(scene):
-            raise unknown("scene parameter", names_of(scene), at="varied", value=name)
+        if name not in variable_names(scene):
+            raise unknown("scene parameter", variable_names(scene), at="varied", value=name)
         value = value_at(scene, name)
         found[name] = list(map(_middle, value)) if isinstance(value, tuple) else _middle(value)
     return found
@@ -75,20 +75,20 @@ def value_at(scene: Scene, name: str) -> Any:
     return value
 
 
-def put(scene: Scene, name: str, value: Any) -> Scene:
+def put_value(scene: Scene, name: str, value: Any) -> Scene:
     """The scene with a value in place of a parameter, or of a vector."""
-    return with_parameter(scene, name, value, "varied", names_of(scene))
+    return with_parameter(scene, name, value, "varied", variable_names(scene))
 
 
-def opened(scene: Scene) -> Scene:
+def open_varied(scene: Scene) -> Scene:
     """The scene as it is planned: with its varied numbers, which settle nothing for all members."""
     for name, value in (scene.run.varied or {}).items():
         marked = tuple(map(Varied, value)) if isinstance(value, list) else Varied(value)
-        scene = put(scene, name, marked)
+        scene = put_value(scene, name, marked)
     return scene
 
 
-def closed(scene: Scene) -> Scene:
+def close_varied(scene: Scene) -> Scene:
     """A planned scene with plain numbers again."""
     model = scene.model.mapped(lambda q: q.value if isinstance(q, Varied) else q)
     return scene.with_model(model)
@@ -101,7 +101,7 @@ def stored_values(scene: Scene) -> dict[str, NDArray[np.float64]] | None:
     """
     values = {name: value_at(scene, name) for name in scene.run.varied or {}}
     parts = [x for v in values.values() for x in (v if type(v) is tuple else (v,))]
-    count = rows(*parts)
+    count = count_rows(*parts)
     if count is None or not all(isinstance(x, (float, np.ndarray)) for x in parts):
         return None
 
@@ -135,5 +135,7 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
         if array.shape != wanted or not count:
             rule = f"{name} has the shape {array.shape}, expected {wanted}"
             raise OptionError(rule, at="values")
-        scene = put(scene, name, array if size is None else tuple(np.ascontiguousarray(array.T)))
+        scene = put_value(
+            scene, name, array if size is None else tuple(np.ascontiguousarray(array.T))
+        )
     return replace(scene, run=scene.run.model_copy(update={"first": 0, "members": count})), count

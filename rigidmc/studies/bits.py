@@ -14,9 +14,9 @@ import numpy as np
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.inspection import step_operations
 from rigidmc.physics.effects import Bath, Gravity, RotatingField, SpaceTorque, ViscousDamping
-from rigidmc.physics.integrators import accepting
+from rigidmc.physics.integrators import integrators_for
 from rigidmc.physics.observables import Flips, Passage
-from rigidmc.runs.prepare import prepared
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.price import cost_per_step
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.body import Body
@@ -28,7 +28,7 @@ from rigidmc.scene.vector_distributions import Cone, GibbsMomentum, Sphere
 MEMBERS = 37  # of a run: no multiple of the members that are worked on side by side
 
 
-class Case(NamedTuple):
+class BitCase(NamedTuple):
     """A run: its name, the word of its motion, its scene."""
 
     name: str
@@ -38,13 +38,13 @@ class Case(NamedTuple):
 
 def cases(
     integrators: Collection[str] | None = None, motions: Collection[str] | None = None
-) -> list[Case]:
+) -> list[BitCase]:
     """The runs, by default by all integrators and of all motions."""
-    found = list[Case]()
+    found = list[BitCase]()
     for motion, scene in _motions().items():
         if motions is not None and motion not in motions:
             continue
-        for name in accepting(scene.effects):
+        for name in integrators_for(scene.effects):
             if name != "closed" and (integrators is None or name in integrators):
                 # midpoint solves for less than 0.5 rad
                 dt = 0.02 if name == "midpoint" else 0.05
@@ -61,8 +61,8 @@ def cases(
     return found
 
 
-def _case(motion: str, scene: Scene, name: str, **settings: Any) -> Case:
-    return Case(f"{motion}, {name}", motion, scene.with_run(**settings))
+def _case(motion: str, scene: Scene, name: str, **settings: Any) -> BitCase:
+    return BitCase(f"{motion}, {name}", motion, scene.with_run(**settings))
 
 
 def _motions() -> dict[str, Scene]:
@@ -113,7 +113,7 @@ def digest(scene: Scene, threads: int | None = 1, device: str | None = None) -> 
     return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
 
 
-def compared(word: str) -> Iterator[tuple[str, bool]]:
+def compare_devices(word: str) -> Iterator[tuple[str, bool]]:
     """(name, whether a graphics processor gives the bits of this processor) of every case.
 
     word : of the device, see `rigidmc.engine.cuda.devices`
@@ -137,7 +137,7 @@ def speeds(word: str) -> Iterator[tuple[str, float, float]]:
     """
     for motion, name in (("free", "rk4"), ("heavy", "rk4"), ("free", "rk8"), ("free", "exact")):
         scene = plain_steps(motion).with_run(integrator=name)
-        run = prepared(scene)
+        run = prepare_scene(scene)
         plan, rate = run.plan, 1e9 / cost_per_step(run, resolve_device(word))
         each = step_operations(plan.scheme, scene.effects, plan.has_attitude).all
         yield f"{motion}, {name}", rate, rate * each

@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError, SceneError
-from rigidmc.mechanics.free_top import Kind, Motion
-from rigidmc.mechanics.lagrange_top import Nutation, sleeping_growth, steady_precession
+from rigidmc.mechanics.free_top import FreeMotionType, Motion
+from rigidmc.mechanics.lagrange_top import NutationRange, sleeping_growth, steady_precession
 from rigidmc.mechanics.rotation import attitude_error, matrix
-from rigidmc.planning.closed_form import NONE, Case, closed_form
+from rigidmc.planning.closed_form import NONE, ClosedMotion, closed_form
 from rigidmc.planning.initial import make_sampler
 from rigidmc.results.labels import count_text
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.scene import Scene
 
 _UP = ("sleeping", "unstable")  # kinds of motion of an upright top
-Motions = list[tuple[NDArray[np.int_], Kind | Nutation]]  # [(members, their motion)]
+Motions = list[tuple[NDArray[np.int_], FreeMotionType | NutationRange]]  # [(members, their motion)]
 
 
 def compare(scene: Scene, at: float, members: int) -> list[str]:
@@ -78,9 +78,11 @@ def _facts(motions: Motions, first: int) -> list[str]:
     return lines
 
 
-def _numbers(motion: Kind | Nutation) -> Iterator[tuple[str, NDArray[np.float64], str]]:
+def _numbers(
+    motion: FreeMotionType | NutationRange,
+) -> Iterator[tuple[str, NDArray[np.float64], str]]:
     """(label, values, unit) of a free motion or of a nutation."""
-    if isinstance(motion, Kind):
+    if isinstance(motion, FreeMotionType):
         yield "period", motion.period, "s"
         yield "flips every", motion.flip_interval, "s"
         yield "1 - m", motion.mc, ""
@@ -91,11 +93,16 @@ def _numbers(motion: Kind | Nutation) -> Iterator[tuple[str, NDArray[np.float64]
         yield "theta to", np.degrees(motion.low), "deg"
 
 
-def _steady(case: Case, motions: Motions, first: int) -> Iterator[str]:
+def _steady(case: ClosedMotion, motions: Motions, first: int) -> Iterator[str]:
     """Lines on the precessions without nutation, and the least spin of a sleeping top, of the first
     Lagrange top; Goldstein, Classical Mechanics, section 5.7, and TdC (3.77)."""
     for (form, members, part), (_, motion) in zip(case.parts(), motions, strict=True):
-        if isinstance(motion, Kind) or motion.kind[0] in (*_UP, "at rest", "hanging", "pendulum"):
+        if isinstance(motion, FreeMotionType) or motion.kind[0] in (
+            *_UP,
+            "at rest",
+            "hanging",
+            "pendulum",
+        ):
             continue
         moments, weight = np.roll(part.moments[0], 3 - form), part.weight[0]
         spin = part.momentum[0, form - 1] / moments[2]
@@ -114,11 +121,11 @@ def _steady(case: Case, motions: Motions, first: int) -> Iterator[str]:
         yield f"sleep        upright it sleeps above {least:.6g} rad/s; it has {spin:.6g}"
 
 
-def _sleep(case: Case, motions: Motions) -> Iterator[str]:
+def _sleep(case: ClosedMotion, motions: Motions) -> Iterator[str]:
     """A line on upright Lagrange tops: the spin above which they sleep, and how many do."""
     counts, spins, fastest = {"stable": 0, "unstable": 0}, [], 0.0
     for (form, _, part), (_, motion) in zip(case.parts(), motions, strict=True):
-        if isinstance(motion, Kind):
+        if isinstance(motion, FreeMotionType):
             continue
         moments = np.roll(part.moments, 3 - form, -1)
         spin, weight = part.momentum[:, form - 1] / moments[:, 2], part.weight

@@ -14,13 +14,13 @@ from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
 from rigidmc.results.intervals import Estimate, Interval, mean, probability
 from rigidmc.results.labels import count_text
-from rigidmc.results.measures import Measure, Variables, measure, observing
+from rigidmc.results.measures import Measure, Variables, measure, save_for_measures
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.resources import refuse_count
 from rigidmc.runs.simulate import simulate
-from rigidmc.scene.amounts import counted
-from rigidmc.scene.quantities import rows
-from rigidmc.scene.recording import recording
+from rigidmc.scene.amounts import read_count
+from rigidmc.scene.quantities import count_rows
+from rigidmc.scene.recording import make_recording
 from rigidmc.scene.sampling import is_sample, refuse_indexed
 from rigidmc.scene.scene import Scene, takes_scene
 
@@ -130,18 +130,18 @@ def simulate_until(
     if options.get("members") is not None:
         rule = "there are as many members as it takes, `most` at most: give that"
         raise OptionError(rule, at="run.members", value=options["members"])
-    most = counted(most, "most")
+    most = read_count(most, "most")
     if output is not None:
         refuse_existing(output, force)
-    scene = observing(scene.with_run(**options), [_SIGN.split(until)[0]])
+    scene = save_for_measures(scene.with_run(**options), [_SIGN.split(until)[0]])
     _refuse_no_sample(scene, until)
     lean = _without_saves(scene)
-    if (count := rows(*scene.quantities())) is not None:
+    if (count := count_rows(*scene.model.quantities())) is not None:
         most = min(most, count - scene.run.first)
     size, interval = _grown(
         lean, until, goal(until, variables_of(lean)), most, confidence, threads, device, progress
     )
-    if not goal_reached(until, interval):
+    if not is_goal_reached(until, interval):
         reached = f"{interval.value:.6g} +- {interval.half:.2g} by {count_text(size, 'member')}"
         rule = f"{until} is not reached: {reached}, which are all that may be"
         warnings.warn(rule, SceneWarning, stacklevel=2)
@@ -161,7 +161,9 @@ def simulate_until(
 def _refuse_no_sample(scene: Scene, until: str) -> None:
     """SceneError for members whose spread gives no interval, or whose first ones are no sample."""
     if scene.run.points != "independent":
-        rule = f"the spread of {scene.run.points} points gives no interval: see rigidmc.randomised"
+        rule = (
+            f"the spread of {scene.run.points} points gives no interval: see rigidmc.estimate_rqmc"
+        )
         raise SceneError(f"{rule}; use independent ones", at="run.points", value=scene.run.points)
     if not is_sample(scene.model):
         rule = "has no interval that members make narrower: nothing in the scene is drawn"
@@ -173,7 +175,7 @@ def _refuse_no_sample(scene: Scene, until: str) -> None:
 
 def _without_saves(scene: Scene) -> Scene:
     """The scene that keeps final numbers of its members only."""
-    at_times = recording(scene).names
+    at_times = make_recording(scene).names
     save = tuple(name for name in scene.run.save if name not in at_times)
     lean: Scene = scene.with_run(save=save)
     return lean
@@ -203,7 +205,7 @@ def _grown(
         wanted.measure.refuse_unknown(interval)
         if progress is not None:
             progress(size, interval)
-        if goal_reached(until, interval):
+        if is_goal_reached(until, interval):
             return size, interval
         if wanted.measure.kind == "quantile" and interval.low == interval.until:
             rule = f"is later than {interval.until:g} s, until which members were followed"
@@ -233,7 +235,7 @@ def _check_first(until: str, wanted: Goal, interval: Estimate, size: int) -> Non
         raise OptionError(f"{rule}; give the width itself", at="run.until", value=until)
 
 
-def goal_reached(until: str, interval: Interval) -> bool:
+def is_goal_reached(until: str, interval: Interval) -> bool:
     """Whether an Interval is as narrow as a text asks; not if an end of it is not known."""
     if not math.isfinite(interval.half):
         return False
@@ -261,7 +263,7 @@ def members_for(
 
 
 @takes_scene
-def randomised(
+def estimate_rqmc(
     scene: Scene,
     text: str,
     members: int,
@@ -303,12 +305,12 @@ def randomised(
     Examples
     --------
     >>> scene = rm.Scene.load("dzhanibekov").with_run(dt=0.025, t_end=2.5, points="sobol")
-    >>> interval = rm.randomised(scene, "p(flips >= 1)", members=64, randomisations=4)
+    >>> interval = rm.estimate_rqmc(scene, "p(flips >= 1)", members=64, randomisations=4)
     >>> bool(interval.low <= interval.value <= interval.high)
     True
     """
-    refuse_count(counted(randomisations, "randomisations"), "randomisations", 64)
-    scene = _without_saves(observing(scene.with_run(members=members, **options), [text]))
+    refuse_count(read_count(randomisations, "randomisations"), "randomisations", 64)
+    scene = _without_saves(save_for_measures(scene.with_run(members=members, **options), [text]))
     asked = measure(text, variables_of(scene))
     values: list[float] = []
     for i in range(randomisations):

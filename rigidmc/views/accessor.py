@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from rigidmc.views import PICTURES, picture
-from rigidmc.views.states import States
+from rigidmc.views.states import ResultStates
 
 if TYPE_CHECKING:
     from rigidmc.scene.body import Body
@@ -37,7 +37,7 @@ class Pictures:
 
 
 @xr.register_dataset_accessor("rigid")
-class Rigid(States):
+class Rigid(ResultStates):
     """The physics of a result, as `ds.rigid`: energy, drift, polhodes, reruns, pictures, a summary.
 
     Parameters
@@ -136,9 +136,9 @@ class Rigid(States):
         dzhanibekov: 4 members to 1 s with rk4, dt = 0.01 s
           flagged: none
         """
-        from rigidmc.views.summary import summary
+        from rigidmc.views.summary import summary_text
 
-        return summary(self._dataset, of=of)
+        return summary_text(self._dataset, of=of)
 
     def measure(self, of: str, by: str | None = None, confidence: float = 0.95) -> Any:
         """Estimate a measure of the good members.

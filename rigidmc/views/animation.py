@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rigidmc.figures import ALARM, COLOURS, GREY, INK, LIGHT, PATH
 from rigidmc.files.opening import check_suffix
-from rigidmc.files.outputs import Part, naming, refuse_existing
+from rigidmc.files.outputs import PartialFile, naming_the_path, refuse_existing
 from rigidmc.mechanics import rotation
 from rigidmc.planning.turns import ATTITUDE, sparse
 from rigidmc.scene.scene import scene_of
@@ -82,7 +82,7 @@ def animate(
     )
     figure, draw = scene(ds)
     frames = range(0, ds.sizes["time"], SMOOTH)
-    with Part(path, force) as part, naming(path, part), _finished(path, writer):
+    with PartialFile(path, force) as part, naming_the_path(path, part), _finished(path, writer):
         writer.setup(figure, part, dpi=90)
         for i in frames:
             draw(i)

@@ -11,17 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import OptionError
 from rigidmc.figures import GREY, INK, MEDIAN, PATH, figure_of, new_figure
-from rigidmc.mechanics.free_top import free_top
+from rigidmc.mechanics.free_top import solve_free_top
 from rigidmc.mechanics.lagrange_top import (
-    Nutation,
+    NutationRange,
+    analyse_lagrange_top,
     effective_potential,
-    lagrange_motion,
-    lagrange_top,
+    solve_lagrange_top,
     with_axis_third,
 )
 from rigidmc.physics.observables import OBSERVABLES
-from rigidmc.planning.closed_form import NONE, Case
-from rigidmc.planning.turns import Drive, turning
+from rigidmc.planning.closed_form import NONE, ClosedMotion
+from rigidmc.planning.turns import Drive, turning_rates
 from rigidmc.results.labels import with_units
 from rigidmc.views.sphere import CIRCLE, draw_curve, draw_polhodes, draw_sphere, screen
 
@@ -48,9 +48,9 @@ def axis_path(
     attitude (4,)
     """
     axes = axes if axes is not None else new_figure("", (5.2, 5.4)).add_subplot()
-    nutation = lagrange_motion(moments, weight, momentum, attitude)
+    nutation = analyse_lagrange_top(moments, weight, momentum, attitude)
     t = _times(moments, momentum, nutation, periods)
-    q = lagrange_top(moments, weight, momentum, attitude, t).attitude
+    q = solve_lagrange_top(moments, weight, momentum, attitude, t).attitude
     w, x, y, z = np.moveaxis(q, -1, 0)
     tip = np.stack(
         [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z], -1
@@ -82,7 +82,7 @@ def potential(
 ) -> Figure:
     """The effective potential of theta, TdC (3.42), with the energy and the turning angles."""
     axes = axes if axes is not None else new_figure("", (6.0, 4.2)).add_subplot()
-    nutation = lagrange_motion(moments, weight, momentum, attitude)
+    nutation = analyse_lagrange_top(moments, weight, momentum, attitude)
     p_phi, p_psi = nutation.p_phi, nutation.p_psi
     high, low = float(nutation.high), float(nutation.low)
     # the energy of the spin is constant: without it the scale shows the nutation
@@ -162,8 +162,8 @@ def lagrange_summary(
     figure, left, upper, lower = _three(title)
     axis_path(moments, weight, momentum, attitude, left)
     potential(moments, weight, momentum, attitude, upper)
-    t = _times(moments, momentum, lagrange_motion(moments, weight, momentum, attitude), 4)
-    euler_angles(lagrange_top(moments, weight, momentum, attitude, t).attitude, t, lower)
+    t = _times(moments, momentum, analyse_lagrange_top(moments, weight, momentum, attitude), 4)
+    euler_angles(solve_lagrange_top(moments, weight, momentum, attitude, t).attitude, t, lower)
     return figure
 
 
@@ -178,7 +178,7 @@ def free_summary(
     figure, left, upper, lower = _three(title)
     draw_polhodes(moments, momentum, left)
     t = _resolved(moments, momentum, t_end)
-    motion = free_top(moments, momentum, attitude, t)
+    motion = solve_free_top(moments, momentum, attitude, t)
     for k, (color, style) in enumerate(((MEDIAN, "-"), (PATH, "--"), (INK, ":"))):
         label = f"$\\omega_{k + 1}$"
         upper.plot(t, motion.omega[:, k], style, color=color, linewidth=1.8, label=label)
@@ -189,8 +189,8 @@ def free_summary(
     return figure
 
 
-def case_summary(case: Case, title: str, t_end: float) -> Figure:
-    """The summary of the first member of a `rigidmc.planning.closed_form.Case`."""
+def case_summary(case: ClosedMotion, title: str, t_end: float) -> Figure:
+    """The summary of the first member of a `rigidmc.planning.closed_form.ClosedMotion`."""
     moments, momentum, attitude = case.moments[0], case.momentum[0], case.attitude[0]
     form = int(case.form[0])
     if form == NONE:
@@ -218,7 +218,7 @@ def _finish(axes: Axes, title: str) -> None:
 
 
 def _times(
-    moments: ArrayLike, momentum: ArrayLike, nutation: Nutation, periods: int
+    moments: ArrayLike, momentum: ArrayLike, nutation: NutationRange, periods: int
 ) -> NDArray[np.float64]:
     """Times over some periods of the nutation.
 
@@ -234,7 +234,7 @@ def _times(
 def _resolved(moments: ArrayLike, momentum: ArrayLike, end: float) -> NDArray[np.float64]:
     """Times to an end [s], between which a body turns by FINE at most; if they would be more than
     POINTS[1], to as far as these reach."""
-    rates = turning(
+    rates = turning_rates(
         np.asarray(moments, float)[:, None], np.asarray(momentum, float)[:, None], Drive(True)
     )
     rate = max(float(one[0]) for one in rates)

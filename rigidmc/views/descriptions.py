@@ -23,21 +23,22 @@ from rigidmc.planning.plan import Plan
 from rigidmc.planning.turns import sparse_saves
 from rigidmc.results.labels import count_text, units_text
 from rigidmc.runs.assemble import make_program
-from rigidmc.runs.directory.shards import members_of, shortened
-from rigidmc.runs.prepare import PreparedRun, prepared
+from rigidmc.runs.directory.shards import shard_members, shorten_shards
+from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.price import cost_per_step, prices, some_of
 from rigidmc.runs.resources import BASE, block_of, free_memory, in_words, moved_at_once, needs
 from rigidmc.scene.body import IDENTITY, Body
 from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.parameters import parameters
+from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.quantities import Grid
+from rigidmc.scene.sampling import drawn_through
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.vector_distributions.protocol import Law
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 
 def describe_scene(scene: Scene, threads: int, device: str = "cpu") -> str:
     """What a scene is, what is compiled for it, and what a run of it would take."""
-    run = prepared(scene)
+    run = prepare_scene(scene)
     lines = [
         *_physics(run.scene),
         *_compiled(run),
@@ -50,7 +51,7 @@ def describe_scene(scene: Scene, threads: int, device: str = "cpu") -> str:
     if run.plan.scheme is None:
         return "\n".join([*lines, "cost         closed form at every save"])
     lines += _cost(run, threads, device)
-    lines.append(f"parameters   {', '.join(parameters(run.scene))}")
+    lines.append(f"parameters   {', '.join(parameter_names(run.scene))}")
     lines += [f"note         {note}" for note in run.notes]
     return "\n".join(lines)
 
@@ -60,7 +61,7 @@ def outline(scene: Scene) -> list[str]:
     lines = _physics(scene)
     if scene.run.integrator == "auto":  # chosen by measuring
         return lines
-    run = prepared(scene)
+    run = prepare_scene(scene)
     prices = [
         f"{label} {torque_operations(effect)}"
         for label, effect in label_effects(scene.effects)
@@ -95,7 +96,7 @@ def _physics(scene: Scene) -> list[str]:
     attitude = start.attitude
     attitude = named[attitude] if isinstance(attitude, str) else _words(attitude)
     lines.append(f"start        {spin}; attitude {attitude}")
-    if through := scene.drawn_through():
+    if through := drawn_through(scene.model, scene.run):
         lines.append(f"drawn        {through}")
     return lines
 
@@ -163,8 +164,8 @@ def _room(run: PreparedRun, threads: int, device: str) -> list[str]:
     free = free_memory()
     has = f"; {in_words(free)} are free" if free is not None else ""
     packed = settings.compress or settings.digits is not None
-    block, shard = members_of(run)
-    few = shortened(run, block, shard, device=device)[1]
+    block, shard = shard_members(run)
+    few = shorten_shards(run, block, shard, device=device)[1]
     shards = count_text(-(-plan.members // few), "shard")
     shards += f" of {count_text(few, 'member')} with -o RUN/"
     if few != shard:
@@ -266,10 +267,10 @@ def _limits(limits: Limits) -> str:
 
 def _words(value: Any) -> str:
     """A quantity or a tuple of quantities in words."""
-    if isinstance(value, Law):
+    if isinstance(value, VectorDistribution):
         fields = {k: v for k, v in value.as_dict().items() if v is not None}
         words = [f"{k} = {v if isinstance(v, int) else _words(v)}" for k, v in fields.items()]
-        return f"{value.word}({', '.join(words)})"
+        return f"{value.name}({', '.join(words)})"
     if isinstance(value, tuple):
         return f"({', '.join(_words(v) for v in value)})"
     if isinstance(value, Grid):
@@ -282,7 +283,7 @@ def _words(value: Any) -> str:
 SAME = 1e-12  # relative difference below which moments count as equal
 
 
-def facts(body: Body) -> dict[str, Any]:
+def body_facts(body: Body) -> dict[str, Any]:
     """The facts of a body of plain numbers, as lists and numbers (SI)."""
     moments = np.array(body.moments)
     order = np.argsort(moments, kind="stable")
@@ -296,12 +297,12 @@ def facts(body: Body) -> dict[str, Any]:
         "tensor_about_centre": about_centre.tolist(),
         "order": (order + 1).tolist(),
         "growth_per_turn_rate": float(inertia.growth_rate(moments)),
-        "shape": shape_of(moments),
+        "shape": top_type(moments),
         "exists": not bool(inertia.too_far(moments, body.mass, body.to_principal(body.centre))),
     }
 
 
-def shape_of(moments: NDArray[np.float64]) -> str:
+def top_type(moments: NDArray[np.float64]) -> str:
     """Spherical, symmetric (oblate or prolate) or asymmetric, and flat if I3 = I1 + I2."""
     low, middle, high = np.sort(moments)
     if high - low <= SAME * high:
@@ -317,7 +318,7 @@ def shape_of(moments: NDArray[np.float64]) -> str:
 
 def describe_body(body: Body, title: str) -> list[str]:
     """Lines of text about a body."""
-    known = facts(body)
+    known = body_facts(body)
     moments, axes, centre = (np.array(known[key]) for key in ("moments", "axes", "centre"))
     size = np.sqrt(moments.max() / known["mass"])  # m
     lines = [

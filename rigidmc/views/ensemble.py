@@ -16,18 +16,18 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
-from rigidmc.figures import BAND, CORE, INK, MEDIAN, PATH, figure_of, legend_above, titled
+from rigidmc.figures import BAND, CORE, INK, MEDIAN, PATH, add_title, figure_of, legend_above
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.turns import BODY
 from rigidmc.results.labels import axis_label, count_text, with_units
 from rigidmc.views.hemispheres import axis_sphere, momentum_sphere
 from rigidmc.views.sample import (
     drawn_members,
-    headed_figure,
+    figure_of_result,
     note_on,
-    sample,
+    omega_or_momentum,
     span,
-    vectors,
+    thin_result,
 )
 from rigidmc.views.sphere import central_axis
 
@@ -42,11 +42,11 @@ def summary(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
     spread at the start and at the end replaces the time series.
     """
     spheres = [momentum_sphere, axis_sphere] if "attitude" in ds else [momentum_sphere]
-    figure = figure or headed_figure(ds, (13.0, 8.0) if len(spheres) > 1 else (10.0, 8.0))
+    figure = figure or figure_of_result(ds, (13.0, 8.0) if len(spheres) > 1 else (10.0, 8.0))
     if not (ds.status.values == 0).any():
         figure.text(0.5, 0.5, "nothing to draw: every member is flagged", ha="center")
         return figure
-    part, grid = sample(ds), figure.add_gridspec(2, 1, height_ratios=[1.15, 1.0])
+    part, grid = thin_result(ds), figure.add_gridspec(2, 1, height_ratios=[1.15, 1.0])
     upper = grid[0].subgridspec(1, len(spheres))
     lower = grid[1].subgridspec(1, 2, width_ratios=[1.4, 1.0])
     for place, sphere in enumerate(spheres):
@@ -62,8 +62,8 @@ def middle_component(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
 
     ds : with omega or momentum at three times or more
     """
-    part = sample(ds)
-    omega, _ = vectors(part, "omega")
+    part = thin_result(ds)
+    omega, _ = omega_or_momentum(part, "omega")
     if len(omega) < 3:
         raise ValueError(
             "middle_component needs omega at three times or more:"
@@ -75,7 +75,7 @@ def middle_component(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     low, quarter, median, three_quarters, high = np.quantile(
         value, [0.05, 0.25, 0.5, 0.75, 0.95], axis=1
     )
-    axes = axes or headed_figure(ds, (7.0, 4.2)).add_subplot()
+    axes = axes or figure_of_result(ds, (7.0, 4.2)).add_subplot()
     axes.fill_between(t, low, high, color=BAND, linewidth=0, label="5 to 95 %")
     axes.fill_between(t, quarter, three_quarters, color=CORE, linewidth=0, label="25 to 75 %")
     axes.plot(t, median, color=MEDIAN, linewidth=2.0, label="median")
@@ -89,7 +89,7 @@ def middle_component(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     axes.set(xlabel=axis_label(part.time), ylabel=up, xlim=(t[0], t[-1]))
     symmetric = central_axis(np.median(moments, axis=1)) != axis[0]
     where = "across the symmetry axis" if symmetric else "about the axis of the middle moment"
-    titled(axes, f"Angular velocity {where}", note_on(part, BODY), pad=20)
+    add_title(axes, f"Angular velocity {where}", note_on(part, BODY), pad=20)
     legend_above(axes, 4)
     return figure_of(axes)
 
@@ -100,14 +100,14 @@ def start_and_end(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     Each is scaled to its own peak.
     ds : with omega or momentum; otherwise start_omega or start_momentum alone
     """
-    part = sample(ds)
-    omega, when = vectors(part, "omega")
+    part = thin_result(ds)
+    omega, when = omega_or_momentum(part, "omega")
     names = {0: when} if len(omega) == 1 else {0: span(part, 0), -1: span(part, -1)}
     if np.ptp(omega):
         edges = np.linspace(omega.min(), omega.max(), 102)
     else:
         edges = omega.min() + np.linspace(-0.5, 0.5, 102)
-    axes = axes or headed_figure(ds, (7.0, 4.2)).add_subplot()
+    axes = axes or figure_of_result(ds, (7.0, 4.2)).add_subplot()
     for row in range(3):
         for time, name in names.items():
             count = np.histogram(omega[time, row], edges)[0]
@@ -133,7 +133,7 @@ def drift_histogram(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     The axes are logarithmic; the legend counts drifts of exactly 0. If physics does not conserve a
     quantity (its attribute `conserved`), the title says why.
     """
-    axes = axes or headed_figure(ds, (7.0, 4.2)).add_subplot()
+    axes = axes or figure_of_result(ds, (7.0, 4.2)).add_subplot()
     drifts = {"E - work" if "work" in ds else "E": ds.energy_drift_max, "$|L|^2$": ds.l2_drift_max}
     values = {
         symbol: drift.values[(ds.status.values == 0) & np.isfinite(drift.values)]

@@ -12,10 +12,17 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from rigidmc.figures import DENSITY, HALO, INK, PATH, figure_of, titled
+from rigidmc.figures import DENSITY, HALO, INK, PATH, add_title, figure_of
 from rigidmc.planning.turns import AXIS, BODY
-from rigidmc.views.sample import drawn_members, headed_figure, note_on, sample, span, vectors
-from rigidmc.views.sphere import central_axis, density, lambert, polhodes
+from rigidmc.views.sample import (
+    drawn_members,
+    figure_of_result,
+    note_on,
+    omega_or_momentum,
+    span,
+    thin_result,
+)
+from rigidmc.views.sphere import central_axis, disc_density, lambert, polhodes
 
 COARSE = 0.8  # mean cosine of the angle between two steps of a path; below it a path is dots,
 # because lines would cut its corners
@@ -42,8 +49,8 @@ def momentum_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
 
     ds : with omega or momentum; otherwise start_omega or start_momentum, as the title says
     """
-    part = sample(ds)
-    l, when = vectors(part, "momentum")
+    part = thin_result(ds)
+    l, when = omega_or_momentum(part, "momentum")
     moments = part.moments.values
     body = np.median(moments, axis=1)
     order = np.roll(np.arange(3), 2 - central_axis(body))  # axes to the right, up, to the reader
@@ -51,7 +58,7 @@ def momentum_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     with np.errstate(all="ignore"):
         slope = np.sqrt((toward / right - 1.0) / (1.0 - toward / up))
     one_body = np.ptp(moments, axis=1).max() <= 1e-12 * body.max()
-    axes = axes or headed_figure(ds, (8.0, 5.2)).add_subplot()
+    axes = axes or figure_of_result(ds, (8.0, 5.2)).add_subplot()
     conserved = all(
         part[f"{name}_drift_max"].attrs.get("conserved") == "yes" for name in ("energy", "l2")
     )
@@ -62,7 +69,7 @@ def momentum_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     shown = l if len(l) > 2 else l[-1:]
     _hemispheres(axes, shown[:, order], paths[:, order], [str(i + 1) for i in order], slopes)
     note = "" if free else note_on(part, BODY)  # polhodes need no saves
-    titled(axes, f"Direction of the angular momentum in body axes, {when}", note)
+    add_title(axes, f"Direction of the angular momentum in body axes, {when}", note)
     return figure_of(axes)
 
 
@@ -78,15 +85,15 @@ def axis_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
         raise ValueError(
             'axis_sphere needs the attitude, which was not saved: run with save=("attitude",)'
         )
-    part = sample(ds)
+    part = thin_result(ds)
     w, x, y, z = np.moveaxis(part.attitude.transpose("time", "quat", "member").values, 1, 0)
     e3 = np.stack(
         [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z], axis=1
     )
-    axes = axes or headed_figure(ds, (8.0, 5.2)).add_subplot()
+    axes = axes or figure_of_result(ds, (8.0, 5.2)).add_subplot()
     shown = e3 if len(e3) > 2 else e3[-1:]
     _hemispheres(axes, shown, e3[..., drawn_members(e3)], ["x", "y", "z"])
-    titled(axes, f"Axis 3 of the body in space, {span(part)}", note_on(part, AXIS))
+    add_title(axes, f"Axis 3 of the body in space, {span(part)}", note_on(part, AXIS))
     return figure_of(axes)
 
 
@@ -109,7 +116,7 @@ def _hemispheres(
         np.concatenate([np.moveaxis(w, 1, 0).reshape(3, -1) for w in (v, paths)], 1)
     )
     limit = 2.0 * np.sin(np.radians(angle) / 2.0)
-    shown = density(v, sides, limit)
+    shown = disc_density(v, sides, limit)
     first, last = np.floor(np.log10(np.nanmin(shown))), np.ceil(np.log10(np.nanmax(shown)))
     norm = LogNorm(10.0**first, 10.0 ** max(last, first + 1))
     for disc, side in enumerate(sides):

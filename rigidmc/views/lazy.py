@@ -10,7 +10,7 @@ import xarray as xr
 Dims = Sequence[str]
 
 
-def applied(
+def apply_lazily(
     function: Callable[..., Any],
     given: Sequence[tuple[xr.DataArray, Dims]],
     out: Dims = (),

@@ -14,11 +14,11 @@ from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.planning.initial import make_pilot
 from rigidmc.planning.scheme import largest_rates
 from rigidmc.planning.turns import turning_at_start
-from rigidmc.runs.prepare import prepared
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.toml.read import body_of, start_of
-from rigidmc.scene.toml.values import Columns
+from rigidmc.scene.toml.read import read_body, read_start
+from rigidmc.scene.toml.values import DataSources
 
 # one of each solid, of a size to be held in the hand [m, kg, kg/m3]
 SIZES: dict[str, dict[str, Any]] = {
@@ -58,10 +58,10 @@ WORDS = {  # the comment on a key
     "save": "`rigidmc observables` lists more",
     **dict.fromkeys(SIZES, SOLID),
 }
-NO_COLUMNS = Columns(None, "")
+NO_COLUMNS = DataSources(None, "")
 
 
-class Motion(NamedTuple):
+class FirstMotion(NamedTuple):
     """How the members of a new scene start.
 
     spin : (3,) about the principal axes [rad/s];  spread : of the spin, as a share of it
@@ -77,7 +77,7 @@ class Motion(NamedTuple):
 
 def body_in(table: Mapping[str, Any]) -> Body:
     """The body of a table [body] of plain numbers; SceneError."""
-    return body_of(dict(table), NO_COLUMNS)
+    return read_body(dict(table), NO_COLUMNS)
 
 
 def default_gravity(body: Body) -> float:
@@ -101,7 +101,7 @@ def default_spin(body: Body, gravity: float) -> tuple[float, float, float]:
 def new_scene(
     title: str,
     table: Mapping[str, Any],
-    motion: Motion,
+    motion: FirstMotion,
     members: int = 1000,
     t_end: float | None = None,
 ) -> str:
@@ -133,14 +133,14 @@ def new_scene(
     parts = [_lines({"title": title}, words)]
     parts += [f"{head}\n{_lines(one, words)}" for head, one in tables.items()]
     text = "\n".join(parts)
-    prepared(Scene.loads(text))
+    prepare_scene(Scene.loads(text))
     return text
 
 
-def _times(body: Body, motion: Motion, t_end: float | None) -> tuple[float, float, float]:
+def _times(body: Body, motion: FirstMotion, t_end: float | None) -> tuple[float, float, float]:
     """(t_end, every, dt) [s], round numbers; OptionError if nothing moves."""
     effects = (Gravity(motion.gravity),) if motion.gravity else ()
-    scene = Scene(body, effects, start_of(_start(motion), NO_COLUMNS))
+    scene = Scene(body, effects, read_start(_start(motion), NO_COLUMNS))
     at_rest = replace(scene, start=replace(scene.start, omega=(0.0, 0.0, 0.0)))
     (spin, rate), (_, swing) = (
         largest_rates(effects, make_pilot(one.model, one.run.seed, True).block)
@@ -173,7 +173,7 @@ def _decimal(value: float) -> float:
     return float(f"{value:.12g}")
 
 
-def _start(motion: Motion) -> dict[str, Any]:
+def _start(motion: FirstMotion) -> dict[str, Any]:
     """The table [start]."""
     spread = _decimal(motion.spread * math.hypot(*motion.spin))
     # a heavy top is spun about its own axis and let go; a free body flips only if it is disturbed

@@ -16,7 +16,7 @@ from rigidmc.engine.compiler.compose import NumbaError
 from rigidmc.errors import RigidmcError
 from rigidmc.figures import new_figure
 from rigidmc.mechanics.rotation import euler
-from rigidmc.planning.turns import ATTITUDE, AXIS, Drive, Sparse, drive, sparse, turning
+from rigidmc.planning.turns import ATTITUDE, AXIS, Drive, Sparse, drive, sparse, turning_rates
 from rigidmc.results.labels import count_text
 from rigidmc.scene.scene import scene_of
 
@@ -30,7 +30,7 @@ SAVES = "rigidmc_saves"  # of the result, in the encoding of a sample
 _STATES = ("omega", "momentum", "attitude", "start_omega", "start_momentum")
 
 
-def sample(ds: xr.Dataset) -> xr.Dataset:
+def thin_result(ds: xr.Dataset) -> xr.Dataset:
     """Evenly spaced members and times in memory, without flagged members.
 
     The last time is among them. A sample of a sample is the sample itself.
@@ -68,7 +68,7 @@ def _saves(ds: xr.Dataset) -> tuple[int, float]:
     return t.size, float(np.diff(t).max(initial=0.0))
 
 
-def vectors(part: xr.Dataset, name: str) -> tuple[NDArray[np.float64], str]:
+def omega_or_momentum(part: xr.Dataset, name: str) -> tuple[NDArray[np.float64], str]:
     """omega or momentum (time, axis, member) and its times in words.
 
     Either gives the other by L_i = I_i omega_i. If neither was saved, those of the start.
@@ -100,7 +100,7 @@ def drawn_members(values: NDArray[Any]) -> NDArray[np.int_]:
     return np.unique(np.linspace(0, values.shape[-1] - 1, DRAWN).round().astype(int))
 
 
-def headed_figure(ds: xr.Dataset, size: tuple[float, float]) -> Figure:
+def figure_of_result(ds: xr.Dataset, size: tuple[float, float]) -> Figure:
     """An empty figure headed by title, members, integrator, dt, seed, and the flagged members."""
     flagged = np.count_nonzero(ds.status.values)
     facts = [count_text(ds.sizes["member"], "member"), ds.attrs.get("integrator", "")]
@@ -117,7 +117,7 @@ Floats = NDArray[np.float64]
 
 
 def note_on(part: xr.Dataset, kind: str) -> str:
-    """What a picture of a `sample` of a result, joined by lines, has to say; "" if nothing.
+    """What a picture of a `thin_result` of a result, joined by lines, has to say; "" if nothing.
 
     kind : what the picture shows, of `rigidmc.planning.turns`
     """
@@ -149,13 +149,13 @@ def fastest(part: xr.Dataset, kind: str) -> Floats:
     Without momenta over time those of the start tell it, and how far the attitude turns between
     saves, which is pi at most.
     """
-    l, _ = vectors(part, "momentum")
+    l, _ = omega_or_momentum(part, "momentum")
     moments, by = part.moments.transpose("axis", "member").values, drive_of(part)
     found, count = np.empty(l.shape[-1]), max(1, STATES // len(l))
     for first in range(0, l.shape[-1], count):
         some = slice(first, first + count)
         own = by._replace(rotor=by.rotor[:, some]) if by.rotor.shape[1] > 1 else by
-        rates = getattr(turning(moments[:, some], l[..., some], own), kind)
+        rates = getattr(turning_rates(moments[:, some], l[..., some], own), kind)
         found[some] = np.max(rates, axis=0, where=np.isfinite(rates), initial=0.0)
     if len(l) == 1 and kind in (AXIS, ATTITUDE) and "attitude" in part:
         found = np.maximum(found, _turned(part))
@@ -175,7 +175,7 @@ def angle_rates(ds: xr.Dataset, name: str) -> Floats:
     found = np.maximum(found, fastest(ds, AXIS))
     if "omega" not in ds and "momentum" not in ds:
         return found
-    omega, _ = vectors(ds, "omega")
+    omega, _ = omega_or_momentum(ds, "omega")
     q = ds.attitude.transpose("time", "member", "quat").values
     _, theta, psi = np.moveaxis(euler(q), -1, 0)
     with np.errstate(all="ignore"):

@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter
 
 from rigidmc.arrays import floats
 from rigidmc.figures import GREY, HALO, INK, LIGHT, PATH, figure_of, new_figure
-from rigidmc.mechanics.free_top import free_motion, free_top
+from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
 
 # bins across a disc, averaged 3 x 3 (about 4 degrees): a thin ensemble shows beside a path over it
 BINS, SMOOTH = 120, 3
@@ -101,7 +101,7 @@ def lambert(
     return np.stack([right, up]) * scale
 
 
-def density(
+def disc_density(
     v: NDArray[np.float64], sides: Sequence[int], limit: float
 ) -> list[NDArray[np.float64]]:
     """Density of unit vectors (time, axis, member) on discs, relative to an isotropic ensemble.
@@ -199,7 +199,7 @@ def draw_polhodes(moments: ArrayLike, momentum: ArrayLike, axes: Axes | None = N
     axes.legend(loc="lower center", ncols=3, fontsize=9, frameon=False)
     values = ", ".join(f"{i:.3g}" for i in moments)
     title = f"Momentum sphere in body axes, I = ({values}) kg m²"
-    axes.set_title(f"{title}\n{free_motion(moments, momentum).kind}", fontsize=10)
+    axes.set_title(f"{title}\n{analyse_free_top(moments, momentum).kind}", fontsize=10)
     return figure_of(axes)
 
 
@@ -219,12 +219,12 @@ def _this_body(axes: Axes, moments: Vectors, u: Vectors) -> None:
 
 def _polhode(moments: Vectors, u: Vectors) -> Vectors:
     """Momenta (n, 3) over one period of the free motion from the momentum u (3,)."""
-    motion = free_motion(moments, u)
+    motion = analyse_free_top(moments, u)
     rate = float(motion.rate)
     period = float(motion.period)
     if not np.isfinite(period) or rate == 0.0:
         # where nothing moves, 1 s is as good as any time
         period = 40.0 / rate if rate > 0.0 else 1.0
     t = np.linspace(0.0, period, 721)
-    path: Vectors = free_top(moments, u, (1.0, 0.0, 0.0, 0.0), t).momentum
+    path: Vectors = solve_free_top(moments, u, (1.0, 0.0, 0.0, 0.0), t).momentum
     return path

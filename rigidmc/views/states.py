@@ -7,10 +7,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.physics.dynamics.methods import implements
-from rigidmc.views.lazy import applied
+from rigidmc.views.lazy import apply_lazily
 
 
-class States:
+class ResultStates:
     """The physics of the states that a result holds; methods import what they need."""
 
     def __init__(self, dataset: xr.Dataset) -> None:
@@ -100,7 +100,7 @@ class States:
         parts = [(given, [kind])]
         if "principal_axes" in ds:
             parts.append((ds.principal_axes.rename(quat="own"), ["own"]))
-        found = applied(turned, parts, [kind]).transpose(*given.dims)
+        found = apply_lazily(turned, parts, [kind]).transpose(*given.dims)
         text = f"{given.attrs.get('long_name', name)}; in the described axes"
         return found.assign_coords(given.coords).assign_attrs({**given.attrs, "long_name": text})
 
@@ -167,7 +167,7 @@ class States:
         q = self._dataset.attitude.transpose("time", "member", "quat")
         three = {"three": 3}
         words = {"phi": "precession", "theta": "nutation", "psi": "proper rotation"}
-        angles = applied(
+        angles = apply_lazily(
             euler, [(q.rename(quat="angle").drop_vars("angle"), ["angle"])], ["three"], three
         )
         variables = {
@@ -227,7 +227,7 @@ class States:
         """Phase of the free motion, as a share of its period 4 K(m)/lambda.
 
         Under torques it is the phase of the free motion that would start there. See
-        `rigidmc.mechanics.free_top.Kind`.
+        `rigidmc.mechanics.free_top.FreeMotionType`.
 
         Returns
         -------
@@ -245,11 +245,11 @@ class States:
         >>> ds.rigid.phase()[:, 0].values.round(3).tolist()
         [0.248, 0.316, 0.384]
         """
-        from rigidmc.mechanics.free_top import free_motion
+        from rigidmc.mechanics.free_top import analyse_free_top
 
         l = self.momentum().transpose("time", "member", "axis")
         parts = [(self._dataset.moments, ["axis"]), (l, ["axis"])]
-        phase = applied(lambda moments, l: free_motion(moments, l).phase, parts)
+        phase = apply_lazily(lambda moments, l: analyse_free_top(moments, l).phase, parts)
         return xr.DataArray(
             phase.transpose("time", "member").variable.data,
             {name: l[name] for name in ("time", "member")},

@@ -29,7 +29,9 @@ _PLAIN = (
 )
 
 
-def summary(dataset: xr.Dataset, confidence: float = 0.95, of: str | Iterable[str] = ()) -> str:
+def summary_text(
+    dataset: xr.Dataset, confidence: float = 0.95, of: str | Iterable[str] = ()
+) -> str:
     """Lines of text on a result of `rigidmc.simulate`.
 
     of : measures, such as "p(flips >= 1)"; then the lines are about these, see
@@ -120,11 +122,12 @@ def _are_left(times: NDArray[np.float64]) -> bool:
 
 def _time(dataset: xr.Dataset, name: str, confidence: float | None) -> str:
     """The time of an event that has not come of all members, on a line."""
-    times = censored.signed(dataset, name, dataset[name].values)
+    times = censored.signed_times(dataset, name, dataset[name].values)
     there = times[~np.isnan(times)]
     none, count = int(censored.is_censored(there).sum()), there.size
     low, middle, high = (
-        censored.quantile(there, q, confidence or 0.95).each(float) for q in (0.05, 0.5, 0.95)
+        censored.censored_quantile(there, q, confidence or 0.95).each(float)
+        for q in (0.05, 0.5, 0.95)
     )
     left = f"by {middle.until:.6g} s for {none:,} of {count_text(count, 'member')}"
     if none == count:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rigidmc.mechanics import inertia, rotation
 from rigidmc.scene.body import Body
-from rigidmc.scene.shape import Part
+from rigidmc.scene.shape import ShapePart
 
 # light and dark of what faces along axes 1, 2 and 3 of a box; quarters of the sides (SIDE) and of
 # the caps (CAP) of a body of revolution alternate, so that its spin is seen
@@ -45,12 +45,12 @@ def body_surface(ds: xr.Dataset, body: Body) -> Surface:
 def surface_of(body: Body) -> Surface:
     """The shape of a body in its principal axes; the unit ball if it has none."""
     if not body.shape:
-        return ball(1.0)
+        return ball_surface(1.0)
     whole = _united([_part_surface(part) for part in body.shape])
     return whole._replace(corners=body.to_principal(whole.corners))
 
 
-def size_of(surface: Surface) -> float:
+def surface_radius(surface: Surface) -> float:
     """The largest distance of a corner from the origin."""
     return float(np.linalg.norm(surface.corners, axis=1).max())
 
@@ -87,7 +87,7 @@ def _ellipsoid(moments: Floats, mass: float, centre: Floats) -> Floats:
     return np.column_stack([(axes * semiaxes) @ axes.T, centre])
 
 
-def _part_surface(part: Part) -> Surface:
+def _part_surface(part: ShapePart) -> Surface:
     """The surface of a part in the described axes of its body."""
     own = _MAKERS[part.solid](**part.sizes)
     tones = np.full_like(own.tones, HOLE) if part.hole else own.tones
@@ -127,7 +127,7 @@ def cut(
         tones = np.concatenate([tones[~long], tones[long], tones[long]])
 
 
-def revolved(*outline: tuple[float, float], around: int = AROUND) -> Surface:
+def revolve(*outline: tuple[float, float], around: int = AROUND) -> Surface:
     """The surface of revolution about axis 3 of an outline of points (r, z), up its outer side.
 
     around : corners of a circle, a multiple of 4
@@ -171,27 +171,27 @@ def _box(size: tuple[float, float, float]) -> Surface:
     return Surface(np.concatenate(corners), np.array(faces), np.array(tones))
 
 
-def ball(radius: float, around: int = AROUND) -> Surface:
+def ball_surface(radius: float, around: int = AROUND) -> Surface:
     angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, around // 2 + 1)
     across = radius * np.cos(angle)
     across[[0, -1]] = 0.0  # cos(pi/2) is 6e-17
     outline = zip(across, radius * np.sin(angle), strict=True)
-    surface = revolved(*outline, around=around)
+    surface = revolve(*outline, around=around)
     return surface._replace(tones=SIDE + surface.tones % 2)
 
 
 def _cylinder(radius: float, height: float) -> Surface:
     half = 0.5 * height
-    return revolved((0.0, -half), (radius, -half), (radius, half), (0.0, half))
+    return revolve((0.0, -half), (radius, -half), (radius, half), (0.0, half))
 
 
 def _hollow_cylinder(inner: float, outer: float, height: float) -> Surface:
     half = 0.5 * height
-    return revolved((inner, -half), (outer, -half), (outer, half), (inner, half), (inner, -half))
+    return revolve((inner, -half), (outer, -half), (outer, half), (inner, half), (inner, -half))
 
 
 def _stretched(semiaxes: tuple[float, float, float]) -> Surface:
-    sphere = ball(1.0)
+    sphere = ball_surface(1.0)
     return sphere._replace(corners=sphere.corners * np.array(semiaxes))
 
 
@@ -215,7 +215,7 @@ def _particles(masses: tuple[float, ...], positions: tuple[tuple[float, ...], ..
     largest = 0.1 * max(np.linalg.norm(x, axis=1).max(), 1e-300)
     radii = largest * np.cbrt(m / m.max())
     around = AROUND if m.size <= 20 else 12 if m.size <= 300 else 4
-    parts = [ball(r, around) for r in radii]
+    parts = [ball_surface(r, around) for r in radii]
     return _united(
         [part._replace(corners=part.corners + at) for part, at in zip(parts, x, strict=True)]
     )
@@ -229,11 +229,11 @@ def _mesh(corners: tuple[tuple[float, ...], ...], faces: tuple[tuple[int, ...], 
 
 _MAKERS: dict[str, Callable[..., Surface]] = {
     "box": _box,
-    "ball": ball,
-    "shell": ball,
+    "ball": ball_surface,
+    "shell": ball_surface,
     "cylinder": _cylinder,
     "hollow_cylinder": _hollow_cylinder,
-    "cone": lambda radius, height: revolved((0.0, 0.0), (radius, height), (0.0, height)),
+    "cone": lambda radius, height: revolve((0.0, 0.0), (radius, height), (0.0, height)),
     "ellipsoid": _stretched,
     "rod": lambda length, radius: _cylinder(radius, length),
     "plate": lambda size: _box((*size, THIN * max(size))),

@@ -72,7 +72,7 @@ def test_numbers_of_options_are_those_of_the_scene(tmp_path):
     words += ("--lean", "uniform", "--gravity", 1.62, "--t-end", "3s", "--title", 'a "b"')
     scene = written(tmp_path, *words)
     body = rm.Body.solid("hollow_cylinder", mass=0.3, inner=0.02, outer=0.03, height=0.05)
-    assert scene.body.moments == body.pivoted_at((0.0, 0.0, -0.1)).moments
+    assert scene.body.moments == body.with_pivot((0.0, 0.0, -0.1)).moments
     assert scene.start.omega == (1.0, -2.0, 50.0) and scene.start.attitude == "uniform"
     assert scene.effects == (rm.Gravity(1.62),)
     assert (scene.run.t_end, scene.title) == (3.0, 'a "b"')

@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.cli.reporting import Stream
-from rigidmc.errors import FileError, OptionError, SceneError, shown
+from rigidmc.errors import FileError, OptionError, SceneError, terminal_text
 from rigidmc.files.reading import harmless
-from rigidmc.planning.steps import grid
+from rigidmc.planning.steps import make_time_grid
 from rigidmc.results.measures import measure
 from rigidmc.studies.section.points import crossing_of, period_of
 from tests.faulty import LINUX
@@ -27,8 +27,8 @@ RUN = '[run]\nintegrator = "rk4"\ndt = {}\nt_end = {}\nmembers = 4\n'
 
 def test_controls_are_shown_as_escapes():
     safe = "\\x1b]0;title\\x07\\x1b[2J\\x9b31m\\u202egnp.exe\\r\\x00\\x7f"
-    assert shown(EVIL) == safe
-    assert shown("plain |L|², Größe\té\n") == "plain |L|², Größe\té\n"
+    assert terminal_text(EVIL) == safe
+    assert terminal_text("plain |L|², Größe\té\n") == "plain |L|², Größe\té\n"
     assert str(
         SceneError(EVIL, at=f"{EVIL}.{EVIL}", value=EVIL, nearest=EVIL, file=EVIL)
     ).isprintable()
@@ -79,7 +79,7 @@ def test_cells_are_no_formulas(tmp_path):
 ])  # fmt: skip
 def test_a_number_of_steps_beyond_all_floats_is_refused(t_end, dt, every):
     with pytest.raises(SceneError, match="steps to t_end"):
-        grid(t_end, dt, every)
+        make_time_grid(t_end, dt, every)
 
 
 def test_numbers_that_are_infinite_are_no_questions():

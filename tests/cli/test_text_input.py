@@ -13,12 +13,12 @@ from rigidmc.cli import app
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import KNOWN
-from rigidmc.scene.amounts import counted, counted_text, seconds
-from rigidmc.scene.library import shipped
-from rigidmc.scene.parameters import parameters
+from rigidmc.scene.amounts import read_count, read_count_text, read_seconds
+from rigidmc.scene.library import shipped_names
+from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.settings import Run, idle
 from rigidmc.studies.stability_map.case import MAPS
-from rigidmc.studies.stability_map.question import question
+from rigidmc.studies.stability_map.question import make_request
 from tests.plans import notes_of, plan_of
 
 BODY = rm.Body.from_moments((1.0, 2.0, 2.5))
@@ -45,7 +45,7 @@ def invoke(*words):
     (np.int64(3), 3.0),
 ])  # fmt: skip
 def test_times_are_read_to_the_bit(given, wanted):
-    assert seconds(given, "t_end") == wanted
+    assert read_seconds(given, "t_end") == wanted
 
 
 @pytest.mark.parametrize(
@@ -54,26 +54,26 @@ def test_times_are_read_to_the_bit(given, wanted):
 )
 def test_what_is_no_time_is_told(bad):
     with pytest.raises(rm.OptionError, match=r"t_end.*(number of seconds|greater than 0)"):
-        seconds(bad, "t_end")
+        read_seconds(bad, "t_end")
 
 
 def test_whole_floats_are_counts_and_others_are_refused():
-    assert [counted(v, "n") for v in (1e6, 3, np.int8(3), np.float64(1e3))] == [
+    assert [read_count(v, "n") for v in (1e6, 3, np.int8(3), np.float64(1e3))] == [
         1_000_000,
         3,
         3,
         1000,
     ]
-    assert [counted_text(v, "n") for v in ("1e6", "20_000", "9007199254740993")] == [
+    assert [read_count_text(v, "n") for v in ("1e6", "20_000", "9007199254740993")] == [
         1_000_000,
         20_000,
         9007199254740993,
     ]
     for bad in (1.5, True, np.True_, None, "3", 0, np.inf):
         with pytest.raises(rm.OptionError, match="expected a whole number of at least 1"):
-            counted(bad, "n")
+            read_count(bad, "n")
     with pytest.raises(rm.OptionError, match="64 bits"):
-        counted(1e300, "n")
+        read_count(1e300, "n")
 
 
 def test_counts_and_times_are_taken_in_files_in_python_and_on_the_command_line():
@@ -90,7 +90,7 @@ def test_counts_and_times_are_taken_in_files_in_python_and_on_the_command_line()
     assert Run(members=2e3, t_end="1 min").members == 2000
     assert scene.with_run(members=np.float64(64.0), t_end="90 s").run.t_end == 90.0
     sides = ("body.moments.1", 0.8, 1.0), ("body.moments.2", 1.8, 2.0)
-    assert question(*sides, "p(flips >= 1)", 8.0, 1e0).of_scene(scene).run.members == 64
+    assert make_request(*sides, "p(flips >= 1)", 8.0, 1e0).of_scene(scene).run.members == 64
     assert (
         rm.Scene(BODY, observables=(rm.Histogram("energy", 0.0, 1.0, bins=1e2),))
         .observables[0]
@@ -207,12 +207,12 @@ def test_an_override_drops_settings_that_it_makes_idle():
 
 
 def test_good_scenes_give_no_note(tmp_path):
-    for name in shipped():
+    for name in shipped_names():
         scene = rm.Scene.load(name)
         assert noted(scene) == () and noted(rm.Scene.loads(scene.dumps())) == (), name
     for name, make in MAPS.items():
         case = make()
-        asked = question(case.x, case.y, case.of, 64, 1)
+        asked = make_request(case.x, case.y, case.of, 64, 1)
         scene = asked.of_scene(case.scene).with_run(**case.settings)
         assert notes_of(scene, plan_of(scene)._replace(notes=())) == (), name
     # warnings are errors here: neither the run nor any of its other members warns
@@ -267,7 +267,7 @@ def test_mistakes_that_run_are_noted(bad, good, words):
 
 def test_a_map_notes_centres_too_far_for_the_moments():
     sides = ("start.omega.2", 1.0, 2.0), ("body.centre.3", 0.0, 1.0)
-    scene = question(*sides, "status", 64, 1).of_scene(_scene(HEAVY, (rm.Gravity(9.81),)))
+    scene = make_request(*sides, "status", 64, 1).of_scene(_scene(HEAVY, (rm.Gravity(9.81),)))
     # c^2 <= S_3/m = (1 + 2 - 2.5)/2/2 = 0.125: of 64 rows those above 0.354, 41 of 64, cannot exist
     (note,) = (note for note in noted(scene) if "[body]" in note)
     assert note.startswith("[body] centre: 2,624 of 4,096 bodies spread over the grid cannot exist")
@@ -434,7 +434,7 @@ def test_correlated_moments_have_their_covariance_and_tails_are_flagged(tmp_path
         + start
     )
     assert rm.Scene.loads(scene.dumps()).dumps() == scene.dumps()
-    assert parameters(scene)[:3] == [f"body.moments.mean.{i}" for i in (1, 2, 3)]
+    assert parameter_names(scene)[:3] == [f"body.moments.mean.{i}" for i in (1, 2, 3)]
     with pytest.warns(
         rm.SceneWarning, match=r"\[body\] moments: 347 of the first 4,096 bodies cannot exist"
     ):

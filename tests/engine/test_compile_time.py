@@ -19,8 +19,9 @@ from rigidmc.engine.compile_time import list_kernels, seconds, summary
 from rigidmc.engine.machine import this_machine
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.results import run_directory
-from rigidmc.results.run_directory import rendered
+from rigidmc.results.run_directory import facts_text
 from rigidmc.runs import precompile as warm
+from rigidmc.scene.sampling import drawn_through
 
 compiles = pytest.mark.skipif(
     os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled"
@@ -150,11 +151,12 @@ def test_integrators_that_cannot_run_a_scene_are_skipped(monkeypatch):
     some = {name: INTEGRATORS[name] for name in ("rk4", "exact", "closed")}
     monkeypatch.setattr(warm, "INTEGRATORS", some)
     found = {
-        one.integrator: one for one in rm.warm(rm.Scene.load("kapitza_top"), all_integrators=True)
+        one.integrator: one
+        for one in rm.precompile(rm.Scene.load("kapitza_top"), all_integrators=True)
     }
     assert set(found) == set(some) and not found["rk4"].skipped
     assert "takes no torque" in found["exact"].skipped and "closed form" in found["closed"].skipped
-    skipped = rm.warm(own_scene())[0].skipped
+    skipped = rm.precompile(own_scene())[0].skipped
     assert "Push is compiled in every process: " in skipped and "Push.torque has attr" in skipped
 
 
@@ -182,7 +184,8 @@ def test_a_scene_drawn_through_scipy_tells_its_version(tmp_path):
     assert "drawn" not in rm.simulate(plain).attrs
     assert rm.simulate(plain.with_run(points="sobol")).attrs["drawn"] == through
     fisher = rm.Start(omega=(0.1, 1.0, 0.0), attitude=rm.Fisher((1.0, 0.0, 0.0, 0.0), 10.0))
-    assert rm.Scene(BODY, (), fisher).drawn_through() == through
+    drawn = rm.Scene(BODY, (), fisher)
+    assert drawn_through(drawn.model, drawn.run) == through
 
     file = tmp_path / "s.toml"
     file.write_text(scene.dumps())
@@ -227,7 +230,7 @@ def test_a_run_drawn_through_scipy_goes_on_with_that_version_alone(tmp_path):
     assert invoke("run", tmp_path / "s.toml", "-o", run).exit_code == 0
     facts = run_directory.RunDirectory(run).facts
     other = {**facts, "versions": {**facts["versions"], "scipy": "0.1"}}
-    (tmp_path / "run" / "run.json").write_text(rendered(other))
+    (tmp_path / "run" / "run.json").write_text(facts_text(other))
     found = invoke("resume", run)
     assert found.exit_code == 3 and f"scipy 0.1 there, {scipy.__version__} here" in found.output
     assert invoke("resume", run, "--accept").exit_code == 0

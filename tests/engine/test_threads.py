@@ -119,11 +119,11 @@ def test_threads_that_ended_begin_again_and_errors_stop_the_others():
 
 FORKED = """
 import os, sys
-from rigidmc.files.netcdf import alone
-alone(int)
+from rigidmc.files.netcdf import in_netcdf_thread
+in_netcdf_thread(int)
 if child := os.fork():
     sys.exit(os.waitpid(child, 0)[1])
-alone(int)
+in_netcdf_thread(int)
 """
 
 
@@ -136,7 +136,7 @@ def test_a_forked_process_ends_without_the_threads_of_its_parent():
 SIGNALS = """
 import random, signal
 from rigidmc.engine.threads import run_blocks
-from rigidmc.files.netcdf import alone
+from rigidmc.files.netcdf import in_netcdf_thread
 from tests.engine.test_threads import closed
 
 class Heard(Exception):
@@ -147,7 +147,7 @@ def heard(*_):
 
 signal.signal(signal.SIGALRM, heard)
 chance, count = random.Random(1), 0
-for work in (lambda: alone(int), lambda: run_blocks(closed, range(6), 2, id, poll=dict)):
+for work in (lambda: in_netcdf_thread(int), lambda: run_blocks(closed, range(6), 2, id, poll=dict)):
     for _ in range(1000):
         try:
             signal.setitimer(signal.ITIMER_REAL, chance.uniform(1e-6, 3e-4))

@@ -19,7 +19,7 @@ from rigidmc.errors import FileError, RigidmcError, SceneError, nearest, path_of
 from rigidmc.files import reading
 from rigidmc.files.netcdf import refuse_hostile
 from rigidmc.mechanics import mesh
-from rigidmc.scene.toml.values import column
+from rigidmc.scene.toml.values import read_column
 from tests.faulty import LINUX
 
 pytestmark = LINUX
@@ -97,7 +97,7 @@ def test_messages_are_no_longer_than_a_screen():
 
 def table(folder, text, name="a"):
     (folder / "t.csv").write_text(text)
-    return column(str(folder), "t.csv", name, "start.omega")
+    return read_column(str(folder), "t.csv", name, "start.omega")
 
 
 def test_csv_files_are_read_in_pieces(tmp_path):
@@ -116,7 +116,7 @@ def test_csv_files_are_read_in_pieces(tmp_path):
     with open(tmp_path / "t.csv", "wb") as file:
         file.truncate(2**33)
     with bounded(), pytest.raises(SceneError, match="letters"):
-        column(str(tmp_path), "t.csv", "a", "start.omega")
+        read_column(str(tmp_path), "t.csv", "a", "start.omega")
 
 
 @pytest.fixture

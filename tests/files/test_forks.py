@@ -20,7 +20,7 @@ from rigidmc.runs.directory.create import create
 from rigidmc.results import writer
 folder, how = sys.argv[1], int(sys.argv[2])
 scene = rm.Scene.load("tennis_racket").with_run(members=64, t_end=1.0, every=0.1, save=("omega",))
-expected, alone, forks = rm.simulate(scene).omega.values, writer.alone, []
+expected, in_netcdf_thread, forks = rm.simulate(scene).omega.values, writer.in_netcdf_thread, []
 
 def forking(function, *arguments):
     def then_fork():
@@ -37,9 +37,9 @@ def forking(function, *arguments):
             ctypes.CDLL(None).exit(0)
         os.close(done)
         forks.append((pid, until))
-    return alone(then_fork)
+    return in_netcdf_thread(then_fork)
 
-writer.alone = forking
+writer.in_netcdf_thread = forking
 with rm.simulate(scene, output=f"{folder}/one.nc") as made:
     assert np.array_equal(made.omega.values, expected)
 directory = create(scene, f"{folder}/run")

@@ -59,7 +59,7 @@ def test_helpers_are_started_in_one_way():
     users = {
         str(file.relative_to(ROOT))[:-3].replace("/", ".")
         for file in ROOT.rglob("*.py")
-        if re.search(r"\bstart\(__name__", file.read_text())
+        if re.search(r"\bstart_helper\(__name__", file.read_text())
     }
     assert users == set(HELPERS)
 
@@ -86,7 +86,7 @@ def test_a_helper_executes_nothing_of_the_folder(planted, module, monkeypatch):
         "files.trial": json.dumps(["netCDF", str(planted / "a.nc")]),
         "engine.compile_helper": "[]",
     }.get(module, "")
-    with processes.start(f"rigidmc.{module}") as helper:
+    with processes.start_helper(f"rigidmc.{module}") as helper:
         out, _ = helper.communicate(task, timeout=100)
     assert untouched(planted) is True
     if module == "files.trial":

@@ -117,7 +117,7 @@ def test_planted_parts_are_passed_by(tmp_path):
     """Names of parts can be guessed: a link of the next name was written through."""
     mine = tmp_path / "mine"
     mine.write_text("mine")
-    some = outputs.Part(tmp_path / "x.nc")
+    some = outputs.PartialFile(tmp_path / "x.nc")
     some.discard()
     stem, number = some.path.removesuffix(".nc").rsplit("-", 1)
     for i in range(1, 9):
@@ -155,7 +155,7 @@ def test_the_openers(tmp_path):
         with within(5.0), open(path, mode, opener=opener) as opened:
             return opened.read()
 
-    for opener in (opening.regular, opening.plain, opening.below):
+    for opener in (opening.open_regular, opening.open_plain, opening.open_below):
         assert text(file, opener) == "text"
         for bad in (pipe, tmp_path / "a", "/dev/zero"):
             for mode in ("r", "a+"):
@@ -163,9 +163,14 @@ def test_the_openers(tmp_path):
                     text(bad, opener, mode)
         with pytest.raises(FileNotFoundError, match="none"):
             text(tmp_path / "none", opener)
-    assert text(link, opening.regular) == text(tmp_path / "b" / "file", opening.plain) == "text"
+    assert (
+        text(link, opening.open_regular)
+        == text(tmp_path / "b" / "file", opening.open_plain)
+        == "text"
+    )
     for bad, opener in (
-        (link, opening.plain), (link, opening.below), (tmp_path / "b" / "file", opening.below)
+        (link, opening.open_plain), (link, opening.open_below),
+        (tmp_path / "b" / "file", opening.open_below),
     ):  # fmt: skip
         with pytest.raises(FileError, match="is a link"):
             text(bad, opener)
@@ -174,10 +179,10 @@ def test_the_openers(tmp_path):
 def test_holes_hold_nothing(tmp_path):
     with open(tmp_path / "a", "wb") as file:
         file.truncate(2**33)
-        assert opening.held(file.fileno()) == 0
+        assert opening.data_bytes(file.fileno()) == 0
         file.seek(2**32)
         file.write(bytes(2**20))
         file.flush()
-        assert 2**20 <= opening.held(file.fileno()) < 2**21
+        assert 2**20 <= opening.data_bytes(file.fileno()) < 2**21
     (tmp_path / "b").write_bytes(bytes(10**6))
-    assert opening.held_in(tmp_path / "b") == 10**6
+    assert opening.data_bytes_at(tmp_path / "b") == 10**6

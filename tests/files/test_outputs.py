@@ -26,7 +26,7 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import NoRoom, OutputExists
 from rigidmc.files import outputs
-from rigidmc.files.netcdf import alone
+from rigidmc.files.netcdf import in_netcdf_thread
 from rigidmc.runs import prepare
 from rigidmc.runs.directory import resume
 from rigidmc.runs.directory.create import create
@@ -82,7 +82,7 @@ def test_studies_and_pictures_overwrite_nothing_that_appears_meanwhile(
         patch.object(module, name, appearing([one, two], STUDY)),
         patch.object(accuracy, "ladder_table", lambda found: ["the table"]),
         patch.object(trust, "table", lambda found: ["the table"]),
-        patch.object(trust, "failed", lambda found: False),
+        patch.object(trust, "has_failed", lambda found: False),
         patch.object(accuracy_picture, "work_precision", lambda found: Figure()),
         patch.object(stress_picture, "trust", lambda found: Figure()),
     ):  # fmt: skip
@@ -105,14 +105,14 @@ def test_bounds_are_written_whole_and_overwrite_nothing(tmp_path):
     path = tmp_path / "b.csv"
     path.write_bytes(OLD)
     with pytest.raises(OutputExists):
-        hard_cases.save_bounds(study, path)
+        hard_cases.write_bounds(study, path)
     with (
         patch.object(hard_cases, "_rounded_up", side_effect=KeyboardInterrupt),
         pytest.raises(KeyboardInterrupt),
     ):
-        hard_cases.save_bounds(study, path, force=True)
+        hard_cases.write_bounds(study, path, force=True)
     assert path.read_bytes() == OLD
-    hard_cases.save_bounds(study, path, force=True)
+    hard_cases.write_bounds(study, path, force=True)
     assert "needle,rk4,4e-09,1e-09" in path.read_text()
 
 
@@ -281,7 +281,7 @@ def test_a_run_without_disk_space_does_not_begin(tmp_path):
 
     words = "run", "nasa_brick", "-o", f"{tmp_path}/run/"
     with (
-        patch("rigidmc.runs.directory.create.refuse_hopeless", hopeless),
+        patch("rigidmc.runs.directory.create.check_resources", hopeless),
         patch.object(resume, "resume", side_effect=AssertionError),
     ):
         for more in (["--threads", 7], ["--cluster", "local:9"]):
@@ -296,7 +296,7 @@ def test_a_run_without_disk_space_does_not_begin(tmp_path):
 
 def test_parts_of_killed_runs_are_cleaned_up(tmp_path):
     """Before: a run to a file and a consolidation left a part each time they were killed."""
-    some = outputs.Part(tmp_path / "x")
+    some = outputs.PartialFile(tmp_path / "x")
     here = os.path.basename(some.path).rsplit("-", 2)[0]
     some.discard()
     gone = subprocess.Popen([sys.executable, "-c", ""])
@@ -313,7 +313,7 @@ def test_parts_of_killed_runs_are_cleaned_up(tmp_path):
         # of a process that ended, one that reused this number, one that writes, another computer,
         # no one
         (tmp_path / name).touch()
-    with outputs.Part(tmp_path / "mine") as mine:
+    with outputs.PartialFile(tmp_path / "mine") as mine:
         with open(mine, "w"):
             pass
         assert invoke("run", "nasa_brick", "--t-end", 0.1, "-o", tmp_path / "r.nc").exit_code == 0
@@ -350,11 +350,11 @@ def test_a_signal_leaves_no_lock_behind():
     try:
         with pytest.raises(KeyboardInterrupt):
             threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
-            alone(slowly)
+            in_netcdf_thread(slowly)
     finally:
         signal.signal(signal.SIGINT, before)
     assert done == []
-    alone(done.append, "second")
+    in_netcdf_thread(done.append, "second")
     assert done == ["first", "second"]
 
 

@@ -86,7 +86,7 @@ def test_free_motion_is_alike_at_any_rate(coordinates, times):
 @pytest.mark.parametrize("potential", [GRAVITY, SPRING, C.total(GRAVITY, SPRING)])
 @pytest.mark.parametrize("coordinates", [*C.NAMED, own])
 def test_torque_is_minus_the_inverse_transpose_of_m_times_the_slope(potential, coordinates):
-    torque = C.torque(potential, C.matrix(coordinates, POINTS))
+    torque = C.torque_of_potential(potential, C.matrix(coordinates, POINTS))
     force = C.generalised_force(potential, coordinates, POINTS)
     assert np.abs(C.torque_of_force(coordinates, POINTS, force) - torque).max() < 2e-14  # 1.3e-15
     assert np.abs(C.force_of_torque(coordinates, POINTS, torque) - force).max() < 2e-14  # 1.3e-15
@@ -95,13 +95,19 @@ def test_torque_is_minus_the_inverse_transpose_of_m_times_the_slope(potential, c
 def test_torque_of_gravity_and_spring_are_force_times_arm():
     a = C.matrix("zxz", POINTS)
     # 8.9e-16
-    assert np.abs(C.torque(GRAVITY, a) - np.cross(CENTRE, -MASS * G * a[:, 2])).max() < 2e-15
+    assert (
+        np.abs(C.torque_of_potential(GRAVITY, a) - np.cross(CENTRE, -MASS * G * a[:, 2])).max()
+        < 2e-15
+    )
     point, hook = np.array([0.3, 0.1, 0.2]), np.array([1.0, 0.0, 0.5])
     apart = hook - a @ point
     length = np.linalg.norm(apart, axis=1, keepdims=True)
     force = 5.0 * (length - 0.4) * apart / length
     # 2.2e-16
-    assert np.abs(C.torque(SPRING, a) - np.cross(point, R.to_body(a, force))).max() < 2e-15
+    assert (
+        np.abs(C.torque_of_potential(SPRING, a) - np.cross(point, R.to_body(a, force))).max()
+        < 2e-15
+    )
 
 
 def test_torque_of_a_users_potential_against_a_difference():
@@ -112,7 +118,7 @@ def test_torque_of_a_users_potential_against_a_difference():
     turns = [R.matrix(R.from_rotation_vector(s * h * np.eye(3))) for s in (-2, -1, 1, 2)]
     v = [np.stack([potential(a @ turn[k]) for k in range(3)], -1) for turn in turns]
     slope = (v[0] - 8.0 * v[1] + 8.0 * v[2] - v[3]) / (12.0 * h)
-    assert np.abs(C.torque(potential, a) + slope).max() < 1e-11  # 3.8e-13
+    assert np.abs(C.torque_of_potential(potential, a) + slope).max() < 1e-11  # 3.8e-13
 
 
 @pytest.mark.parametrize(
@@ -125,7 +131,7 @@ def test_torque_of_a_users_potential_against_a_difference():
 )
 def test_a_potential_that_drops_the_imaginary_part_is_found_out(potential):
     with pytest.raises(ValueError, match="complex"):
-        C.torque(potential, C.matrix("zxz", POINTS))
+        C.torque_of_potential(potential, C.matrix("zxz", POINTS))
 
 
 def test_unknown_coordinates_name_the_nearest():

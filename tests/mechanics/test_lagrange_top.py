@@ -6,7 +6,7 @@ Every kind of motion, and bad input.
 import numpy as np
 import pytest
 
-from rigidmc import SceneError, SceneWarning, lagrange_motion, lagrange_top
+from rigidmc import SceneError, SceneWarning, analyse_lagrange_top, solve_lagrange_top
 from rigidmc.mechanics import integrable_tops
 from rigidmc.mechanics.lagrange_top import effective_potential, sleeping_growth, steady_precession
 from rigidmc.mechanics.rotation import (
@@ -58,7 +58,7 @@ def test_starts_anywhere(name, t):
     theta, l = STARTS[name]
     q = (0.0, 1.0, 0.0, 0.0) if name == "hanging" else leaning(theta)
     momentum, attitude = off(
-        lagrange_top(I, K, l, q, t), reference.taylor(I, l, t, q, weight=(0, 0, K))
+        solve_lagrange_top(I, K, l, q, t), reference.taylor(I, l, t, q, weight=(0, 0, K))
     )
     assert momentum < 2e-15  # 1.5e-15
     assert attitude < 2e-14  # 1.4e-14
@@ -70,7 +70,7 @@ def test_random_tops_and_weights_below():
             l, q = RNG.normal(size=3), RNG.normal(size=4)
             q /= np.linalg.norm(q)
             momentum, attitude = off(
-                lagrange_top(I, weight, l, q, 4.1),
+                solve_lagrange_top(I, weight, l, q, 4.1),
                 reference.taylor(I, l, 4.1, tuple(q), weight=(0, 0, weight)),
             )
             assert momentum < 4e-15  # 1.8e-15
@@ -81,7 +81,7 @@ def test_far_times_against_the_classical_forms():
     for _ in range(6):
         l, q = RNG.normal(size=3), RNG.normal(size=4)
         momentum, attitude = off(
-            lagrange_top(I, K, l, q, 3000.0), oracles.lagrange(1.0, 0.7, K, l, q, 3000.0)
+            solve_lagrange_top(I, K, l, q, 3000.0), oracles.lagrange(1.0, 0.7, K, l, q, 3000.0)
         )
         assert momentum < 1e-11  # 1.2e-12
         assert attitude < 1e-11  # 2.7e-12
@@ -90,7 +90,7 @@ def test_far_times_against_the_classical_forms():
 @pytest.mark.parametrize(("name", "axis"), [("cardona_top", 2), ("simo_wong_top", 3)])
 def test_published_tops(name, axis):
     p = PROBLEMS[name]
-    end = lagrange_top(
+    end = solve_lagrange_top(
         p.moments, p.gravity * p.static_moment[axis - 1], p.momentum, p.attitude, p.time, axis=axis
     )
     if p.end_attitude:
@@ -106,25 +106,25 @@ def test_homoclinic_motion_in_closed_form():
     q = from_euler((0.0, np.pi / 3, 0.0))
     l = np.array([a, a, c]) * omega_from_euler_rates((0.0, np.pi / 3, 0.0), (dphi, 0.0, dpsi))
     t = np.linspace(0.0, 8.0, 30)
-    theta = euler(lagrange_top((a, a, c), k, l, q, t).attitude)[:, 1]
+    theta = euler(solve_lagrange_top((a, a, c), k, l, q, t).attitude)[:, 1]
     assert np.abs(1.0 / np.cos(theta) - 1.0 - 1.0 / np.cosh(rate * t)).max() < 1e-12  # 1.3e-15
-    assert lagrange_motion((a, a, c), k, l, q).kind == "homoclinic"
+    assert analyse_lagrange_top((a, a, c), k, l, q).kind == "homoclinic"
 
 
 def test_sleeping_top_stays_and_its_stability():
     for spin in (0.6, 6.0):
-        end = lagrange_top(I, K, (0.0, 0.0, spin), (1.0, 0, 0, 0), np.array([-1e3, 1e3]))
+        end = solve_lagrange_top(I, K, (0.0, 0.0, spin), (1.0, 0, 0, 0), np.array([-1e3, 1e3]))
         assert (matrix(end.attitude)[:, 2, 2] == 1.0).all()
         assert np.abs(end.momentum[:, :2]).max() == 0.0
         half = 0.5 * spin / 0.7 * 1e3
         # 1.8e-12
         assert attitude_error(end.attitude[1], (np.cos(half), 0, 0, np.sin(half))) < 1e-11
         kind = "sleeping" if spin == 6.0 else "unstable"  # from 2 sqrt(I1 k) = 3.3 on
-        assert lagrange_motion(I, K, (0.0, 0.0, spin), (1.0, 0, 0, 0)).kind == kind
+        assert analyse_lagrange_top(I, K, (0.0, 0.0, spin), (1.0, 0, 0, 0)).kind == kind
     growth = sleeping_growth(I, K, 0.6 / 0.7)
     assert sleeping_growth(I, K, 6.0 / 0.7) == 0.0
     tilt = [
-        np.hypot(*(lagrange_top(I, K, (1e-10, 0, 0.6), (1, 0, 0, 0), t).attitude[1:3]))
+        np.hypot(*(solve_lagrange_top(I, K, (1e-10, 0, 0.6), (1, 0, 0, 0), t).attitude[1:3]))
         for t in (8.0, 9.0)
     ]
     assert np.log(tilt[1] / tilt[0]) == pytest.approx(growth, rel=1e-6)
@@ -151,10 +151,10 @@ def test_upright_tops_sleep_where_a_small_tilt_stays_small():
             np.roll((a, a, c), axis),
             np.roll((0.0, 0.0, 2.0 * ratio * np.sqrt(a * k)), axis),
         )
-        kind = lagrange_motion(moments, weight, l, q, int(axis)).kind
+        kind = analyse_lagrange_top(moments, weight, l, q, int(axis)).kind
         t = np.linspace(0.0, 30.0, 400) * np.sqrt(a / k)
         tilted = product(q, (1.0, *np.roll((0.5e-7, 0.0, 0.0), axis)))
-        motion = lagrange_top(moments, weight, l, tilted, t, int(axis))
+        motion = solve_lagrange_top(moments, weight, l, tilted, t, int(axis))
         tilt = np.linalg.norm(np.cross(matrix(motion.attitude)[:, :, axis - 1], (0, 0, 1)), axis=-1)
         grows = tilt.max() / 1e-7
         seen.append((kind, grows))
@@ -164,8 +164,8 @@ def test_upright_tops_sleep_where_a_small_tilt_stays_small():
         assert (grows < 6.0) if hangs or abs(ratio) > 1.0 else (grows > 2e3), (ratio, grows)
     assert {kind.item() for kind, _ in seen} == {"hanging", "sleeping", "unstable", "at rest"}
     threshold = (0.0, 0.0, 2.0 * np.sqrt(I[0] * K))
-    assert lagrange_motion(I, K, threshold, (1.0, 0, 0, 0)).kind == "sleeping"
-    assert lagrange_motion(I, 0.0, (0.0, 0.0, 1.0), (0, 1.0, 0, 0)).kind == "sleeping"
+    assert analyse_lagrange_top(I, K, threshold, (1.0, 0, 0, 0)).kind == "sleeping"
+    assert analyse_lagrange_top(I, 0.0, (0.0, 0.0, 1.0), (0, 1.0, 0, 0)).kind == "sleeping"
 
 
 def test_a_horizontal_axis_has_one_steady_precession():
@@ -193,10 +193,10 @@ def test_kinds_of_motion_and_their_angles():
             I * omega_from_euler_rates((0, 0.9, 0), (slow, 0.0, 4.0 - slow * np.cos(0.9))),
         )
         q = (0.0, 1.0, 0.0, 0.0) if kind == "at rest" else leaning(theta)
-        what = lagrange_motion(I, K, l, q)
+        what = analyse_lagrange_top(I, K, l, q)
         assert what.kind == kind
         if np.isfinite(what.period):
-            path = lagrange_top(I, K, l, q, np.linspace(0.0, 1.0, 2001) * what.period)
+            path = solve_lagrange_top(I, K, l, q, np.linspace(0.0, 1.0, 2001) * what.period)
             tilt = euler(path.attitude)[:, 1]
             # a pendulum swings through theta = pi, a corner of theta
             rough = 1e-3 if kind == "pendulum" else 1e-5
@@ -214,18 +214,18 @@ def test_kinds_of_motion_and_their_angles():
                     assert u == pytest.approx(float(what.energy), rel=1e-12)
     for rate in (slow, fast):  # both rates keep theta constant
         l = I * omega_from_euler_rates((0, 0.9, 0), (rate, 0.0, 4.0 - rate * np.cos(0.9)))
-        path = lagrange_top(I, K, l, leaning(0.9), np.linspace(0.0, 20.0, 50)).attitude
+        path = solve_lagrange_top(I, K, l, leaning(0.9), np.linspace(0.0, 20.0, 50)).attitude
         assert np.abs(euler(path)[:, 1] - 0.9).max() < 1e-13  # 3.3e-16
 
 
 def test_unequal_moments_are_refused_and_flagged():
     with pytest.raises(SceneError, match="I1 and I2 must be equal"):
-        lagrange_top((1.0, 1.2, 0.7), K, (0, 0, 1), leaning(0.3), 1.0)
+        solve_lagrange_top((1.0, 1.2, 0.7), K, (0, 0, 1), leaning(0.3), 1.0)
     moments = np.tile(I, (5, 1))
-    good = lagrange_top(moments, K, (0.1, 0.2, 1.0), leaning(0.3), 1.0)
+    good = solve_lagrange_top(moments, K, (0.1, 0.2, 1.0), leaning(0.3), 1.0)
     moments[2, 1] = 1.1
     with pytest.warns(SceneWarning, match="1 of 5"):
-        found = lagrange_top(moments, K, (0.1, 0.2, 1.0), leaning(0.3), 1.0)
+        found = solve_lagrange_top(moments, K, (0.1, 0.2, 1.0), leaning(0.3), 1.0)
     assert np.isnan(found.attitude[2]).all()
     keep = [0, 1, 3, 4]
     assert (found.attitude[keep] == good.attitude[keep]).all()

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.mechanics import rotation as R
-from rigidmc.mechanics.free_top import free_top
+from rigidmc.mechanics.free_top import solve_free_top
 
 RNG = np.random.default_rng(31)
 Q = RNG.normal(size=(200, 4))
@@ -143,7 +143,7 @@ def test_angular_velocity_of_a_series_converges_with_order_6_whatever_the_signs(
     errors = []
     for n in (100, 200, 400):
         t = np.linspace(0.0, 10.0, n) + 0.2 * 10.0 / n * np.sin(np.arange(n))  # uneven
-        motion = free_top((1.0, 2.0, 3.0), (0.3, 2.0, 0.4), (1.0, 0, 0, 0), t)
+        motion = solve_free_top((1.0, 2.0, 3.0), (0.3, 2.0, 0.4), (1.0, 0, 0, 0), t)
         signs = RNG.choice([-1.0, 1.0], n)[:, None]
         errors.append(
             np.abs(R.angular_velocity_of_series(t, signs * motion.attitude) - motion.omega).max()

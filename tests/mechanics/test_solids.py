@@ -159,9 +159,9 @@ def test_bad_densities(density, region, rule):
             "semiaxes = -2.0: must be positive",
         ),
         (lambda: Body.solid("ball", mass=rm.uniform(1, 2), radius=1.0), "plain numbers"),
-        (lambda: Body.box(1.0, (1, 1, 1)).joined(3), "only bodies"),
+        (lambda: Body.box(1.0, (1, 1, 1)).join(3), "only bodies"),
         (
-            lambda: Body.box(1.0, (1, 1, 1)).joined(Body.box(1.0, (1, 1, 1)), at=(1, 2)),
+            lambda: Body.box(1.0, (1, 1, 1)).join(Body.box(1.0, (1, 1, 1)), at=(1, 2)),
             "at .*3 components",
         ),
         (
@@ -229,7 +229,7 @@ def test_every_solid_is_a_shape_of_scene_files(name):
     scene = rm.prepare(rm.Scene.loads(text)).scene
     again = rm.Scene.loads(scene.dumps())
     assert again.body.quantities() == scene.body.quantities()
-    assert not inertia.broken(np.array(scene.body.moments))
+    assert not inertia.violates_triangle(np.array(scene.body.moments))
     with pytest.raises(SceneError, match=rf"\[body.{name}\].*mss"):
         rm.Scene.loads(text.replace(" = {", " = { mss = 1.0,", 1))
     with pytest.raises(SceneError, match=rf"\[body.{name}\]"):  # a list where a number belongs

@@ -6,7 +6,7 @@ The reference is srkn11 in short steps with compensated sums.
 import numpy as np
 import pytest
 
-from rigidmc import Gravity, free_top, lagrange_top
+from rigidmc import Gravity, solve_free_top, solve_lagrange_top
 from rigidmc.engine.kernel import layout as K
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.physics.dynamics.euler import MassProperties
@@ -122,7 +122,9 @@ def test_tops_that_stand_or_hang_move_as_they_do_by_srkn11(tilt, axis):
             "srkn11", (Gravity(1.0),), moments, static, sign * momentum, attitude, 0.02
         )
         apart, turned = errors(
-            lagrange_top(moments, weight, momentum, attitude, sign * TIMES, axis=axis), true, sign
+            solve_lagrange_top(moments, weight, momentum, attitude, sign * TIMES, axis=axis),
+            true,
+            sign,
         )
         assert apart < 2e-14  # 4.6e-15
         assert turned < 2e-13  # 5.4e-15 exactly vertical, 7.0e-14 within 1e-8
@@ -135,7 +137,9 @@ def test_free_tops_about_axes_and_on_separatrices_move_as_they_do_by_rk8(tilt):
         true = integrated(
             "rk8", (), moments, np.zeros((3, MEMBERS)), sign * momentum, attitude, 0.02
         )
-        apart, turned = errors(free_top(moments, momentum, attitude, sign * TIMES), true, sign)
+        apart, turned = errors(
+            solve_free_top(moments, momentum, attitude, sign * TIMES), true, sign
+        )
         assert apart < 1e-14  # 2.7e-15
         assert turned < 2e-13  # 4.8e-14
 
@@ -150,7 +154,7 @@ def test_the_start_is_the_start_at_any_tilt_and_any_rate(scale, low):
         size=(MEMBERS, 4)
     )
     momentum[:, :2] *= 10.0 ** some.uniform(low, 0, (MEMBERS, 1))
-    found = lagrange_top(moments, scale**2 * weight, scale * momentum, attitude, 0.0)
+    found = solve_lagrange_top(moments, scale**2 * weight, scale * momentum, attitude, 0.0)
     assert np.linalg.norm(found.momentum / scale - momentum, axis=1).max() < 3e-15  # 5.2e-16
     # 1.1e-12, of tilts below 1e-40: K = 139 there
     assert attitude_error(found.attitude, attitude).max() < 4e-12

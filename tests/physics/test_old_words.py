@@ -1,10 +1,11 @@
-"""Methods and facts that had other names in earlier versions: a class that has one is told the new.
+"""Names of earlier versions, of public objects and of users' own parts, are refused with the new.
 
 Until 1.0: then the tables of old words go, and this file with them.
 """
 
 import importlib
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -14,6 +15,8 @@ from rigidmc.physics.dynamics.trials import OLD_ARGUMENTS
 from rigidmc.physics.effects import protocol as effects
 from rigidmc.physics.integrators import protocol as integrators
 from rigidmc.physics.observables import protocol as observables
+from rigidmc.scene import parts
+from rigidmc.scene.vector_distributions.protocol import OLD_WORDS
 
 BODY = rm.Body.from_moments((1.0, 1.4, 2.0))
 RUN = {"dt": 0.1, "t_end": 1.0}
@@ -99,6 +102,42 @@ def test_old_arguments(old, new):
         some, named = (own(),), {}
     with pytest.raises(rm.SceneError, match=rf"asks for '{old}'.*did you mean '{new}'"):
         rm.prepare(rm.Scene(BODY), *some, **named, **RUN)
+
+
+LINE = type(
+    "Line", (protocols.VectorDistribution,), {"size": 1.0, "__annotations__": {"size": Any}}
+)
+
+
+@pytest.mark.parametrize("old", OLD_WORDS)
+def test_old_words_of_distributions(old):
+    own = dataclass(frozen=True)(type("Own", (LINE,), {old: ("omega",), "__annotations__": {}}))
+    with pytest.raises(rm.SceneError, match=rf"Own.{old}: is now called {OLD_WORDS[old]}"):
+        rm.Start(omega=own())
+
+
+@pytest.mark.parametrize(("value", "old"), [
+    (value, old) for value in (BODY, rm.Start(omega=(0.0, 0.0, 1.0))) for old in value._OLD_NAMES
+])  # fmt: skip
+def test_old_names_of_bodies_and_starts(value, old):
+    new, kind = value._OLD_NAMES[old], type(value).__name__
+    assert hasattr(value, new)
+    with pytest.raises(AttributeError, match=f"{kind}.{old} is now called {new}"):
+        getattr(value, old)
+
+
+@pytest.mark.parametrize("old", parts._GONE)
+def test_what_a_scene_had(old):
+    with pytest.raises(AttributeError, match=f"Scene.{old} is gone: "):
+        getattr(rm.Scene(BODY), old)
+
+
+@pytest.mark.parametrize("old", rm._OLD_NAMES)
+def test_old_names_of_the_package(old):
+    new = rm._OLD_NAMES[old]
+    assert hasattr(rm, new) and old not in dir(rm)
+    with pytest.raises(ImportError, match=f"rigidmc.{old} is now called rigidmc.{new}"):
+        getattr(rm, old)
 
 
 @pytest.mark.parametrize(("old", "new"), protocols._OLD.items())

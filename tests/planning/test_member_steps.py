@@ -10,7 +10,7 @@ import rigidmc as rm
 from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.effects import Gravity
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.planning.steps import MOST_OWN_STEPS, own_steps, rates
+from rigidmc.planning.steps import MOST_OWN_STEPS, count_member_steps, rate_bounds
 from rigidmc.studies.stress.problems import PROBLEMS
 from tests.kernels import block_of, prepare, run
 from tests.plans import starts
@@ -77,18 +77,20 @@ def test_members_err_alike():
 
 def test_rates_bound_omega_for_all_times():
     block, _ = starts(SCENE, 0, 320, True)
-    bound = rates(SCENE.effects, block)[:300]
+    bound = rate_bounds(SCENE.effects, block)[:300]
     omega = np.linalg.norm(
         rm.simulate(SCENE, integrator="rk8", dt=0.02, every=0.1).omega.values, axis=1
     )
     assert (omega.max(0) <= bound).all()
     assert np.median(omega.max(0) / bound) > 0.4  # 0.56, at most 0.75
     free = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), (), rm.Start(omega=(3.0, 0.0, 0.0)))
-    assert rates((), starts(free, 0, 32, False)[0])[0] == pytest.approx(3.0, rel=1e-15)
+    assert rate_bounds((), starts(free, 0, 32, False)[0])[0] == pytest.approx(3.0, rel=1e-15)
 
 
 def test_own_steps():
-    assert own_steps(np.array([0.0, 1.0, 1.01, np.nan, np.inf, 1e300]), 10.0, 0.5).tolist() == [
+    assert count_member_steps(
+        np.array([0.0, 1.0, 1.01, np.nan, np.inf, 1e300]), 10.0, 0.5
+    ).tolist() == [
         1,
         20,
         21,

@@ -23,12 +23,12 @@ def test_states_are_those_of_a_run():
     found = pilot.pilot(scene, 70)
     assert (found.base, found.stride, found.members, found.block.shape[1]) == (15, 2, 70, 96)
     assert np.allclose(found.times, [0.4, 0.8, 1.2, 1.6, 2.0, 2.4, 2.8, 3.0], rtol=1e-15)
-    states = pilot.follow(found, "rk4", 300)
+    states = pilot.integrate_pilot(found, "rk4", 300)
     ds = rm.simulate(scene, members=70, save=("momentum", "attitude"))
     at = [2, 4, 6, 8, 10, 12, 14, 15]
     assert np.array_equal(states.l, ds.momentum.values[at])
     assert np.array_equal(states.q, ds.attitude.values[at])
-    again = pilot.follow(found, "rk4", 300)
+    again = pilot.integrate_pilot(found, "rk4", 300)
     assert np.array_equal(states.q, again.q)  # later work does not move a pilot
 
 
@@ -45,36 +45,36 @@ def test_a_pilot_of_members_that_are_all_alike_is_one():
 @pytest.mark.parametrize(("scene", "name"), [(FREE, "free top"), (LAGRANGE, "Lagrange top")])
 def test_the_truth_is_the_closed_form_where_there_is_one(scene, name):
     found = pilot.pilot(scene.with_run(save=("omega", "attitude")), 64)
-    true = truth.truth(found)
+    true = truth.make_reference(found)
     assert true.source == f"closed form of the {name}, which rk8 confirms"
     assert deviation.upper_quantile(true.error) < 1e-13
-    apart = deviation.errors(found, pilot.follow(found, "rk8", 400, compensated=True), true.states)[
-        "state"
-    ]
+    apart = deviation.errors(
+        found, pilot.integrate_pilot(found, "rk8", 400, compensated=True), true.states
+    )["state"]
     assert apart.max() < 1e-12
 
 
 @pytest.mark.slow
 def test_without_a_closed_form_two_methods_must_agree():
     found = pilot.pilot(HEAVY, 64)
-    true = truth.truth(found)
+    true = truth.make_reference(found)
     assert true.source.startswith("rk8 in")
     assert "srkn11 confirms" in true.source
     assert "lies on none of them" in true.source  # why there is no closed form
     assert true.error.max() < truth.AGREED
     apart = deviation.errors(
-        found, pilot.follow(found, "rkmk4", 6000, compensated=True), true.states
+        found, pilot.integrate_pilot(found, "rkmk4", 6000, compensated=True), true.states
     )["state"]
     assert apart.max() < 1e-10  # a third method, of another family
     damped = rm.Scene(BODY, (rm.Gravity(3.0), rm.ViscousDamping(0.1)), START).with_run(t_end=3.0)
-    true = truth.truth(pilot.pilot(damped, 32))
+    true = truth.make_reference(pilot.pilot(damped, 32))
     assert "cf4 confirms" in true.source  # no splitting of high order takes damping
     assert true.error.max() < 1e-11
 
 
 def test_errors_are_what_they_say():
     found = pilot.pilot(HEAVY, 40)
-    true = pilot.follow(found, "rk8", 200)
+    true = pilot.integrate_pilot(found, "rk8", 200)
     turn = np.array([np.cos(5e-4), np.sin(5e-4), 0.0, 0.0])  # by 1e-3 rad
     from rigidmc.physics.dynamics.so3 import multiply
 
@@ -94,15 +94,15 @@ def test_growth_tells_chaos_from_order():
         (rm.Gravity(9.81),),
         rm.Start(omega=(0.5, 0.5, 0.5), attitude="uniform"),
     ).with_run(t_end=16.0, save=("omega", "attitude"))
-    _, rate = growth.growth(pilot.pilot(chaotic, 64))
+    _, rate = growth.measure_growth(pilot.pilot(chaotic, 64))
     assert np.mean(rate > 0.0) > 0.3  # 0.55
-    factor, rate = growth.growth(pilot.pilot(LAGRANGE.with_run(t_end=8.0), 64))
+    factor, rate = growth.measure_growth(pilot.pilot(LAGRANGE.with_run(t_end=8.0), 64))
     assert np.mean(rate > 0.0) < 0.05
     assert np.median(factor) < 1e4
     # along the middle axis a disturbance grows as exp(sigma t), sigma = omega sqrt((I2 - I1)(I3 -
     # I2)/(I1 I3))
     spun = rm.Scene(BODY, (), rm.Start(omega=(1e-9, 3.0, 0.0))).with_run(t_end=2.0)
-    _, rate = growth.growth(pilot.pilot(spun, 1))
+    _, rate = growth.measure_growth(pilot.pilot(spun, 1))
     assert rate[0] == pytest.approx(3.0 * np.sqrt(0.4 * 0.6 / 2.0), rel=0.2)
 
 
@@ -119,6 +119,6 @@ def test_upper_quantile_covers():
 def test_the_disturbance_has_the_right_size():
     found = pilot.pilot(HEAVY, 64)
     block = found.block.copy()
-    pilot.push(block, 1e-6, True, np.random.default_rng(0))
+    pilot.perturb(block, 1e-6, True, np.random.default_rng(0))
     l, l0 = block[K.MOMENTUM : K.EXTRA], found.block[K.MOMENTUM : K.EXTRA]
     assert np.allclose(np.linalg.norm(l - l0, axis=0) / np.linalg.norm(l0, axis=0), 1e-6, rtol=1e-6)

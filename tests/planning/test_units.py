@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.planning.units import choose_units, dimensions, factor, scaled
+from rigidmc.planning.units import choose_units, scale_scene, unit_exponents, unit_factor
 
 BODY = rm.Body.from_moments((rm.uniform(0.9, 1.1), 1.4, 2.0), mass=1.5, centre=(0.1, 0.2, 0.3))
 START = rm.Start(
@@ -31,12 +31,12 @@ UNITS = {
 
 
 def test_units_are_read():
-    assert dimensions("kg2 m4 s-2") == (2, 4, -2)
-    assert dimensions("rad s-1") == (0, 0, -1)
-    assert dimensions("N m") == dimensions("J") == (1, 2, -2)
-    assert factor("kg m2 s-1", 2.0, 3.0, 4.0) == 4.5
+    assert unit_exponents("kg2 m4 s-2") == (2, 4, -2)
+    assert unit_exponents("rad s-1") == (0, 0, -1)
+    assert unit_exponents("N m") == unit_exponents("J") == (1, 2, -2)
+    assert unit_factor("kg m2 s-1", 2.0, 3.0, 4.0) == 4.5
     with pytest.raises(ValueError, match="furlong"):
-        dimensions("furlong s-1")
+        unit_exponents("furlong s-1")
 
 
 @pytest.mark.filterwarnings("ignore:.*far less than air")  # in other units it is
@@ -44,7 +44,7 @@ def test_units_are_read():
 def test_powers_of_two_change_no_bit(powers):
     """The last two leave the integrated numbers as they are, and come back from internal units."""
     mass, length, time = (2.0**k for k in powers)
-    one, two = rm.simulate(SCENE), rm.simulate(scaled(SCENE, mass, length, time))
+    one, two = rm.simulate(SCENE), rm.simulate(scale_scene(SCENE, mass, length, time))
     assert not two.status.values.any()
     for name, (kg, m, s) in UNITS.items():
         assert np.array_equal(
@@ -57,17 +57,17 @@ def test_powers_of_two_change_no_bit(powers):
 @pytest.mark.parametrize("name", ["rk4", "strang"])
 def test_powers_of_ten_change_rounding_only(name):
     one = rm.simulate(SCENE, integrator=name)
-    two = rm.simulate(scaled(SCENE, 1e-21, 1e-7, 1e-4), integrator=name)
+    two = rm.simulate(scale_scene(SCENE, 1e-21, 1e-7, 1e-4), integrator=name)
     assert np.abs(two.omega.values * 1e-4 - one.omega.values).max() < 3e-14  # measured 4.2e-15
     assert np.abs(two.attitude.values - one.attitude.values).max() < 3e-14  # measured 1.7e-15
 
 
 def test_internal_units_only_where_they_are_needed():
     assert choose_units(SCENE) is None
-    small = scaled(SCENE, 1e-12, 1e-3, 1e-6)
+    small = scale_scene(SCENE, 1e-12, 1e-3, 1e-6)
     assert choose_units(small) is None
     assert choose_units(small.with_run(dtype="float32")) is not None
-    assert choose_units(scaled(SCENE, 1e-40, 1e-10, 1.0)) is not None
+    assert choose_units(scale_scene(SCENE, 1e-40, 1e-10, 1.0)) is not None
 
 
 def test_a_molecule_in_single_precision():
@@ -83,7 +83,7 @@ def test_a_molecule_in_single_precision():
 
 
 def test_a_file_of_an_extreme_scene_runs_again(tmp_path):
-    scene = scaled(SCENE, 1e-200, 1e-50, 1e-30)
+    scene = scale_scene(SCENE, 1e-200, 1e-50, 1e-30)
     first = rm.simulate(scene, output=tmp_path / "a.nc")
     assert first.momentum.values.max() < 1e-200
     again = rm.simulate(rm.Scene.load(tmp_path / "a.nc"))
@@ -104,7 +104,7 @@ class Wind(NamedTuple):
 def test_effects_without_units_are_not_rescaled():
     windy = rm.Scene(BODY, (Wind(0.1),), START)
     with pytest.raises(rm.SceneError, match="Wind does not tell the unit of size"):
-        scaled(windy, mass=2.0)
+        scale_scene(windy, mass=2.0)
     assert choose_units(windy) is None
 
 

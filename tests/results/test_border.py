@@ -19,11 +19,11 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import FileError, SceneError, SceneWarning
-from rigidmc.files.outputs import Part
+from rigidmc.files.outputs import PartialFile
 from rigidmc.files.reading import DEPTH, toml
 from rigidmc.files.trial import refuse_unreadable
 from rigidmc.results import run_directory
-from rigidmc.results.run_directory import RunDirectory, rendered
+from rigidmc.results.run_directory import RunDirectory, facts_text
 from rigidmc.runs.directory import resume
 from rigidmc.runs.directory.create import create
 from rigidmc.studies.stress.hard_cases import load_bounds
@@ -77,7 +77,7 @@ def changed(result, path, change):
 def with_facts(directory, **facts):
     """Change facts of a run and its checksum."""
     known = {k: v for k, v in directory.facts.items() if k != "check"}
-    (pathlib.Path(directory.path) / "run.json").write_text(rendered({**known, **facts}))
+    (pathlib.Path(directory.path) / "run.json").write_text(facts_text({**known, **facts}))
 
 
 @pytest.mark.parametrize(
@@ -346,7 +346,7 @@ def test_damaged_lines_of_the_journal_are_left_out(directory):
 
 
 def test_a_part_of_a_process_that_does_not_exist_is_deleted(directory):
-    some = Part(os.path.join(directory.path, "shards", "00000000"))
+    some = PartialFile(os.path.join(directory.path, "shards", "00000000"))
     some.discard()
     part = pathlib.Path(some.path)
     part = part.with_name(part.name.replace(f"-{os.getpid()}-", f"-{'9' * 20}-"))

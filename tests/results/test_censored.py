@@ -18,7 +18,7 @@ from rigidmc.physics.observables.saving import event_times
 from rigidmc.protocols import event, running, select
 from rigidmc.results import censored, intervals
 from rigidmc.results.variables import NEWER
-from rigidmc.scene.recording import recording
+from rigidmc.scene.recording import make_recording
 from rigidmc.studies.stability_map.picture import stability_map as drawn
 from tests.results.test_estimates import SCENE
 
@@ -75,10 +75,10 @@ def test_with_one_end_all_is_that_of_the_complete_sample():
             if t > end:
                 continue
             for relation, k in ((">=", (x >= t).sum()), ("<", (x < t).sum())):
-                found = censored.probability(times, relation, t, 0.9)
+                found = censored.censored_probability(times, relation, t, 0.9)
                 assert found.each(float) == pytest.approx(counted(k, x.size, 0.9))
         for q in (0.1, 0.5, 0.9):
-            found, whole = censored.quantile(times, q, 0.9), intervals.quantile(x, q, 0.9)
+            found, whole = censored.censored_quantile(times, q, 0.9), intervals.quantile(x, q, 0.9)
             assert np.isinf(found.value) == ((x <= end).mean() < q)
             if np.sort(x)[math.ceil(q * (x.size - 1))] <= end:
                 assert found.value == whole.value
@@ -87,7 +87,7 @@ def test_with_one_end_all_is_that_of_the_complete_sample():
             assert found.without == (x > end).mean()
         # the way of Kaplan and Meier finds the same ends
         ends = censored._by_survival(censored.survival(times), 0.5, 0.05)[1:]
-        mine = censored.quantile(times, 0.5, 0.9)[1:]
+        mine = censored.censored_quantile(times, 0.5, 0.9)[1:]
         if (x > end).any() and (x <= end).any():
             assert ends == tuple(mine)
 
@@ -101,11 +101,15 @@ def counted(k, n, confidence):
 def test_few_members():
     for times in ([], [np.nan], [-3.0], [-0.0], [2.0], [2.0, -3.0]):
         times = np.array(times)
-        found = censored.quantile(times, 0.5, 0.95)
+        found = censored.censored_quantile(times, 0.5, 0.95)
         assert np.isnan(found.value) == (np.isnan(times).all())
         assert not found.value < 0.0 and not found.low < 0.0
-    assert tuple(censored.quantile(np.array([-3.0, -3.0]), 0.5, 0.95)) == (np.inf, 0.0, np.inf)
-    assert censored.quantile(np.full(400, -3.0), 0.5, 0.95).words() == (
+    assert tuple(censored.censored_quantile(np.array([-3.0, -3.0]), 0.5, 0.95)) == (
+        np.inf,
+        0.0,
+        np.inf,
+    )
+    assert censored.censored_quantile(np.full(400, -3.0), 0.5, 0.95).words() == (
         "beyond 3, 95 % above 3; 100 % of the members had none by 3 s"
     )
 
@@ -264,7 +268,7 @@ def test_a_member_that_stops_is_followed_until_then():
     late = until[stopped] - ds.passage_first.values[stopped]
     assert late.min() >= -1e-9 and late.max() <= step + 1e-9
     assert until[~stopped] == pytest.approx(5.0, rel=1e-12)
-    times = censored.signed(ds, "flip_first", ds.flip_first.values)
+    times = censored.signed_times(ds, "flip_first", ds.flip_first.values)
     none = np.isnan(ds.flip_first.values)
     assert (times[none] == -until[none]).all() and none[stopped].any()
 
@@ -292,7 +296,9 @@ def test_which_outputs_are_times_of_events():
     stated = type("Stated", (SlowAt,), {"event_times": ()})
     assert event_times("slow_at", stated()) == {}
     assert (
-        event_times("omega_max", recording(SCENE.with_run(save=("omega_max",))).monitored[0][1])
+        event_times(
+            "omega_max", make_recording(SCENE.with_run(save=("omega_max",))).monitored[0][1]
+        )
         == {}
     )
     wrong = type("Wrong", (SlowAt,), {"event_times": ("other",)})

@@ -137,17 +137,17 @@ def test_python_writes_the_same(results, tmp_path):
     for name in "abc":
         with rm.open(tmp_path / f"{name}.zarr") as one:
             same_bits(one, ds)
-    frame = export.table(ds)
+    frame = export.member_table(ds)
     assert frame.shape[0] == 70 and frame.attrs["units"]["omega_final_3"] == "rad s-1"
     few = ds.sel(member=[5, 2])
-    assert list(export.table(few)["member"]) == [5, 2]
+    assert list(export.member_table(few)["member"]) == [5, 2]
 
 
 @pytest.mark.parametrize("keep", ["final", "thinned", "summary"])
 def test_tables_of_runs_that_keep_less(keep):
     ds = rm.simulate(rm.Scene.loads(SCENE), keep=keep, save=("omega",))
     full = rm.simulate(rm.Scene.loads(SCENE), save=("omega",))
-    frame, wanted = export.table(ds), export.table(full)["omega_final_2"]
+    frame, wanted = export.member_table(ds), export.member_table(full)["omega_final_2"]
     assert "omega_final_2" in frame or keep == "summary"
     assert np.array_equal(frame.get("omega_final_2", wanted), wanted)
     assert ("omega_mean_2" in frame) == (keep == "summary")

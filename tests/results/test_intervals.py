@@ -144,9 +144,9 @@ def test_a_control_variate_and_antithetic_pairs_tell_what_they_gain():
     for _ in range(400):
         z, rest = some.normal(size=(2, 200))
         plain = statistics.mean(z + 0.1 * rest)
-        by, factor = statistics.controlled(z + 0.1 * rest, z, 0.0)
+        by, factor = statistics.control_variate_mean(z + 0.1 * rest, z, 0.0)
         both = np.stack([z, -z], axis=1).ravel() + 0.1 * some.normal(size=400)
-        pairs, gain = statistics.paired(both)
+        pairs, gain = statistics.antithetic_mean(both)
         covered += [i.low <= 0.0 <= i.high for i in (plain, by, pairs)]
         assert 60.0 < factor < 180.0 and 60.0 < gain < 180.0  # 101 in theory
         assert plain.half / by.half == pytest.approx(np.sqrt(factor), rel=0.02)
@@ -173,9 +173,9 @@ def test_constants_have_no_correlation():
 
 def test_a_constant_control_changes_nothing():
     x, c = np.random.default_rng(8).normal(size=200), np.full(200, 0.1)
-    by, factor = statistics.controlled(x, c, 0.1)
+    by, factor = statistics.control_variate_mean(x, c, 0.1)
     assert by == statistics.mean(x) and factor == 1.0
-    assert statistics.paired(np.full(60, 0.1))[1] == np.inf
+    assert statistics.antithetic_mean(np.full(60, 0.1))[1] == np.inf
 
 
 def test_constant_to_rounding():

@@ -6,7 +6,7 @@ import xarray as xr
 
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.observables import KNOWN, OBSERVABLES
-from rigidmc.planning.units import dimensions
+from rigidmc.planning.units import unit_exponents
 from rigidmc.results.labels import (
     axis_label,
     column_head,
@@ -49,8 +49,8 @@ def test_units_of_the_package_are_read():
     lowered = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789")
     for units in known - {"1"}:
         above, _, below = units_text(units).translate(lowered).partition("/")
-        found, under = dimensions(above), dimensions(below.strip("()") or "1")
-        assert tuple(np.subtract(found, under)) == dimensions(units), units
+        found, under = unit_exponents(above), unit_exponents(below.strip("()") or "1")
+        assert tuple(np.subtract(found, under)) == unit_exponents(units), units
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from rigidmc.results.run_directory import RunDirectory
 from rigidmc.runs.directory import checkpoints, resume, shards
 from rigidmc.runs.directory.checkpoints import Checkpoints
 from rigidmc.runs.directory.create import create
-from rigidmc.runs.directory.shards import Shards
+from rigidmc.runs.directory.shards import ShardSink
 from tests.runs.test_resume import HISTOGRAM, SCENE, SIZE, changed
 from tests.torture import sums
 
@@ -69,7 +69,11 @@ class Made:
 
         monkeypatch.setattr(program.Program, "advance", counting)
         monkeypatch.setattr(Checkpoints, "keep", copying)
-        for kind, name in ((Checkpoints, "keep"), (Checkpoints, "keep_shard"), (Shards, "_write")):
+        for kind, name in (
+            (Checkpoints, "keep"),
+            (Checkpoints, "keep_shard"),
+            (ShardSink, "_write"),
+        ):
             exclusive(kind, name)
 
 

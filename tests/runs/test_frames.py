@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.mechanics.free_top import free_top
+from rigidmc.mechanics.free_top import solve_free_top
 from rigidmc.runs.rerun import frames
 
 MOMENTS, L = (1.0, 2.0, 3.0), (0.3, 2.0, 0.4)
@@ -19,7 +19,7 @@ def scene():
 
 def truth(ds, one):
     l, q = ds.start_momentum.values[:, 0], (1.0, 0.0, 0.0, 0.0)
-    return free_top(MOMENTS, l, q, one.time.values)
+    return solve_free_top(MOMENTS, l, q, one.time.values)
 
 
 def test_steps_of_the_run_give_its_bits(scene):

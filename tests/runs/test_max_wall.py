@@ -53,13 +53,13 @@ class Clock:
 
     def of_parts(self, monkeypatch):
         """Count the parts of tasks in place of calls, of which their price takes some."""
-        self.cuts, moved = False, segments.Moving.moved
+        self.cuts, moved = False, segments.SegmentedRun.moved
 
         def moving_on(this, *arguments):
             self.calls += 1
             return moved(this, *arguments)
 
-        monkeypatch.setattr(segments.Moving, "moved", moving_on)
+        monkeypatch.setattr(segments.SegmentedRun, "moved", moving_on)
         monkeypatch.setattr(program, "CALL", 3_000_000)
 
     def begin(self, limit):

@@ -16,7 +16,7 @@ import xarray as xr
 import rigidmc as rm
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.scene.scene import scene_of
-from rigidmc.scene.varied import names_of
+from rigidmc.scene.varied import variable_names
 from tests import random_scenes
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
@@ -128,7 +128,7 @@ def drawn(kind, seed):
     """(scene, numbers of what is varied, names) of a random scene."""
     chance = np.random.default_rng([seed, 17])
     scene = random_scenes.scene(kind, seed, members=3)
-    able = [name for name in names_of(scene) if not name.startswith("body.c")]
+    able = [name for name in variable_names(scene) if not name.startswith("body.c")]
     names = list(dict.fromkeys(chance.choice(able, 2)))
     names = [name for name in names if not any(n != name and name.startswith(n) for n in names)]
     return scene, names, chance

@@ -25,9 +25,9 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import FileError, NoRoom, OptionError, OutputExists, SceneWarning
 from rigidmc.files.netcdf import read
-from rigidmc.files.outputs import Part, content_of
+from rigidmc.files.outputs import PartialFile, content_of
 from rigidmc.results import run_directory
-from rigidmc.results.run_directory import RunDirectory, rendered
+from rigidmc.results.run_directory import RunDirectory, facts_text
 from rigidmc.runs.directory import cluster, gather, resume
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.dataset import open_run
@@ -55,7 +55,7 @@ def changed(path, **facts):
     """Change facts of a run and its checksum."""
     known = json.loads((path / "run.json").read_text())
     del known["check"]
-    (path / "run.json").write_text(rendered({**known, **facts}))
+    (path / "run.json").write_text(facts_text({**known, **facts}))
 
 
 def started(path, **run):
@@ -379,7 +379,7 @@ def test_parts_of_running_writers_stay(tmp_path):
     gone.wait()
     # this process writes nothing now
     names = {os.getpid(): False, os.getppid(): True, gone.pid: False}
-    some = Part(tmp_path / "x")
+    some = PartialFile(tmp_path / "x")
     some.discard()
     here = os.path.basename(some.path).rsplit("-", 2)[0]
     for process in names:
@@ -530,7 +530,7 @@ def test_rows_of_their_own_go_with_the_run(tmp_path):
 
 def test_a_run_killed_before_it_began_leaves_nothing(tmp_path):
     with (
-        patch("rigidmc.runs.directory.create.rendered", side_effect=KeyboardInterrupt),
+        patch("rigidmc.runs.directory.create.facts_text", side_effect=KeyboardInterrupt),
         pytest.raises(KeyboardInterrupt),
     ):
         create(SCENE, tmp_path / "run")

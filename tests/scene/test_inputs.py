@@ -11,7 +11,7 @@ import xarray as xr
 from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
-from rigidmc.arrays import floats, placed
+from rigidmc.arrays import as_plain_arrays, floats
 from rigidmc.mechanics import coordinates, inertia, rotation, textbook
 from rigidmc.views.sphere import draw_polhodes
 
@@ -48,9 +48,9 @@ DOORS = {
     "masses": (COLUMN, lambda x: rm.Body.from_particles(x, np.eye(3)).moments),
     "positions": (V, lambda x: rm.Body.from_particles([1, 2, 3], x).moments),
     "size": (COLUMN, lambda x: rm.Body.box(1.0, x).moments),
-    "pivot": (COLUMN, lambda x: BOX.pivoted_at(x).moments),
-    "at": (COLUMN, lambda x: BOX.joined(BOX, at=x).moments),
-    "turned": (Q[0], lambda x: BOX.joined(BOX, turned=x).moments),
+    "pivot": (COLUMN, lambda x: BOX.with_pivot(x).moments),
+    "at": (COLUMN, lambda x: BOX.join(BOX, at=x).moments),
+    "turned": (Q[0], lambda x: BOX.join(BOX, turned=x).moments),
     "a parameter": (COLUMN, lambda x: effect(rm.Gravity(x)).g),
     "a vector of an effect": (V, lambda x: effect(rm.BodyTorque(x)).torque),
     "mean": (V[0], lambda x: rm.Body(rm.Correlated(x, 0.01 * T)).moments.mean),
@@ -65,18 +65,18 @@ DOORS = {
         Q[0],
         lambda x: rm.Start(omega=(0, 0, 1), attitude=rm.Fisher(x, 1.0)).attitude.attitude,
     ),
-    "to_own": (V, BODY.to_own),
+    "to_reference": (V, BODY.to_reference),
     "to_principal": (V, BODY.to_principal),
-    "own_attitude": (Q, BODY.own_attitude),
+    "reference_attitude": (Q, BODY.reference_attitude),
     "angular_momentum": (V, BODY.angular_momentum),
     "kinetic_energy": (V, BODY.kinetic_energy),
-    "free_top moments": (V, lambda x: rm.free_top(x, COLUMN, UP, 1.0).omega),
-    "free_top momentum": (V, lambda x: rm.free_top(V[0], x, UP, 1.0).omega),
-    "free_top attitude": (Q, lambda x: rm.free_top(V[0], COLUMN, x, 1.0).attitude),
-    "free_top t": (COLUMN, lambda x: rm.free_top(V[0], COLUMN, UP, x).omega),
-    "free_motion": (V, lambda x: rm.free_motion(V[0], x).period),
-    "lagrange_top": (V, lambda x: rm.lagrange_top((1, 1, 0.5), 1.0, x, UP, 1.0).omega),
-    "weight": (COLUMN, lambda x: rm.lagrange_motion((1, 1, 0.5), x, COLUMN, UP).period),
+    "free_top moments": (V, lambda x: rm.solve_free_top(x, COLUMN, UP, 1.0).omega),
+    "free_top momentum": (V, lambda x: rm.solve_free_top(V[0], x, UP, 1.0).omega),
+    "free_top attitude": (Q, lambda x: rm.solve_free_top(V[0], COLUMN, x, 1.0).attitude),
+    "free_top t": (COLUMN, lambda x: rm.solve_free_top(V[0], COLUMN, UP, x).omega),
+    "free_motion": (V, lambda x: rm.analyse_free_top(V[0], x).period),
+    "lagrange_top": (V, lambda x: rm.solve_lagrange_top((1, 1, 0.5), 1.0, x, UP, 1.0).omega),
+    "weight": (COLUMN, lambda x: rm.analyse_lagrange_top((1, 1, 0.5), x, COLUMN, UP).period),
     "to_space": (V, lambda x: rotation.to_space(UP, x)),
     "from_euler": (V, rotation.from_euler),
     "from_rotation_vector": (V, rotation.from_rotation_vector),
@@ -219,18 +219,18 @@ def test_rows_are_members_whatever_their_number():
 def test_components_of_quaternions_are_no_members():
     """(4, N) for N = 3 and 4, which have as many rows as components."""
     for count in (3, 4):
-        q = rm.Start(omega=(0, 0, 1), attitude="uniform").quaternions(1, 0, count)
+        q = rm.Start(omega=(0, 0, 1), attitude="uniform").sample_attitude(1, 0, count)
         with pytest.raises(rm.SceneError, match="its columns are quaternions"):
             rm.Start(omega=(0, 0, 1), attitude=q)
         rows = rm.Start(omega=(0, 0, 1), attitude=q.T)
-        assert np.abs(rows.quaternions(0, 0, count) - q).max() == 0.0
+        assert np.abs(rows.sample_attitude(0, 0, count) - q).max() == 0.0
     turned = np.eye(4)[[1, 0, 3, 2]]  # both
     assert np.array_equal(rm.Start(omega=(0, 0, 1), attitude=turned).attitude, turned)
 
 
 def test_euler_angles_of_three_members_are_no_matrix():
     angles = np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.5, 0.6]), np.array([0.7, 0.8, 0.9])
-    q = rm.Start(omega=(0, 0, 1), attitude=angles).quaternions(0, 0, 3)
+    q = rm.Start(omega=(0, 0, 1), attitude=angles).sample_attitude(0, 0, 3)
     assert np.abs(q.T - rotation.from_euler(np.column_stack(angles))).max() == 0.0
     for matrix in (np.eye(3), Rotation.from_euler("x", 0.3).as_matrix()):
         with pytest.raises(rm.SceneError, match="rows of a matrix or Euler angles"):
@@ -246,13 +246,13 @@ def test_numbers_at_the_ends_of_the_range():
         with pytest.raises(rm.SceneError):
             rm.Start(omega=(np.array([1.0, x]), 0.0, 0.0))
     with pytest.raises(rm.SceneError, match="too large"):
-        rm.free_top((10**400, 1, 1), COLUMN, UP, 1.0)
+        rm.solve_free_top((10**400, 1, 1), COLUMN, UP, 1.0)
     assert rm.Start(omega=(2**70, 0, 0)).omega[0] == 2.0**70
     assert floats([2**70, 1]).tolist() == [2.0**70, 1.0]
     for bad in (None, [1.0, None], [[1.0, 2.0], [3.0]], "1", ["1"], types):
         with pytest.raises(rm.SceneError):
             floats(bad)
-    assert placed(range(3)) == [0, 1, 2]
+    assert as_plain_arrays(range(3)) == [0, 1, 2]
 
 
 def test_members_of_a_run_are_indices():

@@ -7,6 +7,7 @@ import scipy.stats
 import rigidmc as rm
 from rigidmc.mechanics.rotation import matrix, quaternion_from_euler
 from rigidmc.scene.quantities import draw
+from rigidmc.scene.sampling import drawn_through
 
 COUNT = 1 << 16
 
@@ -49,9 +50,11 @@ def test_a_draw_depends_on_seed_name_and_member_alone():
 )
 def test_attitudes_do_not_depend_on_how_they_are_asked_for(attitude):
     start = rm.Start(omega=(0, 0, 1), attitude=attitude)
-    whole = start.quaternions(3, 0, 4096)
+    whole = start.sample_attitude(3, 0, 4096)
     for first, count in ((0, 32), (32, 32), (64, 96), (4000, 96)):
-        assert np.array_equal(start.quaternions(3, first, count), whole[:, first : first + count])
+        assert np.array_equal(
+            start.sample_attitude(3, first, count), whole[:, first : first + count]
+        )
     assert np.abs((whole * whole).sum(0) - 1).max() < 1e-15  # measured 5.6e-16
 
 
@@ -59,7 +62,7 @@ def test_uniform_attitudes():
     """Each entry of a uniform rotation has mean 0 and variance 1/3; the body axis 3 is uniform on
     the sphere.
     """
-    q = rm.Start(omega=(0, 0, 1), attitude="uniform").quaternions(3, 0, COUNT)
+    q = rm.Start(omega=(0, 0, 1), attitude="uniform").sample_attitude(3, 0, COUNT)
     matrices = matrix(q.T)
     # five standard errors; measured 1.7
     assert np.abs(matrices.mean(0)).max() < 5 / np.sqrt(3 * COUNT)
@@ -84,15 +87,17 @@ def test_an_attitude_in_every_notation():
         [list(row) for row in rotation.as_matrix()],
     )
     for form in forms:
-        found = rm.Start(omega=(0, 0, 1), attitude=form).quaternions(0, 0, 32)[:, 0]
+        found = rm.Start(omega=(0, 0, 1), attitude=form).sample_attitude(0, 0, 32)[:, 0]
         assert min(np.abs(found - q).max(), np.abs(found + q).max()) < 3e-16
     mirrored = quaternion_from_euler(-0.3, 0.7, -1.1)
     assert min(np.abs(mirrored - q).max(), np.abs(mirrored + q).max()) > 0.1
 
 
 def test_a_quaternion_that_is_normalised_stays_to_the_bit():
-    q = rm.Start(omega=(0, 0, 1), attitude="uniform").quaternions(1, 0, 4096)
-    again = rm.Start(omega=(0, 0, 1), attitude=np.ascontiguousarray(q.T)).quaternions(1, 0, 4096)
+    q = rm.Start(omega=(0, 0, 1), attitude="uniform").sample_attitude(1, 0, 4096)
+    again = rm.Start(omega=(0, 0, 1), attitude=np.ascontiguousarray(q.T)).sample_attitude(
+        1, 0, 4096
+    )
     assert np.array_equal(q, again)
 
 
@@ -196,7 +201,7 @@ def test_laws_made_of_laws(law):
     assert np.array_equal(draw((law,), 5, "start.omega", 320, 64), whole[:, 320:384])
     scaled = draw((law.times(3.0),), 5, "start.omega", 0, 1000)
     assert np.abs(scaled / (3.0 * whole) - 1).max() < 1e-14  # measured 2.3e-16
-    assert "scipy" in scene.drawn_through()
+    assert "scipy" in drawn_through(scene.model, scene.run)
 
 
 @pytest.mark.parametrize(

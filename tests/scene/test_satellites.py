@@ -12,7 +12,7 @@ import rigidmc as rm
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.mechanics.inertia import symmetric
-from rigidmc.planning.units import scaled
+from rigidmc.planning.units import scale_scene
 from rigidmc.protocols import Vector, effect
 from tests.plans import starts
 
@@ -60,7 +60,7 @@ def apart(one, other):
 
 
 def test_each_draw_turns_about_its_own_centre_of_mass():
-    body = given().about_centre()
+    body = given().with_pivot_at_centre()
     scene = rm.Scene(body, PULL, spin(body))
     ds = rm.simulate(
         scene, "rk8", dt=5.0, t_end=END, every=END, members=3, seed=7, save=("attitude",)
@@ -79,7 +79,7 @@ def test_each_draw_turns_about_its_own_centre_of_mass():
 
 def test_a_mean_centre_and_each_centre_are_not_the_same():
     """The reduced bodies exist, and have the moments of numpy's own reduction."""
-    moments, _, centre = given().about_centre().sample(7, 0, 1000)
+    moments, _, centre = given().with_pivot_at_centre().sample(7, 0, 1000)
     drawn = given().moments.bodies(7, "body.tensor", 0, 1000, MASS, CENTRE)
     c, mass = drawn[6:9].T, drawn[9]
     square = (c * c).sum(1)[:, None, None] * np.eye(3) - c[:, :, None] * c[:, None, :]
@@ -92,23 +92,23 @@ def test_a_mean_centre_and_each_centre_are_not_the_same():
 
 
 def test_files_and_other_units_keep_the_centre():
-    scene = rm.Scene(given().about_centre(), PULL)
+    scene = rm.Scene(given().with_pivot_at_centre(), PULL)
     start = starts(scene, 0, 16, True)[1]
     again = rm.Scene.loads(scene.dumps())
     assert again.dumps() == scene.dumps()
     pivot = rm.Scene(given(), PULL).dumps().replace("[body]", '[body]\npivot = "centre"')
     for same in (again, rm.Scene.loads(pivot)):
         assert np.array_equal(starts(same, 0, 16, True)[1]["moments"], start["moments"])
-    other = starts(scaled(scene, 4.0, 2.0, 2.0), 0, 16, True)[1]
+    other = starts(scale_scene(scene, 4.0, 2.0, 2.0), 0, 16, True)[1]
     assert np.allclose(other["moments"], 16.0 * start["moments"], rtol=1e-13, atol=0)
 
 
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        (given(), "about_centre"),
+        (given(), "with_pivot_at_centre"),
         (rm.Body.from_tensor(rm.UncertainInertia(MEAN, np.diag(DEVIATIONS**2)), MASS), "of each"),
-        (rm.Body.box(mass=1.0, size=(1.0, 2.0, 3.0)).pivoted_at((0.1, 0.0, 0.0)), 'pivot = "centr'),
+        (rm.Body.box(mass=1.0, size=(1.0, 2.0, 3.0)).with_pivot((0.1, 0.0, 0.0)), 'pivot = "centr'),
         (rm.Body.from_moments((rm.normal(1.0, 0.01), 2.0, 2.5), 1.0, (0.1, 0, 0)), "give moments"),
     ],
     ids=["uncertain", "uncertain about 0", "solid", "moments"],
@@ -153,7 +153,7 @@ def test_results_have_fixed_vectors_in_the_axes_of_each_member(tmp_path):
         given = ds.rotor_momentum.copy(data=np.tile(np.array([wheel]).T, 8))
         assert drift(ds.rotor_momentum) < 3e-5  # measured 7.7e-6, by the motor
         assert drift(given) > 1e-3  # measured 0.10
-        found, own = ds.rigid.described("rotor_momentum"), body.to_own(wheel)
+        found, own = ds.rigid.described("rotor_momentum"), body.to_reference(wheel)
         assert np.allclose(found.T, own, rtol=0, atol=1e-15)  # measured 4e-17
         assert "principal axes of the member" in ds.rotor_momentum.long_name
         assert "rotor_motor" in ds

@@ -7,8 +7,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rigidmc as rm
-from rigidmc.planning.steps import grid
-from rigidmc.scene.library import shipped
+from rigidmc.planning.steps import make_time_grid
+from rigidmc.scene.library import shipped_names
 from tests.plans import plan_of
 
 GOOD = """
@@ -166,7 +166,7 @@ def test_any_value_anywhere_is_good_or_gets_one_message(place, value):
             assert str(error).startswith("mine.toml: ")
 
 
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("name", shipped_names())
 def test_shipped_scenes_load_and_return(name):
     scene = rm.Scene.load(name)
     again = rm.Scene.loads(scene.dumps())
@@ -269,14 +269,14 @@ def test_bad_scenes_in_python(make, rule):
     ],
 )
 def test_steps_and_saves(t_end, dt, every, expected):
-    made = grid(t_end, dt, every)
+    made = make_time_grid(t_end, dt, every)
     assert (made.steps, made.stride) == expected
     assert made.dt <= dt * (1 + 1e-9)
     assert made.steps * made.dt == pytest.approx(t_end, rel=1e-15)
     assert (made.head, made.last_dt) == (made.steps, made.dt)
     assert bool(made.notes) == (abs(made.dt / dt - 1) > 1e-9)
     # the reduced step is a fixed point
-    assert grid(t_end, made.dt, every)[:-1] == made[:-1]
+    assert make_time_grid(t_end, made.dt, every)[:-1] == made[:-1]
 
 
 def test_negative_damping_needs_a_word():

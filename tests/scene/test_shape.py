@@ -7,7 +7,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.errors import SceneError
-from rigidmc.scene.parameters import parameters, with_parameter
+from rigidmc.scene.parameters import parameter_names, with_parameter
 from rigidmc.scene.scene import Scene, scene_of
 
 TOML = """
@@ -45,7 +45,7 @@ def test_a_shape_is_declared_with_moments_and_comes_back():
 
 
 def test_a_result_keeps_the_shape_and_no_bit_depends_on_it():
-    body = rm.Body.cylinder(0.2, 0.03, 0.008).pivoted_at((0.0, 0.0, -0.04))
+    body = rm.Body.cylinder(0.2, 0.03, 0.008).with_pivot((0.0, 0.0, -0.04))
     bare = rm.Body.from_moments(body.moments, body.mass, body.centre)
     start = rm.Start(omega=(0.0, 1.0, 20.0), attitude=(0.0, 0.4, 0.0))
     results = [
@@ -59,8 +59,8 @@ def test_a_result_keeps_the_shape_and_no_bit_depends_on_it():
 
 def test_bodies_without_a_known_part_have_no_shape():
     known, unknown = rm.Body.box(1.0, (1, 2, 3)), rm.Body.from_moments((1, 2, 2.5))
-    assert known.joined(unknown).shape == () == unknown.joined(known).shape
-    assert len(known.joined(known, at=(5, 0, 0)).shape) == 2
+    assert known.join(unknown).shape == () == unknown.join(known).shape
+    assert len(known.join(known, at=(5, 0, 0)).shape) == 2
     curved = ((-1.0, 1.0), lambda x: (-1 + 0 * x, 1 + x * x), lambda x, y: (0 * x, 1 + 0 * x))
     assert rm.Body.from_density(1.0, curved).shape == ()
     many = np.random.default_rng(1).normal(size=(3000, 3))
@@ -102,11 +102,13 @@ def test_another_body_loses_the_shape():
 
 def test_a_map_varies_the_mass_of_a_solid_and_its_moments_with_it():
     scene = Scene.load("heavy_top")
-    assert "body.cylinder.mass" in parameters(scene) and "body.mass" not in parameters(scene)
+    assert "body.cylinder.mass" in parameter_names(scene) and "body.mass" not in parameter_names(
+        scene
+    )
     body = with_parameter(scene, "body.cylinder.mass", rm.grid(0.05, 1.0, 8)).body
     moments, masses, centre = body.sample(0, 0, 8)
     for i, mass in enumerate(masses.tolist()):
-        true = rm.Body.cylinder(mass, 0.03, 0.008).pivoted_at((0.0, 0.0, -0.04))
+        true = rm.Body.cylinder(mass, 0.03, 0.008).with_pivot((0.0, 0.0, -0.04))
         assert np.abs(moments[:, i] / true.moments - 1.0).max() < 1e-15  # measured 2.2e-16
         assert tuple(centre[:, i]) == true.centre
     again = with_parameter(scene, "body.cylinder.mass", 0.4).body
@@ -119,7 +121,9 @@ def test_a_map_varies_the_mass_of_a_solid_and_its_moments_with_it():
 def test_a_solid_drawn_for_other_moments_makes_no_solid_of_a_body():
     scene = Scene.load("heavy_top")
     other = replace(scene, body=replace(scene.body, moments=(3e-4, 3e-4, 8e-5)))
-    assert "body.mass" in parameters(other) and "body.cylinder.mass" not in parameters(other)
+    assert "body.mass" in parameter_names(other) and "body.cylinder.mass" not in parameter_names(
+        other
+    )
 
 
 def test_too_many_parts_are_refused():
@@ -136,6 +140,6 @@ def test_a_body_of_many_corners_is_a_line():
     for body, words in (
         (rm.Body.from_mesh(mesh, mass=1.0), "mesh(1,902 corners, 3,800 faces)"),
         (rm.Body.from_particles(np.ones(1000), points), "particles(1,000 masses, 1,000 positions)"),
-        (rm.Body.box(1.0, (1, 2, 3)).pivoted_at((0, 0, 1)), "box(size=(1.0, 2.0, 3.0), at=(0.0"),
+        (rm.Body.box(1.0, (1, 2, 3)).with_pivot((0, 0, 1)), "box(size=(1.0, 2.0, 3.0), at=(0.0"),
     ):
         assert words in repr(body) and len(repr(body)) < 500 and len(repr(rm.Scene(body))) < 2000

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
 from rigidmc.errors import SceneError
-from rigidmc.mechanics.inertia import broken, symmetric
+from rigidmc.mechanics.inertia import symmetric, violates_triangle
 from rigidmc.mechanics.log_cholesky import numbers_of, parameters_of, rates_of
-from rigidmc.planning.units import scaled
+from rigidmc.planning.units import scale_scene
 from tests.plans import starts
 
 TENSOR = np.array([[2.0, 0.1, -0.05], [0.1, 2.5, 0.2], [-0.05, 0.2, 3.0]])
@@ -82,7 +82,7 @@ def test_small_uncertainties_are_a_multivariate_normal():
 def test_every_draw_is_a_body():
     body, count = body_of(0.3), 20_000
     moments, mass, centre = body.sample(7, 0, count)
-    assert not broken(moments).any() and (mass > 0.0).all()
+    assert not violates_triangle(moments).any() and (mass > 0.0).all()
     about = [i - mass * centre[i] ** 2 for i in range(3)]
     assert np.isfinite(about).all()
     found = parameters(body, count)
@@ -92,7 +92,7 @@ def test_every_draw_is_a_body():
     assert np.linalg.eigvalsh(middle).min() > 0.0  # about the centre of mass too
     rng = np.random.default_rng(1)  # normal elements are often none
     plain = stats.multivariate_normal(MEAN, covariance(0.3)).rvs(count, random_state=rng).T
-    impossible = broken(np.linalg.eigvalsh(symmetric(plain[:6])).T)
+    impossible = violates_triangle(np.linalg.eigvalsh(symmetric(plain[:6])).T)
     assert impossible.mean() > 0.2  # measured 0.27
 
 
@@ -172,7 +172,7 @@ def test_members_depend_on_their_index_alone_and_files_keep_the_law():
     some, _ = starts(scene, 32, 32, True)
     assert np.array_equal(block[:, 32:64], some)
     assert start["principal_axes"].shape == (4, 96)
-    other = starts(scaled(scene, 4.0, 2.0, 2.0), 0, 96, True)[1]
+    other = starts(scale_scene(scene, 4.0, 2.0, 2.0), 0, 96, True)[1]
     assert np.allclose(other["moments"], 16.0 * start["moments"], rtol=1e-13, atol=0)
     assert np.allclose(other["centre"], 2.0 * start["centre"], rtol=1e-12, atol=1e-14)
 

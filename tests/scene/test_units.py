@@ -8,8 +8,8 @@ from rigidmc.results.variables import member_variables
 from rigidmc.scene.body_changes import BodyChanges
 from rigidmc.scene.body_makers import BodyMakers
 from rigidmc.scene.quantities import draw
-from rigidmc.scene.recording import recording
-from rigidmc.scene.vector_distributions import LAWS
+from rigidmc.scene.recording import make_recording
+from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
 from tests.plans import starts
 from tests.units import OTHERS, PLAIN, in_units
 
@@ -35,13 +35,13 @@ SCENES |= {kind: rm.Scene(body, start=rm.Start(**SPIN)) for kind, body in BODIES
 
 def drawn(scene, by=PLAIN):
     """{name: pure numbers} of the starts of 64 members."""
-    known = member_variables(scene.model, scene.run, recording(scene), True)
+    known = member_variables(scene.model, scene.run, make_recording(scene), True)
     start = starts(scene, 0, 64, True)[1]
     units = {name: known[name].attrs.get("units", "1") for name in known.keys() & start.keys()}
     return {name: start[name] / by.of(unit) for name, unit in units.items()}
 
 
-@pytest.mark.parametrize("kind", LAWS)
+@pytest.mark.parametrize("kind", VECTOR_DISTRIBUTIONS)
 def test_laws_draw_the_same_pure_numbers(kind):
     plain = drawn(SCENES[kind])
     for other in OTHERS:
@@ -67,7 +67,7 @@ def bodies(m):
     box, rod = rm.Body.box(2.0 * m, (1.0, 2.0, 3.0)), rm.Body.cylinder(0.5 * m, 0.1, 2.0)
     places = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)]
     tensor = m * np.array([[2.0, 0.1, 0.0], [0.1, 2.5, 0.2], [0.0, 0.2, 3.0]])
-    away = rod.pivoted_at((0.0, 0.1, 1.0))
+    away = rod.with_pivot((0.0, 0.1, 1.0))
     return {
         "box": box,
         "cylinder": rod,
@@ -76,10 +76,10 @@ def bodies(m):
         "from_particles": rm.Body.from_particles(m * np.array([1.0, 2.0, 0.5, 0.7]), places),
         "from_tensor": rm.Body.from_tensor(tensor, 1.2 * m, (0.1, 0.2, 0.0)),
         "from_density": rm.Body.from_density(2.0 * m, ("cylinder", 0.5, (0.0, 2.0))),
-        "joined": box.joined(rod, at=(0.0, 0.0, 2.0)),
-        "without": box.without(rod),
-        "pivoted_at": away,
-        "about_centre": away.about_centre(),
+        "join": box.join(rod, at=(0.0, 0.0, 2.0)),
+        "subtract": box.subtract(rod),
+        "with_pivot": away,
+        "with_pivot_at_centre": away.with_pivot_at_centre(),
     }
 
 

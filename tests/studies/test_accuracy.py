@@ -11,9 +11,9 @@ import rigidmc as rm
 from rigidmc.figures import STYLES
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.tolerance.deviation import drift_along, errors
-from rigidmc.planning.tolerance.pilot import follow, pilot
-from rigidmc.planning.tolerance.truth import truth
-from rigidmc.scene.amounts import in_two_digits
+from rigidmc.planning.tolerance.pilot import integrate_pilot, pilot
+from rigidmc.planning.tolerance.truth import make_reference
+from rigidmc.scene.amounts import two_digits
 from rigidmc.studies.accuracy import drift, picture
 from rigidmc.studies.accuracy import work_precision as accuracy
 from tests.axes import unlabelled
@@ -72,7 +72,9 @@ def test_errors_are_ordered_and_of_what_they_say(study):
     )
     found = pilot(LAGRANGE, 64)
     apart = errors(
-        found, follow(found, "rk4", int(rows(study, "rk4").steps[2])), truth(found).states
+        found,
+        integrate_pilot(found, "rk4", int(rows(study, "rk4").steps[2])),
+        make_reference(found).states,
     )["state"]
     assert rows(study, "rk4").error_state_median.values[2] == np.median(apart)
     assert (rows(study, "chin4").error_lz_worst.values < 1e-12).all()  # a kick by gravity keeps L_z
@@ -102,11 +104,13 @@ def test_the_table_says_it(study):
 def test_predictions_of_error_hold_for_others(study):
     """The 99 % error of 64 members and that of 600 others agree within a factor of 2."""
     others = pilot(LAGRANGE, 600, first=1000)
-    true = truth(others)
+    true = make_reference(others)
     for name, steps in (("rk4", 192), ("rk8", 48), ("chin4", 96)):
         found = rows(study, name)
         near = int(np.argmin(np.abs(found.steps.values - steps)))
-        apart = errors(others, follow(others, name, int(found.steps[near])), true.states)["state"]
+        apart = errors(others, integrate_pilot(others, name, int(found.steps[near])), true.states)[
+            "state"
+        ]
         # 0.69, 0.96, 1.21
         assert 0.5 < np.quantile(apart, 0.99) / found.error_state_p99.values[near] < 2.0
 
@@ -144,11 +148,13 @@ def test_failed_steps_have_errors_of_inf():
 def test_counts_in_words():
     numbers = (0.5, 3.0, 99.4, 100.0, 999.0, 1e3, 1.26e3, 1e5, 3.4e6)
     words = ("0.5", "3", "99", "100", "999", "1 k", "1.3 k", "100 k", "3.4 M")
-    assert tuple(map(in_two_digits, numbers)) == words
+    assert tuple(map(two_digits, numbers)) == words
 
 
 def test_what_cannot_be_studied(monkeypatch):
-    monkeypatch.setattr(accuracy, "truth", lambda first: pytest.fail("the truth takes seconds"))
+    monkeypatch.setattr(
+        accuracy, "make_reference", lambda first: pytest.fail("the truth takes seconds")
+    )
     with pytest.raises(rm.OptionError, match="no such integrator; known: rk4, rk8"):
         rm.accuracy(LAGRANGE, ("rk5",))
     damped = rm.Scene(LAGRANGE.body, (rm.Gravity(3.0), rm.ViscousDamping(0.1)), START).with_run(

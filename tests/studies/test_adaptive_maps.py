@@ -15,8 +15,8 @@ from rigidmc.results.run_directory import CHOSEN, RunDirectory, status
 from rigidmc.runs.directory import resume
 from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.pixels import Pixels
-from rigidmc.studies.stability_map.question import adapted, question
-from rigidmc.studies.stability_map.refine import BEGUN, STRIDE, refined, unit
+from rigidmc.studies.stability_map.question import make_request, with_borders
+from rigidmc.studies.stability_map.refine import BEGUN, STRIDE, pixel_multiple, refine
 from rigidmc.studies.stability_map.stored import create_map, resume_growing
 from tests import torture
 from tests.faulty import LINUX
@@ -45,7 +45,7 @@ def adaptive():
 
 
 def started(path):
-    asked = adapted(question(*SIDES, OF, SHAPE, 1), True)
+    asked = with_borders(make_request(*SIDES, OF, SHAPE, 1), True)
     return create_map(prepare_map(asked, SCENE, **RUN), path)
 
 
@@ -101,7 +101,7 @@ def levels(asked, values, low=None, high=None):
     known, came, level = np.zeros(values.size, bool), [], BEGUN
     while True:
         pixels = pixels_of(asked, values, low, high, known.reshape(values.shape))
-        found = refined(asked, pixels, level)
+        found = refine(asked, pixels, level)
         level = found.level
         assert np.array_equal(found.known, known)
         if not found.wanted.size:
@@ -113,14 +113,14 @@ def levels(asked, values, low=None, high=None):
 
 @pytest.mark.parametrize("shape", [(300, 200), (61, 37), (1, 64), (8, 8), (130, 1)])
 def test_a_disc_is_found_by_its_edge(shape):
-    asked = adapted(question(*SIDES, "p(flips >= 1)", shape, 1), True)
+    asked = with_borders(make_request(*SIDES, "p(flips >= 1)", shape, 1), True)
     asked = asked._replace(borders=(("p(flips >= 1)", (0.5,)),))
     y, x = np.mgrid[: shape[1], : shape[0]]
     values = ((x - 0.4 * shape[0]) ** 2 + (y - 0.4 * shape[1]) ** 2 < (0.3 * max(shape)) ** 2) * 1.0
     came, shown = levels(asked, values)
     # a map of 8 x 8 pixels has a grid of one
     assert np.array_equal(shown, values) or shape == (8, 8)
-    assert all(count % unit(asked) == 0 for count in came[:-1])
+    assert all(count % pixel_multiple(asked) == 0 for count in came[:-1])
     if shape == (300, 200):
         assert sum(came) < 0.12 * values.size  # measured 0.0965
         flat, _ = levels(asked, 0.0 * values)
@@ -128,7 +128,7 @@ def test_a_disc_is_found_by_its_edge(shape):
 
 
 def test_pixels_that_are_not_sure_are_computed_more_finely():
-    asked = adapted(question(*SIDES, "p(flips >= 1)", 128, 20), True)
+    asked = with_borders(make_request(*SIDES, "p(flips >= 1)", 128, 20), True)
     asked = asked._replace(borders=(("p(flips >= 1)", (0.5,)),))
     values = np.full((128, 128), 0.7)
     few, _ = levels(asked, values, values - 0.1, values + 0.1)
@@ -144,12 +144,12 @@ def test_a_map_in_a_directory_is_the_one_in_memory(adaptive, tmp_path):
     facts = status(directory.path)
     assert facts["growing"] and facts["members"] == 160  # 13 x 10 pixels, and 30 more
     resume.resume(tmp_path / "map")  # the first level
-    part = rm.open_map(tmp_path / "map")
+    part = rm.open(tmp_path / "map")
     assert part.attrs["missing"] > 0 and int(part.computed.sum()) == 160
     assert status(tmp_path / "map")["growing"] and invoke("status", tmp_path / "map").exit_code == 5
     assert invoke("verify", tmp_path / "map").exit_code == 5
     resume_growing(tmp_path / "map")
-    found = rm.open_map(tmp_path / "map")
+    found = rm.open(tmp_path / "map")
     assert equal(found, adaptive) and "missing" not in found.attrs
     # 4: there are members without a body
     for word, code in (("status", 4), ("verify", 0), ("map", 0), ("resume", 4)):
@@ -158,7 +158,7 @@ def test_a_map_in_a_directory_is_the_one_in_memory(adaptive, tmp_path):
     assert directory.count > 5 and not directory.facts["growing"]
     assert directory.facts["members"] == int(adaptive.computed.sum())
     adaptive.to_netcdf(tmp_path / "map.nc")
-    assert rm.open_map(tmp_path / "map.nc").identical(adaptive)
+    assert rm.open(tmp_path / "map.nc").identical(adaptive)
     rm.zoom_map(tmp_path / "map", (0.9, 1.1), (0.3, 0.6)).computed  # noqa: B018
 
 
@@ -170,13 +170,13 @@ def test_a_run_of_chosen_members_may_have_more_of_them_on_disk(adaptive, tmp_pat
     )
     assert RunDirectory(directory.path).chosen.size == 160
     resume_growing(tmp_path / "map")
-    assert equal(rm.open_map(tmp_path / "map"), adaptive)
+    assert equal(rm.open(tmp_path / "map"), adaptive)
     (tmp_path / "map" / CHOSEN).write_bytes(b"\1" * 8 * 5000)
     with pytest.raises(FileError, match="was changed"):
-        rm.open_map(tmp_path / "map")
+        rm.open(tmp_path / "map")
     (tmp_path / "map" / CHOSEN).unlink()
     with pytest.raises(FileError, match="is missing"):
-        rm.open_map(tmp_path / "map")
+        rm.open(tmp_path / "map")
 
 
 def test_what_an_adaptive_map_cannot_do_is_refused(tmp_path):
@@ -215,4 +215,4 @@ def test_the_command_line_draws_an_adaptive_map(tmp_path):
     told = invoke(*words, "-o", f"{tmp_path}/map/")
     assert told.exit_code == 0 and "% of the pixels were computed" in told.stdout
     assert invoke(*words, "-o", tmp_path / "map.nc", "--plot", tmp_path / "map.png").exit_code == 0
-    assert equal(rm.open_map(tmp_path / "map"), rm.open_map(tmp_path / "map.nc"))
+    assert equal(rm.open(tmp_path / "map"), rm.open(tmp_path / "map.nc"))

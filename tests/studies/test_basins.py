@@ -8,9 +8,9 @@ from bench.cantor import CANTOR, ends_of, found, gap
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
-from rigidmc.scene.sampling import DISTANCES, Neighbours
+from rigidmc.scene.sampling import DISTANCES, NeighbourFamilies
 from rigidmc.studies.basins.picture import basins_and_shares
-from rigidmc.studies.basins.study import resolved, table
+from rigidmc.studies.basins.study import is_resolved, table
 
 
 def test_a_cantor_set_and_a_point():
@@ -32,8 +32,10 @@ def test_neighbours_are_of_other_starts_if_the_design_is_broken():
 
 def test_one_group_is_moved_by_the_distance():
     group = {("x", 0, i): i // 2 for i in range(3)}
-    whole = Neighbours(5, group).words("x", 0, 78, 0, (0, 1, 2))[:3]
-    assert np.array_equal(Neighbours(5, group).words("x", 5, 60, 0, (0, 1, 2))[:3], whole[:, 5:65])
+    whole = NeighbourFamilies(5, group).words("x", 0, 78, 0, (0, 1, 2))[:3]
+    assert np.array_equal(
+        NeighbourFamilies(5, group).words("x", 5, 60, 0, (0, 1, 2))[:3], whole[:, 5:65]
+    )
     assert (whole > 0.0).all() and (whole < 1.0).all()
     families = whole.reshape(3, 6, 13)
     apart = np.abs(families - families[:, :, :1])
@@ -89,7 +91,7 @@ def test_distances_are_compared_with_rounding():
     for width, many in ((1.0, 12), (1e-6, 12), (1e-9, 9), (1e-12, 4), (1e-16, 0)):
         start = rm.Start(omega=(0.0, 0.0, rm.uniform(1.0 - width, 1.0 + width)))
         scene = rm.Scene(PLANE.body, start=start).with_run(t_end=0.2, dt=0.1, points="neighbours")
-        told = resolved(scene)
+        told = is_resolved(scene)
         assert told.sum() == many and told[:many].all()  # the nearest ones are left out
 
 

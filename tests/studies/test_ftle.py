@@ -8,7 +8,7 @@ import rigidmc as rm
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
-from rigidmc.scene.sampling import NEAREST, Tangents
+from rigidmc.scene.sampling import NEAREST, TangentFamilies
 from rigidmc.studies.ftle.picture import ftle_field
 from rigidmc.studies.ftle.study import STATE, exponents, table
 
@@ -127,7 +127,7 @@ def test_the_ridge_of_a_pendulum_is_the_way_to_the_upright(tmp_path):
 
 def test_one_number_moves_in_each_neighbour():
     group = {("x", 0, 0): 0, ("x", 0, 2): 0, ("y", 1, 1): 1}
-    made = Tangents(3, group)
+    made = TangentFamilies(3, group)
     x, y = made.words("x", 0, 40, 0, (0, 2)), made.words("y", 0, 40, 1, (1,))
     families = np.stack([x[0], x[2], y[1]]).reshape(3, 10, 4)
     apart = np.abs(families - families[:, :, :1]) / NEAREST["float64"]

@@ -10,7 +10,7 @@ from rigidmc.runs.directory import resume
 from rigidmc.scene.parameters import with_parameter
 from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.picture import stability_map
-from rigidmc.studies.stability_map.question import question
+from rigidmc.studies.stability_map.question import make_request
 from rigidmc.studies.stability_map.stored import create_map
 from tests.axes import unlabelled
 
@@ -36,12 +36,12 @@ def test_a_layer_is_the_map_of_its_value(stack):
 
 
 def test_a_stack_is_stored_and_zoomed(stack, tmp_path):
-    asked = question(*SIDES, OF, (40, 24), 1, Z, LAYERS)
+    asked = make_request(*SIDES, OF, (40, 24), 1, Z, LAYERS)
     create_map(prepare_map(asked, SCENE, **RUN), tmp_path / "map")
     resume.resume(tmp_path / "map")
     stack.to_netcdf(tmp_path / "map.nc")
     for name in ("map", "map.nc"):
-        found = rm.open_map(tmp_path / name)
+        found = rm.open(tmp_path / name)
         assert found.drop_attrs().identical(stack.drop_attrs())
     part = rm.zoom_map(tmp_path / "map.nc", (0.5, 0.9), (0.3, 0.6))
     assert part.sizes == stack.sizes and np.array_equal(part.z, stack.z)

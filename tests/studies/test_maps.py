@@ -13,12 +13,12 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import OptionError, SceneError
-from rigidmc.mechanics.free_top import free_motion
+from rigidmc.mechanics.free_top import analyse_free_top
 from rigidmc.physics.observables import Flips
 from rigidmc.results.intervals import probability
 from rigidmc.results.measures import measure
 from rigidmc.results.variables import Variable
-from rigidmc.scene.parameters import parameters, with_parameter
+from rigidmc.scene.parameters import parameter_names, with_parameter
 from rigidmc.studies.stability_map import cases
 from rigidmc.studies.stability_map.case import _FILES, MAPS, case_map
 from rigidmc.studies.stability_map.picture import stability_map
@@ -79,7 +79,7 @@ def test_flips_come_at_the_pace_of_the_closed_form(flips):
     scene = rm.Scene.loads(flips.attrs["scene"])
     ds = rm.simulate(scene)
     good = ds.status.values == 0
-    interval = free_motion(
+    interval = analyse_free_top(
         ds.moments.values.T[good], (ds.start_omega * ds.moments).values.T[good]
     ).flip_interval
     error = np.abs(ds.flip_wait.values[good] / interval - 1.0)
@@ -257,9 +257,9 @@ def test_names_of_parameters():
         (rm.Gravity(9.81), rm.Spring(1.0, (0, 0, 1), (0, 0, 1))),
         rm.Start(omega=rm.Cone(2, 1.0, 0.1), attitude=(0.0, 1.0, 0.0)),
     )
-    for i, name in enumerate(parameters(scene)):
+    for i, name in enumerate(parameter_names(scene)):
         changed = with_parameter(scene, name, 1.5 + 0.001 * i)
-        flat = [x for q in (changed.quantities(),) for x in q if isinstance(x, float)]
+        flat = [x for q in (changed.model.quantities(),) for x in q if isinstance(x, float)]
         assert flat.count(1.5 + 0.001 * i) == 1, name
     with pytest.raises(SceneError, match=r"did you mean 'effects\.gravity\.g'"):
         with_parameter(scene, "effects.gravity.h", 1.0)

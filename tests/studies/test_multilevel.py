@@ -15,15 +15,21 @@ from bench.multilevel import equilibrium
 from rigidmc.errors import OptionError
 from rigidmc.studies.framework import tasks
 from rigidmc.studies.multilevel import levels as levels_module
-from rigidmc.studies.multilevel.corrections import Level, cost_of, estimate, members_for, plain
-from rigidmc.studies.multilevel.levels import APART, TASKS, number_of, stand, sums
+from rigidmc.studies.multilevel.corrections import (
+    Level,
+    cheapest_plain,
+    estimate_levels,
+    interval_cost,
+    members_of_levels,
+)
+from rigidmc.studies.multilevel.levels import APART, TASKS, state_after, sums, task_number
 from rigidmc.studies.multilevel.picture import multilevel_levels
 from rigidmc.studies.multilevel.study import (
     dataset,
+    make_setup,
     multilevel,
     plain_members,
     table,
-    understood,
 )
 
 SCENE, TRUTH = equilibrium()
@@ -44,13 +50,13 @@ def falling(order, count=4):
 
 def test_the_error_of_the_step_is_taken_out_or_told():
     levels, left = falling(2.0)
-    found = estimate(levels, 2.0, 0.95)
+    found = estimate_levels(levels, 2.0, 0.95)
     assert found.value == pytest.approx(2.0, abs=1e-14) and found.bias < 1e-14
     assert found.order == pytest.approx(2.0) and found.variance_order == pytest.approx(2.0)
     assert sum(one.mean for one in levels) == pytest.approx(2.0 + left)
     for order in (0.5, 1.0, 1.5):  # a measure that is not smooth
         levels, _ = falling(order)
-        found = estimate(levels, 2.0, 0.95)
+        found = estimate_levels(levels, 2.0, 0.95)
         assert found.order == pytest.approx(order)
         assert found.bias == pytest.approx(1.96 * abs(found.value - 2.0), rel=1e-4)
 
@@ -60,10 +66,10 @@ def test_corrections_of_rounding_tell_no_order(unit):
     """Of an exact integrator, whose corrections grew: 1.4e-17 and -6.4e-17 of 1.78."""
     variances = [unit**2 * x for x in (1e-3, 1e-36, 1e-36)]
     rounded = made([unit * x for x in (1.78, 1.4e-17, -6.4e-17)], variances)
-    found = estimate(rounded, 2.0, 0.95)
+    found = estimate_levels(rounded, 2.0, 0.95)
     assert np.isnan(found.order) and found.bias < 1e-15 * found.value
     seen = made([unit * x for x in (1.78, 1e-9, 4e-9)], variances)
-    assert estimate(seen, 2.0, 0.95).bias == np.inf  # which no rounding makes
+    assert estimate_levels(seen, 2.0, 0.95).bias == np.inf  # which no rounding makes
 
 
 def with_members(levels, counts):
@@ -75,14 +81,14 @@ def with_members(levels, counts):
 
 def test_members_are_those_that_cost_least():
     levels, half = falling(2.0)[0], 0.01
-    wanted = members_for(levels, 2.0, half, 0.95)
+    wanted = members_of_levels(levels, 2.0, half, 0.95)
     assert list(wanted) == sorted(wanted, reverse=True)  # few make short steps
     enough = with_members(levels, wanted)
-    assert estimate(enough, 2.0, 0.95).sampling == pytest.approx(half, rel=1e-3)
+    assert estimate_levels(enough, 2.0, 0.95).sampling == pytest.approx(half, rel=1e-3)
     some = np.random.default_rng(1)
     for _ in range(20):  # others cost more for the same interval
         moved = with_members(levels, wanted * some.uniform(0.5, 2.0, 4))
-        more = (estimate(moved, 2.0, 0.95).sampling / half) ** 2
+        more = (estimate_levels(moved, 2.0, 0.95).sampling / half) ** 2
         assert sum(one.cost for one in moved) * more > sum(one.cost for one in enough)
 
 
@@ -92,10 +98,12 @@ def test_what_plain_members_cost():
     n = np.arange(10, 10_000)
     off = 1.95996 * (10.0 / n) ** 2
     best = ((n + 24.0) * 1.95996**2 / np.maximum(half**2 - off**2, 1e-99)).min()
-    assert plain(levels, 2.0, half, 0.95).cost == pytest.approx(best, rel=1e-3)
-    orders = np.log10([plain(levels, 2.0, 1e-6 * f, 0.95).cost for f in (1.0, 10.0)])
+    assert cheapest_plain(levels, 2.0, half, 0.95).cost == pytest.approx(best, rel=1e-3)
+    orders = np.log10([cheapest_plain(levels, 2.0, 1e-6 * f, 0.95).cost for f in (1.0, 10.0)])
     assert orders[0] - orders[1] == pytest.approx(2.5, abs=0.01)
-    assert cost_of(levels, 2.0, 1e-6, 0.95) / cost_of(levels, 2.0, 1e-5, 0.95) == pytest.approx(100)
+    assert interval_cost(levels, 2.0, 1e-6, 0.95) / interval_cost(
+        levels, 2.0, 1e-5, 0.95
+    ) == pytest.approx(100)
 
 
 def test_the_width_covers_errors_of_the_step():
@@ -119,7 +127,7 @@ def test_batches_add_up_to_the_whole():
 def request(batch=512, text=f"{MEASURE} +- 0.1", scene=SCENE, most=10**12, **settings):
     """What the tasks of a study have in common, and what it is asked."""
     scene, words = multilevel.design(scene, text, most, batch, **settings)
-    return understood(scene, **words)
+    return make_setup(scene, **words)
 
 
 def same(one, other):
@@ -127,7 +135,7 @@ def same(one, other):
 
 
 def test_a_task_depends_on_its_number_alone():
-    numbers = [number_of(1, 2), number_of(1, 3), number_of(0, 0), number_of(1, 5)]
+    numbers = [task_number(1, 2), task_number(1, 3), task_number(0, 0), task_number(1, 5)]
     one = [sums(request()[0], [number], 1)[0] for number in numbers]
     assert same(one, sums(request()[0], numbers, 2))
     assert not same(one, sums(request(seed=2)[0], numbers, 1))
@@ -142,14 +150,14 @@ def test_fine_paths_are_members_of_the_scene_and_levels_share_none():
     coarse = rm.simulate(
         SCENE, members=range(APART, APART + 512), **{**settings, "dt": 0.8}
     ).energy_final.values
-    (found,) = sums(request()[0], [number_of(1, 0)], 1)
+    (found,) = sums(request()[0], [task_number(1, 0)], 1)
     assert found["mean"] == pytest.approx(fine.mean() - coarse.mean(), abs=0.2)
     assert found["squares"] / 511 < 0.2 < (fine - coarse).var()  # measured 0.17 and 1.9
 
 
 def spreads(levels=(0, 1, 2, 3)):
     """The variances of levels."""
-    each = sums(request(4096)[0], [number_of(level, 0) for level in levels], 1)
+    each = sums(request(4096)[0], [task_number(level, 0) for level in levels], 1)
     return np.array([one["squares"] / 4095 for one in each])
 
 
@@ -192,7 +200,7 @@ def test_a_free_body_in_a_bath():
 def driven(known, means, spread=1.0):
     """(how far a study is at the end, the numbers of its tasks, its lines) by corrections."""
     found, numbers, lines = {}, [], []
-    while (now := stand(*known, found)).next:
+    while (now := state_after(*known, found)).next:
         numbers += now.next
         lines.append(now.line)
         for number in now.next:
@@ -231,12 +239,12 @@ def test_run_directory(tmp_path):
     )
     with pytest.raises(rm.RigidmcError, match="no task is done"):
         multilevel.of(directory.path)
-    directory, done = tasks.resume(directory, threads=1, only=range(2))
+    directory, done = tasks.resume_study(directory, threads=1, only=range(2))
     assert done["ok"] == 2
     with pytest.raises(rm.RigidmcError, match="1 task of the first round is missing"):
         multilevel.of(directory.path)
-    directory, done = tasks.resume(directory, threads=2)
-    assert tasks.verified(directory.path, spot=1) == []
+    directory, done = tasks.resume_study(directory, threads=2)
+    assert tasks.verify_study(directory.path, spot=1) == []
     found, plain = multilevel.of(directory.path), rm.multilevel(SCENE, text, threads=1)
     assert done["ok"] > 2 and found.identical(plain)
 

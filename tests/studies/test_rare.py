@@ -9,11 +9,11 @@ from scipy.stats import norm
 import rigidmc as rm
 from bench.rare_truths import LEVEL, bathed, passed, spun
 from rigidmc.errors import FileError, NoRoom, OptionError, SceneWarning
-from rigidmc.runs.segments import Moving
+from rigidmc.runs.segments import SegmentedRun
 from rigidmc.studies.framework import tasks
 from rigidmc.studies.rare import splitting, subsets
 from rigidmc.studies.rare.picture import rare_curve
-from rigidmc.studies.rare.score import scored
+from rigidmc.studies.rare.score import make_score
 from rigidmc.studies.rare.study import RareOptions, rare, reduce, table
 
 # the steps of the chain are those of its quadrature, however long
@@ -136,7 +136,7 @@ def test_splitting(monkeypatch):
             self.scores[:, parents],
         )
 
-    monkeypatch.setattr(splitting.Paths, "branch", copies)
+    monkeypatch.setattr(splitting.SplittingPaths, "branch", copies)
     broken = rare(bathed(), of, 1e-9, 300, 8)
     assert float(broken.p) == 0.0 or not broken.p_low < p < broken.p_high
 
@@ -158,7 +158,7 @@ def test_events():
     plain = rm.simulate(scene, members=20_000).passages.values
     assert abs((plain >= 1).mean() - float(often.p)) < 3.0 * float(often.p_high - often.p_low)
     with pytest.raises(OptionError, match="the run ends at t_end"):
-        scored(scene, "p(passage_first < 5)")
+        make_score(scene, "p(passage_first < 5)")
 
 
 def test_run_directory(tmp_path):
@@ -169,11 +169,11 @@ def test_run_directory(tmp_path):
     directory = rare.work.create("rare", (designed, request), None, tmp_path / "run")
     with pytest.raises(FileError, match="no task is done yet"):
         rare.of(directory.path)
-    directory, done = tasks.resume(directory, threads=1, only=range(2))
+    directory, done = tasks.resume_study(directory, threads=1, only=range(2))
     assert done["ok"] == 2 and rare.of(directory.path).sizes["repetition"] == 2
     assert "1 repetition is missing" in table(rare.of(directory.path))[-1]
-    directory, done = tasks.resume(directory, threads=2)
-    assert done["ok"] == 1 and tasks.verified(directory.path, spot=1) == []
+    directory, done = tasks.resume_study(directory, threads=2)
+    assert done["ok"] == 1 and tasks.verify_study(directory.path, spot=1) == []
     assert rare.of(directory.path).identical(now)
     with pytest.raises(FileError, match="rigidmc rare"):
         rm.open(directory.path)
@@ -181,7 +181,7 @@ def test_run_directory(tmp_path):
     with open(shard, "r+b") as file:
         file.seek(2000)
         file.write(b"torn")
-    assert "is not what was written" in tasks.verified(directory.path)[0]
+    assert "is not what was written" in tasks.verify_study(directory.path)[0]
 
 
 def test_what_is_no_event():
@@ -191,9 +191,9 @@ def test_what_is_no_event():
         ("p(energy_drift_max >= 1)", "nothing that is watched"),
     ):
         with pytest.raises(OptionError, match=rule):
-            scored(spun(), of)
+            make_score(spun(), of)
     with pytest.raises(OptionError, match="what only grows"):
-        scored(bathed(), "p(omega_mean[3] >= 1)")
+        make_score(bathed(), "p(omega_mean[3] >= 1)")
     still = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=rm.Start(omega=(0.0, 0.0, 1.0)))
     with pytest.raises(OptionError, match="nothing is random"):
         rare(still, "p(omega_max[3] >= 1)")
@@ -218,8 +218,8 @@ def test_members_without_room_are_refused():
 
 def test_members_may_branch_at_the_end():
     """Parents that pass a level in the last part of the run: their copies have nothing to go."""
-    scene, score = scored(bathed(), f"p(omega_max[3] >= {LEVEL:.17g})")
-    paths = splitting.Paths(Moving(scene, 8, 1), score, 40, 1)
+    scene, score = make_score(bathed(), f"p(omega_max[3] >= {LEVEL:.17g})")
+    paths = splitting.SplittingPaths(SegmentedRun(scene, 8, 1), score, 40, 1)
     paths.scores[:-1], paths.scores[-1] = -1.0, 1.0
     paths.branch(np.array([0, 1]), np.array([5, 6]), 0.5)
     assert np.array_equal(paths.states[:, :2], paths.states[:, 5:7])
@@ -246,7 +246,7 @@ def test_the_unit_of_a_level_decides_nothing(unit):
 
 def test_near_the_event_is_not_the_event():
     """A level of 1e-17 of the scale rounds to the next count, which only the event may reach."""
-    _, score = scored(rm.Scene.load("dzhanibekov"), "p(flips >= 1)")
+    _, score = make_score(rm.Scene.load("dzhanibekov"), "p(flips >= 1)")
     sized = score.sized(np.array([np.inf, 2.0, 1e-17]))
     scores = sized.graded(np.array([0.0, 0.0, 1.0]), np.array([np.inf, 1e-17, np.inf]))
     assert sized.scale == 2.0 and sized.reached(scores).tolist() == [False, False, True]

@@ -10,7 +10,7 @@ from scipy import stats
 import rigidmc as rm
 from bench.coverage import FIRST, GROUP, LINEAR, TOTAL, ishigami, shares
 from rigidmc.errors import OptionError
-from rigidmc.planning.initial import groups
+from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.results.intervals import resolution
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
@@ -88,7 +88,11 @@ def test_a_linear_top():
 def test_laws_and_attitudes_are_groups():
     start = rm.Start(omega=rm.Cone(2, 1.0, 0.1), attitude=(0.0, rm.normal(0.4, 0.1), 0.0))
     scene = rm.Scene(rm.Body((1.0, rm.uniform(1.2, 1.4), 2.0)), rm.Gravity(9.81), start)
-    assert groups(scene.model)[0] == ["body.moments.2", "start.attitude.theta", "start.omega"]
+    assert uncertain_numbers(scene.model)[0] == [
+        "body.moments.2",
+        "start.attitude.theta",
+        "start.omega",
+    ]
     drawn = scene.with_run(points="saltelli")
     made = starts(drawn, 0, 10, True)[1]
     omega = made["start_omega"].reshape(3, 2, 5)

@@ -10,11 +10,16 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import FileError, OptionError
-from rigidmc.results.run_directory import RunDirectory, read_facts, rendered
+from rigidmc.results.run_directory import RunDirectory, facts_text, read_facts
 from rigidmc.runs.directory import resume
 from rigidmc.studies.stability_map.compute import prepare_map
-from rigidmc.studies.stability_map.question import question, stored_question
-from rigidmc.studies.stability_map.stored import create_map, is_map, members_of_pixels
+from rigidmc.studies.stability_map.question import make_request, read_stored_request
+from rigidmc.studies.stability_map.stored import (
+    create_map,
+    is_map,
+    members_of_pixels,
+    open_map,
+)
 
 # of long steps, which maps take on purpose
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
@@ -40,7 +45,9 @@ def whole():
 
 def started(path, replicas=REPLICAS):
     """A map in 5 shards, none of which is there."""
-    return create_map(prepare_map(question(*SIDES, OF, SHAPE, replicas), SCENE, **RUN), path, 1.0)
+    return create_map(
+        prepare_map(make_request(*SIDES, OF, SHAPE, replicas), SCENE, **RUN), path, 1.0
+    )
 
 
 def invoke(*words):
@@ -51,7 +58,7 @@ def test_a_map_in_a_directory_is_the_one_in_memory(whole, tmp_path):
     directory = started(tmp_path / "map")
     assert directory.count == 5
     resume.resume(tmp_path / "map")
-    found = rm.open_map(tmp_path / "map")
+    found = rm.open(tmp_path / "map")
     assert found.identical(whole.drop_attrs(deep=False).assign_attrs(found.attrs))
     assert set(whole.attrs) - set(found.attrs) == {"seconds"}
     assert all(found.attrs[name] == whole.attrs[name] for name in ("asked", "members", "title"))
@@ -62,13 +69,13 @@ def test_a_map_in_a_directory_is_the_one_in_memory(whole, tmp_path):
 def test_shards_in_any_order_are_replicas_of_every_pixel(whole, tmp_path):
     started(tmp_path / "map")
     resume.resume(tmp_path / "map", only=range(3, 5))
-    part = rm.open_map(tmp_path / "map")
+    part = rm.open(tmp_path / "map")
     there = part.good + part.failed + part.none
     # shards 3 and 4 are members 12,192 to 19,199: 2.9 replicas of 2,400 pixels
     assert part.attrs["missing"] == 19_200 - int(there.sum()) == 12_192
     assert int(there.min()) == 2 and int(there.max()) == 3
     resume.resume(tmp_path / "map", only=range(4))
-    found = rm.open_map(tmp_path / "map")
+    found = rm.open(tmp_path / "map")
     assert found.drop_attrs().identical(whole.drop_attrs())
 
 
@@ -77,7 +84,7 @@ def test_more_replicas_are_those_of_a_larger_map(whole, tmp_path):
     resume.resume(tmp_path / "map")
     resume.extend(tmp_path / "map", members_of_pixels(tmp_path / "map", REPLICAS))
     resume.resume(tmp_path / "map")
-    found = rm.open_map(tmp_path / "map")
+    found = rm.open(tmp_path / "map")
     assert found.drop_attrs().identical(whole.drop_attrs())
     assert found.attrs["members"] == REPLICAS
 
@@ -90,12 +97,13 @@ def test_pixels_in_parts_are_the_same(whole, monkeypatch):
 
 def test_a_map_in_a_file_is_read_back(whole, tmp_path):
     whole.to_netcdf(tmp_path / "map.nc")
-    found = rm.open_map(tmp_path / "map.nc")
+    found = rm.open(tmp_path / "map.nc")
     assert found.identical(whole) and is_map(tmp_path / "map.nc")
     rm.simulate(SCENE, members=4, t_end=1.0, output=tmp_path / "run.nc").close()
     assert not is_map(tmp_path / "run.nc")
     with pytest.raises(FileError, match="no map that can be read"):
-        rm.open_map(tmp_path / "run.nc")
+        open_map(tmp_path / "run.nc")
+    assert rm.open(tmp_path / "run.nc").sizes["member"] == 4
 
 
 def asking(file, **other):
@@ -123,24 +131,24 @@ def test_a_file_that_is_no_map_is_refused(whole, tmp_path, change, words):
     with netCDF4.Dataset(tmp_path / "map.nc", "a") as file:
         change(file)
     with pytest.raises(rm.RigidmcError, match=words):
-        rm.open_map(tmp_path / "map.nc")
+        rm.open(tmp_path / "map.nc")
 
 
 def test_directories_that_are_no_map_are_refused(tmp_path):
     started(tmp_path / "map")
     with pytest.raises(FileError, match="no shard is there yet"):
-        rm.open_map(tmp_path / "map")
+        rm.open(tmp_path / "map")
     facts = read_facts(str(tmp_path / "map" / "run.json"))
     facts["attributes"]["map"] = "{}"
-    (tmp_path / "map" / "run.json").write_text(rendered(facts))
+    (tmp_path / "map" / "run.json").write_text(facts_text(facts))
     with pytest.raises(FileError, match="no map that can be read"):
-        rm.open_map(tmp_path / "map")
+        rm.open(tmp_path / "map")
     del facts["attributes"]["map"]
-    (tmp_path / "map" / "run.json").write_text(rendered(facts))
+    (tmp_path / "map" / "run.json").write_text(facts_text(facts))
     with pytest.raises(FileError, match="is the run of a scene, and no map"):
-        rm.open_map(tmp_path / "map")
+        open_map(tmp_path / "map")
     with pytest.raises(FileError, match="no map that can be read"):
-        stored_question(json.dumps({"columns": 10**9}), "map")
+        read_stored_request(json.dumps({"columns": 10**9}), "map")
     with pytest.raises(OptionError, match="at most"):
         members_of_pixels(tmp_path / "map", 10**12)
 
@@ -155,7 +163,7 @@ def test_the_command_line_keeps_a_map_in_a_directory(tmp_path):
     assert CliRunner().invoke(app, ["verify", str(path)]).exit_code == 0
     assert invoke(path, "-o", tmp_path / "one.nc").exit_code == 0
     assert invoke(*words, "-o", tmp_path / "two.nc").exit_code == 0
-    one, two = (rm.open_map(tmp_path / f"{name}.nc") for name in ("one", "two"))
+    one, two = (rm.open(tmp_path / f"{name}.nc") for name in ("one", "two"))
     assert one.identical(two.drop_attrs(deep=False).assign_attrs(one.attrs))
     assert invoke(tmp_path / "one.nc", "--plot", tmp_path / "one.png").exit_code == 0
     assert RunDirectory(path).count > 1
@@ -165,9 +173,9 @@ def test_the_command_line_keeps_a_map_in_a_directory(tmp_path):
     assert invoke(*words, "--shards", "0:1").exit_code == 3
     assert invoke(*words, "-o", f"{path}/").exit_code != 0  # it exists
     assert CliRunner().invoke(app, ["extend", str(path), "--members", "3"]).exit_code == 0
-    assert int(rm.open_map(path).good.min()) == 3
+    assert int(rm.open(path).good.min()) == 3
     assert invoke(path, "--force").exit_code == 0  # nothing is written
-    assert np.isfinite(rm.open_map(path)["p(passages>=1)"]).all()
+    assert np.isfinite(rm.open(path)["p(passages>=1)"]).all()
 
 
 def test_a_result_is_a_scene_for_a_map(tmp_path):
@@ -192,10 +200,10 @@ def test_a_part_of_a_map_is_a_map_of_that_part(whole, tmp_path):
     for source in (tmp_path / "map.nc", tmp_path / "map"):
         told = invoke(source, "--zoom", "0.4:0.9,0.8:1.2", "-o", tmp_path / "part.nc", "--force")
         assert told.exit_code == 0, told.stderr
-        assert rm.open_map(tmp_path / "part.nc").drop_attrs().identical(expected.drop_attrs())
+        assert rm.open(tmp_path / "part.nc").drop_attrs().identical(expected.drop_attrs())
     told = invoke(tmp_path / "map.nc", "--zoom", "0.4:0.9,0.8:1.2", "-o", f"{tmp_path}/part/")
     assert told.exit_code == 0
-    assert rm.open_map(tmp_path / "part").drop_attrs().identical(expected.drop_attrs())
+    assert rm.open(tmp_path / "part").drop_attrs().identical(expected.drop_attrs())
 
 
 def test_parts_that_are_none_are_refused(whole, tmp_path):

@@ -22,20 +22,20 @@ from rigidmc.studies.stress import (
     processes,
 )
 from rigidmc.studies.stress import hard_cases as H
-from rigidmc.studies.stress.case import Case
+from rigidmc.studies.stress.case import HardCase
 from rigidmc.studies.stress.motions import (
-    conserved,
-    constant,
     direction,
     distance,
+    invariants,
+    largest_change,
     random_tops,
     run,
     tops,
     walk,
     worst,
 )
-from rigidmc.studies.stress.processes import carried_out
-from rigidmc.studies.stress.truths import against_closed, closed_states, flips
+from rigidmc.studies.stress.processes import run_case
+from rigidmc.studies.stress.truths import closed_states, distance_to_closed_form, flips
 from tests.axes import unlabelled
 
 
@@ -75,7 +75,7 @@ def test_quick_cases_are_within_their_bounds(name):
     known = H.shipped_bounds()
     for case in cases():
         if case.quick and name in case.integrators():
-            error, _, reason = carried_out(case, name, H.SHORT)
+            error, _, reason = run_case(case, name, H.SHORT)
             if math.isnan(error) and name == "closed" and not reason:
                 continue
             assert error <= H.bound_of(case, name, known)[0], (case.name, error, reason)
@@ -91,15 +91,15 @@ def test_errors_are_seen():
             ds, distance(ds.attitude.values, ds.momentum.values, *closed_states(wrong, ds)).max(0)
         )
 
-    assert against_closed(scene, 10.0)("exact", 1.0) < 1e-13
+    assert distance_to_closed_form(scene, 10.0)("exact", 1.0) < 1e-13
     assert against_wrong("exact", 1.0) > 1e-4
-    assert constant(scene, 10.0, conserved)("exact", 1.0) < 1e-14
-    assert constant(scene, 10.0, direction)("exact", 1.0) > 0.1  # L does move
+    assert largest_change(scene, 10.0, invariants)("exact", 1.0) < 1e-14
+    assert largest_change(scene, 10.0, direction)("exact", 1.0) > 0.1  # L does move
 
     def of_no_size(body, effects, q, l):
         return [(l, 0.0 * l[0, 0])]
 
-    assert constant(scene, 10.0, of_no_size)("exact", 1.0) == math.inf  # in any unit
+    assert largest_change(scene, 10.0, of_no_size)("exact", 1.0) == math.inf  # in any unit
     assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 0.0), 1)("exact", 1.0) < 1e-13
     # does not start where L3 = 0
     assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 1e-4), 1)("exact", 1.0) > 1e-3
@@ -109,7 +109,7 @@ def test_a_study_reports_cases_above_their_bound(tmp_path):
     """One bound at a tenth: the right row, and no other, is above it."""
     names = ["exact", "closed"]
     first = H.run_cases(["H5"], names, threads=1)
-    assert not H.failed(first)
+    assert not H.any_failed(first)
     assert first.sizes["case"] == sum(case.group == "H5" for case in cases())
     error = float(first.error.sel(case="needle", integrator="exact"))
     assert H._verdict(cases()[0], "rk4", 1e-3, math.inf) == "not judged"  # a new integrator's
@@ -119,8 +119,8 @@ def test_a_study_reports_cases_above_their_bound(tmp_path):
     assert [(str(second.case.values[i]), str(second.integrator.values[j])) for i, j in above] == [
         ("needle", "exact")
     ]
-    assert H.failed(second)
-    H.save_bounds(first, tmp_path / "b.csv")
+    assert H.any_failed(second)
+    H.write_bounds(first, tmp_path / "b.csv")
     kept = H.load_bounds(tmp_path / "b.csv")
     assert error < kept["needle", "exact"] < 6 * error
     figure = picture.hard_cases(second)
@@ -133,8 +133,8 @@ def test_a_case_that_raises_or_dies_is_red_and_stops_no_other(monkeypatch):
     def fails(integrator, share):
         raise RuntimeError("broken on purpose")
 
-    case = Case("broken", "to see it red", "none", fails, 1.0, group="H5")
-    error, _, reason = carried_out(case, "rk4")
+    case = HardCase("broken", "to see it red", "none", fails, 1.0, group="H5")
+    error, _, reason = run_case(case, "rk4")
     assert math.isnan(error)
     assert "broken on purpose" in reason
     found = H._dataset(
@@ -145,7 +145,7 @@ def test_a_case_that_raises_or_dies_is_red_and_stops_no_other(monkeypatch):
         {},
     )
     assert [H.VERDICTS[v] for v in found.verdict.values[:, 0]] == ["crashed", "good"]
-    assert H.failed(found)
+    assert H.any_failed(found)
     monkeypatch.setattr(
         processes,
         "_started",

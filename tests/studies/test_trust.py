@@ -44,7 +44,7 @@ def test_a_good_scene_is_trusted_as_far_as_it_is_true(good):
         assert (np.diff(values) >= 0).all()
     assert good.attrs["digits"] == int(-np.log10(error["closed form"]))
     assert good.attrs["verdict"] == f"trust {good.attrs['digits']} digits to t = 5 s"
-    assert not trust.failed(good)
+    assert not trust.has_failed(good)
     assert "verdict" in trust.table(good)[-1]
     figure = picture.trust(good)
     assert len(figure.axes[0].lines) == 8 and not unlabelled(figure)
@@ -54,7 +54,7 @@ def test_a_long_step_is_seen():
     found = trust.trust(LAGRANGE.with_run(dt=1.0, t_end=50.0), quick=True)
     assert found.attrs["digits"] == 0
     assert "the step is too long" in found.attrs["verdict"]
-    assert trust.failed(found)
+    assert trust.has_failed(found)
 
 
 def test_chaos_is_told_from_a_long_step():
@@ -69,7 +69,7 @@ def test_chaos_is_told_from_a_long_step():
     assert found.attrs["chaotic_share"] > 0.1
     assert found.attrs["horizon"] < 200.0
     assert "beyond, chaos" in found.attrs["verdict"]
-    assert not trust.failed(found)
+    assert not trust.has_failed(found)
     rounding = found.error.values[found.tells.values == "rounding"].max(0)
     assert rounding[-1] > 1e-2  # rounding alone
 

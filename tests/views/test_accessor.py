@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
-from rigidmc.mechanics.free_top import free_motion
+from rigidmc.mechanics.free_top import analyse_free_top
 from rigidmc.mechanics.rotation import from_euler
 from rigidmc.views import PICTURES
 
@@ -78,7 +78,7 @@ def test_the_phase_of_free_motion_runs_evenly():
     momentum[0] = 0.0, 1.0, 0.0
     scene = rm.Scene(rm.Body.from_moments(moments), start=rm.Start(momentum=momentum))
     ds = rm.simulate(scene, integrator="exact", dt=0.1, t_end=5.0, every=0.5, save=("omega",))
-    phase, period = ds.rigid.phase().values, free_motion(moments, momentum).period
+    phase, period = ds.rigid.phase().values, analyse_free_top(moments, momentum).period
     off = phase[:, 1:] - phase[0, 1:] - ds.time.values[:, None] / period[1:]
     assert np.abs(off - np.rint(off)).max() < 1e-13 and np.isnan(phase[:, 0]).all()
 

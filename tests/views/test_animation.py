@@ -9,7 +9,7 @@ from mpl_toolkits.mplot3d import proj3d
 
 from rigidmc.mechanics import rotation
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.shape import Part
+from rigidmc.scene.shape import ShapePart
 from rigidmc.views import animation
 from rigidmc.views.surfaces import TONES, cut, surface_of
 
@@ -41,7 +41,7 @@ def test_a_flat_box_is_drawn_face_by_face(seed):
     canvas.draw()
     image = np.asarray(canvas.buffer_rgba())[..., :3] / 255.0
     part = body.shape[0]
-    assert part == Part("box", part.sizes)
+    assert part == ShapePart("box", part.sizes)
     half = np.array(part.sizes["size"]) / max(part.sizes["size"])
     seen = 0
     for axis in range(3):

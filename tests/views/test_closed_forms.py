@@ -25,7 +25,7 @@ ATTITUDE = (np.cos(0.5 * THETA), np.sin(0.5 * THETA), 0.0, 0.0)
 def test_the_potential_of_a_steady_top_is_a_well():
     slow = float(steady_precession(MOMENTS, WEIGHT, SPIN, THETA)[0])
     momentum = MOMENTS * (0.0, slow * np.sin(THETA), SPIN)
-    assert rm.lagrange_motion(MOMENTS, WEIGHT, momentum, ATTITUDE).kind == "steady precession"
+    assert rm.analyse_lagrange_top(MOMENTS, WEIGHT, momentum, ATTITUDE).kind == "steady precession"
     axes = potential(MOMENTS, WEIGHT, momentum, ATTITUDE).axes[0]
     theta, u = axes.lines[0].get_data()
     low, high = axes.get_ylim()
@@ -46,7 +46,7 @@ def test_every_axis_has_a_label():
 def test_phi_and_psi_are_left_out_where_theta_is_0():
     scene = rm.Scene.load("dzhanibekov")
     t = np.linspace(0.0, 12.0, 1600)
-    motion = rm.free_top(scene.body.moments, np.array(scene.body.moments) * (0.01, 0.0, 6.28),
+    motion = rm.solve_free_top(scene.body.moments, np.array(scene.body.moments) * (0.01, 0.0, 6.28),
                          (1.0, 0.0, 0.0, 0.0), t)  # fmt: skip
     theta, phi, psi = (line.get_ydata() for line in euler_angles(motion.attitude, t).axes[0].lines)
     assert np.isnan(phi[0]) and np.isnan(psi[0]) and np.isfinite(theta).all()
@@ -76,6 +76,6 @@ def test_exact_tells_one_precession_of_a_horizontal_axis():
     """Before, the fast rate of the shipped gyroscope was 5.9e17 rad/s: the cosine is 6e-17."""
     scene = rm.Scene.load("gyroscope")
     line = next(x for x in compare(scene, -1.0, 1) if x.startswith("steady"))
-    moments, spin = scene.body.moments, scene.start.spin(scene.run.seed, 0, 1, None)[1][2, 0]
+    moments, spin = scene.body.moments, scene.start.sample_spin(scene.run.seed, 0, 1, None)[1][2, 0]
     rate = scene.body.mass * 9.81 * np.linalg.norm(scene.body.centre) / (moments[2] * spin)
     assert f" {rate:.6g} rad/s, and no fast one: precession of member 0 at 90 deg" in line

@@ -17,7 +17,7 @@ from rigidmc.figures import save
 from rigidmc.studies.stability_map import picture as maps
 from rigidmc.views import PICTURES, ensemble, sphere
 from rigidmc.views.descriptions import describe_body
-from rigidmc.views.sample import DRAWN, MEMBERS, TIMES, sample, vectors
+from rigidmc.views.sample import DRAWN, MEMBERS, TIMES, omega_or_momentum, thin_result
 from tests.axes import unlabelled
 
 MOMENTS = (1.0, 2.0, 3.0)
@@ -153,14 +153,14 @@ def test_density_is_one_for_an_isotropic_ensemble_and_holds_all_members():
     rng = np.random.default_rng(1)
     v = rng.normal(size=(1, 3, 1_000_000))
     v /= np.linalg.norm(v, axis=1)
-    both = np.stack(sphere.density(v, (1, -1), np.sqrt(2.0)))
+    both = np.stack(sphere.disc_density(v, (1, -1), np.sqrt(2.0)))
     disc = np.isfinite(both)
     # measured 0.799: a bin that the rim cuts counts in full
     assert disc.mean() == pytest.approx(np.pi / 4.0, abs=0.02)
     assert np.median(both[disc]) == pytest.approx(1.0, abs=3e-3)  # measured 1.0003
     # measured 0.052; of 1,000,000 in 22,600 bins, nine of them together: 0.050
     assert np.std(both[disc]) < 0.06
-    lopsided = np.stack(sphere.density(np.abs(v), (1, -1), np.sqrt(2.0)))
+    lopsided = np.stack(sphere.disc_density(np.abs(v), (1, -1), np.sqrt(2.0)))
     assert np.isnan(lopsided[1]).all()
     # one octant of eight; measured 7.98
     assert np.nanmedian(lopsided[0]) == pytest.approx(8.0, abs=0.1)
@@ -191,7 +191,7 @@ def test_both_hemispheres_are_shown_where_a_path_goes_on_to_the_other(free):
 
 
 def test_paths_of_tops_under_torque_are_their_saves(tops):
-    saved = vectors(tops, "momentum")[0][:, :, 0]
+    saved = omega_or_momentum(tops, "momentum")[0][:, :, 0]
     line = next(
         line
         for line in ensemble.momentum_sphere(tops).axes[0].lines
@@ -251,7 +251,7 @@ def test_momentum_saved_instead_of_omega_gives_the_same_pictures(free):
     assert np.abs(medians[0] - medians[1]).max() < 1e-15  # measured 0: moments are 1, 2, 3
     started = other.rename(start_omega="start_momentum").drop_vars("momentum")
     started["start_momentum"] = started.start_momentum * started.moments
-    assert np.isfinite(vectors(started, "omega")[0]).all()
+    assert np.isfinite(omega_or_momentum(started, "omega")[0]).all()
 
 
 def test_drift_histogram_marks_median_worst_and_zeros(free):
@@ -402,12 +402,12 @@ def test_what_is_read_is_bounded_and_ends_with_the_last_save():
     huge = np.broadcast_to(
         np.array([0.1, 1.0, 0.2])[None, :, None], (1001, 3, 300_000)
     )  # 7 GB, were it in memory
-    part = sample(dataset(np.arange(1001.0), huge[0], omega=huge))
+    part = thin_result(dataset(np.arange(1001.0), huge[0], omega=huge))
     assert part.sizes["time"] <= TIMES
     assert part.sizes["member"] <= MEMBERS
     assert part.time[-1] == 1000.0
-    assert sample(part).sizes == part.sizes
-    two = sample(dataset([0.0, 1.0], huge[0], omega=huge[:2]))
+    assert thin_result(part).sizes == part.sizes
+    two = thin_result(dataset([0.0, 1.0], huge[0], omega=huge[:2]))
     assert two.sizes["member"] == 300_000  # under POINTS vectors all members are read
 
 

@@ -20,14 +20,14 @@ from rigidmc.planning.turns import (
     rounded_down,
     sparse,
     sparse_saves,
-    turning,
     turning_at_start,
+    turning_rates,
 )
-from rigidmc.runs.prepare import prepared
-from rigidmc.scene.library import shipped
+from rigidmc.runs.prepare import prepare_scene
+from rigidmc.scene.library import shipped_names
 from rigidmc.views import animation
 from rigidmc.views.descriptions import _steps
-from rigidmc.views.sample import TIMES, fastest, note_on, sample
+from rigidmc.views.sample import TIMES, fastest, note_on, thin_result
 
 GYROSCOPE = rm.Scene.load("gyroscope").with_run(members=16, t_end=0.4)
 
@@ -45,8 +45,8 @@ def bodies(count):
 
 def test_a_free_momentum_turns_with_the_rate_of_its_closed_form():
     moments, l = bodies(300)
-    got = turning(moments, l, Drive())
-    exact = rm.free_motion(moments.T, l.T).rate
+    got = turning_rates(moments, l, Drive())
+    exact = rm.analyse_free_top(moments.T, l.T).rate
     assert np.abs(got.body / exact - 1.0).max() < 1e-12  # measured 3e-14
     spin = np.linalg.norm(l / moments, axis=0)
     assert np.all(exact <= spin * (1.0 + 1e-12)) and np.allclose(got.attitude, spin)
@@ -55,7 +55,7 @@ def test_a_free_momentum_turns_with_the_rate_of_its_closed_form():
 def test_a_rotor_changes_it_as_the_linear_motion_says():
     moments, l = bodies(100)
     rotor = np.random.default_rng(4).normal(size=(3, 100))
-    got = turning(moments, l, Drive(rotor=rotor)).body
+    got = turning_rates(moments, l, Drive(rotor=rotor)).body
     for k in range(100):
         inverse = np.diag(1.0 / moments[:, k])
         columns = [
@@ -68,7 +68,7 @@ def test_a_rotor_changes_it_as_the_linear_motion_says():
 
 def test_the_axis_of_a_symmetric_body_goes_round_its_momentum():
     moments, l = np.array([[2.0], [2.0], [3.5]]), np.array([[0.3], [0.4], [5.0]])
-    got = turning(moments, l, Drive()).axis
+    got = turning_rates(moments, l, Drive()).axis
     assert got == pytest.approx(np.linalg.norm(l) / 2.0, rel=1e-12)
 
 
@@ -110,7 +110,7 @@ def test_rounding_never_goes_up():
     assert rounded_down(0.0033) == 0.0033
 
 
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("name", shipped_names())
 def test_shipped_scenes_save_what_lines_can_join(name):
     """As their starts and their effects tell."""
     scene = rm.Scene.load(name)
@@ -119,15 +119,15 @@ def test_shipped_scenes_save_what_lines_can_join(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("name", shipped_names())
 def test_shipped_scenes_as_they_move(name):
     """From rest and under torques bodies get faster than their starts tell."""
     scene = rm.Scene.load(name)
     scene = scene.with_run(members=200, save=(*scene.run.save, "momentum"), keep="full")
     if scene.effects == () or scene.run.t_end / scene.run.dt < 20_000 or name == "chandler":
-        part = sample(rm.simulate(scene))
+        part = thin_result(rm.simulate(scene))
     else:  # the step of a benchmark takes long, and rk8 needs fewer
-        part = sample(rm.simulate(scene, integrator="rk8", dt=scene.run.every / 4.0))
+        part = thin_result(rm.simulate(scene, integrator="rk8", dt=scene.run.every / 4.0))
     kinds = {KINDS[word] for word in scene.run.save if word in KINDS}
     for kind in kinds | ({AXIS} if ATTITUDE in kinds else set()):
         assert note_on(part, kind) == ""
@@ -193,7 +193,7 @@ def test_a_new_scene_saves_what_lines_can_join(tmp_path, spin):
 
 def test_show_says_so():
     scene = GYROSCOPE.with_run(every=0.01)
-    shown = "\n".join(_steps(prepared(scene)))
+    shown = "\n".join(_steps(prepare_scene(scene)))
     assert "turn by up to 5.93 rad between saves" in shown and "use every <= 0.0033 s" in shown
 
 
@@ -213,13 +213,13 @@ def test_a_page_shows_what_spins_up():
     """From rest: the first momentum tells no rate, and 300 frames would jump by 10 rad each."""
     pytest.importorskip("k3d")
     from rigidmc.runs.rerun import frames
-    from rigidmc.views.viewer.data import closer, reach, unseen
+    from rigidmc.views.viewer.data import closer, motion_span, unseen
 
     body = rm.Body.from_moments((1.0, 1.2, 1.5))
     torque = rm.BodyTorque((0.0, 0.0, 1.5))
     scene = rm.Scene(body, torque, rm.Start(omega=(0.0, 0.0, 0.0)))
     ds = rm.simulate(scene, integrator="rk8", dt=0.02, t_end=40.0, members=1, threads=1)
-    count, end, _ = reach(ds, 40.0)
+    count, end, _ = motion_span(ds, 40.0)
     shown = frames(ds, 0, count, until=end)
     assert unseen(shown)
     count, end, rate = closer(shown, 40.0)
@@ -239,4 +239,6 @@ def test_closed_forms_are_drawn_finely_enough():
 
 
 def test_kinds_are_fields_of_turning():
-    assert {BODY, AXIS, ATTITUDE} == set(turning(np.ones((3, 1)), np.ones((3, 1)), Drive())._fields)
+    assert {BODY, AXIS, ATTITUDE} == set(
+        turning_rates(np.ones((3, 1)), np.ones((3, 1)), Drive())._fields
+    )

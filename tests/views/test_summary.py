@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
-from rigidmc.views.summary import summary
+from rigidmc.views.summary import summary_text
 
 NUMBER = r"([-+.e\d]+|nan|inf)"
 
@@ -70,7 +70,7 @@ def test_several_measures_and_python(result):
     assert numbers(lines[5])[0] == pytest.approx(ds.start_omega.values[0, 2:].mean(), rel=2e-6)
     assert ds.rigid.summary(of=texts).splitlines()[1:] == lines[1:]
     assert ds.rigid.summary(of=texts[0]).splitlines()[-1] == lines[2]
-    narrow = summary(ds, confidence=0.5, of=texts[0]).splitlines()[-1]
+    narrow = summary_text(ds, confidence=0.5, of=texts[0]).splitlines()[-1]
     assert "50 % between" in narrow
 
 
@@ -94,4 +94,4 @@ def test_points_that_tell_no_interval():
     scene = rm.Scene.load("tennis_racket")
     ds = rm.simulate(scene, members=64, t_end=1.0, points="sobol", save=("flips",))
     lines = ds.rigid.summary(of="p(flips >= 0)").splitlines()
-    assert lines[2] == "  p(flips >= 0): 1" and "rigidmc.randomised" in lines[3]
+    assert lines[2] == "  p(flips >= 0): 1" and "rigidmc.estimate_rqmc" in lines[3]

@@ -5,7 +5,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.mechanics.mesh import mass_properties
-from rigidmc.views.surfaces import body_surface, revolved
+from rigidmc.views.surfaces import body_surface, revolve
 
 # a circle of 48 corners has 0.9971 of the area and 0.9943 of the second moment of the round one;
 # measured: worst 0.0057 of the largest moment, for the ball
@@ -21,8 +21,8 @@ BODIES = {
     "rod": rm.Body.solid("rod", mass=1.0, length=1.0, radius=0.05),
     "density": rm.Body.from_density(1000.0, ("cylinder", 0.1, (0.05, 0.3))),
     "block": rm.Body.from_density(2.0, ("box", (0.0, 1.0), (-1.0, 2.0), (0.5, 0.7))),
-    "pivoted": rm.Body.cylinder(0.2, 0.03, 0.008).pivoted_at((0.0, 0.01, -0.04)),
-    "joined": rm.Body.cylinder(1.0, 0.1, 1.0).joined(
+    "pivoted": rm.Body.cylinder(0.2, 0.03, 0.008).with_pivot((0.0, 0.01, -0.04)),
+    "joined": rm.Body.cylinder(1.0, 0.1, 1.0).join(
         rm.Body.box(0.5, (0.5, 0.1, 0.2)), at=(0.0, 0.2, 0.6), turned=(0.8, 0.6, 0.0, 0.0)
     ),
 }
@@ -89,7 +89,7 @@ def test_thin_solids_are_thin_and_of_their_size():
 
 
 def test_quarters_alternate_so_that_a_spin_is_seen():
-    surface = revolved((0.0, -1.0), (1.0, -1.0), (1.0, 1.0), (0.0, 1.0))
+    surface = revolve((0.0, -1.0), (1.0, -1.0), (1.0, 1.0), (0.0, 1.0))
     x, y, _ = surface.corners[surface.faces].mean(1).T
     assert (surface.tones % 2 == (x * y < 0.0)).all()
     assert {*surface.tones.tolist()} == {0, 1, 4, 5}
@@ -108,10 +108,10 @@ def test_particles_and_holes_and_meshes():
     places = [(1.0, 0.0, 0.1), (0.0, 1.0, 0.0), (-1.0, 0.5, 0.7)]
     body = rm.Body.from_particles([1.0, 8.0, 1.0], places)
     corners = body_surface(result_of(body), body).corners
-    small, large, _ = np.split(body.to_own(corners), 3)
+    small, large, _ = np.split(body.to_reference(corners), 3)
     assert small.mean(0) == pytest.approx((1.0, 0.0, 0.1), abs=1e-9)
     assert np.ptp(large[:, 2]) == pytest.approx(2.0 * np.ptp(small[:, 2]))
 
-    bored = rm.Body.cylinder(1.0, 0.5, 1.0).without(rm.Body.cylinder(0.1, 0.1, 1.0))
+    bored = rm.Body.cylinder(1.0, 0.5, 1.0).subtract(rm.Body.cylinder(0.1, 0.1, 1.0))
     tones = body_surface(result_of(bored), bored).tones
     assert (tones == 6).sum() == len(tones) / 2  # the hole is dark

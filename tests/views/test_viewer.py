@@ -13,7 +13,7 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import OptionError, OutputExists
 from rigidmc.runs.rerun import frames
-from rigidmc.views.viewer.data import density, short
+from rigidmc.views.viewer.data import short, sphere_density
 from rigidmc.views.viewer.page import view
 
 BROWSER = next(
@@ -69,7 +69,7 @@ def test_numbers_of_16_bits():
 
 def test_density_is_largest_where_the_members_are(spun):
     corners = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-    dense = density(spun, corners)
+    dense = sphere_density(spun, corners)
     counts = np.frombuffer(base64.b64decode(dense["bytes"]), "u1").reshape(-1, 3)
     assert (counts[:, 0] == 255).all() and (counts[:, 1:] == 0).all()
 
@@ -87,7 +87,7 @@ def test_bodies_of_any_size_reach_the_page_at_size_1():
     """A moon of 190 km hid all of its page: the near plane of the camera follows the size."""
     pytest.importorskip("k3d")
     from rigidmc.views.surfaces import surface_of
-    from rigidmc.views.viewer.data import motion
+    from rigidmc.views.viewer.data import motion_data
     from rigidmc.views.viewer.stage import body_plot
 
     for name in ("hyperion", "brownian_rotor", "toutatis", "heavy_top"):
@@ -102,7 +102,7 @@ def test_bodies_of_any_size_reach_the_page_at_size_1():
             save=("momentum", "attitude"), **settings,
         )  # fmt: skip
         shown.attrs["frames"] = ""
-        form = np.reshape(motion(shown, scene)["form"], (3, 4))
+        form = np.reshape(motion_data(shown, scene)["form"], (3, 4))
         made = given @ form[:, :3].T + form[:, 3]
         assert np.linalg.norm(made, axis=1).max() == pytest.approx(1.0, rel=1e-6)
         if scene.body.shape:  # the same solid, to a factor

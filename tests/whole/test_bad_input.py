@@ -19,7 +19,7 @@ import rigidmc
 from rigidmc.cli import app
 from rigidmc.engine.compiler.disk_cache import cache_folder
 from rigidmc.runs.directory.create import create
-from rigidmc.scene.library import read_source, shipped
+from rigidmc.scene.library import read_source, shipped_names
 from tests.runs.test_resume import SCENE
 
 PACKAGE = pathlib.Path(rigidmc.__file__).parent
@@ -38,7 +38,7 @@ NEVER = {
     "exec_module",
     "__import__",
 }
-SCENES = [tomllib.loads(read_source(name)) for name in shipped()]
+SCENES = [tomllib.loads(read_source(name)) for name in shipped_names()]
 ODD = st.one_of(
     st.none().map(lambda _: {}), st.booleans(), st.integers(-3, 3),
     st.sampled_from([10**12, 10**400, -(2**63), 2**63]),
@@ -103,7 +103,7 @@ def test_a_bad_scene_is_one_message(tmp_path_factory, data):
 
 
 @settings(deadline=None, suppress_health_check=list(HealthCheck))
-@given(st.sampled_from(shipped()), st.floats(0.0, 1.0), st.binary(max_size=4))
+@given(st.sampled_from(shipped_names()), st.floats(0.0, 1.0), st.binary(max_size=4))
 def test_a_torn_scene_is_one_message(tmp_path_factory, name, at, more):
     file = tmp_path_factory.getbasetemp() / "torn.toml"
     data = read_source(name).encode()

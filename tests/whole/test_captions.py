@@ -38,19 +38,19 @@ def nutation(name, spin, lean):
     top = body(name)
     attitude = np.cos(lean / 2), np.sin(lean / 2), 0.0, 0.0
     weight = top.mass * 9.81 * top.centre[2]
-    return rm.lagrange_motion(top.moments, weight, (0.0, 0.0, top.moments[2] * spin), attitude)
+    return rm.analyse_lagrange_top(top.moments, weight, (0.0, 0.0, top.moments[2] * spin), attitude)
 
 
 def handle():
     moments = np.array(body("dzhanibekov").moments)
     assert np.argsort(moments)[1] == 2  # spun about axis 3
-    waits = rm.free_motion(moments, moments * [[0.01, 0.01, 6.28], [0.001, 0.001, 6.28]])
+    waits = rm.analyse_free_top(moments, moments * [[0.01, 0.01, 6.28], [0.001, 0.001, 6.28]])
     assert 2.0 < waits.flip_interval[0] < waits.flip_interval[1] < 8.0  # s; measured 3.9 and 5.9
 
 
 def racket():
     moments = np.array(body("tennis_racket").moments)
-    start = rm.free_motion(moments, moments * [0.05, 6.0, 0.05])
+    start = rm.analyse_free_top(moments, moments * [0.05, 6.0, 0.05])
     assert 0.0 < start.mc < 1e-2 and np.argsort(moments)[1] == 1  # at the separatrix, about axis 2
 
 
@@ -80,7 +80,7 @@ def pendulum():
 def toutatis():
     moments = np.array(body("toutatis").moments)
     spin = [part.parameters[0] for part in rm.Scene.load("toutatis").start.omega]
-    assert rm.free_motion(moments, moments * spin).kind == "about the smallest moment"
+    assert rm.analyse_free_top(moments, moments * spin).kind == "about the smallest moment"
     assert np.argmin(moments) == 2
 
 
@@ -204,7 +204,7 @@ def wait():
     moments = np.array([1.0, 2.0, 3.0])
     small = 10.0 ** -np.arange(2.0, 7.0)
     starts = moments * np.stack([0.0 * small, 0.0 * small + 1.0, small], -1)
-    gains = np.diff(rm.free_motion(moments, starts).flip_interval)
+    gains = np.diff(rm.analyse_free_top(moments, starts).flip_interval)
     assert np.ptp(gains) < 1e-3 * gains[0]  # measured 1.4e-4
 
 

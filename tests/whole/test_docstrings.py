@@ -84,7 +84,7 @@ def test_examples_run(name, tmp_path, monkeypatch):
 
 
 def test_all_public_names_are_checked():
-    methods = {"Body.from_mesh", "Body.tensor", "Scene.load", "Scene.with_run", "Start.spin"}
+    methods = {"Body.from_mesh", "Body.tensor", "Scene.load", "Scene.with_run", "Start.sample_spin"}
     assert {*rm.__all__, *methods, "Rigid", "Rigid.energy"} <= set(PUBLIC)
 
 

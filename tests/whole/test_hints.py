@@ -9,10 +9,10 @@ from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import KNOWN
-from rigidmc.scene.library import shipped
+from rigidmc.scene.library import shipped_names
 from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.read import _value
-from rigidmc.scene.vector_distributions import LAWS
+from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
 from rigidmc.synonyms import NAMES
 
 BODY = rm.Body.from_moments((1.0, 2.0, 2.5))
@@ -43,8 +43,8 @@ SETTINGS = [*Run.model_fields, "threads", "output", "force"]
         ("time_step", SETTINGS, "dt"),
         ("tol", SETTINGS, "tolerance"),
         ("memebrs", SETTINGS, "members"),
-        ("foo", shipped(), None),
-        ("heavytop", shipped(), "heavy_top"),
+        ("foo", shipped_names(), None),
+        ("heavytop", shipped_names(), "heavy_top"),
         ("gaussian", ["normal", "uniform"], "normal"),
     ],
 )
@@ -55,7 +55,7 @@ def test_the_nearest_word(word, known, right):
 def test_every_hint_is_a_name_that_there_is():
     """A name that is renamed would leave hints behind that name nothing."""
     keys = {"mass", "centre", "radius", "height", "density", "particles", "tensor", "moments"}
-    keys |= {"normal", "uniform", "expon"} | {law.word for law in LAWS}
+    keys |= {"normal", "uniform", "expon"} | {law.name for law in VECTOR_DISTRIBUTIONS}
     known = {*SOLIDS, *EFFECTS, *KNOWN, *INTEGRATORS, "closed", *SETTINGS, *keys}
     assert {name for names in NAMES.values() for name in names} <= known
 
@@ -87,7 +87,7 @@ def test_a_scene_by_its_name_and_a_body_alone(tmp_path):
         (rm.rare, ("of",)),
         (rm.multilevel, ("until",)),
         (rm.frequencies, ("of",)),
-        (rm.warm, ()),
+        (rm.precompile, ()),
     ):
         more = {name: settings[name] for name in names}
         with pytest.raises(rm.SceneError, match=r"is a Body; .*rm.Scene\(body, start="):

@@ -165,22 +165,22 @@ from typing import Any
 import numpy as np
 
 from rigidmc.physics.dynamics.functions import cosine, sine
-from rigidmc.scene.vector_distributions.protocol import Law, number
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution, number
 from rigidmc.scene.vector_distributions.vectors import AROUND
 from rigidmc.scene.quantities import draw
 
 
 @dataclass(frozen=True)
-class Ring(Law):
+class Ring(VectorDistribution):
     """A vector of given size in the plane of the axes 1 and 2, in any direction."""
 
     size: Any
 
-    word = "ring"
-    of = ("omega", "momentum")
-    sized = {"size": 1}
+    name = "ring"
+    variables = ("omega", "momentum")
+    scaling = {"size": 1}
 
-    def checked(self, at):
+    def check(self, at):
         return Ring(number(self.size, f"{at}.size", least=0.0))
 
     def sample(self, source, name, first, count, facts):
@@ -228,11 +228,11 @@ def new_map():
 from typing import Any
 
 from rigidmc.cli.app import app
-from rigidmc.cli.options import takes_settings
+from rigidmc.cli.options import add_setting_options
 
 
 @app.command()
-@takes_settings("dt")
+@add_setting_options("dt")
 def hello(run: dict[str, Any]) -> None:
     """Say hello."""
     print(f"hello, {run}")
@@ -252,8 +252,8 @@ GROUP = (
         """
 def new_group():
     scene = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7))
-    error = constant(scene, 10.0, conserved)
-    yield Case("a new case", "to show how", "conservation laws", error, 1e-3)
+    error = largest_change(scene, 10.0, invariants)
+    yield HardCase("a new case", "to show how", "conservation laws", error, 1e-3)
 
 
 """,

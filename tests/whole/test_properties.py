@@ -16,7 +16,7 @@ from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.physics.dynamics.so3 import dot, multiply, vertical
 from rigidmc.physics.effects import Gravity, ViscousDamping
 from rigidmc.physics.effects.sums import total_energy, total_energy_scale
-from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, accepting, scheme_of
+from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, integrators_for, scheme_of
 from rigidmc.planning.limits import Limits
 from tests.kernels import make_block, run
 from tests.reference import attitude_error
@@ -67,7 +67,7 @@ def effects_of(name, weight, damping):
     it takes.
     """
     both = Gravity(1.0), ViscousDamping(damping)
-    most = next(e for e in (both, both[:1], ()) if name in accepting(e))
+    most = next(e for e in (both, both[:1], ()) if name in integrators_for(e))
     assume(not (any(weight) and not most) and not (damping and len(most) < 2))
     return most
 

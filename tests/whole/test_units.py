@@ -16,7 +16,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.physics.observables import OBSERVABLES, WATCHED, WITH_TABLE
-from rigidmc.scene.vector_distributions import LAWS
+from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
 from rigidmc.views.accessor import Rigid
 from tests import units
 from tests.pure_numbers import LIMIT, LIMITS, SEEDS, answer, differences, rows
@@ -25,18 +25,19 @@ from tests.units import BINARY, KINDS, PLAIN, asked, drivers, in_units, observed
 QUICK = ("section", "rare, event")
 
 # what a user has of the package, beside the functions that `asked` asks
-CLOSED_FORMS = {"free_top", "free_motion", "lagrange_top", "lagrange_motion"}  # below
+CLOSED_FORMS = {
+    *("solve_free_top", "analyse_free_top", "solve_lagrange_top", "analyse_lagrange_top"),
+}  # below
 SCENES = {"Scene", "Body", "Start", "Run", "normal"}  # every scene of `units`
 DRAWN = {  # tests/scene/test_units.py
     *("uniform", "distribution", "mixture", "grid"),
-    *(kind.__name__ for kind in LAWS),
+    *(kind.__name__ for kind in VECTOR_DISTRIBUTIONS),
 }
 NO_NUMBERS = {
     *(
-        "warm",
+        "precompile",
         "device",
         "open",
-        "open_map",
         "prepare",
         "PreparedRun",
     ),  # they compute nothing, or give back what was stored
@@ -136,12 +137,12 @@ def test_closed_forms(mass, time):
     weight = some.uniform(0.5, 2.0, 30)
     one, two = (
         {
-            "free_top": rm.free_top(m * moments, m / s * momentum, attitude, s * t),
-            "free_motion": rm.free_motion(m * moments, m / s * momentum),
-            "lagrange_top": rm.lagrange_top(
+            "free_top": rm.solve_free_top(m * moments, m / s * momentum, attitude, s * t),
+            "free_motion": rm.analyse_free_top(m * moments, m / s * momentum),
+            "lagrange_top": rm.solve_lagrange_top(
                 m * tops, m / s**2 * weight, m / s * momentum, attitude, s * t
             ),
-            "lagrange_motion": rm.lagrange_motion(
+            "lagrange_motion": rm.analyse_lagrange_top(
                 m * tops, m / s**2 * weight, m / s * momentum, attitude
             ),
         }

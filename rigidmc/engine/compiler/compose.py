@@ -26,8 +26,8 @@ import rigidmc.physics.observables.protocol  # noqa: F401  (imported so that MET
 from rigidmc.engine.compiler.inlined import compile_inlined
 from rigidmc.engine.compiler.intrinsics import INTRINSICS, intrinsic, register_template
 from rigidmc.engine.compiler.pipeline import INLINE, is_of_package
-from rigidmc.engine.compiler.user_stamps import observe
-from rigidmc.files.user_code import is_own
+from rigidmc.engine.compiler.user_stamps import observe_user_code
+from rigidmc.files.user_code import is_user_code
 from rigidmc.physics.dynamics.methods import METHODS, arguments
 
 Function = Callable[..., Any]
@@ -134,7 +134,7 @@ def compile_method(call: Any) -> None:
 
     def resolve(typing_context: Any, part: Any, *values: Any) -> Any:
         if not part.instance_class.__module__.startswith("rigidmc."):
-            observe(part.instance_class)
+            observe_user_code(part.instance_class)
         known = len(_inlined)
         method = getattr(part.instance_class, name, None)
         named = available if method is None else arguments(method)
@@ -187,7 +187,7 @@ def inline_names(module: str, names: Mapping[str, Any]) -> None:
             continue
         seen.add(module)
         for value in list(names.values()):
-            if inspect.ismodule(value) and package != "rigidmc" and is_own(value.__dict__):
+            if inspect.ismodule(value) and package != "rigidmc" and is_user_code(value.__dict__):
                 pending.append((value.__name__, vars(value)))
             if not inspect.isfunction(value) or value in methods:
                 continue
@@ -195,7 +195,9 @@ def inline_names(module: str, names: Mapping[str, Any]) -> None:
             same = str(home).partition(".")[0] in (package, "rigidmc")
             if home == module:
                 inline(value)
-            elif (same and not home.startswith("rigidmc.engine.")) or is_own(value.__globals__):
+            elif (same and not home.startswith("rigidmc.engine.")) or is_user_code(
+                value.__globals__
+            ):
                 pending.append((home, value.__globals__))
     if package == "rigidmc":  # a user's module, as of a notebook, may get more functions later
         _done.update(seen)

@@ -34,7 +34,7 @@ from numba.core import caching
 from numba.core.serialize import NumbaPickler
 
 from rigidmc.engine.compiler.user_stamps import classes_of, homes_of
-from rigidmc.files.opening import plain
+from rigidmc.files.opening import open_plain
 from rigidmc.files.processes import PACKAGE
 
 
@@ -115,7 +115,7 @@ def _from_disk(signatures: Sequence[Any], extra: str, make: Callable[[], str]) -
         if path is not None:
             with (
                 contextlib.suppress(FileNotFoundError),
-                open(path, encoding="ascii", opener=plain) as file,
+                open(path, encoding="ascii", opener=open_plain) as file,
             ):
                 checksum, _, text = file.read().partition("\n")
                 if checksum == hashlib.sha256(text.encode()).hexdigest():
@@ -127,7 +127,7 @@ def _from_disk(signatures: Sequence[Any], extra: str, make: Callable[[], str]) -
         with contextlib.suppress(OSError):
             if text_path(signatures, extra) != path:  # a class has changed meanwhile
                 return text
-            with open(f"{path}.{os.getpid()}", "w", encoding="ascii", opener=plain) as file:
+            with open(f"{path}.{os.getpid()}", "w", encoding="ascii", opener=open_plain) as file:
                 file.write(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}")
             # Written beside it and renamed: no other process reads half a file.
             os.replace(file.name, path)
@@ -167,7 +167,7 @@ class CacheFiles(caching.IndexDataCacheFile):
     def load(self, key: Any) -> Any:
         path = self._data_path(self._name(key))
         try:
-            with open(path, "rb", opener=plain) as file:
+            with open(path, "rb", opener=open_plain) as file:
                 data = file.read()
             if hashlib.sha256(data[:-_SUM]).digest() == data[-_SUM:]:
                 return _Unpickler(io.BytesIO(data), _user_classes(key[0])).load()

@@ -122,7 +122,7 @@ def tag_of(signature: Any) -> str:
     return hashlib.sha256(repr(homes_of(signature)).encode()).hexdigest()[:16]
 
 
-def observe(thing: Any) -> None:
+def observe_user_code(thing: Any) -> None:
     """See what a function or class of the user's reads, before it is compiled."""
     with _lock:
         _walk(thing)
@@ -149,7 +149,7 @@ class _Listener(event.Listener):
 
     def on_start(self, event: Any) -> None:
         if dispatcher := _user_dispatcher(event):
-            observe(dispatcher.py_func)
+            observe_user_code(dispatcher.py_func)
 
     def on_end(self, event: Any) -> None:
         if (dispatcher := _user_dispatcher(event)) and event.data["return_type"] is None:

@@ -39,11 +39,11 @@ def resolve_device(word: str | None) -> str:
             return "cpu"
         return "cuda"
     if word != "cpu":
-        select_devices(number_of(word))
+        select_devices(device_number(word))
     return word
 
 
-def number_of(name: str) -> int | None:
+def device_number(name: str) -> int | None:
     """The number of the one device of a word, None for all."""
     _, _, number = name.partition(":")
     return int(number) if number else None

@@ -71,7 +71,7 @@ def label_effects(effects: Iterable[Any]) -> list[tuple[str, Any]]:
     return list(zip(number_words(map(name_of, known)), known, strict=True))
 
 
-def shared(effects: Iterable[Any]) -> dict[str, list[str]]:
+def shared_parameters(effects: Iterable[Any]) -> dict[str, list[str]]:
     """{parameter: those that it is the sum of}, as label_field, for each parameter that an effect
     shares with another kind of effect that is there."""
     known = label_effects(effects)

@@ -30,7 +30,7 @@ class Gravity(NamedTuple):
 
     Examples
     --------
-    >>> pendulum = rm.Body.cylinder(1.0, 0.1, 0.4).pivoted_at((0.0, 0.0, -0.2))
+    >>> pendulum = rm.Body.cylinder(1.0, 0.1, 0.4).with_pivot((0.0, 0.0, -0.2))
     >>> rm.Scene(pendulum, rm.Gravity(9.81)).effects
     (Gravity(g=9.81),)
     """

@@ -23,7 +23,7 @@ class GravityGradient(NamedTuple):
     """Gravity gradient on a Kepler orbit in the plane z = 0, about the body's centre of mass.
 
     The fixed point has to be the centre of mass: pivot = "centre" in [body], or
-    `Body.about_centre`, moves it there.
+    `Body.with_pivot_at_centre`, moves it there.
 
     Torque::
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, Ty
 from rigidmc.physics.dynamics.methods import argument_names, implements, method
 from rigidmc.physics.dynamics.so3 import axpy
 
-# Of parameters: a float, or in a scene an array of one for each member, or a law such as
+# Of parameters: a float, or in a scene an array of one for each member, or a distribution such as
 # rigidmc.normal(mean, deviation); a vector is a tuple of those.
 Number: TypeAlias = Any
 Vector: TypeAlias = Any

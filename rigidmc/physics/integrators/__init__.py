@@ -25,7 +25,7 @@ __all__ = [
     "INTEGRATORS",
     "StepScheme",
     "TurnBounds",
-    "accepting",
+    "integrators_for",
     "keeps_remainders",
     "refusal",
     "scheme_of",
@@ -73,7 +73,7 @@ def refusal(
         return None
     able = [
         other
-        for other in accepting(effects, compensated, works, known)
+        for other in integrators_for(effects, compensated, works, known)
         if not isinstance(known[other], ClosedForm)
     ]
     # The nearest by order and family first: two names are enough.
@@ -90,7 +90,7 @@ def _distance(integrator: Integrator, other: Integrator) -> tuple[float, bool]:
     return distance, integrator.is_splitting != other.is_splitting
 
 
-def accepting(
+def integrators_for(
     effects: Sequence[Any],
     compensated: bool = False,
     works: bool = False,

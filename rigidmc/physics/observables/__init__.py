@@ -116,7 +116,7 @@ def word_of_observable(value: Any) -> str:
     return word_of(type(value))
 
 
-def labelled(given: Iterable[Any]) -> list[tuple[str, Any]]:
+def label_observables(given: Iterable[Any]) -> list[tuple[str, Any]]:
     """[(label, observable)]: the name of each, numbered from the second of a name on."""
     known = tuple(given)
     return list(zip(number_words(map(word_of_observable, known)), known, strict=True))
@@ -126,16 +126,16 @@ def own(given: Iterable[Any]) -> dict[str, Any]:
     """{label: observable} of those given that can be recorded at save times."""
     return {
         label: one
-        for label, one in labelled(given)
+        for label, one in label_observables(given)
         if isinstance(one, Observable) and not is_opaque(one)
     }
 
 
-def named(given: Iterable[Any], name: str) -> Any:
+def find_observable(given: Iterable[Any], name: str) -> Any:
     """The observable at save times of this name or label."""
     if name in default_names(given):
         return {**OBSERVABLES, **WITH_TABLE}[name]()
-    return dict(labelled(given))[name]
+    return dict(label_observables(given))[name]
 
 
 def default_names(given: Iterable[Any]) -> tuple[str, ...]:
@@ -148,11 +148,11 @@ def statistics(given: Iterable[Any]) -> Statistics:
     return {**WATCHED_STATISTICS, **_statistics(own(given))}
 
 
-def known(given: Iterable[Any]) -> tuple[str, ...]:
+def saveable_names(given: Iterable[Any]) -> tuple[str, ...]:
     """All names that a scene may save."""
     opaque = [word_of_observable(one) for one in given if is_opaque(one)]
     perhaps = (f"{word}_{statistic}" for word in opaque for statistic in STATISTICS)
-    words = (*map(word_of_observable, given), *dict(labelled(given)))
+    words = (*map(word_of_observable, given), *dict(label_observables(given)))
     more = dict.fromkeys((*words, *statistics(given), *perhaps))
     return (*KNOWN, *(name for name in more if name not in KNOWN))
 
@@ -166,7 +166,7 @@ def value_rows(observables: Mapping[str, Any], effects: int) -> dict[str, slice]
     return rows
 
 
-def saved(save: Iterable[str], given: Sequence[Any] = ()) -> tuple[str, ...]:
+def saved_observables(save: Iterable[str], given: Sequence[Any] = ()) -> tuple[str, ...]:
     """The named observables that are recorded at save times, each by its label."""
     labels = own(given)
     names: dict[str, None] = {}
@@ -177,14 +177,21 @@ def saved(save: Iterable[str], given: Sequence[Any] = ()) -> tuple[str, ...]:
     return tuple(names)
 
 
-def recorded(save: Sequence[str], given: Sequence[Any]) -> dict[str, Any]:
+def recorded_observables(save: Sequence[str], given: Sequence[Any]) -> dict[str, Any]:
     """{name: observable} of what a kernel records at save times: what is saved, then what only
     histograms need."""
-    hidden = (one.name for _, one in watched(save, given) if isinstance(one, EnsembleObservable))
-    return {name: named(given, name) for name in dict.fromkeys((*saved(save, given), *hidden))}
+    hidden = (
+        one.name
+        for _, one in monitored_observables(save, given)
+        if isinstance(one, EnsembleObservable)
+    )
+    return {
+        name: find_observable(given, name)
+        for name in dict.fromkeys((*saved_observables(save, given), *hidden))
+    }
 
 
-def watched(save: Sequence[str], given: Sequence[Any]) -> list[tuple[str, Any]]:
+def monitored_observables(save: Sequence[str], given: Sequence[Any]) -> list[tuple[str, Any]]:
     """[(label, observable)] of the observables over all steps.
 
     save : names; a name with numbers in `given` has those, a name without has its defaults
@@ -192,12 +199,14 @@ def watched(save: Sequence[str], given: Sequence[Any]) -> list[tuple[str, Any]]:
     """
     found: list[tuple[str, Any]] = []
     at_times = own(given)
-    over = [(s, one) for s, one in labelled(given) if s not in at_times and not is_opaque(one)]
+    over = [
+        (s, one) for s, one in label_observables(given) if s not in at_times and not is_opaque(one)
+    ]
     extra = statistics(given)
     for name in dict.fromkeys((*save, *(word_of_observable(one) for _, one in over))):
         if name in extra:
             observable, statistic = extra[name]
-            found.append((name, statistic(named(given, observable))))
+            found.append((name, statistic(find_observable(given, observable))))
             continue
         same = [(label, one) for label, one in over if word_of_observable(one) == name]
         found += same or ([(name, WATCHED[name]())] if name in WATCHED else [])
@@ -207,10 +216,11 @@ def watched(save: Sequence[str], given: Sequence[Any]) -> list[tuple[str, Any]]:
 def outputs(label: str, one: Any) -> Outputs:
     """{variable: (units, long_name, dims)} of an observable over all steps.
 
-    label : as `watched` has it; the ends of variables are those of labels: passage_2, passages_2
+    label : as `monitored_observables` has it; the ends of variables are those of labels: passage_2,
+        passages_2
     """
     if type(one) in STATISTICS.values():
-        units = squared(one.of.units) if one.squares else one.of.units
+        units = square_units(one.of.units) if one.squares else one.of.units
         return {label: (units, f"{one.word} {title(one.of)}, over the steps", one.of.dims)}
     end, words = label.removeprefix(word_of_observable(one)), one.label_fields()
     return {
@@ -239,7 +249,7 @@ def dimensions(recorded: Mapping[str, Any], watched: Iterable[tuple[str, Any]]) 
     return tuple(dict.fromkeys(name for each in dims for name in each))
 
 
-def squared(units: str) -> str:
+def square_units(units: str) -> str:
     """Units squared: "s-2" of "s-1", "kg2 m4 s-2" of "kg m2 s-1"."""
     return " ".join(map(_squared, units.split()))
 

@@ -60,7 +60,7 @@ class Precession(NamedTuple):
     Whole turns are counted. Between two states that are watched the axis is taken to go the shorter
     way round; where it passes near the vertical within a step, it is watched there too. Of 400
     heavy tops to t = 25 s by rk8 in steps of 1.6 rad none is off by a turn
-    (tests/physics/observables/test_watching.py).
+    (tests/physics/observables/test_monitoring.py).
 
     The numbers are the horizontal components (x, y) of the axis, how often it has crossed y = 0,
     with the sign of its sense, and (x, y) at the start.

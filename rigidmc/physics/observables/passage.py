@@ -30,9 +30,9 @@ class Passage(NamedTuple):
     """When a principal axis of the body leaves, or reaches, a cone about a direction.
 
     A passage that comes and goes within a step counts too: of 3,810 passages of heavy tops by rk8
-    in steps of 1.6 rad none is missed (tests/physics/observables/test_watching.py). With noise only
-    the ends of steps are known. The level is a difference of cosines, which costs the time of a
-    narrow cone digits, as rounding/angle^2.
+    in steps of 1.6 rad none is missed (tests/physics/observables/test_monitoring.py). With noise
+    only the ends of steps are known. The level is a difference of cosines, which costs the time of
+    a narrow cone digits, as rounding/angle^2.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ from rigidmc.physics.observables import (
     OBSERVABLES,
     WATCHED,
     is_opaque,
-    labelled,
+    label_observables,
     outputs,
     own,
     statistics,
@@ -45,7 +45,7 @@ def check_keep(keep: Keep, given: Sequence[Any] = ()) -> None:
 
     given : the observables of the scene, with their numbers
     """
-    opaque = [label for label, one in labelled(given) if is_opaque(one)]
+    opaque = [label for label, one in label_observables(given) if is_opaque(one)]
     names, summed = (*OBSERVABLES, *own(given), *opaque), statistics(given)
     named = {None: keep} if isinstance(keep, str) else keep
     for name, word in named.items():
@@ -61,7 +61,7 @@ def check_keep(keep: Keep, given: Sequence[Any] = ()) -> None:
             raise SceneError(rule, at=f"run.{key}", table="run", value=word)
 
 
-def kept(keep: Keep, saved: Iterable[str], given: Sequence[Any] = ()) -> dict[str, str]:
+def save_words(keep: Keep, saved: Iterable[str], given: Sequence[Any] = ()) -> dict[str, str]:
     """{name: word} of the saved observables.
 
     If all are summarised, an observable that has no summary keeps its last save.
@@ -84,7 +84,7 @@ def summaries(kept: Mapping[str, str]) -> tuple[str, ...]:
     )
 
 
-def thinned(count: int, thin: int) -> NDArray[np.intp]:
+def thinned_indices(count: int, thin: int) -> NDArray[np.intp]:
     """Indices of the saves that a thinned observable keeps, of `count` saves."""
     return np.unique(np.append(np.arange(0, count, thin), count - 1))
 

@@ -1,9 +1,9 @@
 """Running statistics over the steps of a member: minimum, maximum, mean, variance, last value.
 
 Extremes are those of the motion between the steps too: of 400 heavy tops in steps of 1.6 rad the
-worst nutation is 2.6e-4 rad off (tests/physics/observables/test_watching.py). Means have the error
-of the trapezoidal rule on two states or more a step. What is conserved, such as the energy of a
-heavy top, is looked at where steps end.
+worst nutation is 2.6e-4 rad off (tests/physics/observables/test_monitoring.py). Means have the
+error of the trapezoidal rule on two states or more a step. What is conserved, such as the energy of
+a heavy top, is looked at where steps end.
 """
 
 import math

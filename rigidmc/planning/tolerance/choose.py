@@ -17,25 +17,31 @@ import numpy as np
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
-from rigidmc.files.processes import start
+from rigidmc.files.processes import start_helper
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import name_of
 from rigidmc.physics.effects.protocol import is_random
-from rigidmc.planning.check import check
+from rigidmc.planning.check import check_scene
 from rigidmc.planning.steps import Array
-from rigidmc.planning.tolerance.costs import Costs, Way
-from rigidmc.planning.tolerance.deviation import errors, growth, upper_quantile
-from rigidmc.planning.tolerance.ladder import candidates, ladder, measured
+from rigidmc.planning.tolerance.costs import Candidate, Costs
+from rigidmc.planning.tolerance.deviation import errors, measure_growth, upper_quantile
+from rigidmc.planning.tolerance.ladder import candidates, ladder, measure_candidate
 from rigidmc.planning.tolerance.pilot import (
     ROUNDING,
     Pilot,
     first_steps,
-    follow,
+    integrate_pilot,
     pilot,
 )
-from rigidmc.planning.tolerance.truth import AGREED, Truth, check_agreement, integrated, truth
+from rigidmc.planning.tolerance.truth import (
+    AGREED,
+    Reference,
+    check_agreement,
+    integrate_reference,
+    make_reference,
+)
 from rigidmc.scene.amounts import count_text
-from rigidmc.scene.recording import recording
+from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.validation import named_integrators
 
@@ -53,13 +59,13 @@ SMOOTH = 16.0
 SAFETY = 0.8  # of the tolerance, that a pilot must keep
 
 
-def choose_integrator(scene: Scene) -> tuple[Scene, "Chosen | None"]:
+def choose_integrator(scene: Scene) -> tuple[Scene, "Choice | None"]:
     """(scene with the integrator, precision and step that `choose` picks for its tolerance,
-    Chosen); the scene itself and None unless its integrator is "auto"."""
+    Choice); the scene itself and None unless its integrator is "auto"."""
     run = scene.run
     if run.integrator != "auto":
         return scene, None
-    check(scene, recording(scene))
+    check_scene(scene, make_recording(scene))
     # any that takes the scene stands for those to be tried
     slips = any(implements(effect, "slip") for effect in scene.effects)
     some = scene.with_run(integrator="rk8" if slips else "rk4")
@@ -69,7 +75,7 @@ def choose_integrator(scene: Scene) -> tuple[Scene, "Chosen | None"]:
     return scene.with_run(integrator=way.integrator, dtype=way.dtype, **step), chosen
 
 
-class Chosen(NamedTuple):
+class Choice(NamedTuple):
     """What `--tolerance` picks: the way, how sure it is, and the alternatives.
 
     predicted : error that 99 % of members stay below
@@ -77,11 +83,11 @@ class Chosen(NamedTuple):
     runner_up : (Way, its cost in units of the cost of the chosen one), or None
     """
 
-    way: Way
+    way: Candidate
     predicted: float
     checked: float
     truth: str
-    runner_up: tuple[Way, float] | None
+    runner_up: tuple[Candidate, float] | None
     ns_per_member: float
     tolerance: float
     members: int
@@ -140,7 +146,7 @@ def choose(
     tolerance: float | None,
     integrators: Iterable[str] | None = None,
     members: int = PILOT,
-) -> Chosen:
+) -> Choice:
     """The cheapest way to keep the error of 99 % of all members below `tolerance`.
 
     The error is that of momentum, relative to its size, and of attitude [rad].
@@ -155,7 +161,7 @@ def choose(
     check_quiet(scene)
     first = pilot(scene, members)
     check_pilot(scene, first)
-    true, costs = truth(first), Costs(first)
+    true, costs = make_reference(first), Costs(first)
     known = upper_quantile(true.error)
     if known > tolerance:
         why = f"the truth itself is known to {known:.1e} only ({true.source})"
@@ -179,14 +185,14 @@ def choose(
                 others = [w for w in ways if w.integrator != way.integrator]
                 cost = costs.per_member(way)
                 runner_up = (others[0], costs.per_member(others[0]) / cost) if others else None
-                chosen = Chosen(
+                chosen = Choice(
                     way, predicted, share, source, runner_up, cost, tolerance, second.members
                 )
                 if predicted <= tolerance:
                     return chosen
                 spare = spare or chosen
             steps = first.base * math.ceil(1.2 * way.steps / first.base)
-            way = measured(costs, true, way.integrator, way.dtype, steps) or way
+            way = measure_candidate(costs, true, way.integrator, way.dtype, steps) or way
     if spare is not None:
         return spare
     raise _unreachable(scene, tolerance, first, nearest, "members beyond the pilot err more")
@@ -198,19 +204,19 @@ def _limit(integrator: str, tolerance: float) -> float:
 
 
 def _ways(
-    costs: Costs, true: Truth, tolerance: float, integrators: Iterable[str]
-) -> tuple[list[Way], float]:
-    """(the cheapest Way of each integrator that keeps the tolerance, the smallest error)."""
+    costs: Costs, true: Reference, tolerance: float, integrators: Iterable[str]
+) -> tuple[list[Candidate], float]:
+    """(the cheapest Candidate of each integrator that keeps the tolerance, the smallest error)."""
     dtype = "float64" if tolerance < SINGLE_REACHES else None
     tried = candidates(costs.pilot, true, integrators, dtype)
     compile_ahead(costs.pilot, tried)
-    keeping: list[Way] = []
+    keeping: list[Candidate] = []
     nearest = math.inf
     for integrator, precision in tried:
         most = 2.0 * min((costs.per_member(w) for w in keeping), default=math.inf)
         limit = _limit(integrator, tolerance)
 
-        def too_dear(way: Way, most: float = most) -> bool:
+        def too_dear(way: Candidate, most: float = most) -> bool:
             return costs.per_member(way) > most
 
         ways = ladder(costs, true, integrator, precision, limit, 2.0, too_dear=too_dear)
@@ -223,14 +229,14 @@ def _ways(
 class _Check:
     """Ways checked on a second pilot: a closed form by an integration, and the other way round."""
 
-    def __init__(self, costs: Costs, true: Truth, second: Pilot, tolerance: float) -> None:
+    def __init__(self, costs: Costs, true: Reference, second: Pilot, tolerance: float) -> None:
         self.true, self.second, self.tolerance = true, second, tolerance
         first = costs.pilot
         # members of the second pilot may be faster, and then need more steps
         self.faster = float(second.rates.max() / first.rates.max()) if first.member_steps else 1
-        self._truths: dict[bool, Truth] = {}
+        self._truths: dict[bool, Reference] = {}
 
-    def of(self, way: Way) -> tuple[Array, str]:
+    def of(self, way: Candidate) -> tuple[Array, str]:
         """(errors of the members, source of the truth)."""
         closed = way.integrator == "closed"
         other = self._truth(closed)
@@ -242,22 +248,24 @@ class _Check:
             return apart, f"{self.true.source}; the second pilot by {other.source}"
         return apart, self.true.source
 
-    def _truth(self, closed: bool) -> Truth:
+    def _truth(self, closed: bool) -> Reference:
         if closed not in self._truths:
             agreed = max(AGREED, 1e-2 * self.tolerance)
             second = self.second
-            self._truths[closed] = integrated(second, agreed) if closed else truth(second)
+            self._truths[closed] = (
+                integrate_reference(second, agreed) if closed else make_reference(second)
+            )
         return self._truths[closed]
 
-    def _apart(self, way: Way, other: Truth) -> Array:
+    def _apart(self, way: Candidate, other: Reference) -> Array:
         steps: Any = self.faster * way.steps  # whole unless members have steps of their own
-        checked = measured(Costs(self.second), other, way.integrator, way.dtype, steps)
+        checked = measure_candidate(Costs(self.second), other, way.integrator, way.dtype, steps)
         if checked is None:  # the step is too long for a member of the second pilot
             return np.full(self.second.members, np.inf)
         return checked.errors["state"]
 
 
-def _refined(costs: Costs, true: Truth, ways: list[Way], limit: float) -> Way:
+def _refined(costs: Costs, true: Reference, ways: list[Candidate], limit: float) -> Candidate:
     """A cheaper way between the last that failed and the first that kept the limit, by the slope
     between them, tried twice."""
     base, good = costs.pilot.base, ways[-1]
@@ -270,7 +278,7 @@ def _refined(costs: Costs, true: Truth, ways: list[Way], limit: float) -> Way:
             break
         steps = base * math.ceil(good.steps / base * (good.upper / (0.9 * limit)) ** (1.0 / slope))
         steps = max(bad.steps + base, min(good.steps - base, steps))
-        way = measured(costs, true, good.integrator, good.dtype, steps)
+        way = measure_candidate(costs, true, good.integrator, good.dtype, steps)
         if way is None:
             break
         good, bad = (way, bad) if way.upper <= limit else (good, way)
@@ -305,7 +313,7 @@ def _gain(pilot: Pilot, growth: float) -> float:
     if not pilot.scene.effects:
         return math.inf
     steps = 2 * first_steps(pilot)
-    ends = [follow(pilot, "rk8", count) for count in (steps, 2 * steps, 4 * steps)]
+    ends = [integrate_pilot(pilot, "rk8", count) for count in (steps, 2 * steps, 4 * steps)]
     coarse, fine = (upper_quantile(errors(pilot, end, ends[2])["state"]) for end in ends[:2])
     hidden = not math.isfinite(coarse) or fine < 1e4 * ROUNDING * growth
     return math.inf if hidden else coarse / fine
@@ -314,7 +322,7 @@ def _gain(pilot: Pilot, growth: float) -> float:
 def _unreachable(
     scene: Scene, tolerance: float, pilot: Pilot, nearest: float, why: str
 ) -> SceneError:
-    factor, rate = growth(pilot)
+    factor, rate = measure_growth(pilot)
     worst = upper_quantile(factor)
     if (gain := _gain(pilot, worst)) < SMOOTH:
         names = ", ".join(name_of(effect) for effect in scene.effects)
@@ -337,10 +345,10 @@ def _unreachable(
     return SceneError(rule, at="run.tolerance", value=tolerance)
 
 
-Candidate = tuple[str, str]  # integrator and dtype
+Precision = tuple[str, str]  # integrator and dtype
 
 
-def compile_ahead(pilot: Pilot, candidates: Sequence[Candidate]) -> None:
+def compile_ahead(pilot: Pilot, candidates: Sequence[Precision]) -> None:
     """Compile the kernels of some candidates for a pilot.
 
     If a kernel is not in the cache, a second process compiles from the end of the list and leaves
@@ -367,13 +375,13 @@ def _compile(pilot: Pilot, integrator: str, dtype: str) -> None:
     few = pilot._replace(block=pilot.block[:, :32])
     for finer in (1, 8):
         try:
-            follow(few, integrator, finer * first_steps(pilot), dtype)
+            integrate_pilot(few, integrator, finer * first_steps(pilot), dtype)
             return
         except SceneError:  # the step is too long for it
             continue
 
 
-def _helper(pilot: Pilot, candidates: Sequence[Candidate]) -> subprocess.Popen[str] | None:
+def _helper(pilot: Pilot, candidates: Sequence[Precision]) -> subprocess.Popen[str] | None:
     """The second process; None if the scene cannot be written as text."""
     try:
         text = pilot.scene.dumps()
@@ -381,7 +389,7 @@ def _helper(pilot: Pilot, candidates: Sequence[Candidate]) -> subprocess.Popen[s
     except (SceneError, ValueError):  # rows of arrays, effects of the user's own
         return None
     task = json.dumps({"scene": text, "own": pilot.member_steps, "candidates": candidates})
-    helper = start(__name__, answers=False)
+    helper = start_helper(__name__, answers=False)
     assert helper.stdin is not None
     helper.stdin.write(task)
     helper.stdin.close()

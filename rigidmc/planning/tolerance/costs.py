@@ -21,11 +21,11 @@ from rigidmc.planning.initial import block_rows, initial_block
 from rigidmc.planning.steps import Array, Clock
 from rigidmc.planning.tolerance.deviation import upper_quantile
 from rigidmc.planning.tolerance.pilot import OBSERVED, Pilot
-from rigidmc.scene.quantities import rows
-from rigidmc.scene.recording import recording
+from rigidmc.scene.quantities import count_rows
+from rigidmc.scene.recording import make_recording
 
 
-class Way(NamedTuple):
+class Candidate(NamedTuple):
     """One way of integrating a pilot.
 
     steps : of the fastest member of the pilot;  mean_steps, dt : mean over its members;  turn : of
@@ -88,7 +88,7 @@ class Costs:
 
         def draw() -> float:
             model, sampler = self.pilot.scene.model, self.pilot.sampler
-            count = min(BLOCK, rows(*model.quantities()) or BLOCK)
+            count = min(BLOCK, count_rows(*model.quantities()) or BLOCK)
             began = time.perf_counter()
             height = block_rows(model.effects, False)
             initial_block(model, sampler, 0, count, self.pilot.has_attitude, height)
@@ -102,7 +102,7 @@ class Costs:
         def record() -> float:
             scene = self.pilot.scene.with_run(integrator="rk4")
             form = self.pilot.scheme(scene, 1.0)
-            recorded = recording(scene).recorded
+            recorded = make_recording(scene).recorded
             observables = tuple(o for n, o in recorded.items() if n != "work")
             plain, saving = (
                 self._stepped(form, "float64", observables, stride=stride) for stride in (32, 1)
@@ -118,7 +118,7 @@ class Costs:
 
     def _closed(self) -> float:
         scene, count = self.pilot.scene, min(512, max(layout.LANES, self.pilot.members))
-        model, recorded = scene.model, list(recording(scene).recorded.values())
+        model, recorded = scene.model, list(make_recording(scene).recorded.values())
         height = block_rows(model.effects, False)
         saves, taken = min(self.saves, 50), []
         times = np.linspace(0.0, scene.run.t_end, saves + 1)
@@ -170,11 +170,11 @@ class Costs:
                 steps *= 2
         return 1e9 * best
 
-    def per_member(self, way: Way) -> float:
+    def per_member(self, way: Candidate) -> float:
         """One member to t_end, with its saves [ns]."""
         saves = 0.0 if way.integrator == "closed" else self.saves * self.save()
         return way.ns * way.mean_steps + saves + self.start()
 
-    def members_per_second(self, way: Way, threads: int) -> float:
+    def members_per_second(self, way: Candidate, threads: int) -> float:
         """Members to t_end per second on all threads."""
         return 1e9 * threads / self.per_member(way)

@@ -15,7 +15,13 @@ from rigidmc.physics.dynamics.euler import kinetic_energy
 from rigidmc.physics.dynamics.so3 import dot, vertical
 from rigidmc.physics.effects.sums import total_energy_scale
 from rigidmc.planning.steps import Array, physics
-from rigidmc.planning.tolerance.pilot import Pilot, States, first_steps, follow, states_along
+from rigidmc.planning.tolerance.pilot import (
+    Pilot,
+    PilotStates,
+    first_steps,
+    integrate_pilot,
+    states_along,
+)
 
 QUANTITIES = ("state", "momentum", "attitude", "energy", "l2", "lz")
 
@@ -34,7 +40,7 @@ def _sizes(body: Any, effects: Any, l: Any) -> tuple[Array, Array]:
     return play, np.where(size > 0.0, size, widest)
 
 
-def errors(pilot: Pilot, states: States, true: States) -> dict[str, Array]:
+def errors(pilot: Pilot, states: PilotStates, true: PilotStates) -> dict[str, Array]:
     """{quantity: largest error over the checks of each member}.
 
     momentum : relative to its size;  attitude : [rad];  state : the larger of these two
@@ -128,7 +134,7 @@ def upper_quantile(values: ArrayLike, share: float = 0.99, sure: float = 0.95) -
 DISTURBANCE = 1e-11  # of the size of the state
 
 
-def growth(pilot: Pilot) -> tuple[Array, Array]:
+def measure_growth(pilot: Pilot) -> tuple[Array, Array]:
     """(factor, rate): how much a disturbance along the way has grown at t_end, and at what rate
     [1/s], for each member.
 
@@ -165,11 +171,11 @@ def _distances(pilot: Pilot) -> Array:
         times=0.5 * end * np.arange(1.0, 9.0),
     )
     name, steps = "rk8" if pilot.scene.effects else "exact", first_steps(long)
-    base = follow(long, name, steps)
+    base = integrate_pilot(long, name, steps)
     squares = np.zeros((8, pilot.members))
     for seed in range(4):
-        moved = follow(long, name, steps, nudge=DISTURBANCE, seed=seed)
+        moved = integrate_pilot(long, name, steps, nudge=DISTURBANCE, seed=seed)
         for i in range(8):
-            pair = (States(s.q[i : i + 1], s.l[i : i + 1], s.status) for s in (moved, base))
+            pair = (PilotStates(s.q[i : i + 1], s.l[i : i + 1], s.status) for s in (moved, base))
             squares[i] += errors(long, *pair)["state"] ** 2 / 4.0
     return np.asarray(np.sqrt(squares))

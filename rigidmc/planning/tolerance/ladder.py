@@ -7,21 +7,21 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from rigidmc.errors import SceneError
-from rigidmc.physics.integrators import accepting
+from rigidmc.physics.integrators import integrators_for
 from rigidmc.physics.observables import is_own
-from rigidmc.planning.plan import longest_monitored
-from rigidmc.planning.tolerance.costs import Costs, Way
+from rigidmc.planning.plan import max_monitored_step
+from rigidmc.planning.tolerance.costs import Candidate, Costs
 from rigidmc.planning.tolerance.deviation import QUANTITIES, errors
-from rigidmc.planning.tolerance.pilot import MOST_STEPS, Pilot, first_steps, follow
-from rigidmc.planning.tolerance.truth import Truth, closed_states
-from rigidmc.scene.recording import recording
+from rigidmc.planning.tolerance.pilot import MOST_STEPS, Pilot, first_steps, integrate_pilot
+from rigidmc.planning.tolerance.truth import Reference, closed_pilot_states
+from rigidmc.scene.recording import make_recording
 
 SINGLE = ("rk4", "exact", "strang")  # tried in float32 too
 
 
 def candidates(
     pilot: Pilot,
-    true: Truth,
+    true: Reference,
     integrators: Iterable[str] | None = None,
     dtype: str | None = None,
 ) -> list[tuple[str, str]]:
@@ -32,11 +32,13 @@ def candidates(
     scene, kinds = pilot.scene, pilot.scene.known_integrators()
     able = [
         name
-        for name in accepting(scene.effects, works="work" in scene.run.save, integrators=kinds)
+        for name in integrators_for(
+            scene.effects, works="work" in scene.run.save, integrators=kinds
+        )
         if name != "closed" or true.source.startswith("closed")
     ]
     # closed forms make no steps, and no code of the user's own takes arrays
-    own = any(map(is_own, recording(scene).recorded.values()))
+    own = any(map(is_own, make_recording(scene).recorded.values()))
     if pilot.monitors.each_step or own:
         able = [name for name in able if name != "closed"]
     if integrators:
@@ -54,57 +56,60 @@ def candidates(
     return [c for c in both if dtype in (None, c[1])]
 
 
-def measured(costs: Costs, true: Truth, integrator: str, dtype: str, steps: int) -> Way | None:
-    """The Way of an integrator in `steps` steps; None if it refuses the step."""
+def measure_candidate(
+    costs: Costs, true: Reference, integrator: str, dtype: str, steps: int
+) -> Candidate | None:
+    """The Candidate of an integrator in `steps` steps; None if it refuses the step."""
     pilot = costs.pilot
     if integrator == "closed":
-        return _measured_closed(costs, true, dtype)
+        return _measure_closed(costs, true, dtype)
     try:
-        states = follow(pilot, integrator, steps, dtype)
+        states = integrate_pilot(pilot, integrator, steps, dtype)
     except SceneError:  # the step is too long for it
         return None
     mean, turn = pilot.mean_steps(steps), pilot.turn(steps) if pilot.member_steps else None
     apart = errors(pilot, states, true.states)
     ns, dt = costs.step(integrator, steps, dtype), pilot.scene.run.t_end / mean
-    return Way(integrator, dtype, steps, mean, dt, turn, apart, ns)
+    return Candidate(integrator, dtype, steps, mean, dt, turn, apart, ns)
 
 
-def _measured_closed(costs: Costs, true: Truth, dtype: str) -> Way:
-    """The Way of the closed form. If it is the truth itself, its error is that of rounding."""
+def _measure_closed(costs: Costs, true: Reference, dtype: str) -> Candidate:
+    """The Candidate of the closed form. If it is the truth itself, its error is that of
+    rounding."""
     pilot, saves = costs.pilot, costs.saves
-    apart = errors(pilot, closed_states(pilot), true.states)
+    apart = errors(pilot, closed_pilot_states(pilot), true.states)
     if true.source.startswith("closed"):
         unseen = np.full(pilot.members, np.nan)
         known = ("state", "momentum", "attitude")
         apart = {name: true.error if name in known else unseen for name in QUANTITIES}
     ns = costs.step("closed", 1, dtype)
-    return Way("closed", dtype, saves, saves, pilot.scene.run.t_end / saves, None, apart, ns)
+    return Candidate("closed", dtype, saves, saves, pilot.scene.run.t_end / saves, None, apart, ns)
 
 
 def ladder(
     costs: Costs,
-    true: Truth,
+    true: Reference,
     integrator: str,
     dtype: str,
     finest: float = 0.0,
     ratio: float = 2.0**0.5,
     most: int = MOST_STEPS,
-    too_dear: Callable[[Way], bool] | None = None,
-) -> list[Way]:
+    too_dear: Callable[[Candidate], bool] | None = None,
+) -> list[Candidate]:
     """Ways of one integrator from long steps to short ones, until the error falls below `finest` or
     falls no more, or until too_dear(way).
 
-    If steps are watched, none turns by more than `longest_monitored`: the error at the end does not
-    tell how short steps must be for events and extremes.
+    If steps are watched, none turns by more than `max_monitored_step`: the error at the end does
+    not tell how short steps must be for events and extremes.
     """
     if integrator == "closed":
-        return [_measured_closed(costs, true, dtype)]
+        return [_measure_closed(costs, true, dtype)]
     exact = costs.pilot.scene.known_integrators()[integrator].order == math.inf
-    ways: list[Way] = []
+    ways: list[Candidate] = []
     multiple = _first_multiple(costs.pilot, integrator)
     best, idle = math.inf, 0
     while (steps := costs.pilot.base * round(multiple)) <= most:
-        way = measured(costs, true, integrator, dtype, steps)
+        way = measure_candidate(costs, true, integrator, dtype, steps)
         if way is not None:
             ways.append(way)
             # a ladder may begin with steps so long that members fail, with errors of inf
@@ -129,6 +134,6 @@ def _first_multiple(pilot: Pilot, integrator: str) -> float:
         in_pieces = pilot.member_steps and len(whole.substeps) > 2
         multiple = math.ceil(pilot.turn(pilot.base)) if in_pieces else 1.0
     if pilot.monitors.each_step:
-        longest = longest_monitored(pilot.scene.effects)
+        longest = max_monitored_step(pilot.scene.effects)
         multiple = max(multiple, math.ceil(pilot.turn(pilot.base) / longest))
     return multiple

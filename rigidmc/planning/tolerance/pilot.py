@@ -16,7 +16,7 @@ from rigidmc.engine.program import Program
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.observables import OBSERVABLES
-from rigidmc.planning.check import check
+from rigidmc.planning.check import check_scene
 from rigidmc.planning.initial import (
     Source,
     block_rows,
@@ -25,11 +25,11 @@ from rigidmc.planning.initial import (
     make_sampler,
 )
 from rigidmc.planning.monitors import Monitors, has_attitude, make_monitors
-from rigidmc.planning.plan import spinning_up
+from rigidmc.planning.plan import driving_effects
 from rigidmc.planning.scheme import make_scheme
-from rigidmc.planning.steps import Array, own_steps, rates, rounds
-from rigidmc.scene.quantities import is_shared, rows
-from rigidmc.scene.recording import recording
+from rigidmc.planning.steps import Array, count_member_steps, rate_bounds, round_grid
+from rigidmc.scene.quantities import count_rows, is_shared
+from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
 from rigidmc.threads import Task, threads_of
 
@@ -49,7 +49,8 @@ class Pilot(NamedTuple):
     block : rows for the kernel, whole lanes;  first, members : the range of members
     has_attitude : whether the attitude is part of the state
     base, stride : steps must be a multiple of `base`, and `stride` of it lie between two checks
-    times : of the checks [s];  rates : of the members [rad/s], see `rigidmc.planning.steps.rates`
+    times : of the checks [s];  rates : of the members [rad/s], see
+        `rigidmc.planning.steps.rate_bounds`
     member_steps : whether members have steps of their own, because their rates differ much; not if
         torques spin members up, because their rates soon change
     """
@@ -79,7 +80,9 @@ class Pilot(NamedTuple):
             return self.scene.with_run(dt=self.scene.run.t_end / steps), self.block
         scene, block = self.scene.with_run(turn=self.turn(steps)), self.block.copy()
         span = scene.run.t_end / self.base
-        block[layout.STEPS] = own_steps(rates(scene.effects, block), span, scene.run.turn)
+        block[layout.STEPS] = count_member_steps(
+            rate_bounds(scene.effects, block), span, scene.run.turn
+        )
         return scene, block
 
     def scheme(self, scene: Scene, h: float) -> StepScheme:
@@ -94,7 +97,7 @@ class Pilot(NamedTuple):
         return self.base * float(np.mean(self.stepped(steps)[1][layout.STEPS, : self.members]))
 
 
-class States(NamedTuple):
+class PilotStates(NamedTuple):
     """Where members are at the checks: q (times, 4, n) and L (times, 3, n), and status (n,)."""
 
     q: Array
@@ -105,14 +108,14 @@ class States(NamedTuple):
 def pilot(scene: Scene, members: int, first: int | None = None) -> Pilot:
     """`members` members of a scene, from index `first` on; fewer if the scene has no more rows, one
     if all are alike."""
-    recorded = recording(scene)
-    check(scene, recorded)
+    recorded = make_recording(scene)
+    check_scene(scene, recorded)
     monitors = make_monitors(scene.model, recorded, scene.run.seed)
     scene = scene.with_model(scene.model.coarse())
     run, model = scene.run, scene.model
     sampler = make_sampler(model, run)
     first = run.first if first is None else first
-    available = rows(*model.quantities())
+    available = count_rows(*model.quantities())
     if is_shared(*model.quantities()) and not isinstance(model.start.attitude, str):
         members = 1
     elif available is not None:
@@ -124,19 +127,19 @@ def pilot(scene: Scene, members: int, first: int | None = None) -> Pilot:
     bounds = make_pilot(model, sampler, attitude).block
     padding = whole_lanes(members) - members
     block = np.ascontiguousarray(np.pad(block, ((0, 0), (0, padding)), mode="edge"))
-    saves = rounds(run.t_end, run.every)
+    saves = round_grid(run.t_end, run.every)
     # a pilot has steps of one length, so its checks are evenly spaced even if the saves are not
     base, stride = (CHECKPOINTS, 1) if saves.is_shortened else (saves.steps, saves.stride)
     stride *= max(1, math.ceil(base / stride / CHECKPOINTS))
     times = run.t_end * np.minimum(np.arange(stride, base + stride, stride), base) / base
-    rate = rates(scene.effects, block)[:members]
+    rate = rate_bounds(scene.effects, block)[:members]
     rate = rate[np.isfinite(rate)] if np.isfinite(rate).any() else np.ones(1)
-    own = bool(rate.max() > SPREAD * rate.mean() > 0.0) and not spinning_up(scene.effects)
+    own = bool(rate.max() > SPREAD * rate.mean() > 0.0) and not driving_effects(scene.effects)
     shape = base, stride, times, rate, own
     return Pilot(scene, sampler, monitors, bounds, block, first, members, attitude, *shape)
 
 
-def follow(
+def integrate_pilot(
     pilot: Pilot,
     integrator: str,
     steps: int,
@@ -144,8 +147,8 @@ def follow(
     compensated: bool = False,
     nudge: float = 0.0,
     seed: int = 0,
-) -> States:
-    """The States of a pilot by an integrator in `steps` steps, a multiple of the pilot's base.
+) -> PilotStates:
+    """The PilotStates of a pilot by an integrator in `steps` steps, a multiple of the pilot's base.
 
     nudge : move the state by so much of its size in a random direction, which `seed` decides, at
         the start and at every check but the last
@@ -161,7 +164,7 @@ def follow(
     disturb = None
     if nudge:
         chance = np.random.default_rng(seed)
-        disturb = partial(push, size=nudge, has_attitude=pilot.has_attitude, chance=chance)
+        disturb = partial(perturb, size=nudge, has_attitude=pilot.has_attitude, chance=chance)
     run = StepRange(h, slots, stride, total, int(scene.run.turn is not None), 0, total)
     return states_along(pilot, scene, block, run, dtype, compensated, disturb)
 
@@ -174,8 +177,8 @@ def states_along(
     dtype: str = "float64",
     compensated: bool = False,
     disturb: Callable[[Array], None] | None = None,
-) -> States:
-    """The States of a pilot after every `run.stride` of `run.total` slots, and at the end.
+) -> PilotStates:
+    """The PilotStates of a pilot after every `run.stride` of `run.total` slots, and at the end.
 
     disturb : called with each part of the block at the start and after every stride but the last
     """
@@ -203,10 +206,10 @@ def states_along(
         pool.run([Task(advance, i, first, last) for i in range(len(parts))])
     values = out.reshape(saves, 7, width)[1:, :, : pilot.members]
     status = np.concatenate([part[layout.STATUS] for part in parts])[: pilot.members]
-    return States(values[:, :4], values[:, 4:], status)
+    return PilotStates(values[:, :4], values[:, 4:], status)
 
 
-def push(block: Array, size: float, has_attitude: bool, chance: np.random.Generator) -> None:
+def perturb(block: Array, size: float, has_attitude: bool, chance: np.random.Generator) -> None:
     """Move the states of a block by `size` of their own size in random directions."""
     l = block[layout.MOMENTUM : layout.EXTRA]
     direction = chance.normal(size=l.shape)

@@ -8,59 +8,59 @@ import numpy as np
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
-from rigidmc.physics.integrators import accepting
-from rigidmc.planning.closed_form import Case, closed_form
+from rigidmc.physics.integrators import integrators_for
+from rigidmc.planning.closed_form import ClosedMotion, closed_form
 from rigidmc.planning.steps import Array
 from rigidmc.planning.tolerance.deviation import errors
 from rigidmc.planning.tolerance.pilot import (
     MOST_STEPS,
     ROUNDING,
     Pilot,
-    States,
+    PilotStates,
     first_steps,
-    follow,
-    push,
+    integrate_pilot,
+    perturb,
 )
 from rigidmc.scene.amounts import count_text
 
 AGREED = 1e-12  # two methods that agree to this are taken for the truth
 
 
-class Truth(NamedTuple):
+class Reference(NamedTuple):
     """The states that others are measured against, where they come from, and how well they are
     known: error (n,) of each member."""
 
-    states: States
+    states: PilotStates
     source: str
     error: Array
 
 
-def truth(pilot: Pilot, say: Callable[[str], object] | None = None) -> Truth:
-    """The Truth of a pilot: its closed form, which rk8 confirms, else two methods that agree;
+def make_reference(pilot: Pilot, say: Callable[[str], object] | None = None) -> Reference:
+    """The Reference of a pilot: its closed form, which rk8 confirms, else two methods that agree;
     SceneError if nothing agrees. say : is told how far two methods are"""
     try:
         case = closed_form(pilot.scene.model, pilot.sampler, pilot.first, pilot.members)
     except SceneError as error:
-        true = integrated(pilot, say=say)
+        true = integrate_reference(pilot, say=say)
         why = str(error).split("covers it: ")[-1].split("; covered")[0]
         return true._replace(source=f"{true.source}; no closed form: {why}")
     return _confirmed(pilot, _closed_truth(pilot, case))
 
 
-def integrated(
+def integrate_reference(
     pilot: Pilot, agreed: float = AGREED, say: Callable[[str], object] | None = None
-) -> Truth:
-    """The Truth of a pilot by rk8 and another method in more and more steps, until they agree to
-    `agreed` or come no nearer."""
+) -> Reference:
+    """The Reference of a pilot by rk8 and another method in more and more steps, until they agree
+    to `agreed` or come no nearer."""
     # if rounding does not matter, kernels without remainders serve, which are compiled anyway
     compensated = agreed < 10.0 * AGREED
-    able = accepting(pilot.scene.effects, compensated=compensated)
+    able = integrators_for(pilot.scene.effects, compensated=compensated)
     other = next(name for name in ("exact", "srkn11", "cf4") if name in able)
     steps, last = first_steps(pilot), None
     while True:
         began = time.perf_counter()
         ends = [
-            follow(pilot, name, count, compensated=compensated)
+            integrate_pilot(pilot, name, count, compensated=compensated)
             for name, count in (("rk8", steps), (other, 16 * steps if other == "cf4" else steps))
         ]
         apart = errors(pilot, ends[0], ends[1])["state"]
@@ -87,25 +87,26 @@ def integrated(
         raise SceneError(rule, at="pilot")
     sums = " (sums compensated)" if compensated else ""
     count = f"{'up to ' if pilot.member_steps else ''}{steps:,} steps"
-    return Truth(ends[0], f"rk8 in {count}, which {other} confirms{sums}", apart)
+    return Reference(ends[0], f"rk8 in {count}, which {other} confirms{sums}", apart)
 
 
-def _closed_truth(pilot: Pilot, case: Case) -> Truth:
-    """The Truth of a closed form; its error is estimated from the effect of rounding the start."""
+def _closed_truth(pilot: Pilot, case: ClosedMotion) -> Reference:
+    """The Reference of a closed form; its error is estimated from the effect of rounding the
+    start."""
     states = _motion(pilot, case)
     size, block = 1e-10, pilot.block[:, : pilot.members].copy()
-    push(block, size, pilot.has_attitude, np.random.default_rng(0))
+    perturb(block, size, pilot.has_attitude, np.random.default_rng(0))
     attitude = block[: layout.MOMENTUM].T if pilot.has_attitude else case.attitude
     momentum = block[layout.MOMENTUM : layout.EXTRA].T
     moved = _motion(pilot, case._replace(momentum=momentum, attitude=attitude))
     error = ROUNDING / size * errors(pilot, moved, states)["state"]
-    return Truth(states, f"closed form of the {case.name}", error)
+    return Reference(states, f"closed form of the {case.name}", error)
 
 
-def _confirmed(pilot: Pilot, true: Truth) -> Truth:
-    """The Truth of a closed form if rk8 agrees. Halving the steps tells the error of rk8."""
+def _confirmed(pilot: Pilot, true: Reference) -> Reference:
+    """The Reference of a closed form if rk8 agrees. Halving the steps tells the error of rk8."""
     steps = 2 * first_steps(pilot)
-    coarse, fine = follow(pilot, "rk8", steps), follow(pilot, "rk8", 2 * steps)
+    coarse, fine = integrate_pilot(pilot, "rk8", steps), integrate_pilot(pilot, "rk8", 2 * steps)
     check_agreement(
         errors(pilot, fine, true.states)["state"],
         errors(pilot, coarse, fine)["state"],
@@ -115,34 +116,36 @@ def _confirmed(pilot: Pilot, true: Truth) -> Truth:
     return true._replace(source=f"{true.source}, which rk8 confirms")
 
 
-def check_agreement(apart: Array, known: Array, true: Truth, other: str) -> None:
+def check_agreement(differences: Array, expected: Array, true: Reference, other: str) -> None:
     """Raise SceneError if closed form and integration differ by more than their errors explain.
 
-    apart : how far they differ, for each member;  known : error of the integration;  true : Truth
-        of the closed form;  other : name of the integration
+    differences : how far they differ, for each member;  expected : error of the integration;  true
+        : Reference of the closed form;  other : name of the integration
     """
     # Rounding in every step, which may grow on the way, has up to 4,000 times the effect of
     # rounding the start (dzhanibekov, 1,440 steps). Two such motions may by chance differ by only a
     # thirtieth of their error.
-    limit = 10.0 * known + 1e4 * true.error + 1e-11
-    wrong = ~(apart <= limit)
+    limit = 10.0 * expected + 1e4 * true.error + 1e-11
+    wrong = ~(differences <= limit)
     if wrong.any():
-        at = int(np.argmax(np.where(wrong, np.nan_to_num(apart, nan=np.inf, posinf=np.inf), -1.0)))
+        worst = int(
+            np.argmax(np.where(wrong, np.nan_to_num(differences, nan=np.inf, posinf=np.inf), -1.0))
+        )
         rule = (
             f"the {true.source.split(',')[0]} and {other} disagree for {int(wrong.sum()):,} of "
-            f"{wrong.size:,} members, by {apart[at]:.1e}, but their errors explain only "
-            f"{limit[at]:.1e}. One of them is wrong, so neither is used; please report this "
+            f"{wrong.size:,} members, by {differences[worst]:.1e}, but their errors explain only "
+            f"{limit[worst]:.1e}. One of them is wrong, so neither is used; please report this "
             "scene, and give an integrator and a step instead"
         )
         raise SceneError(rule, at="pilot")
 
 
-def closed_states(pilot: Pilot) -> States:
-    """The States of a pilot by its closed form."""
+def closed_pilot_states(pilot: Pilot) -> PilotStates:
+    """The PilotStates of a pilot by its closed form."""
     return _motion(pilot, closed_form(pilot.scene.model, pilot.sampler, pilot.first, pilot.members))
 
 
-def _motion(pilot: Pilot, case: Case) -> States:
+def _motion(pilot: Pilot, case: ClosedMotion) -> PilotStates:
     motion = case.motion(pilot.times)
     q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)
-    return States(q, l, np.zeros(pilot.members))
+    return PilotStates(q, l, np.zeros(pilot.members))

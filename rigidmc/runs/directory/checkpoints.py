@@ -23,7 +23,7 @@ from rigidmc.engine.machine import this_machine
 from rigidmc.results.checkpoint import read_checkpoint, write_checkpoint
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.run_directory import RunDirectory
-from rigidmc.results.sinks import Memory
+from rigidmc.results.sinks import MemorySink
 from rigidmc.runs.blocks import BlockJob
 
 EVERY = 20.0  # seconds between two checkpoints of a block or of a shard
@@ -71,7 +71,9 @@ class Checkpoints:
         steps = job.h, job.slots, job.stride, job.total, job.head, job.last_h
         return f"{self._key} {job.first} {job.size} {job.block.shape} {job.out.size} {steps}"
 
-    def keep_shard(self, i: int, shard: Memory, there: Collection[int], called_off: bool) -> None:
+    def keep_shard(
+        self, i: int, shard: MemorySink, there: Collection[int], called_off: bool
+    ) -> None:
         """Keep the results of the blocks of a shard that are done, if that is due.
 
         there : places of the first members of these
@@ -81,7 +83,7 @@ class Checkpoints:
             blocks = np.array(sorted(there), np.int64)
             self._write(name, self._key_of_shard(shard), {"blocks": blocks, **shard.part()})
 
-    def fill(self, i: int, shard: Memory) -> set[int]:
+    def fill(self, i: int, shard: MemorySink) -> set[int]:
         """Give a shard the results of the blocks that were done; the places of these."""
         name = f"{i:08d}"
         self._due.setdefault(name, time.monotonic() + EVERY)
@@ -93,7 +95,7 @@ class Checkpoints:
             return set()
         return set(blocks)
 
-    def _key_of_shard(self, shard: Memory) -> str:
+    def _key_of_shard(self, shard: MemorySink) -> str:
         return f"{self._key} {shard.layout.first} {shard.layout.members}"
 
     def drop(self, shards: Collection[int]) -> None:

@@ -36,7 +36,7 @@ from rigidmc.errors import OptionError
 from rigidmc.files.outputs import content_of, write_bytes
 from rigidmc.progress import Progress, reporter
 from rigidmc.results.run_directory import CHOSEN, RunDirectory
-from rigidmc.runs.directory.load import block_of_run, load_run, refuse_others
+from rigidmc.runs.directory.load import block_of_run, check_versions, load_run
 from rigidmc.runs.directory.shards import Numbers, compute_shards
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ SETTINGS = {  # of a cluster on this machine
 Work = Callable[[str, int, bool, bool, str | None], dict[str, int]]
 
 
-class Computed(NamedTuple):
+class ComputedShard(NamedTuple):
     """A shard that a worker has computed.
 
     i : its number;  flagged : {status: members};  name : of its file
@@ -78,7 +78,7 @@ class Computed(NamedTuple):
     data: bytes | None
 
 
-def checked(cluster: str) -> tuple[str, str]:
+def parse_cluster(cluster: str) -> tuple[str, str]:
     """("local", N) or (protocol, address) of a cluster; OptionError for any other text."""
     kind, _, rest = cluster.partition(":")
     local = kind == "local" and rest.isascii() and rest.isdigit() and 0 < int(rest) <= 1024
@@ -137,7 +137,7 @@ def _connected(cluster: str, directory: RunDirectory) -> "Iterator[Client]":
     except ImportError as error:
         rule = f"needs dask.distributed: pip install 'rigidmc[cluster]' ({error})"
         raise OptionError(rule, at="cluster", value=cluster) from None
-    kind, rest = checked(cluster)
+    kind, rest = parse_cluster(cluster)
     # its log would repeat the errors that are raised here
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with dask.config.set(SETTINGS), contextlib.ExitStack() as stack:
@@ -189,7 +189,7 @@ class _Tasks:
         given = (self._path, self._texts, i, *self._options)
         return [self._client.submit(shard, *given, key=key)]
 
-    def results(self, poll: Callable[[], None]) -> Iterator[Computed]:
+    def results(self, poll: Callable[[], None]) -> Iterator[ComputedShard]:
         """The shards as they are done. A shard whose worker is lost is begun anew; OSError if the
         whole cluster is lost.
 
@@ -233,7 +233,7 @@ def _wait(client: "Client", futures: Any, poll: Callable[[], None]) -> None:
             seen = time.monotonic()
 
 
-def _store(computed: Computed, cluster: str, directory: RunDirectory) -> None:
+def _store(computed: ComputedShard, cluster: str, directory: RunDirectory) -> None:
     """Write a shard that a worker sent; OptionError if a worker wrote it to another directory."""
     final = os.path.join(directory.path, "shards", computed.name)
     if computed.data is not None:
@@ -263,7 +263,7 @@ def shard(
     accept: bool = False,
     work: Work | None = None,
     device: str | None = None,
-) -> Computed:
+) -> ComputedShard:
     """Compute shard i of a run: what a worker does.
 
     path, texts : of the run directory, and its the contents of FILES;  work : as of `compute_on`
@@ -272,7 +272,7 @@ def shard(
     compute = work or _compute
     if content_of(path, "run.json") == texts[0]:
         flagged = compute(path, i, allow_code, accept, device)
-        return Computed(i, flagged, os.path.basename(RunDirectory(path).shards()[i]), None)
+        return ComputedShard(i, flagged, os.path.basename(RunDirectory(path).shards()[i]), None)
     with tempfile.TemporaryDirectory(prefix="rigidmc-") as folder:
         os.mkdir(os.path.join(folder, "shards"))
         for name, text in zip(FILES, texts, strict=True):
@@ -281,7 +281,9 @@ def shard(
                     file.write(text)
         flagged = compute(folder, i, allow_code, accept, device)
         (written,) = RunDirectory(folder).shards().values()
-        return Computed(i, flagged, os.path.basename(written), content_of(*os.path.split(written)))
+        return ComputedShard(
+            i, flagged, os.path.basename(written), content_of(*os.path.split(written))
+        )
 
 
 def _compute(
@@ -289,7 +291,7 @@ def _compute(
 ) -> dict[str, int]:
     """Compute one shard of a run directory; {status: members}."""
     directory = RunDirectory(path)
-    refuse_others(directory, accept)
+    check_versions(directory, accept)
     run, device = load_run(directory, allow_code), resolve_device(device)
     block = block_of_run(directory, run, device)
     return compute_shards(directory, run, [i], 1, block, device)

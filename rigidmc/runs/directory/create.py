@@ -33,25 +33,32 @@ from rigidmc.results.run_directory import (
     FORMAT,
     MOST,
     RunDirectory,
-    facts_of_chosen,
+    facts_text,
     hash_of,
     hash_of_file,
-    rendered,
+    selection_facts,
 )
 from rigidmc.results.sinks import Arrays
 from rigidmc.results.writer import write_columns
 from rigidmc.runs.directory.load import scene_in
-from rigidmc.runs.directory.shards import SHARD, TIME, members_of, memory_of_shards, shortened
-from rigidmc.runs.prepare import PreparedRun, prepared
-from rigidmc.runs.resources import block_in, needs, refuse_hopeless
-from rigidmc.scene.amounts import seconds
-from rigidmc.scene.quantities import rows
+from rigidmc.runs.directory.shards import (
+    SHARD,
+    TIME,
+    memory_of_shards,
+    shard_members,
+    shorten_shards,
+)
+from rigidmc.runs.prepare import PreparedRun, prepare_scene
+from rigidmc.runs.resources import block_in, check_resources, needs
+from rigidmc.scene.amounts import read_seconds
+from rigidmc.scene.quantities import count_rows
+from rigidmc.scene.sampling import drawn_through
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.user_parts.registry import own_parts
+from rigidmc.scene.user_parts.registry import user_parts_of
 
 
-class Chosen(NamedTuple):
-    """Members that a run begins with; `rigidmc.runs.directory.resume.grow` adds more.
+class MemberSelection(NamedTuple):
+    """Members that a run begins with; `rigidmc.runs.directory.resume.add_members` adds more.
 
     members : their indices, in whole shards of `shard` members, a multiple of LANES
     level : of these members, which is noted in run.json for who finds the next
@@ -69,7 +76,7 @@ def create(
     only: range | None = None,
     threads: int | None = None,
     about: Mapping[str, str] = {},
-    chosen: Chosen | None = None,
+    chosen: MemberSelection | None = None,
     limit: float | None = None,
     device: str | None = None,
 ) -> RunDirectory:
@@ -95,26 +102,26 @@ def create(
     path = free_place(path)
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
-    run, device = prepared(scene), resolve_device(device)
+    run, device = prepare_scene(scene), resolve_device(device)
     for note in run.notes:
         warnings.warn(note, SceneWarning, stacklevel=2)
     if chosen is not None:
         run = run.with_members(chosen.members)
-    block, shard = members_of(run, size)
+    block, shard = shard_members(run, size)
     if chosen is not None:
         shard = chosen.shard
         block = block_in(shard, block)
     elif limit < math.inf:
-        block, shard = shortened(run, block, shard, limit, device)
+        block, shard = shorten_shards(run, block, shard, limit, device)
     members = run.plan.members
     count = -(-members // shard)
-    refuse_beyond(only, count)
+    refuse_shards_beyond(only, count)
     refuse_many(count)
     threads = threads or threads_available()
     more = memory_of_shards(run, min(shard, members), block, threads)
     room = needs(run.layout, run.plan, members, block, threads)
-    refuse_hopeless(room, members, threads, path, more)
-    return written(path, run, shard, block, about, chosen)
+    check_resources(room, members, threads, path, more)
+    return write_run_files(path, run, shard, block, about, chosen)
 
 
 def _limit(size: float | None, limit: float | None, only: range | None) -> float:
@@ -124,21 +131,21 @@ def _limit(size: float | None, limit: float | None, only: range | None) -> float
     if only is not None:
         rule = "every task of a job array would measure a rate of its own: give --shard-size"
         raise OptionError(rule, at="shard_time", value=limit)
-    return seconds(limit, "shard_time")
+    return read_seconds(limit, "shard_time")
 
 
-def written(
+def write_run_files(
     path: str,
     run: PreparedRun,
     shard: int,
     block: int,
     about: Mapping[str, str],
-    chosen: Chosen | None,
+    chosen: MemberSelection | None,
 ) -> RunDirectory:
     """Write the files of a new run at a free place; about, chosen : as of `create`."""
     facts = _facts(run, shard, block, about)
     if chosen is not None:
-        facts |= {"first": 0, **facts_of_chosen(chosen.members), "growing": chosen.level}
+        facts |= {"first": 0, **selection_facts(chosen.members), "growing": chosen.level}
     with new_directory(path) as folder:
         if chosen is not None:
             write_bytes(os.path.join(folder, CHOSEN), chosen.members.astype("<i8").tobytes())
@@ -149,8 +156,8 @@ def written(
 def _facts(run: PreparedRun, shard: int, block: int, about: Mapping[str, str]) -> dict[str, Any]:
     """The facts of run.json, with the hashes of scene and columns still empty."""
     scene = run.scene
-    versions, machine = this_machine(*["scipy"] * bool(scene.drawn_through()))
-    sources = [file for part in own_parts(scene) for file in sources_of(type(part))]
+    versions, machine = this_machine(*["scipy"] * bool(drawn_through(scene.model, scene.run)))
+    sources = [file for part in user_parts_of(scene) for file in sources_of(type(part))]
     return {
         "format": FORMAT,
         "scene": "",
@@ -182,12 +189,12 @@ def _write(folder: str, run: PreparedRun, facts: dict[str, Any]) -> None:
     """Write the files of a new run; run.json comes last and has the hashes of the others."""
     scene, text = run.scene, run.layout.text()
     write_bytes(os.path.join(folder, "scene.toml"), text.encode())
-    if (count := rows(*scene.quantities())) is not None:
+    if (count := count_rows(*scene.model.quantities())) is not None:
         file = os.path.join(folder, "columns.nc")
         write_columns(file, _columns(scene, count))
         facts["columns"] = hash_of_file(file)
     facts["scene"] = hash_of(scene_in(folder, facts, True))
-    write_bytes(os.path.join(folder, "run.json"), rendered(facts).encode())
+    write_bytes(os.path.join(folder, "run.json"), facts_text(facts).encode())
 
 
 def _columns(scene: Scene, count: int) -> Arrays:
@@ -272,7 +279,7 @@ def refuse_many(count: int, what: str = "shards") -> None:
         raise OptionError(rule, at="shard_size" if what == "shards" else "output")
 
 
-def refuse_beyond(only: range | None, count: int) -> None:
+def refuse_shards_beyond(only: range | None, count: int) -> None:
     """Raise OptionError if a range does not begin among the `count` shards of a run."""
     if only is None:
         return

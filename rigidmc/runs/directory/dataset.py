@@ -14,8 +14,8 @@ from rigidmc.errors import FileError, SceneWarning, in_file
 from rigidmc.files.netcdf import open_undecoded, read
 from rigidmc.files.outputs import Path
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.reader import as_result
-from rigidmc.results.run_directory import RunDirectory, flagged_of
+from rigidmc.results.reader import check_result
+from rigidmc.results.run_directory import RunDirectory, flagged_count
 from rigidmc.results.variables import NEWER, Variable
 from rigidmc.runs.directory.load import load_run, scene_of_run, text_of_run
 from rigidmc.scene.amounts import count_text
@@ -98,7 +98,7 @@ def _of_shard(directory: RunDirectory, path: str) -> _Layout:
     text = text_of_run(directory, **{name: int(directory.facts[name]) for name in names})
     with open_undecoded(path) as shard:
         with in_file(path):
-            result, _ = as_result(shard.assign_attrs(scene=text), path)
+            result, _ = check_result(shard.assign_attrs(scene=text), path)
         variables = {
             str(name): Variable(tuple(map(str, v.dims)), v.dtype.str[1:], dict(v.attrs))
             for name, v in result.data_vars.items()
@@ -124,7 +124,7 @@ class _Chunks:
         self.members = [directory.members(i) for i in sorted(shards)]
         self._counts = {
             "member": [len(members) for members in self.members],
-            "flagged": [flagged_of(path) for path in self.paths],
+            "flagged": [flagged_count(path) for path in self.paths],
         }
         self._mark = directory.mark
         # the names of shards tell contents, so arrays of other contents have other labels in dask

@@ -13,18 +13,25 @@ import xarray as xr
 from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.netcdf import open_trusted, read
 from rigidmc.files.opening import copy
-from rigidmc.files.outputs import Part, Path, content_of, naming, refuse_existing, write_bytes
+from rigidmc.files.outputs import (
+    PartialFile,
+    Path,
+    content_of,
+    naming_the_path,
+    refuse_existing,
+    write_bytes,
+)
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.run_directory import CHOSEN, RunDirectory, flagged_of
-from rigidmc.results.sinks import Arrays, joined
+from rigidmc.results.run_directory import CHOSEN, RunDirectory, flagged_count
+from rigidmc.results.sinks import Arrays, concat_flagged
 from rigidmc.results.variables import NEWER
 from rigidmc.results.writer import Writer
 from rigidmc.runs.directory.create import is_free, new_directory, place_of, refuse_unusable
 from rigidmc.runs.directory.load import block_of_run, load_run, scene_of_run
 from rigidmc.runs.directory.shards import fault_of
-from rigidmc.runs.resources import needs, refuse_hopeless
+from rigidmc.runs.resources import check_resources, needs
 from rigidmc.runs.simulate import simulate
-from rigidmc.scene.amounts import count_text, counted
+from rigidmc.scene.amounts import count_text, read_count
 from rigidmc.scene.scene import Scene
 
 
@@ -37,7 +44,7 @@ def verify(
     Of `spot` random shards, three members are computed again, to the bit: the first, the last and
     a random one. Without any, parts of a user's own need no `allow_code`.
     """
-    spot = counted(spot, "spot", 0)
+    spot = read_count(spot, "spot", 0)
     directory = RunDirectory(path)
     scene = scene_of_run(directory, allow_code if spot or allow_code else None)
     shards, strays = directory.listed()
@@ -136,7 +143,7 @@ def _copy_shards(source: RunDirectory, target: RunDirectory) -> int:
         if fault := fault_of(source, i, shard):
             raise FileError(fault, at="run", value=source.path)
         final = os.path.join(target.path, "shards", os.path.basename(shard))
-        with Part(final, True) as unfinished, naming(final, unfinished):
+        with PartialFile(final, True) as unfinished, naming_the_path(final, unfinished):
             copy(shard, unfinished)
         copied += 1
     return copied
@@ -169,7 +176,7 @@ def consolidate(
         rule = f"{missing.size:,} of {shards} are missing: resume it first"
         raise FileError(rule, at="run", value=directory.path)
     block, members = block_of_run(directory, run), run.plan.members
-    refuse_hopeless(needs(run.layout, run.plan, members, block, 1), members, 1, output)
+    check_resources(needs(run.layout, run.plan, members, block, 1), members, 1, output)
     directory.refuse_strays()
     layout = run.layout._replace(block=block)
     writer = Writer(output, layout, force, directory.facts["attributes"])
@@ -196,6 +203,6 @@ def _write_shards(writer: Writer, directory: RunDirectory, layout: ResultLayout)
         writer.write(places.start, len(places), of_members)
         for name, values in (read(shards[i], *summed) if summed else {}).items():
             sums[name] = sums.get(name, 0) + values
-        if of_flagged and flagged_of(shards[i]):
+        if of_flagged and flagged_count(shards[i]):
             pieces.append(read(shards[i], *of_flagged))
-    writer.write_all({**sums, **joined(pieces)})
+    writer.write_all({**sums, **concat_flagged(pieces)})

@@ -10,10 +10,10 @@ import tomli_w
 from rigidmc.engine.machine import UNCOMPILED, this_machine
 from rigidmc.errors import FileError, SceneError
 from rigidmc.files.netcdf import read
-from rigidmc.files.opening import plain
+from rigidmc.files.opening import open_plain
 from rigidmc.files.reading import text_of, toml
 from rigidmc.results.run_directory import RunDirectory, hash_of, hash_of_file
-from rigidmc.runs.prepare import PreparedRun, prepared
+from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import block_of_shard
 from rigidmc.scene.scene import Scene, loads
 
@@ -23,7 +23,7 @@ STUDY = "study"  # the attribute that tells which study, and what it asks: its n
 def load_run(directory: RunDirectory, allow_code: bool = False) -> PreparedRun:
     """The prepared run of a directory; FileError for a scene that was changed."""
     refuse_study(directory)
-    run = prepared(scene_of_run(directory, allow_code))
+    run = prepare_scene(scene_of_run(directory, allow_code))
     return run if directory.chosen is None else run.with_members(directory.chosen)
 
 
@@ -96,7 +96,7 @@ def scene_in(folder: str, facts: dict[str, Any], allow_code: bool | None) -> Sce
     stored: Callable[[str], Any] | None = None
     if facts["columns"]:
         file = os.path.join(folder, "columns.nc")
-        if not os.path.isfile(file) or hash_of_file(file, plain) != facts["columns"]:
+        if not os.path.isfile(file) or hash_of_file(file, open_plain) != facts["columns"]:
             rule = "is missing or was changed: the rows of the members are lost"
             raise FileError(rule, at="columns.nc", file=folder)
         stored = read(file).get
@@ -105,7 +105,7 @@ def scene_in(folder: str, facts: dict[str, Any], allow_code: bool | None) -> Sce
     return scene
 
 
-def refuse_others(directory: RunDirectory, accept: bool) -> None:
+def check_versions(directory: RunDirectory, accept: bool) -> None:
     """Raise FileError if this machine has other versions than the run was started with.
 
     accept : go on nevertheless

@@ -11,22 +11,22 @@ from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import Path, make_durable, write_bytes
-from rigidmc.progress import Progress, announcing
-from rigidmc.results.run_directory import CHOSEN, RunDirectory, facts_of_chosen, rendered
-from rigidmc.runs.directory.cluster import checked, compute_on
-from rigidmc.runs.directory.create import refuse_beyond, refuse_many
+from rigidmc.progress import Progress, announce
+from rigidmc.results.run_directory import CHOSEN, RunDirectory, facts_text, selection_facts
+from rigidmc.runs.directory.cluster import compute_on, parse_cluster
+from rigidmc.runs.directory.create import refuse_many, refuse_shards_beyond
 from rigidmc.runs.directory.load import (
     block_of_run,
+    check_versions,
     load_run,
-    refuse_others,
     refuse_study,
     scene_of_run,
 )
 from rigidmc.runs.directory.shards import compute_shards, memory_of_shards
 from rigidmc.runs.prepare import PreparedRun
-from rigidmc.runs.resources import needs, refuse_hopeless
-from rigidmc.scene.amounts import count_text, counted, seconds
-from rigidmc.scene.quantities import rows
+from rigidmc.runs.resources import check_resources, needs
+from rigidmc.scene.amounts import count_text, read_count, read_seconds
+from rigidmc.scene.quantities import count_rows
 
 
 def resume(
@@ -59,13 +59,13 @@ def resume(
     """
     directory = path if isinstance(path, RunDirectory) else RunDirectory(path)
     began = time.monotonic()
-    refuse_others(directory, accept)
-    refuse_beyond(only, directory.count)
-    threads = None if threads is None else counted(threads, "threads")
-    block = None if block is None else counted(block, "block")
-    stop = None if max_wall is None else began + seconds(max_wall, "max_wall")
+    check_versions(directory, accept)
+    refuse_shards_beyond(only, directory.count)
+    threads = None if threads is None else read_count(threads, "threads")
+    block = None if block is None else read_count(block, "block")
+    stop = None if max_wall is None else began + read_seconds(max_wall, "max_wall")
     if cluster is not None:
-        checked(cluster)
+        parse_cluster(cluster)
     with directory.locked():
         numbers = missing_of(directory, only)
         run, device = load_run(directory, allow_code), resolve_device(device)
@@ -74,7 +74,7 @@ def resume(
         if numbers.size:
             _refuse_hopeless(directory, run, numbers, size, many, cluster)
         started = time.monotonic()
-        with announcing(progress):
+        with announce(progress):
             # also for the workers of a cluster, which find it in the cache
             if numbers.size:
                 run.program(device)
@@ -93,7 +93,7 @@ def resume(
                 cluster, directory, numbers, progress, stop, allow_code, accept, device=device
             )
 
-        return directory, noted(directory, compute)
+        return directory, keep_journal(directory, compute)
 
 
 def missing_of(directory: RunDirectory, only: range | None) -> NDArray[np.int64]:
@@ -120,10 +120,10 @@ def _refuse_hopeless(
     more = memory_of_shards(run, shard, block, threads)
     place = os.path.join(directory.path, "shards")
     room = needs(run.layout, run.plan, left, block, threads)
-    refuse_hopeless(room, left, threads, place, more)
+    check_resources(room, left, threads, place, more)
 
 
-def noted(directory: RunDirectory, compute: Callable[[], dict[str, int]]) -> dict[str, int]:
+def keep_journal(directory: RunDirectory, compute: Callable[[], dict[str, int]]) -> dict[str, int]:
     """Call a function that computes shards, and note in the journal how it ended."""
     started = time.monotonic()
     try:
@@ -143,7 +143,7 @@ def noted(directory: RunDirectory, compute: Callable[[], dict[str, int]]) -> dic
     return flagged
 
 
-def grow(directory: RunDirectory, members: NDArray[np.int64], level: int) -> RunDirectory:
+def add_members(directory: RunDirectory, members: NDArray[np.int64], level: int) -> RunDirectory:
     """Give a run of chosen members more of them, by their indices; at level 0 it is whole.
 
     All shards must be whole before. The longer list of members is on disk before run.json tells
@@ -156,7 +156,7 @@ def grow(directory: RunDirectory, members: NDArray[np.int64], level: int) -> Run
         if members.size:
             name = os.path.join(directory.path, CHOSEN)
             write_bytes(name, more.astype("<i8").tobytes(), force=True)
-        text = rendered({**facts, **facts_of_chosen(more), "growing": level})
+        text = facts_text({**facts, **selection_facts(more), "growing": level})
         write_bytes(os.path.join(directory.path, "run.json"), text.encode(), force=True)
         directory.note(event="extended", members=more.size)
     return RunDirectory(directory.path)
@@ -172,8 +172,8 @@ def extend(
     """
     directory = RunDirectory(path)
     refuse_study(directory)
-    facts, members = directory.facts, counted(members, "members")
-    refuse_others(directory, accept)
+    facts, members = directory.facts, read_count(members, "members")
+    check_versions(directory, accept)
     if directory.chosen is not None:
         rule = "the members were chosen by what others of them say: start a new run"
         raise OptionError(rule, at="run.members", value=members)
@@ -190,14 +190,16 @@ def extend(
     if scene.run.points == "latin_hypercube":
         rule = "a Latin hypercube has as many members as strata: start a new run"
         raise OptionError(rule, at="run.members", value=members)
-    if (most := rows(*scene.quantities())) is not None and members + facts["first"] > most:
+    if (most := count_rows(*scene.model.quantities())) is not None and members + facts[
+        "first"
+    ] > most:
         raise OptionError(
             f"the scene has rows for {count_text(most, 'member')}", at="run.members", value=members
         )
     run, more = load_run(directory, allow_code), members - facts["members"]
     threads, block = threads_available(), block_of_run(directory, run)
     name = os.path.join(directory.path, "run.json")
-    refuse_hopeless(needs(run.layout, run.plan, more, block, threads), more, threads, name)
+    check_resources(needs(run.layout, run.plan, more, block, threads), more, threads, name)
     with directory.locked():
         last = directory.shards().get(directory.count - 1)
 
@@ -206,7 +208,7 @@ def extend(
                 os.unlink(last)
                 make_durable(os.path.dirname(last))  # before run.json says that it is longer
 
-        text = rendered({**facts, "members": members})
+        text = facts_text({**facts, "members": members})
         write_bytes(name, text.encode(), force=True, before=delete_short_shard)
         directory.note(event="extended", members=members)
     return RunDirectory(path)

@@ -15,14 +15,14 @@ from rigidmc.errors import FileError, RigidmcError
 from rigidmc.files.netcdf import read
 from rigidmc.progress import Progress, say
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.run_directory import RunDirectory, damaged, flagged_of
-from rigidmc.results.sinks import Arrays, Memory, Place, buffer
+from rigidmc.results.run_directory import RunDirectory, flagged_count, is_damaged
+from rigidmc.results.sinks import Arrays, MemorySink, Place, make_buffer
 from rigidmc.results.writer import Writer
 from rigidmc.runs.blocks import BlockJob, compute
 from rigidmc.runs.directory.checkpoints import Checkpoints
 from rigidmc.runs.prepare import PreparedRun
 from rigidmc.runs.price import cost_per_step
-from rigidmc.runs.resources import SLAB, WAVE, fitting
+from rigidmc.runs.resources import SLAB, WAVE, members_within
 from rigidmc.threads import Task, Threads, drop, ending, is_late
 
 SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
@@ -33,14 +33,14 @@ MANY = 10**5  # shards that a run has at most because of TIME
 Numbers = Sequence[int] | NDArray[np.int64]  # of shards
 
 
-def members_of(run: PreparedRun, size: float = SHARD) -> tuple[int, int]:
+def shard_members(run: PreparedRun, size: float = SHARD) -> tuple[int, int]:
     """(members of a block, members of a shard) of a run with shards of about `size` bytes; neither
     depends on the number of threads or on the machine."""
-    block = min(BLOCK, fitting(run.plan, SLAB))
+    block = min(BLOCK, members_within(run.plan, SLAB))
     return block, block * max(1, int(size / sum(run.layout.bytes_of_a_member()) / block))
 
 
-def shortened(
+def shorten_shards(
     run: PreparedRun, block: int, shard: int, limit: float = TIME, device: str = "cpu"
 ) -> tuple[int, int]:
     """(members of a block, members of a shard) so that one thread needs `limit` seconds for a shard
@@ -76,7 +76,7 @@ def memory_of_shards(run: PreparedRun, shard: int, block: int, threads: int) -> 
 def fault_of(directory: RunDirectory, i: int, path: str) -> str:
     """What is wrong with shard i, in words, "" if nothing is: its checksum, its run, its members,
     or how many of them are flagged."""
-    if damaged(path):
+    if is_damaged(path):
         return f"{path}: is not what was written: its sum is not that of its name"
     members = directory.members(i)
     try:
@@ -91,8 +91,10 @@ def fault_of(directory: RunDirectory, i: int, path: str) -> str:
     ):
         return f"{path}: is not shard {i} of this run: it has other members"
     count = np.count_nonzero(shard["status"])
-    if count != flagged_of(path):
-        return f"{path}: its name says {flagged_of(path):,} flagged members, its content {count:,}"
+    if count != flagged_count(path):
+        return (
+            f"{path}: its name says {flagged_count(path):,} flagged members, its content {count:,}"
+        )
     return ""
 
 
@@ -115,7 +117,7 @@ def compute_shards(
     size = directory.facts["shard"] // block  # blocks of a shard
     count = math.ceil(plan.members / block)
     program = run.program(device) if len(numbers) else None
-    sink = Shards(directory, run.layout._replace(block=block))
+    sink = ShardSink(directory, run.layout._replace(block=block))
     blocks = (b for i in map(int, numbers) for b in range(i * size, min((i + 1) * size, count)))
     members = directory.members_of(numbers)
     try:
@@ -142,7 +144,7 @@ def compute_shards(
     return flagged
 
 
-class Shards:
+class ShardSink:
     """Collects blocks to shards of a run directory, which one thread writes.
 
     The files do not depend on threads, blocks or their order. Only the kept values of a block wait
@@ -154,8 +156,8 @@ class Shards:
     def __init__(self, directory: RunDirectory, layout: ResultLayout) -> None:
         self.directory, self.layout = directory, layout
         # one place: if the disk is slow, the computing threads wait and memory does not grow
-        self._queue = SimpleQueue[tuple[int, Memory] | None]()
-        self._open: dict[int, Memory] = {}  # shards that are being filled
+        self._queue = SimpleQueue[tuple[int, MemorySink] | None]()
+        self._open: dict[int, MemorySink] = {}  # shards that are being filled
         self._there: dict[int, set[int]] = {}  # the places of their blocks that are there
         self.keeper = Checkpoints(directory, layout)
         self.keeper.drop(directory.shards().keys())  # of shards that were written before a kill
@@ -165,7 +167,7 @@ class Shards:
 
     def reserve(self, low: int, count: int) -> Place:
         """The place for the values of `count` members."""
-        return buffer(self.layout, count)
+        return make_buffer(self.layout, count)
 
     def has(self, place: int) -> bool:
         """Whether the results of the block at a place are there, which a checkpoint may have."""
@@ -196,7 +198,7 @@ class Shards:
         if i not in self._open:
             places, block = self.directory.places(i), self.directory.facts["block"]
             place = {"first": places.start, "members": len(places), "block": block}
-            self._open[i] = Memory(self.layout._replace(**place), {}, False)
+            self._open[i] = MemorySink(self.layout._replace(**place), {}, False)
             self._there[i] = self.keeper.fill(i, self._open[i])
         return self._there[i]
 
@@ -205,7 +207,7 @@ class Shards:
         for i, there in self._there.items():
             self.keeper.keep_shard(i, self._open[i], there, True)
 
-    def _put(self, item: tuple[int, Memory] | None) -> None:
+    def _put(self, item: tuple[int, MemorySink] | None) -> None:
         """Hand a shard to the writing thread. An error of that thread is raised here, because the
         queue would stay full for ever."""
         while not self._writing.done:
@@ -237,7 +239,7 @@ class Shards:
             self._write(*item)
             del item  # frees the memory of this shard before the wait for the next
 
-    def _write(self, i: int, shard: Memory) -> None:
+    def _write(self, i: int, shard: MemorySink) -> None:
         """Write a shard at once and in one order: its bytes do not depend on the order of blocks,
         and it takes half the time."""
         values, flagged = shard.values(), int(np.count_nonzero(shard.arrays["status"]))

@@ -20,19 +20,19 @@ from rigidmc.files.reading import json_of
 from rigidmc.progress import Progress, reporter
 from rigidmc.results.run_directory import RunDirectory
 from rigidmc.results.writer import write_columns
-from rigidmc.runs.directory.cluster import Work, checked, compute_on
-from rigidmc.runs.directory.create import Chosen, free_place, refuse_many, written
-from rigidmc.runs.directory.load import STUDY, refuse_others
-from rigidmc.runs.directory.resume import missing_of, noted
+from rigidmc.runs.directory.cluster import Work, compute_on, parse_cluster
+from rigidmc.runs.directory.create import MemberSelection, free_place, refuse_many, write_run_files
+from rigidmc.runs.directory.load import STUDY, check_versions
+from rigidmc.runs.directory.resume import keep_journal, missing_of
 from rigidmc.runs.directory.shards import Numbers
-from rigidmc.runs.prepare import prepared
-from rigidmc.scene.amounts import counted, seconds
+from rigidmc.runs.prepare import prepare_scene
+from rigidmc.scene.amounts import read_count, read_seconds
 from rigidmc.scene.scene import Scene
 from rigidmc.threads import Late, ending, is_late
 
 Request = Mapping[str, Any]  # what a study asks, as JSON has it
-Found = dict[str, NDArray[Any]]  # the numbers of a task
-Task = Callable[[Sequence[int], int], list[Found]]  # (numbers of tasks, threads)
+TaskArrays = dict[str, NDArray[Any]]  # the numbers of a task
+Task = Callable[[Sequence[int], int], list[TaskArrays]]  # (numbers of tasks, threads)
 
 
 def create_tasks(
@@ -40,14 +40,14 @@ def create_tasks(
 ) -> RunDirectory:
     """Make a run directory for a study.
 
-    name : of the study;  tasks : the first ones;  level : 0 if these are all, see `Chosen`
+    name : of the study;  tasks : the first ones;  level : 0 if these are all, see `MemberSelection`
     Raises OutputExists if the folder contains anything.
     """
     place = free_place(path)
     refuse_many(len(tasks), "tasks")
-    chosen = Chosen(np.asarray(tasks, np.int64), 1, level)
+    chosen = MemberSelection(np.asarray(tasks, np.int64), 1, level)
     about = {STUDY: f"{name} {json.dumps(request, sort_keys=True)}"}
-    return written(place, prepared(scene), 1, 1, about, chosen)
+    return write_run_files(place, prepare_scene(scene), 1, 1, about, chosen)
 
 
 def study_of(directory: RunDirectory) -> tuple[str, dict[str, Any]] | None:
@@ -89,7 +89,7 @@ def compute_tasks(
     return {**dict.fromkeys(STATUSES, 0), "ok": done}
 
 
-def _write(directory: RunDirectory, i: int, number: int, found: Found) -> None:
+def _write(directory: RunDirectory, i: int, number: int, found: TaskArrays) -> None:
     """Write the numbers of a task as shard i."""
 
     def named(file: str) -> str:
@@ -119,11 +119,11 @@ def resume_tasks(
     work : what a worker of a cluster does;  together : as of `compute_tasks`
     """
     began = time.monotonic()
-    refuse_others(directory, accept)
-    many = threads_available() if threads is None else counted(threads, "threads")
-    stop = None if max_wall is None else began + seconds(max_wall, "max_wall")
+    check_versions(directory, accept)
+    many = threads_available() if threads is None else read_count(threads, "threads")
+    stop = None if max_wall is None else began + read_seconds(max_wall, "max_wall")
     if cluster is not None:
-        checked(cluster)
+        parse_cluster(cluster)
     with directory.locked():
         numbers = missing_of(directory, only)
         directory.note(event="begun", shards=len(numbers), threads=threads, cluster=cluster)
@@ -135,13 +135,13 @@ def resume_tasks(
                 cluster, directory, numbers, progress, stop, allow_code, accept, work, device
             )
 
-        return noted(directory, compute)
+        return keep_journal(directory, compute)
 
 
-def found_in(directory: RunDirectory) -> dict[int, Found]:
+def read_tasks(directory: RunDirectory) -> dict[int, TaskArrays]:
     """{number: numbers} of the tasks that are done; FileError for shards of another run."""
     directory.refuse_strays()
-    found: dict[int, Found] = {}
+    found: dict[int, TaskArrays] = {}
     for i, shard in sorted(directory.shards().items()):
         values = read(shard, mark=directory.mark)
         number = int(directory.members(i)[0])
@@ -152,7 +152,7 @@ def found_in(directory: RunDirectory) -> dict[int, Found]:
     return found
 
 
-def unlike(directory: RunDirectory, i: int, task: Task, threads: int) -> str:
+def compare_task(directory: RunDirectory, i: int, task: Task, threads: int) -> str:
     """Which numbers of task i differ if it is computed again, in words; "" if none do."""
     path = directory.shards()[i]
     stored, (again,) = read(path), task([int(directory.members(i)[0])], threads)

@@ -67,7 +67,7 @@ from rigidmc.files.reading import text_of
 _FOLDER = resources.files("rigidmc.scene.library")
 
 
-def shipped() -> list[str]:
+def shipped_names() -> list[str]:
     """The names of the shipped scenes."""
     return sorted(p.name[:-5] for p in _FOLDER.iterdir() if p.name.endswith(".toml"))
 
@@ -75,11 +75,11 @@ def shipped() -> list[str]:
 def read_source(source: str) -> str:
     """The TOML text of a scene file or of a shipped scene; FileNotFoundError with the nearest name
     if there is neither, NoSuchScene if it is no name of a file."""
-    if source in shipped():
+    if source in shipped_names():
         return _FOLDER.joinpath(f"{source}.toml").read_text("utf-8")
     if os.path.exists(source):
         return text_of(source)
-    names, (folder, name) = shipped(), os.path.split(source)
+    names, (folder, name) = shipped_names(), os.path.split(source)
     if os.path.isdir(folder or os.curdir):
         beside = [file for file in os.listdir(folder or os.curdir) if file.endswith(".toml")]
     else:

@@ -27,11 +27,11 @@ from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import WATCHED, WITH_TABLE
 from rigidmc.scene.amounts import count_text
 from rigidmc.scene.body import Body
-from rigidmc.scene.settings import Run, Table, changed, table_of
-from rigidmc.scene.shape import shape_of
+from rigidmc.scene.settings import Run, Table, check_table, with_changes
+from rigidmc.scene.shape import read_shape
 from rigidmc.scene.start import Start
-from rigidmc.scene.toml.values import Columns, numbers, only, parse
-from rigidmc.scene.user_parts.registry import Code, own_class, stand_in
+from rigidmc.scene.toml.values import DataSources, check_keys, check_plain, read_quantity
+from rigidmc.scene.user_parts.registry import Code, load_user_class, make_stand_in
 
 Settings = Sequence[tuple[str, str]]  # (dotted key, value as TOML or as a plain word)
 
@@ -50,7 +50,7 @@ class _File(Table):
     run: dict[str, Any] = {}
 
 
-def located(source: str | os.PathLike[str]) -> str:
+def locate_source(source: str | os.PathLike[str]) -> str:
     """The path of a scene file, the name of a shipped scene, or the path of a result (.nc, .zarr),
     of the source that a user names; FileError for a folder that is no run directory."""
     source = os.fspath(source)
@@ -61,7 +61,7 @@ def located(source: str | os.PathLike[str]) -> str:
     return os.path.join(source, "scene.toml")
 
 
-def parts_of(
+def read_parts(
     text: str,
     file: str,
     settings: Settings,
@@ -75,15 +75,15 @@ def parts_of(
         _set(data, key, value)
     overridden = {key.split(".")[1] for key, _ in settings if key.startswith("run.")}
     folder = os.path.dirname(file)
-    columns = Columns(stored, folder, folder if allow_code else allow_code)
-    tables = table_of(_File, data, "")
+    columns = DataSources(stored, folder, folder if allow_code else allow_code)
+    tables = check_table(_File, data, "")
     return {
-        "effects": effects_of(tables.effects, columns),
-        "observables": observables_of(tables.observables, columns.code),
-        "integrators": integrators_of(tables.integrators, columns.code),
+        "effects": read_effects(tables.effects, columns),
+        "observables": read_observables(tables.observables, columns.code),
+        "integrators": read_integrators(tables.integrators, columns.code),
         "run": _run(tables.run, overridden, stored is not None),
-        "start": start_of(tables.start, columns),
-        "body": body_of(tables.body, columns),
+        "start": read_start(tables.start, columns),
+        "body": read_body(tables.body, columns),
         "title": tables.title or title,
         "summary": tables.summary,
         "source": tables.source,
@@ -97,8 +97,8 @@ def _run(table: dict[str, Any], overridden: set[str], of_result: bool) -> Run:
         # results of version 0.1 have the tolerance for which their integrator was chosen
         settings.pop("tolerance", None)
     known = {k: v for k, v in settings.items() if k not in overridden}
-    run = table_of(Run, known, "run", table)
-    return changed(run, {k: v for k, v in settings.items() if k in overridden})
+    run = check_table(Run, known, "run", table)
+    return with_changes(run, {k: v for k, v in settings.items() if k in overridden})
 
 
 def _put(components: list[Any], dotted: str, value: Any) -> None:
@@ -160,9 +160,9 @@ SHAPES: dict[str, tuple[tuple[str, ...], Callable[..., Body]]] = {
 BODIES = ("moments", "tensor", *SHAPES)  # a body has exactly one of these keys
 
 
-def body_of(table: dict[str, Any], stored: Columns) -> Body:
+def read_body(table: dict[str, Any], stored: DataSources) -> Body:
     """The body of the table [body]."""
-    only(table, (*BODIES, "mass", "centre", "axes", "pivot", "shape"), "body")
+    check_keys(table, (*BODIES, "mass", "centre", "axes", "pivot", "shape"), "body")
     keys = [key for key in BODIES if key in table]
     if len(keys) != 1:
         rule = f"give exactly one of these, not {len(keys)}"
@@ -171,22 +171,26 @@ def body_of(table: dict[str, Any], stored: Columns) -> Body:
     if key in SHAPES:
         body = _shaped(table, key)
     else:
-        more = {k: parse(table[k], f"body.{k}", stored) for k in ("mass", "centre") if k in table}
+        more = {
+            k: read_quantity(table[k], f"body.{k}", stored)
+            for k in ("mass", "centre")
+            if k in table
+        }
         if key == "moments":
-            body = Body.from_moments(parse(table[key], f"body.{key}", stored), **more)
+            body = Body.from_moments(read_quantity(table[key], f"body.{key}", stored), **more)
         elif isinstance(table[key], dict):
-            body = Body.from_tensor(parse(table[key], f"body.{key}", stored), **more)
+            body = Body.from_tensor(read_quantity(table[key], f"body.{key}", stored), **more)
         else:
-            body = Body.from_tensor(numbers(table[key], f"body.{key}"), **more)
+            body = Body.from_tensor(check_plain(table[key], f"body.{key}"), **more)
     if "axes" in table:
-        axes = numbers(table["axes"], "body.axes")
+        axes = check_plain(table["axes"], "body.axes")
         body = replace(body, axes=tuple(map(tuple, axes)))
     if "shape" in table:
-        body = replace(body, shape=shape_of(table["shape"]))
+        body = replace(body, shape=read_shape(table["shape"]))
     if "pivot" not in table:
         return body
     pivot = table["pivot"]
-    return body.about_centre() if pivot == "centre" else body.pivoted_at(pivot)
+    return body.with_pivot_at_centre() if pivot == "centre" else body.with_pivot(pivot)
 
 
 def _shaped(table: dict[str, Any], key: str) -> Body:
@@ -196,17 +200,19 @@ def _shaped(table: dict[str, Any], key: str) -> Body:
         if extra in table:
             rule = f"a {key} has its mass and centre inside its own table: {', '.join(keys)}"
             raise SceneError(rule, at=f"body.{extra}", value=table[extra])
-    only(table[key], keys, f"body.{key}", required=keys)
-    return make(**{k: numbers(table[key][k], f"body.{key}.{k}") for k in keys})
+    check_keys(table[key], keys, f"body.{key}", required=keys)
+    return make(**{k: check_plain(table[key][k], f"body.{key}.{k}") for k in keys})
 
 
-def start_of(table: dict[str, Any], stored: Columns) -> Start:
+def read_start(table: dict[str, Any], stored: DataSources) -> Start:
     """The start of the table [start]."""
-    only(table, ("omega", "momentum", "attitude"), "start")
-    return Start(**{key: parse(value, f"start.{key}", stored) for key, value in table.items()})
+    check_keys(table, ("omega", "momentum", "attitude"), "start")
+    return Start(
+        **{key: read_quantity(value, f"start.{key}", stored) for key, value in table.items()}
+    )
 
 
-def effects_of(tables: dict[str, Any], stored: Columns) -> tuple[Effect, ...]:
+def read_effects(tables: dict[str, Any], stored: DataSources) -> tuple[Effect, ...]:
     """The effects of the tables [effects.NAME]."""
     effects = []
     for name, table in _each(tables, "effects"):
@@ -214,13 +220,15 @@ def effects_of(tables: dict[str, Any], stored: Columns) -> tuple[Effect, ...]:
         fields = user_parameters(kind)
         required = [field for field in fields if field not in kind._field_defaults]
         more = () if name in EFFECTS else ("module",)
-        only(table, (*fields, *more), at, required)
-        values = {k: parse(v, f"{at}.{k}", stored) for k, v in table.items() if k not in more}
+        check_keys(table, (*fields, *more), at, required)
+        values = {
+            k: read_quantity(v, f"{at}.{k}", stored) for k, v in table.items() if k not in more
+        }
         effects.append(kind(**values))
     return tuple(effects)
 
 
-def observables_of(tables: dict[str, Any], code: Code) -> tuple[Any, ...]:
+def read_observables(tables: dict[str, Any], code: Code) -> tuple[Any, ...]:
     """The observables of the tables [observables.NAME]; code : see
     `rigidmc.scene.user_parts.registry`."""
     return tuple(
@@ -229,7 +237,7 @@ def observables_of(tables: dict[str, Any], code: Code) -> tuple[Any, ...]:
     )
 
 
-def integrators_of(tables: dict[str, Any], code: Code) -> tuple[Any, ...]:
+def read_integrators(tables: dict[str, Any], code: Code) -> tuple[Any, ...]:
     """The integrators of the user's own, of the tables [integrators.NAME]."""
     return tuple(
         _built("integrators", name, table, {}, code) for name, table in _each(tables, "integrators")
@@ -241,7 +249,7 @@ def _built(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code
     made = _kind(kind, name, table, shipped, code)
     more = () if name in shipped else ("module",)
     required = [field for field in made._fields if field not in made._field_defaults]
-    only(table, (*made._fields, *more), f"{kind}.{name}", required)
+    check_keys(table, (*made._fields, *more), f"{kind}.{name}", required)
     # compiled code takes tuples
     return made(**{key: _tuple(value) for key, value in table.items() if key not in more})
 
@@ -274,9 +282,9 @@ def _kind(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code)
         error.rule += f'; an {one.split()[0]} of your own needs module = "file.py"'
         raise error
     at = f"{kind}.{name}"
-    found = own_class(name, table["module"], at, code)
+    found = load_user_class(name, table["module"], at, code)
     if found is None:
-        return stand_in(kind, name, table)
+        return make_stand_in(kind, name, table)
     if not implements(found, "_fields"):
         rule = f"{found.__name__} is no NamedTuple, as an {one.split()[0]} has to be"
         raise PartError(rule, at=f"{at}.module", value=table["module"], source=source_of(found))

@@ -11,18 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import PartError, RigidmcError, SceneError, nearest, rule_of, unknown
-from rigidmc.files.reading import numbers_of
+from rigidmc.files.reading import read_number_table
 from rigidmc.files.trial import refuse_unreadable
 from rigidmc.files.user_code import source_of
 from rigidmc.physics.dynamics.methods import word_of
 from rigidmc.scene.distributions import Distribution, distribution, is_distribution, mixture
 from rigidmc.scene.quantities import Grid, grid
-from rigidmc.scene.user_parts.registry import Code, law_stand_in, module_of, own_class
-from rigidmc.scene.vector_distributions import LAWS, law_of_table, laws_of
-from rigidmc.scene.vector_distributions.protocol import Law
+from rigidmc.scene.user_parts.registry import (
+    Code,
+    load_user_class,
+    make_distribution_stand_in,
+    module_of,
+)
+from rigidmc.scene.vector_distributions import (
+    VECTOR_DISTRIBUTIONS,
+    distributions_of,
+    make_distribution,
+)
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 
-class Columns(NamedTuple):
+class DataSources(NamedTuple):
     """Where the columns come from to which a file refers.
 
     of_result : a function that gives the rows of a name in a result; None if there is no result
@@ -35,7 +44,7 @@ class Columns(NamedTuple):
     code: Code = False
 
 
-def numbers(value: Any, at: str) -> Any:
+def check_plain(value: Any, at: str) -> Any:
     """A number or lists of numbers, unchanged; SceneError for anything else."""
     try:
         array = np.asarray(value, dtype=float)
@@ -46,7 +55,7 @@ def numbers(value: Any, at: str) -> Any:
     return value
 
 
-def only(table: Any, allowed: Iterable[str], at: str, required: Iterable[str] = ()) -> None:
+def check_keys(table: Any, allowed: Iterable[str], at: str, required: Iterable[str] = ()) -> None:
     """SceneError for a value that is no table, for a key that is not allowed, and for a required
     key that is missing."""
     if not isinstance(table, dict):
@@ -60,15 +69,15 @@ def only(table: Any, allowed: Iterable[str], at: str, required: Iterable[str] = 
             raise SceneError("is missing", at=f"{at}.{key}")
 
 
-def parse(value: Any, at: str, stored: Columns) -> Any:
+def read_quantity(value: Any, at: str, stored: DataSources) -> Any:
     """A value of a scene file as a quantity.
 
     Numbers, lists, { distribution = parameters }, the same with between = [low, high],
     { mixture = [{ weight = w, distribution = parameters }, ...] }, { grid = [low, high, count] },
-    { law = table }, { table = file, columns = names } and { stored = name, axis = i }
+    { distribution = table }, { table = file, columns = names } and { stored = name, axis = i }
     """
     if isinstance(value, list):
-        return [parse(v, at, stored) for v in value]
+        return [read_quantity(v, at, stored) for v in value]
     if not isinstance(value, dict):
         return value
     if "stored" in value:
@@ -76,7 +85,7 @@ def parse(value: Any, at: str, stored: Columns) -> Any:
     if "table" in value:
         return _columns_of(value, at, stored.folder)
     if "grid" in value:
-        only(value, ("grid", "stride", "log"), at)
+        check_keys(value, ("grid", "stride", "log"), at)
         if not isinstance(value["grid"], list) or len(value["grid"]) != 3:
             raise SceneError("expected grid = [low, high, count]", at=at, value=value)
         more = {k: v for k, v in value.items() if k != "grid"}
@@ -92,10 +101,10 @@ def parse(value: Any, at: str, stored: Columns) -> Any:
         words = [nearest(word, ["between", "mixture", "grid"]) for word in value]
         raise SceneError(rule, at=at, value=value, nearest=next(filter(None, words), None))
     ((name, parameters),) = value.items()
-    law = law_of_table(name, parameters, at, lambda part: parse(part, at, stored))
+    law = make_distribution(name, parameters, at, lambda part: read_quantity(part, at, stored))
     if law is not None:
         return law
-    if laws_of(at) and not is_distribution(name):
+    if distributions_of(at) and not is_distribution(name):
         raise _no_such_law(name, value, at)
     if isinstance(parameters, dict):
         return _named(at, value, distribution, name, **parameters)
@@ -103,52 +112,52 @@ def parse(value: Any, at: str, stored: Columns) -> Any:
     return _named(at, value, distribution, name, *several)
 
 
-def _own_law(value: dict[str, Any], at: str, stored: Columns) -> Law:
-    """A law of the user's own, { my_law = { ... }, module = "file.py" }; SceneError."""
+def _own_law(value: dict[str, Any], at: str, stored: DataSources) -> VectorDistribution:
+    """A distribution of the user's own, { my_law = { ... }, module = "file.py" }; SceneError."""
     names = [name for name in value if name != "module"]
     if len(names) != 1:
         rule = 'expected one law of your own, { my_law = { ... }, module = "file.py" }'
         raise SceneError(rule, at=at, value=value)
     name, parameters = names[0], value[names[0]]
-    kind = own_class(name, value["module"], at, stored.code)
+    kind = load_user_class(name, value["module"], at, stored.code)
     if kind is None:
-        kind = law_stand_in(name, parameters, at)
-    if not issubclass(kind, Law):
-        rule = f"{kind.__name__} is no law: a frozen dataclass, a subclass of Law"
+        kind = make_distribution_stand_in(name, parameters, at)
+    if not issubclass(kind, VectorDistribution):
+        rule = f"{kind.__name__} is no law: a frozen dataclass, a subclass of VectorDistribution"
         raise PartError(rule, at=at, source=source_of(kind))
-    law = law_of_table(name, parameters, at, lambda x: parse(x, at, stored), kind)
+    law = make_distribution(name, parameters, at, lambda x: read_quantity(x, at, stored), kind)
     assert law is not None
     return law
 
 
-def _truncated(value: dict[str, Any], at: str, stored: Columns) -> Distribution:
+def _truncated(value: dict[str, Any], at: str, stored: DataSources) -> Distribution:
     """A distribution with bounds; SceneError."""
     bounds, inner = value["between"], {k: v for k, v in value.items() if k != "between"}
-    law = parse(inner, at, stored) if inner else None
+    law = read_quantity(inner, at, stored) if inner else None
     if not isinstance(law, Distribution) or not isinstance(bounds, list) or len(bounds) != 2:
         rule = "expected one distribution with bounds, { normal = [1, 0.1], between = [0.5, 1.5] }"
         raise SceneError(rule, at=at, value=value)
     return _named(at, value, law.between, *bounds)
 
 
-def _mixture(value: dict[str, Any], at: str, stored: Columns) -> Distribution:
+def _mixture(value: dict[str, Any], at: str, stored: DataSources) -> Distribution:
     """A mixture of distributions; SceneError."""
-    only(value, ("mixture",), at)
+    check_keys(value, ("mixture",), at)
     parts = value["mixture"]
     if not isinstance(parts, list) or not all(isinstance(p, dict) and "weight" in p for p in parts):
         rule = "expected mixture = [{ weight = 9, normal = [0, 1] }, { weight = 1, ... }]"
         raise SceneError(rule, at=at, value=value)
     pairs = []
     for part in parts:
-        law = parse({k: v for k, v in part.items() if k != "weight"}, at, stored)
+        law = read_quantity({k: v for k, v in part.items() if k != "weight"}, at, stored)
         pairs.append((part["weight"], law))
     return _named(at, value, mixture, *pairs)
 
 
 def _no_such_law(name: str, value: Any, at: str) -> SceneError:
-    """The error about a word that names neither a law of this key nor a distribution."""
-    known, key = laws_of(at), at.rpartition(".")[2]
-    elsewhere = next((kind.of for kind in LAWS if kind.word == name), None)
+    """The error about a word that names no distribution of this key."""
+    known, key = distributions_of(at), at.rpartition(".")[2]
+    elsewhere = next((kind.variables for kind in VECTOR_DISTRIBUTIONS if kind.name == name), None)
     rule = f"no law or distribution '{name}'"
     if elsewhere is not None:
         rule = f"'{name}' is a law of {' and '.join(elsewhere)}"
@@ -167,13 +176,13 @@ def _no_such_law(name: str, value: Any, at: str) -> SceneError:
 def _columns_of(value: dict[str, Any], at: str, folder: str) -> Any:
     """The column or columns of a file that a value refers to; SceneError."""
     single = "column" in value
-    only(value, ("table", "column" if single else "columns"), at)
+    check_keys(value, ("table", "column" if single else "columns"), at)
     names = [value["column"]] if single else value.get("columns")
     words = isinstance(names, list) and all(isinstance(x, str) for x in (*names, value["table"]))
     if not isinstance(names, list) or not words:
         rule = 'expected { table = "file.csv", columns = ["w1", "w2", "w3"] }, or column = "w1"'
         raise SceneError(rule, at=at, value=value)
-    columns = [column(folder, value["table"], name, at) for name in names]
+    columns = [read_column(folder, value["table"], name, at) for name in names]
     if not single and len(columns) not in (3, 4):
         rule = f"{len(columns)} columns: a vector has 3 components, a quaternion 4"
         raise SceneError(rule, at=at, value=value)
@@ -189,7 +198,7 @@ def _rows_of(
     if of_result is None:
         rule = "refers to the rows of a result file; load that file instead"
         raise SceneError(rule, at=at, value=value)
-    only(value, ("stored", "axis"), at)
+    check_keys(value, ("stored", "axis"), at)
     name, axis = value["stored"], value.get("axis")
     rows = of_result(name) if isinstance(name, str) else None
     if rows is None or rows.dtype.kind != "f" or rows.ndim != (1 if axis is None else 2):
@@ -220,18 +229,18 @@ def _named(
         raise SceneError(error.rule, at=at, value=value, nearest=error.nearest) from None
 
 
-def plain(value: Any, name: str, axis: int | None = None) -> Any:
-    """A quantity, a law, or a tuple of quantities as it is written in a scene file.
+def as_toml(value: Any, name: str, axis: int | None = None) -> Any:
+    """A quantity, a distribution, or a tuple of quantities as it is written in a scene file.
 
     name, axis : of the rows in a result, to which an array becomes a reference
     """
-    if isinstance(value, Law):
-        fields = {k: plain(v, name) for k, v in value.as_dict().items() if v is not None}
-        if type(value) in LAWS:
-            return {value.word: fields}
+    if isinstance(value, VectorDistribution):
+        fields = {k: as_toml(v, name) for k, v in value.as_dict().items() if v is not None}
+        if type(value) in VECTOR_DISTRIBUTIONS:
+            return {value.name: fields}
         return {word_of(type(value)): fields, **module_of(value)}
     if isinstance(value, tuple):
-        return [plain(v, name, i + 1) for i, v in enumerate(value)]
+        return [as_toml(v, name, i + 1) for i, v in enumerate(value)]
     if isinstance(value, (Distribution, Grid)):
         return value.as_table()
     if isinstance(value, np.ndarray):
@@ -243,7 +252,7 @@ SUFFIXES = (".csv", ".nc")
 _MOST = 6  # components of a variable
 
 
-def column(folder: str, file: str, name: str, at: str) -> NDArray[np.float64]:
+def read_column(folder: str, file: str, name: str, at: str) -> NDArray[np.float64]:
     """A column of a file as an array; SceneError that names the file and its columns.
 
     CSV : comma-separated, with the names of the columns in the first line
@@ -287,7 +296,7 @@ def column(folder: str, file: str, name: str, at: str) -> NDArray[np.float64]:
 def _csv(path: str) -> dict[str, Any]:
     """{name: values} of the columns of a CSV file, None for a name of several; ValueError."""
     try:
-        names, rows = numbers_of(path)
+        names, rows = read_number_table(path)
     except UnicodeDecodeError:
         raise ValueError("is not text in UTF-8") from None
     except RigidmcError:

@@ -11,7 +11,7 @@ from rigidmc.physics.observables import is_own, word_of_observable
 from rigidmc.scene.body import IDENTITY
 from rigidmc.scene.parts import Parts
 from rigidmc.scene.settings import Run
-from rigidmc.scene.toml.values import plain
+from rigidmc.scene.toml.values import as_toml
 from rigidmc.scene.user_parts.registry import module_of
 
 
@@ -40,9 +40,9 @@ def dumps(scene: Parts, run: Run | None = None) -> str:
 
 def _body(scene: Parts) -> dict[str, Any]:
     body = scene.body
-    table = {body.given: plain(body.moments, "moments")}
-    table |= {key: plain(getattr(body, key), key) for key in ("mass", "centre")}
-    if body.given == "moments" and body.axes != IDENTITY:
+    table = {body.inertia_key: as_toml(body.moments, "moments")}
+    table |= {key: as_toml(getattr(body, key), key) for key in ("mass", "centre")}
+    if body.inertia_key == "moments" and body.axes != IDENTITY:
         table["axes"] = [list(row) for row in body.axes]
     if body.shape:
         table["shape"] = [part.as_table() for part in body.shape]
@@ -53,17 +53,17 @@ def _effects(scene: Parts) -> dict[str, Any]:
     pairs = []
     for label, effect in label_effects(scene.effects):
         table = {} if type(effect) in EFFECTS.values() else module_of(effect)
-        table |= {k: plain(getattr(effect, k), f"{label}_{k}") for k in user_parameters(effect)}
+        table |= {k: as_toml(getattr(effect, k), f"{label}_{k}") for k in user_parameters(effect)}
         pairs.append((name_of(effect), table))
     return _grouped(pairs)
 
 
 def _start(scene: Parts) -> dict[str, Any]:
-    start, which = scene.start, scene.start.which
-    attitude = "start_euler" if start.by_euler_angles else "start_attitude"
+    start, which = scene.start, scene.start.spin_name
+    attitude = "start_euler" if start.has_euler_angles else "start_attitude"
     return {
-        which: plain(getattr(start, which), f"start_{which}"),
-        "attitude": plain(start.attitude, attitude),
+        which: as_toml(getattr(start, which), f"start_{which}"),
+        "attitude": as_toml(start.attitude, attitude),
     }
 
 

@@ -37,7 +37,7 @@ def check_user_effect(effect: Any) -> None:
     kind = type(effect)
     if kind in EFFECTS.values():
         return
-    trial = Trial("effects", sample(effect))
+    trial = Trial("effects", trial_effect(effect))
     trial.refuse_old(OLD_WORDS)
     trial.read(*_VECTORS, *_SCALARS)
     if implements(kind, "add_noise") and not takes_noise(kind) and shape(kind, "noise") == 3:
@@ -59,7 +59,7 @@ def check_user_effect(effect: Any) -> None:
             _check_gradient(trial, state)
 
 
-def sample(effect: Any) -> Any:
+def trial_effect(effect: Any) -> Any:
     """An effect with plain numbers, with which methods are tried."""
     return from_numbers(type(effect), [_number(value) for _, _, value in numbers(effect)])
 
@@ -69,7 +69,7 @@ def _given(kind: type, methods: tuple[Method, ...]) -> list[Method]:
 
 
 def _number(value: Any) -> float:
-    """A number that stands for a parameter: its first value, or 0.1 for a law."""
+    """A number that stands for a parameter: its first value, or 0.1 for a distribution."""
     return float(np.ravel(value)[0]) if isinstance(value, (float, np.ndarray)) else 0.1
 
 

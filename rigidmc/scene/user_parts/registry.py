@@ -12,8 +12,8 @@ from rigidmc.errors import SceneError
 from rigidmc.files.user_code import class_of, source_of
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.observables import is_own
-from rigidmc.scene.vector_distributions import LAWS
-from rigidmc.scene.vector_distributions.protocol import Law
+from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 if TYPE_CHECKING:
     from rigidmc.scene.parts import Parts
@@ -35,7 +35,7 @@ _FACTS: dict[str, dict[str, Any]] = {
 }
 
 
-def own_class(name: str, module: Any, at: str, code: Code) -> type[Any] | None:
+def load_user_class(name: str, module: Any, at: str, code: Code) -> type[Any] | None:
     """The class of a part from the Python file that defines it; SceneError.
 
     at : the table, such as effects.Wind
@@ -55,7 +55,7 @@ def own_class(name: str, module: Any, at: str, code: Code) -> type[Any] | None:
     return class_of(code, module, name, at)
 
 
-def stand_in(kind: str, name: str, table: dict[str, Any]) -> type[Any]:
+def make_stand_in(kind: str, name: str, table: dict[str, Any]) -> type[Any]:
     """A class with the parameters of a table [kind.name] and without physics, in place of code that
     is not run."""
     fields = [key for key in table if key != "module"]
@@ -72,21 +72,29 @@ def stand_in(kind: str, name: str, table: dict[str, Any]) -> type[Any]:
     return whole
 
 
-def law_stand_in(name: str, table: Any, at: str) -> type[Law]:
-    """The same for a law of a key such as start.omega."""
+def make_distribution_stand_in(name: str, table: Any, at: str) -> type[VectorDistribution]:
+    """The same for a distribution of a key such as start.omega."""
     if not isinstance(table, dict) or not all(map(str.isidentifier, (name, *table))):
         raise SceneError("expected the parameters of a law", at=at, value=table)
-    facts = {"of": (at.rpartition(".")[2],), "checked": lambda self, at: self, "stand_in": True}
-    made: type[Law] = make_dataclass(name, list(table), bases=(Law,), namespace=facts, frozen=True)
+    key = at.rpartition(".")[2]
+    facts = {"variables": (key,), "check": lambda self, at: self, "stand_in": True}
+    made: type[VectorDistribution] = make_dataclass(
+        name, list(table), bases=(VectorDistribution,), namespace=facts, frozen=True
+    )
     return made
 
 
-def own_parts(scene: "Parts") -> Iterator[Any]:
-    """The effects, observables, integrators and laws of a scene that are of the user's own."""
+def user_parts_of(scene: "Parts") -> Iterator[Any]:
+    """The effects, observables, integrators and distributions of a scene that are of the user's
+    own."""
     yield from (e for e in scene.effects if type(e) not in EFFECTS.values())
     yield from filter(is_own, scene.observables)
     yield from scene.integrators
-    yield from (q for q in scene.quantities() if isinstance(q, Law) and type(q) not in LAWS)
+    yield from (
+        q
+        for q in scene.model.quantities()
+        if isinstance(q, VectorDistribution) and type(q) not in VECTOR_DISTRIBUTIONS
+    )
 
 
 def module_of(part: Any) -> dict[str, str]:

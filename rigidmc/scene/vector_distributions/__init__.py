@@ -1,7 +1,7 @@
-"""Vectors drawn as a whole. A new law is one file with a subclass of `protocol.Law`, and one line
-below."""
+"""Vectors drawn as a whole. A new distribution is one file with a subclass of
+`protocol.VectorDistribution`, and one line below."""
 
-# One line for each law, in the order in which messages name them.
+# One line for each distribution, in the order in which messages name them.
 # isort: off
 from rigidmc.scene.vector_distributions.vectors import Cone as Cone
 from rigidmc.scene.vector_distributions.vectors import Sphere as Sphere
@@ -18,41 +18,49 @@ from collections.abc import Callable
 from typing import Any
 
 from rigidmc.errors import SceneError, unknown
-from rigidmc.scene.vector_distributions.protocol import Law, check_user_law
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution, check_user_distribution
 
-LAWS: list[type[Law]] = [
+VECTOR_DISTRIBUTIONS: list[type[VectorDistribution]] = [
     kind
     for kind in list(globals().values())
-    if isinstance(kind, type) and issubclass(kind, Law) and kind is not Law  # the lines above
+    if isinstance(kind, type)
+    and issubclass(kind, VectorDistribution)
+    and kind is not VectorDistribution  # the lines above
 ]
 
 
-def laws_of(at: str) -> dict[str, type[Law]]:
-    """{word: law} of the laws that a key of a scene takes, such as "omega" or "start.omega"."""
+def distributions_of(at: str) -> dict[str, type[VectorDistribution]]:
+    """{word: distribution} of the distributions that a key of a scene takes, such as "omega" or
+    "start.omega"."""
     key = at.rpartition(".")[2]
-    return {kind.word: kind for kind in LAWS if key in kind.of}
+    return {kind.name: kind for kind in VECTOR_DISTRIBUTIONS if key in kind.variables}
 
 
-def checked(law: Law, at: str) -> Law:
-    """A law with its parameters checked; SceneError."""
-    kinds = laws_of(at)
-    if type(law) not in LAWS:
-        return check_user_law(law, at)
-    if type(law) not in kinds.values():
+def check_distribution(distribution: VectorDistribution, at: str) -> VectorDistribution:
+    """A distribution with its parameters checked; SceneError."""
+    kinds = distributions_of(at)
+    if type(distribution) not in VECTOR_DISTRIBUTIONS:
+        return check_user_distribution(distribution, at)
+    if type(distribution) not in kinds.values():
         rule = f"expected one of {', '.join(kinds)}, or three components"
-        raise SceneError(rule, at=at, value=law)
-    return law.checked(f"{at}.{law.word}")
+        raise SceneError(rule, at=at, value=distribution)
+    return distribution.check(f"{at}.{distribution.name}")
 
 
-def law_of_table(
-    word: str, table: Any, at: str, parse: Callable[[Any], Any], own: type[Law] | None = None
-) -> Law | None:
-    """The law of a table in a scene file; None if the word names no law of the key `at`.
+def make_distribution(
+    word: str,
+    table: Any,
+    at: str,
+    parse: Callable[[Any], Any],
+    own: type[VectorDistribution] | None = None,
+) -> VectorDistribution | None:
+    """The distribution of a table in a scene file; None if the word names no distribution of the
+    key `at`.
 
     parse : function that turns a value of the file into a quantity
     own : the class, if it is one of the user's own
     """
-    kind = own or laws_of(at).get(word)
+    kind = own or distributions_of(at).get(word)
     if kind is None:
         return None
     at, fields = f"{at}.{word}", kind.names()

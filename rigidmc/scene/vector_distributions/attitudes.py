@@ -1,4 +1,4 @@
-"""Laws of the attitude: about a mean attitude, and about a direction of space."""
+"""Distributions of the attitude: about a mean attitude, and about a direction of space."""
 
 import math
 from dataclasses import dataclass
@@ -21,13 +21,19 @@ from rigidmc.physics.dynamics.functions import (
 from rigidmc.physics.dynamics.so3 import arctan2, expm1
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Source, draw
-from rigidmc.scene.vector_distributions.protocol import Array, Facts, Law, concentration, plain
+from rigidmc.scene.vector_distributions.protocol import (
+    Array,
+    MemberFacts,
+    VectorDistribution,
+    concentration,
+    fixed_vector,
+)
 from rigidmc.scene.vector_distributions.vectors import directions
 
 
 @dataclass(frozen=True)
-class Fisher(Law):
-    """Attitudes about a mean attitude: Fisher's law of rotation matrices.
+class Fisher(VectorDistribution):
+    """Attitudes about a mean attitude: Fisher's distribution of rotation matrices.
 
     Density (Mardia & Jupp, Directional Statistics, 13.2.3)::
 
@@ -44,8 +50,8 @@ class Fisher(Law):
 
     Examples
     --------
-    >>> law = rm.Fisher(attitude=(1.0, 0.0, 0.0, 0.0), kappa=5000.0)
-    >>> q = rm.Start(omega=(0.0, 0.0, 1.0), attitude=law).quaternions(0, 0, 1000)
+    >>> distribution = rm.Fisher(attitude=(1.0, 0.0, 0.0, 0.0), kappa=5000.0)
+    >>> q = rm.Start(omega=(0.0, 0.0, 1.0), attitude=distribution).sample_attitude(0, 0, 1000)
     >>> bool((2.0 * np.arccos(abs(q[0])) < 0.06).all())  # rad from the mean
     True
     """
@@ -53,28 +59,28 @@ class Fisher(Law):
     attitude: Any
     kappa: float
 
-    word = "fisher"
-    of = ("attitude",)
-    by_scipy = True  # scipy integrates its distribution function
+    name = "fisher"
+    variables = ("attitude",)
+    uses_scipy = True  # scipy integrates its distribution function
 
-    def checked(self, at: str) -> "Fisher":
-        mean = plain(self.attitude, f"{at}.attitude", 4)
+    def check(self, at: str) -> "Fisher":
+        mean = fixed_vector(self.attitude, f"{at}.attitude", 4)
         return Fisher(mean, concentration(self.kappa, f"{at}.kappa"))
 
     def sample(
-        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+        self, sampler: Source, name: str, first: int, count: int, facts: MemberFacts | None
     ) -> Array:
         whole = (Distribution("uniform", (0.0, 1.0)),)
-        u = draw(whole, source, f"{name}.angle", first, count)[0]
+        u = draw(whole, sampler, f"{name}.angle", first, count)[0]
         half = 0.5 * np.interp(u, *_rotation_angles(self.kappa))
-        axis = directions(source, name, first, count)
+        axis = directions(sampler, name, first, count)
         rotation = np.stack([cosine(half), *(sine(half) * axis)], axis=-1)
         return product(quaternion(self.attitude), rotation).T
 
 
 @dataclass(frozen=True)
-class Pointing(Law):
-    """Attitudes whose axis 3 lies about a direction of space: the law of von Mises and Fisher.
+class Pointing(VectorDistribution):
+    """Attitudes whose axis 3 lies about a direction of space: the von Mises-Fisher distribution.
 
     Density (Mardia & Jupp, Directional Statistics, 9.3.2)::
 
@@ -92,8 +98,8 @@ class Pointing(Law):
 
     Examples
     --------
-    >>> law = rm.Pointing(direction=(0.0, 0.0, 1.0), kappa=500.0)
-    >>> q = rm.Start(omega=(0.0, 0.0, 1.0), attitude=law).quaternions(0, 0, 1000)
+    >>> distribution = rm.Pointing(direction=(0.0, 0.0, 1.0), kappa=500.0)
+    >>> q = rm.Start(omega=(0.0, 0.0, 1.0), attitude=distribution).sample_attitude(0, 0, 1000)
     >>> bool((q[0] ** 2 + q[3] ** 2 - q[1] ** 2 - q[2] ** 2 > 0.9).all())  # z of axis 3
     True
     """
@@ -101,19 +107,19 @@ class Pointing(Law):
     direction: Any
     kappa: float
 
-    word = "pointing"
-    of = ("attitude",)
+    name = "pointing"
+    variables = ("attitude",)
 
-    def checked(self, at: str) -> "Pointing":
-        direction = plain(self.direction, f"{at}.direction", 3)
+    def check(self, at: str) -> "Pointing":
+        direction = fixed_vector(self.direction, f"{at}.direction", 3)
         return Pointing(direction, concentration(self.kappa, f"{at}.kappa"))
 
     def sample(
-        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+        self, sampler: Source, name: str, first: int, count: int, facts: MemberFacts | None
     ) -> Array:
         whole = Distribution("uniform", (0.0, 2.0 * math.pi))
         laws = (Distribution("uniform", (0.0, 1.0)), whole, whole)
-        u, azimuth, psi = draw(laws, source, f"{name}.pointing", first, count)
+        u, azimuth, psi = draw(laws, sampler, f"{name}.pointing", first, count)
         k = self.kappa
         one_less_cosine = 2.0 * (1.0 - u)
         if k > 0.0:
@@ -126,8 +132,8 @@ class Pointing(Law):
 
 @lru_cache(maxsize=64)
 def _rotation_angles(kappa: float) -> tuple[Array, Array]:
-    """(distribution function, angle) of Fisher's law at 20,001 angles, dense where the density is
-    large.
+    """(distribution function, angle) of Fisher's distribution at 20,001 angles, dense where the
+    density is large.
 
         density ~ (1 - cos angle) exp(2 kappa cos angle)
     """

@@ -1,4 +1,4 @@
-"""Laws of the principal moments of inertia, and of the whole inertia of a body."""
+"""Distributions of the principal moments of inertia, and of the whole inertia of a body."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,14 +9,20 @@ import numpy as np
 
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import elements, symmetric
-from rigidmc.mechanics.log_cholesky import factor, numbers_of, parameters_of, rates_of
+from rigidmc.mechanics.log_cholesky import cholesky_factor, numbers_of, parameters_of, rates_of
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Source, draw
-from rigidmc.scene.vector_distributions.protocol import Array, Facts, Law, matrix, numbers
+from rigidmc.scene.vector_distributions.protocol import (
+    Array,
+    MemberFacts,
+    VectorDistribution,
+    check_semidefinite,
+    numbers,
+)
 
 
 @dataclass(frozen=True)
-class SecondMoments(Law):
+class SecondMoments(VectorDistribution):
     """Principal moments of inertia from the second moments of mass, TdC (3.15).
 
     From the second moments a, b, c::
@@ -32,30 +38,30 @@ class SecondMoments(Law):
 
     Examples
     --------
-    >>> law = rm.SecondMoments((1.0, 2.0, rm.uniform(0.5, 1.5)))
-    >>> moments, mass, centre = rm.Body.from_moments(law).sample(0, 0, 1000)
+    >>> distribution = rm.SecondMoments((1.0, 2.0, rm.uniform(0.5, 1.5)))
+    >>> moments, mass, centre = rm.Body.from_moments(distribution).sample(0, 0, 1000)
     >>> bool((moments.max(0) <= moments.sum(0) - moments.max(0)).all())
     True
     """
 
     values: Any
 
-    word = "second_moments"
-    of = ("moments",)
-    sized = {"values": 1}
+    name = "second_moments"
+    variables = ("moments",)
+    scaling = {"values": 1}
 
-    def checked(self, at: str) -> "SecondMoments":
+    def check(self, at: str) -> "SecondMoments":
         return SecondMoments(numbers(self.values, f"{at}.values", 3))
 
     def sample(
-        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+        self, sampler: Source, name: str, first: int, count: int, facts: MemberFacts | None
     ) -> Array:
-        a, b, c = draw(self.values, source, f"{name}.second", first, count)
+        a, b, c = draw(self.values, sampler, f"{name}.second", first, count)
         return np.stack([b + c, c + a, a + b])
 
 
 @dataclass(frozen=True)
-class UncertainInertia(Law):
+class UncertainInertia(VectorDistribution):
     """An inertia tensor, and perhaps centre of mass and mass, of which a covariance is known.
 
     The log-Cholesky numbers of the body are normal (`rigidmc.mechanics.log_cholesky`), with the
@@ -70,10 +76,10 @@ class UncertainInertia(Law):
 
     The principal axes differ from member to member, and each is named after the axis of the mean
     tensor that it lies nearest to. A start, and the vectors of effects that are fixed in the body,
-    are given in the principal axes of the mean tensor and turned into those of the member; laws of
-    ensembles, damping rates and direction potentials stay with the axes of the member. Results are
-    in the axes of the member: `principal_axes` has its attitude, and `ds.rigid.described("omega")`
-    turns back.
+    are given in the principal axes of the mean tensor and turned into those of the member;
+    distributions of ensembles, damping rates and direction potentials stay with the axes of the
+    member. Results are in the axes of the member: `principal_axes` has its attitude, and
+    `ds.rigid.described("omega")` turns back.
 
     Parameters
     ----------
@@ -86,12 +92,13 @@ class UncertainInertia(Law):
     centre : array_like (3,), optional [m]
         mean centre of mass from the origin of the tensor, of a body that turns about its centre of
         mass, as a satellite does: each draw's tensor I about the origin becomes
-        I - m (c^2 1 - c c^T), with its own m and c. `Body.about_centre` makes such a law
+        I - m (c^2 1 - c c^T), with its own m and c. `Body.with_pivot_at_centre` makes such a
+        distribution
 
     Examples
     --------
-    >>> law = rm.UncertainInertia(np.diag([2.0, 2.5, 3.0]), 0.01 * np.eye(6))
-    >>> moments, mass, centre = rm.Body.from_tensor(law).sample(0, 0, 1000)
+    >>> distribution = rm.UncertainInertia(np.diag([2.0, 2.5, 3.0]), 0.01 * np.eye(6))
+    >>> moments, mass, centre = rm.Body.from_tensor(distribution).sample(0, 0, 1000)
     >>> bool((moments.max(0) <= moments.sum(0) - moments.max(0)).all())
     True
     """
@@ -100,12 +107,12 @@ class UncertainInertia(Law):
     covariance: Any
     centre: Any = None
 
-    word = "uncertain_inertia"
-    of = ("tensor",)
+    name = "uncertain_inertia"
+    variables = ("tensor",)
 
-    def checked(self, at: str) -> "UncertainInertia":
-        mean = matrix(self.mean, f"{at}.mean", (3,))
-        covariance = matrix(self.covariance, f"{at}.covariance", (6, 9, 10))
+    def check(self, at: str) -> "UncertainInertia":
+        mean = check_semidefinite(self.mean, f"{at}.mean", (3,))
+        covariance = check_semidefinite(self.covariance, f"{at}.covariance", (6, 9, 10))
         centre = self.centre if self.centre is None else numbers(self.centre, f"{at}.centre", 3)
         if centre is not None and not all(isinstance(x, float) for x in centre):
             raise SceneError("expected plain numbers, the mean", at=f"{at}.centre")
@@ -123,7 +130,7 @@ class UncertainInertia(Law):
         return tensor
 
     def resized(self, mass: float, length: float) -> "UncertainInertia":
-        """The same law in units in which masses and lengths have these factors."""
+        """The same distribution in units in which masses and lengths have these factors."""
         inertia = mass * length * length
         by = ((inertia,) * 6 + (length,) * 3 + (mass,))[: len(self.covariance)]
         return UncertainInertia(
@@ -137,7 +144,7 @@ class UncertainInertia(Law):
 
     def bodies(
         self,
-        source: Source,
+        sampler: Source,
         name: str,
         first: int,
         count: int,
@@ -151,7 +158,7 @@ class UncertainInertia(Law):
         """
         turns = self.centre is not None
         normal = (Distribution("normal", (0.0, 1.0)),) * len(self.covariance)
-        z = draw(normal, source, f"{name}.normal", first, count)
+        z = draw(normal, sampler, f"{name}.normal", first, count)
         middle, ways = _spread(self, mass, tuple(self.centre if turns else centre))
         found = parameters_of(
             np.stack(
@@ -182,17 +189,21 @@ def _about_centre(six: Any, centre: Any, mass: Any) -> tuple[Any, ...]:
 
 
 @lru_cache(maxsize=8)
-def _spread(law: UncertainInertia, mass: float, centre: tuple[float, ...]) -> tuple[Any, Any]:
+def _spread(
+    distribution: UncertainInertia, mass: float, centre: tuple[float, ...]
+) -> tuple[Any, Any]:
     """(log-Cholesky numbers of the mean body, how each standard normal deviate changes them);
     SceneError if there is no such body."""
-    parameters = (*elements(law.mean), *centre, mass)
+    parameters = (*elements(distribution.mean), *centre, mass)
     try:
         middle = numbers_of(parameters)
     except (ValueError, ZeroDivisionError):
         rule = "no body has this tensor, mass and centre of mass, or it is flat"
-        raise SceneError(rule, at="body.tensor", value=[list(row) for row in law.mean]) from None
-    columns = zip(*factor(law.covariance), strict=True)
-    rest = [0.0] * (len(parameters) - len(law.covariance))
+        raise SceneError(
+            rule, at="body.tensor", value=[list(row) for row in distribution.mean]
+        ) from None
+    columns = zip(*cholesky_factor(distribution.covariance), strict=True)
+    rest = [0.0] * (len(parameters) - len(distribution.covariance))
     ways = [rates_of(parameters, [*column, *rest]) for column in columns]
     # the parameters bend by half of this, which moves their mean
     around = [

@@ -13,10 +13,10 @@ from rigidmc.scene.quantities import Source, draw, is_seed
 from rigidmc.scene.vector_distributions.protocol import (
     Array,
     Density,
-    Ensemble,
-    Facts,
+    EquilibriumEnsemble,
+    MemberFacts,
+    fixed_vector,
     number,
-    plain,
 )
 from rigidmc.scene.vector_distributions.vectors import directions, uniform_attitudes
 
@@ -26,7 +26,7 @@ TRIES = 4096
 
 
 @dataclass(frozen=True)
-class Shell(Ensemble):
+class Shell(EquilibriumEnsemble):
     """The angular momentum of a given energy.
 
     On the energy shell::
@@ -52,17 +52,17 @@ class Shell(Ensemble):
     energy: Any
     direction: Any = None
 
-    word = "shell"
-    of = ("momentum",)
-    sized = {"energy": "energy"}
+    name = "shell"
+    variables = ("momentum",)
+    scaling = {"energy": "energy"}
 
-    def checked(self, at: str) -> "Shell":
+    def check(self, at: str) -> "Shell":
         energy = number(self.energy, f"{at}.energy")
         if self.direction is None:
             return Shell(energy)
-        return Shell(energy, plain(self.direction, f"{at}.direction", 3))
+        return Shell(energy, fixed_vector(self.direction, f"{at}.direction", 3))
 
-    def share(self, seed: int, first: int, count: int, facts: Facts) -> Density:
+    def acceptance(self, seed: int, first: int, count: int, facts: MemberFacts) -> Density:
         """sqrt(E - V(q)), the part of the shell that an attitude leaves to momenta, divided by its
         bound."""
         (energy,) = draw((self.energy,), seed, "start.momentum.energy", first, count)
@@ -74,13 +74,13 @@ class Shell(Ensemble):
         )
 
     def sample(
-        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+        self, sampler: Source, name: str, first: int, count: int, facts: MemberFacts | None
     ) -> Array:
-        (energy,) = draw((self.energy,), source, f"{name}.energy", first, count)
+        (energy,) = draw((self.energy,), sampler, f"{name}.energy", first, count)
         assert facts is not None
         twice = 2.0 * (energy - facts.potential(facts.attitude))
         if self.direction is None:
-            v = np.sqrt(facts.moments) * directions(source, name, first, count)
+            v = np.sqrt(facts.moments) * directions(sampler, name, first, count)
         else:
             v = np.broadcast_to(np.array(self.direction, float)[:, None], (3, count))
             v = v / np.sqrt((v * v / facts.moments).sum(0))
@@ -90,7 +90,7 @@ class Shell(Ensemble):
 
 
 @dataclass(frozen=True)
-class GibbsMomentum(Ensemble):
+class GibbsMomentum(EquilibriumEnsemble):
     """The angular momentum in thermal equilibrium: density exp(-T/kT).
 
     L_i is normal with variance I_i kT.
@@ -108,26 +108,26 @@ class GibbsMomentum(Ensemble):
 
     kT: Any
 
-    word = "gibbs"
-    of = ("momentum",)
-    sized = {"kT": "energy"}
+    name = "gibbs"
+    variables = ("momentum",)
+    scaling = {"kT": "energy"}
 
-    def checked(self, at: str) -> "GibbsMomentum":
+    def check(self, at: str) -> "GibbsMomentum":
         return GibbsMomentum(number(self.kT, f"{at}.kT", least=0.0))
 
-    def share(self, seed: int, first: int, count: int, facts: Facts) -> Density:
+    def acceptance(self, seed: int, first: int, count: int, facts: MemberFacts) -> Density:
         """exp(-V(q)/kT), divided by its bound."""
         (kT,) = draw((self.kT,), seed, "start.momentum.kT", first, count)
         return lambda q: exponential_of(-(facts.potential(q) + facts.bound) / kT)
 
     def sample(
-        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+        self, sampler: Source, name: str, first: int, count: int, facts: MemberFacts | None
     ) -> Array:
         assert facts is not None
-        (kT,) = draw((self.kT,), source, f"{name}.kT", first, count)
+        (kT,) = draw((self.kT,), sampler, f"{name}.kT", first, count)
         kT = np.where(kT >= 0.0, kT, np.nan)
         normal = (Distribution("normal", (0.0, 1.0)),) * 3
-        return np.sqrt(facts.moments * kT) * draw(normal, source, f"{name}.normal", first, count)
+        return np.sqrt(facts.moments * kT) * draw(normal, sampler, f"{name}.normal", first, count)
 
 
 def attitudes_of_ensemble(share: Density, seed: Source, first: int, count: int) -> Array:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.arrays import floats, placed
+from rigidmc.arrays import as_plain_arrays, floats
 from rigidmc.errors import PartError, RigidmcError, SceneError
 from rigidmc.physics.dynamics.methods import implements, word_of
 from rigidmc.scene.distributions import Distribution
@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 Density = Callable[[Array], Array]  # of attitudes (4, n)
 
 
-class Facts(NamedTuple):
-    """What a law may depend on.
+class MemberFacts(NamedTuple):
+    """What a distribution may depend on.
 
     moments : principal moments (3, n) [kg m^2]
     potential : function of attitudes (4, n) that returns potential energies (n,) [J]
@@ -35,30 +35,30 @@ class Facts(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Law:
-    """A vector drawn as a whole. The fields of a law are numbers, distributions and grids.
+class VectorDistribution:
+    """A vector drawn as a whole. Its fields are numbers, distributions and grids.
 
     What its class states::
 
-        word : its name in a scene file, by default that of the class in snake_case, as in
+        name : in a scene file, by default that of the class in snake_case, as in
             omega = { cone = { axis = 2, size = 1.0, angle = 0.01 } }
-        of : the keys of a scene that take it, of omega, momentum, moments and attitude
-        sized : {field: power}, how a field scales with the vector; "energy" for a field in joules
-        by_scipy : whether scipy computes it, whose versions may round differently
+        variables : the keys of a scene that take it, of omega, momentum, moments and attitude
+        scaling : {field: power}, how a field scales with the vector; "energy" for a field in joules
+        uses_scipy : whether scipy computes it, whose versions may round differently
     """
 
-    word: ClassVar[str]
-    of: ClassVar[tuple[str, ...]]
-    sized: ClassVar[dict[str, Any]] = {}
-    by_scipy: ClassVar[bool] = False
+    name: ClassVar[str]
+    variables: ClassVar[tuple[str, ...]]
+    scaling: ClassVar[dict[str, Any]] = {}
+    uses_scipy: ClassVar[bool] = False
 
     def __init_subclass__(cls, **more: Any) -> None:
         super().__init_subclass__(**more)
-        if "word" not in vars(cls):
-            cls.word = word_of(cls)
+        if "name" not in vars(cls):
+            cls.name = word_of(cls)
 
-    def checked(self, at: str) -> Self:
-        """The law with its parameters checked; SceneError below the path `at`.
+    def check(self, at: str) -> Self:
+        """The distribution with its parameters checked; SceneError below the path `at`.
 
         By default each is a number, a distribution or a grid, or several of them.
         """
@@ -71,13 +71,13 @@ class Law:
         return replace(self, **parts)
 
     def sample(
-        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+        self, sampler: Source, name: str, first: int, count: int, facts: MemberFacts | None
     ) -> Array:
         """Vectors (3, count), or quaternions (4, count), of members first ... first + count - 1.
 
-        source : what the numbers are drawn from, a seed or points
+        sampler : what the numbers are drawn from, a seed or points
         name : of the random stream
-        facts : Facts of the members; None for laws of moments and attitudes
+        facts : MemberFacts of the members; None for distributions of moments and attitudes
         """
         raise NotImplementedError
 
@@ -96,20 +96,21 @@ class Law:
         return {name: getattr(self, name) for name in self.names()}
 
 
-class Ensemble(Law):
-    """A law of the momentum that is part of a statistical ensemble, and tells its attitudes too."""
+class EquilibriumEnsemble(VectorDistribution):
+    """A distribution of the momentum that is part of a statistical ensemble, and tells its
+    attitudes too."""
 
     direction: Any = None
 
-    def share(self, seed: int, first: int, count: int, facts: Facts) -> Density:
+    def acceptance(self, seed: int, first: int, count: int, facts: MemberFacts) -> Density:
         """The density of attitudes, divided by its bound."""
         raise NotImplementedError
 
 
-def numbers_of(law: Law) -> tuple[Any, ...]:
-    """All parameters of a law, distributions and grids among them, in one flat tuple."""
+def flat_parameters(distribution: VectorDistribution) -> tuple[Any, ...]:
+    """All parameters of a distribution, distributions and grids among them, in one flat tuple."""
     flat: list[Any] = []
-    for value in law.as_dict().values():
+    for value in distribution.as_dict().values():
         several = isinstance(value, (tuple, list))
         flat += list(np.ravel(np.array(value, object))) if several else [value]
     return tuple(x for x in flat if x is not None)
@@ -134,13 +135,13 @@ def number(value: Any, at: str, least: float = -np.inf) -> Any:
 
 def numbers(values: Any, at: str, size: int) -> tuple[Any, ...]:
     """`size` numbers, distributions or grids; SceneError."""
-    values = placed(values, at)
+    values = as_plain_arrays(values, at)
     if isinstance(values, str) or not hasattr(values, "__len__") or len(values) != size:
         raise SceneError(f"expected {size} numbers", at=at, value=values)
     return tuple(number(x, at) for x in values)
 
 
-def matrix(value: Any, at: str, sizes: Sequence[int]) -> tuple[Any, ...]:
+def check_semidefinite(value: Any, at: str, sizes: Sequence[int]) -> tuple[Any, ...]:
     """A symmetric matrix without negative eigenvalues, of one of these sizes, as a tuple of rows;
     SceneError."""
     wanted = " or ".join(f"{size}x{size}" for size in sizes)
@@ -159,7 +160,7 @@ def matrix(value: Any, at: str, sizes: Sequence[int]) -> tuple[Any, ...]:
     return tuple(map(tuple, (0.5 * (array + array.T)).tolist()))
 
 
-def plain(values: Any, at: str, size: int) -> tuple[float, ...]:
+def fixed_vector(values: Any, at: str, size: int) -> tuple[float, ...]:
     """A vector of `size` plain numbers that has a direction; SceneError."""
     vector = numbers(values, at, size)
     if not all(isinstance(x, float) for x in vector):
@@ -170,7 +171,7 @@ def plain(values: Any, at: str, size: int) -> tuple[float, ...]:
 
 
 def concentration(value: Any, at: str) -> float:
-    """The concentration kappa of a law of directions; SceneError."""
+    """The concentration kappa of a distribution of directions; SceneError."""
     kappa = number(value, at)
     if not isinstance(kappa, float) or not 0.0 <= kappa <= 1e12:
         shown = value if isinstance(value, (int, float)) else None
@@ -179,46 +180,57 @@ def concentration(value: Any, at: str) -> float:
 
 
 KEYS = ("omega", "momentum", "moments", "attitude")
+OLD_WORDS = {  # facts and methods of earlier versions, and what they are called now; until 1.0
+    "by_scipy": "uses_scipy",
+    "checked": "check",
+    "of": "variables",
+    "share": "acceptance",
+    "sized": "scaling",
+    "word": "name",
+}
 TRIED, LATER = 5, 2  # members that are drawn, and the first of those that are drawn again
 
 
-def check_user_law(law: Law, at: str) -> Law:
-    """A user's law with its parameters checked; PartError with class, method and rule."""
-    kind, key = type(law), at.rpartition(".")[2]
+def check_user_distribution(distribution: VectorDistribution, at: str) -> VectorDistribution:
+    """A user's distribution with its parameters checked; PartError with class, method and rule."""
+    kind, key = type(distribution), at.rpartition(".")[2]
 
     def wrong(name: str, rule: str) -> PartError:
         return PartError.of(kind, rule, at, name)
 
     if implements(kind, "stand_in"):  # its code is not run
-        return law
+        return distribution
     if "__dataclass_fields__" not in vars(kind):
         raise wrong("", "expected a frozen dataclass: @dataclass(frozen=True) before its class")
-    of = getattr(kind, "of", ())
+    own = {name for base in kind.__mro__ if base.__module__ != __name__ for name in vars(base)}
+    for old in (own - {*kind.names()}) & OLD_WORDS.keys():
+        raise wrong(old, f"is now called {OLD_WORDS[old]}")
+    of = getattr(kind, "variables", ())
     if not isinstance(of, tuple) or not of or not set(of) <= set(KEYS):
-        raise wrong("of", f"is {of!r}, expected a tuple of some of {', '.join(KEYS)}")
+        raise wrong("variables", f"is {of!r}, expected a tuple of some of {', '.join(KEYS)}")
     if key not in of:
-        raise wrong("of", f"is a law of {' and '.join(of)}, not of {key}")
+        raise wrong("variables", f"is a law of {' and '.join(of)}, not of {key}")
     try:
-        checked = law.checked(f"{at}.{law.word}")
+        checked = distribution.check(f"{at}.{distribution.name}")
     except RigidmcError:
         raise
     except Exception as error:  # the user's code may raise anything
-        raise wrong("checked", f"raises {type(error).__name__}: {error}") from None
+        raise wrong("check", f"raises {type(error).__name__}: {error}") from None
     if type(checked) is not kind:
-        raise wrong("checked", f"gives {type(checked).__name__}, expected {kind.__name__}")
+        raise wrong("check", f"gives {type(checked).__name__}, expected {kind.__name__}")
     _check_draws(checked, key, wrong)
     return checked
 
 
-def _check_draws(law: Law, key: str, wrong: Any) -> None:
+def _check_draws(distribution: VectorDistribution, key: str, wrong: Any) -> None:
     size = 4 if key == "attitude" else 3
 
     def draw(first: int, count: int) -> Any:
-        facts = Facts(
+        facts = MemberFacts(
             np.ones((3, count)), lambda q: np.zeros(q.shape[1]), np.ones(count), np.ones((4, count))
         )
         try:
-            return law.sample(1, f"start.{key}", first, count, facts)
+            return distribution.sample(1, f"start.{key}", first, count, facts)
         except RigidmcError:
             raise
         except Exception as error:  # the user's code may raise anything

@@ -14,13 +14,19 @@ from rigidmc.physics.dynamics.functions import cosine, sine
 from rigidmc.physics.dynamics.so3 import sincos
 from rigidmc.scene.distributions import Distribution, uniform
 from rigidmc.scene.quantities import Source, draw
-from rigidmc.scene.vector_distributions.protocol import Array, Facts, Law, number, numbers
+from rigidmc.scene.vector_distributions.protocol import (
+    Array,
+    MemberFacts,
+    VectorDistribution,
+    number,
+    numbers,
+)
 
 AROUND = Distribution("uniform", (0.0, 2.0 * math.pi))
 
 
 @dataclass(frozen=True)
-class Cone(Law):
+class Cone(VectorDistribution):
     """A vector of given size at a given angle from a principal axis.
 
     Components along the axis, the next axis, and the one after it::
@@ -41,7 +47,7 @@ class Cone(Law):
     Examples
     --------
     >>> start = rm.Start(omega=rm.Cone(axis=3, size=10.0, angle=rm.uniform(0.0, 0.1)))
-    >>> start.which
+    >>> start.spin_name
     'omega'
     """
 
@@ -50,11 +56,11 @@ class Cone(Law):
     angle: Any
     azimuth: Any = AROUND
 
-    word = "cone"
-    of = ("omega", "momentum")
-    sized = {"size": 1}
+    name = "cone"
+    variables = ("omega", "momentum")
+    scaling = {"size": 1}
 
-    def checked(self, at: str) -> "Cone":
+    def check(self, at: str) -> "Cone":
         if isinstance(self.axis, bool) or self.axis not in (1, 2, 3, -1, -2, -3):
             rule = "expected 1, 2 or 3, or -1, -2, -3 for the other end of the axis"
             raise SceneError(rule, at=f"{at}.axis", value=self.axis)
@@ -66,10 +72,10 @@ class Cone(Law):
         )
 
     def sample(
-        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+        self, sampler: Source, name: str, first: int, count: int, facts: MemberFacts | None
     ) -> Array:
         quantities = (self.size, self.angle, self.azimuth)
-        size, angle, azimuth = draw(quantities, source, f"{name}.cone", first, count)
+        size, angle, azimuth = draw(quantities, sampler, f"{name}.cone", first, count)
         i, v = abs(self.axis) - 1, np.empty((3, count))
         v[i] = math.copysign(1.0, self.axis) * size * cosine(angle)
         v[(i + 1) % 3] = size * sine(angle) * cosine(azimuth)
@@ -78,7 +84,7 @@ class Cone(Law):
 
 
 @dataclass(frozen=True)
-class Sphere(Law):
+class Sphere(VectorDistribution):
     """A vector of given size in a uniform random direction.
 
     For `momentum` it is the momentum sphere `|L|` = size.
@@ -91,29 +97,29 @@ class Sphere(Law):
     Examples
     --------
     >>> start = rm.Start(momentum=rm.Sphere(2.0))
-    >>> name, l = start.spin(0, 0, 5, None)
+    >>> name, l = start.sample_spin(0, 0, 5, None)
     >>> np.linalg.norm(l, axis=0).round(12).tolist()
     [2.0, 2.0, 2.0, 2.0, 2.0]
     """
 
     size: Any
 
-    word = "sphere"
-    of = ("omega", "momentum")
-    sized = {"size": 1}
+    name = "sphere"
+    variables = ("omega", "momentum")
+    scaling = {"size": 1}
 
-    def checked(self, at: str) -> "Sphere":
+    def check(self, at: str) -> "Sphere":
         return Sphere(number(self.size, f"{at}.size", least=0.0))
 
     def sample(
-        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+        self, sampler: Source, name: str, first: int, count: int, facts: MemberFacts | None
     ) -> Array:
-        size = draw((self.size,), source, f"{name}.size", first, count)
-        return size * directions(source, name, first, count)
+        size = draw((self.size,), sampler, f"{name}.size", first, count)
+        return size * directions(sampler, name, first, count)
 
 
 @dataclass(frozen=True)
-class Correlated(Law):
+class Correlated(VectorDistribution):
     """A normal vector of given mean and covariance.
 
     With z standard normal::
@@ -139,20 +145,20 @@ class Correlated(Law):
     mean: Any
     covariance: Any
 
-    word = "correlated"
-    of = ("omega", "momentum", "moments")
-    sized = {"mean": 1, "covariance": 2}
+    name = "correlated"
+    variables = ("omega", "momentum", "moments")
+    scaling = {"mean": 1, "covariance": 2}
 
-    def checked(self, at: str) -> "Correlated":
+    def check(self, at: str) -> "Correlated":
         return Correlated(
             numbers(self.mean, f"{at}.mean", 3), _covariance(self.covariance, f"{at}.covariance")
         )
 
     def sample(
-        self, source: Source, name: str, first: int, count: int, facts: Facts | None
+        self, sampler: Source, name: str, first: int, count: int, facts: MemberFacts | None
     ) -> Array:
         normal = (Distribution("normal", (0.0, 1.0)),) * 3
-        z = draw(normal, source, f"{name}.normal", first, count)
+        z = draw(normal, sampler, f"{name}.normal", first, count)
         factor = lower_factor(self.covariance)
         return np.stack(
             [self.mean[i] + sum(factor[i][j] * z[j] for j in range(i + 1)) for i in range(3)]
@@ -192,10 +198,10 @@ def uniform_attitudes(u: Array, v: Array, w: Array) -> Array:
     return np.stack([b * cosine_w, a * sine_v, a * cosine_v, b * sine_w])
 
 
-def directions(source: Source, name: str, first: int, count: int) -> Array:
+def directions(sampler: Source, name: str, first: int, count: int) -> Array:
     """Unit vectors (3, n), uniform on the sphere: the cosine of the polar angle and the azimuth are
     uniform."""
     laws = (uniform(-1.0, 1.0), uniform(0.0, 2.0 * math.pi))
-    z, phi = draw(laws, source, f"{name}.direction", first, count)
+    z, phi = draw(laws, sampler, f"{name}.direction", first, count)
     r, (y, x) = np.sqrt((1.0 - z) * (1.0 + z)), sincos(phi)
     return np.stack([r * x, r * y, z])

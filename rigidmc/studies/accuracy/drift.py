@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError, unknown
-from rigidmc.physics.integrators import accepting, refusal
+from rigidmc.physics.integrators import integrators_for, refusal
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.deviation import drift_along
 from rigidmc.planning.tolerance.pilot import ROUNDING, pilot
 from rigidmc.results.labels import count_text
 from rigidmc.runs.resources import refuse_count
-from rigidmc.scene.amounts import counted, seconds
+from rigidmc.scene.amounts import read_count, read_seconds
 from rigidmc.scene.recording import conservation
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.validation import named_integrators
@@ -48,7 +48,7 @@ def long_drift(
     """
     scene, given = scene.with_integrators(integrators or ())
     known = scene.known_integrators()
-    able = accepting(scene.effects, integrators=known)
+    able = integrators_for(scene.effects, integrators=known)
     own = named_integrators(scene.integrators)
     names = given or [name for name in (*LONG, *own) if name in able]
     for name in names:
@@ -56,8 +56,8 @@ def long_drift(
             raise unknown("integrator", known, at="integrators", value=name, error=OptionError)
         if why := refusal(name, scene.effects, known=known):
             raise OptionError(why, at="integrators", value=name)
-    dt = seconds(dt or scene.run.dt, "dt")
-    steps, members = counted(steps, "steps"), counted(members, "members")
+    dt = read_seconds(dt or scene.run.dt, "dt")
+    steps, members = read_count(steps, "steps"), read_count(members, "members")
     refuse_count(members, "members of a pilot", 8 * layout.EFFECTS)
     at = np.unique(np.append(2 ** np.arange(4, int(math.log2(steps)) + 1), steps))
     first = pilot(scene.with_run(t_end=dt * steps, every=None), members)

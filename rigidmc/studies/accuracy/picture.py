@@ -11,7 +11,7 @@ from matplotlib.ticker import FuncFormatter
 
 from rigidmc.figures import GREY, INK, LIGHT, new_figure, style_of
 from rigidmc.results.labels import count_text
-from rigidmc.scene.amounts import in_two_digits
+from rigidmc.scene.amounts import two_digits
 from rigidmc.studies.accuracy.work_precision import horizon_text
 
 
@@ -43,7 +43,7 @@ def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     axes.set_ylabel(
         f"members to t_end per second on {count_text(study.attrs['threads'], 'thread')}"
     )
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: in_two_digits(v)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: two_digits(v)))
     axes.invert_xaxis()
     known = study.attrs["truth_error"]
     if known > error[shown].min() / 30.0:

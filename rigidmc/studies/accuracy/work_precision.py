@@ -14,14 +14,14 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError, unknown
 from rigidmc.physics.integrators import refusal
 from rigidmc.planning.tolerance.choose import check_pilot, check_quiet, compile_ahead
-from rigidmc.planning.tolerance.costs import Costs, Way
-from rigidmc.planning.tolerance.deviation import QUANTITIES, growth, upper_quantile
+from rigidmc.planning.tolerance.costs import Candidate, Costs
+from rigidmc.planning.tolerance.deviation import QUANTITIES, measure_growth, upper_quantile
 from rigidmc.planning.tolerance.ladder import candidates, ladder
 from rigidmc.planning.tolerance.pilot import ROUNDING, Pilot, pilot
-from rigidmc.planning.tolerance.truth import Truth, truth
+from rigidmc.planning.tolerance.truth import Reference, make_reference
 from rigidmc.results.labels import count_text
 from rigidmc.runs.resources import refuse_count
-from rigidmc.scene.amounts import counted, in_two_digits
+from rigidmc.scene.amounts import read_count, two_digits
 from rigidmc.scene.scene import Scene
 from rigidmc.version import VERSION
 
@@ -60,14 +60,14 @@ def work_precision(
             raise unknown("integrator", known, at="integrators", value=name, error=OptionError)
         if why := refusal(name, scene.effects, known=known):
             raise OptionError(why, at="integrators", value=name)
-    members = counted(members, "members")
+    members = read_count(members, "members")
     refuse_count(members, "members of a pilot", 8 * layout.EFFECTS)
     check_quiet(scene)
     first = pilot(scene, members)
     check_pilot(scene, first)
     count = count_text(first.members, "member")
     say(f"first the truth for {count}, then each integrator in many steps")
-    true, costs = truth(first, say), Costs(first)
+    true, costs = make_reference(first, say), Costs(first)
     say(f"truth: {true.source}, known to {upper_quantile(true.error):.1e}")
     ways = _ways(scene, first, true, costs, integrators, say)
     study = _dataset(ways, costs, tolerances, threads or threads_available())
@@ -80,22 +80,22 @@ def work_precision(
         threads=threads or threads_available(),
         truth=true.source,
         truth_error=upper_quantile(true.error),
-        **_horizon(scene.run.t_end, *growth(first)),
+        **_horizon(scene.run.t_end, *measure_growth(first)),
     )
 
 
 def _ways(
     scene: Scene,
     first: Pilot,
-    true: Truth,
+    true: Reference,
     costs: Costs,
     integrators: Sequence[str] | None,
     say: Callable[[str], object],
-) -> list[Way]:
+) -> list[Candidate]:
     """A ladder of steps for each integrator and precision that takes the scene."""
-    ways: list[Way] = []
+    ways: list[Candidate] = []
 
-    def too_dear(way: Way) -> bool:
+    def too_dear(way: Candidate) -> bool:
         rivals = [costs.per_member(w) for w in ways if w.upper <= way.upper]
         return bool(rivals) and costs.per_member(way) > DEAREST * min(rivals)
 
@@ -120,7 +120,7 @@ def _ways(
 
 
 def _dataset(
-    ways: list[Way], costs: Costs, tolerances: Sequence[float], threads: int
+    ways: list[Candidate], costs: Costs, tolerances: Sequence[float], threads: int
 ) -> xr.Dataset:
     """The Dataset of a study without its attributes."""
     variables = _costs(ways, costs, threads) | _errors(ways)
@@ -129,7 +129,7 @@ def _dataset(
     return xr.Dataset(variables, {"tolerance": ("tolerance", np.array(tolerances))})
 
 
-def _costs(ways: list[Way], costs: Costs, threads: int) -> dict[str, Any]:
+def _costs(ways: list[Candidate], costs: Costs, threads: int) -> dict[str, Any]:
     """The variables that say what each way is and what it costs."""
     table: dict[str, tuple[list[Any], dict[str, str]]] = {
         "integrator": ([w.integrator for w in ways], {}),
@@ -163,7 +163,7 @@ def _costs(ways: list[Way], costs: Costs, threads: int) -> dict[str, Any]:
     }
 
 
-def _errors(ways: list[Way]) -> dict[str, Any]:
+def _errors(ways: list[Candidate]) -> dict[str, Any]:
     """The variables of the errors, by quantity and statistic."""
     statistics: dict[str, Statistic] = {
         "median": np.median,
@@ -240,7 +240,7 @@ def ladder_table(study: xr.Dataset) -> list[str]:
         else:
             step = f"at turn {float(row.turn):.2g}"
         single = " in float32" if row["dtype"].values == "float32" else ""
-        speed = f"{in_two_digits(float(row.members_per_second))} members/s"
+        speed = f"{two_digits(float(row.members_per_second))} members/s"
         gain = _gain(study, int(i), tolerance)
         lines.append(f"for {tolerance:.0e}: {names[i]}{single} {step}, {speed}{gain}")
     return [*lines, horizon_text(study)]

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from rigidmc.figures import CORE, INK, LIGHT, MARKERS, MEDIAN, PATH, legend_above, new_figure
 from rigidmc.results.labels import with_units
-from rigidmc.studies.basins.study import basin_names, line
+from rigidmc.studies.basins.study import basin_names, fitted_line
 
 BASINS = (MEDIAN, "#fdd49e", PATH, CORE, "#777777", "#2a9d6f")  # dark and light by turns
 
@@ -59,7 +59,7 @@ def _shares(axes: Axes, study: xr.Dataset) -> None:
     if np.isfinite(alpha):
         half = 0.5 * float(study.alpha_high - study.alpha_low)
         words = rf"$\epsilon^\alpha$, $\alpha$ = {alpha:.3f} $\pm$ {half:.3f}"
-        axes.plot(distance, line(study)[there], color=PATH, lw=1.6, label=words)
+        axes.plot(distance, fitted_line(study)[there], color=PATH, lw=1.6, label=words)
     axes.axhline(study.attrs["largest"], color=INK, ls="--", lw=1.0, label="of independent ends")
     axes.set(xscale="log", yscale="log")
     axes.set_ylim(top=1.2 * study.attrs["largest"])

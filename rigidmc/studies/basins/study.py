@@ -9,9 +9,9 @@ member draws the boundary has the (box) dimension D::
 
 alpha is 1 for a smooth boundary; for a fractal one it is smaller, and a better known start
 hardly helps. Distances are those of probabilities, which for a uniform law are shares of its
-range, along one number after the other, see `rigidmc.scene.sampling.Neighbours`. alpha is the
-slope of a line through the logarithms.
-Source: McDonald, Grebogi, Ott & Yorke, Physica D 17 (1985) 125.
+range, along one number after the other, see `rigidmc.scene.sampling.NeighbourFamilies`. alpha is
+the slope of a line through the logarithms. Source: McDonald, Grebogi, Ott & Yorke, Physica D 17
+(1985) 125.
 
 {parameters}
 
@@ -52,12 +52,12 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from rigidmc.errors import OptionError
-from rigidmc.planning.initial import groups, members_at_start
+from rigidmc.planning.initial import members_at_start, uncertain_numbers
 from rigidmc.results.intervals import Interval, probability, resolution_of
 from rigidmc.results.labels import count_text
 from rigidmc.results.measures import Measure, Variables, measure
 from rigidmc.results.variables import variables_of
-from rigidmc.scene.sampling import DISTANCES, Neighbours
+from rigidmc.scene.sampling import DISTANCES, NeighbourFamilies
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.members import (
     TUNING,
@@ -65,7 +65,7 @@ from rigidmc.studies.framework.members import (
     Members,
     drawn_families,
     refuse_noise,
-    started,
+    start_numbers,
 )
 from rigidmc.studies.framework.options import (
     REQUIRED,
@@ -152,7 +152,7 @@ def _slope(share: Array, count: int, largest: float) -> float:
     return float((apart * np.log(np.maximum(share, 1e-300))).sum() / (apart * logs).sum())
 
 
-def line(study: xr.Dataset) -> Array:
+def fitted_line(study: xr.Dataset) -> Array:
     """The line of a study, whose slope is alpha, at its distances."""
     share = np.nan_to_num(study.uncertain.values)  # nan where rounding decides
     count = int((study.basin.values >= 0).sum())
@@ -165,14 +165,14 @@ def line(study: xr.Dataset) -> Array:
     return found
 
 
-def resolved(scene: Scene) -> NDArray[np.bool_]:
+def is_resolved(scene: Scene) -> NDArray[np.bool_]:
     """Whether neighbours at each of DISTANCES differ from their member by more than rounding, in 95
     of 100 families of a scene: RESOLVED times the resolution of what these are made from.
 
     An end beyond says nothing of the distance: in float32 the nearest neighbours have the same
     start, and none would ever be uncertain.
     """
-    size, groups_of = Neighbours.size, len(groups(scene.model)[0])
+    size, groups_of = NeighbourFamilies.size, len(uncertain_numbers(scene.model)[0])
     _, start = members_at_start(scene.model, scene.run, 0, SAMPLE * groups_of * size)
     apart = np.zeros((SAMPLE * groups_of, size))
     for name, values in start.items():
@@ -196,10 +196,10 @@ def _share_of(text: str, variables: Variables, may_save_more: bool = True) -> Me
     return asked
 
 
-def _ends(part: xr.Dataset, asked: Sequence[Measure]) -> Array:
+def _ends(part: xr.Dataset, measures: Sequence[Measure]) -> Array:
     """Where members end (n,): 2^i for each measure i that holds; nan for those that are flagged or
     have no value."""
-    ends: Array = np.sum([one.numbers(part) * 2.0**i for i, one in enumerate(asked)], axis=0)
+    ends: Array = np.sum([one.numbers(part) * 2.0**i for i, one in enumerate(measures)], axis=0)
     return ends
 
 
@@ -208,24 +208,24 @@ def reduce(batches: Batches, options: BasinOptions) -> xr.Dataset:
     that has not ended, are left out."""
     scene, confidence = batches.scene, options.confidence
     known, may_save_more = batches.variables, batches.stored is None
-    asked = [_share_of(text, known, may_save_more) for text in options.of]
-    names, dimensions = groups(scene.model)
-    size = Neighbours.size
+    measures = [_share_of(text, known, may_save_more) for text in options.of]
+    names, dimensions = uncertain_numbers(scene.model)
+    size = NeighbourFamilies.size
     count = -(-(scene.run.first + scene.run.members) // size)
     ends, start = np.full(count * size, np.nan), np.full((count, len(names)), np.nan)
     units = ["1"] * len(names)
     for part in batches.results:
         member = part.member.values
-        ends[member] = _ends(part, asked)
+        ends[member] = _ends(part, measures)
         own = member % size == 0
         for i, name in enumerate(names):
-            values, units[i] = started(part, name)
+            values, units[i] = start_numbers(part, name)
             start[member[own] // size, i] = values[own]
     families = ends.reshape(count, size)
     there = np.isfinite(families).all(axis=1)
     uncertain = (families[there, 1:] != families[there, :1]).T
     _, each = np.unique(families[there, 0], return_counts=True)
-    told = resolved(scene)
+    told = is_resolved(scene)
     uncertain &= told[:, None]
     largest = 1.0 - float(((each / max(1, there.sum())) ** 2).sum())
     alpha, d = exponent(uncertain, largest, confidence), len(dimensions)
@@ -247,7 +247,7 @@ def reduce(batches: Batches, options: BasinOptions) -> xr.Dataset:
     coordinates = {"distance": distance, "number": names, "units": ("number", units)}
     attrs = {
         "title": scene.title,
-        "of": [one.text for one in asked],
+        "of": [one.text for one in measures],
         "confidence": confidence,
         "members": int(scene.run.members),
         "numbers": d,

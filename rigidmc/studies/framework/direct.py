@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import xarray as xr
 
 from rigidmc.errors import OptionError
-from rigidmc.progress import announcing
+from rigidmc.progress import announce
 from rigidmc.scene.scene import Scene
 
 
@@ -43,7 +43,7 @@ class Direct(NamedTuple):
         progress: Any,
     ) -> xr.Dataset:  # fmt: skip
         """The study, computed now on the processor."""
-        with announcing(progress):
+        with announce(progress):
             return self.run(scene, options, threads, progress)
 
     def stored(

@@ -19,16 +19,16 @@ from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.initial import make_sampler
-from rigidmc.progress import Progress, announcing, reporter, say
-from rigidmc.results.measures import Variables, observing
+from rigidmc.progress import Progress, announce, reporter, say
+from rigidmc.results.measures import Variables, save_for_measures
 from rigidmc.results.run_directory import RunDirectory
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.directory.create import create
-from rigidmc.runs.prepare import prepared
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.price import price
 from rigidmc.runs.resources import refuse_count
 from rigidmc.runs.simulate import simulate
-from rigidmc.scene.sampling import Design
+from rigidmc.scene.sampling import FamilyDesign
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.studies.framework.options import keywords_of
 
@@ -38,23 +38,23 @@ def compute_batches(
     size: int,
     threads: int | None,
     progress: Progress,
-    studied: Callable[[xr.Dataset], object] = lambda part: None,
+    reduce: Callable[[xr.Dataset], object] = lambda part: None,
     device: str | None = None,
 ) -> Iterator[xr.Dataset]:
     """The results of the members of a scene, `size` at a time; notes are given once.
 
     progress : a function of (members done, all); or True for what the study will cost, and a bar
-    studied : what is done with a result, for its price
+    reduce : what is done with a result, for its price
     """
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         # those of all members, not of a part
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
-    with announcing(progress):
+    with announce(progress):
         told = scene.run.integrator == "auto"
         if told:
             scene = _chosen(scene)
         if progress is True:
-            say(str(price(scene, studied, threads, device=device)))
+            say(str(price(scene, reduce, threads, device=device)))
         with reporter(progress is True, scene.run.members, 1) as report:
             for members in _ranges(scene, size):
                 with warnings.catch_warnings():
@@ -78,7 +78,7 @@ def _ranges(scene: Scene, size: int) -> Iterator[range]:
 
 def _chosen(scene: Scene) -> Scene:
     """The scene with what its tolerance chooses, once for all parts; gives its notes."""
-    run = prepared(scene)
+    run = prepare_scene(scene)
     assert run.choice is not None
     for note in (*run.notes, run.choice.short):
         if note:
@@ -225,7 +225,7 @@ _ANGLES = {"phi": 0, "theta": 1, "psi": 2}
 
 def family_size(scene: Scene) -> int:
     """How many members a family of a scene has."""
-    return cast(Design, make_sampler(scene.model, scene.run)).size
+    return cast(FamilyDesign, make_sampler(scene.model, scene.run)).size
 
 
 def drawn_families(scene: Scene, texts: Sequence[str], design: str, families: int) -> Scene:
@@ -234,7 +234,7 @@ def drawn_families(scene: Scene, texts: Sequence[str], design: str, families: in
 
     design : the name of the points
     """
-    scene = observing(scene.with_run(points=design), texts)
+    scene = save_for_measures(scene.with_run(points=design), texts)
     save = tuple(name for name in scene.run.save if name not in OBSERVABLES)
     of_family = family_size(scene)
     refuse_count(families, "families", KEPT * of_family, "take fewer families")
@@ -250,8 +250,9 @@ def refuse_noise(scene: Scene) -> None:
             raise SceneError(rule, at=f"effects.{label}")
 
 
-def started(part: xr.Dataset, name: str) -> tuple[Array, str]:
-    """(a number of the start of members (n,), its units); nan for a law of several numbers."""
+def start_numbers(part: xr.Dataset, name: str) -> tuple[Array, str]:
+    """(a number of the start of members (n,), its units); nan for a distribution of several
+    numbers."""
     table, first, *rest = name.split(".")
     key = first if table == "body" else f"start_{first}"
     if table == "effects":

@@ -10,7 +10,7 @@ from numbers import Real
 from typing import Any, NamedTuple, Self, dataclass_transform, get_args, get_type_hints
 
 from rigidmc.errors import OptionError
-from rigidmc.scene.amounts import counted, seconds, words_of
+from rigidmc.scene.amounts import read_count, read_seconds, words_of
 
 REQUIRED: Any = inspect.Parameter.empty  # the default of an option that has to be given
 # types of an option: given several times; one list such as rk4,rk8 of names, or of what they name;
@@ -67,11 +67,11 @@ class Option:
         if self.reader is not None:
             return self.reader(value, self.name)
         if self.type is int:
-            return counted(value, self.name, self.least, self.most)
+            return read_count(value, self.name, self.least, self.most)
         if self.type is float:
             return self._number(value)
         if self.type is Time:
-            return seconds(value, self.name)
+            return read_seconds(value, self.name)
         if self.type == Words:
             return (value,) if isinstance(value, str) else tuple(value)
         if self.type == Names:

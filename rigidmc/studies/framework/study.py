@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 KEYWORDS = "threads", "device", "progress"  # of a function, if its work has them
 
 
-class Work(Protocol):
+class StudyWork(Protocol):
     """What computes a study: `Members`, `Tasks`, `Direct`, or one of its own.
 
     sources : what its command takes
@@ -91,7 +91,7 @@ class Study:
     name: str
     text: str
     options: type[Options]
-    work: Work
+    work: StudyWork
     table: Callable[[xr.Dataset], list[Any]]
     picture: str
     example: Example

@@ -14,26 +14,26 @@ from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.outputs import Path
-from rigidmc.progress import Progress, announcing, reporter, say
+from rigidmc.progress import Progress, announce, reporter, say
 from rigidmc.results.labels import count_text
 from rigidmc.results.run_directory import RunDirectory
 from rigidmc.runs.directory.gather import verify
-from rigidmc.runs.directory.load import refuse_others, scene_of_run
-from rigidmc.runs.directory.resume import grow, missing_of
+from rigidmc.runs.directory.load import check_versions, scene_of_run
+from rigidmc.runs.directory.resume import add_members, missing_of
 from rigidmc.runs.directory.tasks import (
-    Found,
     Request,
+    TaskArrays,
+    compare_task,
     compute_tasks,
     create_tasks,
-    found_in,
+    read_tasks,
     resume_tasks,
     study_of,
-    unlike,
 )
-from rigidmc.runs.prepare import prepared
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.price import cost_per_step
 from rigidmc.runs.resources import movers
-from rigidmc.scene.amounts import counted, in_two_digits, seconds
+from rigidmc.scene.amounts import read_count, read_seconds, two_digits
 from rigidmc.scene.scene import Scene
 from rigidmc.studies import STUDIES, load_study
 from rigidmc.studies.framework.options import keywords_of
@@ -59,10 +59,10 @@ class Tasks(NamedTuple):
     """
 
     start: Callable[[Scene, Any], Design]
-    next: Callable[[Scene, Request, dict[int, Found]], Sequence[int]]
-    compute_some: Callable[[Scene, Request, Sequence[int], int, str | None], list[Found]]
+    next: Callable[[Scene, Request, dict[int, TaskArrays]], Sequence[int]]
+    compute_some: Callable[[Scene, Request, Sequence[int], int, str | None], list[TaskArrays]]
     cost: Callable[[Scene, Request, Sequence[int]], float]
-    reduce: Callable[[Scene, Request, dict[int, Found], Any], xr.Dataset]
+    reduce: Callable[[Scene, Request, dict[int, TaskArrays], Any], xr.Dataset]
     is_growing: bool = False
     together: int = 1
     notes: Callable[[Scene], Sequence[str]] = lambda scene: ()
@@ -87,7 +87,7 @@ class Tasks(NamedTuple):
         progress: Progress,
     ) -> xr.Dataset:  # fmt: skip
         """The study, whose tasks are computed now."""
-        threads = threads_available() if threads is None else counted(threads, "threads")
+        threads = threads_available() if threads is None else read_count(threads, "threads")
         for note in self.notes(design[0]):
             warnings.warn(note, SceneWarning, stacklevel=3)
         found = compute_all(self, *design, threads, progress, resolve_device(device))
@@ -127,10 +127,10 @@ class Tasks(NamedTuple):
     ) -> str:  # fmt: skip
         """What tasks will cost, in words, by steps that are measured now."""
         steps, device = self.cost(scene, request, numbers), resolve_device(device)
-        took = 1e-9 * steps * cost_per_step(prepared(scene), device) / movers(threads, device)
+        took = 1e-9 * steps * cost_per_step(prepare_scene(scene), device) / movers(threads, device)
         return (
             f"{count_text(len(numbers), 'task')} x"
-            f" {steps / max(1, len(numbers)):,.0f} member-steps, {in_two_digits(steps)} in all:"
+            f" {steps / max(1, len(numbers)):,.0f} member-steps, {two_digits(steps)} in all:"
             f" about {took:.2g} s on {count_text(threads, 'thread')}"
         )
 
@@ -142,13 +142,13 @@ def compute_all(
     threads: int,
     progress: Progress = False,
     device: str | None = None,
-) -> dict[int, Found]:
+) -> dict[int, TaskArrays]:
     """{number: what was found} of all tasks of a study, computed now.
 
     progress : as of `simulate`, with tasks in place of member-steps; True also for what they cost
     """
-    found: dict[int, Found] = {}
-    with announcing(progress):
+    found: dict[int, TaskArrays] = {}
+    with announce(progress):
         while numbers := tasks.next(scene, request, found):
             if progress is True:
                 say(tasks.price(scene, request, numbers, threads, device))
@@ -174,7 +174,7 @@ def tasks_of(directory: RunDirectory) -> tuple[str, Tasks, dict[str, Any]] | Non
     return name, work, request
 
 
-def resume(
+def resume_study(
     directory: RunDirectory,
     max_wall: float | str | None = None,
     only: range | None = None,
@@ -189,7 +189,7 @@ def resume(
     """
     tasks, request = _known(directory)
     scene = scene_of_run(directory, allow_code)
-    stop = None if max_wall is None else time.monotonic() + seconds(max_wall, "max_wall")
+    stop = None if max_wall is None else time.monotonic() + read_seconds(max_wall, "max_wall")
     flagged: dict[str, int] = {}
     left: float | None = None if stop is None else max(1e-9, stop - time.monotonic())
     while True:
@@ -210,11 +210,11 @@ def resume(
         left = None if stop is None else stop - time.monotonic()
         if directory.missing().size or not directory.facts["growing"]:
             return directory, flagged
-        more = np.asarray(tasks.next(scene, request, found_in(directory)), np.int64)
+        more = np.asarray(tasks.next(scene, request, read_tasks(directory)), np.int64)
         if more.size and only is not None:
             rule = "all tasks must be there before the next are known: leave it out"
             raise OptionError(rule, at="shards", value=f"{only.start}:{only.stop}")
-        directory = grow(directory, more, int(more.size > 0))
+        directory = add_members(directory, more, int(more.size > 0))
         if not more.size or (left is not None and left <= 0.0):
             return directory, flagged
 
@@ -231,7 +231,7 @@ def _tell(
 
 def load_tasks(
     path: Path, name: str, allow_code: bool = False
-) -> tuple[Scene, Any, dict[int, Found]]:
+) -> tuple[Scene, Any, dict[int, TaskArrays]]:
     """(scene, request, {number: numbers}) of the tasks of a study in a run directory that are done.
 
     name : which study it has to be;  raises FileError for anything else, and if none is done
@@ -241,7 +241,7 @@ def load_tasks(
     if study is None or study[0] != name:
         rule = f"is no run of `rigidmc {name} SCENE -o RUN/`"
         raise FileError(rule, at="run", file=directory.path)
-    done = found_in(directory)
+    done = read_tasks(directory)
     if not done:
         raise FileError("no task is done yet: resume it first", at="run", value=directory.path)
     return scene_of_run(directory, allow_code), study[2], done
@@ -250,7 +250,7 @@ def load_tasks(
 def work(path: str, i: int, allow_code: bool, accept: bool, device: str | None) -> dict[str, int]:
     """Compute one task of a run directory: what a worker of a cluster does."""
     directory = RunDirectory(path)
-    refuse_others(directory, accept)
+    check_versions(directory, accept)
     tasks, request = _known(directory)
     scene = scene_of_run(directory, allow_code)
     return compute_tasks(
@@ -261,7 +261,7 @@ def work(path: str, i: int, allow_code: bool, accept: bool, device: str | None) 
     )
 
 
-def verified(
+def verify_study(
     path: Path, spot: int = 3, allow_code: bool = False, threads: int | None = None
 ) -> list[str]:
     """As `rigidmc.runs.directory.gather.verify`, also of a study, of which tasks are computed
@@ -277,11 +277,11 @@ def verified(
     scene, many = scene_of_run(directory, allow_code), threads or threads_available()
     done = sorted(directory.shards())
 
-    def task(numbers: Sequence[int], threads: int) -> list[Found]:
+    def task(numbers: Sequence[int], threads: int) -> list[TaskArrays]:
         return tasks.compute_some(scene, request, numbers, threads, None)
 
     chosen = sorted(random.sample(done, min(spot, len(done))))
-    again = (unlike(directory, i, task, many) for i in chosen)
+    again = (compare_task(directory, i, task, many) for i in chosen)
     return [fault for fault in again if fault]
 
 

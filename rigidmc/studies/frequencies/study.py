@@ -84,7 +84,7 @@ class FrequencyOptions(Options):
     terms: int = option(3, "how many oscillations; by default 3")
 
 
-class MapOptions(Options):
+class FrequencyMapOptions(Options):
     """The axes of the frequency map."""
 
     x: str | None = option(None, 'of the picture, such as "start_omega[3]"', metavar="NAME")
@@ -99,7 +99,7 @@ def scene_of_signals(scene: Scene, options: FrequencyOptions, settings: Mapping[
     return saving
 
 
-def check_saved(scene: Scene, result: xr.Dataset, options: FrequencyOptions) -> None:
+def check_source(scene: Scene, result: xr.Dataset, options: FrequencyOptions) -> None:
     """OptionError for a result that has not what oscillates."""
     of = options.of
     name = component_of(scene, of, "of").name
@@ -309,10 +309,10 @@ frequencies = Study(
     name="frequencies",
     text=__doc__,
     options=FrequencyOptions,
-    work=Members(scene_of_signals, reduce, batch_of, check=check_saved),
+    work=Members(scene_of_signals, reduce, batch_of, check=check_source),
     table=table,
     picture="frequency_map",
-    picture_options=MapOptions,
+    picture_options=FrequencyMapOptions,
     settings_text="of `simulate`; saves have to be less than half a period apart",
     source="a result that has what is asked",
     example=Example("dzhanibekov", {"of": "omega[1]"}, {"members": 40, "t_end": 80.0}),

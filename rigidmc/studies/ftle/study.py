@@ -7,7 +7,7 @@ With the flow Phi over the time T and all changes x of the d numbers that a star
 
 The maximum is the root of the largest eigenvalue of the Cauchy-Green tensor of the changes at
 the end relative to that of the changes at the start. They are the differences to d neighbours,
-see `rigidmc.scene.sampling.Tangents`: of six numbers they span all changes of attitude and
+see `rigidmc.scene.sampling.TangentFamilies`: of six numbers they span all changes of attitude and
 angular velocity, of fewer a part. Another unit changes ftle by a term of size 1/T.
 Source: Haller, Physica D 149 (2001) 248; Shadden, Lekien & Marsden, Physica D 212 (2005) 271.
 
@@ -45,7 +45,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError
-from rigidmc.planning.initial import groups
+from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.results.intervals import resolution_of
 from rigidmc.results.labels import count_text, value_text
 from rigidmc.scene.scene import Scene
@@ -56,7 +56,7 @@ from rigidmc.studies.framework.members import (
     drawn_families,
     family_size,
     refuse_noise,
-    started,
+    start_numbers,
 )
 from rigidmc.studies.framework.options import Example, Options, option
 from rigidmc.studies.framework.study import Study
@@ -89,7 +89,7 @@ class FtleOptions(Options):
     )
 
 
-class PlaneOptions(Options):
+class FtlePlaneOptions(Options):
     """The numbers of a start over which the field is drawn."""
 
     x: str | None = option(None, 'of the picture, such as "start.omega.1"', metavar="KEY")
@@ -100,14 +100,14 @@ def scene_of_tangents(scene: Scene, options: FtleOptions, settings: Mapping[str,
     """The scene whose members are those of the study; SceneError for one that has no tangents."""
     refuse_noise(scene)
     scene = drawn_families(scene, STATE, "tangents", options.families)
-    names, dimensions = groups(scene.model)
+    names, dimensions = uncertain_numbers(scene.model)
     for name in names:
         if not name.startswith("start."):
             rule = "is uncertain, and no number of the start: give it one value"
             raise SceneError(rule, at=name, table="")
     if len(dimensions) > 6:
         rule = f"{len(dimensions)} numbers are drawn, and a state has six: give some one value"
-        raise SceneError(rule, at=f"start.{scene.start.which}")
+        raise SceneError(rule, at=f"start.{scene.start.spin_name}")
     return scene
 
 
@@ -133,7 +133,7 @@ def exponents(start: Array, end: Array, unit: float, time: float) -> tuple[Array
     return found, apart
 
 
-def resolved(start: Array, end: Array, unit: float, eps: float) -> NDArray[np.bool_]:
+def is_resolved(start: Array, end: Array, unit: float, eps: float) -> NDArray[np.bool_]:
     """Whether the differences of families are more than rounding: all at the start, and the largest
     at the end, RESOLVED times the resolution of their states.
 
@@ -168,7 +168,7 @@ def _states(part: xr.Dataset) -> tuple[Array, Array]:
 def reduce(batches: Batches, options: FtleOptions) -> xr.Dataset:
     """The Dataset of the study of members."""
     scene, unit = batches.scene, options.unit
-    names, many = groups(scene.model)[0], family_size(scene)
+    names, many = uncertain_numbers(scene.model)[0], family_size(scene)
     count = -(-(scene.run.first + scene.run.members) // many)
     states = np.full((2, count * many, 7), np.nan)
     numbers, units = np.full((count, len(names)), np.nan), ["1"] * len(names)
@@ -177,7 +177,7 @@ def reduce(batches: Batches, options: FtleOptions) -> xr.Dataset:
         states[:, member] = _states(part)
         own = member % many == 0
         for i, name in enumerate(names):
-            values, units[i] = started(part, name)
+            values, units[i] = start_numbers(part, name)
             numbers[member[own] // many, i] = values[own]
     if unit is None:
         with np.errstate(all="ignore"):
@@ -186,7 +186,7 @@ def reduce(batches: Batches, options: FtleOptions) -> xr.Dataset:
         unit = 1.0 / math.sqrt(square) if square > 0.0 else 1.0
     start, end = states.reshape(2, count, many, 7)
     found, apart = exponents(start, end, unit, scene.run.t_end)
-    sure = resolved(start, end, unit, resolution_of(scene))
+    sure = is_resolved(start, end, unit, resolution_of(scene))
     flat, found = np.isnan(found), np.where(sure, found, np.nan)
     about = {"long_name": "finite-time Lyapunov exponent", "units": "s-1"}
     variables: dict[str, Any] = {
@@ -249,7 +249,7 @@ ftle = Study(
     work=Members(scene_of_tangents, reduce, batch=2**17, points="tangents", needs=STATE),
     table=table,
     picture="ftle_field",
-    picture_options=PlaneOptions,
+    picture_options=FtlePlaneOptions,
     settings=TUNING,
     scene_text="what is run; the numbers of its start that are distributions are those that change",
     example=Example("dzhanibekov", {"families": 12}, {"t_end": 6.0}),

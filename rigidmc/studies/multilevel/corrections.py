@@ -86,7 +86,7 @@ class Level(NamedTuple):
         )
 
 
-class Estimate(NamedTuple):
+class MultilevelEstimate(NamedTuple):
     """A mean, half the width of its interval by sampling alone and by the error of the step alone,
     and the orders by which the last two corrections and their variances fall; nan if they are not
     known."""
@@ -113,10 +113,11 @@ def weights(levels: Sequence[Level], order: float) -> list[float]:
     return [1.0] * (len(levels) - 1) + [2.0**order / (2.0**order - 1.0)]
 
 
-def estimate(
+def estimate_levels(
     levels: Sequence[Level], order: float, confidence: float, dtype: str = "float64"
-) -> Estimate:
-    """The Estimate of three levels or more, for an integrator of an order and a precision.
+) -> MultilevelEstimate:
+    """The MultilevelEstimate of three levels or more, for an integrator of an order and a
+    precision.
 
     Corrections that are rounding, such as an exact integrator makes, tell no order.
     """
@@ -132,7 +133,7 @@ def estimate(
         spread = math.log2(before.variance / last.variance)
     falls = order if math.isnan(seen) else min(order, seen)
     change = abs(f * last.mean - before.mean) / (f - 1.0)
-    return Estimate(
+    return MultilevelEstimate(
         value=sum(w * one.mean for w, one in each),
         sampling=z * math.sqrt(variance),
         bias=z * change / (2.0**falls - 1.0) if falls > SLOWEST else math.inf,
@@ -141,7 +142,7 @@ def estimate(
     )
 
 
-def members_for(
+def members_of_levels(
     levels: Sequence[Level], order: float, half: float, confidence: float
 ) -> list[float]:
     """Members of each level that bring the sampling error to `half` at the least cost."""
@@ -151,9 +152,9 @@ def members_for(
     return [per * w * math.sqrt(one.variance / one.price) for w, one in each]
 
 
-def cost_of(levels: Sequence[Level], order: float, half: float, confidence: float) -> float:
+def interval_cost(levels: Sequence[Level], order: float, half: float, confidence: float) -> float:
     """What an interval of +- `half` costs, in steps."""
-    each = members_for(levels, order, SAMPLING * half, confidence)
+    each = members_of_levels(levels, order, SAMPLING * half, confidence)
     return sum(n * one.price for n, one in zip(each, levels, strict=True))
 
 
@@ -169,7 +170,7 @@ class Plain(NamedTuple):
         return float(self.members * (START + self.steps))
 
 
-def plain(levels: Sequence[Level], order: float, half: float, confidence: float) -> Plain:
+def cheapest_plain(levels: Sequence[Level], order: float, half: float, confidence: float) -> Plain:
     """The plain members that cost least for an interval of +- `half`.
 
     Sampling and the error of the step, which the last correction tells, share `half` in the way

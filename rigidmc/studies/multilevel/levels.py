@@ -22,9 +22,15 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.results.measures import Measure
-from rigidmc.runs.prepare import PreparedRun, prepared
+from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.multilevel.corrections import SAMPLING, Estimate, Level, estimate, members_for
+from rigidmc.studies.multilevel.corrections import (
+    SAMPLING,
+    Level,
+    MultilevelEstimate,
+    estimate_levels,
+    members_of_levels,
+)
 from rigidmc.studies.until import Goal
 
 APART = 2**40  # members between the first ones of two levels
@@ -33,7 +39,7 @@ CHUNK = 2**17  # members at once: a call takes as long as 4000 members of few st
 Sums = Mapping[str, NDArray[Any]]
 
 
-class Request(NamedTuple):
+class LevelSetup(NamedTuple):
     """What the tasks of a study have in common.
 
     steps : of the first level;  batch : members of a task
@@ -45,7 +51,7 @@ class Request(NamedTuple):
     batch: int
 
 
-class Asked(NamedTuple):
+class MultilevelGoal(NamedTuple):
     """What a study is asked.
 
     text, goal : the measure and its width;  order : of the step;  most : cost at most, in steps
@@ -58,13 +64,13 @@ class Asked(NamedTuple):
     most: float
 
 
-def number_of(level: int, batch: int) -> int:
+def task_number(level: int, batch: int) -> int:
     """The number of the task that is one batch of a level."""
     return level * TASKS + batch
 
 
 def sums(
-    request: Request, numbers: Sequence[int], threads: int, device: str | None = None
+    request: LevelSetup, numbers: Sequence[int], threads: int, device: str | None = None
 ) -> list[dict[str, NDArray[Any]]]:
     """The sums of tasks, each of which depends on request and number alone, to the bit.
 
@@ -88,7 +94,7 @@ def _together(numbers: Sequence[int], most: int) -> Iterator[tuple[int, int, int
 
 
 def _batches(
-    request: Request, level: int, first: int, count: int, threads: int, device: str | None
+    request: LevelSetup, level: int, first: int, count: int, threads: int, device: str | None
 ) -> list[dict[str, NDArray[Any]]]:
     """The sums of `count` batches of a level from batch `first` on."""
     size = request.batch
@@ -104,11 +110,11 @@ def _batches(
     return [_summed(*part) for part in parts]
 
 
-def paths(request: Request, level: int) -> tuple[PreparedRun, ...]:
+def paths(request: LevelSetup, level: int) -> tuple[PreparedRun, ...]:
     """The runs of a level: of its fine paths, and from level 1 on of the coarse ones."""
     each = (request.steps << level, request.steps << level >> 1)[: 1 + (level > 0)]
     scene, end = request.scene, request.scene.run.t_end
-    return tuple(prepared(scene.with_run(dt=end / steps, members=CHUNK)) for steps in each)
+    return tuple(prepare_scene(scene.with_run(dt=end / steps, members=CHUNK)) for steps in each)
 
 
 def _summed(values: NDArray[np.float64], good: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
@@ -130,7 +136,7 @@ MOST_LEVELS = 12
 FLAGGED = 1e-3  # share of flagged pairs beyond which the first step is too long
 
 
-class Stand(NamedTuple):
+class MultilevelState(NamedTuple):
     """How far a study is.
 
     levels : as of the last whole round;  rounds : (cost, half the width) after each
@@ -141,13 +147,15 @@ class Stand(NamedTuple):
 
     levels: list[Level]
     rounds: list[tuple[float, float]]
-    found: Estimate | None
+    found: MultilevelEstimate | None
     next: list[int]
     line: str
     short: str = ""
 
 
-def stand(request: Request, asked: Asked, sums: Mapping[int, Sums]) -> Stand:
+def state_after(
+    request: LevelSetup, target: MultilevelGoal, sums: Mapping[int, Sums]
+) -> MultilevelState:
     """How far a study is by the sums of its tasks, on which it depends alone."""
     levels: list[Level] = []
     rounds: list[tuple[float, float]] = []
@@ -156,24 +164,24 @@ def stand(request: Request, asked: Asked, sums: Mapping[int, Sums]) -> Stand:
         more = levels + [_level(request, i) for i in range(len(levels), len(wanted))]
         tasks = [_tasks(request, *each) for each in zip(more, wanted, strict=True)]
         if left := [number for numbers in tasks for number in numbers if number not in sums]:
-            return Stand(levels, rounds, found, left, line)
+            return MultilevelState(levels, rounds, found, left, line)
         levels = [
             _filled(request, level, [sums[number] for number in numbers])
             for level, numbers in zip(more, tasks, strict=True)
         ]
-        found = estimate(levels, asked.order, asked.confidence, request.scene.run.dtype)
+        found = estimate_levels(levels, target.order, target.confidence, request.scene.run.dtype)
         rounds.append((_cost(levels), found.half))
-        half = asked.goal.half_at(found.value)
+        half = target.goal.half_at(found.value)
         if found.half <= half:
-            return Stand(levels, rounds, found, [], "")
-        wanted = _wanted(request, asked, levels, half)
+            return MultilevelState(levels, rounds, found, [], "")
+        wanted = _wanted(request, target, levels, half)
         if all(n <= _taken(one) for n, one in zip(wanted, levels, strict=True)):
-            _refuse_slow(asked, found, levels)
+            _refuse_slow(target, found, levels)
             wanted.append(float(request.batch))
-        if short := _too_dear(request, asked, found, wanted):
+        if short := _too_dear(request, target, found, wanted):
             if len(rounds) == 1:
-                raise OptionError(short, at="run.until", value=asked.text)
-            return Stand(levels, rounds, found, [], "", short)
+                raise OptionError(short, at="run.until", value=target.text)
+            return MultilevelState(levels, rounds, found, [], "", short)
         line = _plan(found, wanted)
 
 
@@ -182,7 +190,7 @@ def _cost(levels: Sequence[Level]) -> float:
     return sum(one.cost for one in levels)
 
 
-def _level(request: Request, number: int) -> Level:
+def _level(request: LevelSetup, number: int) -> Level:
     return Level(number, request.steps << number)
 
 
@@ -191,25 +199,27 @@ def _taken(level: Level) -> float:
     return level.members + level.flagged
 
 
-def _wanted(request: Request, asked: Asked, levels: Sequence[Level], half: float) -> list[float]:
+def _wanted(
+    request: LevelSetup, target: MultilevelGoal, levels: Sequence[Level], half: float
+) -> list[float]:
     """Members of each level for a goal, whole batches."""
     if not half > 0.0:
         rule = "is 0 by the first members: no number of them brings it to a share of 0"
-        raise OptionError(f"{rule}; give the width itself", at="run.until", value=asked.text)
-    needed = members_for(levels, asked.order, SAMPLING * half, asked.confidence)
+        raise OptionError(f"{rule}; give the width itself", at="run.until", value=target.text)
+    needed = members_of_levels(levels, target.order, SAMPLING * half, target.confidence)
     size = request.batch
     return [
         max(size * math.ceil(n / size), _taken(one)) for n, one in zip(needed, levels, strict=True)
     ]
 
 
-def _tasks(request: Request, level: Level, wanted: float) -> list[int]:
+def _tasks(request: LevelSetup, level: Level, wanted: float) -> list[int]:
     """The numbers of the tasks that a level lacks of as many members as are wanted."""
     batches = range(int(_taken(level)) // request.batch, int(wanted) // request.batch)
-    return [number_of(level.number, batch) for batch in batches]
+    return [task_number(level.number, batch) for batch in batches]
 
 
-def _filled(request: Request, level: Level, more: Sequence[Sums]) -> Level:
+def _filled(request: LevelSetup, level: Level, more: Sequence[Sums]) -> Level:
     """The level with the members of more tasks."""
     for one in more:
         if one["without"] > 0.0:
@@ -225,31 +235,35 @@ def _filled(request: Request, level: Level, more: Sequence[Sums]) -> Level:
     return level
 
 
-def _plan(found: Estimate, wanted: Sequence[float]) -> str:
+def _plan(found: MultilevelEstimate, wanted: Sequence[float]) -> str:
     """A line about what has been found and what is next."""
     members = " + ".join(f"{n:,.0f}" for n in wanted)
     ends = f"{found.value:.6g} +- {found.sampling:.2g} by sampling, {found.bias:.2g} by the step"
     return f"{ends}; the levels get {members} members"
 
 
-def _too_dear(request: Request, asked: Asked, found: Estimate, wanted: Sequence[float]) -> str:
+def _too_dear(
+    request: LevelSetup, target: MultilevelGoal, found: MultilevelEstimate, wanted: Sequence[float]
+) -> str:
     """Why a goal costs more than may be spent, or ""."""
     cost = sum(n * _level(request, i).price for i, n in enumerate(wanted))
-    if cost <= asked.most:
+    if cost <= target.most:
         return ""
     by = f"({found.value:.4g} +- {found.half:.2g} so far)"
-    return f"needs about {cost:.2g} steps of members {by}, more than the limit of {asked.most:.2g}"
+    return f"needs about {cost:.2g} steps of members {by}, more than the limit of {target.most:.2g}"
 
 
-def _refuse_slow(asked: Asked, found: Estimate, levels: Sequence[Level]) -> None:
+def _refuse_slow(
+    target: MultilevelGoal, found: MultilevelEstimate, levels: Sequence[Level]
+) -> None:
     """OptionError for a measure whose error falls so slowly that no level will do."""
-    if len(levels) > LEVELS and found.order < 0.5 * asked.order:
+    if len(levels) > LEVELS and found.order < 0.5 * target.order:
         rule = (
             f"its error falls with the order {found.order:.2g} in the step, in place of"
-            f" {asked.order:g}: extremes and events between steps do so. Take NAME_final or"
+            f" {target.order:g}: extremes and events between steps do so. Take NAME_final or"
             " NAME_mean, or a shorter first step"
         )
-        raise OptionError(rule, at="run.until", value=asked.text)
+        raise OptionError(rule, at="run.until", value=target.text)
     if len(levels) == MOST_LEVELS:
         rule = f"the error of the step is {found.bias:.2g} after {MOST_LEVELS} levels"
-        raise OptionError(rule, at="run.until", value=asked.text)
+        raise OptionError(rule, at="run.until", value=target.text)

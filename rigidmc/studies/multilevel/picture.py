@@ -8,8 +8,8 @@ from matplotlib.ticker import MaxNLocator
 
 from rigidmc.figures import CORE, GREY, INK, LIGHT, MEDIAN, PATH, figure_of, new_figure
 from rigidmc.results.labels import with_units
-from rigidmc.studies.multilevel.corrections import cost_of
-from rigidmc.studies.multilevel.study import levels_of, plain_members
+from rigidmc.studies.multilevel.corrections import interval_cost
+from rigidmc.studies.multilevel.study import plain_members, read_levels
 
 
 def multilevel_levels(study: xr.Dataset, figure: Figure | None = None) -> Figure:
@@ -68,8 +68,8 @@ def _costs(axes: Axes, study: xr.Dataset) -> None:
     half = study.half.values
     axes.plot(study.cost, half, "o", color=MEDIAN, label="this study, round by round")
     widths = np.geomspace(0.1 * half[-1], 10.0 * half[-1], 50)
-    levels, order, confidence = levels_of(study), study.attrs["order"], study.attrs["confidence"]
-    ours = [cost_of(levels, order, width, confidence) for width in widths]
+    levels, order, confidence = read_levels(study), study.attrs["order"], study.attrs["confidence"]
+    ours = [interval_cost(levels, order, width, confidence) for width in widths]
     theirs = [plain_members(study, width).cost for width in widths]
     axes.plot(ours, widths, "-", color=MEDIAN, lw=1.2, label="by levels, width$^{-2}$")
     axes.plot(theirs, widths, "--", color=PATH, lw=1.2, label="plain members, best step")

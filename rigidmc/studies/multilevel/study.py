@@ -54,22 +54,30 @@ import xarray as xr
 
 from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning
 from rigidmc.physics.effects.protocol import is_random
-from rigidmc.physics.observables import default_names, own, squared
+from rigidmc.physics.observables import default_names, own, square_units
 from rigidmc.progress import say
 from rigidmc.results.labels import count_text, with_units
-from rigidmc.results.measures import observing
+from rigidmc.results.measures import save_for_measures
 from rigidmc.results.variables import saved_variables, variables_of
 from rigidmc.runs.directory import tasks as runs
-from rigidmc.runs.prepare import prepared
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.resources import refuse_count
-from rigidmc.scene.recording import recording
+from rigidmc.scene.recording import make_recording
 from rigidmc.scene.sampling import refuse_indexed
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.options import Example, Options, confidence_option, option
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.framework.tasks import Tasks
-from rigidmc.studies.multilevel.corrections import Level, Plain, plain
-from rigidmc.studies.multilevel.levels import CHUNK, TASKS, Asked, Request, Stand, stand, sums
+from rigidmc.studies.multilevel.corrections import Level, Plain, cheapest_plain
+from rigidmc.studies.multilevel.levels import (
+    CHUNK,
+    TASKS,
+    LevelSetup,
+    MultilevelGoal,
+    MultilevelState,
+    state_after,
+    sums,
+)
 from rigidmc.studies.until import goal
 
 BATCH = 8192  # members of a task, and of a level at first
@@ -116,37 +124,39 @@ def start(scene: Scene, options: MultilevelOptions) -> tuple[Scene, dict[str, An
         "confidence": options.confidence,
     }
     refuse_count(request["batch"], "members of a batch", MEMBER, "take a smaller batch")
-    understood(scene, **request)
+    make_setup(scene, **request)
     # not those on long steps, of which the study takes care
-    for note in prepared(scene).scene_notes:
+    for note in prepare_scene(scene).scene_notes:
         warnings.warn(note, SceneWarning, stacklevel=3)
     return scene, request
 
 
-def understood(
+def make_setup(
     scene: Scene, until: str, most: int, batch: int, confidence: float
-) -> tuple[Request, Asked]:
+) -> tuple[LevelSetup, MultilevelGoal]:
     """(what the tasks of a study have in common, what it is asked); OptionError."""
-    known = {**variables_of(scene), **saved_variables(scene.effects, recording(scene))}
+    known = {**variables_of(scene), **saved_variables(scene.effects, make_recording(scene))}
     wanted = goal(until, known)
     if wanted.measure.kind != "mean" or wanted.measure.given is not None:
         rule = "has no corrections that become small: take the mean(NAME) of all members"
         raise OptionError(rule, at="run.until", value=until)
     order = min(scene.integrator.order, 2 if any(map(is_random, scene.effects)) else 8)
-    request = Request(scene, wanted.measure, prepared(scene).plan.grid.steps, batch)
-    return request, Asked(until, wanted, order, confidence, float(most))
+    request = LevelSetup(scene, wanted.measure, prepare_scene(scene).plan.grid.steps, batch)
+    return request, MultilevelGoal(until, wanted, order, confidence, float(most))
 
 
-def compute_batches(
+def compute_levels(
     scene: Scene, request: runs.Request, numbers: Sequence[int], threads: int, device: str | None
-) -> list[runs.Found]:
+) -> list[runs.TaskArrays]:
     """What batches of levels find."""
-    return sums(understood(scene, **request)[0], numbers, threads, device)
+    return sums(make_setup(scene, **request)[0], numbers, threads, device)
 
 
-def next_batches(scene: Scene, request: runs.Request, found: dict[int, runs.Found]) -> list[int]:
+def next_batches(
+    scene: Scene, request: runs.Request, found: dict[int, runs.TaskArrays]
+) -> list[int]:
     """The batches that are next."""
-    now = stand(*understood(scene, **request), found)
+    now = state_after(*make_setup(scene, **request), found)
     if now.line:
         say(now.line)
     return now.next
@@ -154,16 +164,19 @@ def next_batches(scene: Scene, request: runs.Request, found: dict[int, runs.Foun
 
 def cost_of(scene: Scene, request: runs.Request, numbers: Sequence[int]) -> float:
     """The member-steps of batches."""
-    levels, known = (number // TASKS for number in numbers), understood(scene, **request)[0]
+    levels, known = (number // TASKS for number in numbers), make_setup(scene, **request)[0]
     return sum(known.batch * Level(i, known.steps << i).price for i in levels)
 
 
 def reduce(
-    scene: Scene, request: runs.Request, found: dict[int, runs.Found], options: MultilevelOptions
+    scene: Scene,
+    request: runs.Request,
+    found: dict[int, runs.TaskArrays],
+    options: MultilevelOptions,
 ) -> xr.Dataset:
     """The Dataset of the rounds that are done; FileError if the first is not."""
-    known = understood(scene, **request)
-    now = stand(*known, found)
+    known = make_setup(scene, **request)
+    now = state_after(*known, found)
     if now.found is None:
         missing = count_text(
             len(now.next), "task of the first round is", "tasks of the first round are"
@@ -195,16 +208,16 @@ def _showing(scene: Scene, until: str) -> Scene:
     """The scene that saves what a measure names and nothing else."""
     names = (*default_names(scene.observables), *own(scene.observables))
     finals = tuple(name for name in names if f"{name}_final" in until)
-    shown: Scene = observing(scene.with_run(save=finals, keep="final"), [until])
+    shown: Scene = save_for_measures(scene.with_run(save=finals, keep="final"), [until])
     return shown
 
 
-def dataset(request: Request, asked: Asked, now: Stand) -> xr.Dataset:
+def dataset(request: LevelSetup, target: MultilevelGoal, now: MultilevelState) -> xr.Dataset:
     """The Dataset of a study that is as far as `now`, whose first round has ended."""
     levels, rounds, found = now.levels, now.rounds, now.found
     assert found is not None
-    name, order, scene = request.measure.result.name, asked.order, request.scene
-    known = {**variables_of(scene), **saved_variables(scene.effects, recording(scene))}
+    name, order, scene = request.measure.result.name, target.order, request.scene
+    known = {**variables_of(scene), **saved_variables(scene.effects, make_recording(scene))}
     units = known[name].attrs["units"]
     of_levels = {
         "steps": ([one.steps for one in levels], "steps of the fine paths", "1"),
@@ -216,7 +229,7 @@ def dataset(request: Request, asked: Asked, now: Stand) -> xr.Dataset:
         "variance": (
             [one.variance for one in levels],
             "variance of the corrections",
-            squared(units),
+            square_units(units),
         ),
         "price": ([one.price for one in levels], "cost of a member, in steps", "1"),
     }
@@ -240,10 +253,10 @@ def dataset(request: Request, asked: Asked, now: Stand) -> xr.Dataset:
     attrs = {
         "title": scene.title,
         "measure": request.measure.text,
-        "until": asked.text,
-        "reached": int(half <= asked.goal.half_at(found.value)),
+        "until": target.text,
+        "reached": int(half <= target.goal.half_at(found.value)),
         "missing": len(now.next),
-        "confidence": asked.confidence,
+        "confidence": target.confidence,
         "order": order,
         "order_seen": found.order,
         "variance_order_seen": found.variance_order,
@@ -252,7 +265,7 @@ def dataset(request: Request, asked: Asked, now: Stand) -> xr.Dataset:
     return xr.Dataset(variables, {"level": [one.number for one in levels]}, attrs)
 
 
-def levels_of(study: xr.Dataset) -> list[Level]:
+def read_levels(study: xr.Dataset) -> list[Level]:
     """The levels of a study."""
     names = "level", "steps", "members", "flagged", "mean", "variance"
     each = zip(*(study[name].values.tolist() for name in names), strict=True)
@@ -261,7 +274,7 @@ def levels_of(study: xr.Dataset) -> list[Level]:
 
 def plain_members(study: xr.Dataset, half: float) -> Plain:
     """The plain members that would give an interval of this half width."""
-    return plain(levels_of(study), study.attrs["order"], half, study.attrs["confidence"])
+    return cheapest_plain(read_levels(study), study.attrs["order"], half, study.attrs["confidence"])
 
 
 def table(study: xr.Dataset) -> list[str]:
@@ -318,7 +331,7 @@ multilevel = Study(
     text=__doc__,
     options=MultilevelOptions,
     work=Tasks(
-        start, next_batches, compute_batches, cost_of, reduce,
+        start, next_batches, compute_levels, cost_of, reduce,
         is_growing=True, together=CHUNK // BATCH,
     ),
     table=table,

@@ -12,10 +12,10 @@ from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import outputs
 from rigidmc.physics.observables.protocol import Event
 from rigidmc.physics.observables.saving import roles_of
-from rigidmc.results.measures import Result, measure, observing
+from rigidmc.results.measures import Result, measure, save_for_measures
 from rigidmc.results.variables import variables_of
-from rigidmc.runs.segments import Moving
-from rigidmc.scene.recording import recording
+from rigidmc.runs.segments import SegmentedRun
+from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ class Score(NamedTuple):
         """Whether members with these scores have the event."""
         return score > self.goal if self.strict else score >= self.goal
 
-    def of(self, moving: Moving, block: Array, part: int) -> Array:
+    def of(self, moving: SegmentedRun, block: Array, part: int) -> Array:
         """The scores of the members of a block after a part of the run; -inf if flagged."""
         if self.event is None:
             values = moving.results(block, part)[self.result.name]
@@ -68,7 +68,7 @@ class Score(NamedTuple):
             return np.where(block[layout.STATUS] == 0.0, values, -np.inf)
         return self.graded(*self.progress(moving, block))
 
-    def progress(self, moving: Moving, block: Array) -> tuple[Array, Array]:
+    def progress(self, moving: SegmentedRun, block: Array) -> tuple[Array, Array]:
         """(how often, how far off) of the event of each member: |level|, inf while the event cannot
         happen next; -inf times for a flagged member."""
         assert self.event is not None
@@ -90,16 +90,16 @@ class Score(NamedTuple):
         return np.minimum(count + nearness, np.nextafter(count + 1.0, -np.inf))
 
 
-def scored(scene: Scene, of: str) -> tuple[Scene, Score]:
+def make_score(scene: Scene, of: str) -> tuple[Scene, Score]:
     """(the scene whose members a study moves, the Score of what it asks).
 
     Raises OptionError for a text that asks for no event, or for one that has no score.
     """
-    scene = observing(scene.with_run(points="independent"), (of,))
+    scene = save_for_measures(scene.with_run(points="independent"), (of,))
     asked = measure(of, variables_of(scene))
     if asked.kind != "p" or asked.given is not None or asked.relation == "==":
         raise OptionError(f"is no event: give it {WHOLE}", at="of", value=of)
-    recorded = recording(scene)
+    recorded = make_recording(scene)
     watched = [(label, one) for label, one in recorded.monitored if isinstance(one, Event)]
     at_times = set(recorded.names)
     keeps = tuple(name for name in scene.run.save if name not in at_times)
@@ -141,7 +141,7 @@ def _until(scene: Scene, of: str, end: float) -> Scene:
 
 def _refuse_unwatched(scene: Scene, of: str, name: str) -> None:
     """OptionError for a number that is not watched over the steps."""
-    known = [word for label, one in recording(scene).monitored for word in outputs(label, one)]
+    known = [word for label, one in make_recording(scene).monitored for word in outputs(label, one)]
     if name not in known:
         rule = (
             f"is nothing that is watched over the steps; watched: {', '.join(known) or 'nothing'}"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.streams import uniforms
 from rigidmc.runs.resources import refuse_count
-from rigidmc.runs.segments import Moving
+from rigidmc.runs.segments import SegmentedRun
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.rare.score import Score
 
@@ -23,7 +23,7 @@ MOST = 10_000  # levels
 FEWER = "take fewer members and more repetitions, which are as good"
 
 
-class Found(NamedTuple):
+class SplittingResult(NamedTuple):
     """What a repetition has found.
 
     p : the probability;  levels, shares : scores, and the probability to score more than each
@@ -43,14 +43,14 @@ class Found(NamedTuple):
         return {name: np.asarray(value, float) for name, value in self._asdict().items()}
 
 
-class Paths:
+class SplittingPaths:
     """Members on their way, with their state and score after each part of the run.
 
     states : (parts + 1, members, rows);  scores : (parts + 1, members), the largest so far
     """
 
     def __init__(
-        self, moving: Moving, score: Score, count: int, seed: int, rows: int | None = None
+        self, moving: SegmentedRun, score: Score, count: int, seed: int, rows: int | None = None
     ) -> None:
         self.moving, self.score = moving, score
         self.steps, self.used = 0.0, count
@@ -124,7 +124,7 @@ def split(
     device: str | None,
     rows: int | None,
     seed: int,
-) -> Found:
+) -> SplittingResult:
     """The probability of an event by adaptive multilevel splitting.
 
     Level by level, the lowest quarter of the members is given up, with all that score the same.
@@ -139,8 +139,8 @@ def split(
     Source: Cerou & Guyader, Stoch. Anal. Appl. 25 (2007) 417; Brehier, Gazeau, Goudenege, Lelievre
     & Rousset, Ann. Appl. Probab. 26 (2016) 3559.
     """
-    moving = Moving(scene.with_run(seed=seed), PARTS, threads, device)
-    paths = Paths(moving, score, members, seed, rows)
+    moving = SegmentedRun(scene.with_run(seed=seed), PARTS, threads, device)
+    paths = SplittingPaths(moving, score, members, seed, rows)
     share, levels, shares, flagged = 1.0, list[float](), list[float](), 0
     for number in range(MOST):
         last = paths.scores[-1]
@@ -159,4 +159,6 @@ def split(
         chosen = uniforms(seed, "rare.parents", 0, ended.size, number)[0]
         paths.branch(ended, alive[(chosen * alive.size).astype(int)], float(level))
     p = 0.0 if share < target else share * float(reached.mean())
-    return Found(p, np.array(levels), np.array(shares), paths.steps, flagged, share < target)
+    return SplittingResult(
+        p, np.array(levels), np.array(shares), paths.steps, flagged, share < target
+    )

@@ -62,20 +62,20 @@ from scipy import stats
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError
-from rigidmc.planning.initial import drawn
+from rigidmc.planning.initial import random_dimensions
 from rigidmc.results.intervals import mean_of_skew, probability
 from rigidmc.results.labels import count_text
 from rigidmc.results.variables import variables_of
-from rigidmc.runs.directory.tasks import Found, Request
-from rigidmc.runs.prepare import prepared
+from rigidmc.runs.directory.tasks import Request, TaskArrays
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.resources import refuse_count
-from rigidmc.scene.amounts import counted
-from rigidmc.scene.sampling import is_indexed
+from rigidmc.scene.amounts import read_count
+from rigidmc.scene.sampling import is_indexed, rows_to_run
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.options import Example, Options, confidence_option, option
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.framework.tasks import Tasks
-from rigidmc.studies.rare.score import Score, is_noisy, scored
+from rigidmc.studies.rare.score import Score, is_noisy, make_score
 from rigidmc.studies.rare.splitting import FEWER, KILLED, PARTS, split
 from rigidmc.studies.rare.subsets import KEPT, descend
 
@@ -115,11 +115,11 @@ class RareOptions(Options):
 def start(scene: Scene, options: RareOptions) -> tuple[Scene, dict[str, Any]]:
     """(the scene of a study, its request); OptionError for what is no event or has no score."""
     of, target, repetitions = str(options.of), options.target, options.repetitions
-    members = counted(options.members, "members", LEAST)
+    members = read_count(options.members, "members", LEAST)
     refuse_count(repetitions, "repetitions", REPETITION)
     refuse_count(members, "members", 4 * 8 * layout.EFFECTS, FEWER)
-    moved, _ = scored(scene, of)
-    if not is_noisy(moved) and not drawn(moved.model):
+    moved, _ = make_score(scene, of)
+    if not is_noisy(moved) and not random_dimensions(moved.model):
         rule = "nothing is random: no effect has noise, and all numbers of the scene are given"
         raise OptionError(rule, at="scene")
     request: dict[str, Any] = {
@@ -129,14 +129,14 @@ def start(scene: Scene, options: RareOptions) -> tuple[Scene, dict[str, Any]]:
         "repetitions": repetitions,
     }
     if is_indexed(moved.model):  # members walk and branch with a row, of which there may be fewer
-        rows: int = moved.rows_to_run() or moved.run.members
+        rows: int = rows_to_run(moved.model, moved.run) or moved.run.members
         request["rows"], members = rows, min(members, rows)
     return moved.with_run(members=members), request
 
 
 def notes(scene: Scene) -> tuple[str, ...]:
     """What to warn of before the first repetition."""
-    return prepared(scene).notes
+    return prepare_scene(scene).notes
 
 
 def doubts(study: xr.Dataset) -> list[str]:
@@ -152,15 +152,15 @@ def cost_of(scene: Scene, request: Request, numbers: Sequence[int]) -> float:
     members, depth = request["members"], -math.log(request["target"])
     killed, part = (KILLED, 0.5 * KILLED) if is_noisy(scene) else (1.0 - KEPT, 1.0 - KEPT)
     levels = depth / -math.log(1.0 - killed)
-    steps = prepared(scene).plan.grid.steps
+    steps = prepare_scene(scene).plan.grid.steps
     return float(len(numbers) * members * (1.0 + part * levels) * steps)
 
 
 def compute_repetitions(
     scene: Scene, request: Request, numbers: Sequence[int], threads: int, device: str | None
-) -> list[Found]:
+) -> list[TaskArrays]:
     """What repetitions find."""
-    moved, score = scored(scene, request["of"])
+    moved, score = make_score(scene, request["of"])
     given = moved, score, request["members"], request["target"], threads, device
     way = split if is_noisy(moved) else partial(descend, parts=_parts(score))
     rows, seed = request.get("rows"), scene.run.seed
@@ -172,13 +172,13 @@ def _parts(score: Score) -> int:
     return 1 if score.event is None else PARTS
 
 
-def missing_repetitions(scene: Scene, request: Request, found: dict[int, Found]) -> list[int]:
+def missing_repetitions(scene: Scene, request: Request, found: dict[int, TaskArrays]) -> list[int]:
     """The repetitions that are left."""
     return [i for i in range(request["repetitions"]) if i not in found]
 
 
 def reduce(
-    scene: Scene, request: Request, found: dict[int, Found], options: RareOptions
+    scene: Scene, request: Request, found: dict[int, TaskArrays], options: RareOptions
 ) -> xr.Dataset:
     """The Dataset of the repetitions that are done."""
     confidence = options.confidence
@@ -189,7 +189,7 @@ def reduce(
     value, low, high = _interval(p, deep, request, confidence)
     depth = max(found[i]["levels"].size for i in numbers)
     over = "repetition", "level"
-    moved, score = scored(scene, request["of"])
+    moved, score = make_score(scene, request["of"])
     columns = {
         name: _padded([found[i][name] for i in numbers], depth) for name in ("levels", "shares")
     }
@@ -262,7 +262,7 @@ def _gain(scene: Scene, p: float, half: float, steps: float, confidence: float) 
         return math.nan
     z = float(stats.norm.ppf(0.5 + 0.5 * confidence))
     plain = p * (1.0 - p) * (z / half) ** 2
-    return plain * prepared(scene).plan.grid.steps / float(steps)
+    return plain * prepare_scene(scene).plan.grid.steps / float(steps)
 
 
 def _stuck(study: xr.Dataset) -> list[str]:

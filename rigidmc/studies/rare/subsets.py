@@ -7,12 +7,12 @@ from scipy.special import ndtr, ndtri
 
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.streams import uniforms
-from rigidmc.planning.initial import drawn
-from rigidmc.runs.segments import Moving
-from rigidmc.scene.sampling import Dimension, Given
+from rigidmc.planning.initial import random_dimensions
+from rigidmc.runs.segments import SegmentedRun
+from rigidmc.scene.sampling import FixedPoints, RandomDimension
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.rare.score import Score
-from rigidmc.studies.rare.splitting import Found, even_shares, row_of
+from rigidmc.studies.rare.splitting import SplittingResult, even_shares, row_of
 
 Array = NDArray[np.float64]
 KEPT = 0.1  # share of the members from which the next level goes on
@@ -22,16 +22,16 @@ FARTHEST = 8.2  # standard deviations: beyond it the largest number below 1 is m
 MOST = 100  # levels
 
 
-class Members:
+class ScoredMembers:
     """Members made from normal deviates z (d, n), one for each number that a member draws. Of grids
     and tables the last one tells the row.
 
     rows : how many rows there are, None without grids and tables
     """
 
-    def __init__(self, moving: Moving, score: Score, seed: int, rows: int | None) -> None:
+    def __init__(self, moving: SegmentedRun, score: Score, seed: int, rows: int | None) -> None:
         self.moving, self.score, self.seed, self.rows = moving, score, seed, rows
-        self.dimensions: tuple[Dimension, ...] = drawn(moving.plan.model)
+        self.dimensions: tuple[RandomDimension, ...] = random_dimensions(moving.plan.model)
         self.steps, self.flagged, self._indices = 0.0, 0, np.empty(0, np.int64)
 
     def normals(self, count: int, name: str, number: int) -> Array:
@@ -47,7 +47,7 @@ class Members:
         shares, rows = ndtr(z), None
         if self.rows is not None:
             rows = row_of(moving.plan.run.first, self.rows, shares[-1])
-        block = moving.start(Given(self.dimensions, shares), count, rows)[:, :count]
+        block = moving.start(FixedPoints(self.dimensions, shares), count, rows)[:, :count]
         members = np.zeros(count, np.int64)
         times, off = np.full(count, -np.inf), np.full(count, np.inf)
         for part in range(moving.ends.size - 1):
@@ -76,7 +76,7 @@ def descend(
     rows: int | None,
     seed: int,
     parts: int,
-) -> Found:
+) -> SplittingResult:
     """The probability of an event by subset simulation.
 
     Level by level, the best tenth of the members is kept, with all that score the same. From each
@@ -93,8 +93,8 @@ def descend(
 
     parts : of the run, after each of which the score of an event is taken
     """
-    moving = Moving(scene.with_run(seed=seed), parts, threads, device)
-    made = Members(moving, score, seed, rows)
+    moving = SegmentedRun(scene.with_run(seed=seed), parts, threads, device)
+    made = ScoredMembers(moving, score, seed, rows)
     z = made.normals(members, "rare.start", 0)
     if rows is not None:
         z[-1] = ndtri(even_shares(seed, members))
@@ -115,11 +115,19 @@ def descend(
             break
         z, scores, pace = _walked(made, z[:, kept], scores[kept], level, members, pace, number)
     p = 0.0 if share < target else share * float(reached.mean())
-    return Found(p, np.array(levels), np.array(shares), made.steps, made.flagged, share < target)
+    return SplittingResult(
+        p, np.array(levels), np.array(shares), made.steps, made.flagged, share < target
+    )
 
 
 def _walked(
-    made: Members, z: Array, scores: Array, level: float, members: int, pace: float, number: int
+    made: ScoredMembers,
+    z: Array,
+    scores: Array,
+    level: float,
+    members: int,
+    pace: float,
+    number: int,
 ) -> tuple[Array, Array, float]:
     """(z, scores, pace) of `members` that score `level` or more, by walks from those that do.
 

@@ -1,7 +1,7 @@
 """The points of a section: what is asked, "omega[1] = 0" or "every orbit", and where members cross.
 
-A run saves states; between two of them `Paths` moves the members again, by steps of rk8 that are
-checked against steps of half their length.
+A run saves states; between two of them `CrossingPaths` moves the members again, by steps of rk8
+that are checked against steps of half their length.
 """
 
 import math
@@ -25,8 +25,8 @@ from rigidmc.physics.effects.protocol import blank, is_random, parameter_count
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables.protocol import size
 from rigidmc.planning.initial import block_rows, initial_block_of, make_sampler
-from rigidmc.planning.steps import rates
-from rigidmc.results.estimates import Component, component_of, rows
+from rigidmc.planning.steps import rate_bounds
+from rigidmc.results.estimates import StateComponent, component_of, rows_in_time
 from rigidmc.scene.scene import Scene
 
 Array = NDArray[np.float64]
@@ -51,13 +51,13 @@ class Departures(NamedTuple):
     spans: Array
 
 
-class Paths:
+class CrossingPaths:
     """What members do after states that a run has saved, each on its way to the next save.
 
     Steps turn a member by ARC at most, at the rate that its energy and the effects admit
-    (`rigidmc.planning.steps.rates`), and are no longer than those of the run, which knows how fast
-    torques change in time. Then they are halved until halving changes no state at the next save.
-    The steps of a path depend on itself alone, and so do its bits.
+    (`rigidmc.planning.steps.rate_bounds`), and are no longer than those of the run, which knows how
+    fast torques change in time. Then they are halved until halving changes no state at the next
+    save. The steps of a path depend on itself alone, and so do its bits.
 
     spans : from each state to the next save [s]
     sure : whether the steps of a path agree with steps of half their length within FAIR
@@ -93,7 +93,7 @@ class Paths:
         self._threads = threads
         at = block[:, m]
         at[layout.ATTITUDE : layout.EXTRA] = self._start
-        rate = rates(scene.effects, at)
+        rate = rate_bounds(scene.effects, at)
         turns = rate * spans
         # what a member that moves at its rate has at least, for those that come to rest at a save
         self._size = rate / at[layout.BODY : layout.BODY + 3].max(axis=0)
@@ -159,7 +159,7 @@ RULE = 'expected "NAME = NUMBER" or "NAME[3] = NUMBER", "every NUMBER" [s] or "e
 class Crossing(NamedTuple):
     """Where an observable, or a component of it, passes a value.  way : of WAYS"""
 
-    of: Component
+    of: StateComponent
     value: float
     way: str
 
@@ -208,7 +208,7 @@ def period_of(scene: Scene, at: str) -> float | None:
 
 STATE = ("attitude", "momentum")
 JUMP = 1e-3  # a level that is still this share of its ends has jumped, as an angle by 2 pi
-UNIT = 1e-9  # |q|^2 of a point is that of the save before it, to this: see `Paths`
+UNIT = 1e-9  # |q|^2 of a point is that of the save before it, to this: see `CrossingPaths`
 
 
 def periodic(part: xr.Dataset, observed: Mapping[str, Any]) -> dict[str, Array]:
@@ -216,7 +216,7 @@ def periodic(part: xr.Dataset, observed: Mapping[str, Any]) -> dict[str, Array]:
     times, members = part.time.values, part.member.values
     there = _good(part)
     m, k = np.nonzero(there.T)
-    columns = {name: rows(part, name)[k, :, m].T for name in observed if name in part}
+    columns = {name: rows_in_time(part, name)[k, :, m].T for name in observed if name in part}
     return {"member": members[m], "time": times[k], **columns}
 
 
@@ -227,7 +227,7 @@ def _good(part: xr.Dataset) -> NDArray[np.bool_]:
     return there
 
 
-def crossed(
+def find_crossings(
     scene: Scene,
     part: xr.Dataset,
     crossing: Crossing,
@@ -243,10 +243,12 @@ def crossed(
     found = crossing.happens(level[:-1], level[1:]) & good[1:]
     m, k = np.nonzero(found.T)
     times, members = part.time.values, part.member.values
-    start = np.concatenate([rows(part, name)[k, :, m].T for name in STATE])
+    start = np.concatenate([rows_in_time(part, name)[k, :, m].T for name in STATE])
     spans = times[k + 1] - times[k]
     dt = float(part.attrs.get("dt", np.inf))
-    paths = Paths(scene, members, observed, Departures(start, m, times[k], spans), dt, threads)
+    paths = CrossingPaths(
+        scene, members, observed, Departures(start, m, times[k], spans), dt, threads
+    )
     at = 7 + _place(observed, crossing)
     ends = np.abs(level[k, m]) + np.abs(level[k + 1, m])
     share, still, missed = _sought(paths, at, crossing.value)
@@ -267,7 +269,7 @@ def crossed(
     return {"member": members[m[which]], "time": time, **columns}, lost
 
 
-def _sought(paths: Paths, at: int, value: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _sought(paths: CrossingPaths, at: int, value: float) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Where the number in row `at` passes a value on each path: (share of the time between the
     saves, how far the number is from the value there, whether it does not pass it)."""
 

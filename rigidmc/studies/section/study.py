@@ -47,12 +47,19 @@ from rigidmc.planning.steps import MOST_STEPS
 from rigidmc.results.estimates import of_the_state
 from rigidmc.results.labels import count_text
 from rigidmc.runs.resources import refuse_count
-from rigidmc.scene.recording import recording
+from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.members import Batches, Members
 from rigidmc.studies.framework.options import REQUIRED, Example, Options, option
 from rigidmc.studies.framework.study import Study
-from rigidmc.studies.section.points import STATE, WAYS, crossed, crossing_of, period_of, periodic
+from rigidmc.studies.section.points import (
+    STATE,
+    WAYS,
+    crossing_of,
+    find_crossings,
+    period_of,
+    periodic,
+)
 
 Array = NDArray[np.float64]
 BYTES = 2**27  # of saved states at once
@@ -72,7 +79,7 @@ class SectionOptions(Options):
     way: str = option("rises", "whether the quantity rises there, falls, or both", metavar="WAY")
 
 
-class PlaneOptions(Options):
+class SectionPlaneOptions(Options):
     """The numbers of a point over which the section is drawn."""
 
     x: str | None = option(None, 'of the picture, such as "momentum[2]"', metavar="NAME")
@@ -95,7 +102,7 @@ def scene_of_points(scene: Scene, options: SectionOptions, settings: Mapping[str
     return _saving(scene, name, every=every)
 
 
-def check_saved(scene: Scene, result: xr.Dataset, options: SectionOptions) -> None:
+def check_source(scene: Scene, result: xr.Dataset, options: SectionOptions) -> None:
     """OptionError for a result without attitude, momentum and the quantity."""
     at = options.at
     of = () if period_of(scene, at) else (crossing_of(scene, at, options.way).of.name,)
@@ -115,7 +122,7 @@ def batch_of(saves: int) -> int:
 
 def _saving(scene: Scene, *more: str, **settings: Any) -> Scene:
     """A scene that saves the state, what it saves at times now, and more."""
-    names = (name for name in scene.run.save if name in recording(scene).recorded)
+    names = (name for name in scene.run.save if name in make_recording(scene).recorded)
     save = tuple(dict.fromkeys((*STATE, *more, *names)))
     wider: Scene = scene.with_run(save=save, keep="full", **settings)
     return wider
@@ -128,7 +135,9 @@ def reduce(batches: Batches, options: SectionOptions) -> xr.Dataset:
     crossing = None if period_of(scene, at) else crossing_of(scene, at, way)
     wider = _saving(scene, *((crossing.of.name,) if crossing else ()))
     observed = {
-        name: one for name, one in recording(wider).recorded.items() if of_the_state(scene, name)
+        name: one
+        for name, one in make_recording(wider).recorded.items()
+        if of_the_state(scene, name)
     }
     for part in batches.results:
         flagged += int((part.status != 0).sum())
@@ -136,7 +145,7 @@ def reduce(batches: Batches, options: SectionOptions) -> xr.Dataset:
         if crossing is None:
             found.append(periodic(part, observed))
         else:
-            points, missing = crossed(scene, part, crossing, observed, batches.threads)
+            points, missing = find_crossings(scene, part, crossing, observed, batches.threads)
             found.append(points)
             lost += missing
     observed = {name: one for name, one in observed.items() if name in attrs}
@@ -209,10 +218,10 @@ section = Study(
     name="section",
     text=__doc__,
     options=SectionOptions,
-    work=Members(scene_of_points, reduce, batch_of, check=check_saved),
+    work=Members(scene_of_points, reduce, batch_of, check=check_source),
     table=table,
     picture="section_points",
-    picture_options=PlaneOptions,
+    picture_options=SectionPlaneOptions,
     settings_help={
         "every": "time between two looks for a crossing [s]; by default one step of the run"
     },

@@ -60,7 +60,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from rigidmc.errors import OptionError
-from rigidmc.planning.initial import groups
+from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.results.intervals import Interval, is_constant, resolution_of
 from rigidmc.results.labels import count_text
 from rigidmc.results.measures import Measure, Variables, measure
@@ -134,7 +134,7 @@ def indices(
     resolved : as of `rigidmc.results.intervals.is_constant`
     """
     y = values[np.isfinite(values).all(axis=1)]
-    if differing(values, resolved) < FEW:
+    if count_differing(values, resolved) < FEW:
         none = Interval(*np.full((3, values.shape[1] - 2), np.nan))
         return none, none
     with np.errstate(all="ignore"):
@@ -156,7 +156,7 @@ def indices(
         return first, total
 
 
-def differing(values: Array, resolved: float | None = None) -> int:
+def count_differing(values: Array, resolved: float | None = None) -> int:
     """How many families have members that differ by more than rounding; see `indices`."""
     y = values[np.isfinite(values).all(axis=1)]
     return int((~is_constant(y, resolved=resolved)).sum())
@@ -206,27 +206,30 @@ def _mean_of(text: str, variables: Variables, may_save_more: bool = True) -> Mea
     return asked
 
 
-def _values(result: xr.Dataset, asked: Sequence[Measure]) -> Array:
+def _values(result: xr.Dataset, measures: Sequence[Measure]) -> Array:
     """The values of the measures (measures, members), nan for flagged members."""
-    return np.stack([one.numbers(result) for one in asked])
+    return np.stack([one.numbers(result) for one in measures])
 
 
 def reduce(batches: Batches, options: SensitivityOptions) -> xr.Dataset:
     """The Dataset of the study of members. Families of which some members are not there, in a run
     that has not ended, are left out."""
     known, may_save_more = batches.variables, batches.stored is None
-    asked = [_mean_of(text, known, may_save_more) for text in options.of]
-    parts = [(part.member.values, _values(part, asked)) for part in batches.results]
-    size, last = 2 + len(groups(batches.scene.model)[0]), max(int(m.max()) for m, _ in parts)
-    values = np.full((len(asked), last // size + 1, size), np.nan)
+    measures = [_mean_of(text, known, may_save_more) for text in options.of]
+    parts = [(part.member.values, _values(part, measures)) for part in batches.results]
+    size, last = (
+        2 + len(uncertain_numbers(batches.scene.model)[0]),
+        max(int(m.max()) for m, _ in parts),
+    )
+    values = np.full((len(measures), last // size + 1, size), np.nan)
     for members, found in parts:
-        values.reshape(len(asked), -1)[:, members] = found
-    units = [one.units(known) for one in asked]
-    return _dataset(batches.scene, asked, units, values, options.confidence)
+        values.reshape(len(measures), -1)[:, members] = found
+    units = [one.units(known) for one in measures]
+    return _dataset(batches.scene, measures, units, values, options.confidence)
 
 
 def _dataset(
-    scene: Scene, asked: Sequence[Measure], units: list[str], values: Array, confidence: float
+    scene: Scene, measures: Sequence[Measure], units: list[str], values: Array, confidence: float
 ) -> xr.Dataset:
     """The Dataset of values (measures, families, members of a family) in the units of measures."""
     over, resolved = ("measure", "number"), resolution_of(scene)
@@ -244,12 +247,12 @@ def _dataset(
     variables["mean"] = ("measure", means, {"long_name": "the measure, in its units"})
     about = {"long_name": "its variance over members, in its units squared"}
     variables["variance"] = ("measure", variances, about)
-    differ = [differing(one, resolved) for one in values]
+    differ = [count_differing(one, resolved) for one in values]
     about = {"long_name": "families that count and whose members differ", "units": "1"}
     variables["differing"] = "measure", differ, about
     about = {"long_name": "families that count", "units": "1"}
     variables["families"] = "measure", counts.sum(axis=1), about
-    texts = [one.text for one in asked]
+    texts = [one.text for one in measures]
     attrs = {
         "title": scene.title,
         "confidence": confidence,
@@ -257,7 +260,11 @@ def _dataset(
         "left_out": int((~counts).sum(axis=1).max()),
         "scene": scene.dumps(),
     }
-    coordinates = {"measure": texts, "number": groups(scene.model)[0], "units": ("measure", units)}
+    coordinates = {
+        "measure": texts,
+        "number": uncertain_numbers(scene.model)[0],
+        "units": ("measure", units),
+    }
     return xr.Dataset(variables, coordinates, attrs)
 
 

@@ -11,8 +11,14 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, unknown
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.stability_map.compute import Prepared, Progress, mapped, prepare_map
-from rigidmc.studies.stability_map.question import Borders, Resolution, Side, adapted, question
+from rigidmc.studies.stability_map.compute import MapRun, Progress, prepare_map, run_map
+from rigidmc.studies.stability_map.question import (
+    Borders,
+    Resolution,
+    Side,
+    make_request,
+    with_borders,
+)
 
 Derived = dict[str, tuple[NDArray[Any], dict[str, str]]]  # {name: (values, attributes)}
 
@@ -25,7 +31,7 @@ def nothing(ds: xr.Dataset) -> Derived:
 class MapCase(NamedTuple):
     """A map: its scene and settings, x and y, the measures, and what theory says.
 
-    x, y : (parameter, low, high[, log]), see `question`
+    x, y : (parameter, low, high[, log]), see `make_request`
     of : the measures, see `rigidmc.results.measures`;  members : per pixel
     settings : of the run;  source : of the theory
     derived : function of the Dataset that returns more variables: theory, and combined measures
@@ -89,7 +95,7 @@ def case_map(
     settings : of the run, which replace those of the map if not None;  others : see `stability_map`
     """
     ready = prepared_case(name, resolution, members, adaptive, **settings)
-    return with_theory(mapped(ready, threads, progress), name)
+    return with_theory(run_map(ready, threads, progress), name)
 
 
 def prepared_case(
@@ -98,7 +104,7 @@ def prepared_case(
     members: int | None = None,
     adaptive: bool | Borders = False,
     **settings: Any,
-) -> Prepared:
+) -> MapRun:
     """One of MAPS before its first step; the arguments are those of `case_map`."""
     if name not in MAPS:
         raise unknown("map", MAPS, at="map", value=name, error=OptionError)
@@ -108,9 +114,9 @@ def prepared_case(
         key: value for key, value in case.settings.items() if key != "dt" or "turn" not in given
     }
     members = case.members if members is None else members
-    asked = question(case.x, case.y, case.of, resolution, members, name=name)
-    asked = adapted(asked, case.borders if adaptive is True else adaptive)
-    return prepare_map(asked, case.scene, **standard | given)
+    request = make_request(case.x, case.y, case.of, resolution, members, name=name)
+    request = with_borders(request, case.borders if adaptive is True else adaptive)
+    return prepare_map(request, case.scene, **standard | given)
 
 
 def with_theory(ds: xr.Dataset, name: str) -> xr.Dataset:

@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.planning.tolerance.choose import choose_integrator
 from rigidmc.progress import reporter
-from rigidmc.results.measures import Measure, measure, observing
+from rigidmc.results.measures import Measure, measure, save_for_measures
 from rigidmc.results.variables import Variable, variables_of
-from rigidmc.runs.prepare import prepared
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.vector_distributions.protocol import Law
-from rigidmc.studies.stability_map.pixels import Collected, Pixels, joined, map_dataset
-from rigidmc.studies.stability_map.question import Question, Side, question
-from rigidmc.studies.stability_map.refine import BEGUN, borders_of, members_of, refined
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution
+from rigidmc.studies.stability_map.pixels import PixelCollector, Pixels, join_pixels, map_dataset
+from rigidmc.studies.stability_map.question import MapRequest, Side, make_request
+from rigidmc.studies.stability_map.refine import BEGUN, borders_of, pixel_members, refine
 
 CHUNK = 2**17  # members at once: 20 to 40 MB, and 40 waits for the last block in a map of 4e6
 REPLICAS = 16  # members per pixel
@@ -33,14 +33,14 @@ Progress = bool | Callable[[int, int], object] | None  # True for a bar
 Compute = Callable[[range | NDArray[np.int64], int, int], xr.Dataset]
 
 
-class Prepared(NamedTuple):
+class MapRun(NamedTuple):
     """A map before its first step.
 
     scene : whose members are those of the map, with integrator and step
     known : {name: Variable} of the members
     """
 
-    question: Question
+    request: MapRequest
     scene: Scene
     measures: list[Measure]
     known: dict[str, Variable]
@@ -48,39 +48,39 @@ class Prepared(NamedTuple):
 
 def replicas_of(scene: Scene, x: Side, y: Side) -> int:
     """REPLICAS if the members of a pixel differ: a quantity or the attitude is random; else 1."""
-    one = question(x, y, "status", 1, 1).of_scene(scene)
-    drawn = any(isinstance(q, (Distribution, Law)) for q in one.quantities())
+    one = make_request(x, y, "status", 1, 1).of_scene(scene)
+    drawn = any(isinstance(q, (Distribution, VectorDistribution)) for q in one.model.quantities())
     return REPLICAS if drawn or isinstance(one.start.attitude, str) else 1
 
 
-def prepare_map(asked: Question, scene: Scene, **settings: Any) -> Prepared:
+def prepare_map(request: MapRequest, scene: Scene, **settings: Any) -> MapRun:
     """Settle everything about a map before its first step.
 
     settings : of the run. Raises OptionError for parameters and measures that the scene lacks.
     """
-    scene = asked.of_scene(scene).with_run(save=settings.pop("save", ()), **settings)
+    scene = request.of_scene(scene).with_run(save=settings.pop("save", ()), **settings)
     if scene.run.points != "independent":
         rule = "the interval of a pixel needs independent members"
         raise SceneError(rule, at="run.points", value=scene.run.points)
-    scene = observing(scene, asked.of)
+    scene = save_for_measures(scene, request.of)
     whole = _with_integrator(scene)
-    run = prepared(whole)
+    run = prepare_scene(whole)
     # not those on large steps, which maps take on purpose
     for note in run.scene_notes:
         warnings.warn(note, SceneWarning, stacklevel=3)
-    return described(asked, whole, run.layout.by_member)
+    return describe_map(request, whole, run.layout.by_member)
 
 
-def described(asked: Question, scene: Scene, known: dict[str, Variable]) -> Prepared:
-    """The Prepared map of a scene that has its integrator; known : the variables of its members."""
-    measures = [measure(text, variables_of(scene)) for text in asked.of]
-    if asked.borders is not None:
-        asked = asked._replace(borders=borders_of(measures, asked.borders))
-    return Prepared(asked, scene, measures, known)
+def describe_map(request: MapRequest, scene: Scene, known: dict[str, Variable]) -> MapRun:
+    """The MapRun of a scene that has its integrator; known : the variables of its members."""
+    measures = [measure(text, variables_of(scene)) for text in request.of]
+    if request.borders is not None:
+        request = request._replace(borders=borders_of(measures, request.borders))
+    return MapRun(request, scene, measures, known)
 
 
-def mapped(
-    ready: Prepared,
+def run_map(
+    map_run: MapRun,
     threads: int | None = None,
     progress: Progress = None,
     device: str | None = None,
@@ -91,7 +91,7 @@ def mapped(
     def compute(members: range | NDArray[np.int64], done: int, of_all: int) -> xr.Dataset:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)  # the notes were given before
-            part = simulate(ready.scene, members=members, threads=threads, device=device)
+            part = simulate(map_run.scene, members=members, threads=threads, device=device)
         report.step(len(members))
         report.poll()
         if callable(progress):
@@ -99,31 +99,31 @@ def mapped(
         return part
 
     # an adaptive map asks for fewer members, and nobody knows how many
-    with reporter(progress is True, ready.question.members, 1) as report:
-        if ready.question.borders is not None:
-            found = finished(ready, _refined(ready, compute))
+    with reporter(progress is True, map_run.request.members, 1) as report:
+        if map_run.request.borders is not None:
+            found = finish_map(map_run, _refined(map_run, compute))
         else:
-            found = finished(ready, joined(list(_computed(ready, compute))))
+            found = finish_map(map_run, join_pixels(list(_computed(map_run, compute))))
     return found.assign_attrs(seconds=time.perf_counter() - began)
 
 
-def finished(
-    ready: Prepared, pixels: Pixels, computed: NDArray[np.bool_] | None = None
+def finish_map(
+    map_run: MapRun, pixels: Pixels, computed: NDArray[np.bool_] | None = None
 ) -> xr.Dataset:
     """The Dataset of the pixels; OptionError if none has a body and a start.
 
     computed : whether a pixel of an adaptive map was, if the others show their neighbours already
     """
-    asked = ready.question
+    request = map_run.request
     if not pixels.counts[:2].any():
-        (x, *ends), (y, *others) = asked.x[:3], asked.y[:3]
+        (x, *ends), (y, *others) = request.x[:3], request.y[:3]
         between = f"between {ends[0]:g} and {ends[1]:g}, and {others[0]:g} and {others[1]:g} of {y}"
         rule = f"{between} no pixel has a body and a start: moments must obey I_i <= I_j + I_k"
         raise OptionError(rule, at="x", value=x)
-    if asked.borders is not None and computed is None:
-        state = refined(asked, pixels)
+    if request.borders is not None and computed is None:
+        state = refine(request, pixels)
         pixels, computed = pixels.at(state.source), state.known
-    return map_dataset(asked, ready.scene, ready.known, ready.measures, pixels, computed)
+    return map_dataset(request, map_run.scene, map_run.known, map_run.measures, pixels, computed)
 
 
 def _with_integrator(scene: Scene) -> Scene:
@@ -136,33 +136,33 @@ def _with_integrator(scene: Scene) -> Scene:
     return chosen
 
 
-def _refined(ready: Prepared, compute: Compute) -> Pixels:
+def _refined(map_run: MapRun, compute: Compute) -> Pixels:
     """The pixels of an adaptive map, integrated level by level."""
-    asked, done = ready.question, 0
-    collected, level = Collected(asked, ready.measures), BEGUN
+    request, done = map_run.request, 0
+    collected, level = PixelCollector(request, map_run.measures), BEGUN
     while True:
-        state = refined(asked, pixels := collected.pixel_values(), level)
+        state = refine(request, pixels := collected.pixel_values(), level)
         if not (level := state.level):
             return pixels
-        members = members_of(asked, state.wanted)
+        members = pixel_members(request, state.wanted)
         for low in range(0, members.size, CHUNK):
             part = members[low : low + CHUNK]
             collected.take(compute(part, done, done + members.size - low))
             done += part.size
 
 
-def _computed(ready: Prepared, compute: Compute) -> Iterator[Pixels]:
+def _computed(map_run: MapRun, compute: Compute) -> Iterator[Pixels]:
     """Integrate the members, CHUNK at a time: all replicas of some pixels, then of the next."""
-    asked, done = ready.question, 0
-    width = min(asked.pixels, CHUNK)
-    together = CHUNK // asked.pixels if width == asked.pixels else 1  # replicas
-    for low in range(0, asked.pixels, width):
-        here = range(low, min(low + width, asked.pixels))
-        collected = Collected(asked, ready.measures, here)
-        for replica in range(0, asked.replicas, together):
-            more = min(together, asked.replicas - replica) - 1
-            first = replica * asked.pixels + low
-            members = range(first, first + more * asked.pixels + len(here))
-            collected.take(compute(members, done, asked.members))
+    request, done = map_run.request, 0
+    width = min(request.pixels, CHUNK)
+    together = CHUNK // request.pixels if width == request.pixels else 1  # replicas
+    for low in range(0, request.pixels, width):
+        here = range(low, min(low + width, request.pixels))
+        collected = PixelCollector(request, map_run.measures, here)
+        for replica in range(0, request.replicas, together):
+            more = min(together, request.replicas - replica) - 1
+            first = replica * request.pixels + low
+            members = range(first, first + more * request.pixels + len(here))
+            collected.take(compute(members, done, request.members))
             done += len(members)
         yield collected.pixel_values()

@@ -13,7 +13,7 @@ from rigidmc.results.measures import Measure
 from rigidmc.results.variables import Variable
 from rigidmc.scene.sampling import is_sample
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.stability_map.question import Question, units_of
+from rigidmc.studies.stability_map.question import MapRequest, units_of
 from rigidmc.version import VERSION
 
 ASKED = "asked"  # the attribute of a map with its question
@@ -44,22 +44,22 @@ class Pixels(NamedTuple):
         return Pixels(intervals, self.counts[:, source])
 
 
-class Collected:
+class PixelCollector:
     """The numbers of the members of a range of pixels, (replicas, pixels)."""
 
     def __init__(
-        self, question: Question, measures: Sequence[Measure], pixels: range | None = None
+        self, request: MapRequest, measures: Sequence[Measure], pixels: range | None = None
     ) -> None:
-        self.question, self.measures = question, measures
-        self.pixels = range(question.pixels) if pixels is None else pixels
-        shape = question.replicas, len(self.pixels)
+        self.request, self.measures = request, measures
+        self.pixels = range(request.pixels) if pixels is None else pixels
+        shape = request.replicas, len(self.pixels)
         self._status = np.full(shape, _NOT_THERE, "i1")
         self._values = {one.text: np.zeros(shape, one.dtype) for one in measures}
         self._asked = {one.text: np.zeros(shape, bool) for one in measures}
 
     def take(self, dataset: xr.Dataset) -> None:
         """Take the numbers of members."""
-        replica, pixel = np.divmod(dataset.member.values, self.question.pixels)
+        replica, pixel = np.divmod(dataset.member.values, self.request.pixels)
         place = replica * len(self.pixels) + pixel - self.pixels.start
         self._status.reshape(-1)[place] = dataset.status.values
         for one in self.measures:
@@ -74,7 +74,7 @@ class Collected:
         """The intervals and counts of the pixels."""
         size = len(self.pixels)
         intervals = {one.text: np.full((4, size), np.nan) for one in self.measures}
-        counts, step = np.zeros((3, size), "i4"), max(1, _AT_ONCE // self.question.replicas)
+        counts, step = np.zeros((3, size), "i4"), max(1, _AT_ONCE // self.request.replicas)
         for low in range(0, size, step):
             part = slice(low, low + step)
             status = self._status[:, part].T
@@ -83,12 +83,12 @@ class Collected:
             counts[:, part] = good.sum(1), failed.sum(1), none.sum(1)
             for one in self.measures:
                 values, asked = (x[one.text][:, part].T for x in (self._values, self._asked))
-                found = one.interval(values, asked, self.question.confidence)
+                found = one.interval(values, asked, self.request.confidence)
                 intervals[one.text][:, part] = *found, found.without
         return Pixels(intervals, counts)
 
 
-def joined(parts: Sequence[Pixels]) -> Pixels:
+def join_pixels(parts: Sequence[Pixels]) -> Pixels:
     """The Pixels of ranges that follow one another."""
     intervals = {
         text: np.concatenate([part.intervals[text] for part in parts], axis=1)
@@ -97,7 +97,7 @@ def joined(parts: Sequence[Pixels]) -> Pixels:
     return Pixels(intervals, np.concatenate([part.counts for part in parts], axis=1))
 
 
-def names_of(measure: Measure) -> tuple[str, str, str, str]:
+def measure_variables(measure: Measure) -> tuple[str, str, str, str]:
     """The variables of a measure: its value, the ends of its interval, and the share of the members
     without a value, which a map has if there are some."""
     name = measure.text.replace(" ", "")
@@ -105,7 +105,7 @@ def names_of(measure: Measure) -> tuple[str, str, str, str]:
 
 
 def map_dataset(
-    question: Question,
+    request: MapRequest,
     scene: Scene,
     known: Mapping[str, Variable],
     measures: Sequence[Measure],
@@ -117,13 +117,13 @@ def map_dataset(
     known : the variables of the members of the scene;  computed : whether a pixel was computed, of
         an adaptive map
     """
-    shape, dims, variables = question.shape, tuple(question.sides), dict[str, Any]()
+    shape, dims, variables = request.shape, tuple(request.sides), dict[str, Any]()
     for one in measures:
         attrs = known[one.result.name].attrs
         text = f"{one.text}: {attrs.get('long_name', '')}"
-        share = f"of its interval of {100 * question.confidence:g} %"
+        share = f"of its interval of {100 * request.confidence:g} %"
         ends = "", f", low end {share}", f", high end {share}"
-        *names, lacking = names_of(one)
+        *names, lacking = measure_variables(one)
         *numbers, without = pixels.intervals[one.text]
         if not is_sample(
             scene.model
@@ -146,19 +146,19 @@ def map_dataset(
         "title": scene.title,
         "source": f"rigidmc {VERSION}",
         "scene": scene.dumps(),
-        "members": question.replicas,
-        "confidence": question.confidence,
+        "members": request.replicas,
+        "confidence": request.confidence,
         "integrator": scene.run.integrator,
         "t_end": scene.run.t_end,
-        ASKED: question.text(),
+        ASKED: request.text(),
     }
-    return xr.Dataset(variables, _coordinates(question, scene), facts)
+    return xr.Dataset(variables, _coordinates(request, scene), facts)
 
 
-def _coordinates(question: Question, scene: Scene) -> dict[str, Any]:
+def _coordinates(request: MapRequest, scene: Scene) -> dict[str, Any]:
     found = {}
-    for key, grid in question.grids().items():
-        name, *_, log = question.sides[key]
+    for key, grid in request.grids().items():
+        name, *_, log = request.sides[key]
         attrs = {"long_name": name, "units": units_of(scene, name), "log": int(log)}
         found[key] = ((key,), grid.values(), attrs)
     return found

@@ -8,7 +8,7 @@ from pydantic import TypeAdapter
 
 from rigidmc.errors import FileError, OptionError, RigidmcError
 from rigidmc.physics.effects import label_effects
-from rigidmc.scene.amounts import counted
+from rigidmc.scene.amounts import read_count
 from rigidmc.scene.parameters import with_parameter
 from rigidmc.scene.quantities import Grid, grid
 from rigidmc.scene.scene import Scene
@@ -22,7 +22,7 @@ Resolution = int | tuple[int, int]
 Borders = tuple[tuple[str, tuple[float, ...]], ...]  # (measure, values between its classes)
 
 
-class Question(NamedTuple):
+class MapRequest(NamedTuple):
     """What is mapped.
 
     Pixel (i, j) has the number p = i columns + j, or p = (k rows + i) columns + j in layer k of
@@ -87,10 +87,10 @@ class Question(NamedTuple):
         return json.dumps(self._asdict())
 
 
-_QUESTION = TypeAdapter(Question)
+_QUESTION = TypeAdapter(MapRequest)
 
 
-def question(
+def make_request(
     x: Side,
     y: Side,
     of: str | Sequence[str],
@@ -99,8 +99,8 @@ def question(
     z: Side | None = None,
     layers: int | None = None,
     **more: Any,
-) -> Question:
-    """The Question of a user; OptionError for sides, measures and sizes that are none."""
+) -> MapRequest:
+    """The MapRequest of a user; OptionError for sides, measures and sizes that are none."""
     texts = (of,) if isinstance(of, str) else tuple(of)
     if not texts or not all(isinstance(text, str) for text in texts):
         raise OptionError('expected measures, such as "p(flips >= 1)"', at="of", value=texts)
@@ -111,11 +111,13 @@ def question(
         raise OptionError("are those of a third parameter: give z", at="layers", value=layers)
     if z is not None:
         more["z"] = _whole_side("z", z)
-        more["layers"] = counted(LAYERS if layers is None else layers, "layers", 1, MOST_LAYERS)
+        more["layers"] = read_count(LAYERS if layers is None else layers, "layers", 1, MOST_LAYERS)
         if z[0] in (x[0], y[0]):
             raise OptionError("is already the parameter of x or y", at="z", value=z[0])
     columns, rows = columns_and_rows(resolution)
-    return Question(across, upwards, texts, columns, rows, counted(replicas, "members"), **more)
+    return MapRequest(
+        across, upwards, texts, columns, rows, read_count(replicas, "members"), **more
+    )
 
 
 def columns_and_rows(resolution: Resolution) -> tuple[int, int]:
@@ -124,15 +126,15 @@ def columns_and_rows(resolution: Resolution) -> tuple[int, int]:
     if len(shape) != 2:
         rule = "expected pixels per side, or (columns, rows)"
         raise OptionError(rule, at="resolution", value=resolution)
-    columns, rows = (counted(side, "resolution", 1, MOST) for side in shape)
+    columns, rows = (read_count(side, "resolution", 1, MOST) for side in shape)
     return columns, rows
 
 
-def adapted(asked: Question, adaptive: bool | Borders) -> Question:
+def with_borders(request: MapRequest, adaptive: bool | Borders) -> MapRequest:
     """The question of an adaptive map, with borders if they are given, or of one that is none."""
     if isinstance(adaptive, bool):
-        return asked._replace(borders=() if adaptive else None)
-    return asked._replace(borders=adaptive)
+        return request._replace(borders=() if adaptive else None)
+    return request._replace(borders=adaptive)
 
 
 def _whole_side(key: str, side: Side) -> Whole:
@@ -145,8 +147,8 @@ def _whole_side(key: str, side: Side) -> Whole:
     return name, low, high, bool(log and log[0])
 
 
-def stored_question(text: str, path: str) -> Question:
-    """The Question in the facts of a run directory; FileError if it is none."""
+def read_stored_request(text: str, path: str) -> MapRequest:
+    """The MapRequest in the facts of a run directory; FileError if it is none."""
     try:
         found = _QUESTION.validate_json(text)
         least = min(found.columns, found.rows, found.layers, found.replicas)

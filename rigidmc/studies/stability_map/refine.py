@@ -22,7 +22,7 @@ from rigidmc.engine.kernel.layout import LANES
 from rigidmc.errors import OptionError, unknown
 from rigidmc.results.measures import Measure
 from rigidmc.studies.stability_map.pixels import Pixels
-from rigidmc.studies.stability_map.question import Borders, Question
+from rigidmc.studies.stability_map.question import Borders, MapRequest
 
 STRIDE = 8  # pixels between those that are computed first
 BEGUN = 2 * STRIDE  # the stride of the level before the first
@@ -35,7 +35,7 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 
-class Refined(NamedTuple):
+class Refinement(NamedTuple):
     """How far an adaptive map is.
 
     source : (pixels,) the pixel that each pixel shows
@@ -50,14 +50,14 @@ class Refined(NamedTuple):
     level: int
 
 
-def unit(asked: Question) -> int:
+def pixel_multiple(request: MapRequest) -> int:
     """Pixels are computed in multiples of so many, the members of a whole shard."""
-    return LANES * -(-asked.pixels // UNITS)
+    return LANES * -(-request.pixels // UNITS)
 
 
-def members_of(asked: Question, pixels: Ints) -> Ints:
+def pixel_members(request: MapRequest, pixels: Ints) -> Ints:
     """The members of some pixels, in their order."""
-    return np.add.outer(np.arange(asked.replicas) * asked.pixels, pixels).ravel()
+    return np.add.outer(np.arange(request.replicas) * request.pixels, pixels).ravel()
 
 
 def borders_of(measures: Sequence[Measure], given: Borders = ()) -> Borders:
@@ -81,15 +81,15 @@ def borders_of(measures: Sequence[Measure], given: Borders = ()) -> Borders:
     return found or ((one.text, usual),)
 
 
-def refined(asked: Question, pixels: Pixels, done: int = 1) -> Refined:
+def refine(request: MapRequest, pixels: Pixels, done: int = 1) -> Refinement:
     """How far an adaptive map is, by what its pixels say.
 
     done : the stride of the last level, all of whose pixels are there; BEGUN if none is
     """
-    shape = asked.layers, asked.rows, asked.columns
-    number = np.arange(asked.pixels).reshape(shape)
+    shape = request.layers, request.rows, request.columns
+    number = np.arange(request.pixels).reshape(shape)
     known = (pixels.counts.sum(0) > 0).reshape(shape)
-    classes, sure = _classes(asked, pixels)
+    classes, sure = _classes(request, pixels)
     stride, shown = STRIDE, number[:, ::STRIDE, ::STRIDE]
     level, wanted = (STRIDE, shown.ravel()) if done == BEGUN else (0, number[:0].ravel())
     while stride > 1:
@@ -105,8 +105,10 @@ def refined(asked: Question, pixels: Pixels, done: int = 1) -> Refined:
         i, j = (np.where(a % 2, b, a) for a, b in zip(low, high, strict=True))
         shown = np.where(here, mine, shown[:, i[:, None], j])
     if not wanted.size:
-        return Refined(shown.ravel(), known.ravel(), wanted, 0)
-    return Refined(shown.ravel(), known.ravel(), _rounded_up(asked, wanted, known, level), level)
+        return Refinement(shown.ravel(), known.ravel(), wanted, 0)
+    return Refinement(
+        shown.ravel(), known.ravel(), _rounded_up(request, wanted, known, level), level
+    )
 
 
 def _around(shape: tuple[int, int, int], stride: int) -> tuple[list[Ints], list[Ints]]:
@@ -126,16 +128,16 @@ def _unlike(classes: NDArray[np.float64]) -> Bools:
     return found
 
 
-def _classes(asked: Question, pixels: Pixels) -> tuple[NDArray[np.float64], Bools]:
+def _classes(request: MapRequest, pixels: Pixels) -> tuple[NDArray[np.float64], Bools]:
     """((measures, pixels) the classes of the pixels, whether each is sure of all of its own).
 
     A pixel is sure if no border is within its interval, or if there is none, or if all of its
     members agree on a share: the intervals of a few would hold a border everywhere.
     """
-    found, sure = [np.where(pixels.counts[0] > 0, 0.0, _NEVER)], np.ones(asked.pixels, bool)
-    for text, borders in asked.borders or ():
+    found, sure = [np.where(pixels.counts[0] > 0, 0.0, _NEVER)], np.ones(request.pixels, bool)
+    for text, borders in request.borders or ():
         value, low, high, _ = pixels.intervals[text]
-        places = np.sort(borders) if borders else _equal_parts(asked, value)
+        places = np.sort(borders) if borders else _equal_parts(request, value)
         among, least, most = (
             np.where(np.isnan(one), _NEVER, np.searchsorted(places, one, side="right"))
             for one in (value, low, high)
@@ -146,9 +148,9 @@ def _classes(asked: Question, pixels: Pixels) -> tuple[NDArray[np.float64], Bool
     return np.array(found), sure
 
 
-def _equal_parts(asked: Question, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _equal_parts(request: MapRequest, values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Borders of CLASSES equal parts of the range of the pixels that come first."""
-    shape = asked.layers, asked.rows, asked.columns
+    shape = request.layers, request.rows, request.columns
     first = values.reshape(shape)[:, ::STRIDE, ::STRIDE]
     first = first[np.isfinite(first)]
     if not first.size:
@@ -157,13 +159,14 @@ def _equal_parts(asked: Question, values: NDArray[np.float64]) -> NDArray[np.flo
     return np.linspace(low, high, CLASSES + 1)[1:-1]
 
 
-def _rounded_up(asked: Question, wanted: Ints, known: Any, stride: int) -> Ints:
-    """Pixels that are wanted, and others of their level, spread evenly, to a multiple of `unit`.
+def _rounded_up(request: MapRequest, wanted: Ints, known: Any, stride: int) -> Ints:
+    """Pixels that are wanted, and others of their level, spread evenly, to a multiple of
+    `pixel_multiple`.
 
     If their level has too few others, those of the whole map are taken, or all of them.
     """
-    short = -wanted.size % unit(asked)
-    number = np.arange(asked.pixels).reshape(known.shape)
+    short = -wanted.size % pixel_multiple(request)
+    number = np.arange(request.pixels).reshape(known.shape)
     for step in (stride, 1):
         left = np.setdiff1d(number[:, ::step, ::step][~known[:, ::step, ::step]], wanted)
         if left.size >= short:

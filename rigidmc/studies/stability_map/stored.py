@@ -1,8 +1,8 @@
 """Maps on disk: a file, or a run directory, which loses nothing when its process is killed.
 
-A directory of an adaptive map grows: it is resumed until its pixels call for no more (`there`,
-`resume_growing`). A part of a stored map is computed as a new map of the same question
-(`zoom_map`).
+A directory of an adaptive map grows: it is resumed until its pixels call for no more
+(`members_there`, `resume_growing`). A part of a stored map is computed as a new map of the same
+question (`zoom_map`).
 """
 
 import os
@@ -19,43 +19,43 @@ from rigidmc.files.netcdf import open_undecoded, read
 from rigidmc.files.outputs import Path
 from rigidmc.results.run_directory import RunDirectory
 from rigidmc.results.variables import NEWER, variables_of
-from rigidmc.runs.directory.create import Chosen, create
+from rigidmc.runs.directory.create import MemberSelection, create
 from rigidmc.runs.directory.load import load_run, scene_of_run
-from rigidmc.runs.directory.resume import grow, resume
-from rigidmc.scene.amounts import seconds
+from rigidmc.runs.directory.resume import add_members, resume
+from rigidmc.scene.amounts import read_seconds
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.studies.stability_map.case import with_theory
 from rigidmc.studies.stability_map.compute import (
-    Prepared,
+    MapRun,
     Progress,
-    described,
-    finished,
-    mapped,
+    describe_map,
+    finish_map,
     prepare_map,
+    run_map,
 )
 from rigidmc.studies.stability_map.pixels import (
     ASKED,
     COMPUTED,
     COUNTS,
-    Collected,
+    PixelCollector,
     Pixels,
-    names_of,
+    measure_variables,
 )
 from rigidmc.studies.stability_map.question import (
     MOST,
-    Question,
+    MapRequest,
     Resolution,
     Whole,
     columns_and_rows,
-    stored_question,
+    read_stored_request,
 )
-from rigidmc.studies.stability_map.refine import BEGUN, members_of, refined, unit
+from rigidmc.studies.stability_map.refine import BEGUN, pixel_members, pixel_multiple, refine
 
 MAP = "map"  # of the question, among the attributes in run.json
 
 
 def create_map(
-    ready: Prepared,
+    map_run: MapRun,
     path: Path,
     size: float | None = None,
     only: range | None = None,
@@ -66,14 +66,14 @@ def create_map(
     """Make a run directory for a map; the arguments and errors are those of `create`."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # `prepared` gave the notes
-        asked, about = ready.question, {MAP: ready.question.text()}
-        if asked.borders is None:
-            return create(ready.scene, path, size, only, threads, about, None, limit, device)
-        nothing = Collected(asked, ready.measures).pixel_values()
-        first = refined(asked, nothing, BEGUN)
-        shard = unit(asked) * asked.replicas
-        chosen = Chosen(members_of(asked, first.wanted), shard, first.level)
-        return create(ready.scene, path, size, None, threads, about, chosen)
+        request, about = map_run.request, {MAP: map_run.request.text()}
+        if request.borders is None:
+            return create(map_run.scene, path, size, only, threads, about, None, limit, device)
+        nothing = PixelCollector(request, map_run.measures).pixel_values()
+        first = refine(request, nothing, BEGUN)
+        shard = pixel_multiple(request) * request.replicas
+        chosen = MemberSelection(pixel_members(request, first.wanted), shard, first.level)
+        return create(map_run.scene, path, size, None, threads, about, chosen)
 
 
 def is_map(path: Path) -> bool:
@@ -88,58 +88,31 @@ def is_map(path: Path) -> bool:
 
 
 def open_map(path: Path, allow_code: bool = False) -> xr.Dataset:
-    """Open a map.
-
-    Parameters
-    ----------
-    path : path_like
-        a netCDF file of a map, or the run directory of one, also of one that has not ended
-    allow_code : bool, optional
-        whether to run the Python files of a user's own effects
-
-    Returns
-    -------
-    xarray.Dataset
-        as of `stability_map`. If members of a run directory are missing, pixels have the others,
-        and `missing` in the attributes counts them
-
-    Raises
-    ------
-    FileError
-        for anything else, and for a run directory without a shard
-
-    Examples
-    --------
-    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)))
-    >>> sides = ("body.moments.1", 1.0, 3.0), ("start.omega.2", 0.1, 1.0)
-    >>> rm.stability_map(scene, *sides, "p(flips >= 1)", 2, t_end=1.0).to_netcdf("map.nc")
-    >>> dict(rm.open_map("map.nc").sizes)
-    {'y': 2, 'x': 2}
-    """
+    """The Dataset of a map, see `rigidmc.open`; FileError for anything else."""
     if os.path.isdir(path):
         return map_of_run(path, allow_code)
     return _map_in_file(os.fspath(path), allow_code)
 
 
-def asked_of(source: Path | xr.Dataset, allow_code: bool = False) -> tuple[Question, Scene]:
+def read_request(source: Path | xr.Dataset, allow_code: bool = False) -> tuple[MapRequest, Scene]:
     """What a map asks, and of which scene: a file, a run directory or a Dataset; FileError."""
     if isinstance(source, xr.Dataset):
         name = str(source.encoding.get("source", "the Dataset"))
-        asked = stored_question(str(source.attrs.get(ASKED, "")), name)
-        return asked, scene_of(source, allow_code=allow_code)
+        request = read_stored_request(str(source.attrs.get(ASKED, "")), name)
+        return request, scene_of(source, allow_code=allow_code)
     if os.path.isdir(source):
         directory = RunDirectory(source)
-        return question_of(directory), scene_of_run(directory, allow_code)
+        return request_of(directory), scene_of_run(directory, allow_code)
     with open_undecoded(os.fspath(source)) as file:
-        return asked_of(file, allow_code)
+        return read_request(file, allow_code)
 
 
 def _map_in_file(path: str, allow_code: bool) -> xr.Dataset:
     """The map in a file: its numbers, laid out as what it asks of its scene demands."""
     with open_undecoded(path) as file:
-        asked, scene = asked_of(file, allow_code)
-        ready = described(asked, scene, variables_of(scene))
-        shape = asked.shape
+        request, scene = read_request(file, allow_code)
+        map_run = describe_map(request, scene, variables_of(scene))
+        shape = request.shape
 
         def numbers(name: str, kinds: str) -> NDArray[Any]:
             variable = file.variables.get(name)
@@ -148,42 +121,42 @@ def _map_in_file(path: str, allow_code: bool) -> xr.Dataset:
             return np.asarray(variable.values).reshape(-1)
 
         intervals = {}
-        for one in ready.measures:
-            *names, lacking = names_of(one)
+        for one in map_run.measures:
+            *names, lacking = measure_variables(one)
             found = [numbers(name, "f") for name in names]
             none = np.where(np.isnan(found[0]), np.nan, 0.0)
             found.append(numbers(lacking, "f") if lacking in file.variables else none)
             intervals[one.text] = np.stack(found)
         counts = np.stack([numbers(name, "iu") for name in COUNTS]).astype("i4")
-        computed = None if asked.borders is None else numbers(COMPUTED, "iu") > 0
+        computed = None if request.borders is None else numbers(COMPUTED, "iu") > 0
         more = {key: file.attrs[key] for key in ("seconds", "missing") if key in file.attrs}
         sound = all(isinstance(value, (float, int, np.number)) for value in more.values())
     if not sound:
         raise FileError("expected a number", at="seconds", file=path)
-    whole = finished(ready, Pixels(intervals, counts), computed)
-    return with_theory(whole, asked.name).assign_attrs(more)
+    whole = finish_map(map_run, Pixels(intervals, counts), computed)
+    return with_theory(whole, request.name).assign_attrs(more)
 
 
-def question_of(directory: RunDirectory) -> Question:
+def request_of(directory: RunDirectory) -> MapRequest:
     """What the map of a run directory asks; FileError if it is no map."""
     text = directory.facts["attributes"].get(MAP)
     if text is None:
         raise FileError("is the run of a scene, and no map", at="map", file=directory.path)
-    asked = stored_question(str(text), directory.path)
-    if asked.borders is not None:
-        return asked
-    return asked._replace(replicas=-(-int(directory.facts["members"]) // asked.pixels))
+    request = read_stored_request(str(text), directory.path)
+    if request.borders is not None:
+        return request
+    return request._replace(replicas=-(-int(directory.facts["members"]) // request.pixels))
 
 
 def members_of_pixels(path: Path, replicas: int) -> int:
     """How many members a map has with so many in each pixel."""
     if replicas > (most := 2**53 // MOST**2):
         raise OptionError(f"a pixel has at most {most:,} members", at="members", value=replicas)
-    asked = question_of(RunDirectory(path))
-    if asked.borders is not None:
+    request = request_of(RunDirectory(path))
+    if request.borders is not None:
         rule = "an adaptive map chose its pixels by the members that these have: start a new map"
         raise OptionError(rule, at="members", value=replicas)
-    return replicas * asked.pixels
+    return replicas * request.pixels
 
 
 def map_of_run(path: Path, allow_code: bool = False) -> xr.Dataset:
@@ -194,25 +167,27 @@ def map_of_run(path: Path, allow_code: bool = False) -> xr.Dataset:
     """
     directory = RunDirectory(path)
     directory.refuse_strays()
-    ready, collected = there(directory, allow_code)
+    map_run, collected = members_there(directory, allow_code)
     if not directory.shards():
         raise FileError("no shard is there yet: resume it first", at="run", value=directory.path)
-    asked, pixels = ready.question, collected.pixel_values()
-    found = with_theory(finished(ready, pixels), asked.name)
+    request, pixels = map_run.request, collected.pixel_values()
+    found = with_theory(finish_map(map_run, pixels), request.name)
     missing = collected.missing()
-    if asked.borders is not None:
-        missing -= asked.members - int(directory.facts["members"])
+    if request.borders is not None:
+        missing -= request.members - int(directory.facts["members"])
         if not missing and (level := directory.facts.get("growing")):
-            missing = refined(asked, pixels, level).wanted.size * asked.replicas
+            missing = refine(request, pixels, level).wanted.size * request.replicas
     return found.assign_attrs(missing=missing) if missing else found
 
 
-def there(directory: RunDirectory, allow_code: bool = False) -> tuple[Prepared, Collected]:
+def members_there(
+    directory: RunDirectory, allow_code: bool = False
+) -> tuple[MapRun, PixelCollector]:
     """The map of a run directory, and the numbers of its members from the shards that exist."""
-    asked, run = question_of(directory), load_run(directory, allow_code)
-    ready = described(asked, run.scene, run.layout.by_member)
-    collected = Collected(asked, ready.measures)
-    names = {name: ready.known[name] for one in ready.measures for name in one.names}
+    request, run = request_of(directory), load_run(directory, allow_code)
+    map_run = describe_map(request, run.scene, run.layout.by_member)
+    collected = PixelCollector(request, map_run.measures)
+    names = {name: map_run.known[name] for one in map_run.measures for name in one.names}
     sizes = run.layout.lengths()
     for i, shard in sorted(directory.shards().items()):
         members = np.asarray(directory.members(i))
@@ -227,9 +202,9 @@ def there(directory: RunDirectory, allow_code: bool = False) -> tuple[Prepared, 
         if not fits or not np.array_equal(values["member"], members):
             rule = "has the members of another shard; `rigidmc verify` tells more"
             raise FileError(rule, at="shard", value=i, file=shard)
-        t_end = {"t_end": ready.scene.run.t_end}
+        t_end = {"t_end": map_run.scene.run.t_end}
         collected.take(xr.Dataset(variables, {"member": members, "axis": [1, 2, 3]}, t_end))
-    return ready, collected
+    return map_run, collected
 
 
 def resume_growing(
@@ -247,13 +222,15 @@ def resume_growing(
     if only is not None and directory.chosen is not None:
         rule = "all shards of an adaptive map must be there before the next are known: leave it out"
         raise OptionError(rule, at="shards", value=f"{only.start}:{only.stop}")
-    stop = None if max_wall is None else time.monotonic() + seconds(max_wall, "max_wall")
+    stop = None if max_wall is None else time.monotonic() + read_seconds(max_wall, "max_wall")
     options |= {"only": only, "allow_code": allow_code}
     directory, flagged = resume(directory, max_wall=max_wall, **options)
     while (level := directory.facts.get("growing")) and not directory.missing().size:
-        ready, collected = there(directory, allow_code)
-        state = refined(ready.question, collected.pixel_values(), level)
-        directory = grow(directory, members_of(ready.question, state.wanted), state.level)
+        map_run, collected = members_there(directory, allow_code)
+        state = refine(map_run.request, collected.pixel_values(), level)
+        directory = add_members(
+            directory, pixel_members(map_run.request, state.wanted), state.level
+        )
         left = None if stop is None else stop - time.monotonic()
         if not state.level or (left is not None and left <= 0.0):
             break
@@ -318,25 +295,25 @@ def zoom_map(
     >>> rm.zoom_map(whole, (1.0, 1.5), (0.5, 1.0)).x.values.tolist()
     [1.125, 1.375]
     """
-    ready = zoomed(source, x, y, allow_code, resolution)
-    return with_theory(mapped(ready, threads, progress, device), ready.question.name)
+    map_run = prepare_zoom(source, x, y, allow_code, resolution)
+    return with_theory(run_map(map_run, threads, progress, device), map_run.request.name)
 
 
-def zoomed(
+def prepare_zoom(
     source: Path | xr.Dataset,
     x: Ends,
     y: Ends,
     allow_code: bool = False,
     resolution: Resolution | None = None,
-) -> Prepared:
+) -> MapRun:
     """A part of a map before its first step; the arguments and errors are those of `zoom_map`."""
-    asked, scene = asked_of(source, allow_code)
-    across, upwards = _side("x", asked.x, x), _side("y", asked.y, y)
-    asked = asked._replace(x=across, y=upwards)
+    request, scene = read_request(source, allow_code)
+    across, upwards = _side("x", request.x, x), _side("y", request.y, y)
+    request = request._replace(x=across, y=upwards)
     if resolution is not None:
         columns, rows = columns_and_rows(resolution)
-        asked = asked._replace(columns=columns, rows=rows)
-    return prepare_map(asked, scene, save=scene.run.save)
+        request = request._replace(columns=columns, rows=rows)
+    return prepare_map(request, scene, save=scene.run.save)
 
 
 def _side(key: str, side: Whole, ends: Ends) -> Whole:

@@ -44,15 +44,15 @@ from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.options import Example, Option, Options, Words, keywords_of, option
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.stability_map.case import with_theory
-from rigidmc.studies.stability_map.compute import Prepared, mapped, prepare_map, replicas_of
+from rigidmc.studies.stability_map.compute import MapRun, prepare_map, replicas_of, run_map
 from rigidmc.studies.stability_map.question import (
     MOST_LAYERS,
     Borders,
     Resolution,
     Side,
-    adapted,
     columns_and_rows,
-    question,
+    make_request,
+    with_borders,
 )
 from rigidmc.studies.stability_map.stored import create_map, open_map
 
@@ -63,7 +63,7 @@ ENDS = "LOW:HIGH,LOW:HIGH"
 def read_side(value: Any, at: str) -> Any:
     """(parameter, low, high, whether in even ratios) of KEY=LOW:HIGH[:log]; OptionError.
 
-    What is no text is left to `question`.
+    What is no text is left to `make_request`.
     """
     if not isinstance(value, str):
         return value
@@ -181,20 +181,22 @@ class Maps:
         told = "bool or callable", "True for a bar, or a function of (members done, all)"
         return {**keywords_of("members"), "progress": told}
 
-    def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Prepared:
+    def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> MapRun:
         """The map before its first step."""
         x, y, members = options.x, options.y, options.members
         if members is None:
             members = replicas_of(scene, x, y)
         sizes = options.resolution, members, options.z, options.layers
-        asked = question(x, y, options.of, *sizes, confidence=options.confidence)
-        return prepare_map(adapted(asked, options.adaptive), scene, save=settings.get("save", ()))
+        request = make_request(x, y, options.of, *sizes, confidence=options.confidence)
+        return prepare_map(
+            with_borders(request, options.adaptive), scene, save=settings.get("save", ())
+        )
 
     def compute(
-        self, ready: Prepared, options: Any, threads: int | None, device: str | None, progress: Any
+        self, map_run: MapRun, options: Any, threads: int | None, device: str | None, progress: Any
     ) -> xr.Dataset:
         """The map, whose members are computed now."""
-        return with_theory(mapped(ready, threads, progress, device), ready.question.name)
+        return with_theory(run_map(map_run, threads, progress, device), map_run.request.name)
 
     def stored(
         self, name: str, path: Path, options: Any, threads: int | None, allow_code: bool
@@ -203,10 +205,10 @@ class Maps:
         return open_map(path, allow_code)
 
     def create(
-        self, name: str, ready: Prepared, options: Any, path: Path, **ways: Any
+        self, name: str, map_run: MapRun, options: Any, path: Path, **ways: Any
     ) -> RunDirectory:
         """Make a run directory; see `rigidmc.runs.directory.create.create`."""
-        return create_map(ready, path, **ways)
+        return create_map(map_run, path, **ways)
 
 
 def outcome(dataset: xr.Dataset) -> str:

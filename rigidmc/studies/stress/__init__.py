@@ -1,10 +1,11 @@
 """Hard cases: how far each integrator is from the truth, and how far a scene can be trusted.
 
-A `Case` (`case`) is one motion, why it is hard, the truth, and a function that returns the error of
-an integrator. The cases lie in three catalogues, `free_cases`, `heavy_cases` and `numerical_cases`;
-`motions` and `truths` make the errors, `problems` has published ends. `hard_cases`
-compares each error with its bound in bounds.csv, through worker processes (`processes`). `trust`
-puts one scene of a user to checks. `study` is the record of both, `picture` draws both.
+A `HardCase` (`case`) is one motion, why it is hard, the truth, and a function that returns the
+error of an integrator. The cases lie in three catalogues, `free_cases`, `heavy_cases` and
+`numerical_cases`; `motions` and `truths` make the errors, `problems` has published ends.
+`hard_cases` compares each error with its bound in bounds.csv, through worker processes
+(`processes`). `trust` puts one scene of a user to checks. `study` is the record of both, `picture`
+draws both.
 
 A measured bound is four times an error on one machine: it grows by a measurement alone, never
 because a change of code needs it.
@@ -14,7 +15,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rigidmc.studies.stress.case import Case
+    from rigidmc.studies.stress.case import HardCase
 
 GROUPS = {  # {group: its title}
     "H1": "principal axes",
@@ -35,7 +36,7 @@ GROUPS = {  # {group: its title}
 }
 
 
-def catalogue() -> "list[Case]":
+def catalogue() -> "list[HardCase]":
     """All cases, group by group."""
     from rigidmc.studies.stress import free_cases, heavy_cases, numerical_cases
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from rigidmc.physics.integrators import INTEGRATORS, accepting
+from rigidmc.physics.integrators import INTEGRATORS, integrators_for
 
 ErrorOf = Callable[
     [str, float], float
@@ -12,7 +12,7 @@ ErrorOf = Callable[
 
 
 @dataclass(frozen=True)
-class Case:
+class HardCase:
     """One hard case.
 
     why, truth : what makes the case hard, and what the error is measured against
@@ -38,7 +38,7 @@ class Case:
 
     def integrators(self) -> list[str]:
         """The names of the integrators that claim the case."""
-        return [name for name in accepting(self.effects) if self.claims(name)]
+        return [name for name in integrators_for(self.effects) if self.claims(name)]
 
     def asked_of(self, integrator: str) -> float | None:
         """The bound set by mathematics, None if it comes from measurements."""

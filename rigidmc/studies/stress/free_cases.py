@@ -1,6 +1,6 @@
 """Hard cases of a free body: groups H1 to H6.
 
-A group is a function that yields its `Case`s, and an entry of CASES at the end of the file.
+A group is a function that yields its `HardCase`s, and an entry of CASES at the end of the file.
 """
 
 import math
@@ -9,10 +9,22 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.studies.stress.case import Case, makes_steps
-from rigidmc.studies.stress.motions import GRAVITY, UPRIGHT, conserved, constant, direction, tops
+from rigidmc.studies.stress.case import HardCase, makes_steps
+from rigidmc.studies.stress.motions import (
+    GRAVITY,
+    UPRIGHT,
+    direction,
+    invariants,
+    largest_change,
+    tops,
+)
 from rigidmc.studies.stress.problems import HARD
-from rigidmc.studies.stress.truths import against_closed, flagged_or_close, flips, over_members
+from rigidmc.studies.stress.truths import (
+    distance_to_closed_form,
+    flagged_or_close,
+    flips,
+    over_members,
+)
 
 AXIS_BODIES = {
     "generic": (1.0, 2.0, 2.5),
@@ -22,30 +34,30 @@ AXIS_BODIES = {
 }
 
 
-def principal_axes() -> Iterator[Case]:
+def principal_axes() -> Iterator[HardCase]:
     """Spins about principal axes: steady rotations in which rounding must not grow."""
     for word, moments in AXIS_BODIES.items():
         spins = np.array([sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)])
         scene = tops(np.tile(moments, (6, 1)), spins)
         steps = 1_000_000 if word == "generic" else 100_000
         end = steps * 0.05 / (1.0 / min(moments))
-        yield Case(
+        yield HardCase(
             f"axis spins of a {word} body",
             f"{steps:,} steps of spin about each axis in both directions, the unstable one"
             " included: rounding errors across the axis would grow",
             "L is constant in the body",
-            constant(scene, end, direction, steps=steps),
+            largest_change(scene, end, direction, steps=steps),
             asked=1e-15,
             claims=makes_steps,
             quick=word == "needle",
         )
     heavy = tops((1.0, 1.0, 0.7), (0.0, 0.0, 3.0), UPRIGHT, (0.0, 0.0, 1.3))
-    yield Case(
+    yield HardCase(
         "sleeping top, 1e5 steps",
         "fast and exactly upright: the torque of gravity must vanish to the bit"
         " at every rotation about the vertical",
         "L and the vertical are constant in the body",
-        constant(heavy, 1e3, direction, steps=100_000),
+        largest_change(heavy, 1e3, direction, steps=100_000),
         effects=GRAVITY,
         claims=makes_steps,
     )
@@ -59,10 +71,10 @@ def _for_high_order(bound: float) -> Callable[[str], float | None]:
     return lambda name: bound if INTEGRATORS[name].order >= 6 else None
 
 
-def dzhanibekov() -> Iterator[Case]:
+def dzhanibekov() -> Iterator[HardCase]:
     """Flips of a body that spins about its middle axis (Dzhanibekov effect)."""
     for eps in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-13, 1e-15):
-        yield Case(
+        yield HardCase(
             f"first flip, eps = {eps:g}",
             f"the time of the first flip after a disturbance of {eps:g}: an absolute error"
             f" of 1e-16 would be {1e-16 / eps:.0e} of the disturbance",
@@ -72,7 +84,7 @@ def dzhanibekov() -> Iterator[Case]:
             quick=eps in (1e-4, 1e-13),
         )
     for eps in (1e-2, 1e-3, 1e-4):
-        yield Case(
+        yield HardCase(
             f"ten flips, eps = {eps:g}",
             "each passage by the unstable axis starts from components of size 1: a rounding"
             " of 1e-16 changes the modulus, and so the time, by 1e-16/eps^2",
@@ -80,35 +92,35 @@ def dzhanibekov() -> Iterator[Case]:
             flips(FLIPPING_MOMENTS, (eps, 2.0, 0.0), 10),
         )
     scene, interval = tops(FLIPPING_MOMENTS, (1e-4, 2.0, 0.0)), 36.707819410833642463
-    yield Case(
+    yield HardCase(
         "invariants over 1e3 flips",
         "4e4 s with a thousand passages by the unstable axis: energy and |L|^2 must not"
         " follow the flips",
         "invariants",
-        constant(scene, 1e3 * interval, conserved, saves=100, steps=600_000),
+        largest_change(scene, 1e3 * interval, invariants, saves=100, steps=600_000),
         claims=makes_steps,
     )
 
 
-def separatrix() -> Iterator[Case]:
+def separatrix() -> Iterator[HardCase]:
     """Free motion on and beside the separatrix, where the modulus is 1 to rounding."""
     for word in ("separatrix", "separatrix_below", "separatrix_above", "near_middle_axis_13"):
         moments, momentum = HARD[word]
-        yield Case(
+        yield HardCase(
             word.replace("_", " "),
             "the modulus is 1 to rounding: formulas with m, K(m) and inverse sines lose all"
             " digits, and errors grow as exp(0.6 t)",
             "closed form",
-            against_closed(tops(moments, momentum), 12.0),
+            distance_to_closed_form(tops(moments, momentum), 12.0),
             quick=word == "separatrix",
         )
     near = tops((1.0, 2.0, 3.0), (1.0 - 1e-15, 1.0, math.sqrt(3.0)))
-    yield Case(
+    yield HardCase(
         "invariants on the separatrix",
         "1e5 steps along the separatrix and back by the middle axis, on whichever side"
         " rounding takes them",
         "invariants",
-        constant(near, 1e4, conserved, steps=100_000),
+        largest_change(near, 1e4, invariants, steps=100_000),
         claims=makes_steps,
     )
 
@@ -122,33 +134,33 @@ SYMMETRIC_BODIES = {
 }
 
 
-def symmetric_limits() -> Iterator[Case]:
+def symmetric_limits() -> Iterator[HardCase]:
     """Bodies with equal and nearly equal moments, where formulas change their form."""
     for word, moments in SYMMETRIC_BODIES.items():
-        yield Case(
+        yield HardCase(
             word,
             "two equal moments: a coefficient of Euler's equations vanishes, and formulas"
             " must not divide by it",
             "closed form",
-            against_closed(tops(moments, SYMMETRIC_MOMENTUM), 50.0),
+            distance_to_closed_form(tops(moments, SYMMETRIC_MOMENTUM), 50.0),
         )
     for split in (1e-4, 1e-8, 1e-12, 1e-15):
         for word, moments in (
             ("I1 = I2", (1.0, 1.0 + split, 2.0)),
             ("I2 = I3", (1.0, 2.0, 2.0 * (1.0 + split))),
         ):
-            yield Case(
+            yield HardCase(
                 f"{word} to {split:g}",
                 "between the symmetric and the asymmetric formulas: neither may jump where"
                 " the other begins",
                 "closed form",
-                against_closed(tops(moments, SYMMETRIC_MOMENTUM), 50.0),
+                distance_to_closed_form(tops(moments, SYMMETRIC_MOMENTUM), 50.0),
             )
     splits = (0.0, 1e-15, 3e-15, 1e-14)
     for word, at in (("I1 = I2", 1), ("I2 = I3", 2)):
         base = (1.0, 1.0, 2.0) if at == 1 else (1.0, 2.0, 2.0)
         rows = np.array([[x * (1.0 + s * (i == at)) for i, x in enumerate(base)] for s in splits])
-        yield Case(
+        yield HardCase(
             f"continuous across {word}",
             "bodies that differ by a rounding must move alike: a formula that switches at"
             " equality shows here",
@@ -168,15 +180,15 @@ FLAT_AND_THIN = {
 }
 
 
-def plates_and_needles() -> Iterator[Case]:
+def plates_and_needles() -> Iterator[HardCase]:
     """Bodies at the edge of the triangle inequality, and bodies with moments far apart."""
     for word, why in FLAT_AND_THIN.items():
         moments, momentum = HARD[word]
-        yield Case(
+        yield HardCase(
             word.replace("_", " "),
             why,
             "closed form",
-            against_closed(tops(moments, momentum), 10.0),
+            distance_to_closed_form(tops(moments, momentum), 10.0),
             quick=word == "needle",
         )
 
@@ -191,11 +203,11 @@ TOO_LONG_STEPS = {
 }
 
 
-def fast_spin() -> Iterator[Case]:
+def fast_spin() -> Iterator[HardCase]:
     """Steps that are long against the rotation: a result is right or flagged."""
     scene = tops((1.0, 1.4, 2.0), (3.0, 0.2, 1.0))
     for angle in (0.1, 1.0, 3.0):
-        yield Case(
+        yield HardCase(
             f"|omega| h = {angle:g}",
             "a step as long as a turn: aliased motion looks like slow motion, so it must be"
             " right or flagged",

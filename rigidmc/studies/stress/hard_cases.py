@@ -17,7 +17,7 @@ from rigidmc.files.outputs import write_bytes
 from rigidmc.files.reading import harmless, text_of
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.studies.stress import GROUPS, catalogue
-from rigidmc.studies.stress.case import Case
+from rigidmc.studies.stress.case import HardCase
 from rigidmc.studies.stress.processes import Outcome, carry_out
 from rigidmc.version import VERSION
 
@@ -68,13 +68,13 @@ def run_cases(
     return _dataset([cases[i] for i in wanted], table, names, known, bounds or {})
 
 
-def failed(study: xr.Dataset) -> bool:
+def any_failed(study: xr.Dataset) -> bool:
     """Whether any error is above its bound, or any case crashed."""
     return bool((study.verdict.values >= VERDICTS.index("above")).any())
 
 
 def bound_of(
-    case: Case,
+    case: HardCase,
     integrator: str,
     known: Mapping[Key, tuple[float, float]],
     given: Collection[Key] = (),
@@ -125,7 +125,7 @@ def load_bounds(path: str | PathLike[str]) -> dict[Key, float]:
     return {key: _checked(key, bound, FileError) for key, (bound, _) in table.items()}
 
 
-def save_bounds(study: xr.Dataset, path: str | PathLike[str], force: bool = False) -> None:
+def write_bounds(study: xr.Dataset, path: str | PathLike[str], force: bool = False) -> None:
     """Write four times the measured errors of a study as bounds, to one digit, at least 1e-16."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
@@ -178,7 +178,7 @@ def _checked(key: Key, bound: float, error: type[RigidmcError] = OptionError) ->
 
 
 def _dataset(
-    cases: Sequence[Case],
+    cases: Sequence[HardCase],
     outcomes: Sequence[Sequence[Outcome | None]],
     names: Sequence[str],
     known: Mapping[Key, tuple[float, float]],
@@ -222,7 +222,7 @@ def _dataset(
     return xr.Dataset(variables, coordinates, attrs)
 
 
-def _verdict(case: Case, name: str, error: float, bound: float) -> str:
+def _verdict(case: HardCase, name: str, error: float, bound: float) -> str:
     """One of VERDICTS."""
     if math.isnan(error):
         return "crashed"

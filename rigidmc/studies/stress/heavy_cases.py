@@ -1,6 +1,6 @@
 """Hard cases of a heavy top: groups H7, H10 and H11.
 
-A group is a function that yields its `Case`s, and an entry of CASES at the end of the file.
+A group is a function that yields its `HardCase`s, and an entry of CASES at the end of the file.
 """
 
 import math
@@ -12,23 +12,23 @@ from numpy.typing import NDArray
 
 from rigidmc.mechanics.rotation import from_euler, matrix, omega_from_euler_rates
 from rigidmc.physics.dynamics.so3 import vertical
-from rigidmc.studies.stress.case import Case, ErrorOf, makes_steps
+from rigidmc.studies.stress.case import ErrorOf, HardCase, makes_steps
 from rigidmc.studies.stress.motions import (
     GRAVITY,
     HANGING,
     UPRIGHT,
     Values,
-    conserved,
-    constant,
     direction,
-    leaning,
+    invariants,
+    largest_change,
+    lean_by,
     random_tops,
-    rotated,
+    rotation_about,
     run,
     tops,
     worst,
 )
-from rigidmc.studies.stress.truths import against_closed, same_bits
+from rigidmc.studies.stress.truths import distance_to_closed_form, same_bits
 
 A, C, K = 1.0, 0.7, 1.3  # moments A, A, C [kg m2] and weight times height K [N m]
 MOMENTS, WEIGHT = (A, A, C), (0.0, 0.0, K)
@@ -53,71 +53,71 @@ def top_starts() -> dict[str, TopStart]:
             "an equilibrium with |L| = 0: formulas must not divide by |L|",
         ),
         "sleeping, just stable": (
-            leaning(1e-3), (0.0, 0.0, critical * math.sqrt(1.001)),
+            lean_by(1e-3), (0.0, 0.0, critical * math.sqrt(1.001)),
             "C^2 n^2 = 4 A k (1 + 1e-3), leaning by 1e-3: it nutates slowly and far",
         ),
         "sleeping, just unstable": (
-            leaning(1e-3), (0.0, 0.0, critical * math.sqrt(0.999)),
+            lean_by(1e-3), (0.0, 0.0, critical * math.sqrt(0.999)),
             "C^2 n^2 = 4 A k (1 - 1e-3), leaning by 1e-3",
         ),
         "homoclinic": (
             tuple(from_euler((0.0, math.pi / 3, 0.0))), tuple(homoclinic),
             "it takes for ever to reach the vertical; errors grow as the inverse of its distance",
         ),
-        "cusps": (leaning(0.9), (0.0, 0.0, 3.0), "the axis stops at every upper turning point"),
-        "loops": (leaning(0.9), (0.0, -0.35, 3.0), "the precession reverses"),
+        "cusps": (lean_by(0.9), (0.0, 0.0, 3.0), "the axis stops at every upper turning point"),
+        "loops": (lean_by(0.9), (0.0, -0.35, 3.0), "the precession reverses"),
         "through the vertical": (
-            leaning(1.0), (5.0, 0.0, 0.0), "Euler angles are singular at the vertical",
+            lean_by(1.0), (5.0, 0.0, 0.0), "Euler angles are singular at the vertical",
         ),
         "close by the vertical": (
-            leaning(1.0), (5.0, 1e-9, 1e-9), "Euler angles change by pi within 1e-9 s",
+            lean_by(1.0), (5.0, 1e-9, 1e-9), "Euler angles change by pi within 1e-9 s",
         ),
         "pendulum from inverted": (
-            leaning(1e-6), (0.0, 0.0, 0.0),
+            lean_by(1e-6), (0.0, 0.0, 0.0),
             "it falls from 1e-6 beside the unstable equilibrium, and returns to it",
         ),
-        "fast": (leaning(1.0), (0.0, 0.0, 100.0), "a thousand turns in one nutation"),
+        "fast": (lean_by(1.0), (0.0, 0.0, 100.0), "a thousand turns in one nutation"),
     }  # fmt: skip
 
 
-def heavy_tops() -> Iterator[Case]:
+def heavy_tops() -> Iterator[HardCase]:
     """Heavy symmetric tops: equilibria, sleeping tops, cusps, loops, passages by the vertical."""
     for word, (attitude, momentum, why) in top_starts().items():
         scene = tops(MOMENTS, momentum, attitude, WEIGHT)
-        error = against_closed(scene, 4.0 if word == "fast" else 12.0)
-        yield Case(word, why, "closed form", error, effects=GRAVITY)
+        error = distance_to_closed_form(scene, 4.0 if word == "fast" else 12.0)
+        yield HardCase(word, why, "closed form", error, effects=GRAVITY)
     rest = tops(np.tile(MOMENTS, (2, 1)), np.zeros((2, 3)), np.array([UPRIGHT, HANGING]), WEIGHT)
-    yield Case(
+    yield HardCase(
         "equilibria stay, 1e5 steps",
         "torques of 1e-17 N m would make the upright top fall within 30 s",
         "L = 0 to the bit",
-        constant(rest, 1e3, direction, steps=100_000),
+        largest_change(rest, 1e3, direction, steps=100_000),
         asked=1e-15,
         effects=GRAVITY,
         claims=makes_steps,
     )
-    mixed = tops((1.0, 1.0, 0.7), (0.4, 0.3, 2.0), leaning(0.8), WEIGHT)
-    yield Case(
+    mixed = tops((1.0, 1.0, 0.7), (0.4, 0.3, 2.0), lean_by(0.8), WEIGHT)
+    yield HardCase(
         "energy and L_z, 1e5 steps",
         "a thousand nutations: the energy error of a splitting must stay bounded, and L_z"
         " must be conserved to rounding",
         "invariants",
-        constant(mixed, 5e3, conserved, saves=50, steps=100_000),
+        largest_change(mixed, 5e3, invariants, saves=50, steps=100_000),
         effects=GRAVITY,
         claims=makes_steps,
     )
 
 
-def integrable_tops() -> Iterator[Case]:
+def integrable_tops() -> Iterator[HardCase]:
     """Integrable tops (Kovalevskaya, Goryachev-Chaplygin) and steady ones (Staude, Grioli)."""
     attitude = tuple(from_euler((0.3, 1.1, 0.4)))
     kovalevskaya = tops((2.0, 2.0, 1.0), (0.5, 1.3, 0.7), attitude, (1.0, 0.0, 0.0))
-    yield Case(
+    yield HardCase(
         "Kovalevskaya's constant",
         "|(w1 + i w2)^2 - (k/C)(u1 + i u2)|^2, of degree 4: no integrator conserves it by"
         " construction",
         "invariant (Kovalevskaya 1889)",
-        constant(kovalevskaya, 40.0, kovalevskaya_constant),
+        largest_change(kovalevskaya, 40.0, kovalevskaya_constant),
         effects=GRAVITY,
         claims=makes_steps,
         quick=True,
@@ -127,28 +127,28 @@ def integrable_tops() -> Iterator[Case]:
     momentum = np.array((1.6, 0.9, 0.5))
     momentum = momentum - np.dot(momentum, u) * u  # L_z = 0
     goryachev = tops((4.0, 4.0, 1.0), tuple(momentum), attitude, (1.0, 0.0, 0.0))
-    yield Case(
+    yield HardCase(
         "Goryachev-Chaplygin's constant",
         "conserved only while L_z = 0: a drift of L_z destroys it",
         "invariant (Goryachev 1900)",
-        constant(goryachev, 40.0, goryachev_constant),
+        largest_change(goryachev, 40.0, goryachev_constant),
         effects=GRAVITY,
         claims=makes_steps,
     )
-    yield Case(
+    yield HardCase(
         "Staude's permanent rotation",
         "an asymmetric top spins steadily about the vertical, which is no principal axis:"
         " two large torques cancel",
         "L and the vertical are constant in the body (Staude 1894)",
-        staude(),
+        staude_error(),
         effects=GRAVITY,
         claims=makes_steps,
     )
-    yield Case(
+    yield HardCase(
         "Grioli's regular precession",
         "an asymmetric top precesses at a constant rate about an inclined axis",
         "closed form (Grioli 1947)",
-        grioli(),
+        grioli_error(),
         effects=GRAVITY,
         claims=makes_steps,
         quick=True,
@@ -163,7 +163,7 @@ def kovalevskaya_constant(
     real = w1 * w1 - w2 * w2 - body.p1 * body.i3 * u[0]
     imaginary = 2 * w1 * w2 - body.p1 * body.i3 * u[1]
     value = real * real + imaginary * imaginary
-    return [*conserved(body, effects, q, l), (value, np.abs(value[0]))]
+    return [*invariants(body, effects, q, l), (value, np.abs(value[0]))]
 
 
 def goryachev_constant(
@@ -173,20 +173,20 @@ def goryachev_constant(
     u = vertical(q)
     value = l[2] * (l[0] * l[0] + l[1] * l[1]) - 4.0 * body.p1 / body.i3 * l[0] * u[2]
     # the constant may be 0: 1 kg3 m6 s-3 is |L|^3 of these tops, as large as its terms
-    return [*conserved(body, effects, q, l), (value, np.maximum(np.abs(value[0]), 1.0))]
+    return [*invariants(body, effects, q, l), (value, np.maximum(np.abs(value[0]), 1.0))]
 
 
-def staude() -> ErrorOf:
+def staude_error() -> ErrorOf:
     """Change of L and of the vertical in the body, in a permanent rotation at 2 rad/s."""
     i, vertical, spin = np.array((1.0, 1.4, 2.0)), np.array((0.2, 0.3, 1.0)), 2.0
     vertical /= np.linalg.norm(vertical)
     weight = spin**2 * i * vertical - 2.0 * vertical
-    q = rotated(np.cross(vertical, (0.0, 0.0, 1.0)), math.acos(vertical[2]))
+    q = rotation_about(np.cross(vertical, (0.0, 0.0, 1.0)), math.acos(vertical[2]))
     scene = tops(tuple(i), tuple(spin * i * vertical), tuple(q), tuple(weight))
-    return constant(scene, 3.0, direction)
+    return largest_change(scene, 3.0, direction)
 
 
-def grioli() -> ErrorOf:
+def grioli_error() -> ErrorOf:
     """Error of L and of the vertical in the body, in Grioli's precession of moments 1, 1.4, 2."""
     a, b, c, k = 1.0, 1.4, 2.0, 1.0
     e = np.array((math.sqrt((b - a) / (c - a)), 0.0, math.sqrt((c - b) / (c - a))))
@@ -208,7 +208,7 @@ def grioli() -> ErrorOf:
 
     l, u = (x[:, 0] for x in motion(np.zeros(1)))
     axis = np.cross(u, (0.0, 0.0, 1.0))
-    q = rotated(axis, math.atan2(np.linalg.norm(axis), u[2]))
+    q = rotation_about(axis, math.atan2(np.linalg.norm(axis), u[2]))
     scene = tops((a, b, c), tuple(l), tuple(q), tuple(k * e))
 
     def error(integrator: str, share: float) -> float:
@@ -222,14 +222,14 @@ def grioli() -> ErrorOf:
     return error
 
 
-def chaos() -> Iterator[Case]:
+def chaos() -> Iterator[HardCase]:
     """Chaotic tops: the bits must not depend on the blocks, and invariants must survive."""
     moments, momentum = random_tops(64, 2)
     random = np.random.default_rng(3)
     q = random.normal(size=(64, 4))
     attitude = q / np.linalg.norm(q, axis=1, keepdims=True)
     heavy = tops(moments, momentum, attitude, random.normal(0.0, 0.3, (64, 3)))
-    yield Case(
+    yield HardCase(
         "same bits in any blocks, heavy",
         "errors grow exponentially: a single wrong bit would show",
         "the same run in other blocks",
@@ -240,7 +240,7 @@ def chaos() -> Iterator[Case]:
         quick=True,
     )
     near = np.array([(1e-9, 2.0, 1e-9 * i) for i in range(64)])
-    yield Case(
+    yield HardCase(
         "same bits in any blocks, by the separatrix",
         "errors grow exponentially: a single wrong bit would show",
         "the same run in other blocks",
@@ -248,11 +248,11 @@ def chaos() -> Iterator[Case]:
         asked=0.0,
         claims=makes_steps,
     )
-    yield Case(
+    yield HardCase(
         "energy and L_z of 64 chaotic tops",
         "positions are lost, invariants must not be",
         "invariants",
-        constant(heavy, 100.0, conserved),
+        largest_change(heavy, 100.0, invariants),
         effects=GRAVITY,
         claims=makes_steps,
     )

@@ -24,12 +24,12 @@ from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.physics.effects.sums import total_energy_scale
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.initial import members_at_start
-from rigidmc.planning.steps import physics, rates
+from rigidmc.planning.steps import physics, rate_bounds
 from rigidmc.planning.tolerance.deviation import relative
-from rigidmc.planning.units import choose_units, scaled
+from rigidmc.planning.units import choose_units, scale_scene
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.body import Body
-from rigidmc.scene.quantities import is_shared, rows
+from rigidmc.scene.quantities import count_rows, is_shared
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.studies.stress.case import ErrorOf
@@ -59,7 +59,7 @@ def run(
 
     steps : how many; by default the step rotates the fastest member by `turn` [rad], or by TURNS
     """
-    alike = is_shared(*scene.quantities())
+    alike = is_shared(*scene.model.quantities())
     turn = turn_of(INTEGRATORS[integrator].order) if turn is None else turn
     rate = fastest_rate(scene)
     dt = t_end / steps if steps else turn / rate if rate > 0.0 else t_end / 100.0
@@ -81,12 +81,12 @@ def run(
 
 def fastest_rate(scene: Scene) -> float:
     """The rate of the fastest member at its start [rad/s], in units that do not overflow."""
-    members = rows(*scene.quantities()) or 1
+    members = count_rows(*scene.model.quantities()) or 1
     units = choose_units(scene)
-    inner = scene if units is None else scaled(scene, units.mass, 1.0, units.time)
+    inner = scene if units is None else scale_scene(scene, units.mass, 1.0, units.time)
     per_second = 1.0 if units is None else units.time
     return per_second * float(
-        np.max(rates(inner.effects, members_at_start(inner.model, inner.run, 0, members)[0]))
+        np.max(rate_bounds(inner.effects, members_at_start(inner.model, inner.run, 0, members)[0]))
     )
 
 
@@ -126,7 +126,7 @@ Values = NDArray[np.float64]
 Quantities = Callable[[Any, Any, Values, Values], list[tuple[Values, Values]]]
 
 
-def constant(
+def largest_change(
     scene: Scene,
     t_end: float,
     quantities: Quantities,
@@ -153,7 +153,7 @@ def constant(
     return error
 
 
-def conserved(body: Any, effects: Any, q: Values, l: Values) -> list[tuple[Values, Values]]:
+def invariants(body: Any, effects: Any, q: Values, l: Values) -> list[tuple[Values, Values]]:
     """Energy and |L|^2 of a free body; energy and L_z under gravity."""
     play = kinetic_energy(body, l[:, 0]) + total_energy_scale(effects, body)
     energy = kinetic_energy(body, l) + energies(effects, body, q)
@@ -182,7 +182,7 @@ def walk(scene: Scene, turn: float, steps: int) -> ErrorOf:
         body, effects = staged_physics(scene, ds.sizes["member"])
         q, l = np.moveaxis(ds.attitude.values, 1, 0), np.moveaxis(ds.momentum.values, 1, 0)
         ratios = []
-        for values, scale in conserved(body, effects, q, l):
+        for values, scale in invariants(body, effects, q, l):
             rms = np.sqrt((((values - values[:1]) / scale) ** 2).mean(1))[[1, 4, 16, 64]]
             rms = np.maximum(rms, 1.1e-16)
             ratios.append(np.max(rms[1:] / rms[0] / np.sqrt([4, 16, 64])))
@@ -218,12 +218,12 @@ def tops(
     return Scene(body, effects, Start(momentum=given[1], attitude=given[2]))
 
 
-def leaning(theta: float) -> tuple[float, float, float, float]:
+def lean_by(theta: float) -> tuple[float, float, float, float]:
     """The attitude whose third axis leans by theta [rad] from the vertical."""
     return math.cos(0.5 * theta), math.sin(0.5 * theta), 0.0, 0.0
 
 
-def rotated(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+def rotation_about(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
     """The quaternion of a rotation by an angle [rad] about an axis of any length."""
     vector = math.sin(0.5 * angle) * axis / np.linalg.norm(axis)
     return np.array([math.cos(0.5 * angle), *vector])

@@ -1,6 +1,6 @@
 """Hard cases of the numbers themselves: groups H8, H9 and H12 to H15.
 
-A group is a function that yields its `Case`s, and an entry of CASES at the end of the file.
+A group is a function that yields its `HardCase`s, and an entry of CASES at the end of the file.
 """
 
 import math
@@ -19,7 +19,7 @@ from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.studies.stress.case import (
-    Case,
+    HardCase,
     keeps_free_invariants,
     loses_free_invariants,
     makes_steps,
@@ -28,21 +28,21 @@ from rigidmc.studies.stress.case import (
 )
 from rigidmc.studies.stress.motions import (
     GRAVITY,
-    conserved,
-    constant,
     direction,
-    leaning,
+    invariants,
+    largest_change,
+    lean_by,
     random_tops,
     tops,
     walk,
 )
 from rigidmc.studies.stress.problems import PROBLEMS
 from rigidmc.studies.stress.truths import (
-    against_closed,
     against_end,
     against_turn,
-    refused,
-    scaled_alike,
+    distance_in_units,
+    distance_to_closed_form,
+    is_refused,
     there_and_back,
 )
 
@@ -68,7 +68,7 @@ SCALED_BODIES = {
 }
 
 
-def scale() -> Iterator[Case]:
+def scale() -> Iterator[HardCase]:
     """Very large and very small numbers, other units, zeros, denormal numbers, steps backwards."""
     yield from _sizes()
     yield from _zeros()
@@ -76,34 +76,34 @@ def scale() -> Iterator[Case]:
     yield from _units()
 
 
-def _sizes() -> Iterator[Case]:
+def _sizes() -> Iterator[HardCase]:
     for exponent in (-300, -150, 150, 300):
         size = 10.0**exponent
-        yield Case(
+        yield HardCase(
             f"|L| = 1e{exponent}",
             "squares of the momentum overflow or vanish",
             "closed form",
-            against_closed(tops(MOMENTS, MOMENTUM * size), 10.0 / size),
+            distance_to_closed_form(tops(MOMENTS, MOMENTUM * size), 10.0 / size),
             quick=exponent == -300,
         )
     for word, (i, l, why) in SCALED_BODIES.items():
         end = 100.0 * float(np.min(i) / np.linalg.norm(l))
-        error = against_closed(tops(i, l), end)
-        yield Case(word, why, "closed form", error, quick=word == "a molecule")
+        error = distance_to_closed_form(tops(i, l), end)
+        yield HardCase(word, why, "closed form", error, quick=word == "a molecule")
     i, l, _ = SCALED_BODIES["a molecule"]
     end = 100.0 * float(np.min(i) / np.linalg.norm(l))
-    yield Case(
+    yield HardCase(
         "a molecule in float32",
         "moments of 1e-47 kg m2 are 0 in single precision",
         "closed form",
-        against_closed(tops(i, l), end, turn=0.05, dtype="float32"),
+        distance_to_closed_form(tops(i, l), end, turn=0.05, dtype="float32"),
         claims=only("rk4", "exact", "strang", "rotations"),
     )
 
 
-def _zeros() -> Iterator[Case]:
+def _zeros() -> Iterator[HardCase]:
     signs = np.array([(a, 1.0, b) for a in (1.0, -1.0) for b in (1.0, -1.0)])
-    yield Case(
+    yield HardCase(
         "1e-165 off the middle axis",
         "the squares that decide about which axis L circles are 0: decided anew at each end"
         " of a step, they would turn the body over",
@@ -111,27 +111,27 @@ def _zeros() -> Iterator[Case]:
         against_turn(tops((0.3, 1.0, 1.3), signs * (1e-165, 1.0, 1e-175)), 20.0, 1.0),
         quick=True,
     )
-    yield Case(
+    yield HardCase(
         "at rest",
         "L = 0: formulas must not divide by |L|",
         "L = 0 to the bit",
-        constant(tops(MOMENTS, (0.0, 0.0, 0.0)), 10.0, direction),
+        largest_change(tops(MOMENTS, (0.0, 0.0, 0.0)), 10.0, direction),
         asked=0.0,
     )
     body = Body.from_moments(tuple(MOMENTS), centre=CENTRE)
     weightless = Scene(body, (Gravity(0.0),), Start(momentum=tuple(MOMENTUM)))
-    yield Case(
+    yield HardCase(
         "g = 0",
         "gravity is compiled in and must change nothing",
         "closed form",
-        against_closed(weightless, 10.0),
+        distance_to_closed_form(weightless, 10.0),
         effects=GRAVITY,
     )
 
 
-def _backwards() -> Iterator[Case]:
+def _backwards() -> Iterator[HardCase]:
     free = tops(tuple(MOMENTS), tuple(MOMENTUM))
-    yield Case(
+    yield HardCase(
         "there and back",
         "the same steps with h < 0",
         "its own start",
@@ -140,7 +140,7 @@ def _backwards() -> Iterator[Case]:
         claims=reversible,
         quick=True,
     )
-    yield Case(
+    yield HardCase(
         "there and back, heavy",
         "the same steps with h < 0",
         "its own start",
@@ -152,7 +152,7 @@ def _backwards() -> Iterator[Case]:
     half = math.sqrt(0.5)
     attitude = (0.0, -half, 1e-311, half)
     swinging = tops((0.3, 1.0, 1.3), (0.0, 0.0, 0.0), attitude, (0.0, 0.0, 1.0))
-    yield Case(
+    yield HardCase(
         "a pendulum 1e-311 off its plane",
         "components of the attitude that are denormal numbers",
         "its own start",
@@ -162,7 +162,7 @@ def _backwards() -> Iterator[Case]:
     )
 
 
-def _units() -> Iterator[Case]:
+def _units() -> Iterator[HardCase]:
     for power_of_two, word in ((True, "powers of 2"), (False, "powers of 10")):
         mass, length, time = (2.0**-90, 2.0**-30, 2.0**-20) if power_of_two else (1e-27, 1e-9, 1e-6)
         unit = mass * length**2
@@ -170,13 +170,13 @@ def _units() -> Iterator[Case]:
         small = Scene(
             Body.from_moments(tuple(MOMENTS * unit), mass=mass, centre=centre),
             (Gravity(1.0 * length / time**2),),
-            Start(momentum=tuple(MOMENTUM * unit / time), attitude=leaning(1.0)),
+            Start(momentum=tuple(MOMENTUM * unit / time), attitude=lean_by(1.0)),
         )
-        yield Case(
+        yield HardCase(
             f"units by {word}",
             "mass, length and time in other units: a dust grain moves as a wheel does",
             "the same scene in the first units",
-            scaled_alike(_leaning_top(), small, 10.0, time, unit / time, power_of_two),
+            distance_in_units(_leaning_top(), small, 10.0, time, unit / time, power_of_two),
             asked=0.0 if power_of_two else 1e-12,
             effects=GRAVITY,
             claims=makes_steps,
@@ -184,30 +184,30 @@ def _units() -> Iterator[Case]:
 
 
 def _leaning_top() -> Scene:
-    return tops(tuple(MOMENTS), tuple(MOMENTUM), leaning(1.0), CENTRE)
+    return tops(tuple(MOMENTS), tuple(MOMENTUM), lean_by(1.0), CENTRE)
 
 
 STEPS = 1_000_000
 
 
-def many_steps() -> Iterator[Case]:
+def many_steps() -> Iterator[HardCase]:
     """Drift of invariants over a million steps and more: rounding, and how it grows."""
     scene = tops(*random_tops())
-    yield Case(
+    yield HardCase(
         "free invariants, 1e6 steps",
         "rounding alone: a bias of 1e-17 per step would show",
         "invariants",
-        constant(scene, 0.1 * 1e6, conserved, saves=16, steps=STEPS),
+        largest_change(scene, 0.1 * 1e6, invariants, saves=16, steps=STEPS),
         claims=keeps_free_invariants,
     )
-    yield Case(
+    yield HardCase(
         "free invariants, 1e6 steps, compensated",
         "compensated sums remove the rounding of the state and leave that of the increments",
         "invariants",
-        constant(scene, 0.1 * 1e6, conserved, saves=16, steps=STEPS, compensated=True),
+        largest_change(scene, 0.1 * 1e6, invariants, saves=16, steps=STEPS, compensated=True),
         claims=only("exact", "midpoint", "strang", "srkn6"),
     )
-    yield Case(
+    yield HardCase(
         "rounding walks, it does not march",
         "32 tops over 1e6 steps: the rms drift grows as sqrt(n), not as n",
         "random walk",
@@ -215,7 +215,7 @@ def many_steps() -> Iterator[Case]:
         asked=3.0,
         claims=only("exact", "midpoint", "strang"),
     )
-    yield Case(
+    yield HardCase(
         "rounding over 1e7 steps",
         "ten times as long",
         "random walk",
@@ -223,11 +223,11 @@ def many_steps() -> Iterator[Case]:
         asked=3.0,
         claims=only("exact"),
     )
-    yield Case(
+    yield HardCase(
         "drift of Runge-Kutta methods, 1e6 steps",
         "1e6 steps of 0.02 rad: energy and |L|^2 drift as h^(order + 1) t",
         "invariants",
-        constant(scene, 0.02 * 1e6 / 3.0, conserved, saves=16, steps=STEPS),
+        largest_change(scene, 0.02 * 1e6 / 3.0, invariants, saves=16, steps=STEPS),
         claims=loses_free_invariants,
     )
 
@@ -282,14 +282,14 @@ REFUSED_CALLS: dict[str, Refusal] = {
 }
 
 
-def refusals() -> Iterator[Case]:
+def refusals() -> Iterator[HardCase]:
     """What must be refused with a reason, not run."""
     for word, (call, rule, claims) in REFUSED_CALLS.items():
-        yield Case(
+        yield HardCase(
             word,
             "must be refused with the reason, not run",
             "an error that says so",
-            refused(call, rule),
+            is_refused(call, rule),
             asked=0.0,
             claims=claims,
         )
@@ -305,9 +305,9 @@ def _error_of_small_angles(integrator: str, share: float) -> float:
     return float(np.abs(measured - np.tile(angles, 2)).max())
 
 
-def attitude_errors() -> Iterator[Case]:
+def attitude_errors() -> Iterator[HardCase]:
     """The measure of attitude errors itself, at very small angles."""
-    yield Case(
+    yield HardCase(
         "angles of 0.1 to 1e-15 rad",
         "2 arccos |p.q| is 0 for all angles below 1e-8; q and -q are one attitude",
         "the angle of the rotation",
@@ -318,31 +318,31 @@ def attitude_errors() -> Iterator[Case]:
     )
 
 
-def damping() -> Iterator[Case]:
+def damping_cases() -> Iterator[HardCase]:
     """Damped free bodies, whose closed form is the undamped motion at another time."""
     slow = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7), damping=0.2)
-    yield Case(
+    yield HardCase(
         "damped asymmetric body",
         "L' = L x omega - rate L: every integrator must place the damping right within its step",
         "closed form at another time",
-        against_closed(slow, 20.0),
+        distance_to_closed_form(slow, 20.0),
         effects=slow.effects,
     )
     fast = tops((1.0, 1.4, 2.0), (3.0, 9.0, 7.0), damping=5.0)
-    yield Case(
+    yield HardCase(
         "to rest in 30 e-foldings",
         "the step is short against the first spin and long against the last",
         "closed form at another time",
-        against_closed(fast, 6.0),
+        distance_to_closed_form(fast, 6.0),
         effects=fast.effects,
     )
 
 
-def published() -> Iterator[Case]:
+def published_cases() -> Iterator[HardCase]:
     """Published ends of named problems, see `rigidmc.studies.stress.problems`."""
     for word in ("nasa_brick", "toms903_step", "hairer_free", "hairer_heavy", "cardona_top"):
         problem = PROBLEMS[word]
-        yield Case(
+        yield HardCase(
             word.replace("_", " "),
             "a published result, at 34 digits where sources agree",
             problem.source.split(";")[0],
@@ -357,6 +357,6 @@ CASES = {
     "H9": many_steps,
     "H12": refusals,
     "H13": attitude_errors,
-    "H14": damping,
-    "H15": published,
+    "H14": damping_cases,
+    "H15": published_cases,
 }

@@ -11,13 +11,13 @@ from collections.abc import Callable
 from typing import Any
 
 from rigidmc.errors import RigidmcError
-from rigidmc.files.processes import start
+from rigidmc.files.processes import start_helper
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.progress import reporter
 from rigidmc.studies.stress import catalogue
-from rigidmc.studies.stress.case import Case
+from rigidmc.studies.stress.case import HardCase
 
-Outcome = tuple[float, float, str]  # error, seconds, reason; see `carried_out`
+Outcome = tuple[float, float, str]  # error, seconds, reason; see `run_case`
 Worker = subprocess.Popen[str]
 
 
@@ -82,7 +82,7 @@ def _asked(
 
 
 def _started() -> Worker:
-    return start(__name__)
+    return start_helper(__name__)
 
 
 def _ended(worker: Worker) -> int:
@@ -99,10 +99,10 @@ def main() -> None:
     cases = catalogue()
     for line in sys.stdin:
         i, name, share = json.loads(line)
-        print(json.dumps(carried_out(cases[i], name, share)), flush=True)
+        print(json.dumps(run_case(cases[i], name, share)), flush=True)
 
 
-def carried_out(case: Case, integrator: str, share: float = 1.0) -> Outcome:
+def run_case(case: HardCase, integrator: str, share: float = 1.0) -> Outcome:
     """(error, seconds, reason) of one case by one integrator.
 
     error is nan and reason says why if the case raises; error is nan and reason empty if the

@@ -98,14 +98,14 @@ def table(study: xr.Dataset) -> list[Any]:
 
 def outcome(study: xr.Dataset) -> str:
     """Whether a case is above its bound or crashed, or the scene cannot be trusted."""
-    failed = hard_cases.failed if is_of_cases(study) else trust.failed
+    failed = hard_cases.any_failed if is_of_cases(study) else trust.has_failed
     return "flagged" if failed(study) else "done"
 
 
 def save_bounds(study: xr.Dataset, path: Path, force: bool) -> bool:
     """Write bounds of the hard cases; False for a scene, which has none."""
     if is_of_cases(study):
-        hard_cases.save_bounds(study, path, force)
+        hard_cases.write_bounds(study, path, force)
     return is_of_cases(study)
 
 

@@ -20,17 +20,17 @@ from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import argument_names
 from rigidmc.physics.dynamics.so3 import multiply
 from rigidmc.physics.effects.protocol import facts
-from rigidmc.physics.integrators import accepting
+from rigidmc.physics.integrators import integrators_for
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.steps import physics
 from rigidmc.planning.tolerance.choose import check_quiet, choose_integrator
-from rigidmc.planning.tolerance.deviation import growth, relative
-from rigidmc.planning.tolerance.pilot import Pilot, States, first_steps, follow, pilot
-from rigidmc.planning.units import scaled
+from rigidmc.planning.tolerance.deviation import measure_growth, relative
+from rigidmc.planning.tolerance.pilot import Pilot, PilotStates, first_steps, integrate_pilot, pilot
+from rigidmc.planning.units import scale_scene
 from rigidmc.progress import reporter
 from rigidmc.results.labels import count_text
-from rigidmc.runs.prepare import prepared
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.scene import Scene
 from rigidmc.version import VERSION
 
@@ -87,9 +87,9 @@ class Runs:
         else:
             self.states = self.follow(pilot, integrator, steps)
 
-    def follow(self, pilot: Pilot, integrator: str, steps: int) -> States:
-        """The States of a pilot by an integrator; reports progress."""
-        states: States = follow(pilot, integrator, steps)
+    def follow(self, pilot: Pilot, integrator: str, steps: int) -> PilotStates:
+        """The PilotStates of a pilot by an integrator; reports progress."""
+        states: PilotStates = integrate_pilot(pilot, integrator, steps)
         self.report.step(1)
         self.report.poll()
         return states
@@ -112,27 +112,27 @@ class Runs:
         with contextlib.suppress(SceneError):
             yield Check("closed form", "accuracy", self.error(_closed(self.pilot)))
 
-    def error(self, states: States) -> Errors:
+    def error(self, states: PilotStates) -> Errors:
         """Distance of the judged run from other states."""
         return _distance(self.states, states)
 
-    def other(self) -> tuple[str, States]:
-        """(name, States) of the best other integrator, at a step that is short for it."""
-        able = accepting(self.pilot.scene.effects)
+    def other(self) -> tuple[str, PilotStates]:
+        """(name, PilotStates) of the best other integrator, at a step that is short for it."""
+        able = integrators_for(self.pilot.scene.effects)
         name = "rk8" if self.integrator != "rk8" else "srkn11" if "srkn11" in able else "cf4"
         finer = {"rk8": 2, "srkn11": 4}.get(name, 8)
         steps = max(finer * first_steps(self.pilot), self.steps if name == "rk8" else 0)
         return name, self.follow(self.pilot, name, TIMES * math.ceil(steps / TIMES))
 
-    def other_units(self) -> Iterator[tuple[str, States]]:
+    def other_units(self) -> Iterator[tuple[str, PilotStates]]:
         """The same motion in other units, by factors that are no powers of 2."""
         mass, length, time = 1e-3, 10.0, 0.1
         with contextlib.suppress(SceneError):
-            other = pilot_of(scaled(self.pilot.scene, mass, length, time), self.pilot.members)
+            other = pilot_of(scale_scene(self.pilot.scene, mass, length, time), self.pilot.members)
             states = self.follow(other, self.integrator, self.steps)
             yield "other units", states._replace(l=states.l * (time / (mass * length**2)))
 
-    def other_axes(self) -> Iterator[tuple[str, States]]:
+    def other_axes(self) -> Iterator[tuple[str, PilotStates]]:
         """The same motion with permuted body axes, and in a space rotated about the vertical."""
         block, effects = self.pilot.block, self.pilot.scene.effects
         if not all(facts(effect).isotropic for effect in effects):
@@ -149,7 +149,7 @@ class Runs:
         )
         states = self.from_block(permuted)
         back = np.stack(multiply(tuple(np.moveaxis(states.q, 1, 0)), _CYCLE), 1)
-        yield "permuted axes", States(back, np.roll(states.l, -1, 1), states.status)
+        yield "permuted axes", PilotStates(back, np.roll(states.l, -1, 1), states.status)
         rotated = block.copy()
         rotated[: layout.MOMENTUM] = multiply(_ABOUT_VERTICAL, tuple(q))
         states = self.from_block(rotated)
@@ -157,8 +157,8 @@ class Runs:
         back = np.stack(multiply(inverse, tuple(np.moveaxis(states.q, 1, 0))), 1)
         yield "turned space", states._replace(q=back)
 
-    def from_block(self, block: NDArray[np.float64]) -> States:
-        """The States of the pilot from the start in a block."""
+    def from_block(self, block: NDArray[np.float64]) -> PilotStates:
+        """The PilotStates of the pilot from the start in a block."""
         return self.follow(self.pilot._replace(block=block), self.integrator, self.steps)
 
     def there_and_back(self) -> Errors:
@@ -171,20 +171,22 @@ class Runs:
         start = self.pilot.block[:, :count]
         q = np.concatenate([start[None, : layout.MOMENTUM], states.q[:-1]])[::-1]
         l = np.concatenate([start[None, layout.MOMENTUM : layout.EXTRA], states.l[:-1]])[::-1]
-        true = States(q, l, states.status)
-        error: Errors = np.maximum.accumulate(_distance(States(back.q, -back.l, back.status), true))
+        true = PilotStates(q, l, states.status)
+        error: Errors = np.maximum.accumulate(
+            _distance(PilotStates(back.q, -back.l, back.status), true)
+        )
         return error
 
 
-def _closed(pilot: Pilot) -> States:
-    """The States of a pilot by the closed form; SceneError if there is none."""
+def _closed(pilot: Pilot) -> PilotStates:
+    """The PilotStates of a pilot by the closed form; SceneError if there is none."""
     case = closed_form(pilot.scene.model, pilot.sampler, pilot.first, pilot.members)
     motion = case.motion(pilot.times)
     q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)
-    return States(q, l, np.zeros(pilot.members))
+    return PilotStates(q, l, np.zeros(pilot.members))
 
 
-def _distance(one: States, two: States) -> Errors:
+def _distance(one: PilotStates, two: PilotStates) -> Errors:
     """The larger error of momentum [of its largest size so far] and attitude [rad].
 
     The largest so far at each time.
@@ -223,12 +225,12 @@ def trust(
     """
     check_quiet(scene)
     scene, _ = choose_integrator(scene)
-    plan = prepared(scene).plan
+    plan = prepare_scene(scene).plan
     first = pilot_of(scene, FEW if quick else MEMBERS)
     with reporter(progress, 9, 1) as report:
         runs = Runs(first, scene.run.integrator, steps_of(first, plan), report)
         checks = list(runs.checks())
-    factor, rate = growth(pilot_of(scene, min(first.members, FEW)))
+    factor, rate = measure_growth(pilot_of(scene, min(first.members, FEW)))
     return _dataset(scene, plan, first, checks, runs.states.status != 0, factor, rate)
 
 
@@ -333,7 +335,7 @@ def table(study: xr.Dataset) -> list[str]:
     return [*lines, f"verdict: {a['verdict']}"]
 
 
-def failed(study: xr.Dataset) -> bool:
+def has_failed(study: xr.Dataset) -> bool:
     """Whether members fail, or no digit is left although the motion is not chaotic."""
     a = study.attrs
     return bool(a["flagged"]) or (a["digits"] == 0 and "chaos" not in a["verdict"])

@@ -12,12 +12,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import RigidmcError
-from rigidmc.mechanics.free_top import free_motion
+from rigidmc.mechanics.free_top import analyse_free_top
 from rigidmc.mechanics.rotation import attitude_error
-from rigidmc.physics.integrators import accepting
+from rigidmc.physics.integrators import integrators_for
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.initial import make_sampler
-from rigidmc.planning.units import UnitScale, choose_units, scaled
+from rigidmc.planning.units import UnitScale, choose_units, scale_scene
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.studies.stress.case import ErrorOf
@@ -28,7 +28,7 @@ from rigidmc.studies.stress.problems import Problem
 def closed_states(scene: Scene, ds: xr.Dataset) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(attitude, momentum) by the closed form at the times of a Dataset."""
     units = choose_units(scene) or UnitScale(1.0, 1.0)
-    inner = scaled(scene, units.mass, 1.0, units.time)
+    inner = scale_scene(scene, units.mass, 1.0, units.time)
     motion = closed_form(
         inner.model, make_sampler(inner.model, inner.run), 0, ds.sizes["member"]
     ).motion(ds.time.values * units.time)
@@ -36,13 +36,13 @@ def closed_states(scene: Scene, ds: xr.Dataset) -> tuple[NDArray[np.float64], ND
     return np.moveaxis(motion.attitude, -1, 1), momentum
 
 
-def against_closed(scene: Scene, t_end: float, saves: int = 8, **options: Any) -> ErrorOf:
+def distance_to_closed_form(scene: Scene, t_end: float, saves: int = 8, **options: Any) -> ErrorOf:
     """Error of the state against the closed form; that of the closed form against an integrator."""
 
     def error(integrator: str, share: float) -> float:
         ds = run(scene, integrator, t_end, saves, **options)
         if integrator == "closed":
-            able = accepting(scene.effects)
+            able = integrators_for(scene.effects)
             best = next(name for name in ("exact", "srkn11", "rk8") if name in able)
             other = run(scene, best, t_end, saves, **options)
             true = other.attitude.values, other.momentum.values
@@ -123,7 +123,7 @@ def flips(
 
     The motion must start where L3 = 0. Between saves L2 is the cubic with its values and slopes.
     """
-    kind = free_motion(moments, momentum)
+    kind = analyse_free_top(moments, momentum)
     interval, rate = float(kind.flip_interval), float(kind.rate)
     assert rate > 0.0
     scene, saves = tops(moments, momentum), math.ceil(count * interval * rate / 0.01)
@@ -188,7 +188,7 @@ def same_bits(scene: Scene, t_end: float, **options: Any) -> ErrorOf:
     return error
 
 
-def scaled_alike(
+def distance_in_units(
     scene: Scene,
     other: Scene,
     t_end: float,
@@ -215,7 +215,7 @@ def scaled_alike(
     return error
 
 
-def refused(call: Callable[[str], object], rule: str) -> ErrorOf:
+def is_refused(call: Callable[[str], object], rule: str) -> ErrorOf:
     """0 if a call raises a SceneError whose text contains `rule`, else 1."""
 
     def error(integrator: str, share: float) -> float:

@@ -20,10 +20,10 @@ from rigidmc.physics.effects.gravity_gradient import GravityGradient, place
 from rigidmc.physics.effects.protocol import Effect
 from rigidmc.planning.turns import ATTITUDE, BODY, sparse
 from rigidmc.results.labels import count_text, long_label, units_text
-from rigidmc.runs.rerun import integrated, rerun
+from rigidmc.runs.rerun import integrate_member, rerun
 from rigidmc.scene.scene import Scene, scene_of
-from rigidmc.views.sample import fastest, sample, vectors
-from rigidmc.views.surfaces import form_of, member_body, size_of, surface_of
+from rigidmc.views.sample import fastest, omega_or_momentum, thin_result
+from rigidmc.views.surfaces import form_of, member_body, surface_of, surface_radius
 
 TURN = 0.2  # rad between two frames: halfway there a chord is off by 5e-3 of the arc's radius, and
 # the page, which turns along the arc, by 1e-5
@@ -35,7 +35,7 @@ WIDTH = 0.12  # rad: standard deviation by which a direction is spread in the de
 Floats = NDArray[np.float64]
 
 
-def encoded(values: ArrayLike) -> dict[str, Any]:
+def to_base64(values: ArrayLike) -> dict[str, Any]:
     """Numbers as base64 of little-endian float32, with their shape."""
     array = np.ascontiguousarray(values, dtype="<f4")
     return {"shape": array.shape, "f4": base64.b64encode(array.tobytes()).decode()}
@@ -47,12 +47,12 @@ def short(values: ArrayLike) -> dict[str, Any]:
     return {"shape": array.shape, "i2": base64.b64encode(array.tobytes()).decode()}
 
 
-def reach(start: xr.Dataset, end: float, most: int = MOST) -> tuple[int, float, float]:
+def motion_span(start: xr.Dataset, end: float, most: int = MOST) -> tuple[int, float, float]:
     """(frames, time that they reach, rate) of the first member of a result or of its start.
 
     rate : the fastest that its first momentum could turn it [rad/s], |L| over its least moment
     """
-    l, _ = vectors(start, "momentum")
+    l, _ = omega_or_momentum(start, "momentum")
     rate = float(np.linalg.norm(l[0, :, 0]) / start.moments.values.min())
     count = int(np.clip(np.ceil(rate * end / TURN), min(FEWEST, most), most))
     return count, min(end, count * 2.5 * TURN / rate) if rate > 0.0 else end, rate
@@ -87,7 +87,7 @@ def _fastest(shown: xr.Dataset) -> Floats:
     return np.maximum(fastest(shown, ATTITUDE), fastest(shown, BODY))
 
 
-def motion(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:
+def motion_data(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:
     """What the page knows of the frames of a member; its body has a largest distance of 1."""
     body = scene.body
     l = shown.momentum.transpose("time", "axis", "member").values[..., 0]
@@ -100,7 +100,7 @@ def motion(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:
     corners = surface.corners @ form[:, :3].T + form[:, 3]
     scale = 1.0 / np.linalg.norm(corners, axis=1).max()
     # the page has the surface at size 1, see `rigidmc.views.viewer.stage.body_plot`
-    form = np.column_stack([form[:, :3] * size_of(surface), form[:, 3]])
+    form = np.column_stack([form[:, :3] * surface_radius(surface), form[:, 3]])
     return {
         "index": int(shown.member.values[0]),
         "end": float(shown.time.values[-1]),
@@ -146,16 +146,16 @@ def drifts(ds: xr.Dataset, member: int, end: float, allow_code: bool) -> dict[st
     run = rerun(ds, member, save=("energy_drift", "l2_drift"), allow_code=allow_code)
     run = run.isel(time=run.time.values <= end * (1.0 + 1e-9))
     run = run.isel(time=slice(None, None, -(-run.sizes["time"] // POINTS)))
-    found = {name: encoded(run[name].values[:, 0]) for name in ("energy_drift", "l2_drift")}
+    found = {name: to_base64(run[name].values[:, 0]) for name in ("energy_drift", "l2_drift")}
     kept = {name: run[name].attrs.get("conserved", "") for name in found}
-    return {"t": encoded(run.time.values), **found, "conserved": kept}
+    return {"t": to_base64(run.time.values), **found, "conserved": kept}
 
 
-def density(ds: xr.Dataset, corners: Floats) -> dict[str, Any]:
+def sphere_density(ds: xr.Dataset, corners: Floats) -> dict[str, Any]:
     """How dense the directions of the members' momenta are at corners (n, 3) of the unit sphere, at
     up to DENSITIES times: bytes (times, n), 255 at the densest."""
-    part = sample(ds)
-    l, _ = vectors(part, "momentum")
+    part = thin_result(ds)
+    l, _ = omega_or_momentum(part, "momentum")
     every, stride = -(-len(l) // DENSITIES), -(-l.shape[-1] // MEMBERS)
     l = l[::every, :, ::stride]
     times = part.time.values[::every] if len(l) > 1 else np.zeros(1)
@@ -167,7 +167,7 @@ def density(ds: xr.Dataset, corners: Floats) -> dict[str, Any]:
     # pure: no member, no density
     shown = np.round(255.0 * np.sqrt(dense / max(dense.max(), 1e-300))).astype(np.uint8)
     return {
-        "t": encoded(times),
+        "t": to_base64(times),
         "members": int(u.shape[-1]),
         "bytes": base64.b64encode(shown.tobytes()).decode(),
     }
@@ -178,7 +178,7 @@ FRAMES = 240  # of each
 BODIES = 12  # different bodies whose polhodes are drawn
 
 
-def is_map(ds: xr.Dataset) -> bool:
+def is_map_dataset(ds: xr.Dataset) -> bool:
     """Whether a Dataset is of `rigidmc.stability_map`."""
     return {"x", "y"} <= set(ds.dims) and "good" in ds
 
@@ -194,14 +194,14 @@ def map_data(ds: xr.Dataset, allow_code: bool) -> tuple[Scene, dict[str, Any], l
     end, rate = _end(ds, scene, places)
     for i, j in places:
         member = i * ds.sizes["x"] + j
-        shown = integrated(scene, member, FRAMES, end, _step(scene))
+        shown = integrate_member(scene, member, FRAMES, end, _step(scene))
         if int(shown.status.values[0]) == 2:
             continue
         if (again := closer(shown, end)) is not None:  # as far as FRAMES show it
             far = FRAMES * 2.0 * TURN / again[2]
-            shown = integrated(scene, member, FRAMES, min(end, far), _step(scene))
+            shown = integrate_member(scene, member, FRAMES, min(end, far), _step(scene))
         shown.attrs["frames"] += unseen(shown)
-        known = motion(shown, scene) | {"pixel": (i, j), "rate": rate}
+        known = motion_data(shown, scene) | {"pixel": (i, j), "rate": rate}
         if known["moments"] not in bodies and len(bodies) < BODIES:
             bodies.append(known["moments"])
         family = bodies.index(known["moments"]) if known["moments"] in bodies else -1
@@ -231,8 +231,8 @@ def _end(ds: xr.Dataset, scene: Scene, places: list[tuple[int, int]]) -> tuple[f
     rates = []
     for i, j in (places[0], places[len(places) // 2], places[-1]):
         member = i * ds.sizes["x"] + j
-        start = integrated(scene, member, 1, min(scene.run.t_end, scene.run.dt), _step(scene))
-        rates.append(reach(start, 1.0)[2])
+        start = integrate_member(scene, member, 1, min(scene.run.t_end, scene.run.dt), _step(scene))
+        rates.append(motion_span(start, 1.0)[2])
     rate = max(rates)
     most = FRAMES * 2.0 * TURN / rate if rate > 0.0 else scene.run.t_end
     return min(scene.run.t_end, most), rate
@@ -249,8 +249,8 @@ def _pixels(ds: xr.Dataset) -> dict[str, Any]:
     return {
         "sides": [_side(ds[key]) for key in ("x", "y")],
         "members": count_text(int(ds.attrs["members"]), "member"),
-        "good": encoded(ds.good.values),
-        "failed": encoded(ds.failed.values),
+        "good": to_base64(ds.good.values),
+        "failed": to_base64(ds.failed.values),
         "measures": [_measure(ds, name) for name in measures],
     }
 
@@ -277,9 +277,9 @@ def _measure(ds: xr.Dataset, name: str) -> dict[str, Any]:
         "units": units_text(ds[name].attrs.get("units", "1")),
         # in the units of the variable; a scale without ends is that of a share
         "range": [float(norm.vmin or 0.0), float(norm.vmax or 1.0)],
-        "places": encoded(places),
-        "values": encoded(values),
-        "low": encoded(ds[f"{name}_low"].values) if has else None,
-        "high": encoded(ds[f"{name}_high"].values) if has else None,
+        "places": to_base64(places),
+        "values": to_base64(values),
+        "low": to_base64(ds[f"{name}_low"].values) if has else None,
+        "high": to_base64(ds[f"{name}_high"].values) if has else None,
         "colours": table.tolist(),
     }

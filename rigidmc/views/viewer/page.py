@@ -19,16 +19,16 @@ from rigidmc.files.outputs import refuse_existing, write_bytes
 from rigidmc.results.labels import count_text
 from rigidmc.runs.rerun import frames
 from rigidmc.scene.scene import Scene, scene_of
-from rigidmc.views.sample import vectors
-from rigidmc.views.surfaces import ball, surface_of
+from rigidmc.views.sample import omega_or_momentum
+from rigidmc.views.surfaces import ball_surface, surface_of
 from rigidmc.views.viewer.data import (
     closer,
-    density,
     drifts,
-    is_map,
+    is_map_dataset,
     map_data,
-    motion,
-    reach,
+    motion_data,
+    motion_span,
+    sphere_density,
     status_of,
     unseen,
 )
@@ -62,7 +62,7 @@ def view(
     check_k3d()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # the run has told them
-        if is_map(ds):
+        if is_map_dataset(ds):
             page = Page(_of_map(ds, allow_code))
         else:
             page = Page(_written(ds, _chosen(ds, members), until, allow_code))
@@ -123,13 +123,13 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
         rule = f"the run ends at {last:g} s; of a scene --set run.t_end={end:g} makes it longer"
         raise OptionError(rule, at="until", value=end)
     for member in members:
-        count, reached, rate = reach(ds.sel(member=[member]), end)
+        count, reached, rate = motion_span(ds.sel(member=[member]), end)
         shown = frames(ds, member, count, allow_code, until=reached)
         if (again := closer(shown, end)) is not None:
             count, reached, rate = again
             shown = frames(ds, member, count, allow_code, until=reached)
         shown.attrs["frames"] += unseen(shown)
-        known = motion(shown, scene) | {"rate": rate, "status": status_of(ds, member)}
+        known = motion_data(shown, scene) | {"rate": rate, "status": status_of(ds, member)}
         known["whole"] = known["end"] >= 0.999 * end
         known["drift"] = drifts(ds, member, known["end"], allow_code)
         if known["moments"] not in bodies:
@@ -142,9 +142,9 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
         {
             "members": facts,
             "quantity": "theta" if scene.effects else "omega",
-            "density": density(ds, ball(1.0).corners) if crowd else None,
+            "density": sphere_density(ds, ball_surface(1.0).corners) if crowd else None,
             "plots": _plots(
-                scene, bodies, vectors(ds.sel(member=members[:1]), "momentum")[0][0, :, 0]
+                scene, bodies, omega_or_momentum(ds.sel(member=members[:1]), "momentum")[0][0, :, 0]
             ),
         },
     )

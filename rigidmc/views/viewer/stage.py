@@ -16,7 +16,7 @@ from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.physics.effects.protocol import Effect
 from rigidmc.scene.quantities import is_shared
 from rigidmc.views.sphere import family
-from rigidmc.views.surfaces import TONES, Surface, ball, revolved, size_of
+from rigidmc.views.surfaces import TONES, Surface, ball_surface, revolve, surface_radius
 from rigidmc.views.viewer.data import MOST
 
 Floats = NDArray[np.float64]
@@ -44,7 +44,7 @@ def empty(eye: ArrayLike) -> Any:
     return plot
 
 
-def solid(surface: Surface, name: str) -> Any:
+def solid_surface(surface: Surface, name: str) -> Any:
     """A surface whose triangles have their own colours."""
     tones = np.array([int(tone[1:], 16) for tone in TONES], dtype=np.uint32)
     return k3d.mesh(
@@ -56,7 +56,7 @@ def solid(surface: Surface, name: str) -> Any:
     )
 
 
-def plain(surface: Surface, color: int, name: str) -> Any:
+def plain_surface(surface: Surface, color: int, name: str) -> Any:
     """A surface of one colour."""
     return k3d.mesh(
         surface.corners.astype(np.float32),
@@ -66,7 +66,7 @@ def plain(surface: Surface, color: int, name: str) -> Any:
     )
 
 
-def line(points: Floats, color: int, name: str) -> Any:
+def line_plot(points: Floats, color: int, name: str) -> Any:
     """A line of one pixel."""
     return k3d.line(np.asarray(points, dtype=np.float32), shader="simple", color=color, name=name)
 
@@ -79,20 +79,22 @@ def body_plot(surface: Surface, effects: Sequence[Effect]) -> Any:
     plot = empty((1.9, -2.6, 1.1))
     # K3D puts the near plane of its camera by the size of what it is given: a moon of 190 km, as it
     # is, would hide all that the page draws
-    plot += solid(surface._replace(corners=surface.corners / size_of(surface)), "body")
-    plot += plain(revolved(*STICK, around=12), INK, "stick")
+    plot += solid_surface(
+        surface._replace(corners=surface.corners / surface_radius(surface)), "body"
+    )
+    plot += plain_surface(revolve(*STICK, around=12), INK, "stick")
     for axis in range(3):
-        plot += line(np.outer([0.0, 1.2], np.eye(3)[axis]), AXES[axis], f"axis{axis + 1}")
-    plot += line(np.zeros((POINTS, 3)), PATH, "trace")
-    plot += plain(ball(0.025, 16), INK, "fixed point")
-    plot += line(np.array([[0.0, 0.0, -1.3], [0.0, 0.0, 1.3]]), GREY, "vertical")
-    plot += plain(revolved(*ARROW, around=16), PATH, "momentum")
+        plot += line_plot(np.outer([0.0, 1.2], np.eye(3)[axis]), AXES[axis], f"axis{axis + 1}")
+    plot += line_plot(np.zeros((POINTS, 3)), PATH, "trace")
+    plot += plain_surface(ball_surface(0.025, 16), INK, "fixed point")
+    plot += line_plot(np.array([[0.0, 0.0, -1.3], [0.0, 0.0, 1.3]]), GREY, "vertical")
+    plot += plain_surface(revolve(*ARROW, around=16), PATH, "momentum")
     if any(isinstance(effect, GravityGradient) for effect in effects):
-        plot += plain(revolved(*ARROW, around=16), PULL, "radius")  # the page turns it
+        plot += plain_surface(revolve(*ARROW, around=16), PULL, "radius")  # the page turns it
     for name, direction in _pulls(effects):
-        arrow = revolved(*ARROW, around=16)
+        arrow = revolve(*ARROW, around=16)
         corners = 0.5 * arrow.corners @ _along(direction).T + np.array([1.15, 0.0, 0.6])
-        plot += plain(arrow._replace(corners=corners), PULL, name)
+        plot += plain_surface(arrow._replace(corners=corners), PULL, name)
     return plot
 
 
@@ -121,7 +123,7 @@ def sphere_plot(moments: Sequence[Floats], start: Floats) -> Any:
     start : a direction (3,) in the octant from which the sphere is seen
     """
     plot = empty(np.copysign((2.3, 1.6, 1.4), start))
-    globe = ball(0.995)
+    globe = ball_surface(0.995)
     plot += k3d.mesh(
         globe.corners.astype(np.float32),
         globe.faces.astype(np.uint32),
@@ -130,12 +132,12 @@ def sphere_plot(moments: Sequence[Floats], start: Floats) -> Any:
         name="globe",
     )
     for axis in range(3):
-        plot += line(np.outer([-1.25, 1.25], np.eye(3)[axis]), AXES[axis], f"axis{axis + 1}")
-    plot += line(np.zeros((POINTS, 3)), PATH, "path")
+        plot += line_plot(np.outer([-1.25, 1.25], np.eye(3)[axis]), AXES[axis], f"axis{axis + 1}")
+    plot += line_plot(np.zeros((POINTS, 3)), PATH, "path")
     for k, body in enumerate(moments):
         curves, separatrices = family(body)
         for curve in curves:
-            plot += line(curve, GREY, f"{k}/polhode")
+            plot += line_plot(curve, GREY, f"{k}/polhode")
         for curve in separatrices:
-            plot += line(curve, INK, f"{k}/separatrix")
+            plot += line_plot(curve, INK, f"{k}/separatrix")
     return plot

@@ -19,7 +19,7 @@ from rigidmc.engine.kernel import arguments
 from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects import Gravity, PeriodicTorque, ViscousDamping
-from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, accepting, scheme_of
+from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, integrators_for, scheme_of
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.physics.observables.protocol import size
 from rigidmc.studies.stress.problems import PROBLEMS
@@ -324,9 +324,9 @@ def physics():
             continue
         effects = (
             EFFECTS
-            if name in accepting(EFFECTS)
+            if name in integrators_for(EFFECTS)
             else EFFECTS[:1]
-            if name in accepting(EFFECTS[:1])
+            if name in integrators_for(EFFECTS[:1])
             else ()
         )
         block = block_of(bodies, effects)

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 import rigidmc as rm
 from rigidmc.engine.program import Program
 from rigidmc.physics.observables.protocol import running
-from rigidmc.planning.steps import grid, rounds
+from rigidmc.planning.steps import make_time_grid, round_grid
 
 EVERY, T_END, DT = 0.7001, 3.0, 0.007001
 TIMES = [0.0, 0.7001, 1.4002, 2.1003, 2.8004, 3.0]
@@ -230,16 +230,16 @@ def test_grids_of_any_numbers(seed):
         t_end = float(f"{10 ** some.uniform(-3, 5):.{some.integers(1, 9)}g}")
         every = float(f"{t_end * some.uniform(1e-3, 1.2):.{some.integers(1, 17)}g}")
         dt = float(f"{t_end * 10 ** some.uniform(-6, 0.5):.{some.integers(1, 17)}g}")
-        made = grid(t_end, dt, every)
+        made = make_time_grid(t_end, dt, every)
         assert max(made.dt, made.last_dt) <= dt * (1 + 2e-9)
-        assert grid(t_end, made.dt, every)[:-1] == made[:-1]
+        assert make_time_grid(t_end, made.dt, every)[:-1] == made[:-1]
         saves = made.clock.time(np.append(np.arange(0, made.steps, made.stride), made.steps))
         exact = [k * every for k in range(len(saves) - 1)] + [t_end]
         assert np.abs(saves - exact).max() <= 1e-9 * every
         if made.is_shortened:
             assert made.steps - made.head <= made.stride and made.head % made.stride == 0
         shorter += made.is_shortened
-        whole = rounds(t_end, every)
+        whole = round_grid(t_end, every)
         assert whole.steps * whole.dt <= t_end * 1.05 * (1 + 1e-9)
         ends = whole.clock.time(np.arange(whole.steps + 1))
         assert ends[-1] == pytest.approx(t_end, rel=1e-13)
@@ -247,6 +247,6 @@ def test_grids_of_any_numbers(seed):
 
 
 def test_a_rest_of_rounding_is_none():
-    assert not grid(1.0, 0.01, 0.333333333333).is_shortened
-    assert grid(1.0, 0.01, 0.333333).steps - grid(1.0, 0.01, 0.333333).head == 1
-    assert Fraction(grid(86400.0, 1.0, 5400.123).head, 5401) == 15
+    assert not make_time_grid(1.0, 0.01, 0.333333333333).is_shortened
+    assert make_time_grid(1.0, 0.01, 0.333333).steps - make_time_grid(1.0, 0.01, 0.333333).head == 1
+    assert Fraction(make_time_grid(86400.0, 1.0, 5400.123).head, 5401) == 15

@@ -5,7 +5,7 @@ import pytest
 import rigidmc as rm
 from rigidmc.engine.kernel import layout
 from rigidmc.physics.effects.protocol import parameter_count
-from rigidmc.planning.initial import block_rows, ledger
+from rigidmc.planning.initial import block_rows, work_flags
 from tests.plans import monitors_of
 
 SAVES = ((), ("work",), ("flips",), ("energy_mean", "omega_max", "nutation"), ("megno", "work"))
@@ -40,7 +40,7 @@ def test_a_scene_is_staged_by_the_table_of_rows(save):
     watched = monitors_of(scene)
     rows = layout.map_rows(
         parameter_count(*scene.effects),
-        len(ledger(scene.effects, "work" in save)),
+        len(work_flags(scene.effects, "work" in save)),
         len(watched.events),
         [len(marks) for _, marks in watched.running],
         bool(watched.shadow),

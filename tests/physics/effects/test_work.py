@@ -16,7 +16,7 @@ from rigidmc.physics.dynamics.methods import flag, implements, static_count
 from rigidmc.physics.effects import BodyTorque, Gravity, QuadraticDrag, ViscousDamping
 from rigidmc.physics.effects.protocol import depends_on_momentum, from_numbers, numbers
 from rigidmc.physics.effects.sums import total_energy, untracked_work
-from rigidmc.physics.integrators import INTEGRATORS, accepting
+from rigidmc.physics.integrators import INTEGRATORS, integrators_for
 from tests.kernels import one_step, prepare
 from tests.physics.effects.test_effects import EXAMPLES, MOMENTS, STATIC
 from tests.reference import unit
@@ -61,7 +61,7 @@ TAKEN = [
     (kind, *row)
     for row in ORDERS
     for kind in EXAMPLES
-    if row[0] in accepting(beside(EXAMPLES[kind]))
+    if row[0] in integrators_for(beside(EXAMPLES[kind]))
 ]
 
 

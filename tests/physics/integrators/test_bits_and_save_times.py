@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.physics.integrators import accepting
+from rigidmc.physics.integrators import integrators_for
 
 GRAVITY = (rm.Gravity(3.0),)
 SCENE = rm.Scene(
@@ -23,7 +23,7 @@ SOME = ("rk4", "strang", "srkn11")
     "name",
     [
         n if n in SOME else pytest.param(n, marks=pytest.mark.slow)
-        for n in accepting(GRAVITY)
+        for n in integrators_for(GRAVITY)
         if n != "closed"
     ],
 )

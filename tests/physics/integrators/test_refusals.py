@@ -5,7 +5,7 @@ from typing import NamedTuple
 import pytest
 
 import rigidmc as rm
-from rigidmc.physics.integrators import INTEGRATORS, accepting, refusal
+from rigidmc.physics.integrators import INTEGRATORS, integrators_for, refusal
 
 
 class Wind(NamedTuple):
@@ -67,7 +67,7 @@ def test_refused_with_the_reason_and_the_nearest(name, effects, why):
     found = refusal(name, effects)
     assert why in found
     able = found.split("; use ")[1].split(" or ")
-    assert set(able) <= set(accepting(effects))
+    assert set(able) <= set(integrators_for(effects))
     assert name not in able
 
 
@@ -93,7 +93,7 @@ def test_refused_at_the_check_of_the_scene():
 @pytest.mark.parametrize("effects", [(), (G,), (D,), (G, D), (Wind(1.0),), (Field(1.0),)])
 def test_effects_that_are_not_refused_run(effects):
     """rk4 and the Lie group integrators take everything; no effect is both refused and accepted."""
-    able = accepting(effects)
+    able = integrators_for(effects)
     assert {"rk4", "rk8", "rkmk4", "cf4", "ck45", "midpoint"} <= set(able)
     for name in INTEGRATORS:
         assert (refusal(name, effects) is None) == (name in able)

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from rigidmc.physics.dynamics.euler import angular_velocity
 from rigidmc.physics.dynamics.so3 import cross, scale, value_of, vertical
 from rigidmc.physics.effects.sums import total_torque
-from rigidmc.physics.integrators import INTEGRATORS, accepting, description, rk8
+from rigidmc.physics.integrators import INTEGRATORS, description, integrators_for, rk8
 from rigidmc.physics.integrators.protocol import precompute, step, to_stepping
 from rigidmc.studies.stress.problems import PROBLEMS
 from tests.kernels import one_step, prepare, turn
@@ -100,7 +100,7 @@ def test_the_order_of_steps_of_a_free_body(name):
     (name, compensated, effect)
     for effect in (Wind(0.7), Fading(0.3))
     for compensated in (False, True)
-    for name in accepting((effect,), compensated)
+    for name in integrators_for((effect,), compensated)
     if name != "closed"
 ])  # fmt: skip
 def test_order_with_a_torque_that_depends_on_time(name, compensated, effect):

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
 from rigidmc.errors import SceneError
-from rigidmc.scene.recording import recording
+from rigidmc.scene.recording import make_recording
 
 ECCENTRICITY, ANOMALY, ANGLE = 0.3, 0.4, math.radians(60.0)
 ORBIT = rm.GravityGradient(3.986e14, 1.2e7, ECCENTRICITY, ANOMALY)
@@ -163,9 +163,12 @@ def test_two_passages_are_saved_by_their_labels():
     two = rm.Passage(1, 0.5), rm.Passage(2, 0.5)
     scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), observables=two)
     both = [
-        label for label, _ in recording(scene.with_run(save=("passage", "passage_2"))).monitored
+        label
+        for label, _ in make_recording(scene.with_run(save=("passage", "passage_2"))).monitored
     ]
     assert both == ["passage", "passage_2"]
-    assert [label for label, _ in recording(scene.with_run(save=("passage_2",))).monitored] == both
+    assert [
+        label for label, _ in make_recording(scene.with_run(save=("passage_2",))).monitored
+    ] == both
     with pytest.raises(rm.SceneError, match="no such observable"):
         scene.with_run(save=("passage_3",))

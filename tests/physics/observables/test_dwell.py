@@ -8,7 +8,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.errors import SceneError
-from rigidmc.planning.units import scaled
+from rigidmc.planning.units import scale_scene
 
 ANGLE, T_END = math.radians(60.0), 25.0
 CASES = (  # of axis 3: (way, hold, at_start)
@@ -118,6 +118,6 @@ def test_noise_leaves_the_ends_of_steps():
 def test_a_hold_is_a_time():
     with pytest.raises(SceneError, match=r"hold = -1\.0: expected a time of 0 or more"):
         replace(TOPS, observables=(rm.Passage(3, ANGLE, hold=-1.0),))
-    assert [one.hold for one in scaled(TOPS, time=4.0).observables] == [3.6, 3.6, 2.4]
+    assert [one.hold for one in scale_scene(TOPS, time=4.0).observables] == [3.6, 3.6, 2.4]
     loaded = rm.Scene.loads(TOPS.dumps())
     assert loaded.observables == TOPS.observables

@@ -9,7 +9,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.protocols import event, observable, running, vertical
-from rigidmc.results.measures import observing
+from rigidmc.results.measures import save_for_measures
 
 TOP = rm.Scene(
     rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3)),
@@ -51,7 +51,10 @@ def test_two_of_a_class_and_statistics_are_those_of_the_states():
         assert ds[name].attrs["long_name"] == f"height of the point {at:g} m up axis 3"
     assert (ds.height_2_max.values >= ds.height_2.values.max(0)).all()
     assert ds.rises.dims == ("member",)
-    assert observing(TOP.with_run(save=save), ["mean(height_max)"]).run.save[-1] == "height_max"
+    assert (
+        save_for_measures(TOP.with_run(save=save), ["mean(height_max)"]).run.save[-1]
+        == "height_max"
+    )
 
 
 def own(decorator, body, **facts):

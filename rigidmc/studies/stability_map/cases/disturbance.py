@@ -9,7 +9,7 @@ import math
 import numpy as np
 import xarray as xr
 
-from rigidmc.mechanics.free_top import free_motion
+from rigidmc.mechanics.free_top import analyse_free_top
 from rigidmc.physics.observables.flips import Flips
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
@@ -54,7 +54,7 @@ def _derived(ds: xr.Dataset) -> Derived:
     omega = np.stack(
         [np.sin(angle) * np.sin(azimuth), np.cos(angle), np.sin(angle) * np.cos(azimuth)], axis=-1
     )
-    motion = free_motion(MOMENTS, omega * [1.0, 2.0, 3.0])
+    motion = analyse_free_top(MOMENTS, omega * [1.0, 2.0, 3.0])
     interval = motion.flip_interval
     # the component along the middle axis is 0 at the phases 0 and 1/2
     first = (0.5 - motion.phase % 0.5) * motion.period

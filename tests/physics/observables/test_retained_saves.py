@@ -15,7 +15,7 @@ from rigidmc.files.netcdf import read
 from rigidmc.runs import resources
 from rigidmc.runs.directory import gather, resume
 from rigidmc.runs.directory.create import create
-from rigidmc.scene.recording import recording
+from rigidmc.scene.recording import make_recording
 from tests.runs.test_resume import SCENE as OTHER
 
 SCENE = OTHER.with_run(every=0.1, turn_limit=0.051, save=("omega", "flips", "omega_max"))
@@ -69,7 +69,7 @@ def test_flagged_members_are_kept_in_full(full, tmp_path, keep):
 
 def test_a_summary_is_over_the_steps():
     scene = SCENE.with_run(save=("omega", "l2_drift"), keep="summary")
-    assert recording(scene).retained == {"omega": "summary", "l2_drift": "final"}
+    assert make_recording(scene).retained == {"omega": "summary", "l2_drift": "final"}
     ds = rm.simulate(scene, every=0.05)
     every = rm.simulate(scene, keep="full", every=0.05)
     good = every.status.values == 0

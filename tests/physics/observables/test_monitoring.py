@@ -14,13 +14,13 @@ import pytest
 import rigidmc as rm
 from rigidmc.engine import program
 from rigidmc.errors import SceneError
-from rigidmc.mechanics.free_top import free_motion, free_top
+from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
 from rigidmc.physics.dynamics.so3 import vertical
 from rigidmc.physics.observables import outputs
 from rigidmc.planning import plan as plan_module
-from rigidmc.planning.steps import rates
+from rigidmc.planning.steps import rate_bounds
 from rigidmc.planning.tolerance import choose
-from rigidmc.scene.recording import recording
+from rigidmc.scene.recording import make_recording
 from tests.plans import closed_form, plan_of, starts
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
@@ -72,7 +72,7 @@ def flipping():
 def test_no_flip_is_missed_and_none_invented(flipping):
     moments, l, ds = flipping
     turns = widest(moments, l) > math.cos(math.pi / 3.0) ** 2
-    interval = free_motion(moments, l).flip_interval
+    interval = analyse_free_top(moments, l).flip_interval
     first, flips = ds.flip_first.values, ds.flips.values
     assert turns.sum() > 8_000 and (~turns).sum() > 1_000
     assert not flips[~turns].any() and np.isnan(first[~turns]).all()
@@ -91,11 +91,11 @@ def test_flips_happen_when_the_closed_form_says(flipping):
     moments, l, ds = flipping
     middle, seen = np.argsort(moments, axis=1)[:, 1], ds.flips.values > 0
     for when in (ds.flip_first.values, ds.flip_last.values):
-        at = free_top(moments[seen], l[seen], IDENTITY, when[seen])[0]
+        at = solve_free_top(moments[seen], l[seen], IDENTITY, when[seen])[0]
         # measured 2e-13 at the first, 7e-12 at the last
         assert np.abs(np.take_along_axis(at, middle[seen][:, None], 1)).max() < 1e-10
     several = ds.flips.values > 1
-    interval = free_motion(moments, l).flip_interval[several]
+    interval = analyse_free_top(moments, l).flip_interval[several]
     # measured 5e-13; target 1e-8 s
     assert np.abs(ds.flip_wait.values[several] / interval - 1.0).max() < 1e-10
     assert (np.isnan(ds.flip_wait.values) == ~several).all()
@@ -216,7 +216,7 @@ def test_statistics_are_those_of_the_trajectory():
     t = np.linspace(0.0, 10.0, 4001)
     moments = np.array([1.0, 2.0, 3.0])
     start = ds.start_omega.values.T * moments
-    each = [free_top(moments, l, IDENTITY, t)[0] / moments for l in start]
+    each = [solve_free_top(moments, l, IDENTITY, t)[0] / moments for l in start]
     w = np.moveaxis(np.array(each), 0, -1)  # (times, axes, members)
     # measured 9e-7 and 4e-7: of the times of the closed forms
     assert np.abs(ds.omega_min.values - w.min(0)).max() < 1e-5
@@ -343,7 +343,7 @@ def test_observables_stay_in_scene_files():
     )
     again = rm.Scene.loads(scene.dumps())
     assert again.observables == scene.observables and again.run == scene.run
-    names = [name for label, one in recording(again).monitored for name in outputs(label, one)]
+    names = [name for label, one in make_recording(again).monitored for name in outputs(label, one)]
     assert [n for n in names if "passage" in n] == [
         "passages", "passage_first", "passage_last", "passages_2", "passage_first_2",
         "passage_last_2",
@@ -630,7 +630,7 @@ def test_a_tolerance_chooses_no_step_that_hides_what_is_watched(monkeypatch):
     alone = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude",))
     ds = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude", "nutation"))
     plan, watched = (plan_of(rm.Scene.loads(one.attrs["scene"])) for one in (alone, ds))
-    rate = rates(WATCHED.effects, starts(WATCHED, 0, 512, True)[0]).max()
+    rate = rate_bounds(WATCHED.effects, starts(WATCHED, 0, 512, True)[0]).max()
     turns = [
         one.grid.dt * rate if "turn" not in made.attrs else made.attrs["turn"]
         for one, made in ((plan, alone), (watched, ds))

@@ -80,7 +80,7 @@ try:
     resume.resume(path)
 except rm.FileError as error:
     told.append(str(error))
-from tests.runs.test_places import FEW
+from tests.runs.test_places_of_files import FEW
 with warnings.catch_warnings(record=True) as found:
     warnings.simplefilter("always")
     made = rm.simulate(FEW, members=2, t_end=0.1, every=0.1)

@@ -114,7 +114,7 @@ COUNTS = {
     "multilevel": lambda: rm.multilevel(
         rm.Scene(BODY, BATH), GOAL, batch=MANY, integrator="strang"
     ),
-    "randomised": lambda: rm.randomised(SCENE, OF, 8, MANY),
+    "randomised": lambda: rm.estimate_rqmc(SCENE, OF, 8, MANY),
     "accuracy": lambda: rm.accuracy(SCENE, members=MANY),
     "drift": lambda: drift.long_drift(SCENE, members=MANY),
 }

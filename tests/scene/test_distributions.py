@@ -184,7 +184,7 @@ def test_bad_vectors_are_refused(text, words):
 
 
 def test_other_units_move_alike():
-    from rigidmc.planning.units import scaled
+    from rigidmc.planning.units import scale_scene
 
     for vector in (
         rm.Cone(2, 1.0, 0.1),
@@ -195,7 +195,7 @@ def test_other_units_move_alike():
         scene = rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(momentum=vector))
         one, two = (
             starts(s, 0, 32, False)[1]["start_momentum"]
-            for s in (scene, scaled(scene, 4.0, 1.0, 2.0))
+            for s in (scene, scale_scene(scene, 4.0, 1.0, 2.0))
         )
         assert np.array_equal(2.0 * one, two)
 

@@ -372,7 +372,7 @@ def test_what_changes_in_a_process_has_no_stamp_from_then_on(place):
     assert user_stamps.stamp_of(loaded(place, "steady again", HALF + "1.0")) == first
 
     kind = loaded(place, "method", HALF + "1.0")
-    user_stamps.observe(kind)
+    user_stamps.observe_user_code(kind)
     kind.torque = lambda self: (0.0, 0.0, 0.0)
     assert "Push has changed" in user_stamps.why_not_cached(kind)
 
@@ -513,7 +513,7 @@ compile_helper.threads_available = lambda: 1
 scene = rm.Scene.load(sys.argv[1], allow_code=True)
 bits = rm.simulate(scene).omega.values.tobytes().hex()
 print(len(count), bits)
-print([one.compiled for one in rm.warm(scene)])
+print([one.compiled for one in rm.precompile(scene)])
 """
 
 
