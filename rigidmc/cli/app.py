@@ -178,8 +178,8 @@ def load_scene(
 
 
 def load_result(path: str, allow_code: bool = False) -> "xr.Dataset":
-    """A result as a Dataset: a file or a run directory; FileError that helps for a scene."""
-    import rigidmc
+    """A result as a Dataset: a file or a run directory; FileError that helps for a scene or a map."""
+    from rigidmc.files.opening import is_zarr
     from rigidmc.scene.library import shipped_names
 
     there = os.path.exists(path)
@@ -189,7 +189,15 @@ def load_result(path: str, allow_code: bool = False) -> "xr.Dataset":
             f" turn by `rigidmc view {path}`"
         )
         raise FileError(rule, at="result", value=path)
-    return rigidmc.open(path, allow_code)
+    if os.path.isdir(path) and not is_zarr(path):
+        from rigidmc.runs.directory.dataset import open_run
+
+        return open_run(path, allow_code)
+    from rigidmc.results.reader import open_result
+
+    result = open_result(path)
+    result.encoding["allow_code"] = allow_code
+    return result
 
 
 def keep_apart() -> None:

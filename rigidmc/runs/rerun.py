@@ -100,6 +100,9 @@ def rerun(
         run = os.path.isdir(path) and not is_zarr(path)
         with open_run(path, allow_code) if run else open_result(path) as result:
             return rerun(result, member, every, save, allow_code, output, force, **options)
+    if "member" not in source.coords:
+        rule = "expected a result with members: a map or a study keeps none"
+        raise OptionError(rule, at="source")
     original = scene = scene_of(source, allow_code=allow_code)
     name = source.encoding.get("source", "the result")
     members = chosen_members(member, scene.run, source, name)

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 class Pictures:
     """The pictures of a result, each a method: ds.rigid.plot.momentum_sphere()."""
 
-    def __init__(self, dataset: xr.Dataset) -> None:
-        self._dataset = dataset
+    def __init__(self, result: "Rigid") -> None:
+        self._result = result
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *PICTURES]
@@ -33,7 +33,7 @@ class Pictures:
     def __getattr__(self, name: str) -> Callable[..., Any]:
         if name not in PICTURES:
             raise AttributeError(f"no picture '{name}'; known: {', '.join(PICTURES)}")
-        return partial(picture(name), self._dataset)
+        return partial(picture(name), self._result._dataset)
 
 
 @xr.register_dataset_accessor("rigid")
@@ -54,7 +54,7 @@ class Rigid(ResultStates):
 
     def __init__(self, dataset: xr.Dataset) -> None:
         super().__init__(dataset)
-        self.plot = Pictures(dataset)
+        self.plot = Pictures(self)
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(self.summary())}</pre>"
@@ -206,7 +206,7 @@ class Rigid(ResultStates):
         """
         from rigidmc.views.viewer.page import view
 
-        return view(self._dataset, output, **options)
+        return view(self._given, output, **options)
 
 
 LABEL = 13  # characters of a line before its text

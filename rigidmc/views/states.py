@@ -14,7 +14,14 @@ class ResultStates:
     """The physics of the states that a result holds; methods import what they need."""
 
     def __init__(self, dataset: xr.Dataset) -> None:
-        self._dataset = dataset
+        self._given = dataset
+
+    @property
+    def _dataset(self) -> xr.Dataset:
+        """The Dataset; ValueError for one of a map or a study, which keeps no members."""
+        if "member" not in self._given.coords and "member" not in self._given.dims:
+            raise ValueError("a map or a study, not a result with members: it has only its scene")
+        return self._given
 
     def scene(self, allow_code: bool = False) -> Any:
         """The scene that the result was computed from.
@@ -37,7 +44,7 @@ class ResultStates:
         """
         from rigidmc.scene.scene import scene_of
 
-        return scene_of(self._dataset, allow_code=allow_code)
+        return scene_of(self._given, allow_code=allow_code)
 
     def _whole(self) -> xr.Dataset:
         """The Dataset; ValueError if time or member was selected away."""

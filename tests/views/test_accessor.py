@@ -203,3 +203,16 @@ def test_what_is_read_lazily_stays_lazy(kind, tmp_path, monkeypatch):
             off = abs(found - wanted)
             off = off.to_array() if hasattr(off, "data_vars") else off
             assert off.max() < 1e-14  # measured 0
+
+
+def test_a_map_has_no_members():
+    """`rm.open` opens maps too, and all xarray Datasets have `rigid`."""
+    maps = xr.Dataset({"mean(omega_mean[2])": (("y", "x"), np.ones((2, 2)))})
+    for call in (
+        maps.rigid.summary, maps.rigid.energy, lambda: maps.rigid.rerun(0),
+        lambda: maps.rigid.polhode(0), lambda: maps.rigid.plot.summary(),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match="a map or a study, not a result with members"):
+            call()
+    with pytest.raises(rm.OptionError, match="source: expected a result with members"):
+        rm.rerun(maps, 0)

@@ -190,9 +190,8 @@ def opened(some, path):
             warnings.simplefilter("ignore")
             ds = rm.open(path)
             name = some.choice(ACCESSORS)
-            found = getattr(ds.rigid, name)(
-                *([int(ds.member[0])] if name in ("polhode", "rerun") else [])
-            )
+            first = int(ds.member[0]) if "member" in ds.coords else 0  # a map has no members
+            found = getattr(ds.rigid, name)(*([first] if name in ("polhode", "rerun") else []))
             if hasattr(found, "load") and hasattr(found, "sizes"):
                 found.load()
             ds.close()
