@@ -33,7 +33,7 @@ def symmetric_omega(moments: ArrayLike, omega: ArrayLike, t: ArrayLike) -> NDArr
     """
     moments, omega = floats(moments, "moments", 3), floats(omega, "omega", 3)
     if np.any(moments[..., 0] != moments[..., 1]):
-        rule = "Example 3.5 is a body with I1 = I2; free_top takes any"
+        rule = "Example 3.5 is a body with I1 = I2; solve_free_top takes any"
         raise SceneError(rule, at="moments", value=moments.tolist())
     rate = (moments[..., 2] - moments[..., 0]) / moments[..., 0] * omega[..., 2]
     angle = rate * floats(t, "t")
@@ -69,7 +69,7 @@ def jacobi_omega(
     square, t = floats(square, "square"), floats(t, "t")
     low, middle, high = np.moveaxis(moments, -1, 0)
     if not (np.all(low < middle) and np.all(middle < high)):
-        rule = "Example 3.6 wants I1 < I2 < I3; free_top takes any"
+        rule = "Example 3.6 wants I1 < I2 < I3; solve_free_top takes any"
         raise SceneError(rule, at="moments", value=moments.tolist())
     a, b = 2.0 * energy * high - square, square - 2.0 * energy * low
     above = square > 2.0 * energy * middle

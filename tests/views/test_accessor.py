@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from typer.testing import CliRunner
 
 import rigidmc as rm
@@ -127,7 +128,7 @@ def test_even_points_give_no_interval():
         dt=0.05,
         save=("omega_max", rm.Histogram("energy", 0, 2)),
     )
-    assert "+-" not in ds.rigid.summary() and "randomised" in ds.rigid.summary()
+    assert "+-" not in ds.rigid.summary() and "estimate_rqmc" in ds.rigid.summary()
     # a histogram is of all members, and is not compared
     assert "equal to the bit" in ds.rigid.rerun(7).attrs["rerun"]
 
