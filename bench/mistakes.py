@@ -472,11 +472,11 @@ CALLS = {
     "rare: confidence": lambda: _rm().rare(
         "dzhanibekov", "p(omega_max[1] >= 9)", 0.1, 20, 2, confidence=2.0, t_end=0.1
     ),
-    "free top: moments": lambda: _rm().free_top((1, 2, -3), (0, 1, 0), (1, 0, 0, 0), 1.0),
-    "free top: shapes": lambda: _rm().free_top(
+    "free top: moments": lambda: _rm().solve_free_top((1, 2, -3), (0, 1, 0), (1, 0, 0, 0), 1.0),
+    "free top: shapes": lambda: _rm().solve_free_top(
         np.ones((2, 3)), np.ones((3, 3)), (1, 0, 0, 0), 1.0
     ),
-    "heavy top: moments": lambda: _rm().lagrange_top(
+    "heavy top: moments": lambda: _rm().solve_lagrange_top(
         (1, 2, 3), 1.0, (0, 0, 1), (1, 0, 0, 0), 1.0
     ),
     "result: method": lambda: _rm().open("result.nc").rigid.summry,
