@@ -45,7 +45,7 @@ LONG = (
     "tests/whole/test_independence_of_saves.py",
     "tests/studies/test_rare.py",
     "tests/physics/integrators/test_precision.py",
-    "tests/engine/compiler/test_own_cache.py",
+    "tests/engine/compiler/test_cache_of_user_parts.py",
     "tests/engine/compiler/test_cache.py",
     "tests/files/test_outputs.py",
     "tests/cli/test_commands.py",
