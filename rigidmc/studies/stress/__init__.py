@@ -4,8 +4,8 @@ A `HardCase` (`case`) is one motion, why it is hard, the truth, and a function t
 error of an integrator. The cases lie in three catalogues, `free_cases`, `heavy_cases` and
 `numerical_cases`; `motions` and `truths` make the errors, `problems` has published ends.
 `hard_cases` compares each error with its bound in bounds.csv, through worker processes
-(`processes`). `trust` puts one scene of a user to checks. `study` is the record of both, `picture`
-draws both.
+(`processes`). `trust` puts one scene of a user to checks. `study` is the record of both, `table`
+prints and `picture` draws both.
 
 A measured bound is four times an error on one machine: it grows by a measurement alone, never
 because a change of code needs it.
