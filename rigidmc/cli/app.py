@@ -178,7 +178,7 @@ def load_scene(
 
 
 def load_result(path: str, allow_code: bool = False) -> "xr.Dataset":
-    """A result as a Dataset: a file or a run directory; FileError that helps for a scene and maps."""
+    """The Dataset of a result, a file or a run directory; FileError that helps for other files."""
     from rigidmc.files.opening import is_zarr
     from rigidmc.scene.library import shipped_names
 
