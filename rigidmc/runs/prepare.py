@@ -12,12 +12,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import as_plain_arrays
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import Program
-from rigidmc.errors import OptionError, SceneError
+from rigidmc.errors import OptionError
 from rigidmc.files.outputs import Path
 from rigidmc.planning.check import check_scene
 from rigidmc.planning.closed_form import closed_form
@@ -40,11 +39,11 @@ from rigidmc.results.layout import ResultLayout
 from rigidmc.results.sinks import Blanks, ExportSink, FileSink, MemorySink
 from rigidmc.runs.assemble import make_layout, make_program
 from rigidmc.runs.blocks import Sink, compute
+from rigidmc.runs.members import range_of_members, select_members, with_settings
 from rigidmc.runs.resources import block_of, check_resources, needs
-from rigidmc.scene.amounts import count_text, read_count
-from rigidmc.scene.quantities import Varied, count_rows
+from rigidmc.scene.amounts import read_count
+from rigidmc.scene.quantities import Varied
 from rigidmc.scene.recording import make_recording
-from rigidmc.scene.sampling import rows_to_run
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings
 from rigidmc.scene.validation import PILOT
@@ -170,25 +169,6 @@ class PreparedRun:
         run.pilot = None
         return run
 
-    def _members(self, members: int | range | NDArray[np.int64]) -> range | NDArray[np.int64]:
-        """Members that `run` is asked for; SceneError for some that the scene does not have."""
-        first = self.scene.run.first
-        if isinstance(members, (int, np.integer)):
-            members = range(first, first + read_count(members, "members"))
-        elif not isinstance(members, range):
-            members = _indices(np.asarray(members))
-        elif members.step != 1 or members.start < 0 or not members:
-            rule = "expected a range of member indices with step 1"
-            raise SceneError(rule, at="run.members", value=members)
-        run, last = self.scene.run, int(members[-1]) + 1
-        most, what = count_rows(*self.plan.model.quantities()), "arrays with rows for"
-        if run.strata is not None:
-            most, what = run.strata, "a Latin hypercube of"
-        if most is not None and last > most:
-            rule = f"the scene has {what} {count_text(most, 'member')} only"
-            raise SceneError(rule, at="run.members", value=last)
-        return members
-
     def with_paired_noise(self) -> "PreparedRun":
         """The run whose steps have the noise of two steps of half their length."""
         return self._changed(self.plan._replace(paired=True), self.layout)
@@ -257,7 +237,11 @@ class PreparedRun:
         """
         if values is not None or members is not None:
             run = self if values is None else self.with_values(values)
-            run = run if members is None else run.with_members(run._members(members))
+            run = (
+                run
+                if members is None
+                else run.with_members(select_members(members, run.scene.run, run.plan.model))
+            )
             return run.run(
                 threads=threads,
                 device=device,
@@ -376,44 +360,12 @@ def prepare(
     >>> run.run().sizes["member"]
     4
     """
-    which = None
-    if not isinstance(members, (int, range)):
-        members = as_plain_arrays(members, "run.members")
-    if isinstance(members, (list, tuple)):
-        members = np.array(members)
-    if isinstance(members, np.ndarray):
-        which = _indices(members)
-        members = range(int(which[0]), int(which[-1]) + 1)
-    scene = _with_settings(scene, members, {**settings, "integrator": integrator})
+    members, which = range_of_members(members)
+    scene = with_settings(scene, members, {**settings, "integrator": integrator})
     if names := (varied,) if isinstance(varied, str) else tuple(varied):
         scene = scene.with_run(varied=nominal_of(scene, names))
     run = prepare_scene(scene)
     return run if which is None else run.with_members(which)
-
-
-def _indices(members: NDArray[Any]) -> NDArray[np.int64]:
-    """The indices of members as they are asked for; SceneError unless they rise from 0 or more."""
-    sound = members.ndim == 1 and members.size and members.dtype.kind in "iu"
-    if not sound or members[0] < 0 or not (np.diff(members) > 0).all():
-        raise SceneError("expected indices of members that rise", at="run.members")
-    return members.astype(np.int64)
-
-
-def _with_settings(scene: Scene, members: int | range | None, settings: Mapping[str, Any]) -> Scene:
-    """The scene with the settings of a run, and all numbers that depend on its members."""
-    first = settings.get("first")
-    if isinstance(members, range):
-        if members.step != 1 or members.start < 0 or not members:
-            rule = "expected a range of member indices with step 1"
-            raise SceneError(rule, at="run.members", value=members)
-        first, members = members.start, len(members)
-    elif members is None:
-        run = scene.run if first is None else scene.with_run(first=first).run
-        members = rows_to_run(scene.model, run)
-    scene = scene.with_run(**{**settings, "first": first, "members": members})
-    if scene.run.points == "latin_hypercube" and scene.run.strata is None:
-        scene = scene.with_run(strata=scene.run.first + scene.run.members)
-    return scene
 
 
 def prepare_scene(scene: Scene) -> PreparedRun:

@@ -65,10 +65,12 @@ def test_closed_forms_are_packed_arithmetic(tmp_path):
         from rigidmc.engine import formulas
         from rigidmc.engine.compiler import kernels
         from rigidmc.mechanics import free_orbit, lagrange_orbit
-        for orbit in (free_orbit, lagrange_orbit):
-            width = len(orbit.Orbit._fields)
-            rows = np.ones((1, 64)), np.ones((64, width))
-            formulas.evaluate(orbit.Reached, 7, *rows, np.arange(64))
+        for orbit, formula in (
+            (free_orbit.FreeOrbit, free_orbit.FreeStateFormula),
+            (lagrange_orbit.LagrangeOrbit, lagrange_orbit.LagrangeStateFormula),
+        ):
+            rows = np.ones((1, 64)), np.ones((64, len(orbit._fields)))
+            formulas.evaluate(formula, 7, *rows, np.arange(64))
         compiled = kernels._dispatchers[formulas.fill]
         codes = [compiled.inspect_asm(s) for s in compiled.signatures]
         words = "vdivpd", "vdivsd", "vmulpd", "vmulsd"

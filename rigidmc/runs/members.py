@@ -1,0 +1,82 @@
+"""Which members a run has: the first so many, a range of indices, or indices that rise."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.arrays import as_plain_arrays
+from rigidmc.errors import SceneError
+from rigidmc.scene.amounts import count_text, read_count
+from rigidmc.scene.model import Model
+from rigidmc.scene.quantities import count_rows
+from rigidmc.scene.sampling import rows_to_run
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.settings import Run
+
+Members = int | range | NDArray[np.int64]
+
+
+def range_of_members(
+    members: Members | None,
+) -> tuple[int | range | None, NDArray[np.int64] | None]:
+    """(a number or a range of members, the indices of some of the range or None).
+
+    Raises SceneError for indices that do not rise.
+    """
+    if not isinstance(members, (int, range)):
+        members = as_plain_arrays(members, "run.members")
+    if isinstance(members, (list, tuple)):
+        members = np.array(members)
+    if not isinstance(members, np.ndarray):
+        return members, None
+    which = _indices(members)
+    return range(int(which[0]), int(which[-1]) + 1), which
+
+
+def select_members(members: Members, run: Run, model: Model) -> range | NDArray[np.int64]:
+    """The members of a run that is prepared; SceneError for some that its scene does not have."""
+    if isinstance(members, (int, np.integer)):
+        members = range(run.first, run.first + read_count(members, "members"))
+    elif isinstance(members, range):
+        _check_range(members)
+    else:
+        members = _indices(np.asarray(members))
+    last = int(members[-1]) + 1
+    most, what = count_rows(*model.quantities()), "arrays with rows for"
+    if run.strata is not None:
+        most, what = run.strata, "a Latin hypercube of"
+    if most is not None and last > most:
+        rule = f"the scene has {what} {count_text(most, 'member')} only"
+        raise SceneError(rule, at="run.members", value=last)
+    return members
+
+
+def with_settings(scene: Scene, members: int | range | None, settings: Mapping[str, Any]) -> Scene:
+    """The scene with the settings of a run, and all numbers that depend on its members."""
+    first = settings.get("first")
+    if isinstance(members, range):
+        _check_range(members)
+        first, members = members.start, len(members)
+    elif members is None:
+        run = scene.run if first is None else scene.with_run(first=first).run
+        members = rows_to_run(scene.model, run)
+    scene = scene.with_run(**{**settings, "first": first, "members": members})
+    if scene.run.points == "latin_hypercube" and scene.run.strata is None:
+        scene = scene.with_run(strata=scene.run.first + scene.run.members)
+    return scene
+
+
+def _indices(members: NDArray[Any]) -> NDArray[np.int64]:
+    """The indices of members as they are asked for; SceneError unless they rise from 0 or more."""
+    sound = members.ndim == 1 and members.size and members.dtype.kind in "iu"
+    if not sound or members[0] < 0 or not (np.diff(members) > 0).all():
+        raise SceneError("expected indices of members that rise", at="run.members")
+    return members.astype(np.int64)
+
+
+def _check_range(members: range) -> None:
+    if members.step != 1 or members.start < 0 or not members:
+        rule = "expected a range of member indices with step 1"
+        raise SceneError(rule, at="run.members", value=members)
