@@ -112,6 +112,7 @@ class Option:
         more = f"; {self.more}" if self.more else ""
         # --long is its neighbour `long`; options with a hyphen are of the command alone
         text = re.sub(r"--(\w+)(?![\w-])", r"`\1`", self.text)
+        text = re.sub(r"(\|\w+\|\S*)", r"``\1``", text)  # |L|^2 would be a substitution
         return parameter(head + ", optional" * self.is_optional, f"{text}{unit}{more}")
 
     @property
