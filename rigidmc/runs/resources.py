@@ -38,15 +38,19 @@ def moved_at_once(members: int, threads: int, device: str) -> float:
 
 
 def block_of(plan: Plan, threads: int, device: str, streaming: bool) -> int:
-    """Members of a block: few enough to occupy all threads, and fewer on their way to a file; but
-    not so few that their steps take less time than all that comes before and after them."""
+    """Members of a block: few enough to occupy all threads, and fewer on their way to a file.
+
+    In memory not so few that their steps take less time than what comes before and after them; the
+    blocks of a file are its chunks, whose bytes depend on the threads alone.
+    """
     blocks = (1 if plan.has_member_steps else 4) * threads
     if device != "cpu":
         blocks = max(movers(threads, device), min(blocks, plan.members // WAVE))
         block = min(DEVICE_BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
         # in memory most saves are written where they stay
         return min(block, members_within(plan, DEVICE_SLAB if streaming else 16 * DEVICE_SLAB))
-    blocks = min(blocks, max(1, math.ceil(plan.members * plan.mean_steps / LEAST)))
+    if not streaming:
+        blocks = min(blocks, max(1, math.ceil(plan.members * plan.mean_steps / LEAST)))
     block = min(BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
     return min(block, members_within(plan, SLAB)) if streaming else block
 
