@@ -1,8 +1,9 @@
 """Words and numbers as people read them on pictures, pages and tables.
 
 A variable has long_name, units and, if its name does not stand for it in a formula, symbol, where
-its Dataset is made: `rigidmc.results.variables`, and the `reduce` of a study. Nothing else writes
-them: all that people see is made here of these attributes.
+its Dataset is made: `rigidmc.results.variables`, and the `reduce` of a study. Labels of pictures
+and heads of tables are made here from these attributes; a test fails where code writes a unit by
+hand.
 """
 
 import re

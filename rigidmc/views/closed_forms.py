@@ -22,7 +22,7 @@ from rigidmc.mechanics.lagrange_top import (
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.closed_form import NONE, ClosedMotion
 from rigidmc.planning.turns import Drive, turning_rates
-from rigidmc.results.labels import with_units
+from rigidmc.results.labels import units_text, with_units
 from rigidmc.views.sphere import CIRCLE, draw_curve, draw_polhodes, draw_sphere, screen
 
 NARROW = 0.02  # rad: the least width of a nutation that the scale of a picture follows
@@ -108,10 +108,10 @@ def potential(
     if low - high < NARROW:  # the energy is all but that of the floor: the well gives the scale
         height = max(height, 0.5 * (u[[0, -1]].min() - floor))
     axes.set(xlim=degrees[[0, -1]], ylim=(floor - 0.25 * height, energy + 1.1 * height))
-    joules = f"{unit:.0e} J" if unit != 1.0 else "J"
+    scale = f"{unit:.0e} {units_text('J')}" if unit != 1.0 else "J"
     axes.set(
         xlabel=with_units("theta", "deg"),
-        ylabel=with_units("energy less that of the spin", joules),
+        ylabel=with_units("energy less that of the spin", scale),
     )
     axes.ticklabel_format(useOffset=False)
     _finish(axes, "Effective potential of the nutation")

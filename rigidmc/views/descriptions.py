@@ -21,7 +21,7 @@ from rigidmc.physics.observables.protocol import EnsembleObservable
 from rigidmc.planning.limits import Limits
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.turns import sparse_saves
-from rigidmc.results.labels import count_text, units_text
+from rigidmc.results.labels import count_text, units_text, with_units
 from rigidmc.runs.assemble import make_program
 from rigidmc.runs.directory.shards import shard_members, shorten_shards
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
@@ -325,12 +325,12 @@ def describe_body(body: Body, title: str) -> list[str]:
         f"{title}: {known['shape']}",
         f"mass         {known['mass']:.12g} kg",
         f"centre       ({_row(centre, size)}) m from the fixed point, in the body's own axes",
-        "tensor       about the fixed point, in the body's own axes [kg m²]",
+        with_units("tensor       about the fixed point, in the body's own axes", "kg m2"),
     ]
     largest = np.abs(known["tensor"]).max()
     clean = [[0.0 if abs(x) < 1e-15 * largest else x for x in row] for row in known["tensor"]]
     lines += ["             " + " ".join(f"{x:18.10g}" for x in row) for row in clean]
-    lines.append("principal    moment [kg m²]       axis in the body's own axes")
+    lines.append(f"principal    {with_units('moment', 'kg m2')}       axis in the body's own axes")
     names = dict(zip(known["order"], ("smallest", "middle", "largest"), strict=True))
     for a, b in ((0, 1), (1, 2), (2, 0)):
         if abs(moments[a] - moments[b]) <= SAME * moments[a]:

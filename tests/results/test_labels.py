@@ -1,9 +1,14 @@
 """Units, labels and counts as people read them."""
 
+import ast
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
 
+import rigidmc as rm
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.observables import KNOWN, OBSERVABLES
 from rigidmc.planning.units import unit_exponents
@@ -85,3 +90,31 @@ def test_values_and_counts(ds):
     assert count_text(2, "family") == "2 families"
     assert count_text(np.int64(1), "task is", "tasks are") == "1 task is"
     assert count_text(3, "task is", "tasks are") == "3 tasks are"
+
+
+UNIT = re.compile(r"\[(1/)?(rad|s|m|J|kg|N|deg|W|T)\b[^\]]*\]")
+
+
+def shown_texts():
+    """(place, text) of the texts in the code of pictures, tables and maps, without docstrings."""
+    root = Path(rm.__file__).parent
+    for pattern in (
+        "views/*.py", "studies/*/picture.py", "studies/*/table.py",
+        "studies/stability_map/cases/*.py",
+    ):  # fmt: skip
+        for path in root.glob(pattern):
+            tree = ast.parse(path.read_text("utf-8"))
+            statements = (n.value for n in ast.walk(tree) if isinstance(n, ast.Expr))
+            docstrings = {id(one) for one in statements if isinstance(one, ast.Constant)}
+            for node in ast.walk(tree):
+                is_text = isinstance(node, ast.Constant) and isinstance(node.value, str)
+                if is_text and id(node) not in docstrings:
+                    yield f"{path.relative_to(root)}:{node.lineno}", node.value
+
+
+def test_no_picture_or_table_writes_a_unit_by_hand():
+    """Else another way to write a unit would not reach it."""
+    known = "neither phi or psi nor an angle [rad] saved at all times"  # an error, no label
+    texts = list(shown_texts())
+    assert len(texts) > 1000 and UNIT.search("energy [J]") and UNIT.search("moment [kg m²]")
+    assert [place for place, text in texts if UNIT.search(text) and known not in text] == []

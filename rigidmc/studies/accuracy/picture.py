@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from rigidmc.figures import GREY, INK, LIGHT, new_figure, style_of
-from rigidmc.results.labels import count_text
+from rigidmc.results.labels import count_text, with_units
 from rigidmc.scene.amounts import two_digits
 from rigidmc.studies.accuracy.work_precision import horizon_text
 
@@ -38,7 +38,7 @@ def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     _frontier(axes, study.isel(row=shown))
     for name in dict.fromkeys(study.integrator.values):
         _work_precision_lines(axes, study.isel(row=shown & (study.integrator.values == name)), name)
-    what = "error of momentum [of its size] and attitude [rad]"
+    what = f"error of momentum [of its size] and {with_units('attitude', 'rad')}"
     axes.set(xscale="log", yscale="log", xlabel=f"{what}, that 99 % of the members stay below")
     axes.set_ylabel(
         f"members to t_end per second on {count_text(study.attrs['threads'], 'thread')}"

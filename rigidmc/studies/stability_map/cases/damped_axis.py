@@ -7,6 +7,7 @@ import xarray as xr
 
 from rigidmc.physics.effects.dissipation import EnergyDissipation
 from rigidmc.physics.observables.passage import Passage
+from rigidmc.results.labels import with_units
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
@@ -37,8 +38,8 @@ def damped_axis() -> MapCase:
         borders=tuple((share, (0.5,)) for share in SHARES),
         contours=("theory", (1.0,), "separatrices 2 T I$_2$ = L$^2$"),
         labels=(
-            "azimuth of L at the start [rad]",
-            "angle of L from axis 3 at the start [rad]",
+            with_units("azimuth of L at the start", "rad"),
+            with_units("angle of L from axis 3 at the start", "rad"),
             "end of axis 3 that is reached",
         ),
         settings={"integrator": "strang", "dt": 0.2, "t_end": 400.0},

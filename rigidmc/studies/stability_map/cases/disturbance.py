@@ -11,6 +11,7 @@ import xarray as xr
 
 from rigidmc.mechanics.free_top import analyse_free_top
 from rigidmc.physics.observables.flips import Flips
+from rigidmc.results.labels import with_units
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
@@ -38,11 +39,15 @@ def disturbance() -> MapCase:
         members=1,
         derived=_derived,
         shown="mean(flip_first)",
-        contours=("theory", times, "its time in theory, (1/2 - phase) 4 K/$\\lambda$ [s]"),
+        contours=(
+            "theory",
+            times,
+            with_units("its time in theory, (1/2 - phase) 4 K/$\\lambda$", "s"),
+        ),
         labels=(
-            "direction of the disturbance, from axis 3 to axis 1 [rad]",
-            "its size [rad]",
-            "time of the first flip [s]",
+            with_units("direction of the disturbance, from axis 3 to axis 1", "rad"),
+            with_units("its size", "rad"),
+            with_units("time of the first flip", "s"),
         ),
         settings={"integrator": "exact", "dt": 0.5, "t_end": 400.0},
         source="(1/2 - phase modulo 1/2) 4 K(m)/lambda",

@@ -5,6 +5,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.physics.observables.flips import Flips
+from rigidmc.results.labels import with_units
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
@@ -45,7 +46,7 @@ def intermediate_axis() -> MapCase:
         members=16,
         derived=_derived,
         shown="rate",
-        contours=("theory", RATES, "growth rate of a disturbance in theory [1/s]"),
+        contours=("theory", RATES, with_units("growth rate of a disturbance in theory", "s-1")),
         labels=RATIOS,
         settings={"integrator": "rk8", "dt": 1.2, "t_end": 840.0},
         source="sqrt((I2 - I1)(I3 - I2)/(I1 I3)) omega, Goldstein (5.36); flips every 2 K/lambda",

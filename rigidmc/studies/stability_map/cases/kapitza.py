@@ -6,6 +6,7 @@ import xarray as xr
 from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.physics.effects.pivot import MovingPivot
 from rigidmc.physics.observables.passage import Passage
+from rigidmc.results.labels import with_units
 from rigidmc.scene.body import Body
 from rigidmc.scene.distributions import normal
 from rigidmc.scene.scene import Scene
@@ -30,7 +31,11 @@ def kapitza() -> MapCase:
         derived=_derived,
         shown="p(passages>=1)",
         contours=("theory", (0.0,), "bounds of Mathieu's equation"),
-        labels=("swing of the pivot [m]", "its frequency [rad/s]", "share that falls over"),
+        labels=(
+            with_units("swing of the pivot", "m"),
+            with_units("its frequency", "rad s-1"),
+            "share that falls over",
+        ),
         settings={"integrator": "rk8", "dt": 0.04, "t_end": 200.0},
         source="between a0(q) and b1(q); swing frequency > sqrt(2 g l) for small swings"
         " (Kapitza 1951)",
