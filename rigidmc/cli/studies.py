@@ -336,8 +336,11 @@ def show(
     try:
         lines += write_study(dataset, where.output, where.plot, where.force, draw)
         for key, path in files.items():
-            if path is not None and study.files[key].write(dataset, path, where.force):
-                lines += report_files([path])
+            if path is not None:
+                one = study.files[key]
+                has_one = one.write(dataset, path, where.force)
+                nothing = f"  nothing was written to {path}: this study has no {one.kind}"
+                lines += report_files([path]) if has_one else [nothing]
     finally:
         if all(isinstance(line, str) for line in table):
             print("\n".join(table))

@@ -364,10 +364,12 @@ def test_stress_of_a_group(tmp_path):
 
 
 def test_stress_of_a_scene(tmp_path):
-    made = run(
-        "stress", "nasa_brick", "--quick", "-o", tmp_path / "t.nc", "--plot", tmp_path / "t.png"
-    )
+    words = "-o", tmp_path / "t.nc", "--plot", tmp_path / "t.png"
+    made = run("stress", "nasa_brick", "--quick", *words, "--write-bounds", tmp_path / "b.csv")
     assert made.exit_code == 0, made.output
+    assert "b.csv: this study has no tables of bounds" in made.output
+    for option in (("--group", "H2"), ("--bounds", "b.csv")):
+        failed(run("stress", "nasa_brick", *option), 3, f"{option[0]} = '{option[1]}'", "a scene")
     assert "verdict: trust 12 digits to t = 30 s" in made.output
     assert (tmp_path / "t.png").exists()
     failed(

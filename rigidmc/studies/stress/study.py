@@ -43,6 +43,7 @@ from typing import Any, cast
 import xarray as xr
 
 from rigidmc.engine.machine import threads_available
+from rigidmc.errors import OptionError
 from rigidmc.files.outputs import Path
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.direct import Direct
@@ -73,6 +74,12 @@ def measure(
     """The Dataset of the hard cases, or of the checks of a scene."""
     names, bounds = options.integrator, cast(Any, options.bounds)
     if scene is not None:
+        for name in ("group", "bounds"):
+            if (value := getattr(options, name)) is not None:
+                rule = "is of the hard cases, and there is a scene: leave out one of the two"
+                raise OptionError(
+                    rule, at=name, value=",".join(value) if name == "group" else value
+                )
         if names is not None:
             scene = scene.with_run(integrator=",".join(names))
         return trust.trust(scene, options.quick, progress)
