@@ -9,8 +9,8 @@ vector in compiled code. In full::
 
 `tree` stands for nested NamedTuples: the integrator, the effects, the events and flags of a scene.
 Compiled code knows their types and nothing else. It reads the numbers of integrator, limits, events
-and observables from the flat memory `numbers`, and those of the body and the effects, which differ
-from member to member, from rows. All kernels with one task, such as all `march`, thus have the same
+and observables from the flat memory `numbers`; body and effects differ from member to member, and
+it reads their numbers from rows. All kernels with one task, such as all `march`, thus have the same
 machine signature, whatever the scene, and the loop over members (`rigidmc.engine.kernel.block`) is
 compiled once, for all scenes and all users' parts: it finds each kernel by its address in a record.
 

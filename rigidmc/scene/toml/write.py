@@ -19,7 +19,7 @@ def dumps(scene: Parts, run: Run | None = None) -> str:
     """The scene as TOML text; arrays with one row per member become references to the variables of
     the result.
 
-    run : its settings in place of those of the scene
+    run : settings that replace the ones in the scene
     """
     texts = {"title": scene.title, "summary": scene.summary, "source": scene.source}
     tables: dict[str, Any] = {key: text for key, text in texts.items() if text != ""}

@@ -97,7 +97,7 @@ class BasinOptions(Options):
 
 
 def scene_of_neighbours(scene: Scene, options: BasinOptions, settings: Mapping[str, Any]) -> Scene:
-    """The scene whose members are those of the study; raises for what has no basins."""
+    """The scene with the members of the study; raises for what has no basins."""
     refuse_noise(scene)
     scene = drawn_families(scene, options.of, "neighbours", options.families)
     for text in options.of:

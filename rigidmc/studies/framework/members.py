@@ -121,8 +121,8 @@ class Batches(NamedTuple):
 class Members(NamedTuple):
     """The work of a study whose numbers come from the members of one scene.
 
-    scene : (scene with the settings, options, settings) -> the scene whose members are those of the
-        study; raises for what it cannot study
+    scene : (scene with the settings, options, settings) -> the scene with the members of
+        the study; raises for what it cannot study
     reduce : (batches, options) -> the Dataset
     batch : how many members are computed at once, or a function of how many saves they have
     points : of their scene, "" for any
@@ -148,7 +148,7 @@ class Members(NamedTuple):
         return keywords_of("members")
 
     def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Scene:
-        """The scene whose members are those of the study."""
+        """The scene with the members of the study."""
         return self.scene(scene, options, settings)
 
     def compute(

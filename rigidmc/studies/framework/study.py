@@ -130,7 +130,7 @@ class Study:
         return not isinstance(self.work, Direct) or self.work.needs_scene
 
     def design(self, *arguments: Any, **keywords: Any) -> Any:
-        """The scene whose members are those of the study; of tasks (scene, request). Arguments as
+        """The scene with the members of the study; of tasks (scene, request). Arguments as
         of the study itself."""
         return self._designed(self._bound(arguments, keywords))[0]
 

@@ -92,7 +92,7 @@ class FrequencyMapOptions(Options):
 
 
 def scene_of_signals(scene: Scene, options: FrequencyOptions, settings: Mapping[str, Any]) -> Scene:
-    """The scene whose members are those of the study: it saves what oscillates."""
+    """The scene with the members of the study: it saves what oscillates."""
     refuse_count(scene.run.members, "members with frequencies", 8 * (3 * options.terms + 8))
     found = component_of(scene, options.of, "of")
     saving: Scene = scene.with_run(save=(found.name,), keep="full")

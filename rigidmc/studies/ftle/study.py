@@ -97,7 +97,7 @@ class FtlePlaneOptions(Options):
 
 
 def scene_of_tangents(scene: Scene, options: FtleOptions, settings: Mapping[str, Any]) -> Scene:
-    """The scene whose members are those of the study; SceneError for one that has no tangents."""
+    """The scene with the members of the study; SceneError for one that has no tangents."""
     refuse_noise(scene)
     scene = drawn_families(scene, STATE, "tangents", options.families)
     names, dimensions = uncertain_numbers(scene.model)

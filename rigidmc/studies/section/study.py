@@ -87,7 +87,7 @@ class SectionPlaneOptions(Options):
 
 
 def scene_of_points(scene: Scene, options: SectionOptions, settings: Mapping[str, Any]) -> Scene:
-    """The scene whose members are those of a section, with the saves that it needs."""
+    """The scene with the members of a section, with the saves that it needs."""
     at = options.at
     refuse_count(scene.run.members, "members of a section", POINT, "take fewer members")
     if period := period_of(scene, at):

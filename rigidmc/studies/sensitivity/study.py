@@ -107,7 +107,7 @@ class SensitivityOptions(Options):
 def scene_of_families(
     scene: Scene, options: SensitivityOptions, settings: Mapping[str, Any]
 ) -> Scene:
-    """The scene whose members are those of the study; OptionError for measures that are no means,
+    """The scene with the members of the study; OptionError for measures that are no means,
     SceneError if nothing is drawn."""
     scene = drawn_families(scene, options.of, "saltelli", options.families)
     for text in options.of:

@@ -75,7 +75,7 @@ class MapRequest(NamedTuple):
         return {key: _grid(key, side, count, strides[key]) for (key, side), count in counts}
 
     def of_scene(self, scene: Scene) -> Scene:
-        """The scene whose members are those of the map; OptionError for unknown parameters."""
+        """The scene with the members of the map; OptionError for unknown parameters."""
         grids = self.grids()
         for key in reversed(grids):
             scene = with_parameter(scene, self.sides[key][0], grids[key], key)
