@@ -42,6 +42,7 @@ MOVING = {
 MEMBERS = 2**17, 2**19, 2**21
 TILE = 2**14  # members that are drawn; a block has copies of them
 LAUNCHES = 10, 50, 200  # [ms]
+ENDLESS = 2**40  # steps: more than are made
 LIMITS = None, 128, 80  # registers of a thread at most
 ENTRY = re.compile(r"(\.visible \.entry members\([^)]*\))")
 
@@ -69,23 +70,24 @@ class Steps:
         return block
 
     def speed(self, members, enough):
-        """Steps of members a second, copies of the block left out: two times apart by `enough` s
-        or more."""
-        staged = np.tile(self._tile, (1, -(-members // TILE)))[:, :members]
+        """Steps of members a second on the device, over `enough` s or more.
+
+        The clock runs from launch to launch, once they take half as long as they may: what is
+        copied to the device and back, and the first launches, which are short, are left out.
+        """
+        block = np.tile(self._tile, (1, -(-members // TILE)))[:, :members]
         random = NO_NOISE._replace(members=np.arange(members))
         order, dt = NO_SAVES._replace(order=np.arange(members)), self._run.plan.grid.dt
-
-        def timed(steps):
-            block, frame = staged.copy(), StepRange(dt, 1, steps, steps, 0, 0, steps)
-            began = time.perf_counter()
-            self.program.advance(block, frame, random, order)
-            return time.perf_counter() - began
-
-        steps = 16 * max(1, 2**21 // members)
-        timed(16)  # loads the code
-        while (took := timed(2 * steps) - timed(steps)) < enough:
-            steps *= 2
-        return members * steps / took
+        frame = StepRange(dt, 1, ENDLESS, ENDLESS, 0, 0, ENDLESS)
+        first, began, before = 0, None, None
+        for step in self.program.through(block, frame, random, order):
+            now = time.perf_counter()
+            if began is not None and now - began >= enough:
+                return members * (step - first) / (now - began)
+            if began is None and before is not None and now - before >= 0.5 * cuda.LAUNCH:
+                began, first = now, step
+            before = now
+        raise AssertionError("endless steps have ended")
 
     def facts(self):
         """{what: number} of the code, as the driver tells."""

@@ -285,7 +285,7 @@ def device(rows, machine):
         f"{card['name']}, driver {card['driver']}: 10^9 steps of members a second in float64 with"
         f" {2**19:,} members on the card, copies left out; in brackets the share of"
         f" {card['peak'] / 1e12:.1f} T operations a second, which is all that it has. `exact` is"
-        " for free members; what else is empty was not measured"
+        " for free members"
     )
     steps = with_note(table(("", *names), lines), f"{words}.")
     ours = next(r for r in speeds if (r["what"], r["integrator"]) == ("free", "rk4"))

@@ -41,7 +41,7 @@ from rigidmc.engine.program import NO_NOISE, NO_SAVES, Program, fill_record
 from rigidmc.errors import NoDevice, NoRoom
 
 Array = NDArray[Any]
-# Seconds of a launch: heavy rk4 makes 72.1 G steps/s on an H200; 67.7 with 0.01 s, 73.2 with 0.2 s
+# Seconds of a launch: heavy rk4 makes 71.5 G steps/s on an H100; 68.0 with 0.01 s, 72.1 with 0.2 s
 LAUNCH = 0.05
 # Steps of the first launch of a block; the time of each tells how many the next one makes, at most
 # so many times as many.
