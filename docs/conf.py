@@ -33,16 +33,24 @@ extensions = [
     "sphinx-mathjax-offline",
     "sphinxcontrib.bibtex",
     "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx_copybutton",
+    "sphinx_llms_txt",
     "numpydoc",
     "commands",
     "links",
     "names",
+    "notebooks",
     "pictures",
+    "synonyms",
 ]
 exclude_patterns = ["_build", "extensions", "static"]
 nitpicky = True
 smartquotes = False  # `--dt` keeps its two hyphens
 autodoc_typehints = "none"
+autosummary_generate = False  # `names` writes the pages
+python_maximum_signature_line_length = 88  # longer ones have a line for each parameter
+copybutton_exclude = ".linenos, .gp, .go"  # prompts and what a command prints are not copied
 numpydoc_show_class_members = False
 default_role = "code"  # of `words` in docstrings
 
@@ -60,12 +68,39 @@ html_theme_options = {
     "navigation_with_keys": False,
     "show_toc_level": 2,
     "footer_end": [],
+    "header_links_before_dropdown": 5,
 }
 html_show_sourcelink = False
 html_sidebars = {
     name: []
-    for name in ("first_ensemble", "gallery", "viewer", "comparison", "contributing", "changelog")
+    for name in (
+        *("learn", "ensembles", "study", "first_ensemble", "gallery", "viewer"),
+        *("comparison", "contributing", "changelog"),
+    )
 }
+llms_txt_summary = (
+    "rigidmc integrates ensembles of rigid bodies with a fixed point (free and heavy tops) in "
+    "parallel, and reports the drift of energy and |L|^2. From Python: import rigidmc as rm; "
+    "rm.simulate(scene) returns an xarray Dataset. From the shell: rigidmc run SCENE."
+)
+# Where the workflow publishes the site, pages link to their sources and to other versions.
+if REPOSITORY := os.environ.get("GITHUB_REPOSITORY"):
+    owner, name = REPOSITORY.split("/")
+    html_context = {
+        "github_user": owner,
+        "github_repo": name,
+        "github_version": "main",
+        "doc_path": "docs",
+    }
+    html_theme_options |= {
+        "use_edit_page_button": True,
+        "navbar_start": ["navbar-logo", "version-switcher"],
+        "switcher": {
+            "json_url": f"https://{owner.lower()}.github.io/{name}/versions.json",
+            "version_match": os.environ.get("DOCS_VERSION", "dev"),
+        },
+        "check_switcher": False,  # the first site has none yet
+    }
 
 
 def setup(app):
