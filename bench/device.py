@@ -34,10 +34,10 @@ INTEGRATORS = "rk4", "rk8", "strang", "exact"
 # {what moves: (word of its motion, what is saved)}; the momentum alone unless an attitude is needed
 MOVING = {
     "free, momentum alone": ("free", ("energy",)),
-    "free, momentum alone, flips watched": ("free", ("energy", rm.Flips(2))),
+    "free, momentum alone, flips monitored": ("free", ("energy", rm.Flips(2))),
     "free": ("free", ("energy", "attitude")),
     "heavy": ("heavy", ("energy",)),
-    "heavy, a passage watched": ("heavy", ("energy", rm.Passage(3, 0.6, "leaves"))),
+    "heavy, a passage monitored": ("heavy", ("energy", rm.Passage(3, 0.6, "leaves"))),
 }
 MEMBERS = 2**17, 2**19, 2**21
 TILE = 2**14  # members that are drawn; a block has copies of them

@@ -56,7 +56,7 @@ def scenes(quick):
         "gravity": (rm.Gravity(9.81),),
         "all effects": every,
         "bath": (rm.Gravity(9.81), rm.Bath(0.5, 1.0)),
-        "own effect": (TorsionSpring(1.0),),
+        "custom effect": (TorsionSpring(1.0),),
     }
     for word in ("all effects",) if quick else ():
         del acting[word]
@@ -152,7 +152,7 @@ def run(quick):
                 for capability in CAPABILITIES:
                     rows.append(inspected(what, name, scene, watched, capability))
     plain = [row for row in rows if row["integrator"] in NO_SPILL and not row["watched"]]
-    few = [row for row in plain if row["acting"] in ("nothing", "gravity", "own effect")]
+    few = [row for row in plain if row["acting"] in ("nothing", "gravity", "custom effect")]
     targets = [
         harness.target(
             "kernels with an approximate instruction", 0,
@@ -162,7 +162,7 @@ def run(quick):
     if tool("ptxas"):
         targets += [
             harness.target(
-                "kernels of rk4, rk8, strang, exact that spill, free, heavy and with an own effect",
+                "kernels of rk4, rk8, strang, exact that spill: free, heavy, with a custom effect",
                 0, sum(row["spills"] > 0 for row in few), at_most=True,
             ),
             harness.target(

@@ -61,7 +61,7 @@ def agreement(name, ds):
     if name in ("intermediate_axis", "growth"):
         if name == "growth":
             off = ds.error.values[np.isfinite(ds.error.values)]
-            return "share of bodies whose growth rate is within 1 % of theory", float(
+            return "fraction of bodies whose growth rate is within 1 % of theory", float(
                 (off < 0.01).mean()
             )
         return "flips of the median body", float(
@@ -80,9 +80,9 @@ def agreement(name, ds):
             (fallen == stable)[~wide].sum()
         )
     if name == "damped_axis":
-        return "share that ends about neither end of axis 3", float((ds.end.values == 0).mean())
+        return "fraction that ends about neither end of axis 3", float((ds.end.values == 0).mean())
     megno = ds["mean(megno)"].values
-    return ("largest MEGNO" if name == "kovalevskaya" else "share with MEGNO above 3"), float(
+    return ("largest MEGNO" if name == "kovalevskaya" else "fraction with MEGNO above 3"), float(
         np.nanmax(megno) if name == "kovalevskaya" else (megno[np.isfinite(megno)] > 3.0).mean()
     )
 

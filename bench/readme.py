@@ -1,4 +1,4 @@
-"""python -m bench.readme: redraw the tables of README.md and docs/ from bench/results/*.json."""
+"""Redraw the tables of README.md and docs/ from bench/results/*.json: python -m bench.readme."""
 
 import glob
 import json
@@ -28,13 +28,13 @@ def main():
 
 
 def pages():
-    """README.md and the pages of docs/."""
+    """Return the paths of README.md and the pages of docs/."""
     docs = glob.glob(os.path.join(ROOT, "docs", "**", "*.md"), recursive=True)
     return [os.path.join(ROOT, "README.md"), *sorted(p for p in docs if "_build" not in p)]
 
 
 def drawn():
-    """(name, table) of every bench that has rows."""
+    """Yield (name, table) for every bench that has rows."""
     for name, draw in DRAWN.items():
         path = os.path.join(RESULTS, f"{name}.json")
         if not os.path.exists(path):
@@ -47,7 +47,7 @@ def drawn():
 
 
 def replaced(text, name, content):
-    """The text with new content between the markers of `name`."""
+    """Return the text with new content between the markers of `name`."""
     pattern = rf"(<!-- bench:{name} -->\n).*?(<!-- /bench:{name} -->)"
     return re.sub(
         pattern, lambda found: found[1] + content + "\n" + found[2], text, flags=re.DOTALL
@@ -55,18 +55,18 @@ def replaced(text, name, content):
 
 
 def table(columns, lines):
-    """A markdown table with right-aligned numbers."""
+    """Return a markdown table with right-aligned numbers."""
     rule = ["---" if i == 0 else "---:" for i in range(len(columns))]
     return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in [columns, rule, *lines])
 
 
 def with_note(drawn, note):
-    """A table with a note below it."""
+    """Return a table with a note below it."""
     return f"{drawn}\n\n{textwrap.fill(note, 100, break_long_words=False, break_on_hyphens=False)}"
 
 
 def accuracy(rows, machine):
-    """What accuracy costs: the best integrator for each error, and others that reach it."""
+    """Return a table of the fastest integrator for each error, and of others that reach it."""
     lines = []
     for row in rows:
         if row["kind"] == "choice" and row["best"]:
@@ -96,14 +96,14 @@ def accuracy(rows, machine):
         "others",
     )
     words = (
-        "Error that 99 % of random tops stay below, of momentum (relative) and attitude (rad). "
-        "A step in rad: each top steps by that much of its own motion"
+        "99 % of random tops stay below the error, in momentum (relative) and attitude (rad). "
+        "For a step in rad, each top advances by that angle of its own motion"
     )
     return with_note(table(columns, lines), f"{words}; {_machine(machine)}.")
 
 
 def peers(rows, machine):
-    """Seconds of every candidate at each worst error; the settings of rigidmc."""
+    """Return a table of seconds by candidate and worst error, with the settings of rigidmc."""
     times = {(r["body"], r["limit"], r["name"]): r for r in rows if r["kind"] == "time"}
     names = list(dict.fromkeys(name for _, _, name in times))
     plain = [
@@ -128,14 +128,14 @@ def peers(rows, machine):
     closed = times.get(("free", 1e-9, "rigidmc, closed form"))
     more = f" Free tops by the closed form: {closed['seconds']:.4f} s." if closed else ""
     words = (
-        "Seconds for 4,096 different tops to t = 10 s; the error is that of omega and attitude "
-        f"of the worst top. Settings of rigidmc: {ours}.{more}"
+        "Seconds for 4,096 different tops to t = 10 s; the error is the error in omega and "
+        f"attitude of the worst top. Settings of rigidmc: {ours}.{more}"
     )
     return with_note(table(("tops, worst error", *plain), lines), f"{words} {_machine(machine)}.")
 
 
 def throughput(rows, machine):
-    """Member-steps per second of free and heavy tops, also relative to plain C."""
+    """Return a table of member-steps per second, also relative to plain C."""
     rates = {r["name"]: r for r in rows if r["kind"] == "rate"}
 
     def cell(name, baseline):
@@ -172,14 +172,14 @@ def throughput(rows, machine):
         (what, cell(free, base[0]), cell(heavy, base[1])) for what, (free, heavy) in pairs.items()
     ]
     words = (
-        "Million member-steps per second from CPU seconds, float64, 65,536 different tops, "
-        "all cores; in brackets relative to plain C"
+        "Million member-steps per second of CPU time, float64, 65,536 different tops, all cores; "
+        "in brackets relative to plain C"
     )
     return with_note(table(("", "free", "with gravity"), lines), f"{words}; {_machine(machine)}.")
 
 
 def runs(rows, machine):
-    """Memory and time of runs into a directory."""
+    """Return a table of memory and time of runs that write to a directory."""
     lines = [
         (
             f"{r['members']:,}",
@@ -203,15 +203,15 @@ def runs(rows, machine):
         median([r["threads"] for r in taken]),
     )
     words += (
-        f"; two processes of a local cluster do {ratio:.2f} of the work of two threads, "
-        f"{whole:.2f} in a run of {seconds:.0f} s, start included"
+        f"; two processes of a local cluster reach {ratio:.2f} of the speed of two threads, "
+        f"{whole:.2f} in a run of {seconds:.0f} s including start-up"
     )
     columns = "members", "GB of memory", "seconds", "GB written"
     return with_note(table(columns, lines), f"{words}; {_machine(machine)}.")
 
 
 def maps(rows, machine):
-    """Time and memory of maps and large studies."""
+    """Return a table of time and memory of maps and large studies."""
     lines = [
         (
             f"`rigidmc map {r['name']} --resolution {r['side']}`",
@@ -234,13 +234,13 @@ def maps(rows, machine):
         for r in rows
         if r["kind"] == "millions"
     ]
-    words = "From the shell, compiling and picture included"
+    words = "Run from the shell, including compilation and the picture"
     drawn = table(("", "members", "s", "GB", ""), lines)
     return with_note(drawn, f"{words}; {_machine(machine)}.")
 
 
 def gpu(rows, machine):
-    """What the kernels of every integrator take of a graphics processor."""
+    """Return a table of GPU instructions and registers of the kernels of every integrator."""
     kernels = {
         (row["integrator"], row["acting"]): row
         for row in rows
@@ -256,20 +256,20 @@ def gpu(rows, machine):
         )
         for name in names
     ]
-    aside = sorted(row["spills in steps"] for row in kernels.values() if row["spills in steps"])
+    spills = sorted(row["spills in steps"] for row in kernels.values() if row["spills in steps"])
     words = (
-        "Instructions in float64 of a kernel without effects (fused multiply-adds, sums and"
-        " products, divisions, roots, those of start and looks included), and registers of a thread"
-        " by what acts, as `ptxas` tells for compute capability 9.0. Within its steps no kernel"
-        " puts numbers aside for want of registers, but those with all effects at once:"
-        f" {aside[0]:,} to {aside[-1]:,} bytes"
+        "Float64 instructions of a kernel without effects (fused multiply-adds, sums and products,"
+        " divisions, square roots; start and health checks included), and registers per thread by"
+        " the effects that act, as reported by `ptxas` for compute capability 9.0. No kernel spills"
+        " registers within its steps, except the kernels with all effects at once:"
+        f" {spills[0]:,} to {spills[-1]:,} bytes"
     )
     drawn = table(("", "fma", "add, mul", "div", "sqrt", *acting), lines)
     return with_note(drawn, f"{words}.")
 
 
 def device(rows, machine):
-    """Steps a second on a graphics processor, JAX beside it, and whole runs."""
+    """Return tables of steps per second on a GPU, of JAX on the same GPU, and of whole runs."""
     card = next(row for row in rows if row["kind"] == "card")
     speeds = [row for row in rows if row["kind"] == "speed" and row["members"] == 2**19]
     names = list(dict.fromkeys(row["integrator"] for row in speeds))
@@ -282,10 +282,10 @@ def device(rows, machine):
         for what in dict.fromkeys(row["what"] for row in speeds)
     ]
     words = (
-        f"{card['name']}, driver {card['driver']}: 10^9 steps of members a second in float64 with"
-        f" {2**19:,} members on the card, copies left out; in brackets the share of"
-        f" {card['peak'] / 1e12:.1f} T operations a second, which is all that it has. `exact` is"
-        " for free members"
+        f"{card['name']}, driver {card['driver']}: 10^9 member-steps per second in float64 with"
+        f" {2**19:,} members on the GPU, excluding copies; in brackets, the fraction of the GPU's"
+        f" peak of {card['peak'] / 1e12:.1f} T operations per second. `exact` integrates free"
+        " members only"
     )
     steps = with_note(table(("", *names), lines), f"{words}.")
     ours = next(r for r in speeds if (r["what"], r["integrator"]) == ("free", "rk4"))
@@ -295,21 +295,23 @@ def device(rows, machine):
         for row in sorted(peers, key=lambda row: row["members"])
     ]
     words = (
-        "Free members by rk4, momentum and attitude in float64, 10^9 steps a second on the same"
-        " card. Each member of rigidmc has moments of its own, and one that fails is flagged; those"
-        " of JAX share their moments, and nothing is checked"
+        "Free members by rk4, momentum and attitude in float64, 10^9 steps per second on the same"
+        " GPU. Each rigidmc member has individual moments, and a member that fails is flagged; the"
+        " JAX members share their moments, and nothing is checked"
     )
-    beside = with_note(table(("", "members", "rk4"), lines), f"{words}.")
+    compared = with_note(table(("", "members", "rk4"), lines), f"{words}.")
     lines = [
         (row["what"], f"{row['members']:,}", f"{row['seconds']:.1f}")
         for row in rows
         if row["kind"] == "whole"
     ]
     words = (
-        f"Whole runs, from the call to the result; the card beside {machine['cores']} cores, which"
-        " draw the starts and gather the results"
+        f"Whole runs, from the call to the result, on this GPU and {machine['cores']} CPU cores,"
+        " which draw the starts and gather the results"
     )
-    return "\n\n".join([steps, beside, with_note(table(("", "members", "s"), lines), f"{words}.")])
+    return "\n\n".join(
+        [steps, compared, with_note(table(("", "members", "s"), lines), f"{words}.")]
+    )
 
 
 def _machine(machine):
@@ -317,7 +319,7 @@ def _machine(machine):
 
 
 def _count(number):
-    """A number with two digits, for people."""
+    """Format a number to two digits, for people."""
     for size, word in ((1e6, " M"), (1e3, " k")):
         if number >= size:
             return (

@@ -382,7 +382,7 @@ def test_the_recipe_of_a_study_makes_one(extended):
     assert ended.returncode == 0, ended.stdout[-3000:]
     assert int(ended.stdout.split(" passed")[0].split()[-1]) == 8, ended.stdout
     told = run(extended, "-c", COMMANDS, json.dumps([["--help"], ["recurrence", "--help"]]))
-    assert "comes back to that of its start" in told.stdout and "How near counts" in told.stdout
+    assert "returns to its start" in told.stdout and "How near counts" in told.stdout
 
 
 def blocks(language):
