@@ -90,14 +90,14 @@ def accuracy(rows, machine):
             )
     columns = (
         "tops",
-        "error after 10 s at most",
+        "error after 10 s, at most",
         "integrator, step",
         "members per second",
         "others",
     )
     words = (
-        "Error that 99 % of random tops stay below, of momentum (relative) and attitude (rad). "
-        "A step in rad: each top steps by that much of its own motion"
+        "Errors of momentum (relative) and attitude (rad), which 99 % of random tops stay below. "
+        "A step in rad is the angle by which each top's own motion advances in one step"
     )
     return with_note(table(columns, lines), f"{words}; {_machine(machine)}.")
 
