@@ -54,7 +54,7 @@ class Score(NamedTuple):
     scale: float = 0.0
 
     def reached(self, score: Array) -> NDArray[np.bool_]:
-        """Whether members with these scores have the event."""
+        """Return whether members with these scores have the event."""
         return score > self.goal if self.strict else score >= self.goal
 
     def of(self, moving: SegmentedRun, block: Array, part: int) -> Array:
