@@ -355,7 +355,7 @@ def test_maps_take_a_time_that_has_not_come_for_later():
         assert without == pytest.approx(np.isinf(mine).mean())
     assert np.isinf(ds["median(flip_first)"]).any() and "mean(flip_wait)_without" in ds
     legend = drawn(ds, "median(flip_first)").axes[0].get_legend().get_texts()
-    assert "not of all members by the end" in [text.get_text() for text in legend]
+    assert "not in all members by the end" in [text.get_text() for text in legend]
 
 
 def test_rare_counts_no_member_as_flagged_for_a_time_that_has_not_come():

@@ -98,7 +98,7 @@ def test_the_table_says_it(study):
     assert lines[2].startswith("for 1e-05: ")
     assert "members/s" in lines[2]
     assert lines[4].startswith("for 1e-15: none; the best reaches ")
-    assert "nowhere exponentially" in lines[5]
+    assert "in no member exponentially" in lines[5]
 
 
 def test_predictions_of_error_hold_for_others(study):
