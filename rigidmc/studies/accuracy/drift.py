@@ -38,7 +38,7 @@ def long_drift(
     """Measure the drift of energy, |L|^2 and L_z over very many steps; return a Dataset over
     `integrator` and `step`.
 
-    integrators : names or integrators; by default those of LONG and of the scene that support it
+    integrators : names or integrators; by default LONG, those that the scene supports
     dt : step [s], by default the scene's;  members : number of members, from the scene's first on
     `step` : powers of two up to `steps`
 

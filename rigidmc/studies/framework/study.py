@@ -132,8 +132,8 @@ class Study:
         return not isinstance(self.work, Direct) or self.work.needs_scene
 
     def design(self, *arguments: Any, **keywords: Any) -> Any:
-        """Return the scene with the members of the study; for tasks, (scene, request). The
-        arguments are those of the study."""
+        """Return the scene with the members of the study; for tasks, (scene, request). It
+        takes the arguments of the study."""
         return self._designed(self._bound(arguments, keywords))[0]
 
     def of(

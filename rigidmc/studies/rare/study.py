@@ -27,7 +27,7 @@ xarray.Dataset
     `p` with the ends `p_low` and `p_high` of its interval; over repetition `probability`,
     `member_steps`, `flagged`, whether it is `below_target`, and whether it is `stuck`; over
     repetition and level `score` and `share`, the probability of scoring more; `gain`:
-    member-steps of plain sampling for the same interval, divided by those of this study
+    member-steps of plain sampling for the same interval, divided by the member-steps of this study
 
 Raises
 ------
@@ -200,7 +200,7 @@ def reduce(
         "p_low": ((), low, "lower end of its interval"),
         "p_high": ((), high, "upper end of its interval"),
         "gain": ((), _gain(scene, value, 0.5 * (high - low), steps.sum(), confidence),
-                 "member-steps of plain sampling for the same interval / those of this study"),
+                 "member-steps of plain sampling for the same interval / of this study"),
         "probability": (over[:1], p, "estimate of the repetition"),
         "member_steps": (over[:1], steps, "steps of all members of the repetition"),
         "flagged": (over[:1], [int(found[i]["flagged"]) for i in numbers], "flagged members"),

@@ -2,7 +2,7 @@
 
 Members are integrated as in any run. If the quantity lies on different sides of the value at two
 successive saves, Chandrupatla's method finds the crossing, with steps of rk8 from the earlier
-save. These are at most as long as those of the run, turn no member by more than 0.2 rad
+save. No step is longer than a step of the run; steps turn no member by more than 0.2 rad
 (tests/whole/test_claims.py), and are halved until halving changes nothing. Two crossings
 between two saves are missed.
 Source: Henon, Physica D 5 (1982) 412; Chandrupatla, Adv. Eng. Softw. 28 (1997) 145.

@@ -92,7 +92,7 @@ def case_map(
 ) -> xr.Dataset:
     """Compute one of MAPS; return its Dataset with the variables of theory.
 
-    settings : run settings that replace those of the map if not None;  others : see `stability_map`
+    settings : run settings of the map to replace, if not None;  others : see `stability_map`
     """
     ready = prepared_case(name, resolution, members, adaptive, **settings)
     return with_theory(run_map(ready, threads, progress), name)

@@ -269,7 +269,7 @@ def zoom_map(
     allow_code : bool, optional
         whether to run the Python files of custom effects
     resolution : int or tuple of int, optional
-        pixels per side, or (columns, rows); by default those of the map
+        pixels per side, or (columns, rows); by default as many as the map has
     device : str, optional
         CPU or GPU that computes the members, as in `simulate`
 

@@ -146,8 +146,8 @@ class MapOptions(Options):
         False,
         "compute a coarse grid, and more pixels where neighbouring pixels differ in class or an"
         " interval contains a border between classes; other pixels copy one nearby",
-        more="`computed` in the result marks the computed pixels. Classes are those of the first"
-        " measure, divided at 0.5 for a fraction p(...) and at 4 for a MEGNO, else eight equal"
+        more="`computed` in the result marks the computed pixels. The first measure defines the"
+        " classes: divided at 0.5 for a fraction p(...) and at 4 for a MEGNO, else eight equal"
         " parts of its range; or give a tuple of (measure, values between its classes)",
         type=bool,
         kind="bool or tuple",

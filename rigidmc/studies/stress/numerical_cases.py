@@ -259,7 +259,7 @@ REFUSED_CALLS: dict[str, Refusal] = {
         only("exact"),
     ),
     "h = 0": (lambda name: simulate(_heavy_scene(), integrator=name, dt=0.0), "dt", makes_steps),
-    "a start that is no number": (
+    "a start that is not a number": (
         lambda name: tops((1.0, 1.4, 2.0), (math.nan, 0.0, 0.0)),
         "finite",
         makes_steps,
