@@ -38,7 +38,7 @@ def long_drift(
     """Measure the drift of energy, |L|^2 and L_z over very many steps; return a Dataset over
     `integrator` and `step`.
 
-    integrators : names or integrators; by default LONG, those that the scene supports
+    integrators : names or integrators; by default LONG and the scene's own, if they fit
     dt : step [s], by default the scene's;  members : number of members, from the scene's first on
     `step` : powers of two up to `steps`
 
