@@ -84,5 +84,6 @@ def test_every_public_name_is_in_the_reference():
     text = (ROOT / "docs" / "reference" / "python.md").read_text("utf-8")
     listed = [n for names in re.findall(r"```\{names\} (.*)", text) for n in names.split()]
     assert listed.count("studies") == 1  # those of the registry
-    listed = [n for n in listed if n != "studies"] + list(STUDIES)
+    # names with a dot are not of `rigidmc` itself, and have a page all the same
+    listed = [n for n in listed if n != "studies" and "." not in n] + list(STUDIES)
     assert sorted(listed) == sorted(rigidmc.__all__)
