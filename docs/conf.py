@@ -44,7 +44,7 @@ extensions = [
     "pictures",
     "synonyms",
 ]
-exclude_patterns = ["_build", "extensions", "static"]
+exclude_patterns = ["_build", "extensions", "static", "paper"]
 nitpicky = True
 smartquotes = False  # `--dt` keeps its two hyphens
 autodoc_typehints = "none"

@@ -17,7 +17,7 @@ from rigidmc.cli import app
 from rigidmc.studies import STUDIES
 
 ROOT = Path(__file__).parents[2]
-PAGES = [p for p in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in p.parts]
+PAGES = [p for p in sorted((ROOT / "docs").rglob("*.md")) if not {"_build", "paper"} & {*p.parts}]
 TEXT = "\n".join(path.read_text("utf-8") for path in (ROOT / "README.md", *PAGES))
 
 
