@@ -68,7 +68,7 @@ html_theme_options = {
     "navigation_with_keys": False,
     "show_toc_level": 2,
     "footer_end": [],
-    "header_links_before_dropdown": 5,
+    "header_links_before_dropdown": 3,
 }
 html_show_sourcelink = False
 html_sidebars = {
