@@ -61,7 +61,7 @@ def count_member_steps(rate: Array, interval: float, turn: float | None) -> Arra
 
     Members move at `rate` [rad/s], and a step may turn them by at most the scene's `turn` [rad].
     """
-    assert turn is not None, "members of this scene have no steps of their own"
+    assert turn is not None, "this scene has no per-member steps"
     with np.errstate(all="ignore"):
         steps = np.ceil(interval * rate / turn)
     return np.clip(np.where(np.isfinite(steps), steps, 1.0), 1.0, MOST_OWN_STEPS)
