@@ -434,11 +434,11 @@ def test_the_microcanonical_ensemble_is_that_of_gravity(energy):
 @pytest.mark.parametrize(
     ("start", "run", "rule"),
     [
-        (rm.Start(momentum=rm.GibbsMomentum(0.01), attitude="ensemble"), {}, "keeps"),
+        (rm.Start(momentum=rm.GibbsMomentum(0.01), attitude="ensemble"), {}, "accepts"),
         (
             rm.Start(momentum=rm.GibbsMomentum(1.0), attitude="ensemble"),
             {"points": "sobol"},
-            "by rejection",
+            "for rejection sampling",
         ),
     ],
 )
