@@ -485,7 +485,7 @@ def test_a_rerun_saves_at_the_nearest_whole_number_of_steps(tmp_path):
     with pytest.warns(
         rm.SceneWarning,
         match=(
-            r"every = 0.3 s is no whole number of steps of 0.02985074627 s: saves are "
+            r"every = 0.3 s is not a whole number of steps of 0.02985074627 s: saves are "
             r"0.2985074627 s apart, 10 steps"
         ),
     ):

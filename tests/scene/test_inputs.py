@@ -261,9 +261,9 @@ def test_members_of_a_run_are_indices():
         (np.ma.masked_array([1, 2, 3], [0, 1, 0]), "row 1 is masked"),
         (pd.Series([1, 2]), "x.to_numpy()"),
         ({1, 2}, "has no order"),
-        ([2, 1], "that rise"),
-        ([1.0, 2.0], "that rise"),
-        ([], "that rise"),
+        ([2, 1], "increasing member indices"),
+        ([1.0, 2.0], "increasing member indices"),
+        ([], "increasing member indices"),
     ):
         with pytest.raises(rm.SceneError, match=re.escape(word)):
             rm.simulate(scene, members=which)

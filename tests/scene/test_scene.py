@@ -243,7 +243,7 @@ def test_effects_have_one_order():
         ),
         (
             lambda b: rm.simulate(rm.Scene(b, start=rm.Start(omega=np.ones((4, 3)))), members=5),
-            "rows for 4 members only",
+            "rows for only 4 members",
         ),
         (lambda b: rm.simulate(rm.Scene(b), threads=0), "at least 1"),
         (lambda b: rm.simulate(rm.Scene(b), members=range(5, 5)), "range"),

@@ -263,5 +263,5 @@ def test_errors_of_a_body_from_rest_are_pure_numbers(unit):
 
 
 def test_noise_has_no_accuracy():
-    with pytest.raises(rm.SceneError, match="bath is random: no path is right"):
+    with pytest.raises(rm.SceneError, match="bath is random, so no single path is exact"):
         rm.accuracy(rm.Scene.load("brownian_rotor"))

@@ -181,7 +181,7 @@ def test_run_directory(tmp_path):
     with open(shard, "r+b") as file:
         file.seek(2000)
         file.write(b"torn")
-    assert "is not what was written" in tasks.verify_study(directory.path)[0]
+    assert "was changed: its checksum" in tasks.verify_study(directory.path)[0]
 
 
 def test_what_is_no_event():

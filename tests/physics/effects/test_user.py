@@ -201,7 +201,7 @@ def test_studies_take_an_effect_that_runs_one_member_at_a_time(monkeypatch):
     """Each of them makes programs of its own."""
     monkeypatch.setattr(choose, "CONTENDERS", ("rk4",))  # one contender tells as much as six
     branching = scene(Switch(0.01)).with_run(t_end=0.2, dt=0.05, members=32, save=("omega",))
-    with pytest.warns(rm.SceneWarning, match="not worked on side by side"):
+    with pytest.warns(rm.SceneWarning, match="members are not vectorized"):
         chosen = rm.simulate(branching, tolerance=1e-3)
     assert chosen.attrs["tolerance"] == 1e-3
     rows = rm.accuracy(branching, integrators=("rk4",), members=8)
@@ -293,10 +293,7 @@ def test_a_users_effect_runs_like_a_built_in_one():
     for kind, integrator in ((Gamma, "rk4"), (Switch, "rk4"), (Wall, "strang")):
         with pytest.warns(
             rm.SceneWarning,
-            match=(
-                f"{kind.__name__}.*takes one number at a time.*members are not worked on side "
-                "by side"
-            ),
+            match=f"{kind.__name__}.*takes one number at a time.*members are not vectorized",
         ):
             alone = rm.simulate(scene(kind(0.1)), integrator=integrator)
         q, l = (

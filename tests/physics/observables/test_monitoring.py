@@ -550,7 +550,7 @@ def test_steps_that_hide_what_is_watched_are_noted(save):
             if scene is noisy:
                 run["integrator"] = "strang"
             notes = plan_of(scene.with_run(save=(save,), **run)).notes
-            assert any(f"too far for {save}; turn <= {longest:g}" in n for n in notes) == noted
+            assert any(f"too far for {save}; use turn <= {longest:g}" in n for n in notes) == noted
     assert not any("too far" in n for n in plan_of(WATCHED.with_run(turn=4.0)).notes)
 
 

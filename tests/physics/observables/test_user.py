@@ -133,7 +133,7 @@ def test_names_that_are_taken_are_refused():
         LEVEL + "def results(self, record): return {'status': record.count}",
         outputs={"status": ("1", "own", ())},
     )
-    with pytest.raises(rm.SceneError, match="gives the variable 'status', which a result has"):
+    with pytest.raises(rm.SceneError, match="gives the variable 'status', which the result"):
         rm.prepare(TOP.with_run(save=(taken(),)))
     one, other = (a_value("def value(self, q): return (1.0,)") for _ in range(2))
     with pytest.raises(rm.SceneError, match="two classes whose name is 'own'"):
@@ -163,7 +163,7 @@ class Above(NamedTuple):
 
 
 def test_a_branch_is_told_and_is_right():
-    with pytest.warns(rm.SceneWarning, match="Above branches.* not worked on side by side"):
+    with pytest.warns(rm.SceneWarning, match="Above branches.* members are not vectorized"):
         ds = rm.simulate(TOP, **SHORT, save=("attitude", Above()))
     assert (ds.above.values == (height(ds) > 0.0)).all()
     assert len(np.unique(ds.above.values)) == 2
