@@ -155,7 +155,7 @@ def test_a_field_must_be_there_and_be_one():
         return str(told.value)
 
     one = rm.UniformField((0.0, 0.0, 1.0), B)
-    assert "it needs [effects.uniform_field]" in refused(ORBIT)
+    assert "add [effects.uniform_field]" in refused(ORBIT)
     assert "expected one field" in refused(one, one)
 
 
