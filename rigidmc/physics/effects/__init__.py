@@ -59,7 +59,7 @@ def description(cls: type[Effect]) -> tuple[str, str, str]:
         "depends on L": "l" in used,
         "is random": facts(cls).is_random,
         "has an energy": implements(cls, "energy"),
-        "keeps L_z": facts(cls).conserves_lz,
+        "conserves L_z": facts(cls).conserves_lz,
     }
     law = (cls.__doc__ or "").splitlines()[0]
     return law, ", ".join(parameters), ", ".join(k for k, v in said.items() if v) or "constant"

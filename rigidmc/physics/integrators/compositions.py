@@ -98,7 +98,7 @@ class Composition:
         return StepScheme(ForceGradient(drift) if self.gradient else splitting, np.array(rows))
 
     def _parts(self) -> tuple[tuple[float, float], list[tuple[float, float]]]:
-        """Return (opening, parts), each (drift, kick); the opening ends all steps but the last."""
+        """Return (opening, parts), each (drift, kick); a step ends with the opening of the next."""
         drifts, kicks = self.sequence()
         if not self.drift_first:
             return (0.0, kicks[0]), [

@@ -48,7 +48,7 @@ class FreeSteps(NamedTuple):
     phase in periods with its remainder. The attitude is computed only for saves and checks. A step
     adds one increment to the momentum and one to the phase: a third of the operations of
     `rigidmc.physics.dynamics.free_flow.free_flow`. Rounding of attitude, energy and |L| does not
-    accumulate; the remaining error is that of the constants, up to 2e-17 of L a step (16 tops, 2e6
+    accumulate; the remaining error comes from the constants, up to 2e-17 of L a step (16 tops, 2e6
     steps of 0.05 s: 4e-11; tests/physics/integrators/test_precision.py).
     """
 

@@ -30,7 +30,7 @@ def _rotation_rate(u, w):
 class RKMK4(NamedTuple):
     """Runge-Kutta-Munthe-Kaas of order 4: classical Runge-Kutta on rotation vector and L.
 
-    For any torque. At equal steps the error is 0.45 to 0.50 of that of rk4 for heavy tops and
+    For any torque. At equal steps the error is 0.45 to 0.50 times that of rk4 for heavy tops and
     0.04 to 0.05 for free ones, at 3.6 and 2.6 times the cost (`python -m bench accuracy`). Energy
     and |L|^2 drift as h^5 t.
     Source: Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; truncated dexp^-1 as in Hairer, Lubich &
@@ -77,7 +77,7 @@ def _turning(body, effects, t, q, l):
 class CF4(NamedTuple):
     """Commutator-free Lie-group method of order 4: five exponentials; L by classical Runge-Kutta.
 
-    For any torque. At equal steps the error is 0.84 to 0.90 of that of rkmk4 for heavy tops and
+    For any torque. At equal steps the error is 0.84 to 0.90 times that of rkmk4 for heavy tops and
     0.33 for free ones, at 1.1 times the cost (`python -m bench accuracy`). Energy and |L|^2 drift
     as h^5 t.
     Source: Celledoni, Marthinsen & Owren, Future Gener. Comput. Syst. 19 (2003) 341, the method
@@ -129,7 +129,7 @@ def _low_storage(body, effects, t, h, a, b, u, v, r, q, l, dl):
 class CK45(NamedTuple):
     """Commutator-free Lie-group method of order 4 in low storage: one exponential a stage.
 
-    For any torque. At equal steps the error is 0.39 to 0.46 of that of rkmk4 for heavy tops and
+    For any torque. At equal steps the error is 0.39 to 0.46 times that of rkmk4 for heavy tops and
     0.21 to 0.22 for free ones, at 1.4 and 2.7 times the cost (`python -m bench accuracy`). Energy
     and |L|^2 drift as h^5 t.
     Source: Carpenter & Kennedy, NASA TM-109112 (1994), RK4(3)5[2N]; on groups Bazavov, arXiv

@@ -39,7 +39,7 @@ class PointingAngle(NamedTuple):
     axis : int or sequence of 3 floats
         1, 2, 3, or -1, -2, -3 for its other end; or a direction in the principal axes
     about : str or sequence of 3 floats, optional
-        the direction in space, as of `Passage`
+        the direction in space, see `Passage`
 
     Examples
     --------

@@ -16,17 +16,16 @@ ALIKE = 1e-12  # moments with a smaller relative difference count as equal
 _OUTPUTS = {
     "flips": (
         "1",
-        "how often the body turned over about the {axis}, "
-        "after it had come within {within:.4g} rad of it",
+        "number of flips about the {axis}, each after L came within {within:.4g} rad of it",
         (),
     ),
-    "flip_first": ("s", "time of the first flip; nan where there is none", ()),
-    "flip_last": ("s", "time of the last flip; nan where there is none", ()),
-    "flip_wait": ("s", "mean time between flips; nan where there are fewer than two", ()),
+    "flip_first": ("s", "time of the first flip; nan if none", ()),
+    "flip_last": ("s", "time of the last flip; nan if none", ()),
+    "flip_wait": ("s", "mean time between flips; nan for fewer than two", ()),
     "flip_wait_deviation": (
         "s",
-        "standard deviation of the times between flips, each by a straight line within its step; "
-        "nan where there are fewer than two",
+        "standard deviation of the times between flips, each interpolated linearly in its step; "
+        "nan for fewer than two",
         (),
     ),
 }
@@ -50,7 +49,7 @@ class Flips(NamedTuple):
     axis : int, optional
         1, 2 or 3; 0 for the axis of the middle moment of each body
     within : float, optional [rad]
-        angle between L and either end of the axis that L must come within before a flip
+        L must come within this angle of either end of the axis before a flip
 
     Examples
     --------

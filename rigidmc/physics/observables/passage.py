@@ -20,9 +20,9 @@ _CONE = "the cone of {angle:g} rad about the {about}{start}"
 
 @event(
     outputs={
-        "passages": ("1", "how often {axis} {way} " + _CONE, ()),
-        "passage_first": ("s", "when {axis} first {way} " + _CONE + "; nan where it does not", ()),
-        "passage_last": ("s", "when {axis} last {way} " + _CONE + "; nan where it does not", ()),
+        "passages": ("1", "number of times {axis} {way} " + _CONE, ()),
+        "passage_first": ("s", "time when {axis} first {way} " + _CONE + "; nan if never", ()),
+        "passage_last": ("s", "time when {axis} last {way} " + _CONE + "; nan if never", ()),
     },
     event_times=("passage_first",),
 )
@@ -51,8 +51,8 @@ class Passage(NamedTuple):
     stop : bool, optional
         whether the member stops at the end of the step with the passage
     at_start : str, optional
-        a member that starts beyond the cone counts as passed at t = 0 ("count"), or only once it
-        has come back and passes again ("ignore")
+        a member that has already passed at the start counts as passed at t = 0 ("count"), or only
+        once it has come back and passes again ("ignore")
     hold : float, optional [s]
         shortest stay that counts: the axis must stay this long where it has passed to. `stop` acts
         at the end of the step in which this time is over. The time of a passage is the beginning of
@@ -120,7 +120,7 @@ class Passage(NamedTuple):
             "way": self.way,
             "angle": float(self.angle),
             "about": directions.words(self.about),
-            "start": ", starts beyond it left out" * (self.at_start == "ignore")
+            "start": ", starts beyond it ignored" * (self.at_start == "ignore")
             + f", and stays for {self.hold:g} s" * bool(self.hold),
         }
 

@@ -135,7 +135,9 @@ class Running(Monitored, Protocol):
     update: Callable[..., tuple[Any, ...]]
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
-        """Return the outputs from the running state (state_size, n) after each member's steps.
+        """Return the outputs from the running state (state_size, n).
+
+        steps : number of steps of each member
 
         If the last steps are shorter, the earlier steps have more weight, see `reweighed`.
         """

@@ -54,7 +54,7 @@ class L2(NamedTuple):
 
 @observable(
     units="1",
-    long_name="relative drift of energy, less work where it is booked",
+    long_name="relative drift of energy, less booked work",
     dims=(),
     conserved="energy_drift",
 )
