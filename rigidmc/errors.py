@@ -132,7 +132,7 @@ class PartError(SceneError):
     >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), (Wind(3.0),), rm.Start(omega=(0.0, 1.0, 0.0)))
     >>> rm.prepare(scene)  # doctest: +ELLIPSIS
     Traceback (most recent call last):
-    rigidmc.errors.PartError: [effects] Wind.torque: asks for 'v'; it may name ...
+    rigidmc.errors.PartError: [effects] Wind.torque: unknown argument 'v'; it may name ...
     """
 
     def __init__(

@@ -108,7 +108,7 @@ def test_the_message_names_what_is_compiled():
             "rk4",
             ["march", "begin_monitors", "monitor_steps", "begin_shadow", "renormalise_shadow"],
         )
-        == "rk4 + running observables + neighbour"
+        == "rk4 + running observables + shadow trajectory"
     )
     assert (
         summary("rk4", ["record", "begin_monitors", "monitor_steps", "refine_event"])

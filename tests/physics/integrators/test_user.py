@@ -64,7 +64,7 @@ def with_facts(**facts):
     ({"accepts": "all"}, "Own.accepts: is 'all', expected 'any torque' or 'no torque'"),
     ({"step": short}, r"Own.step: gives .*expected \(q, L\): tuples of 4 and 3 numbers"),
     ({"step": still}, "Own.evaluations: is 2, but a step asks for 0 torques"),
-    ({"step": asks}, "Own.step: asks for 'speed'; it may name body, effects, t, h"),
+    ({"step": asks}, "Own.step: unknown argument 'speed'; it may name body, effects, t, h"),
 ])  # fmt: skip
 def test_wrong_facts_and_steps_are_refused(facts, words):
     with pytest.raises(rm.SceneError, match=words):

@@ -87,12 +87,15 @@ BEGIN = "def begin(self, q): return (q[0],)\n"
 
 
 @pytest.mark.parametrize(("make", "words"), [
-    (lambda: a_value("def value(self, q): return q[0]"), r"Own.value: gives .*a tuple of 1 number"),
+    (
+        lambda: a_value("def value(self, q): return q[0]"),
+        r"Own.value: returns .*a tuple of 1 number",
+    ),
     (lambda: a_value("def value(self, q): return q[0], q[1]"), "Own.value: .*a tuple of 1 number"),
-    (lambda: a_value("def value(self, p): return (p,)"), "asks for 'p'; it may name body"),
-    (lambda: a_value("def value(self, q): return np.ones(1)"), "gives ndarray.*no arrays"),
+    (lambda: a_value("def value(self, p): return (p,)"), "unknown argument 'p'; it may name body"),
+    (lambda: a_value("def value(self, q): return np.ones(1)"), "returns ndarray.*no arrays"),
     (lambda: a_value("def value(self, q): return (q[4],)"), "Own.value: .*raises IndexError"),
-    (lambda: a_value("def value(self, q): return ('up',)"), "Own.value: gives .'up',., expected"),
+    (lambda: a_value("def value(self, q): return ('up',)"), "Own.value: returns .'up',., expected"),
     (lambda: a_value("def value(self, q): return (math.inf,)"), "which is not finite"),
     (lambda: a_value("def value(self, works): return (1.0,)"), "asks for works, which only"),
     (lambda: a_value("def value(self, q): return (1.0,)", dims=("face",)), "Own.dims: has the dim"),
@@ -105,9 +108,9 @@ BEGIN = "def begin(self, q): return (q[0],)\n"
     (lambda: an_event(LEVEL + "def results(self, record): return {'own': 1.0}"), "gives own of sh"),
     (lambda: an_event(LEVEL + COUNT, outputs={"own": "1"}), "Own.outputs: has 'own': '1'"),
     (lambda: an_event(LEVEL + COUNT, outputs={"time": ("s", "t", ())}), "gives own, expected time"),
-    (lambda: a_running(BEGIN + "def update(self, state): return state[0]"), "Own.update: gives"),
+    (lambda: a_running(BEGIN + "def update(self, state): return state[0]"), "Own.update: returns"),
     (lambda: a_running("def begin(self): return 1.0, 2.0\ndef update(self, state): return state"),
-     "Own.begin: gives .*a tuple of 1 number"),
+     "Own.begin: returns .*a tuple of 1 number"),
     (lambda: a_running(BEGIN + "def update(self, state): return state\n"
                        "def extrema(self, q): return (q[0],)"), "Own.extremum_limits: gives"),
     (lambda: a_running(BEGIN + "def update(self, state): return state", state_size=0),
