@@ -632,7 +632,7 @@ def test_a_shard_of_another_run_is_refused(whole, tmp_path):
         tmp_path / "run" / "shards" / "00000001-0-0000000000000000.nc",
     )
     told = CliRunner().invoke(app, ["status", f"{tmp_path}/run"])
-    assert told.exit_code == 3 and "not of this run" in told.stderr
+    assert told.exit_code == 3 and "not belong to this run" in told.stderr
 
 
 def test_part_of_a_run_is_told_as_part(tmp_path):
@@ -849,8 +849,8 @@ def test_commands(tmp_path):
         run,
     )
     task = invoke(*words, "--shards", "0:1")
-    assert task.exit_code == 0 and "the shards 0:1 are done; 4 of other tasks" in task.stdout
-    assert "(1:5), and `rigidmc merge`" in task.stdout
+    assert task.exit_code == 0 and "shards 0:1 are done; 4 shards of other jobs" in task.stdout
+    assert "(1:5); `rigidmc merge`" in task.stdout
     assert invoke(*words).exit_code == 6
     assert (
         invoke(*words, "--force").exit_code == 3 and "--force" in invoke(*words, "--force").stderr

@@ -84,4 +84,4 @@ def test_stacks_that_are_none_are_refused(given, words):
     with pytest.raises(rm.RigidmcError, match=words):
         rm.stability_map(SCENE, *SIDES, OF, 4, 1, **given, **RUN)
     words = ["map", "growth", "--z", "body.mass=1:2"]
-    assert "two sides" in CliRunner().invoke(app, words).stderr
+    assert "two axes" in CliRunner().invoke(app, words).stderr

@@ -319,7 +319,7 @@ def test_what_is_no_measure_is_told(text):
     ("arguments", "words"),
     [
         (["nosuch"], "no such map"),
-        (["tennis_racket"], "--x, --y, --of: is missing: a map of a scene needs"),
+        (["tennis_racket"], "--x, --y, --of: missing; the map of a scene needs"),
         (["dzhanibekov", "--x", "body.moments.1=0:1"], "--y"),
         (
             [
@@ -369,7 +369,7 @@ def test_what_is_no_measure_is_told(text):
             ],
             "already",
         ),
-        (["growth", "--set", "body.mass=2"], "a map of the package has its own"),
+        (["growth", "--set", "body.mass=2"], "a shipped map has its own"),
         (
             [
                 "dzhanibekov",
