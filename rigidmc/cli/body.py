@@ -85,7 +85,8 @@ At = Annotated[
     time_option(
         "--at",
         positive=False,
-        help="Time; by default the scene's t_end. A negative time shows the closed form only.",
+        help="Time to compare; by default the scene's t_end. At a negative time, show the closed"
+        " form only.",
     ),
 ]
 Members = Annotated[int, count_option("--members", help="Compare the first N members.")]

@@ -158,8 +158,8 @@ def resume_directory(
     if whole(status):
         return run_outcome(status), True
     if mine is None or directory.missing_in(mine).size:
-        kept = " and the saved parts of unfinished shards" * os.path.isdir(directory.unfinished)
-        print(f"  not done: `rigidmc resume` continues from here{kept}")
+        kept = " from the saved parts of unfinished shards" * os.path.isdir(directory.unfinished)
+        print(f"  not done: `rigidmc resume` continues{kept}")
         return run_outcome(status), False
     left = count_text(status["shards"] - status["done"], "shard of", "shards of")
     words = in_ranges(directory.missing().tolist())
@@ -215,8 +215,8 @@ def resume_command(
     repair: Repair = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """Continue a run: compute the missing shards. The result is identical to the bit to that of an
-    uninterrupted run. Existing shards are trusted by name; `verify` and --repair read them.
+    """Continue a run: compute the missing shards. The result has the same bits as an uninterrupted
+    run. Existing shards are trusted by name; `verify` and --repair read them.
 
     Exit code 0 if the run, or the range of --shards, is done, 4 if some of its members are flagged,
     5 if some of its shards are missing (--max-wall)."""
@@ -234,7 +234,7 @@ def resume_command(
 
 @app.command("status", rich_help_panel=LONG_RUNS)
 def status_command(run: RunArgument) -> None:
-    """Show the progress of a run, even while it is running. Only the names of shards are read.
+    """Show the progress of a run, even while it is running. Reads only the names of shards.
 
     Exit code 0 if the run is done, 4 if it is done and some members are flagged, 5 if shards are
     missing."""
@@ -247,7 +247,7 @@ def status_command(run: RunArgument) -> None:
         f" {facts['members_done']:,} of {count_text(facts['members'], 'member')}"
     )
     if facts["growing"]:
-        print("  their results may call for more shards")
+        print("  the results may call for more members")
     print(f"  flagged so far: {count_text(facts['flagged'], 'member')}")
     versions = ", ".join(f"{name} {number}" for name, number in facts["versions"].items())
     print(f"  code generated for {facts['machine']} by {versions}")

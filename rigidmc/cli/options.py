@@ -238,11 +238,11 @@ Until = Annotated[
         ' "p(flips >= 1) +- 0.001", "mean(flip_wait) +- 1 %".',
     ),
 ]
-Most = Annotated[int, count_option("--most", 32, help="With --until: most members to add.")]
+Most = Annotated[int, count_option("--most", 32, help="With --until: most members to run.")]
 Accept = Annotated[
     bool,
     typer.Option(
-        "--accept", help="Continue with other library versions, which may change last bits."
+        "--accept", help="Continue even if library versions differ, which may change last bits."
     ),
 ]
 MaxWall = Annotated[

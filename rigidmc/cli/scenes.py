@@ -55,7 +55,7 @@ def check_command(
             print(f"note: {note}")
         steps = f"{ready.plan.mean_steps:,.0f} steps with {loaded.run.integrator}"
         if auto:
-            steps = f"as many steps as the tolerance {loaded.run.tolerance:g} needs"
+            steps = f"the steps that tolerance {loaded.run.tolerance:g} requires"
         print(f"{scene}: valid, {count_text(loaded.run.members, 'member')} x {steps}")
 
 

@@ -152,7 +152,7 @@ def _line(
     finite = values[np.isfinite(values)]
     units = units_text(variable.attrs.get("units", "1"))
     if not finite.size:
-        return f"  {label:24s} no value for any of {count_text(values.size, 'member')}"
+        return f"  {label:24s} no value in any of {count_text(values.size, 'member')}"
     if finite.size == values.size and is_constant(finite):
         if label.startswith("moments"):
             return None

@@ -338,7 +338,7 @@ def test_a_run_with_other_inputs_is_refused(whole, tmp_path):
         resume.resume(tmp_path / "run", accept=True)
     with pytest.raises(OutputExists, match="resume"):
         create(SCENE, tmp_path / "run")
-    with pytest.raises(FileError, match="no run directory"):
+    with pytest.raises(FileError, match="not a run directory"):
         resume.resume(tmp_path)
     for text in (
         "",
@@ -355,7 +355,7 @@ def test_a_run_with_other_inputs_is_refused(whole, tmp_path):
 
 def test_two_writers_are_one_too_many(tmp_path):
     directory = started(tmp_path / "run")
-    with directory.locked(), pytest.raises(OutputExists, match="being written"):
+    with directory.locked(), pytest.raises(OutputExists, match="writing to it"):
         resume.resume(tmp_path / "run")
     assert resume.resume(tmp_path / "run")[1]["ok"] == MEMBERS
 
@@ -601,7 +601,7 @@ def test_shards_are_those_of_their_numbers(whole, tmp_path):
         resume.resume(path)
         assert sums(path) == sums(whole) and gather.verify(path, spot=0) == []
     beyond(path)
-    with pytest.raises(FileError, match="no shard of this run"):
+    with pytest.raises(FileError, match="not a shard of this run"):
         resume.extend(path, 2 * MEMBERS)
 
 

@@ -219,7 +219,7 @@ def test_members_are_added_until_it_is_known_and_no_bit_differs():
         ("p(flip >= 1) +- 0.1", "flips"),
         ("p(flips > ) +- 0.1", "expected p"),
         ("p(flips > 100) +- 1 %", "give the width itself"),
-        ("quantile(passage_first, 0.5) +- 1", "no result of that name"),
+        ("quantile(passage_first, 0.5) +- 1", "no such variable"),
     ],
 )
 def test_what_cannot_be_reached_is_told(text, words):
