@@ -777,7 +777,7 @@ def test_the_process_that_ends_a_run_reports_flagged_members(tmp_path):
         invoke(app, ["resume", f"{tmp_path}/run"]).exit_code == 4
         and invoke(app, ["status", f"{tmp_path}/run"]).exit_code == 4
     )
-    assert "none; of all: 369" in invoke(app, ["resume", f"{tmp_path}/run"]).stdout
+    assert "none; in all: 369" in invoke(app, ["resume", f"{tmp_path}/run"]).stdout
     assert (
         invoke(app, ["consolidate", f"{tmp_path}/run", "-o", f"{tmp_path}/one.nc"]).exit_code == 4
     )
