@@ -57,16 +57,16 @@ NUMBER = r"[-+]?\d[\d,.]*(?:e[-+]?\d+)?"
 MASKS = [(re.compile(old), new) for old, new in (
     # show: times of steps, what they add up to, free memory, and shards, which are sized by time
     (rf"{NUMBER} ns\b", "# ns"),
-    (rf"{NUMBER} of that measured", "# of that measured"),
+    (rf"measured {NUMBER} times that", "measured # times that"),
     (rf"about {NUMBER} s for the steps", "about # s for the steps"),
-    (rf"; {NUMBER} .?B are free", "; # are free"),
-    (rf"{NUMBER} shards of {NUMBER} members with -o RUN/(, by their time;)?", "# shards"),
+    (rf"; {NUMBER} .?B free", "; # free"),
+    (rf"{NUMBER} shards of {NUMBER} members with -o RUN/(, limited by time;)?", "# shards"),
     # show: whether code is in the cache
     (r"(?m)^code  .*$", "code"),
     # run, map, stress, status: how long it took and how fast it was
     (rf"(?m)^  {NUMBER} s, {NUMBER}( .)? member-steps/s, {NUMBER}( .)? members/s;.*$", "  #"),
     (rf"(with \w+): {NUMBER} s, {NUMBER}( .)? members/s", r"\1: #"),
-    (rf"{NUMBER} members/s since it was last started.*", "# members/s"),
+    (rf"{NUMBER} members/s since the last start.*", "# members/s"),
     (rf"{NUMBER} s of work", "# s of work"),
     # studies: their predicted cost
     (rf"about {NUMBER} s on \d+ threads", "about # s on # threads"),

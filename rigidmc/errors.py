@@ -178,7 +178,7 @@ class FileError(RigidmcError):
     --------
     >>> rm.open(".")
     Traceback (most recent call last):
-    rigidmc.errors.FileError: run = '.': is no run directory: it has no run.json
+    rigidmc.errors.FileError: run = '.': is not a run directory: no run.json
     """
 
     @property

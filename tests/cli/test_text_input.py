@@ -307,7 +307,7 @@ def test_a_scene_in_the_place_of_a_result_is_told(tmp_path):
     file.write_text(TEXT)
     for words in (("animate", file, "-o", "x.gif", "--member", 0), ("summary", "dzhanibekov")):
         told = invoke(*words)
-        assert told.exit_code == 3 and "is a scene, no result" in told.stderr
+        assert told.exit_code == 3 and "is a scene, not a result" in told.stderr
         assert f"rigidmc view {words[1]}" in told.stderr
 
 
@@ -407,7 +407,7 @@ def test_every_name_is_explained():
     "passage_first [s]")),
     (("observables", "omega_max"), ("over all steps of omega", "[rad/s]")),
     (("observables", "omega"), ("omega_i = L_i/I_i", "[rad/s]")),
-    (("integrators", "rk8"), ("Dormand & Prince", "order 8, 12 torques a step")),
+    (("integrators", "rk8"), ("Dormand & Prince", "order 8, 12 torques per step")),
     (("map", "list", "kapitza"), ("Kapitza 1951", "[effects.moving_pivot]")),
 ])  # fmt: skip
 def test_listing_one_name_explains_it(words, parts):
@@ -514,6 +514,6 @@ def test_body_says_that_a_body_cannot_exist(tmp_path):
     for c, words in (("0.16", 1), ("0.05", 0)):
         (tmp_path / "leg.toml").write_text(text.replace("C", c) + "[start]\nomega = [0, 0, 0]\n")
         told = CliRunner().invoke(app, ["body", str(tmp_path / "leg.toml")])
-        assert told.exit_code == 0 and told.output.count("such a body cannot exist") == words
+        assert told.exit_code == 0 and told.output.count("this body cannot exist") == words
         told = CliRunner().invoke(app, ["body", str(tmp_path / "leg.toml"), "--json"])
         assert json.loads(told.stdout)["exists"] == (words == 0)

@@ -393,8 +393,8 @@ def test_doctor_compares_and_measures(fake, monkeypatch):
     monkeypatch.setattr(bits, "speeds", lambda word: [("free, rk4", 7.5e10, 7.5e10 * 196)])
     found = invoked("doctor", "--cuda-check")
     assert found.exit_code == 0
-    assert "same bits   free, rk4, 0.05" in found.output
-    assert "75.00 G steps/s, 44 % of the peak in float64  free, rk4" in found.output
+    assert "same bits       free, rk4, 0.05" in found.output
+    assert "75.00 G steps/s, 44 % of the float64 peak  free, rk4" in found.output
     monkeypatch.setattr(bits, "digest", lambda scene, device=None: object())
     assert invoked("doctor", "--cuda-check").exit_code == 4
 

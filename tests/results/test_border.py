@@ -119,11 +119,11 @@ CHANGES = {
     "axis is 99 long": (lambda f: f.dims.update(axis=99), "is 99 long along axis, expected 3"),
     "times go back": (
         lambda f: f.variables["time"].__setitem__(3, -f.variables["time"][3]),
-        "times that ascend",
+        "expected ascending times",
     ),
     "a member twice": (
         lambda f: f.variables["member"].__setitem__(3, np.zeros(40)),
-        "is there twice",
+        "has duplicate indices",
     ),
     "a member it has not": (
         lambda f: f.variables["member"].__setitem__(3, np.arange(1, 41)),
@@ -215,7 +215,7 @@ def test_what_cannot_be_decoded_is_left_out(result, tmp_path):
         file.variables["mine"] = [("member",), "f8", about, np.zeros(40)]
 
     with (
-        pytest.warns(SceneWarning, match="left out.*mine"),
+        pytest.warns(SceneWarning, match="ignored.*mine"),
         rm.open(changed(result, tmp_path / "more.nc", change)) as ds,
     ):
         assert "mine" not in ds
@@ -331,7 +331,7 @@ def test_damaged_lines_of_the_journal_are_left_out(directory):
              '{"time": 9e10, "event": "ended", "members": 5, "seconds": 1e-320}']  # fmt: skip
     journal.write_text("\n".join(lines) + "\n", encoding="latin-1")
     # in the last line, which is well formed, 5/1e-320 overflows
-    with pytest.warns(SceneWarning, match=f"{len(lines) - 1} damaged lines are left out"):
+    with pytest.warns(SceneWarning, match=f"{len(lines) - 1} damaged lines are ignored"):
         assert run_directory.status(directory.path)["rate"] is None
     for command in ("status", "resume", "verify", "summary"):
         told = CliRunner().invoke(app, [command, directory.path])

@@ -338,7 +338,7 @@ def test_a_run_with_other_inputs_is_refused(whole, tmp_path):
         resume.resume(tmp_path / "run", accept=True)
     with pytest.raises(OutputExists, match="resume"):
         create(SCENE, tmp_path / "run")
-    with pytest.raises(FileError, match="no run directory"):
+    with pytest.raises(FileError, match="not a run directory"):
         resume.resume(tmp_path)
     for text in (
         "",
@@ -355,7 +355,7 @@ def test_a_run_with_other_inputs_is_refused(whole, tmp_path):
 
 def test_two_writers_are_one_too_many(tmp_path):
     directory = started(tmp_path / "run")
-    with directory.locked(), pytest.raises(OutputExists, match="being written"):
+    with directory.locked(), pytest.raises(OutputExists, match="writing to it"):
         resume.resume(tmp_path / "run")
     assert resume.resume(tmp_path / "run")[1]["ok"] == MEMBERS
 
@@ -601,7 +601,7 @@ def test_shards_are_those_of_their_numbers(whole, tmp_path):
         resume.resume(path)
         assert sums(path) == sums(whole) and gather.verify(path, spot=0) == []
     beyond(path)
-    with pytest.raises(FileError, match="no shard of this run"):
+    with pytest.raises(FileError, match="not a shard of this run"):
         resume.extend(path, 2 * MEMBERS)
 
 
@@ -632,7 +632,7 @@ def test_a_shard_of_another_run_is_refused(whole, tmp_path):
         tmp_path / "run" / "shards" / "00000001-0-0000000000000000.nc",
     )
     told = CliRunner().invoke(app, ["status", f"{tmp_path}/run"])
-    assert told.exit_code == 3 and "not of this run" in told.stderr
+    assert told.exit_code == 3 and "not belong to this run" in told.stderr
 
 
 def test_part_of_a_run_is_told_as_part(tmp_path):
@@ -777,7 +777,7 @@ def test_the_process_that_ends_a_run_reports_flagged_members(tmp_path):
         invoke(app, ["resume", f"{tmp_path}/run"]).exit_code == 4
         and invoke(app, ["status", f"{tmp_path}/run"]).exit_code == 4
     )
-    assert "none; of all: 369" in invoke(app, ["resume", f"{tmp_path}/run"]).stdout
+    assert "none; in all: 369" in invoke(app, ["resume", f"{tmp_path}/run"]).stdout
     assert (
         invoke(app, ["consolidate", f"{tmp_path}/run", "-o", f"{tmp_path}/one.nc"]).exit_code == 4
     )
@@ -849,8 +849,8 @@ def test_commands(tmp_path):
         run,
     )
     task = invoke(*words, "--shards", "0:1")
-    assert task.exit_code == 0 and "the shards 0:1 are done; 4 of other tasks" in task.stdout
-    assert "(1:5), and `rigidmc merge`" in task.stdout
+    assert task.exit_code == 0 and "shards 0:1 are done; 4 shards of other jobs" in task.stdout
+    assert "(1:5); `rigidmc merge`" in task.stdout
     assert invoke(*words).exit_code == 6
     assert (
         invoke(*words, "--force").exit_code == 3 and "--force" in invoke(*words, "--force").stderr

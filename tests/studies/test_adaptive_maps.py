@@ -191,7 +191,7 @@ def test_what_an_adaptive_map_cannot_do_is_refused(tmp_path):
     for words, rule in (
         (("--adaptive", "--shards", "0:1"), "each level needs all"),
         (("--adaptive", "--shard-size", "1"), "each level needs all"),
-        (("--border", "0.5"), "goes with --adaptive"),
+        (("--border", "0.5"), "requires --adaptive"),
     ):
         told = invoke(*new, *words)
         assert told.exit_code == 3 and rule in told.stderr, told.stderr

@@ -219,7 +219,7 @@ def test_members_are_added_until_it_is_known_and_no_bit_differs():
         ("p(flip >= 1) +- 0.1", "flips"),
         ("p(flips > ) +- 0.1", "expected p"),
         ("p(flips > 100) +- 1 %", "give an absolute width"),
-        ("quantile(passage_first, 0.5) +- 1", "no result of that name"),
+        ("quantile(passage_first, 0.5) +- 1", "no such variable"),
     ],
 )
 def test_what_cannot_be_reached_is_told(text, words):
@@ -319,7 +319,7 @@ def test_what_is_no_measure_is_told(text):
     ("arguments", "words"),
     [
         (["nosuch"], "no such map"),
-        (["tennis_racket"], "--x, --y, --of: is missing: a map of a scene needs"),
+        (["tennis_racket"], "--x, --y, --of: missing; the map of a scene needs"),
         (["dzhanibekov", "--x", "body.moments.1=0:1"], "--y"),
         (
             [
@@ -369,7 +369,7 @@ def test_what_is_no_measure_is_told(text):
             ],
             "already",
         ),
-        (["growth", "--set", "body.mass=2"], "a map of the package has its own"),
+        (["growth", "--set", "body.mass=2"], "a shipped map has its own"),
         (
             [
                 "dzhanibekov",

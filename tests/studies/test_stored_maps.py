@@ -156,7 +156,7 @@ def test_directories_that_are_no_map_are_refused(tmp_path):
 def test_the_command_line_keeps_a_map_in_a_directory(tmp_path):
     path, words = tmp_path / "map", ("sleeping_top", "--resolution", 46, "--members", 2)
     told = invoke(*words, "-o", f"{path}/", "--shards", "0:1", "--shard-size", 0.01)
-    assert told.exit_code == 0 and "of other tasks are left" in told.stdout
+    assert told.exit_code == 0 and "of other jobs are missing" in told.stdout
     told = invoke(path, "--plot", tmp_path / "part.png")
     assert told.exit_code == 5 and "% of the members are done" in told.stdout
     assert CliRunner().invoke(app, ["resume", str(path)]).exit_code == 0
@@ -214,7 +214,7 @@ def test_parts_that_are_none_are_refused(whole, tmp_path):
         ((tmp_path / "map.nc", "--zoom", "0.4:0.9,0.8:1.2", "--members", 8), "is for a new map"),
         ((tmp_path / "map.nc", "--zoom", "0.4:2.7,0.8:1.2"), "ranges from 0.2 to 2.6"),
         ((tmp_path / "map.nc", "--zoom", "0.4:0.9,0.4:1.2"), "ranges from 0.5 to 1.5"),
-        (("sleeping_top", "--zoom", "0.4:0.9,0.8:1.2"), "a part of a map that exists"),
+        (("sleeping_top", "--zoom", "0.4:0.9,0.8:1.2"), "a part of an existing map"),
     ):
         told = invoke(*words)
         assert told.exit_code == 3 and rule in " ".join(told.stderr.split()), told.stderr
