@@ -111,7 +111,7 @@ def test_the_estimate_does_not_depend_on_the_unit_of_length(size):
     box = ("box", (0.0, size), (0.0, size), (0.0, size))
     smooth = Body.from_density(lambda x, y, z: np.exp(x / size) + 0 * y * z, box)
     assert smooth.mass == pytest.approx((np.e - 1) * size**3, rel=1e-13)  # measured 1.1e-14
-    with pytest.raises(SceneError, match=r"two rules differ by 4\.5e-02"):
+    with pytest.raises(SceneError, match=r"difference of two rules is 4\.5e-02"):
         Body.from_density(lambda x, y, z: np.exp(-10 * np.abs(x / size - 0.3)) + 0 * y * z, box)
 
 
