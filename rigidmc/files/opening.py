@@ -154,7 +154,7 @@ def check_suffix(path: str | os.PathLike[str], kind: str) -> None:
     suffix, endings = os.path.splitext(path)[1], KINDS[kind]
     if suffix.lower() not in endings:
         more = "; `rigidmc run SCENE -o RUN/` makes a run directory" if kind == "results" else ""
-        rule = f"a name for {kind} must end in {', '.join(endings)}, not in '{suffix}'{more}"
+        rule = f"a name for {kind} ends in {', '.join(endings)}, not in '{suffix}'{more}"
         raise OptionError(rule, at="output", value=os.fspath(path))
     module, extra = _NEEDED.get(suffix.lower(), ("", ""))
     if module and importlib.util.find_spec(module) is None:

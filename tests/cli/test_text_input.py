@@ -152,7 +152,7 @@ def test_a_tolerance_without_an_integrator_means_auto():
 
 def test_a_tolerance_that_no_integrator_keeps_is_refused():
     with pytest.raises(
-        rm.SceneError, match=r'tolerance = 1e-06: integrator = "rk4" keeps no tolerance'
+        rm.SceneError, match=r'tolerance = 1e-06: integrator = "rk4" ignores a tolerance'
     ):
         rm.prepare(rm.Scene.loads(TEXT + 'integrator = "rk4"\ntolerance = 1e-6'))
     assert invoke("run", "heavy_top", "--integrator", "rk4", "--tolerance", "1e-6").exit_code == 3

@@ -127,12 +127,12 @@ def test_a_density_that_varies_moves_the_centre():
     [
         (lambda x, y, z: x - 0.1, ("box", (0, 1), (0, 1), (0, 1)), "not negative"),
         (lambda x, y, z: x * np.nan, ("box", (0, 1), (0, 1), (0, 1)), "must be finite"),
-        (lambda x, y, z: float(x), ("box", (0, 1), (0, 1), (0, 1)), "arrays of one shape"),
+        (lambda x, y, z: float(x), ("box", (0, 1), (0, 1), (0, 1)), "arrays have the shape"),
         (0.0, ("box", (0, 1), (0, 1), (0, 1)), "must be positive"),
         (
             1.0,
             ("box", (1, 0), (1, 0), (0, 1)),
-            "lower limit lies above",
+            "lower limit exceeds",
         ),  # reversed twice: the volume would be right
         (1.0, ("sphere", 1.0), "expected .*cylinder"),
         (1.0, ("box", (0, 1), (0, 1)), "expected .*cylinder"),
@@ -158,7 +158,7 @@ def test_bad_densities(density, region, rule):
             lambda: Body.solid("ellipsoid", mass=1.0, semiaxes=(1.0, -2.0, 3.0)),
             "semiaxes = -2.0: must be positive",
         ),
-        (lambda: Body.solid("ball", mass=rm.uniform(1, 2), radius=1.0), "plain numbers"),
+        (lambda: Body.solid("ball", mass=rm.uniform(1, 2), radius=1.0), "a plain number"),
         (lambda: Body.box(1.0, (1, 1, 1)).join(3), "only bodies"),
         (
             lambda: Body.box(1.0, (1, 1, 1)).join(Body.box(1.0, (1, 1, 1)), at=(1, 2)),

@@ -398,8 +398,8 @@ def test_devices_folders_and_binary_files_are_named(tmp_path):
     for name, words in (
         ("zero.toml", "is a device"),
         ("latin.toml", "not UTF-8 text"),
-        ("x.nc", "no netCDF file"),
-        ("long.toml", "more than the 4 MB"),
+        ("x.nc", "not a netCDF file"),
+        ("long.toml", "larger than 4 MB"),
     ):
         done = CliRunner().invoke(app, ["show", str(tmp_path / name)])
         assert done.exit_code == 3 and words in done.stderr and name in done.stderr, done.output
