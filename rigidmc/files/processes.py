@@ -7,7 +7,7 @@ runs in the folder of the package, because libraries read settings from their wo
 (Numba .numba_config.yaml, matplotlib matplotlibrc).
 
 A fork shares the open files of its parent. The netCDF C library uses a kind of lock that belongs to
-the open file: it stays while any process has the file open, and until then nobody, not even the
+the open file: while any process has the file open, the lock stays and nobody, not even the
 process that wrote it, can open the file again. A fork that exits normally also writes the library's
 unwritten buffers into its parent's file. So a process removes its locks itself (`unlock_in_fork`),
 and a fork gives up the files that its parent was writing (`let_go`).

@@ -121,10 +121,10 @@ def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False
 
 @dataclass(frozen=True)
 class Varied:
-    """A number used to plan a run, which other values replace when the run is repeated.
+    """A nominal value, used to plan a run whose members have other values.
 
-    It is the same for all members of a plan, but is not a constant: no closed form and no symmetry
-    may rely on it.
+    It is the same for all members of a plan, but not a constant: no closed form and no symmetry may
+    rely on it.
     """
 
     value: float
