@@ -111,7 +111,7 @@ def test_read_only_folders(tmp_path):
 
 def test_usage():
     failed(run("run"), 2)
-    failed(run("run", "dzhanibekov", "--members", "ten"), 3, "whole number")
+    failed(run("run", "dzhanibekov", "--members", "ten"), 3, "integer")
     failed(run("fly", "dzhanibekov"), 2)
 
 

@@ -70,7 +70,7 @@ def test_whole_floats_are_counts_and_others_are_refused():
         9007199254740993,
     ]
     for bad in (1.5, True, np.True_, None, "3", 0, np.inf):
-        with pytest.raises(rm.OptionError, match="expected a whole number of at least 1"):
+        with pytest.raises(rm.OptionError, match="expected an integer of at least 1"):
             read_count(bad, "n")
     with pytest.raises(rm.OptionError, match="64 bits"):
         read_count(1e300, "n")
@@ -121,7 +121,7 @@ def test_counts_and_times_are_taken_in_files_in_python_and_on_the_command_line()
         assert (
             made.exit_code == 3 and words[0] in made.stderr and "expected" in made.stderr
         ) or "greater" in made.stderr
-    with pytest.raises(rm.SceneError, match=r"\[run\] members = 1.5: expected a whole number"):
+    with pytest.raises(rm.SceneError, match=r"\[run\] members = 1.5: expected an integer"):
         rm.simulate(scene, members=1.5)
 
 
@@ -152,7 +152,7 @@ def test_a_tolerance_without_an_integrator_means_auto():
 
 def test_a_tolerance_that_no_integrator_keeps_is_refused():
     with pytest.raises(
-        rm.SceneError, match=r'tolerance = 1e-06: integrator = "rk4" keeps no tolerance'
+        rm.SceneError, match=r'tolerance = 1e-06: integrator = "rk4" ignores a tolerance'
     ):
         rm.prepare(rm.Scene.loads(TEXT + 'integrator = "rk4"\ntolerance = 1e-6'))
     assert invoke("run", "heavy_top", "--integrator", "rk4", "--tolerance", "1e-6").exit_code == 3

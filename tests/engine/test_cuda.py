@@ -310,7 +310,7 @@ def test_words_of_devices(fake, monkeypatch):
     fake(devices=2)
     found = {word: resolve_device(word) for word in ("auto", "cuda:1", "cpu", None)}
     assert found == {"auto": "cuda", "cuda:1": "cuda:1", "cpu": "cpu", None: "cpu"}
-    with pytest.raises(AttributeError, match=r"rigidmc\.device is gone: give device= to"):
+    with pytest.raises(AttributeError, match=r"rigidmc\.device was removed: give device= to"):
         rm.device("cuda")
     with pytest.raises(rm.NoDevice, match="cuda:2: the devices are cuda:0 to cuda:1"):
         rm.simulate(SCENE, device="cuda:2")

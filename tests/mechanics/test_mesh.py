@@ -103,7 +103,7 @@ def test_a_cavity_is_no_mass():
         ({"density": 1.0, "mass": 1.0}, "either density or mass"),
         ({"density": -1.0}, "must be positive"),
         ({"mass": 1.0, "scale": 0.0}, "scale = 0.0: must be positive"),
-        ({"mass": rm.uniform(1, 2)}, "plain numbers"),
+        ({"mass": rm.uniform(1, 2)}, "a plain number"),
     ],
 )
 def test_bad_options(options, rule):

@@ -128,7 +128,7 @@ def test_old_names_of_bodies_and_starts(value, old):
 
 @pytest.mark.parametrize("old", parts._GONE)
 def test_what_a_scene_had(old):
-    with pytest.raises(AttributeError, match=f"Scene.{old} is gone: "):
+    with pytest.raises(AttributeError, match=f"Scene.{old} was removed: "):
         getattr(rm.Scene(BODY), old)
 
 

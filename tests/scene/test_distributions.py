@@ -452,7 +452,7 @@ def test_an_ensemble_that_cannot_be_drawn_is_refused(start, run, rule):
     ("start", "words"),
     [
         ("omega = { spere = 2.0 }", "did you mean 'sphere'"),
-        ("omega = { shell = { energy = 1.0 } }", "'shell' is a law of momentum"),
+        ("omega = { shell = { energy = 1.0 } }", "'shell' is a distribution of momentum"),
         ("momentum = { gibs = 0.1 }", "did you mean 'gibbs'"),
         ("momentum = { gibbs = -0.1 }", "0 or more"),
         ("omega = { cone = { axis = 1, size = -1.0, angle = 0.1 } }", "0 or more"),
@@ -490,7 +490,7 @@ def test_short_words_take_distributions():
 
 
 def test_an_ensemble_is_that_of_a_momentum():
-    with pytest.raises(SceneError, match="law of the momentum"):
+    with pytest.raises(SceneError, match="distribution of the momentum"):
         rm.Start(omega=(0.0, 0.0, 1.0), attitude="ensemble")
 
 

@@ -131,7 +131,7 @@ def test_a_plain_body_moves_to_its_centre():
     with pytest.raises(SceneError, match=r"pivot = .*did you mean .centre"):
         rm.Scene.loads(moved.replace("'centre'", "'center'") + text[text.index("[effects") :])
     law = rm.UncertainInertia(MEAN, np.diag(DEVIATIONS**2), centre=CENTRE)
-    with pytest.raises(SceneError, match="leave this out"):
+    with pytest.raises(SceneError, match="omit this"):
         rm.Body.from_tensor(law, MASS, CENTRE)
     with pytest.raises(SceneError, match=r"centre.*3 numbers"):
         rm.Body.from_tensor(rm.UncertainInertia(MEAN, np.diag(DEVIATIONS**2), centre=0.1))

@@ -189,7 +189,7 @@ def test_what_has_no_tangents_is_refused():
     with pytest.raises(OptionError, match="unit"):
         rm.ftle(PENDULUM, 4, unit=-1.0)
     grid = rm.Start(omega=(rm.uniform(0.0, 1.0), 0.0, rm.grid(0.0, 1.0, 4)))
-    with pytest.raises(SceneError, match="distributions in place of grids"):
+    with pytest.raises(SceneError, match="grids and tables by distributions"):
         rm.ftle(rm.Scene(PENDULUM.body, start=grid), 4, t_end=1.0)
     heavy = rm.Scene(PENDULUM.body, rm.Gravity(rm.uniform(1.0, 2.0)), START)
     with pytest.raises(SceneError, match=r"effects.gravity.g: is uncertain"):

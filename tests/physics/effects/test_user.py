@@ -140,7 +140,7 @@ class Gamma(NamedTuple):
 
 
 @pytest.mark.parametrize(("effect", "words"), [
-    (Upside(9.81), r"Upside.torque.*is not that of its energy"),
+    (Upside(9.81), r"Upside.torque.*does not follow from its energy"),
     (Raises(1.0), r"Raises.torque.*line \d+: return math.sqrt.*ValueError"),
     (Array(1.0), r"Array.torque.*returns ndarray, expected a tuple of 3 numbers.*no arrays"),
     (Short(1.0), r"Short.torque.*expected a tuple of 3 numbers"),
@@ -269,13 +269,13 @@ def test_code_from_a_scene_file_runs_only_where_it_is_allowed(folder, capfd):
 
 @pytest.mark.parametrize(("old", "new", "words"), [
     ("vane.py", "vain.py", "there is no file .*vain.py"),
-    ("vane.py", "scene.toml", "is no Python file"),
+    ("vane.py", "scene.toml", "is not a Python file"),
     ("effects.Vane", "effects.Vain",
      r"has no class Vain; it has Vane \(did you mean 'Vane'\?\)"),
     ("size =", "sice =",
      r"\[effects.Vane\] sice: no such key; known: size, speed, module \(did you mean 'size'"),
     ('module = "vane.py"\n', "",
-    r"\[effects\] Vane: no such effect; known: gravity.*effect of your own needs module"),
+    r"\[effects\] Vane: no such effect; known: gravity.*a custom effect needs module"),
     ('"vane.py"', '"bad.py"',
     "bad.py.*raises NameError \\(line 1\\): name 'nothing' is not defined"),
 ])  # fmt: skip

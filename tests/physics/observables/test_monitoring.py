@@ -388,7 +388,7 @@ def test_histograms_are_streamed_and_those_of_the_members(tmp_path):
 @pytest.mark.parametrize(
     ("histogram", "words"),
     [
-        (("omega", 0.0, 1.0), "give one"),
+        (("omega", 0.0, 1.0), "choose one"),
         (("omga[1]", 0.0, 1.0), "omega"),
         (("energy[1]", 0.0, 1.0), "no components"),
         (("energy", 1.0, 0.0), "more than low"),
