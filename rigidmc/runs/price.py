@@ -298,7 +298,7 @@ def prices(run: PreparedRun) -> tuple[float, Any, dict[str, Any], float, float]:
     Returns (ns without them, measured; operations without them; {label: operations that it adds};
     ns of noise, measured; ns predicted).
 
-    The prediction assumes that all operations cost as much as those of a step without effects; a
+    The prediction assumes that all operations cost as much as in a step without effects; a
     division or a root counts as the number of operations that `rigidmc.engine.inspection` reports.
     """
     effects, attitude = run.plan.model.effects, run.plan.has_attitude
