@@ -91,7 +91,7 @@ def text_of_run(directory: RunDirectory, **settings: int) -> str:
 
 
 def scene_in(folder: str, facts: dict[str, Any], allow_code: bool | None) -> Scene:
-    """Read the scene in a folder, with its rows from columns.nc; `facts` is the content of run.json."""
+    """Read the scene in a folder, with its rows from columns.nc; `facts` is run.json."""
     stored: Callable[[str], Any] | None = None
     if facts["columns"]:
         file = os.path.join(folder, "columns.nc")
