@@ -257,7 +257,6 @@ def test_effects_are_listed():
     assert "at [m, 3 numbers]" in listing
 
 
-@pytest.mark.slow
 def test_effects_are_priced(monkeypatch):
     from rigidmc.physics.effects import EFFECTS
     from rigidmc.runs import price
