@@ -96,8 +96,9 @@ def accuracy(rows, machine):
         "others",
     )
     words = (
-        "99 % of random tops stay below the error, in momentum (relative) and attitude (rad). "
-        "For a step in rad, each top advances by that angle of its own motion"
+        "For 99 % of random tops the errors of momentum (relative) and attitude (rad) are below the "
+        "limit. A step in rad is an angle: in each step every top advances by that angle of its own "
+        "motion"
     )
     return with_note(table(columns, lines), f"{words}; {_machine(machine)}.")
 

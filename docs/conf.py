@@ -79,8 +79,8 @@ html_sidebars = {
     )
 }
 llms_txt_summary = (
-    "rigidmc integrates ensembles of rigid bodies with a fixed point (free and heavy tops) in "
-    "parallel, and reports the drift of energy and |L|^2. From Python: import rigidmc as rm; "
+    "rigidmc integrates ensembles of rigid bodies that turn about a fixed point or their centre of "
+    "mass in parallel, and reports the drift of energy and |L|^2. From Python: import rigidmc as rm; "
     "rm.simulate(scene) returns an xarray Dataset. From the shell: rigidmc run SCENE."
 )
 # Where the workflow publishes the site, pages link to their sources and to other versions.
