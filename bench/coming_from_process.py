@@ -24,7 +24,8 @@ def main(file):
     try:
         spec.loader.exec_module(module)
     except ImportError as error:
-        return answer(missing=str(error))
+        answer(missing=str(error))
+        return
     answer(seconds=time.perf_counter() - began)
     for line in sys.stdin:
         began = time.perf_counter()

@@ -22,7 +22,7 @@ START = [0.0, 0.5, 0.0, 0.0, 0.0, 30.0]  # phi, theta, psi [rad] and their rates
 @cache
 def equations():
     """The derivatives of angles and rates as a function of both, from the Lagrangian."""
-    angles = phi, theta, psi = dynamicsymbols("phi theta psi")
+    angles = dynamicsymbols("phi theta psi")
     space, body = ReferenceFrame("S"), ReferenceFrame("B")
     body.orient_body_fixed(space, angles, "zxz")
     tip = Point("O")
