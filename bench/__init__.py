@@ -1,4 +1,4 @@
-"""Benchmarks of rigidmc, run by `python -m bench [names]`.
+"""Benchmarks of rigidmc; run them with `python -m bench [names]`.
 
-The rows go to bench/results/*.json; `python -m bench.readme` draws README's tables from them.
+Rows go to bench/results/*.json; `python -m bench.readme` draws README's tables from them.
 """

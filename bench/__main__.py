@@ -37,7 +37,7 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 
 def main():
     parser = argparse.ArgumentParser(
-        prog="python -m bench", description="Benchmarks of rigidmc; without names all of them."
+        prog="python -m bench", description="Benchmarks of rigidmc; by default all of them."
     )
     parser.add_argument("names", nargs="*", metavar="name", help=f"any of {', '.join(BENCHES)}")
     parser.add_argument(
@@ -49,7 +49,7 @@ def main():
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="fewer rounds and smaller runs, to see that it works; not for figures",
+        help="fewer rounds and smaller runs, as a check that it works; not for figures",
     )
     parser.add_argument(
         "--python",
@@ -59,8 +59,8 @@ def main():
     )
     options = parser.parse_args()
     if unknown := [name for name in options.names if name not in BENCHES]:
-        parser.error(f"no bench {', '.join(unknown)}; there are {', '.join(BENCHES)}")
-    # sleep, do not spin: idle OpenMP threads of one candidate would take the cores of the next
+        parser.error(f"no bench {', '.join(unknown)}; available: {', '.join(BENCHES)}")
+    # sleep, do not spin: idle OpenMP threads of one candidate would occupy the cores of the next
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     os.environ.setdefault("OMP_NUM_THREADS", str(_cores()))
     os.environ.setdefault("NUMBA_NUM_THREADS", str(_cores()))
@@ -75,7 +75,7 @@ def main():
             print(f"\n== {name}")
             more = {"python": options.python} if name == "coming_from" else {}
             rows = bench.run(options.quick, **more)
-            if not rows:  # of a device that is not here: those of another machine stay
+            if not rows:  # for a device that is missing here: keep the rows of another machine
                 print(f"{name}: nothing was measured")
                 continue
             bench.report(rows)

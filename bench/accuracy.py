@@ -1,4 +1,4 @@
-"""What accuracy costs: `rigidmc.accuracy` on random free and heavy tops.
+"""The cost of accuracy: `rigidmc.accuracy` on random free and heavy tops.
 
 Also whether the time of a step follows from its arithmetic.
 """
@@ -30,7 +30,7 @@ COUNTED = {
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     rows = []
     for body, effects in EFFECTS.items():
         study = accuracy(scene(effects), tolerances=TARGETS, members=128 if quick else MEMBERS)
@@ -55,7 +55,7 @@ def run(quick):
 
 
 def scene(effects):
-    """Random tops, all different, with t_end = 10 s."""
+    """Return random tops, all different, with t_end = 10 s."""
     some = tops.random_tops(4 * MEMBERS)
     body = rigidmc.Body.from_moments(some.moments.T, mass=1.0, centre=some.static.T)
     start = rigidmc.Start(omega=some.omega.T, attitude=some.attitude.T)
@@ -65,7 +65,8 @@ def scene(effects):
 
 
 def choices(body, errors):
-    """Rows with the fastest integrator and step for an error, and the best of each integrator."""
+    """Return rows with the fastest integrator and step for an error, and the best step of each
+    integrator."""
     rows = []
     for limit in TARGETS:
         good = [r for r in errors if r["error_state_upper"] <= limit]
@@ -80,10 +81,11 @@ def choices(body, errors):
 
 
 def arithmetic():
-    """Rows with the cost of a step relative to rk4, measured and predicted from its instructions.
+    """Return rows with the cost of a step relative to rk4, measured and predicted from its
+    instructions.
 
-    By slots: every vector instruction except moves counts one, a division of eight numbers ten, a
-    square root of eight numbers eighteen. By flops: as they are.
+    Slots count every vector instruction except moves as one, a division of eight numbers as ten,
+    and a square root of eight numbers as eighteen. Flops count floating-point operations.
     """
     from tests.assembly import counted
     from tests.engine.compiler.test_vectorisation import CASES
@@ -125,7 +127,7 @@ def arithmetic():
 
 
 def _plain(value):
-    """A value as JSON stores it."""
+    """Convert a value to a type that JSON stores."""
     value = value.item() if isinstance(value, np.generic) else value
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
@@ -134,7 +136,7 @@ def report(rows):
     """Print the results."""
     for r in rows:
         if r["kind"] == "truth":
-            print(f"{r['body']}: truth {r['truth']}, known to {r['error']:.1e}")
+            print(f"{r['body']}: reference {r['truth']}, known to {r['error']:.1e}")
     columns = ("", "", "error", "integrator", "step", "members/s", "")
     lines = [
         (
@@ -150,7 +152,7 @@ def report(rows):
         if r["kind"] == "choice"
     ]
     harness.table(
-        f"what accuracy costs, 99 % of {MEMBERS} random tops to t = {T_END:g} s", columns, lines
+        f"cost of accuracy, 99 % of {MEMBERS} random tops to t = {T_END:g} s", columns, lines
     )
     lines = [
         (
@@ -166,12 +168,12 @@ def report(rows):
         if r["kind"] == "step"
     ]
     names = ("heavy tops", "ns a step", "of rk4", "by arithmetic", "by flops", "flops", "")
-    harness.table("what a step costs on one thread", names, lines)
+    harness.table("cost of a step on one thread", names, lines)
     harness.report_targets(rows)
 
 
 def step_text(row):
-    """The step of a row, in words."""
+    """Describe the step of a row in words."""
     if row["integrator"] == "closed":
         return "at once"
     single = ", float32" if row["dtype"] == "float32" else ""

@@ -1,7 +1,7 @@
-"""How many pixels an adaptive map computes, and how many get another class than in the whole map:
-the table in docs/how_to/maps.md. `python -m bench.adaptive_maps [NAME RESOLUTION]`
+"""Count how many pixels an adaptive map computes, and how many get another class than in the full
+map: the table in docs/how_to/maps.md. `python -m bench.adaptive_maps [NAME RESOLUTION]`
 
-Without words it does the two maps of 256 x 256 pixels; heavy_chaos at 1024 takes an hour.
+Without arguments it computes both maps of 256 x 256 pixels; heavy_chaos at 1024 takes an hour.
 """
 
 import sys
@@ -11,11 +11,11 @@ import numpy as np
 from rigidmc.studies.stability_map.case import case_map
 from rigidmc.studies.stability_map.refine import CLASSES, EDGES, STRIDE
 
-BORDERS = {"p": 0.5, "mean(megno)": 4.0}  # of measures; others have CLASSES equal parts
+BORDERS = {"p": 0.5, "mean(megno)": 4.0}  # of measures; others have CLASSES equal intervals
 
 
 def classes(name, whole, values):
-    """The class of each value of a measure, as an adaptive map has them."""
+    """Return the class of each value of a measure, as in an adaptive map."""
     border = BORDERS.get(name[0] if name.startswith("p(") else name)
     first = whole[::STRIDE, ::STRIDE]
     low, high = np.quantile(first[np.isfinite(first)], EDGES)
@@ -24,7 +24,7 @@ def classes(name, whole, values):
 
 
 def compared(name, resolution):
-    """(share computed, share of another class) of a map of the package."""
+    """Return (fraction computed, fraction of another class) of a map of the package."""
     whole, part = (case_map(name, resolution, adaptive=one) for one in (False, True))
     first = next(str(v) for v in whole.data_vars if f"{v}_low" in whole)
     all_of, some = whole[first].values, part[first].values

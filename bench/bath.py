@@ -1,6 +1,7 @@
-"""A bath against Gibbs' law with a million members: moments of L, energy, Langevin mean.
+"""A bath against the Gibbs distribution with a million members: moments of L, energy, Langevin
+mean.
 
-Also how the bias of the step falls with the step.
+Also how the bias falls with the step.
 """
 
 import math
@@ -17,7 +18,7 @@ STEPS = (0.8, 0.4, 0.2, 0.1, 0.05)
 
 
 def scene():
-    """A heavy body in a bath with damping rate 1, from rest and any attitude to t = 12."""
+    """Return a heavy body in a bath with damping rate 1, from rest and any attitude to t = 12."""
     body = Body.from_moments(MOMENTS, mass=1.0, centre=(0.0, 0.0, 0.3))
     bathed = Scene(
         body,
@@ -28,7 +29,7 @@ def scene():
 
 
 def moments(dt, members):
-    """[(quantity, theory, mean, standard error)] of the last state."""
+    """Return [(quantity, theory, mean, standard error)] of the last state."""
     ds = simulate(scene(), dt=dt, members=members)
     l = ds.momentum.values[-1] / np.sqrt(np.array(MOMENTS) * KT)[:, None]
     u = vertical(tuple(ds.attitude.values[-1]))[2]
@@ -54,7 +55,7 @@ def moments(dt, members):
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     members, rows = 100_000 if quick else 1_000_000, []
     for dt in STEPS:
         rows += [
@@ -83,7 +84,7 @@ def run(quick):
 
 
 def sigmas(row):
-    """The distance of a mean from theory, in standard errors."""
+    """Return the distance of a mean from theory, in standard errors."""
     return abs(row["mean"] - row["theory"]) / row["error"]
 
 

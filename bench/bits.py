@@ -1,4 +1,4 @@
-"""The same bits everywhere: sha256 of results over vector widths and over processors."""
+"""Equal bits everywhere: sha256 of results over vector widths and over CPUs."""
 
 import json
 import os
@@ -20,11 +20,11 @@ PROCESSORS = {
         "NPY_DISABLE_CPU_FEATURES": "all",
     },
 }  # fmt: skip
-QUICK = ("rk4", "exact", "strang")  # integrators of a quick run; strang takes the bath
+QUICK = ("rk4", "exact", "strang")  # integrators of a quick run; strang covers the bath
 
 
 def sums(widths, integrators=None, motions=None, names=None, device=None):
-    """{case: [sha256 of its result for each width]}; of the cases with `names` alone, if given."""
+    """Return {case: [sha256 of its result for each width]}, for the cases in `names` if given."""
     from rigidmc.engine import program
     from rigidmc.studies.bits import cases, digest
 
@@ -41,7 +41,7 @@ def sums(widths, integrators=None, motions=None, names=None, device=None):
 
 
 def elsewhere(processor, widths, integrators=None, motions=None, names=None):
-    """`sums` in a process with code for another processor and a cache of its own."""
+    """Compute `sums` in a process with code for another CPU and with its own cache."""
     environment = {**os.environ, **PROCESSORS[processor]}
     if environment.get("NPY_DISABLE_CPU_FEATURES") == "all":
         from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
@@ -69,11 +69,11 @@ def elsewhere(processor, widths, integrators=None, motions=None, names=None):
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     some = QUICK if quick else None
     digests = {"this processor": elsewhere("this processor", WIDTHS, some)}
     for processor in list(PROCESSORS)[1:]:
-        digests[processor] = elsewhere(processor, (0,), some)  # the width that suits the processor
+        digests[processor] = elsewhere(processor, (0,), some)  # the width that suits the CPU
     rows = [
         {"kind": "bits", "processor": word, "case": case, "sums": each}
         for word, by_case in digests.items()

@@ -1,8 +1,8 @@
-"""Milliseconds of one call for few members, with everything compiled: what an optimiser or a
-notebook with sliders waits for.
+"""Milliseconds of one call for few members, with everything compiled: the delay of an optimiser or
+of a notebook with sliders.
 
-Runs are so short that the steps of their members take no time: what is left is Python's. The least
-of many calls counts, because whatever else a machine does only adds to it.
+Runs are so short that the steps of their members take no time, which leaves Python's time. The
+minimum of many calls counts, because other load of the machine only adds to it.
 """
 
 import time
@@ -25,7 +25,7 @@ ASKED = {  # {what: milliseconds}
 
 
 def least(call, count):
-    """The shortest time of a call [ms], and how much of it `run_block` took."""
+    """Return the shortest time of a call [ms], and the part of it spent in `run_block`."""
     inside, run_block = [0.0], threads.run_block
 
     def timed(*arguments, **keywords):
@@ -48,7 +48,7 @@ def least(call, count):
 
 
 def calls(name):
-    """{what: call} of a scene."""
+    """Return {name: call} of a scene."""
     scene = rm.Scene.load(name)
     scene = scene.with_run(members=FEW, t_end=20 * scene.run.dt, every=20 * scene.run.dt)
     prepared, varied = rm.prepare(scene), rm.prepare(scene, varied=("start.omega",))
@@ -65,7 +65,7 @@ def calls(name):
 
 
 def results(prepared):
-    """{what: call} of the two ways to the Dataset of a result."""
+    """Return {name: call} of the two ways to build the Dataset of a result."""
     layout, blanks = prepared.layout, Blanks()
     dataset = prepared.run(threads=1)
     arrays = {name: variable.values for name, variable in dataset.data_vars.items()}
@@ -77,7 +77,7 @@ def results(prepared):
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     rows, count = [], 20 if quick else 1000
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rm.SceneWarning)

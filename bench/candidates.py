@@ -18,28 +18,28 @@ GRAVITY = (Gravity(tops.GRAVITY),)
 
 
 class Candidate(NamedTuple):
-    """run(prepare()) is timed without prepare(); read(result of run) returns (attitude or None,
-    momentum).
+    """One candidate: run(prepare()) is timed without prepare(), and read(result of run) returns
+    (attitude or None, momentum).
     """
 
     prepare: Callable
     run: Callable
     read: Callable | None
     same_as: str = ""  # the candidate with which it must agree
-    work: float = MEMBERS * STEPS  # member-steps, or floating-point operations of the peak
+    work: float = MEMBERS * STEPS  # member-steps, or floating-point operations for the peak
 
 
 def warmed():
-    """Pages for 100 saves.
+    """Return memory pages for 100 saves, already touched.
 
-    Hypervisors reclaim free pages after 2 s; touching 480 MB then costs 1 s, a moment later 0.04 s.
+    Hypervisors reclaim free pages after 2 s. Touching 480 MB then costs 1 s, a moment later 0.04 s.
     The page faults of the run itself stay in its time.
     """
     np.empty(MEMBERS * (EACH + 1) * 9).fill(0.0)
 
 
 def kernels(ensemble):
-    """The kernel of rigidmc, with blocks on threads, as simulate() runs it."""
+    """Return the kernels of rigidmc, with blocks on threads, as simulate() runs them."""
     all_cores = tops.pool(threads_available())
 
     def candidate(name, effects, attitude=True, pool=all_cores, same_as="kernel rk4 free"):
@@ -66,7 +66,8 @@ def kernels(ensemble):
 
 
 def compiled(ensemble, notes):
-    """C and the FMA peak; none without gcc, fewer (with a note) without 512-bit vectors."""
+    """Return C and the FMA peak: nothing without gcc, less (with a note) without 512-bit
+    vectors."""
     try:
         plain, aim, peak = (baselines.build(name) for name in ("tops.c", "tops512.c", "peak.c"))
     except OSError as error:
@@ -121,7 +122,7 @@ def compiled(ensemble, notes):
 
 
 def numba(ensemble):
-    """Naive Numba: prange over tops, from the main thread."""
+    """Return naive Numba: prange over tops, from the main thread."""
 
     def prepare():
         rows = tops.columns(ensemble)
@@ -147,8 +148,8 @@ def numba(ensemble):
 
 
 def simulate(ensemble, notes):
-    """The whole call, scene to Dataset; it saves the attitude, which is then integrated as in the
-    kernels above.
+    """Return the whole call, from scene to Dataset. It saves the attitude, which is then integrated
+    as in the kernels above.
     """
     if not hasattr(rigidmc, "simulate"):
         notes["simulate"] = "left out: rigidmc.simulate does not exist yet"

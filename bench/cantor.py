@@ -1,4 +1,4 @@
-"""Basins whose boundary is a middle-thirds set, of which the dimension is known."""
+"""Basins whose boundary is a middle-thirds set of known dimension."""
 
 import numpy as np
 
@@ -9,8 +9,8 @@ CANTOR = 1.0 - np.log(2.0) / np.log(3.0)  # 1 - dimension of the middle-thirds s
 
 
 def gap(x):
-    """In which generation a point leaves the middle-thirds set: gaps of even and odd ones are two
-    basins, and the set is their boundary."""
+    """Return the generation in which a point leaves the middle-thirds set. Gaps of even and odd
+    generations are two basins, and the set is their boundary."""
     left, y = np.zeros(x.shape, int), x.copy()
     for generation in range(1, 34):
         y = 3.0 * y
@@ -21,12 +21,12 @@ def gap(x):
 
 
 def ends_of(seed, families, basin):
-    """(families, 13): the basin of each member of a study of one number."""
+    """Return (families, 13): the basin of each member of a study of one parameter."""
     words = NeighbourFamilies(seed, {("x", 0, 0): 0}).words("x", 0, 13 * families, 0, (0,))[0]
     return basin(words.reshape(families, 13))
 
 
 def found(ends):
-    """The exponent of a study with two basins."""
+    """Return the exponent of a study with two basins."""
     share = ends[:, 0].mean()
     return exponent((ends[:, 1:] != ends[:, :1]).T, 2.0 * share * (1.0 - share))

@@ -1,6 +1,7 @@
-"""The shares of chaotic starts in docs/tutorials/chaotic_tops.md: by time, and by angle and energy.
+"""The fractions of chaotic starts in docs/tutorials/chaotic_tops.md: by time, and by angle and
+energy.
 
-`python -m bench.chaotic_tops` prints both in some minutes.
+`python -m bench.chaotic_tops` prints both in a few minutes.
 """
 
 import warnings
@@ -16,12 +17,12 @@ ENERGIES = (-0.5, 0.0, 0.5, 1.0, 2.0, 4.0, 6.0, 9.0)  # J
 
 
 def share(degrees, energy, t_end=1000.0, moments=(2.0, 2.0, 1.0), starts=STARTS):
-    """The share of starts, all over an energy surface, whose MEGNO exceeds 4 at t_end."""
+    """Return the fraction of starts on a whole energy surface whose MEGNO exceeds 4 at t_end."""
     centre = np.sin(np.radians(degrees)), 0.0, np.cos(np.radians(degrees))
     start = rm.Start(momentum=rm.Shell(energy), attitude="ensemble")
     scene = rm.Scene(rm.Body(moments, mass=0.25, centre=centre), rm.Gravity(4.0), start)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", rm.SceneWarning)  # a centre of mass far out
+        warnings.simplefilter("ignore", rm.SceneWarning)  # the centre of mass is far out
         run = {"integrator": "rk8", "dt": 0.2, "t_end": t_end, "members": starts}
         tops = rm.simulate(scene, **run, save=("megno",))
     return float((tops.megno.values > 4.0).mean())

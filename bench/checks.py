@@ -1,6 +1,6 @@
-"""What the status checks cost: the same tops with all limits and with none, interleaved.
+"""The cost of health checks: the same tops with all limits and with none, interleaved.
 
-Also that the checks change no bit of a good member.
+Also a test that the checks change no bit of a good member.
 """
 
 import math
@@ -27,13 +27,13 @@ CASES = (
 
 
 def shifted(pool, seed=0):
-    """A function that moves the kernel's workspace to another address.
+    """Return a function that moves the kernel's workspace to another address.
 
     The position of the workspace relative to the stack changes the time of rk8 by 8 % either way.
     """
     some, held = np.random.default_rng(seed), []
 
-    def hold(sizes):  # in the threads of the pool, which have heaps of their own
+    def hold(sizes):  # in the threads of the pool, each with its own heap
         return [np.empty(size) for size in sizes]
 
     def shift():
@@ -45,7 +45,7 @@ def shifted(pool, seed=0):
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     ensemble, pool, rows = tops.random_tops(MEMBERS), tops.pool(threads_available()), []
     shift = shifted(pool)
     for name, effects, attitude in CASES:
@@ -113,5 +113,5 @@ def report(rows):
         for r in rows
         if r["kind"] == "cost"
     ]
-    harness.table("status checks, with against without", ["tops", "CPU seconds", "wall"], cells)
+    harness.table("health checks, with against without", ["tops", "CPU seconds", "wall"], cells)
     harness.report_targets(rows)

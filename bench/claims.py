@@ -1,21 +1,21 @@
-"""Numbers of the documentation that nothing gives: `python -m bench.claims [--all]`.
+"""List numbers of the documentation without a source: `python -m bench.claims [--all]`.
 
 A number in README.md, docs, docstrings, help texts and shipped scenes that states what rigidmc does
-is drawn from a bench, printed by the page when it is built, or stands beside what gives it. This
-script lists the others: page, line, number, and its words. Its rules:
+is drawn from a bench, printed by the page when it is built, or given next to its source. This
+script lists the others: page, line, number, and the words around it. Its rules:
 
-Left out are code, commands, formulas, quoted text, links and citations; tables between bench marks
-and the first column of others; headings, dates and versions; parameters, that is numbers in code of
-the same page, in the scenes that this code loads, and constants of a docstring's own module or that
-it imports by name; names ("axis 3", "order 8", "section 11", "float64"); what one may write ("e.g.
-0.3"); whole numbers to 12, 0.0 and 1.0, levels of confidence, full and right angles, powers of ten,
-and g. A default ("by default 16") is one of a constant that the package has.
+Not counted are code, commands, formulas, quoted text, links and citations; tables between bench
+marks, and the first column of others; headings, dates and versions; parameters, that is numbers in
+code of the same page, in the scenes that this code loads, and constants of a docstring's own module
+or that it imports by name; names ("axis 3", "order 8", "section 11", "float64"); examples of input
+("e.g. 0.3"); whole numbers to 12, 0.0 and 1.0, levels of confidence, full and right angles, powers
+of ten, and g. A default ("by default 16") must be a constant of the package.
 
-Given is a number if its paragraph, or its table and the paragraph before that, names a command
-(`rigidmc ...`, `python -m bench ...`) or the work that it is from ({cite}, "et al.", a year in
-brackets), or if the paragraph leads to a cell that is executed when the page is built. A test
-(`tests/...`) gives it if it has the number, or reads the page; the test of a docstring may stand
-anywhere in it. The "Source:" of a docstring gives a method, and no number.
+A number has a source if its paragraph, or its table and the paragraph before that, names a command
+(`rigidmc ...`, `python -m bench ...`) or the publication that it is from ({cite}, "et al.", a year
+in brackets), or if the paragraph leads to a cell that is executed when the page is built. A test
+(`tests/...`) is a source if it has the number, or reads the page; the test of a docstring may be
+named anywhere in it. The "Source:" of a docstring is for a method, not for a number.
 """
 
 import ast
@@ -71,7 +71,7 @@ PLAIN = {
     0.0, 0.5, 1.0, 1.5, 9.81, 20, 24, 25, 32, 50, 60, 64, 68, 75, 90, 95, 99, 128, 180, 256, 270,
     360, 512, 1e-6,
 }  # fmt: skip
-# what one may write, not what is so: "e.g. 0.3 or 0.4", "such as 1e6"
+# examples of input, not facts: "e.g. 0.3 or 0.4", "such as 1e6"
 EXAMPLE = re.compile(
     rf"\b(?:e\.g\.|such as)\s+{NUMBER.pattern}(?:(?:,\s*|\s+or\s+|\s+and\s+){NUMBER.pattern})*",
     re.IGNORECASE,
@@ -85,7 +85,7 @@ SCENES = {
 
 
 class Claim(NamedTuple):
-    """A number in a paragraph; given : what gives it, "" if nothing is named."""
+    """A number in a paragraph; given : its source, "" if none is named."""
 
     file: str
     line: int
@@ -95,17 +95,17 @@ class Claim(NamedTuple):
 
 
 def blanked(text: str, pattern: re.Pattern[str]) -> str:
-    """The text with each match replaced by spaces, and its lines kept."""
+    """Replace each match by spaces, and keep the lines of the text."""
     return pattern.sub(lambda one: re.sub(r"[^\n]", " ", one[0]), text)
 
 
 def value(number: str) -> float:
-    """The value of a number as it is written, without its sign."""
+    """Return the value of a number as it is written, without its sign."""
     return abs(float(number.replace(",", "").replace("_", "").replace("\u2212", "-")))
 
 
 def numbers(text: str, parameters: set[float]) -> Iterator[tuple[int, str]]:
-    """(offset, number) of what may be a claim in plain words."""
+    """Yield (offset, number) of possible claims in plain words."""
     for pattern in (NAMED, EXAMPLE):
         text = blanked(text, pattern)
     for one in NUMBER.finditer(text):
@@ -120,13 +120,13 @@ def numbers(text: str, parameters: set[float]) -> Iterator[tuple[int, str]]:
 
 
 def parameters_of(code: str) -> set[float]:
-    """Numbers that code of a page has: what is given there need not be measured."""
+    """Return the numbers in a page's code: values given there need no measurement."""
     found = re.findall(r"(?<![\w.])\d[\d_]*(?:\.\d+)?(?:e[-+]?\d+)?", code, re.I)
     return {value(word) for word in found} | {float(f"{value(word):g}") for word in found}
 
 
 def shows(test: str, number: str) -> bool:
-    """Whether a test has a number, or one that rounds to it; of 95 % it may have 0.95."""
+    """Return whether a test has a number, or one that rounds to it; for 95 % it may have 0.95."""
     digits, _, power = number.replace(",", "").lower().partition("e")
     places = int(power or 0) - len(digits.partition(".")[2])
     if places == 0:  # 54,000 is 53,960
@@ -137,14 +137,14 @@ def shows(test: str, number: str) -> bool:
 
 @cache
 def numbers_of(test: str) -> tuple[float, ...]:
-    """The numbers of a test, and a hundred times each."""
+    """Return the numbers of a test, and a hundred times each."""
     text = re.sub(r"(?<=\d)_(?=\d)", "", (ROOT / test).read_text("utf-8"))
     found = {value(one[0]) for one in NUMBER.finditer(text)}
     return *found, *(100.0 * one for one in found)
 
 
 def given_by(file: str, words: str, number: str, tests: str = "") -> str:
-    """What a paragraph of a file names that gives a number, "" if nothing."""
+    """Return the source of a number that a paragraph of a file names, "" if there is none."""
     if file.endswith(".py"):
         words = SOURCE.sub("", words)
     if found := GIVEN.search(words) or LEADS.search(words):
@@ -158,7 +158,7 @@ def given_by(file: str, words: str, number: str, tests: str = "") -> str:
 
 
 def paragraphs(text: str) -> Iterator[tuple[int, str]]:
-    """(offset, paragraph); a table belongs to the paragraph before it."""
+    """Yield (offset, paragraph); a table belongs to the paragraph before it."""
     places = [0, *(one.end() for one in re.finditer(r"\n\s*\n", text)), len(text)]
     held, begin = "", 0
     for low, high in pairwise(places):
@@ -176,9 +176,9 @@ def paragraphs(text: str) -> Iterator[tuple[int, str]]:
 def of_text(
     file: str, text: str, first: int = 1, code: str = "", tests: str = ""
 ) -> Iterator[Claim]:
-    """The claims in Markdown or in a docstring that begins in a line.
+    """Yield the claims in Markdown or in a docstring that begins in a line.
 
-    code : numbers in it are parameters;  tests : words that name tests of all of the text
+    code : numbers in it are parameters;  tests : words that name tests for the whole text
     """
     blocks = [one[0] for one in FENCE.finditer(text)]
     inline = re.findall(r"`[^`\n]+`", blanked(text, FENCE))
@@ -201,14 +201,14 @@ def of_text(
 
 
 def pages() -> Iterator[Claim]:
-    """The claims of README.md and of the pages of docs."""
+    """Yield the claims of README.md and of the pages of docs."""
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
         if "_build" not in path.parts and path.name not in ("changelog.md", "bibliography.md"):
             yield from of_text(str(path.relative_to(ROOT)), path.read_text("utf-8"))
 
 
 def docstrings() -> Iterator[Claim]:
-    """The claims of docstrings and help texts of the package."""
+    """Yield the claims of docstrings and help texts of the package."""
     kinds = (ast.Module, ast.ClassDef, ast.FunctionDef)
     for path in sorted((ROOT / "rigidmc").rglob("*.py")):
         tree = ast.parse(path.read_text("utf-8"))
@@ -221,7 +221,7 @@ def docstrings() -> Iterator[Claim]:
 
 
 def helps() -> Iterator[Claim]:
-    """The claims of help texts: of options, and of the settings of a run."""
+    """Yield the claims of help texts: of options, and of the settings of a run."""
     for path in sorted((ROOT / "rigidmc").rglob("*.py")):
         tree = ast.parse(path.read_text("utf-8"))
         code, file = constants(tree), str(path.relative_to(ROOT))
@@ -236,7 +236,7 @@ def helps() -> Iterator[Claim]:
 
 
 def constants(tree: ast.AST) -> str:
-    """The numbers in the code of a module, and those of constants that it imports by name."""
+    """Return the numbers in a module's code, and in constants that it imports by name."""
     values = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)]
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module in constants_of_modules():
@@ -246,7 +246,7 @@ def constants(tree: ast.AST) -> str:
 
 
 def named_constants(tree: ast.Module) -> dict[str, float]:
-    """{NAME: number} of a module, also of NAME, NAME = number, number."""
+    """Return {NAME: number} of a module, also for NAME, NAME = number, number."""
     found = {}
     for node in (one for one in tree.body if isinstance(one, ast.Assign)):
         with suppress(ValueError, TypeError, NameError, SyntaxError, AttributeError):
@@ -261,7 +261,7 @@ def named_constants(tree: ast.Module) -> dict[str, float]:
 
 
 def preset(tree: ast.Module) -> Iterator[float]:
-    """The numbers that parameters of functions and fields of classes have unless they are given."""
+    """Yield the default values of function parameters and class fields that are numbers."""
     for node in ast.walk(tree):
         several = []
         if isinstance(node, ast.FunctionDef):
@@ -275,7 +275,7 @@ def preset(tree: ast.Module) -> Iterator[float]:
 
 @cache
 def trees() -> dict[str, ast.Module]:
-    """{module of the package: its code}."""
+    """Return {module of the package: its code}."""
     return {
         ".".join(path.relative_to(ROOT).with_suffix("").parts): ast.parse(path.read_text("utf-8"))
         for path in sorted((ROOT / "rigidmc").rglob("*.py"))
@@ -284,13 +284,13 @@ def trees() -> dict[str, ast.Module]:
 
 @cache
 def constants_of_modules() -> dict[str, dict[str, float]]:
-    """{module: its `named_constants`}."""
+    """Return {module: its `named_constants`}."""
     return {module: named_constants(tree) for module, tree in trees().items()}
 
 
 @cache
 def defaults() -> set[float]:
-    """The constants and preset numbers of the package; those of bytes also in MB."""
+    """Return the constants and default numbers of the package; bytes also in MB."""
     return {
         known
         for module, tree in trees().items()
@@ -300,8 +300,8 @@ def defaults() -> set[float]:
 
 
 def scenes() -> Iterator[Claim]:
-    """The claims of the titles, summaries and sources of shipped scenes; their numbers are facts
-    of bodies if the source names a work."""
+    """Yield the claims of the titles, summaries and sources of shipped scenes; their numbers are
+    facts of bodies if the source names a publication."""
     for path in sorted((ROOT / "rigidmc" / "scene" / "library").glob("*.toml")):
         text = path.read_text("utf-8")
         scene = tomllib.loads(text)
@@ -314,7 +314,7 @@ def scenes() -> Iterator[Claim]:
 
 
 def claims() -> list[Claim]:
-    """All claims; those without `given` have nothing that gives them."""
+    """Return all claims; those without `given` have no source."""
     return [*pages(), *docstrings(), *helps(), *scenes()]
 
 
@@ -326,7 +326,7 @@ def main() -> None:
             note = f"  [{one.given}]" if one.given else ""
             print(f"{one.file}:{one.line}: {one.number}: ... {one.words} ...{note}")
     left = sum(not one.given for one in found)
-    print(f"{len(found):,} numbers, {left:,} of them with nothing that gives them")
+    print(f"{len(found):,} numbers, {left:,} without a source")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""How often intervals of 95 % cover the truth, over repeated studies whose truth is known.
+"""How often 95 % intervals cover the truth, over repeated studies with a known truth.
 
-A new interval is one entry of INTERVALS.
+To test a new interval, add one entry to INTERVALS.
 """
 
 import warnings
@@ -33,12 +33,12 @@ START = rm.Start(omega=(0.0, 0.0, rm.normal(1.0, 0.6)))
 LINEAR = rm.Scene(rm.Body((1.0, 1.0, 2.0)), TORQUE, START).with_run(
     integrator="rk4", t_end=2.0, dt=0.1
 )
-SHARES = np.array([0.1, 0.9])  # of torque and spin, of a variance of 0.4
-FAST = 1.0 + 0.4**0.5 * stats.norm.isf(0.1)  # one disc in ten has more spin [rad/s]
+SHARES = np.array([0.1, 0.9])  # of torque and spin, in a variance of 0.4
+FAST = 1.0 + 0.4**0.5 * stats.norm.isf(0.1)  # one disc in ten spins faster [rad/s]
 
 
 def ishigami(seed, families):
-    """The values (families, 5) of Ishigami's function on the points of a sensitivity study."""
+    """Return Ishigami's function (families, 5) on the points of a sensitivity study."""
     words = Saltelli(seed, GROUP).words("x", 0, 5 * families, 0, (0, 1, 2))[:3]
     x = np.pi * (2.0 * words - 1.0)
     y = np.sin(x[0]) + 7.0 * np.sin(x[1]) ** 2 + 0.1 * x[2] ** 4 * np.sin(x[0])
@@ -46,12 +46,12 @@ def ishigami(seed, families):
 
 
 def inside(found, truth):
-    """1 for each interval that has its truth, else 0."""
+    """Return 1 for each interval that contains its truth, else 0."""
     return ((found.low <= truth) & (truth <= found.high)).astype(int)
 
 
 def of_ishigami(families, studies):
-    """(how many intervals of first_1, _2, _3, total_1, _2, _3 have the truth, studies)."""
+    """Return (how many intervals of first_1, _2, _3, total_1, _2, _3 cover the truth, studies)."""
     covered = 0
     for seed in range(studies):
         first, total = indices(ishigami(seed, families))
@@ -60,7 +60,7 @@ def of_ishigami(families, studies):
 
 
 def of_a_top(text, first, total, families, studies):
-    """The same for a measure of discs that are linear in Gaussian numbers, which are run."""
+    """Count covering intervals for a measure of discs, linear in Gaussian numbers, by runs."""
     covered, ends = np.zeros((2, len(first)), int), ("", "_low", "_high")
     for seed in range(studies):
         found = rm.sensitivity(LINEAR.with_run(seed=seed), text, families, threads=1).isel(
@@ -73,9 +73,10 @@ def of_a_top(text, first, total, families, studies):
 
 
 def of_fast_tops():
-    """(first, total): the exact indices of whether a disc is one of the fastest tenth.
+    """Return (first, total): the exact Sobol indices of being among the fastest tenth of discs.
 
-    P(both of two discs that share the number k) is that of two normals with correlation share_k.
+    For two discs that share the number k, the joint probability is that of two normal numbers with
+    correlation share_k.
     """
     z = stats.norm.isf(0.1)
     pairs = [stats.multivariate_normal([0.0, 0.0], [[1.0, r], [r, 1.0]]) for r in SHARES]
@@ -85,35 +86,36 @@ def of_fast_tops():
 
 
 def of_probability(p, trials, studies):
-    """The same for Wilson's interval."""
+    """Count covering Wilson intervals; returns (covering, studies)."""
     k = np.random.default_rng(1).binomial(trials, p, studies)
     return inside(intervals.probability(k, trials), p).sum(), studies
 
 
 def of_mean(studies):
-    """The same for Student's interval, of 60 values of a skew law."""
+    """Count covering Student intervals of 60 values from a skewed distribution."""
     x = np.random.default_rng(2).gamma(4.0, size=(studies, 60))
     return inside(intervals.mean(x), 4.0).sum(), studies
 
 
 def of_median(studies):
-    """The same for the median of 300 values of a skew law."""
+    """Count covering intervals of the median of 300 values from a skewed distribution."""
     x = np.random.default_rng(3).exponential(size=(studies, 300))
     return inside(intervals.quantiles(x, 0.5), np.log(2.0)).sum(), studies
 
 
 def of_correlation(r, studies):
-    """The same for Fisher's interval, of 60 pairs."""
+    """Count covering Fisher intervals of 60 pairs."""
     x, y = np.random.default_rng(4).normal(size=(2, studies, 60))
     return inside(intervals.correlation(x, r * x + (1.0 - r * r) ** 0.5 * y), r).sum(), studies
 
 
 def censored_times(law, share, several, saved, size):
-    """(signed times of a law, of which a share has not come; the law is known at saves alone).
+    """Return signed times from a distribution, negative for the fraction `share` that did not come.
 
-    share : later than the end of their member, which is one for all, or several: exponential ends
-        against an exponential law are met first with the probability rate/(rate + 1)
-    saved : time between saves, up to which times are rounded; 0 for exact ones
+    share : fraction later than the end of their member. All members have the same end, or (several)
+        exponential ends; against an exponential distribution these come first with probability
+        rate/(rate + 1)
+    saved : time between saves, to which times are rounded up; 0 for exact times
     """
     some = np.random.default_rng(5)
     times = law.rvs(size, random_state=some)
@@ -126,7 +128,8 @@ def censored_times(law, share, several, saved, size):
 
 
 def of_censored_quantile(law, q, share, members, studies, several=False, saved=0.0):
-    """The same for a quantile of the time of an event, which has not come of a share."""
+    """Count covering intervals for a quantile of the time of an event, with a fraction `share`
+    censored."""
     truth = law.ppf(q)
     times = censored_times(law, share, several, saved, (studies, members))
     found = censored.censored_quantile(times, q, 0.95)
@@ -134,8 +137,8 @@ def of_censored_quantile(law, q, share, members, studies, several=False, saved=0
 
 
 def of_censored_share(law, p, share, members, studies, several=False, saved=0.0):
-    """The same for the probability that the time is later than one before which a share 1 - p has
-    come, a time of a save."""
+    """Count covering intervals for the probability that an event is later than the time of a save,
+    before which a fraction 1 - p has come."""
     at = law.isf(p)
     at = saved * np.ceil(at / saved) if saved else at
     times = censored_times(law, share, several, saved, (studies, members))
@@ -144,8 +147,8 @@ def of_censored_share(law, p, share, members, studies, several=False, saved=0.0)
 
 
 def of_rare(scene, of, truth, members, repetitions, studies):
-    """The same for the probability of a rare event: studies of 16 repetitions, each of which is
-    drawn from so many that are computed."""
+    """Count covering intervals for the probability of a rare event. Each study draws 16 repetitions
+    from a larger computed set."""
     found = rm.rare(scene, of, 1e-12, members, repetitions, threads=1).probability.values
     drawn = np.random.default_rng(6).choice(found, (studies, 16))
     each = [intervals.mean_of_skew(one) for one in drawn]
@@ -153,12 +156,12 @@ def of_rare(scene, of, truth, members, repetitions, studies):
 
 
 def of_levels(studies):
-    """The same for a mean by multilevel Monte Carlo."""
+    """Count covering intervals for a mean by multilevel Monte Carlo."""
     return multilevel.covered(studies)[:, 0].sum(), studies
 
 
 def of_boundary(families, studies):
-    """The same for the exponent of a boundary between basins."""
+    """Count covering intervals for the exponent of a boundary between basins."""
     each = [
         cantor.found(cantor.ends_of(seed, families, lambda x: cantor.gap(x) % 2))
         for seed in range(studies)
@@ -170,8 +173,8 @@ FAR, STEPS, LEVEL = stats.norm.isf(1e-5), 10, 3.6 * SPREAD  # rad/s, steps, rad/
 THROWN = spun(), f"p(omega_max[3] >= {FAR:.17g})", 1e-5
 BATHED = bathed(STEPS), f"p(omega_max[3] >= {LEVEL:.17g})", passed(LEVEL, STEPS)
 MEAN, FASTEST = "mean(omega_mean[3])", f"p(omega_mean[3] > {FAST})"
-# Waiting times without memory, and the time at which Brownian motion with drift reaches a level:
-# closed forms of both.
+# Waiting times without memory, and the time at which Brownian motion with drift reaches a level,
+# both with closed forms.
 WAIT, HIT = stats.expon(), stats.invgauss(1.0)
 CENSORED = {
     f"{what}, {100 * share:g} % not by {ends}, {n:,} members": (
@@ -193,8 +196,8 @@ CENSORED = {
     )
     for ends in ("their ends" if several else "the end",)
 }  # fmt: skip
-# {what: (function of a number of studies, which returns (how many intervals cover, studies), and
-# that number)}. How many cover may be an array, for several intervals of each study.
+# {name: (function of a number of studies, which returns (covering intervals, studies), and that
+# number)}. The count may be an array, for several intervals of each study.
 INTERVALS = {
     "Sobol indices, Ishigami, 1,024 families": (partial(of_ishigami, 1024), 1000),
     "Sobol indices, Ishigami, 512 families": (partial(of_ishigami, 512), 2000),
@@ -220,7 +223,7 @@ INTERVALS = {
 
 
 def shares(name, studies=None):
-    """The shares of the intervals of an entry that cover the truth, an array."""
+    """Return the fraction of an entry's intervals that cover the truth, as an array."""
     function, count = INTERVALS[name]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rm.SceneWarning)
@@ -229,7 +232,7 @@ def shares(name, studies=None):
 
 
 def run(quick):
-    """All rows of the bench, by a process on each core."""
+    """Return all rows of the bench, using a process on each core."""
     counts = {name: FEW if quick else count for name, (_, count) in INTERVALS.items()}
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         found = list(pool.map(shares, counts, counts.values()))

@@ -1,6 +1,6 @@
-"""What graphics processors do: their bits, their speed, whole runs, and JAX on the same card.
+"""GPUs: their bits, their speed, whole runs, and JAX on the same card.
 
-Without a device there are no rows. `python -m bench gpu` inspects the code that runs there.
+Without a GPU there are no rows. `python -m bench gpu` inspects the code that runs there.
 """
 
 import contextlib
@@ -31,7 +31,7 @@ from rigidmc.studies import bits
 
 WORD = "cuda:0"
 INTEGRATORS = "rk4", "rk8", "strang", "exact"
-# {what moves: (word of its motion, what is saved)}; the momentum alone unless an attitude is needed
+# {moving: (its motion, saved observables)}; momentum alone unless an attitude is needed
 MOVING = {
     "free, momentum alone": ("free", ("energy",)),
     "free, momentum alone, flips monitored": ("free", ("energy", rm.Flips(2))),
@@ -40,17 +40,17 @@ MOVING = {
     "heavy, a passage monitored": ("heavy", ("energy", rm.Passage(3, 0.6, "leaves"))),
 }
 MEMBERS = 2**17, 2**19, 2**21
-TILE = 2**14  # members that are drawn; a block has copies of them
+TILE = 2**14  # members that are drawn; a block repeats them
 LAUNCHES = 10, 50, 200  # [ms]
-ENDLESS = 2**40  # steps: more than are made
-LIMITS = None, 128, 80  # registers of a thread at most
+ENDLESS = 2**40  # steps: more than are ever made
+LIMITS = None, 128, 80  # largest number of registers of a thread
 ENTRY = re.compile(r"(\.visible \.entry members\([^)]*\))")
 
 
 class Steps:
-    """The steps of members on a device, and the numbers of their block, ready to be timed.
+    """The steps of members on a GPU, and the numbers of their block, ready to be timed.
 
-    what : a key of MOVING;  limit : registers of a thread at most, None for as many as it takes
+    what : a key of MOVING;  limit : largest number of registers of a thread, None for no limit
     """
 
     def __init__(self, what, integrator, limit=None):
@@ -59,7 +59,7 @@ class Steps:
         scene = bits.plain_steps(motion).with_run(integrator=integrator, save=save)
         self._run = run = prepare_scene(scene)
         plan, self.program = run.plan, run.program(WORD)
-        self.program._code = limited(self.program._code, limit)  # of this run alone, not yet loaded
+        self.program._code = limited(self.program._code, limit)  # for this run alone, not loaded
         self.operations = step_operations(plan.scheme, plan.model.effects, plan.has_attitude).all
         self.module = self.program._stream().module
 
@@ -70,10 +70,10 @@ class Steps:
         return block
 
     def speed(self, members, enough):
-        """Steps of members a second on the device, over `enough` s or more.
+        """Measure member-steps per second on the GPU, over at least `enough` s.
 
-        The clock runs from launch to launch, once they take half as long as they may: what is
-        copied to the device and back, and the first launches, which are short, are left out.
+        The clock runs from launch to launch, once launches last at least half their limit. Copies
+        to the GPU and back, and the first short launches, are not timed.
         """
         block = np.tile(self._tile, (1, -(-members // TILE)))[:, :members]
         random = NO_NOISE._replace(members=np.arange(members))
@@ -90,7 +90,7 @@ class Steps:
         raise AssertionError("endless steps have ended")
 
     def facts(self):
-        """{what: number} of the code, as the driver tells."""
+        """Return {name: number} of the code, as the driver reports it."""
         told = {"registers": "NUM_REGS", "local": "LOCAL_SIZE_BYTES"}
         kind, name = _library().CUfunction_attribute, "CU_FUNC_ATTRIBUTE_"
         with self.module.entered():
@@ -103,7 +103,7 @@ class Steps:
         return {**found, "threads": self.module.threads, "resident": self.module.resident}
 
     def take_blocks(self, threads):
-        """Let blocks of PTX have so many threads from here on."""
+        """Set the number of threads in a block of PTX from here on."""
         function = "cuOccupancyMaxActiveBlocksPerMultiprocessor"
         with self.module.entered():
             blocks = int(call_driver(function, self.module.kernel, threads, 0))
@@ -111,7 +111,7 @@ class Steps:
 
 
 def limited(text, limit):
-    """PTX whose kernel may have so many registers; `ptxas` holds what it calls to them, too."""
+    """Limit the registers of a PTX kernel; `ptxas` applies the limit to the functions it calls."""
     if limit is None:
         return text
     made, many = ENTRY.subn(rf"\1\n.maxnreg {limit}", text)
@@ -120,7 +120,7 @@ def limited(text, limit):
 
 
 def same_bits(quick):
-    """The rows of all cases: whether the device gives the bits of the processor."""
+    """Return the rows of all cases: whether the bits of GPU and CPU agree."""
     some = bits.cases(("rk4",), ("free",)) if quick else bits.cases()
     with mock.patch.object(bits, "cases", lambda: some):
         rows = [
@@ -132,7 +132,7 @@ def same_bits(quick):
 
 
 def speeds(quick, peak):
-    """The rows of steps a second, by what moves, integrator and members at once."""
+    """Return the rows of steps per second, by motion, integrator and members at once."""
     rows, enough = [], 0.01 if quick else 0.3
     for what in list(MOVING)[: 1 if quick else None]:
         allowed = integrators_for(bits.plain_steps(MOVING[what][0]).effects)
@@ -149,7 +149,7 @@ def speeds(quick, peak):
 
 
 def launches(quick):
-    """The rows of steps a second by the time that a launch takes."""
+    """Return the rows of steps per second, by the duration of a launch."""
     rows, members = [], TILE if quick else 2**19
     for what, name in (("heavy", "rk4"), ("free, momentum alone", "exact"))[: 0 if quick else None]:
         steps = Steps(what, name)
@@ -162,7 +162,7 @@ def launches(quick):
 
 
 def blocks(quick):
-    """The rows of steps a second by the threads of a block and the registers of a thread."""
+    """Return the rows of steps per second, by threads of a block and registers of a thread."""
     rows, members, enough = [], TILE if quick else 2**20, 0.01 if quick else 0.15
     for what in ("free, momentum alone", "heavy")[: 1 if quick else None]:
         for limit in LIMITS[: 1 if quick else None]:
@@ -176,7 +176,7 @@ def blocks(quick):
 
 
 def whole(what, members, run):
-    """The row of a run from the call to its result, with its bytes if that is in memory."""
+    """Return the row of a run from the call to its result, with its bytes if it is in memory."""
     began = time.perf_counter()
     result = run()
     took = time.perf_counter() - began
@@ -185,7 +185,7 @@ def whole(what, members, run):
 
 
 def whole_runs(quick):
-    """The rows of whole runs; the first loads the code."""
+    """Return the rows of whole runs; the first run loads the code."""
     many, large, huge = (2**12, 2**12, 2**14) if quick else (2**20, 10**7, 10**8)
     free = scenes(True)["nothing"].with_run(integrator="rk4", t_end=10.0)
     heavy = bits.plain_steps("heavy").with_run(integrator="rk4", checks=False, t_end=10.0)
@@ -212,7 +212,7 @@ def whole_runs(quick):
 
 
 def driver():
-    """The version of NVIDIA's driver, None where Linux does not tell it."""
+    """Return the version of NVIDIA's driver, None where Linux does not report it."""
     with contextlib.suppress(OSError), open("/proc/driver/nvidia/version") as file:
         if found := re.search(r"Kernel Module.*?\s(\d+\.[\d.]+)\s", file.read()):
             return found[1]
@@ -220,7 +220,7 @@ def driver():
 
 
 def card(one):
-    """The row of a device."""
+    """Return the row of a GPU."""
     version = "{}.{}".format(*one.driver)
     capability = "{}.{}".format(*one.capability)
     return {"kind": "card", "name": one.name, "capability": capability, "driver": driver(),
@@ -229,7 +229,7 @@ def card(one):
 
 
 def run(quick):
-    """All rows of the bench, [] without a device."""
+    """Return all rows of the bench, [] without a GPU."""
     try:
         first = devices()[0]
     except rm.NoDevice as none:

@@ -1,7 +1,7 @@
-"""JAX on a graphics processor: the steps that `bench.device` times, by its own means.
+"""JAX on a GPU: the steps that `bench.device` times, as JAX makes them.
 
 Free bodies by classical Runge-Kutta in float64: 7 numbers, the quaternion normalised after each
-step, all members with the same moments. Compiling and copies are left out.
+step, all members with the same moments. Compiling and copying are not timed.
 """
 
 import importlib.util
@@ -19,7 +19,7 @@ H, STEPS, ROUNDS = 0.01, 1000, 3
 
 
 def rates(rows):
-    """The rates of the 7 numbers, each an array: q' = q (0, omega) / 2, L' = L x omega."""
+    """Return the rates of the 7 numbers, as arrays: q' = q (0, omega) / 2, L' = L x omega."""
     a, b, c, d, x, y, z = rows
     u, v, w = (one * inverse for one, inverse in zip((x, y, z), INVERSE, strict=True))
     return (
@@ -30,7 +30,7 @@ def rates(rows):
 
 
 def step_of_rows(rows, root):
-    """A step of classical Runge-Kutta of 7 rows;  root : the square root of an array."""
+    """Make a step of classical Runge-Kutta on 7 rows;  root : the square root of an array."""
 
     def stage(k, h):
         return tuple(one + h * rate for one, rate in zip(rows, k, strict=True))
@@ -46,7 +46,7 @@ def step_of_rows(rows, root):
 
 
 def step_of_member(y, jnp):
-    """A step of the 7 numbers of a member, in the words of linear algebra."""
+    """Make a step of a member's 7 numbers, written as linear algebra."""
 
     def rates(y):
         q, l = y[:4], y[4:]
@@ -66,7 +66,7 @@ def step_of_member(y, jnp):
 
 
 def candidates(members):
-    """{name: (function, its argument, what makes 7 rows of its result)}."""
+    """Return {name: (function, its argument, function that converts its result to 7 rows)}."""
     import jax
     import jax.numpy as jnp
 
@@ -90,7 +90,7 @@ def candidates(members):
 
 
 def expected():
-    """The 7 numbers at the end, by rigidmc on the processor."""
+    """Return the 7 numbers at the end, by rigidmc on the CPU."""
     body = rm.Body.from_moments(MOMENTS)
     start = rm.Start(attitude=START[:4], momentum=START[4:])
     scene = rm.Scene(body, (), start).with_run(
@@ -102,9 +102,10 @@ def expected():
 
 
 def peers(quick):
-    """The rows of JAX, [] where it is missing; `error` is the largest difference from rigidmc."""
+    """Return the rows of JAX, [] if it is missing; `error` is the largest difference from
+    rigidmc."""
     if importlib.util.find_spec("jax") is None:
-        print("JAX is not there")
+        print("JAX is not installed")
         return []
     import jax
 

@@ -1,6 +1,6 @@
-"""What an effect costs: the time that it adds to a step, against its operations.
+"""The cost of an effect: the time that it adds to a step, compared with its operations.
 
-Also that an effect which a scene does not have adds nothing.
+Also a test that an effect which a scene does not use adds nothing.
 """
 
 import hashlib
@@ -40,12 +40,12 @@ ASKED = 1.2
 
 
 def some(kind):
-    """An effect with all numbers 0.1."""
+    """Return an effect with all numbers 0.1."""
     return from_numbers(kind, itertools.repeat(0.1))
 
 
 def added(quick):
-    """Rows with the time that each effect adds to a step of a free body by rk4, interleaved."""
+    """Return rows with the time that each effect adds to a free rk4 step, interleaved."""
     ensemble, pool = tops.random_tops(MEMBERS), tops.pool(threads_available())
     steps_form = scheme_of(INTEGRATORS["rk4"], TurnBounds(0.1), ())
 
@@ -76,8 +76,8 @@ def added(quick):
 
 
 def told(name):
-    """The kernel with gravity alone, from a process that knows all effects or only one: digests of
-    its instructions and of its result.
+    """Fingerprint the kernel with gravity alone, in a process that has all effects or only one:
+    digests of its instructions and of its result.
     """
     script = f"""
 import rigidmc.physics.effects as e
@@ -98,7 +98,7 @@ print(json.dumps([len(e.EFFECTS), *fingerprint()]))
 
 
 def fingerprint():
-    """(instructions, digest of them, digest of a result) of rk4 with gravity."""
+    """Return (instructions, their digest, digest of a result) of rk4 with gravity."""
     words = [
         line.split()[0]
         for line in assembly_of(
@@ -125,7 +125,7 @@ def fingerprint():
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     rows = added(quick)
     every, one = told(""), told("gravity")
     rows += [
@@ -193,8 +193,8 @@ def run(quick):
 
 
 def noise_rows(rounds):
-    """The time that a bath adds to a step of strang with gravity, for a general body at two step
-    angles and for a body with two equal moments.
+    """Return the time that a bath adds to a strang step with gravity, for a general body at two
+    step angles and for a body with two equal moments.
     """
     rows, start = [], Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
     for what, moments, dt in (
@@ -216,8 +216,8 @@ def noise_rows(rounds):
 
 
 def against(row, what):
-    """The time that an effect adds, relative to the time of its operations at the pace of the step
-    without it.
+    """Return the time that an effect adds, relative to the time of its operations at the pace of
+    the step without it.
     """
     return row["ns"] / (row["base_ns"] * row[what] / row["base_" + what])
 

@@ -1,8 +1,8 @@
-"""How exact the closed forms are, against 50-digit mpmath, and how fast.
+"""The accuracy of the closed forms, against 50-digit mpmath, and their speed.
 
 Errors of momentum (relative to its size) and attitude [rad] are divided by 1 + conditioning. The
-conditioning is the change of the result for a relative change of each input, time included, of
-1e-13, divided by 1e-13. Any double-precision answer may be off by that times 1e-16.
+conditioning is the change of the result for a relative change of 1e-13 in each input, including
+time, divided by 1e-13. Any double-precision answer may be off by that times 1e-16.
 """
 
 import time
@@ -42,7 +42,7 @@ HEAVY = (
 
 
 def bodies(kind, count, rng):
-    """(moments, momentum) of random free bodies of a class; moments ascend."""
+    """Return (moments, momentum) of random free bodies of a class; moments ascend."""
     small = 10.0 ** -rng.uniform(3, 15, count)
     moments = np.sort(rng.uniform(0.5, 1.0, (count, 3)), axis=1)
     l = rng.normal(size=(count, 3))
@@ -78,7 +78,7 @@ def bodies(kind, count, rng):
 
 
 def tops(kind, count, rng):
-    """(moments, weight, momentum, attitude) of random Lagrange tops of a class."""
+    """Return (moments, weight, momentum, attitude) of random Lagrange tops of a class."""
     one, weight = rng.uniform(0.5, 2.0, count), rng.uniform(0.2, 3.0, count)
     three = one * rng.uniform(0.1, 1.9, count)
     l = rng.normal(size=(count, 3)) * np.sqrt(one * weight)[:, None]
@@ -117,28 +117,28 @@ def tops(kind, count, rng):
 
 
 def true_free(job):
-    """(q, L) of one body and time as floats."""
+    """Return (q, L) of one body and time as floats."""
     kind, moments, l, t = job
     q, end = (oracles.symmetric if kind in ("symmetric", "sphere") else oracles.free)(moments, l, t)
     return [float(x) for x in q], [float(x) for x in end]
 
 
 def true_top(job):
-    """(q, L) of one Lagrange top and time as floats."""
+    """Return (q, L) of one Lagrange top and time as floats."""
     moments, weight, l, q, t = job
     q, end = oracles.lagrange(moments[0], moments[2], weight, l, q, t)
     return [float(x) for x in q], [float(x) for x in end]
 
 
 def apart(a, b):
-    """Errors of momentum, relative to its size, and attitude [rad]."""
+    """Return errors of momentum, relative to its size, and attitude [rad]."""
     return np.linalg.norm(a.momentum - b[1], axis=-1) / np.linalg.norm(
         b[1], axis=-1
     ), attitude_error(a.attitude, b[0])
 
 
 def conditioning(function, arguments):
-    """Sums over all inputs of |change of the result|/NUDGE, for momentum and attitude."""
+    """Return sums over all inputs of |change of the result|/NUDGE, for momentum and attitude."""
     base = function(*arguments)
     total = [0.0, 0.0]
     for k, argument in enumerate(arguments):
@@ -152,8 +152,8 @@ def conditioning(function, arguments):
 
 
 def true_conditioning(job):
-    """The same for one free body by the 50-digit oracle with a nudge of 1e-25, for inputs for which
-    a nudge of 1e-13 is not small.
+    """Compute the conditioning of one free body by the 50-digit oracle with a nudge of 1e-25, for
+    inputs where a nudge of 1e-13 is not small.
     """
     _, moments, l, t = job
     base, total = oracles.free(moments, l, t), [0.0, 0.0]
@@ -176,7 +176,7 @@ def true_conditioning(job):
 
 
 def accuracy(name, kind, function, arguments, truth, invariants, pool=None):
-    """A row: the worst errors of a class.
+    """Return a row with the worst errors of a class.
 
     pool : recomputes conditionings beyond 1e10 by the oracle
     """
@@ -204,7 +204,7 @@ def accuracy(name, kind, function, arguments, truth, invariants, pool=None):
 
 
 def free_rows(count, pool):
-    """Rows of the free top."""
+    """Return rows of the free top."""
     rng, rows = np.random.default_rng(1), []
     for kind in FREE:
         moments, l = bodies(kind, count // len(FREE) + 1, rng)
@@ -246,7 +246,7 @@ def free_rows(count, pool):
 
 
 def heavy_rows(count, pool):
-    """Rows of the Lagrange top."""
+    """Return rows of the Lagrange top."""
     rng, rows = np.random.default_rng(2), []
     for kind in HEAVY:
         moments, weight, l, q = tops(kind, count // len(HEAVY) + 1, rng)
@@ -274,7 +274,7 @@ def heavy_rows(count, pool):
                 )
                 return np.abs((energy - what.energy) / (np.abs(what.energy) + weight)).max()
 
-            # I1 = I2 move together: a nudge of one alone would leave no Lagrange top
+            # I1 = I2 move together: nudging only one would not leave a Lagrange top
             def function(one, three, weight, l, q, t):
                 return solve_lagrange_top(np.stack([one, one, three], -1), weight, l, q, t)
 
@@ -292,7 +292,7 @@ def heavy_rows(count, pool):
 
 
 def elliptic_rows(count):
-    """Worst errors of sn, cn, dn over 0 < u < 4 K, for each 1 - m; and those of scipy."""
+    """Return the worst errors of sn, cn, dn over 0 < u < 4 K, for each 1 - m, also for scipy."""
     from scipy.special import ellipj
 
     rng, rows = np.random.default_rng(3), []
@@ -316,7 +316,7 @@ def elliptic_rows(count):
 
 
 def speed_rows(rounds):
-    """Evaluations per second, bodies times times, and the cost of the first call."""
+    """Measure evaluations per second, bodies times times, and the cost of the first call."""
     rng = np.random.default_rng(4)
     n, times = 4096, np.linspace(0.0, 1000.0, 1000)
     one = rng.uniform(0.5, 1.0, (n, 1))
@@ -345,7 +345,7 @@ def speed_rows(rounds):
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     with ProcessPoolExecutor(threads_available(), mp_context=get_context("spawn")) as pool:
         rows = free_rows(300 if quick else BODIES, pool) + heavy_rows(100 if quick else TOPS, pool)
     rows += elliptic_rows(50 if quick else 400) + speed_rows(3 if quick else 9)

@@ -1,16 +1,16 @@
-"""sha256 of what users of rigidmc see, to show that a change of the code changes none of it.
+"""sha256 of everything that users of rigidmc see, to show that a code change alters none of it.
 
     python -m bench.fingerprints --record              writes bench/fingerprints.json
-    python -m bench.fingerprints --compare             names what differs; exit code 1 if any does
+    python -m bench.fingerprints --compare             lists differences; exit code 1 if any
     python -m bench.fingerprints --compare --only errors,help    some kinds alone
     python -m bench.fingerprints --record --texts DIR --file NEW.json    writes the texts too
 
-To see what has changed, write the texts before and after, and `diff -r` them. Everything is a text,
-also a result: a line for each variable with the sha256 of its bytes. `bench.kinds` says what is
-looked at, `bench.mistakes` has the mistakes whose messages are compared, and `bench.texts` masks
-what moves with the machine and the clock. With another number of threads, an empty kernel cache or
-code for an older processor (NUMBA_CPU_NAME=haswell) all is the same; other versions of libraries
-give other help pages, pictures and bytes of files.
+To see what has changed, write the texts before and after, and run `diff -r`. Everything is a text,
+even a result: a line for each variable with the sha256 of its bytes. `bench.kinds` defines the
+items, `bench.mistakes` has the mistakes whose messages are compared, and `bench.texts` masks values
+that depend on the machine and the clock. Everything stays the same with another number of threads,
+an empty kernel cache or code for an older CPU (NUMBA_CPU_NAME=haswell); other library versions
+change help pages, pictures and bytes of files.
 """
 
 import argparse
@@ -29,9 +29,9 @@ RECORD = os.path.join(os.path.dirname(os.path.abspath(__file__)), "fingerprints.
 
 
 def texts_of(names, threads, strict=False):
-    """({kind: {item: text}}, the kinds that stopped); prints how long each takes.
+    """Return ({kind: {item: text}}, kinds that stopped), and print how long each takes.
 
-    strict : whether to raise what stops a kind
+    strict : whether to raise the error that stops a kind
     """
     import rigidmc as rm
     from bench.kinds import KINDS
@@ -56,12 +56,12 @@ def texts_of(names, threads, strict=False):
                 traceback.print_exc()
                 stopped.append(name)
         seconds = sum(os.times()[:4]) - began
-        print(f"{name:16s} {len(here):4d} items, {seconds:.0f} s of a processor", flush=True)
+        print(f"{name:16s} {len(here):4d} items, {seconds:.0f} s of CPU time", flush=True)
     return found, stopped
 
 
 def shas_of(found):
-    """{kind: {item: 16 digits of the sha256}} of {kind: {item: text}}."""
+    """Return {kind: {item: 16 digits of the sha256}} of {kind: {item: text}}."""
     return {
         name: {item: texts.sha(text)[:16] for item, text in items.items()}
         for name, items in found.items()
@@ -69,7 +69,7 @@ def shas_of(found):
 
 
 def differences(old, new, stopped=()):
-    """What differs in the kinds of `new`, a line for each item."""
+    """List what differs in the kinds of `new`, one line for each item."""
     lines = [f"{name}: stopped" for name in stopped]
     for name, items in new.items():
         known = old.get(name, {})
@@ -85,7 +85,7 @@ def write_texts(folder, found):
     for name, items in found.items():
         os.makedirs(os.path.join(folder, name), exist_ok=True)
         for item, text in items.items():
-            # items that differ in letters no file name has would share a file
+            # items that differ only in characters that file names lack would share a file
             more = f" {texts.sha(item)[:4]}" if re.search(r"[^\w .,()+-]", item) else ""
             place = re.sub(r"[^\w .,()+-]", "_", item)[:120] + more
             with open(os.path.join(folder, name, f"{place}.txt"), "w", encoding="utf-8") as file:
@@ -93,7 +93,7 @@ def write_texts(folder, found):
 
 
 def read(path):
-    """A record; {} if there is none."""
+    """Read a record; {} if there is none."""
     if not os.path.exists(path):
         return {}
     with open(path, encoding="utf-8") as file:
@@ -101,7 +101,7 @@ def read(path):
 
 
 def options_of(arguments):
-    """The options, with the kinds as `kinds`."""
+    """Parse the options, with the kinds as `kinds`."""
     from bench.kinds import KINDS
 
     parser = argparse.ArgumentParser(
@@ -115,16 +115,16 @@ def options_of(arguments):
     parser.add_argument("--only", metavar="KIND,...", help=f"of {', '.join(KINDS)}")
     parser.add_argument("--file", default=RECORD, help="the record; by default %(default)s")
     parser.add_argument("--texts", metavar="DIR", help="write the texts there")
-    parser.add_argument("--threads", type=int, default=2, help="nothing depends on it")
+    parser.add_argument("--threads", type=int, default=2, help="results do not depend on it")
     options = parser.parse_args(arguments)
     options.kinds = options.only.split(",") if options.only else list(KINDS)
     if unknown := [name for name in options.kinds if name not in KINDS]:
-        parser.error(f"no kind {', '.join(unknown)}; there are {', '.join(KINDS)}")
+        parser.error(f"no kind {', '.join(unknown)}; available: {', '.join(KINDS)}")
     return options
 
 
 def main(arguments=None):
-    """The command; returns its exit code."""
+    """Run the command and return its exit code."""
     options = options_of(arguments)
     os.environ.update(texts.TERMINAL)
     found, stopped = texts_of(options.kinds, options.threads, strict=options.record)

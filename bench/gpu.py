@@ -1,8 +1,8 @@
-"""What graphics processors would run: the code of every integrator, and what it takes of a device.
+"""The GPU code of every integrator, and the device resources that it uses.
 
-The code is compiled by the package as for a device, assembled by `ptxas` and read by `nvdisasm`, if
-they are there (packages nvidia-cuda-nvcc-cu12 and nvidia-cuda-nvdisasm). Nothing of it is run:
-`python -m bench device` measures that.
+The package compiles the code as for a GPU, `ptxas` assembles it and `nvdisasm` reads it, if they
+are installed (packages nvidia-cuda-nvcc-cu12 and nvidia-cuda-nvdisasm). Nothing is run:
+`python -m bench device` measures runs.
 """
 
 import glob
@@ -38,7 +38,7 @@ NOBODY = Device(0, "no device", (9, 0), 132, 1.98e9, 2**37, (13, 0))
 
 @effect(units={"stiffness": "N m"})
 class TorsionSpring(NamedTuple):
-    """An effect of a user's own."""
+    """A custom effect."""
 
     stiffness: float
 
@@ -47,7 +47,7 @@ class TorsionSpring(NamedTuple):
 
 
 def scenes(quick):
-    """{what acts: scene}, with events and statistics."""
+    """Return {acting effects: scene}, with events and statistics."""
     body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
     start = rm.Start(omega=(0.1, 0.2, 5.0), attitude=(1.0, 0.0, 0.0, 0.0))
     every = tuple(kind(*kind.example) for kind in EFFECTS.values() if not is_random(kind))
@@ -61,7 +61,7 @@ def scenes(quick):
     for word in ("all effects",) if quick else ():
         del acting[word]
     run = {"dt": 0.01, "t_end": 1.0, "every": 0.5, "checks": False}
-    bodies = {"all effects": body.with_pivot_at_centre()}  # as bodies on an orbit have to be
+    bodies = {"all effects": body.with_pivot_at_centre()}  # as bodies on an orbit require
     return {
         word: rm.Scene(bodies.get(word, body), effects, start).with_run(**run)
         for word, effects in acting.items()
@@ -69,19 +69,19 @@ def scenes(quick):
 
 
 def tool(name):
-    """The path of `ptxas` or `nvdisasm`, None if it is not there."""
+    """Return the path of `ptxas` or `nvdisasm`, None if it is missing."""
     pattern = os.path.join(sysconfig.get_paths()["purelib"], "nvidia", "*", "bin", name)
     return next(iter(glob.glob(pattern)), shutil.which(name))
 
 
 def march_of(text):
-    """The PTX of the steps."""
+    """Return the PTX of the steps."""
     body = text[text.rindex(".func march") :]
     return body[: body.index("\n}")]
 
 
 def sass_of(cubin):
-    """{instruction in float64: how many} of the steps in machine code; {} without `nvdisasm`."""
+    """Count {float64 instruction: number} of the steps in machine code; {} without `nvdisasm`."""
     if (reader := tool("nvdisasm")) is None:
         return {}
     text = subprocess.run([reader, cubin], capture_output=True, text=True, check=True).stdout
@@ -90,7 +90,8 @@ def sass_of(cubin):
 
 
 def assembled(text, capability):
-    """{what: bytes, registers, instructions} that an assembler makes of PTX; {} without one."""
+    """Return {name: bytes, registers, instructions} from assembling PTX; {} without an
+    assembler."""
     if (assembler := tool("ptxas")) is None:
         return {}
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
@@ -116,7 +117,7 @@ def assembled(text, capability):
 
 
 def inspected(what, name, scene, watched, capability):
-    """The row of a kernel."""
+    """Return the row of a kernel."""
     scene = scene.with_run(integrator=name, save=("omega", "attitude", *watched))
     with mock.patch.object(cuda, "select_devices", lambda number: (NOBODY,)):
         program = make_program(prepare_scene(scene).plan, "cuda", compiled=False)
@@ -142,7 +143,7 @@ def inspected(what, name, scene, watched, capability):
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     rows = []
     for what, scene in scenes(quick).items():
         for name in integrators_for(scene.effects):

@@ -19,7 +19,7 @@ from rigidmc.engine.machine import threads_available, use_widest_vectors, vector
 
 
 def machine_card():
-    """The machine, as a dict: what the figures depend on."""
+    """Describe the machine, on which the figures depend, as a dict."""
     use_widest_vectors()  # as a kernel does before its first compilation
     return {
         "cpu": _cpu(),
@@ -54,19 +54,21 @@ def _cpu():
 
 
 def card_text(card):
-    """The card as one paragraph."""
+    """Write the card as one paragraph."""
     return ", ".join(f"{key} {value}" for key, value in card.items())
 
 
 def interleaved(candidates, rounds, cpu=None):
-    """{name: seconds of each round}: every round runs all candidates and starts one further on.
+    """Time candidates: every round runs all of them and starts one further on.
+
+    Returns {name: seconds of each round}.
 
     candidates : {name: function} or {name: (prepare, function)}
     cpu : a dict that receives {name: CPU seconds of each round}, all threads together
 
     The result of prepare() goes to the function and is not timed. Each candidate runs once untimed
     before the first round, so that no round compiles. The load of a shared machine changes within
-    seconds: trust ratios within a round, and CPU seconds if a neighbour occupies a core for good.
+    seconds: trust ratios within a round, and CPU seconds if other work occupies a core permanently.
     """
     names = list(candidates)
     seconds: dict[str, list[float]] = {name: [] for name in names}
@@ -82,7 +84,7 @@ def interleaved(candidates, rounds, cpu=None):
 
 
 def once(candidate):
-    """(seconds, CPU seconds of all threads) of one run of a candidate."""
+    """Return (seconds, CPU seconds of all threads) of one run of a candidate."""
     prepare, function = candidate if isinstance(candidate, tuple) else (None, candidate)
     given = (prepare(),) if prepare else ()
     began, busy = time.perf_counter(), time.process_time()
@@ -91,24 +93,24 @@ def once(candidate):
 
 
 def ratio(numerator, denominator):
-    """Median over rounds of the ratio of two lists of seconds, round by round."""
+    """Return the median over rounds of the ratio of two lists of seconds, round by round."""
     return statistics.median(a / b for a, b in zip(numerator, denominator, strict=True))
 
 
 def median(values):
-    """The median of a list, nan if it is empty."""
+    """Return the median of a list, nan if it is empty."""
     return statistics.median(values) if values else float("nan")
 
 
 def target(what, asked, measured, unit="", at_most=False, aim=False, note=""):
-    """A row of the closing table: the target and the measurement. aim: hoped for, not required."""
+    """Return a row of the closing table: target and measurement. aim: desired, not required."""
     met = None if measured is None else bool(measured <= asked if at_most else measured >= asked)
     row = {"kind": "target", "what": what, "asked": asked, "measured": measured, "unit": unit}
     return {**row, "met": met, "at_most": at_most, "aim": aim, "note": note}
 
 
 def asked_text(row):
-    """The target of a row, for people."""
+    """Describe the target of a row."""
     return (
         f"{'at most' if row['at_most'] else 'aim' if row['aim'] else 'at least'} "
         f"{row['asked']:g} {row['unit']}"
@@ -116,7 +118,7 @@ def asked_text(row):
 
 
 def measured_text(row):
-    """The measurement of a row, for people."""
+    """Describe the measurement of a row."""
     return (
         "not measured"
         if row["measured"] is None
@@ -125,7 +127,7 @@ def measured_text(row):
 
 
 def met_text(row):
-    """Whether a target is met, for people."""
+    """Describe whether a target is met."""
     return {True: "yes", False: "not yet" if row["aim"] else "NO", None: "-"}[row["met"]]
 
 

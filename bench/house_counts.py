@@ -1,6 +1,6 @@
 """Measures of the code of a package that need no run, by `ast` and `tokenize`, for `bench.house`.
 
-How each is counted stands in `bench.house`.
+`bench.house` defines how each is counted.
 """
 
 import ast
@@ -12,15 +12,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-# What a move may change: names of the package.
+# Names of the package, which a move may change.
 SCENE = "Scene"
-SCENE_BASES = ("Parts",)  # classes that Scene is made of: an object of them is a scene too
-# owners of a `dt` that is no run's: an object itself, rows of tables, candidates of a tolerance
+SCENE_BASES = ("Parts",)  # base classes of Scene: an object of them is a scene too
+# owners of a `dt` other than a run's: an object itself, rows of tables, candidates of a tolerance
 DT_OF_OTHERS = {"self", "row", "w", "way", "candidate", "choice"}
-CACHED_OF_SCENE = {"scene", "dimensions"}  # those are of its random numbers
-CONTEXT_OF_OTHERS = {"announced", "end"}  # of progress that is shown; when work has to end
+CACHED_OF_SCENE = {"scene", "dimensions"}  # dimensions: of its random numbers
+CONTEXT_OF_OTHERS = {"announced", "end"}  # of shown progress; of the time limit for work
 STUDY = "ftle"
-READING = {  # {tree: what one reads there to know what a kernel is}
+READING = {  # {tree: files to read there to understand a kernel}
     "1f1805b": """
         engine/__init__ engine/program engine/compose engine/pieces engine/frame engine/cpu
         engine/march engine/member engine/layout engine/kinds engine/memory engine/numbers
@@ -60,7 +60,7 @@ class Source(NamedTuple):
     module: str
     lines: list[str]
     tree: ast.Module
-    nodes: list[ast.AST]  # kept, because twelve measures ask for them: 2 of 4 s
+    nodes: list[ast.AST]  # stored, because twelve measures use them: 2 of 4 s
 
     @property
     def is_init(self) -> bool:
@@ -68,7 +68,7 @@ class Source(NamedTuple):
 
     @property
     def package(self) -> str:
-        """The package in which the module is, which is an `__init__` itself."""
+        """The package that contains the module; an `__init__` is its own package."""
         return self.module if self.is_init else self.module.rpartition(".")[0]
 
 
@@ -77,7 +77,7 @@ Sources = list[Source]
 
 
 def read_sources(root: Path) -> Sources:
-    """All files of a package."""
+    """Read all files of a package."""
     sources = []
     for path in sorted(root.rglob("*.py")):
         text, below = path.read_text("utf-8"), path.relative_to(root)
@@ -92,7 +92,7 @@ def read_sources(root: Path) -> Sources:
 
 
 def docstring_lines(source: Source) -> set[int]:
-    """Numbers of the lines of docstrings."""
+    """Return the line numbers of docstrings."""
     kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     found: set[int] = set()
     for node in source.nodes:
@@ -102,12 +102,12 @@ def docstring_lines(source: Source) -> set[int]:
 
 
 def line_numbers(node: ast.stmt) -> set[int]:
-    """Numbers of the lines of a statement."""
+    """Return the line numbers of a statement."""
     return set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
 
 
 def comment_lines(source: Source) -> set[int]:
-    """Numbers of the lines that are a comment alone."""
+    """Return the line numbers of lines that are only a comment."""
     if not any(line.lstrip().startswith("#") for line in source.lines):
         return set()  # tokens take 2 ms a file
     text = "\n".join(source.lines) + "\n"
@@ -119,13 +119,13 @@ def comment_lines(source: Source) -> set[int]:
 
 
 def import_lines(source: Source) -> set[int]:
-    """Numbers of the lines of imports."""
+    """Return the line numbers of imports."""
     kinds = (ast.Import, ast.ImportFrom)
     return set().union(*(line_numbers(n) for n in source.nodes if isinstance(n, kinds)), set())
 
 
 class Lines(NamedTuple):
-    """How many lines there are, and how many of them are code, comments, imports."""
+    """The number of lines, and how many of them are code, comments, imports."""
 
     lines: int
     code: int
@@ -134,7 +134,7 @@ class Lines(NamedTuple):
 
 
 def count_lines(sources: Sources) -> Lines:
-    """The Lines of all files."""
+    """Count the Lines of all files."""
     total = Lines(0, 0, 0, 0)
     for source in sources:
         docs, comments = docstring_lines(source), comment_lines(source)
@@ -149,17 +149,17 @@ def count_lines(sources: Sources) -> Lines:
 
 
 def small_files(sources: Sources) -> list[str]:
-    """Files up to SMALL lines, without `__init__`."""
+    """Return files up to SMALL lines, without `__init__`."""
     return [str(one.path) for one in sources if len(one.lines) <= SMALL and not one.is_init]
 
 
 def long_files(sources: Sources) -> list[str]:
-    """Files over LONG_FILE lines."""
+    """Return files over LONG_FILE lines."""
     return [str(one.path) for one in sources if len(one.lines) > LONG_FILE]
 
 
 def files_of_study(repository: Path, package: str, study: str) -> list[str]:
-    """Files of a repository that name a study."""
+    """Return files of a repository that name a study."""
     kinds = {".py", ".pyi", ".md", ".toml", ".csv", ".ipynb"}
     files = [repository / "CHANGELOG.md"]
     for folder in (package, "docs", "tests"):
@@ -172,14 +172,14 @@ def files_of_study(repository: Path, package: str, study: str) -> list[str]:
 
 
 def reading_list(sources: Sources) -> list[Source | None]:
-    """The files that tell what a kernel is, of the list that this tree has most of; None for one
-    that it does not have."""
+    """Return the files that explain a kernel, from the list that fits this tree best; None for each
+    missing one."""
     lists = [[find_file(name, sources) for name in names.split()] for names in READING.values()]
     return max(lists, key=lambda files: sum(one is not None for one in files) / len(files))
 
 
 def find_file(name: str, sources: Sources) -> Source | None:
-    """A file by its path, by the end of its path if it moved, or by its name in the same room."""
+    """Find a file by its path, by the end of its path if it moved, or by name in its package."""
     paths = {one.path.with_suffix("").as_posix(): one for one in sources}
     room, _, stem = name.partition("/")
     ways = (
@@ -192,12 +192,12 @@ def find_file(name: str, sources: Sources) -> Source | None:
 
 
 def names_of(source: Source, kind: Any) -> list[str]:
-    """Names of functions or classes at the level of a module."""
+    """Return names of functions or classes at the level of a module."""
     return [node.name for node in source.tree.body if isinstance(node, kind)]
 
 
 def owners(sources: Sources, kind: Any, private: bool = False) -> dict[str, list[Source]]:
-    """{name of a function or class at module level: the files that define it}."""
+    """Return {name of a function or class at module level: the files that define it}."""
     found: dict[str, list[Source]] = defaultdict(list)
     for source in sources:
         for name in dict.fromkeys(names_of(source, kind)):
@@ -207,33 +207,33 @@ def owners(sources: Sources, kind: Any, private: bool = False) -> dict[str, list
 
 
 def public_functions(sources: Sources) -> dict[str, list[Source]]:
-    """{public function: the files that define it}."""
+    """Return {public function: the files that define it}."""
     return owners(sources, Functions)
 
 
 def shared_names(sources: Sources) -> list[str]:
-    """Public functions that several modules define."""
+    """Return public functions that several modules define."""
     return [name for name, files in public_functions(sources).items() if len(files) > 1]
 
 
 def shared_classes(sources: Sources) -> list[str]:
-    """Class names of module level that several modules define."""
+    """Return class names of module level that several modules define."""
     found = owners(sources, ast.ClassDef, private=True)
     return [name for name, files in found.items() if len(files) > 1]
 
 
 def participles(sources: Sources) -> list[str]:
-    """Public functions whose names are participles."""
+    """Return public functions whose names are participles."""
     return sorted(filter(is_participle, public_functions(sources)))
 
 
 def is_past(word: str) -> bool:
-    """Whether a word is a past participle."""
+    """Return whether a word is a past participle."""
     return (word.endswith("ed") or word in IRREGULAR) and word not in NOUNS
 
 
 def is_participle(name: str) -> bool:
-    """Whether the name of a function is a participle: settled, against_closed, asked_of."""
+    """Return whether a function's name is a participle: settled, against_closed, asked_of."""
     words = name.split("_")
     if len(words) > 1 and words[0] in VERBS:
         return False
@@ -245,21 +245,21 @@ def is_participle(name: str) -> bool:
 
 
 def functions(source: Source) -> Iterator[Functions | ast.Lambda]:
-    """All functions, methods and lambdas of a file."""
+    """Yield all functions, methods and lambdas of a file."""
     for node in source.nodes:
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
             yield node
 
 
 def parameters(function: Functions | ast.Lambda) -> list[str]:
-    """Names of all parameters of a function."""
+    """Return names of all parameters of a function."""
     given = function.args
     several = [one for one in (given.vararg, given.kwarg) if one is not None]
     return [one.arg for one in (*given.posonlyargs, *given.args, *given.kwonlyargs, *several)]
 
 
 def functions_with(sources: Sources, holds: Callable[[Any], bool]) -> list[str]:
-    """Functions, methods and lambdas with a property: "file:line name"."""
+    """Return functions, methods and lambdas with a property: "file:line name"."""
     return [
         f"{source.path}:{one.lineno} {getattr(one, 'name', 'lambda')}"
         for source in sources
@@ -269,24 +269,24 @@ def functions_with(sources: Sources, holds: Callable[[Any], bool]) -> list[str]:
 
 
 def functions_of_scene(sources: Sources) -> list[str]:
-    """Functions with a parameter `scene`."""
+    """Return functions with a parameter `scene`."""
     return functions_with(sources, lambda one: "scene" in parameters(one))
 
 
 def functions_of_many(sources: Sources) -> list[str]:
-    """Functions with MANY_PARAMETERS or more."""
+    """Return functions with MANY_PARAMETERS or more."""
     return functions_with(sources, lambda one: len(parameters(one)) >= MANY_PARAMETERS)
 
 
 def long_functions(sources: Sources) -> list[str]:
-    """Functions of more than LONG_FUNCTION lines, with their docstrings."""
+    """Return functions of more than LONG_FUNCTION lines, with their docstrings."""
     return functions_with(
         sources, lambda one: (one.end_lineno or 0) - one.lineno + 1 > LONG_FUNCTION
     )
 
 
 def readers_of_dt(sources: Sources) -> list[str]:
-    """Files that read the step of a run."""
+    """Return files that read the step of a run."""
 
     def reads(node: ast.AST) -> bool:
         if not (isinstance(node, ast.Attribute) and node.attr == "dt"):
@@ -297,7 +297,7 @@ def readers_of_dt(sources: Sources) -> list[str]:
 
 
 def last_name(node: ast.AST) -> str:
-    """The last word of a dotted name, of a call or of an item: `costs` of `self.costs(x)[0]`."""
+    """Return the last word of a dotted name, call or item: `costs` of `self.costs(x)[0]`."""
     while isinstance(node, (ast.Call, ast.Subscript)):
         node = node.func if isinstance(node, ast.Call) else node.value
     if isinstance(node, ast.Attribute):
@@ -306,7 +306,7 @@ def last_name(node: ast.AST) -> str:
 
 
 def scene_caches(sources: Sources) -> list[str]:
-    """Where something is kept on a scene, or beside it: "file: what"."""
+    """Return places that store something on a scene, or for a scene: "file: cache"."""
     found = []
     for source in sources:
         home = "once" in names_of(source, Functions)
@@ -316,7 +316,7 @@ def scene_caches(sources: Sources) -> list[str]:
 
 
 def caches_of(node: ast.AST, home: bool) -> Iterator[str]:
-    """The caches of a scene that one node makes; home : whether its file defines `once`."""
+    """Yield the scene caches that one node creates; home : whether its file defines `once`."""
     if isinstance(node, Functions):
         for decorator in map(last_name, node.decorator_list):
             if decorator == "once":

@@ -1,4 +1,4 @@
-"""Who imports whom in a package, and what registries name, for `bench.house`."""
+"""Import graph of a package, and the entries of its registries, for `bench.house`."""
 
 import ast
 import re
@@ -18,7 +18,7 @@ from bench.house_counts import (
 
 
 def read_layers(pyproject: Path, package: str) -> list[list[str]]:
-    """The layers of a package from the highest to the lowest, each as its modules."""
+    """Return the layers of a package from the highest to the lowest, each as its modules."""
     if not pyproject.is_file():
         return []
     contracts = tomllib.loads(pyproject.read_text("utf-8"))["tool"]["importlinter"]["contracts"]
@@ -27,12 +27,12 @@ def read_layers(pyproject: Path, package: str) -> list[list[str]]:
 
 
 def heights(layers: list[list[str]]) -> dict[str, int]:
-    """{module or package below the root: height of its layer, 1 for the lowest}."""
+    """Return {module or package below the root: height of its layer, 1 for the lowest}."""
     return {name: len(layers) - i for i, layer in enumerate(layers) for name in layer}
 
 
 def imported_modules(source: Source, modules: set[str]) -> set[str]:
-    """Modules of the package that a module imports when it is imported, or for its types."""
+    """Return modules of the package that a module imports at import, or for its types."""
     found: set[str] = set()
     waiting: list[ast.AST] = [*source.tree.body]
     while waiting:
@@ -51,7 +51,7 @@ def imported_modules(source: Source, modules: set[str]) -> set[str]:
 
 
 def absolute(node: ast.ImportFrom, source: Source) -> str:
-    """The module of `from module import ...`, also of a relative one."""
+    """Return the module of `from module import ...`, also if it is relative."""
     if not node.level:
         return node.module or ""
     words = source.package.split(".")
@@ -59,16 +59,16 @@ def absolute(node: ast.ImportFrom, source: Source) -> str:
 
 
 def packages_run(module: str, imported: set[str]) -> set[str]:
-    """The packages whose `__init__` runs before these modules do, but for those of the importer."""
+    """Return the packages whose `__init__` runs before these modules, except the importer's."""
     words = [name.split(".") for name in imported]
     found = {".".join(some[:i]) for some in words for i in range(1, len(some))}
     return {name for name in found if not f"{module}.".startswith(f"{name}.")}
 
 
 def find_circles(sources: Sources, packages: bool = False) -> list[str]:
-    """Modules that import each other, "a b c"; by Tarjan, SIAM J. Comput. 1 (1972) 146.
+    """Find modules that import each other, "a b c"; by Tarjan, SIAM J. Comput. 1 (1972) 146.
 
-    packages : whether an import also counts as one of the packages that Python runs before it
+    packages : whether an import also counts as an import of the packages that Python runs first
     """
     modules = {one.module for one in sources}
     edges = {one.module: imported_modules(one, modules) for one in sources}
@@ -100,7 +100,7 @@ def find_circles(sources: Sources, packages: bool = False) -> list[str]:
 
 
 def importers_of_scene(sources: Sources) -> list[str]:
-    """Files that import Scene, or from the module that defines it."""
+    """Return files that import Scene, or anything from the module that defines it."""
     home = {one.module for one in sources if SCENE in names_of(one, ast.ClassDef)}
     return [
         str(one.path)
@@ -114,7 +114,7 @@ def importers_of_scene(sources: Sources) -> list[str]:
 
 
 def registry_entries(sources: Sources) -> dict[str, str]:
-    """{module: the registry that names it}; the package's own `__init__` is none."""
+    """Return {module: the registry that names it}; the package's own `__init__` does not count."""
     modules = {one.module for one in sources}
     entries: dict[str, str] = {}
     for source in (one for one in sources if "." in one.module):
@@ -130,7 +130,7 @@ def registry_entries(sources: Sources) -> dict[str, str]:
 
 
 def imported_entries(node: ast.ImportFrom, source: Source, modules: set[str]) -> list[str]:
-    """Modules that an import of an `__init__` names as entries."""
+    """Return modules that an import of an `__init__` names as entries."""
     known = node.module or ""
     if known in modules and any(name.name == name.asname for name in node.names):
         return [known] * known.startswith(source.module + ".")
@@ -140,7 +140,7 @@ def imported_entries(node: ast.ImportFrom, source: Source, modules: set[str]) ->
 
 
 def named_entries(node: ast.Assign | ast.AnnAssign, source: Source, modules: set[str]) -> list[str]:
-    """Modules that a constant, NAMES = (...), names as entries."""
+    """Return modules that a constant, NAMES = (...), names as entries."""
     target = node.targets[0] if isinstance(node, ast.Assign) else node.target
     if not (isinstance(target, ast.Name) and target.id.isupper()):
         return []
@@ -165,14 +165,15 @@ def named_entries(node: ast.Assign | ast.AnnAssign, source: Source, modules: set
 
 
 def plain_small_files(sources: Sources) -> list[str]:
-    """Small files that are no entries of a registry."""
+    """Return small files that are not entries of a registry."""
     entries = registry_entries(sources)
     known = {str(one.path) for one in sources if one.module in entries}
     return [path for path in small_files(sources) if path not in known]
 
 
 def different_names(sources: Sources) -> list[str]:
-    """Shared names with several meanings: not all of one registry, nor of files of one name."""
+    """Return shared names with several meanings: neither of one registry, nor of files of one
+    name."""
     entries, public = registry_entries(sources), public_functions(sources)
     found = []
     for name in shared_names(sources):

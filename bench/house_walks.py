@@ -1,6 +1,6 @@
-"""Walks through a package that runs, and its times, for `bench.house`.
+"""Walks through a running package, and its times, for `bench.house`.
 
-How each is counted stands in `bench.house`.
+`bench.house` defines how each is counted.
 """
 
 import _thread
@@ -26,24 +26,24 @@ from typing import Any, NamedTuple
 
 from bench.house_counts import SCENE, SCENE_BASES
 
-# What a move may change: names of the package.
+# Names of the package, which a move may change.
 SCENES = {SCENE, *SCENE_BASES}
 ERRORS = {"RigidmcError", "ValidationError", "ValueError"}
-ENTRY = ("rigidmc.cli", "main")  # what the command line calls
+ENTRY = ("rigidmc.cli", "main")  # the function that the command line calls
 PATH_SCENE = "heavy_top"
 LOOP_SCENES = ("dzhanibekov", "hyperion")
-# parameters under which a member's state goes: attitude and momentum, or all that is kept of it
+# parameters that may hold a member's state: attitude and momentum, or everything stored of it
 STATE = {"q", "l", "state", "block", "rows", "frame", "flat", "member", "moving", "work"}
-# an observable by its classes, of which the others are what is compiled of it; and its name
+# an observable by its classes (the other ones are its compiled parts); and its name
 OBSERVABLE, OBSERVABLE_NAME = {"Flips", "Component", "FlipLevel"}, "flips"
 
-MOST, DEEP = 32, 3  # parts of a collection that are looked at; collections in collections
-MANY, STEPS = 4096, 10  # members with values, and their steps: the kernel takes a third of the time
+MOST, DEEP = 32, 3  # elements of a collection that are inspected; nesting of collections
+MANY, STEPS = 4096, 10  # members with values, and their steps: the kernel uses a third of the time
 WALKS = ("scene", "dt", "state", "observable", "error")
 
 
 class Visit(NamedTuple):
-    """A function that was entered: its file below the root, its name, and a note."""
+    """A visit to a function: its file below the root, its name, and a note."""
 
     file: str
     function: str
@@ -51,7 +51,7 @@ class Visit(NamedTuple):
 
 
 def load_package(root: Path) -> Any:
-    """The package of a root, imported."""
+    """Import the package of a root."""
     sys.path.insert(0, str(root.parent))
     package = import_module(root.name)
     assert Path(package.__file__).resolve().parent == root, f"{package.__file__} is not of {root}"
@@ -59,9 +59,9 @@ def load_package(root: Path) -> Any:
 
 
 def follow(run: Callable[[], Any], root: Path, sees: Callable[[FrameType], str]) -> list[Visit]:
-    """The functions of a package that a call enters, in order.
+    """Return the functions of a package that a call enters, in order.
 
-    sees : the note of a visit, "" if it does not count
+    sees : returns the note of a visit, "" if it does not count
     """
     visits: list[Visit] = []
     front = f"{root}{os.sep}"
@@ -83,18 +83,18 @@ def follow(run: Callable[[], Any], root: Path, sees: Callable[[FrameType], str])
     return visits
 
 
-_enter: list[Callable[[FrameType], None]] = []  # who is told of calls now
+_enter: list[Callable[[FrameType], None]] = []  # callbacks for each call
 
 
 def _hear(frame: FrameType, event: str, _: Any) -> None:
-    """A profile function, of all threads."""
+    """A profile function for all threads."""
     if event == "call":
         for enter in _enter:
             enter(frame)
 
 
 def _listen() -> None:
-    """Let `follow` hear calls in threads that begin later, those of the package's pools too."""
+    """Let `follow` record calls in threads that start later, including the package's pools."""
     begin = _thread.start_new_thread
 
     def start_new_thread(function: Any, given: Any, *rest: Any) -> int:
@@ -109,7 +109,7 @@ def _listen() -> None:
 
 
 def arguments(frame: FrameType) -> Iterator[tuple[str, Any]]:
-    """(name, value) of what a function was called with."""
+    """Yield (name, value) of each argument of a call."""
     code, values = frame.f_code, frame.f_locals
     stars = bool(code.co_flags & 4) + bool(code.co_flags & 8)
     for name in code.co_varnames[: code.co_argcount + code.co_kwonlyargcount + stars]:
@@ -118,9 +118,10 @@ def arguments(frame: FrameType) -> Iterator[tuple[str, Any]]:
 
 
 def holds(value: Any, kinds: set[str], depth: int = 1) -> bool:
-    """Whether a value is an object of classes, by their names, or a tuple, list or dict of such.
+    """Return whether a value is an object of classes, by their names, or a tuple, list or dict of
+    these.
 
-    depth : of collections in collections; a NamedTuple is none
+    depth : nesting of collections; a NamedTuple does not count as a collection
     """
     if any(one.__name__ in kinds for one in type(value).__mro__):
         return True
@@ -131,25 +132,25 @@ def holds(value: Any, kinds: set[str], depth: int = 1) -> bool:
 
 
 def sees_kinds(kinds: set[str], depth: int = 1) -> Callable[[FrameType], str]:
-    """For `follow`: the parameters that hold an object of classes, by their names."""
+    """Return, for `follow`, the parameters that hold an object of classes, by their names."""
     return lambda frame: ", ".join(
         name for name, value in arguments(frame) if holds(value, kinds, depth)
     )
 
 
 def is_any(_: FrameType) -> str:
-    """For `follow`: all functions."""
+    """Accept all functions, for `follow`."""
     return " "
 
 
 def is_of_module(frame: FrameType) -> str:
-    """For `follow`: functions of modules, no methods, lambdas or parts of functions."""
+    """Accept functions of modules, for `follow`, but no methods, lambdas or nested functions."""
     name = frame.f_code.co_qualname
     return "" if "." in name or "<" in name else " "
 
 
 def sees_state(frame: FrameType) -> str:
-    """For `follow`: the parameters that have a member's state."""
+    """Return, for `follow`, the parameters that have a member's state."""
     return ", ".join(
         name
         for name, value in arguments(frame)
@@ -159,7 +160,7 @@ def sees_state(frame: FrameType) -> str:
 
 @cache
 def reads_dt(code: CodeType) -> bool:
-    """Whether a function reads a name or attribute `dt`."""
+    """Return whether a function reads a name or attribute `dt`."""
     return any(
         line.opname.startswith("LOAD") and "dt" in (line.argval, *_several(line.argval))
         for line in dis.get_instructions(code)
@@ -167,12 +168,12 @@ def reads_dt(code: CodeType) -> bool:
 
 
 def _several(value: Any) -> tuple[Any, ...]:
-    """The names of an instruction that loads two."""
+    """Return the names of an instruction that loads two."""
     return value if isinstance(value, tuple) else ()
 
 
 def climbs(visits: Iterable[Visit], height: dict[str, int]) -> set[tuple[str, str]]:
-    """Pairs of files, one entered after the other, of which the second is of a higher layer."""
+    """Return pairs of files, entered in succession, of which the second is in a higher layer."""
 
     def of(file: str) -> int:
         return height.get(file.split("/")[0].removesuffix(".py"), len(height) + 1)
@@ -182,7 +183,7 @@ def climbs(visits: Iterable[Visit], height: dict[str, int]) -> set[tuple[str, st
 
 
 def simulate_call(package: Any, name: str, **settings: Any) -> Callable[[], Any]:
-    """A function that runs a shipped scene as for the first time, its code compiled before."""
+    """Return a function that runs a shipped scene as for the first time, with compiled code."""
     scene = package.Scene.load(name)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -191,20 +192,20 @@ def simulate_call(package: Any, name: str, **settings: Any) -> Callable[[], Any]
 
 
 def walk_of_path(root: Path, sees: Callable[[FrameType], str]) -> list[Visit]:
-    """What a warm `simulate` of 32 members of PATH_SCENE enters."""
+    """Return the functions that a warm `simulate` of 32 members of PATH_SCENE enters."""
     package = load_package(root)
     return follow(simulate_call(package, PATH_SCENE, members=32, t_end=1.0), root, sees)
 
 
 def interpreted(root: Path) -> Any:
-    """The package, in a process in which nothing is compiled, so that the walk enters kernels."""
+    """Return the package in a process without compilation, so that the walk enters kernels."""
     assert "numba" not in sys.modules, "too late: Numba compiles"
     os.environ["NUMBA_DISABLE_JIT"] = "1"
     return load_package(root)
 
 
 def walk(what: str, root: Path) -> list[Visit]:
-    """The functions that one thing passes in a run, in order."""
+    """Return the functions that a thing passes in a run, in order."""
     if what != "error":
         _listen()
     if what == "scene":
@@ -233,10 +234,10 @@ t_end = 1.0
 
 
 def walk_of_error(root: Path) -> list[Visit]:
-    """Who raises, passes, catches, or is called with the error of a wrong `run.dt`.
+    """Return functions that raise, pass, catch or are called with the error of a wrong `run.dt`.
 
-    The command line runs a scene file; the walk begins with the first error of a value and ends
-    where the message is on the screen.
+    The command line runs a scene file. The walk starts with the first error of a value and ends
+    when the message is on the screen.
     """
     load_package(root)
     main = getattr(import_module(ENTRY[0]), ENTRY[1])
@@ -261,7 +262,7 @@ def walk_of_error(root: Path) -> list[Visit]:
             open_in[frame] = arg[0].__name__
         elif event == "line" and frame in open_in:
             line = linecache.getline(frame.f_code.co_filename, frame.f_lineno).lstrip()
-            if line.startswith("except"):  # and not "finally", nor "with" as it ends
+            if line.startswith("except"):  # not "finally", and not the exit of a "with"
                 note(frame, f"catches {open_in.pop(frame)}")
         elif event == "return":
             open_in.pop(frame, None)
@@ -282,7 +283,7 @@ def walk_of_error(root: Path) -> list[Visit]:
 
 
 def first_visits(visits: Iterable[Visit]) -> list[Visit]:
-    """Each function once, where it was entered first."""
+    """Return each function once, at its first visit."""
     found: dict[tuple[str, str], Visit] = {}
     for one in visits:
         found.setdefault(one[:2], one)
@@ -290,14 +291,14 @@ def first_visits(visits: Iterable[Visit]) -> list[Visit]:
 
 
 def measure_times(root: Path, rounds: int = 101) -> dict[str, float]:
-    """{what: median milliseconds}, of what this tree has."""
+    """Return {measure: median milliseconds} for everything that this tree has."""
     package = load_package(root)
     scenes = {name: short_scene(package, name, STEPS) for name in LOOP_SCENES}
 
     def run(scene: Any) -> None:
         package.simulate(scene, members=32)
 
-    calls: dict[str, Callable[[], Callable[[], Any]]] = {}  # what makes a call that is timed
+    calls: dict[str, Callable[[], Callable[[], Any]]] = {}  # factories of the timed calls
     for name, scene in scenes.items():
         calls[f"new {name}"] = lambda scene=scene: partial(run, copy.copy(scene))
         calls[f"same {name}"] = lambda scene=scene: partial(run, scene)
@@ -317,7 +318,7 @@ def measure_times(root: Path, rounds: int = 101) -> dict[str, float]:
 def time_interleaved(
     calls: dict[str, Callable[[], Callable[[], Any]]], rounds: int
 ) -> dict[str, list[float]]:
-    """{what: seconds of each round} of calls, which are made anew and run once before the first."""
+    """Return {measure: seconds of each round} of calls, each newly made, after one warm-up."""
     seconds: dict[str, list[float]] = {what: [] for what in calls}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -333,7 +334,8 @@ def time_interleaved(
 
 
 def values_of(scene: Any) -> dict[str, Any]:
-    """Rows of MANY members for start.omega and body.moments, near those of LOOP_SCENES[0]."""
+    """Return rows of MANY members for start.omega and body.moments, near those of
+    LOOP_SCENES[0]."""
     import numpy as np
 
     factor = 1.0 + 1e-3 * np.arange(MANY)[:, None] / MANY
@@ -344,14 +346,14 @@ def values_of(scene: Any) -> dict[str, Any]:
 
 
 def short_scene(package: Any, name: str, steps: int) -> Any:
-    """A shipped scene that is run for some steps and saves omega twice: its kernel takes little."""
+    """Return a shipped scene with a few steps that saves omega twice: its kernel takes little."""
     scene = package.Scene.load(name)
     span = steps * scene.run.dt
     return scene.with_run(t_end=span, every=span, save=("omega",))
 
 
 def new_scene_call(package: Any, steps: int) -> Callable[[], Any]:
-    """A function that makes and runs a scene with rows of MANY members."""
+    """Return a function that makes and runs a scene with rows of MANY members."""
     scene = short_scene(package, LOOP_SCENES[0], steps)
     values, run = values_of(scene), scene.run.model_dump(exclude={"members"})
 
@@ -364,7 +366,7 @@ def new_scene_call(package: Any, steps: int) -> Callable[[], Any]:
 
 
 def prepared_calls(package: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
-    """(what, function) of prepared runs: of 32 members, and of MANY with values."""
+    """Yield (name, function) of prepared runs: of 32 members, and of MANY with values."""
     scene = short_scene(package, LOOP_SCENES[0], STEPS)
     yield "prepared", partial(package.prepare(scene).run, members=32)
     values = values_of(scene)
@@ -372,6 +374,6 @@ def prepared_calls(package: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
         scene = short_scene(package, LOOP_SCENES[0], n * STEPS)
         try:
             prepared = package.prepare(scene, varied=tuple(values))
-        except TypeError:  # a tree that prepares runs and takes no values yet
+        except TypeError:  # a tree that prepares runs but does not accept values yet
             return
         yield f"values {n}", partial(prepared.run, values=values)

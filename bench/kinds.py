@@ -1,8 +1,8 @@
-"""What `bench.fingerprints` looks at: functions that give (item, text), by kind.
+"""Define the items of `bench.fingerprints`: functions that give (item, text), by kind.
 
-Not looked at: bits over integrators and processors (`python -m bench bits`), integrator = "auto"
-and the cheapest ways of `accuracy`, which rest on measured times, graphics processors, clusters,
-animations, progress, and docstrings.
+Not included: bits over integrators and CPUs (`python -m bench bits`), integrator = "auto" and the
+cheapest candidates of `accuracy`, which depend on measured times, GPUs, clusters, animations,
+progress, and docstrings.
 """
 
 import functools
@@ -35,8 +35,8 @@ from bench.texts import (
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 MEMBERS, SAVES = 40, 16  # of a scene: two blocks or shards, the second of which is not full
-WIDTHS = (1, 4)  # members side by side, beside the 8 or 16 that suit the processor
-SHARDS = ("--shard-time", 1e-9)  # as short as may be: 32 members
+WIDTHS = (1, 4)  # vector widths in members, besides the 8 or 16 that suit the CPU
+SHARDS = ("--shard-time", 1e-9)  # as short as possible: 32 members
 KINDS = {}  # {kind: function of a number of threads}
 
 
@@ -48,13 +48,13 @@ def kind(function):
 
 @functools.cache
 def names(of):
-    """The names that a command lists: the first words of its lines that are not indented."""
+    """Return the names that a command lists: the first words of its lines without indent."""
     lines = done_well(*of.split()).splitlines()[:-1]
     return tuple(found[0] for line in lines if (found := re.match(r"[a-z]\w*(?= )", line)))
 
 
 def shipped():
-    """(name, scene with few members and saves) of all shipped scenes."""
+    """Return (name, scene with few members and saves) of all shipped scenes."""
     import rigidmc as rm
 
     for name in names("scenes"):
@@ -63,7 +63,7 @@ def shipped():
 
 
 def written(path, scene):
-    """Write a scene to a file; its text."""
+    """Write a scene to a file and return its text."""
     text = scene.dumps()
     with open(path, "w", encoding="utf-8") as file:
         file.write(text)
@@ -75,7 +75,7 @@ def written(path, scene):
 
 @kind
 def scenes(threads, only=None):
-    """All shipped scenes by their names."""
+    """Run all shipped scenes by their names."""
     import rigidmc as rm
 
     for name, few in shipped():
@@ -86,13 +86,13 @@ def scenes(threads, only=None):
 
 @kind
 def scene_files(threads):
-    """The same from files, and their results through files."""
+    """Run them from files, and read their results from files."""
     import rigidmc as rm
 
     for name, few in shipped():
         yield f"{name}: text", written(f"{name}.toml", few)
         yield f"{name}: from a file", whole(rm.simulate(f"{name}.toml", threads=threads))
-        # with several threads the order of blocks in a file is that in which they are done
+        # with several threads, blocks come in the file in the order in which they finish
         rm.simulate(few, threads=1, output=f"{name}.nc").close()
         with rm.open(f"{name}.nc") as ds:
             yield f"{name}: opened", whole(ds)
@@ -104,7 +104,7 @@ def scene_files(threads):
 
 @kind
 def run_directories(threads):
-    """The same as run directories of two shards: their files, and what they open as."""
+    """Run them as run directories of two shards: their files, and the Datasets they open as."""
     import rigidmc as rm
 
     for name, few in shipped():
@@ -126,7 +126,7 @@ def run_directories(threads):
 
 @kind
 def long_runs(threads):
-    """What the commands of run directories say and write."""
+    """Return the texts that commands of run directories print and write."""
     import rigidmc as rm
 
     few = ("--members", 100, "--t-end", 0.8, *SHARDS, "--max-wall", 1e-9)
@@ -152,7 +152,7 @@ def long_runs(threads):
 
 @kind
 def widths(threads):
-    """The same by name, with other numbers of members side by side."""
+    """Run them by name, with other vector widths."""
     import rigidmc as rm
 
     for name, few in shipped():
@@ -163,7 +163,7 @@ def widths(threads):
 
 
 def _settings():
-    """{name: settings of a run} of the heavy top."""
+    """Return {name: settings of a run} of the heavy top."""
     import rigidmc as rm
 
     state = "omega", "momentum", "attitude", "energy", "l2", "energy_drift", "l2_drift"
@@ -199,7 +199,7 @@ def _settings():
 
 @kind
 def settings(threads):
-    """A heavy top with other settings of a run: notes, result and file."""
+    """Run a heavy top with other settings: notes, result and file."""
     import rigidmc as rm
 
     for name, given in _settings().items():
@@ -214,7 +214,7 @@ def settings(threads):
 
 @kind
 def own_parts(threads):
-    """The parts of docs/how_to/own_parts.md, in a file that a scene file names."""
+    """Run the examples of docs/how_to/own_parts.md from a file that a scene file names."""
     import rigidmc as rm
 
     page = read(os.path.join(HERE, "..", "docs", "how_to", "own_parts.md"))
@@ -237,7 +237,8 @@ def own_parts(threads):
 
 @kind
 def maps(threads):
-    """All maps of the package at 8 x 8, and others, as functions, commands and directories."""
+    """Compute all maps of the package at 8 x 8, and others, as functions, commands and
+    directories."""
     import rigidmc as rm
 
     few = ("--resolution", 8, "--members", 2, "--threads", threads)
@@ -259,7 +260,7 @@ def maps(threads):
     yield from each("adaptive", found)
 
 
-# {study: (scene, what is asked, its own numbers, settings)}
+# {study: (scene, its request, its own parameters, settings)}
 STUDIES = {
     "ftle": ("dzhanibekov", {}, {"families": 12}, {"t_end": 6.0}),
     "basins": (
@@ -282,14 +283,15 @@ STUDIES = {
 
 
 def options_of(*given):
-    """Keywords as options of a command."""
+    """Convert keywords to options of a command."""
     pairs = (pair for one in given for pair in one.items())
     return tuple(word for key, value in pairs for word in (f"--{key.replace('_', '-')}", value))
 
 
 @kind
 def studies(threads):
-    """Each study as a function, a command, a run directory and a picture; growing ensembles."""
+    """Run each study as a function, a command, a run directory and a picture, and growing
+    ensembles."""
     import rigidmc as rm
 
     codes = (0, 4, 5)
@@ -323,7 +325,7 @@ def studies(threads):
 
 @kind
 def results(threads):
-    """What can be done with a result: summary, measures, rerun, export, pictures, pages."""
+    """Use results: summary, measures, rerun, export, pictures, pages."""
     import rigidmc as rm
 
     run = {"members": MEMBERS, "threads": threads}
@@ -355,7 +357,7 @@ def results(threads):
 
 
 def _exported(path):
-    """A table or a zarr store as a text."""
+    """Read a table or a zarr store as a text."""
     if path.endswith(".zarr"):
         import rigidmc as rm
 
@@ -370,7 +372,7 @@ def _exported(path):
 
 @kind
 def hard_cases(threads):
-    """`rigidmc stress --quick`: an item for each case, a line for each integrator."""
+    """Run `rigidmc stress --quick`: an item for each case, a line for each integrator."""
     done_well("stress", "--quick", "--threads", threads, "-o", "stress.nc")
     with xr.open_dataset("stress.nc") as ds:
         rows = ds.load()
@@ -398,7 +400,7 @@ HEAVY = (
 
 @kind
 def closed_forms(threads):
-    """Free and heavy tops at any time, and `rigidmc exact`."""
+    """Solve free and heavy tops at any time, and run `rigidmc exact`."""
     import rigidmc as rm
 
     times = np.array([0.0, 0.1, 1.0, 37.0, 1e6])
@@ -420,7 +422,7 @@ def closed_forms(threads):
 
 @kind
 def help_pages(threads):
-    """`--help` of all commands."""
+    """Print `--help` of all commands."""
     import typer.main
 
     yield "rigidmc", done_well("--help")
@@ -430,14 +432,14 @@ def help_pages(threads):
 
 @kind
 def show(threads):
-    """`rigidmc show` of all scenes, for two threads."""
+    """Print `rigidmc show` of all scenes, for two threads."""
     for name in names("scenes"):
         yield name, done_well("show", name, "--threads", 2)
 
 
 @kind
 def check(threads):
-    """`rigidmc check` and `rigidmc body` of all scenes."""
+    """Print `rigidmc check` and `rigidmc body` of all scenes."""
     for name in names("scenes"):
         yield f"check {name}", done_well("check", name)
         yield f"body {name}", done_well("body", name)
@@ -446,7 +448,8 @@ def check(threads):
 
 @kind
 def lists(threads):
-    """What can be listed and explained; first scene files; public names and their parameters."""
+    """Print everything that can be listed and explained, new scene files, and public names with
+    their parameters."""
     import rigidmc as rm
 
     for of in ("effects", "observables", "integrators"):
@@ -471,12 +474,12 @@ def lists(threads):
 
 @kind
 def errors(threads):
-    """What mistakes give: the text and the exit code."""
+    """Return the text and the exit code of each mistake."""
     mistakes.prepare(done_well)
     for name, words in mistakes.commands():
         text = told(*words)
         if text.endswith("exit code 0\n") and "note" not in text:
-            raise RuntimeError(f"{name} is no mistake: {text}")
+            raise RuntimeError(f"{name} is not a mistake: {text}")
         yield name, text
     for name, call in mistakes.CALLS.items():
         yield f"Python: {name}", masked(mistakes.error_of(call))

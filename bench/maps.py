@@ -1,8 +1,7 @@
 """Maps and large studies: time, memory and agreement with theory of every map.
 
-Also ten million tops with flip statistics, prices of watched quantities, low-discrepancy points,
-and coverage of intervals. Each map runs as a user would run it, from the shell and with nothing
-compiled.
+Also ten million tops with flip statistics, costs of monitored quantities, low-discrepancy points,
+and coverage of intervals. Each map runs as for a user: from the shell, with nothing compiled.
 """
 
 import json
@@ -24,7 +23,7 @@ from rigidmc.studies.stability_map.case import MAPS
 SIDES = {"intermediate_axis": 512}
 ASKED = {"intermediate_axis": 30.0, "heavy_chaos": 30.0}
 
-# free tops to 50 turns, flips counted, no trajectories: final numbers of each member to a file
+# free tops to 50 turns, counting flips, no trajectories: a file of final values of each member
 MILLIONS = """
 import sys
 import rigidmc as rm
@@ -36,7 +35,7 @@ rm.simulate(scene, members=int(sys.argv[1]), t_end=float(sys.argv[2]), output=sy
 
 
 def shell(name, side, folder):
-    """(seconds, gigabytes, Dataset) of `rigidmc map`."""
+    """Return (seconds, gigabytes, Dataset) of `rigidmc map`."""
     file = os.path.join(folder, f"{name}.nc")
     command = [
         *startup.command(),
@@ -57,7 +56,7 @@ def shell(name, side, folder):
 
 
 def agreement(name, ds):
-    """What theory predicts for a map: (words, number) or None."""
+    """Return the agreement of a map with theory: (words, number) or None."""
     if name in ("intermediate_axis", "growth"):
         if name == "growth":
             off = ds.error.values[np.isfinite(ds.error.values)]
@@ -88,11 +87,11 @@ def agreement(name, ds):
 
 
 def prices(processes):
-    """[(what, scene word, ns, ns of the bare step)] of rk4 steps on one thread.
+    """Return [(quantity, scene, ns, ns of the bare step)] of rk4 steps on one thread.
 
-    Medians over processes, each of interleaved rounds. The position of the stack of a process
-    changes the time of a kernel by 10 %: registers spilled 4,096 bytes from a row of the workspace
-    wait for it.
+    Medians over processes, each of interleaved rounds. The stack position of a process changes a
+    kernel's time by 10 %: registers spilled 4,096 bytes from a row of the workspace wait for that
+    row.
     """
     script = (
         "import json; from rigidmc.runs.price import watched_prices; "
@@ -117,7 +116,7 @@ def prices(processes):
 
 
 def fill(members):
-    """{points: rms error} of the mean of a smooth result, 8 seeds, against 2^20 Sobol points."""
+    """Return {points: rms error} of a smooth result's mean, 8 seeds, against 2^20 Sobol points."""
     start = rm.Start(omega=(rm.normal(0.3, 0.1), rm.normal(1.0, 0.1), rm.normal(0.2, 0.1)))
     scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start).with_run(
         dt=0.1, t_end=5.0, save=("omega_mean",)
@@ -138,9 +137,8 @@ def fill(members):
 
 
 def coverage(studies):
-    """{interval: share of small studies whose 95 % interval contains the truth}.
-
-    Of the share of members that flip, and of their waiting time.
+    """Return {interval: fraction of small studies whose 95 % interval contains the truth}, for the
+    fraction of members that flip and for their waiting time.
     """
     start = rm.Start(omega=rm.Cone(2, 1.0, rm.uniform(0.0, 0.3)))
     scene = rm.Scene(rm.Body.from_moments((0.5, 1.0, 1.4)), start=start).with_run(
@@ -165,7 +163,7 @@ def coverage(studies):
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     rows = []
     with tempfile.TemporaryDirectory(prefix="rigidmc-maps-") as folder:
         for name in MAPS:

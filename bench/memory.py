@@ -12,8 +12,8 @@ MEMBERS = 2_000_000
 ASKED = 1.5  # GB
 GROWTH = 1.02  # for ten times the steps: allocators and page tables vary by one per cent
 
-# A process between this one and the measured one: on Linux a child's ru_maxrss is at least
-# what its parent held when it started the child: 10 MB here, up to 1 GB otherwise.
+# A process between this one and the measured one: on Linux a child's ru_maxrss is at least the
+# memory of its parent when it started the child: 10 MB here, up to 1 GB otherwise.
 WATCH = """
 import json, os, subprocess, sys
 child = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
@@ -38,7 +38,7 @@ assert int((data.status != 0).sum()) == 0
 
 
 def peak(command, folder):
-    """Peak resident memory of a command [GB]; RuntimeError if it fails."""
+    """Return the peak resident memory of a command [GB]; RuntimeError if it fails."""
     path = os.pathsep.join(filter(None, [os.getcwd(), os.environ.get("PYTHONPATH")]))
     watch = [sys.executable, "-I", "-S", "-c", WATCH, *command]
     done = subprocess.run(
@@ -58,7 +58,7 @@ def peak(command, folder):
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     members, t_end = (200_000, 1.0) if quick else (MEMBERS, 10.0)
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
 

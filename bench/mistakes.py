@@ -1,7 +1,7 @@
 """Mistakes whose messages are compared by `bench.fingerprints`: one registry.
 
-Four groups: what is wrong in a scene file (TABLES), in a part of one's own (PARTS), in a command
-and the files that it names (WORDS), in a call of Python (CALLS). All but the last are commands.
+Four groups: errors in a scene file (TABLES), in custom classes (PARTS), in a command and the files
+that it names (WORDS), and in a Python call (CALLS). All but the last are commands.
 """
 
 import os
@@ -33,7 +33,7 @@ members = 100
 """
 BODY = "moments = [1.0, 2.0, 2.5]\nmass = 0.5\ncentre = [0.0, 0.0, 0.1]"
 OMEGA, MOMENTS, RUN = "[{ normal = [0.0, 0.001] }, 1.0, 0.0]", "[1.0, 2.0, 2.5]", "members = 100"
-# {mistake: (what of SCENE is replaced, by what)}; the file is checked
+# {mistake: (text replaced in SCENE, replacement)}; the file is checked
 TABLES = {
     "unknown table": ("[body]", "[bdy]"),
     "unknown key": ("omega =", "omgea ="),
@@ -143,7 +143,7 @@ STEP = """class Own(NamedTuple):
     order, evaluations, is_reversible, conserves = 4, 4, False, ()
     accepts, compensated = "any torque", False
 """
-# {mistake: (what it is a part of, the class in mine.py, its body)}; --allow-code lets it run
+# {mistake: (kind of class, the class in mine.py, its body)}; --allow-code lets it run
 PARTS = {
     "no such class": ("effects", "class Other:\n", "pass"),
     "file that raises": ("effects", "nothing()\n", ""),
@@ -549,7 +549,7 @@ def commands():
 
 
 def _with(part):
-    """SCENE with a part of one's own from mine.py."""
+    """Return SCENE with a custom class from mine.py."""
     if part == "start":
         return SCENE.replace(OMEGA, '{ Own = { size = 1.0 }, module = "mine.py" }')
     size = "\nsize = 1.0" * (part == "effects")
@@ -560,7 +560,7 @@ def _with(part):
 
 
 def error_of(call):
-    """The error of a call: what `except` catches it, and its text."""
+    """Return the error of a call: the class that `except` catches, and its text."""
     import rigidmc as rm
 
     try:
@@ -568,7 +568,7 @@ def error_of(call):
             warnings.simplefilter("ignore")
             found = call()
     except Exception as error:
-        # a subclass that is new is caught as before
+        # a new subclass is caught by the same `except` as before
         known = (rm.SceneError, rm.OptionError, rm.FileError, rm.OutputExists, rm.NoDevice)
         kind = next((one for one in known if isinstance(error, one)), type(error))
         return f"{kind.__name__}: {error}"

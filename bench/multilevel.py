@@ -1,10 +1,10 @@
-"""Multilevel Monte Carlo against plain members with a single step, and the truth of its intervals.
+"""Multilevel Monte Carlo against plain members with a single step, and coverage of its intervals.
 
-A fast top in a cold bath, the mean of its omega_1 after 10 s, at three widths: steps, and
-processor time, which also has their starts and the noise of two steps. Plain members have the step
-and the number that cost least for the same interval, which what the study has measured tells them.
-A second scene starts in thermal equilibrium and stays there, so that its mean energy is known: of
-many small studies the intervals are counted that have it.
+A fast top in a cold bath, and the mean of its omega_1 after 10 s, at three widths. Costs are in
+steps and in CPU time, which includes starts and the noise of two steps. Plain members have the step
+and the number that cost least for the same interval, derived from the study's measurements.
+A second scene starts in thermal equilibrium and stays there, so that its mean energy is known. Many
+small studies count how many intervals contain it.
 """
 
 import math
@@ -32,12 +32,13 @@ from rigidmc.studies.multilevel.study import plain_members
 WIDTHS = (1e-3, 3e-4, 1e-4)  # rad/s; the spread over members is 0.093
 PLAIN = 3e-4  # the finest width at which all plain members are run
 CHUNK = 2**17  # plain members at once
-SAMPLE = 2**17  # plain members that tell the cost of more
+SAMPLE = 2**17  # plain members that measure the cost of larger numbers
 KT, WEIGHT = 0.7, 1.5  # of the top in equilibrium
 
 
 def top():
-    """A symmetric top of spin 4 rad/s that leans by 1 rad, in a bath of 0.3 % of its weight."""
+    """Return a symmetric top of spin 4 rad/s that leans by 1 rad, in a bath of 0.3 % of its
+    weight."""
     body = Body.from_moments((1.0, 1.0, 1.5), mass=1.0, centre=(0.0, 0.0, 0.3))
     effects = Gravity(5.0), Bath(gamma=0.2, kT=0.005)
     start = Start(omega=(0.0, 0.0, 4.0), attitude=(0.0, 1.0, 0.0))
@@ -45,7 +46,7 @@ def top():
 
 
 def equilibrium():
-    """(a heavy body that starts in thermal equilibrium and stays in it, its mean energy)."""
+    """Return (a heavy body that starts and stays in thermal equilibrium, its mean energy)."""
     body = Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.0, 0.0, 0.3))
     x = WEIGHT / KT
     start = Start(momentum=GibbsMomentum(KT), attitude=Pointing((0.0, 0.0, -1.0), kappa=x))
@@ -55,7 +56,7 @@ def equilibrium():
 
 
 def covered(studies, width=0.06, batch=256):
-    """(studies, 2): whether the truth lies in the interval, and in that of level 0 alone."""
+    """Return (studies, 2): whether the truth is in the interval, and in that of level 0 alone."""
     scene, truth = equilibrium()
     inside = []
     for seed in range(studies):
@@ -69,21 +70,21 @@ def covered(studies, width=0.06, batch=256):
 
 
 def by_levels(width):
-    """(study, processor seconds) at a width."""
+    """Return (study, CPU seconds) at a width."""
     began = time.process_time()
     found = multilevel(top(), f"mean(omega_final[1]) +- {width}", threads=1)
     return found, time.process_time() - began
 
 
 def steps_of(study):
-    """The steps that the members of a study make, of the fine paths and of the coarse ones."""
+    """Return the steps of a study's members, including fine and coarse paths."""
     both = np.where(study.level > 0, 1.5, 1.0)
     return float((study.members * study.steps * both).sum())
 
 
 def plain(study, width, most=None):
-    """A row about the plain members that give the interval of a study; `most` : of them are run and
-    stand for all."""
+    """Return a row about the plain members that give the interval of a study; `most` : number that
+    is run to represent all."""
     asked = plain_members(study, width)
     run = min(most or asked.members, asked.members)
     scene = top().with_run(
@@ -108,7 +109,7 @@ def plain(study, width, most=None):
 
 
 def measured(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     warnings.simplefilter("ignore", SceneWarning)
     by_levels(1e-2)  # compiles
     rows = []

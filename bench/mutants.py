@@ -2,9 +2,9 @@
 
 A mutant is the package with one sign, factor, index, frame, choice or row changed in dynamics,
 effects, integrators, observables or the engine. The first judge is the hard cases in plain Python
-(one lane, nothing compiled: seconds). What survives goes to the tests of those folders, uncompiled
-too, and what survives both goes to compiled tests. Code that instructs the compiler (`COMPILED`)
-goes to compiled tests only.
+(one lane, nothing compiled: seconds). Survivors go to the tests of those folders, also uncompiled,
+and survivors of both go to compiled tests. Code that instructs the compiler (`COMPILED`) goes to
+compiled tests only.
 """
 
 import argparse
@@ -31,7 +31,7 @@ COMPILED = tuple(
     f"compiler/{name}.py"
     for name in ("vector_types", "intrinsics", "trees", "memory", "compose", "fma")
 )
-NO_PHYSICS = {  # what is compiled, and for whom: facts, tables and words
+NO_PHYSICS = {  # decides what is compiled, and for whom: facts, tables and words
     "scheme", "sequence", "conserves", "accepts", "evaluations", "description", "refusal",
     "accepting", "scheme_of", "follows_turns", "method", "names", "exact_drift", "substep_count",
     "canonical", "name_of", "tree_size", "arguments", "depends_on_momentum", "innermost_cause",
@@ -54,14 +54,14 @@ COMPILED_TESTS = (
     "tests/planning/test_member_steps.py",
     "tests/physics/effects/test_work.py",
     "tests/physics/effects/test_bath.py",
-    "tests/engine/test_bits.py",  # last: it sees a change of any digit, but not whether it is wrong
+    "tests/engine/test_bits.py",  # last: it detects any changed digit, but not whether it is wrong
 )
 # compiled, long, or with numbers for which NumPy warns
 LEFT_OUT = (
     "not ten_thousand_steps and not drifts_with_steps and not test_bath and not test_user"
     " and not frozen_members"
 )
-JUDGES = (  # the quickest first: 40 s for all, uncompiled
+JUDGES = (  # quickest first: 40 s for all, uncompiled
     "toms903 step", "near middle axis 13", "damped asymmetric body", "flat disc", "|omega| h = 3",
     "equilibria stay, 1e5 steps", "at rest",
     "hairer free", "nasa brick", "sleeping top, 1e5 steps", "Staude's permanent rotation",
@@ -84,7 +84,7 @@ WORDS = {  # of LLVM
 
 
 def places(engine=True, physics=True):
-    """Every breakable place: (file, kind, line, column, end line, end column, new text)."""
+    """List every breakable place: (file, kind, line, column, end line, end column, new text)."""
     paths, all_places = [], []
     for folder in FOLDERS if physics else ():
         names = sorted(os.listdir(os.path.join(ROOT, "rigidmc", folder)))
@@ -105,7 +105,7 @@ def places(engine=True, physics=True):
 
 
 def is_compiled(path):
-    """Whether a file instructs the compiler."""
+    """Return whether a file instructs the compiler."""
     return path in [os.path.join("rigidmc", "engine", name) for name in COMPILED]
 
 
@@ -223,7 +223,7 @@ def _in_file(tree, text, engine):
 
 
 def _of_tuples(node):
-    """Whether a sum joins tuples, as far as the source shows; their difference is an error."""
+    """Return whether a sum joins tuples, judged from the source; their difference is an error."""
     both = node.left, node.right
     return any(
         isinstance(x, ast.Tuple) or (isinstance(x, ast.BinOp) and _of_tuples(x)) for x in both
@@ -231,12 +231,12 @@ def _of_tuples(node):
 
 
 def _of_length(node):
-    """Whether a comparison ends a recursion over a tuple, which without it never ends."""
+    """Return whether a comparison ends a recursion over a tuple, which otherwise never ends."""
     return isinstance(node.left, ast.Call) and getattr(node.left.func, "id", "") == "len"
 
 
 def chosen(count, seed, every):
-    """`count` of the places, each kind in proportion."""
+    """Return `count` of the places, each kind in proportion."""
     some = random.Random(seed)
     kinds: dict[str, list] = {}
     for place in every:
@@ -251,12 +251,12 @@ def chosen(count, seed, every):
 
 
 def found_again(row):
-    """The present place of a mutant, even if its line has moved; LookupError if it is gone."""
+    """Return the present place of a mutant, even if its line moved; LookupError if it is gone."""
     with open(os.path.join(ROOT, row["file"])) as file:
         lines = file.read().split("\n")
     at = [i + 1 for i, line in enumerate(lines) if line.strip() == row["before"]]
     if not at:
-        raise LookupError(f"{row['file']}: no line {row['before']!r}; judge all anew")
+        raise LookupError(f"{row['file']}: no line {row['before']!r}; judge all mutants again")
     line = min(at, key=lambda i: abs(i - row["line"]))
     old = lines[line - 1]
     column = len(old) - len(old.lstrip())
@@ -286,7 +286,7 @@ def broken(place, folder):
 
 
 def judged(place):
-    """{"killed": by what or None, ...} of one mutant; of the unchanged package if place is None."""
+    """Judge one mutant, or the unchanged package if place is None: {"killed": by which, ...}."""
     with tempfile.TemporaryDirectory(prefix="rigidmc-mutant-") as folder:
         before, after = broken(place, folder)
         row = (
@@ -371,7 +371,7 @@ def main():
     parser.add_argument("--count", type=int, default=200, help="number of mutants")
     parser.add_argument("--seed", type=int, default=1, help="seed of the choice")
     parser.add_argument(
-        "--of", choices=("all", "physics", "engine"), default="all", help="rooms to break"
+        "--of", choices=("all", "physics", "engine"), default="all", help="packages to break"
     )
     parser.add_argument(
         "--threads", type=int, default=os.cpu_count() or 1, help="mutants judged at once"
@@ -380,7 +380,7 @@ def main():
         "--output", default=os.path.join(HERE, "results", "mutants.json"), metavar="FILE"
     )
     parser.add_argument(
-        "--again", action="store_true", help="judge the survivors of FILE once more, with new tests"
+        "--again", action="store_true", help="judge the survivors of FILE again, with new tests"
     )
     options = parser.parse_args()
     rows, mutants = [], []
@@ -393,7 +393,7 @@ def main():
     else:
         mutants = chosen(options.count, options.seed, every)
     if message := judged(None)["killed"]:
-        sys.exit(f"the package as it is does not pass: {message}")
+        sys.exit(f"the unchanged package does not pass: {message}")
     with ThreadPoolExecutor(options.threads) as pool:
         for row in pool.map(judged, mutants):
             rows.append(row)

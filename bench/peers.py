@@ -1,10 +1,9 @@
-"""Other programs at the same work: 4096 different heavy tops, and free ones, to t = 10.
+"""Other programs on the same problem: 4096 different heavy tops, and free ones, to t = 10.
 
-Each is written as a good user of it would write it. Every candidate is tuned to a worst error over
-all tops, in omega and in attitude: it uses the longest step, or the loosest tolerance, within that
-error. It is checked against the truth and compiled before it is timed, and timed interleaved with
-all others. The extra `peers` installs the others; a program that is not installed is left out with
-a note.
+Each is written as an experienced user would write it. Every candidate is tuned to a worst error
+over all tops, in omega and in attitude: it uses the longest step, or the loosest tolerance, within
+that error. It is checked against the truth and compiled before it is timed, and timed interleaved
+with all others. The extra `peers` installs the others; a missing program is left out with a note.
 """
 
 import contextlib
@@ -24,9 +23,9 @@ from rigidmc.planning.initial import make_pilot
 from rigidmc.planning.scheme import make_scheme
 
 T_END, MEMBERS = 10.0, 4096
-# as `simulate` cuts them if members have steps of their own
+# as `simulate` divides them if members have their own steps
 OWN_BLOCK = MEMBERS // threads_available()
-STEPS_UNIT = 32.0  # steps are tuned as turns of 32 rad divided by whole numbers
+STEPS_UNIT = 32.0  # steps are tuned as turns of 32 rad divided by integers
 LIMITS = (1e-4, 1e-7, 1e-10)
 OURS = {  # the candidates for each kind of top, cheapest first if known
     "heavy": (
@@ -46,7 +45,7 @@ class Entry(NamedTuple):
     """A tuned candidate.
 
     run(prepare()) is timed; read(its result) returns (attitude (4, n), momentum (3, n)); setting
-    says how it was tuned.
+    describes the tuning.
     """
 
     prepare: Callable
@@ -56,8 +55,8 @@ class Entry(NamedTuple):
 
 
 def ensemble(kind):
-    """Second moments uniform in (0.2, 1), I = sums of two; omega normal; attitude uniform; weight
-    times arm normal in each axis.
+    """Return random tops: second moments uniform in (0.2, 1), I = sums of two; omega normal;
+    attitude uniform; weight times arm normal in each axis.
     """
     many = tops.random_tops(MEMBERS, seed=11)
     return many._replace(
@@ -66,7 +65,7 @@ def ensemble(kind):
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     rows: list[dict] = []
     for kind, limits in (("heavy", LIMITS), ("free", (1e-9,))):
         many = ensemble(kind)
@@ -116,11 +115,11 @@ def run(quick):
 
 
 def warm(entry):
-    """Prepare a candidate when the machine is quiet, and run it for a tenth of a second first.
+    """Prepare a candidate when the machine is quiet, and run it untimed for a tenth of a second.
 
     BLAS threads of the previous candidate spin on a core for up to 0.1 s, and two threads that wake
-    together share a core for their first 10 ms, unless one of them was running. Without this, 12 ms
-    of ours become 24 and 20 ms of heyoka become 26.
+    together share a core for their first 10 ms, unless one of them was running. Without the untimed
+    run, 12 ms of rigidmc become 24 and 20 ms of heyoka become 26.
     """
 
     def prepare():
@@ -134,7 +133,8 @@ def warm(entry):
 
 
 def worst(many, end, true):
-    """Largest error over all tops of omega (relative) and attitude [rad]; inf if not finite."""
+    """Return the largest error over all tops of omega (relative) and attitude [rad]; inf if not
+    finite."""
     with np.errstate(over="ignore", invalid="ignore"):  # too long a step
         errors = np.maximum(
             tops.omega_error(many, end[1], true[1]), tops.attitude_error(end[0], true[0])
@@ -143,7 +143,8 @@ def worst(many, end, true):
 
 
 def truth(many, kind):
-    """((attitude, momentum), row): rk8 in 4,000 steps, confirmed by srkn11 in 2,000, or the exact
+    """Return ((attitude, momentum), row): rk8 in 4,000 steps, confirmed by srkn11 in 2,000, or the
+    exact motion.
     motion.
     """
     pool = tops.pool(threads_available())
@@ -166,7 +167,7 @@ def truth(many, kind):
 
 
 def _form(many, name, kind, dt, turn=None):
-    """What is compiled for steps of dt, or of `turn` in at most dt, as for a scene."""
+    """Return the compiled scheme for steps of dt, or of `turn` in at most dt, as for a scene."""
     body = rigidmc.Body.from_moments(many.moments.T, mass=1.0, centre=many.static.T)
     start = rigidmc.Start(omega=many.omega.T, attitude=many.attitude.T)
     scene = rigidmc.Scene(body, GRAVITY if kind == "heavy" else (), start)
@@ -176,7 +177,7 @@ def _form(many, name, kind, dt, turn=None):
 
 
 def longest(error_of, limit, first=8, most=200_000):
-    """The fewest steps within the limit, to 3 %; None if no number of steps is."""
+    """Return the fewest steps within the limit, to 3 %; None if no number of steps meets it."""
     steps = first
     while error_of(steps) > limit:
         steps *= 2
@@ -190,7 +191,7 @@ def longest(error_of, limit, first=8, most=200_000):
 
 
 def rigidmc_steps(many, kind, limit, true):
-    """The cheapest of our integrators, by the kernel on blocks, two threads."""
+    """Tune the cheapest integrator of rigidmc, by the kernel on blocks, two threads."""
     pool, effects = tops.pool(threads_available()), GRAVITY if kind == "heavy" else ()
     best = None
     for name, real in OURS[kind]:
@@ -199,7 +200,7 @@ def rigidmc_steps(many, kind, limit, true):
         forms: dict[int, Any] = {}
 
         def go(steps, parts, name=name, dtype=dtype, forms=forms):
-            """Each member in steps of its own, STEPS_UNIT/steps rad of its motion each."""
+            """Move each member in its own steps, each STEPS_UNIT/steps rad of its motion."""
             if steps not in forms:
                 forms[steps] = _form(many, name, kind, T_END, STEPS_UNIT / steps)
             tops.advance_own(parts, forms[steps], effects, STEPS_UNIT / steps, T_END, pool, dtype)
@@ -229,7 +230,7 @@ def rigidmc_steps(many, kind, limit, true):
 
 
 def rigidmc_closed(many, kind, limit, true):
-    """The closed form at the end, on all cores."""
+    """Compute the closed form at the end, on all cores."""
     if kind != "free":
         return None
     moments, momentum, attitude = (
@@ -248,7 +249,7 @@ def rigidmc_closed(many, kind, limit, true):
 
 
 def rigidmc_stepping(many, kind, limit, true):
-    """The exact motion in 100 steps, each saved."""
+    """Compute the exact motion in 100 steps, each saved."""
     if kind != "free":
         return None
     pool, made = tops.pool(threads_available()), _form(many, "exact", kind, T_END / 100)
@@ -261,7 +262,7 @@ def rigidmc_stepping(many, kind, limit, true):
 
 
 def c_rk4(many, kind, limit, true):
-    """rk4 in C with explicit 512-bit vectors."""
+    """Tune rk4 in C with explicit 512-bit vectors."""
     library = baselines.build("tops512.c")
     if not hasattr(library, "rk4_heavy_512"):
         raise OSError("this CPU has no AVX-512")
@@ -290,8 +291,8 @@ def c_rk4(many, kind, limit, true):
 
 
 def heyoka(many, kind, limit, true, saves=False):
-    """heyoka: adaptive Taylor series in batches of the vector width, on two Python threads that it
-    does not block.
+    """Tune heyoka: adaptive Taylor series in batches of the vector width, on two Python threads,
+    which it does not block.
     """
     import heyoka as hy
 
@@ -380,12 +381,12 @@ def _copy(solver):
 
 
 def heyoka_saving(many, kind, limit, true):
-    """The same with 100 saves, by its dense output."""
+    """Tune heyoka with 100 saves, by its dense output."""
     return heyoka(many, kind, limit, true, saves=True) if kind == "free" else None
 
 
 def diffrax(many, kind, limit, true):
-    """diffrax on JAX: Dopri8, adaptive, one compiled program for all tops, float64."""
+    """Tune diffrax on JAX: Dopri8, adaptive, one compiled program for all tops, float64."""
     import jax
 
     jax.config.update("jax_enable_x64", True)
@@ -449,7 +450,7 @@ def diffrax(many, kind, limit, true):
 
 
 def scipy_dop853(many, kind, limit, true):
-    """scipy: solve_ivp with DOP853 on all tops as one system, NumPy right-hand side."""
+    """Tune scipy: solve_ivp with DOP853 on all tops as one system, NumPy right-hand side."""
     from scipy.integrate import solve_ivp
 
     body, c = many.body, many.static
@@ -501,7 +502,7 @@ PEERS: dict[str, Any] = {
 
 
 def targets(kind, seconds):
-    """Rows of targets and measurements: medians over rounds of ratios within a round."""
+    """Return rows of targets and measurements: medians over rounds of ratios within a round."""
 
     def row(what, asked, limit, name, other):
         ratio = (

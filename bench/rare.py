@@ -1,9 +1,9 @@
-"""Which number matters, what almost never happens, and means without the error of the step: what
-each costs against plain members for the same interval.
+"""Sobol indices, rare events, and means without the error of the step: their costs compared with
+plain members for the same interval.
 
-Rare events with a truth of their own: a Gaussian tail; a chain whose law is known by quadrature; a
-free body of which a thousand million plain members are run; a body in a bath that escapes over a
-barrier, with Kramers's rate.
+The rare events have independent truths: a Gaussian tail; a chain whose distribution is known by
+quadrature; a free body, by running a billion (10^9) plain members; a body in a bath that escapes
+over a barrier, by Kramers's rate.
 """
 
 import math
@@ -28,17 +28,17 @@ from bench.rare_truths import (
 )
 from rigidmc.studies.framework.members import compute_batches
 
-REPETITIONS = 64  # of each study: the spread of so many is known to 9 %
+REPETITIONS = 64  # of each study, which give their spread to 9 %
 PLAIN = 10**9  # plain members of the body that turns over
-CHUNK = 2**18  # of them at once
+CHUNK = 2**18  # plain members at once
 TAIL = 1e-9
 
 
 def studied(name, scene, of, truth, repetitions, members=1000):
-    """The row of a study of a rare event.
+    """Return the row of a study of a rare event.
 
-    gain : member-steps of plain sampling for the same interval, by those of the study: of n plain
-        members the variance of the share is p (1 - p)/n, of r repetitions it is Var(p_i)/r
+    gain : member-steps of plain sampling for the same interval, relative to the study; the variance
+        of the fraction is p (1 - p)/n for n plain members, and Var(p_i)/r for r repetitions
     """
     began = time.process_time()
     found = rm.rare(scene, of, 1e-12, members, repetitions, threads=1)
@@ -58,7 +58,7 @@ def studied(name, scene, of, truth, repetitions, members=1000):
 
 
 def turned(members):
-    """(how many of so many plain members of `turning` turn over in time, processor seconds)."""
+    """Return (how many plain members of `turning` turn over in time, CPU seconds)."""
     scene = turning().with_run(members=members, save=("flips",), keep="final")
     began = time.process_time()
     count = sum(
@@ -69,8 +69,11 @@ def turned(members):
 
 
 def escaped(depth, repetitions):
-    """(the row of `escaping`, its rate by the theory): the rate is the difference of the shares
-    that have escaped at two times, over that of the times, when those left are in equilibrium."""
+    """Return (the row of `escaping`, its rate by theory).
+
+    The measured rate is the difference of the fractions that escaped at two times, over the time
+    between, once the rest is in equilibrium.
+    """
     rows = [
         studied(
             f"escape over {depth} kT within {end:g} s",
@@ -99,7 +102,7 @@ def escaped(depth, repetitions):
 
 
 def rare_rows(quick):
-    """The rows about rare events."""
+    """Return the rows about rare events."""
     few = 8 if quick else REPETITIONS
     members = 10**6 if quick else PLAIN
     count, seconds = turned(members)
@@ -131,7 +134,7 @@ def rare_rows(quick):
 
 
 def rare_targets(rows):
-    """The targets of rare events."""
+    """Return the targets of rare events."""
     found = {row["what"]: row for row in rows if row["kind"] == "rare"}
     (plain,) = (row for row in rows if row["kind"] == "counted")
     (escape,) = (row for row in rows if row["kind"] == "escape")
@@ -157,7 +160,7 @@ def rare_targets(rows):
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     warnings.simplefilter("ignore", rm.SceneWarning)
     rare = rare_rows(quick)
     return [

@@ -1,4 +1,4 @@
-"""Rare events whose probability is known from elsewhere."""
+"""Rare events whose probability is known independently."""
 
 import math
 
@@ -9,7 +9,7 @@ import rigidmc as rm
 
 TURN = 2.25  # s: before it the free body of `turning` turns over with p near 1e-6
 
-# omega_3 of a disc in a bath, an Ornstein-Uhlenbeck process of which steps see a chain
+# omega_3 of a disc in a bath, an Ornstein-Uhlenbeck process that steps sample as a chain
 GAMMA, STEP, STEPS, INERTIA = 0.7, 0.1, 40, 2.0
 SPREAD = (1.0 / INERTIA) ** 0.5  # of omega_3 at rest with a bath of kT = 1
 LEVEL = 4.9 * SPREAD
@@ -21,14 +21,14 @@ TIMES = 10.0, 30.0  # s
 
 
 def spun(deviation=1.0):
-    """A disc thrown with a normal spin about its axis."""
+    """Return a disc thrown with a normal spin about its axis."""
     start = rm.Start(omega=(0.0, 0.0, rm.normal(0.0, deviation)))
     return rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start).with_run(dt=0.1, t_end=0.1)
 
 
 def bathed(steps=STEPS):
-    """A disc in a bath: omega_3 is an Ornstein-Uhlenbeck process, which the splitting has
-    exactly."""
+    """Return a disc in a bath: omega_3 is an Ornstein-Uhlenbeck process, which the splitting
+    integrates exactly."""
     scene = rm.Scene(
         rm.Body((1.0, 1.0, INERTIA)), rm.Bath(GAMMA, 1.0), rm.Start(omega=(0.0, 0.0, 0.0))
     )
@@ -36,8 +36,8 @@ def bathed(steps=STEPS):
 
 
 def passed(level=LEVEL, steps=STEPS, start=0.0):
-    """The probability that omega_3 has passed a level after a step, by quadrature over the density
-    of those that have not."""
+    """Return the probability that omega_3 has passed a level after a step, by quadrature over the
+    density of members that have not passed."""
     x, weight = np.polynomial.legendre.leggauss(400)
     low = -8.0 * SPREAD
     x, weight = (x + 1.0) / 2.0 * (level - low) + low, weight * (level - low) / 2.0
@@ -53,14 +53,14 @@ def passed(level=LEVEL, steps=STEPS, start=0.0):
 
 
 def turning():
-    """A free body that spins about its middle axis, nearly: seldom it turns over soon."""
+    """Return a free body that spins nearly about its middle axis and seldom turns over soon."""
     start = rm.Start(omega=(rm.normal(0.0, 0.1), rm.normal(1.0, 0.1), rm.normal(0.0, 0.1)))
     scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start)
     return scene.with_run(integrator="rk4", dt=0.15, t_end=TURN)
 
 
 def escaping(depth):
-    """A body in a bath of temperature DEPTH / depth that starts in a well."""
+    """Return a body in a bath of temperature DEPTH / depth that starts in a well."""
     wells = rm.Potential((0.0, 0.0, 0.0), (0.0, 2.0 * SUMMIT, -2.0 * DEPTH, 0.0, 0.0, 0.0))
     bath, start = rm.Bath(FRICTION, DEPTH / depth), rm.GibbsMomentum(DEPTH / depth)
     scene = rm.Scene(rm.Body.from_moments(MOMENTS), (wells, bath), rm.Start(momentum=start))
@@ -68,10 +68,10 @@ def escaping(depth):
 
 
 def escape_rate(depth):
-    """(rate of transition-state theory, Kramers's factor) of `escaping` [1/s].
+    """Return (rate of transition-state theory, Kramers's factor) of `escaping` [1/s].
 
-    The flux of thermal equilibrium through the circle u_3 = 0, where du_3/dt = u_1 omega_2 -
-    u_2 omega_1, over the weight of the well; u is the vertical as the body sees it::
+    The rate is the flux of thermal equilibrium through the circle u_3 = 0, where du_3/dt =
+    u_1 omega_2 - u_2 omega_1, over the weight of the well; u is the vertical in the body frame::
 
         k = (kT/2 pi)^(1/2) oint (u_1^2/I_2 + u_2^2/I_1)^(1/2) e^(-U/kT) d alpha / int e^(-U/kT) du
         factor = ((gamma^2/4 + w^2)^(1/2) - gamma/2) / w,   w^2 = 2 DEPTH/I_2 at the passes

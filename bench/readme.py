@@ -92,7 +92,7 @@ def accuracy(rows, machine):
             )
     columns = (
         "tops",
-        "error after 10 s at most",
+        "error after 10 s, at most",
         "integrator, step",
         "members per second",
         "others",

@@ -1,4 +1,4 @@
-"""Run directories: memory against members, cost of writing, opening and status of 1000 shards.
+"""Run directories: memory by number of members, cost of writing, opening and status of 1000 shards.
 
 Also a cluster of two local processes against two threads.
 """
@@ -51,7 +51,7 @@ class Nothing(WholeSink):
 
 
 def share(folder, members, rounds):
-    """Rows of seconds with and without writing, interleaved."""
+    """Return rows of seconds with and without writing, interleaved."""
     scene = Scene.load("dzhanibekov").with_run(
         members=members, t_end=12.0, save=("omega", "attitude"), keep="final"
     )
@@ -83,7 +83,7 @@ def share(folder, members, rounds):
 
 
 def thousand(folder, shards):
-    """Seconds of rm.open and of status, for a run of so many shards."""
+    """Measure the seconds of rm.open and of status, for a run with a number of shards."""
     path = os.path.join(folder, "many")
     words = [
         "run",
@@ -119,11 +119,11 @@ def thousand(folder, shards):
 
 
 def cluster(folder, members, t_end, rounds, size):
-    """Rows of seconds of the same run on two threads and in two processes.
+    """Return rows of seconds of the same run on two threads and in two processes.
 
-    The second includes the start of the cluster. Also the time of a shard without that start.
+    The second includes the start of the cluster. A third row times a shard without that start.
 
-    size : of a shard [MB], so small that each worker gets many, and none waits long for the last
+    size : of a shard [MB], small enough that each worker gets many and none waits long for the last
     """
     words = [
         "run",
@@ -164,7 +164,7 @@ def cluster(folder, members, t_end, rounds, size):
     return rows
 
 
-# in a process whose workers are elsewhere: its CPU seconds are those of scheduler, client and locks
+# in a process whose workers are elsewhere, so its CPU seconds are for scheduler, client and locks
 SCHEDULE = """
 import resource, sys
 from rigidmc.runs.directory import resume
@@ -184,7 +184,7 @@ if __name__ == "__main__":
 
 
 def scheduler(folder, shards):
-    """A row with the cost of a task in the process that hands it out."""
+    """Return a row with the cost of a task in the process that submits it."""
     path = os.path.join(folder, "schedule.py")
     with open(path, "w") as file:
         file.write(SCHEDULE)
@@ -199,7 +199,7 @@ def scheduler(folder, shards):
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     sizes = (100_000, 200_000) if quick else MEMBERS
     rows: list[dict] = []
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:

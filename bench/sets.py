@@ -1,6 +1,6 @@
-"""Every effect, every pair and 50 random sets: do they compile, how fast, and packed?
+"""Every effect, every pair and 50 random sets: do they compile, how fast, and are they vectorized?
 
-The time is that on top of the body alone. Noise is left out, because rk4 does not take it.
+The time excludes the compile time of the body alone. Noise is left out, because rk4 refuses it.
 """
 
 import itertools
@@ -19,7 +19,7 @@ RANDOM, SEED, ASKED = 50, 6, 3.0
 
 
 def sets(quick):
-    """The sets, as tuples of words."""
+    """Return the sets, as tuples of words."""
     names = [name for name, kind in EFFECTS.items() if not is_random(kind)]
     some = random.Random(SEED)
     drawn = [tuple(some.sample(names, some.randint(3, 8))) for _ in range(4 if quick else RANDOM)]
@@ -28,7 +28,7 @@ def sets(quick):
 
 
 def judge(which):
-    """In a process of its own: print one line of JSON for each set."""
+    """Print one line of JSON for each set, in a separate process."""
     from bench.effects import some
     from tests.assembly import case, counted
 
@@ -64,7 +64,7 @@ def judge(which):
 
 
 def run(quick):
-    """All rows of the bench, by two processes."""
+    """Return all rows of the bench, by two processes."""
     todo = sets(quick)
     script = "import json, sys; from bench.sets import judge; judge(json.load(sys.stdin))"
     workers = [

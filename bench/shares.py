@@ -1,8 +1,8 @@
-"""Sobol indices against plain members: how many members give all of them the same interval.
+"""Sobol indices against plain members: how many members give all indices the same interval.
 
-A disc with a torque, both linear in two normal numbers, whose indices are 0.1 and 0.9. Plain ways:
-bins of independent members, which tell first indices only; and pairs or 32 members that share one
-number (first) or all but one (total), for one index at a time.
+A disc with a torque, both linear in two normal numbers, has the indices 0.1 and 0.9. Plain methods
+are bins of independent members, which give first indices only; and pairs or 32 members that share
+one number (first) or all but one (total), for one index at a time.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from rigidmc.results.measures import measure
 from rigidmc.studies.sensitivity.study import indices
 
 HALF = 0.01  # half the width of the intervals
-STUDIES = 200  # which tell the spread of an index to 5 %
+STUDIES = 200  # enough to give the spread of an index to 5 %
 MEMBERS = 4096  # of each study
 SHARES = np.array([0.1, 0.9])  # of torque and spin
 SPREADS = np.array([0.2, 0.6])  # rad/s, of the mean spin over 2 s
@@ -21,7 +21,7 @@ OF = "mean(omega_mean[3])"
 
 
 def values(torque, spin):
-    """The mean spins of discs with these torques and spins, by running them."""
+    """Return the mean spins of discs with these torques and spins, by running them."""
     scene = rm.Scene(
         rm.Body((1.0, 1.0, 2.0)),
         rm.BodyTorque((0.0, 0.0, torque)),
@@ -32,8 +32,8 @@ def values(torque, spin):
 
 
 def designed_indices(studies):
-    """(2, studies, 4): first of torque and spin, total of both, by `rigidmc.sensitivity`, and by
-    the same without its controls."""
+    """Return (2, studies, 4): first index of torque and spin, total of both, by
+    `rigidmc.sensitivity`, with its controls and without."""
     torque = rm.BodyTorque((0.0, 0.0, rm.normal(0.0, 0.4)))
     start = rm.Start(omega=(0.0, 0.0, rm.normal(1.0, 0.6)))
     scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), torque, start)
@@ -50,9 +50,10 @@ def designed_indices(studies):
 
 
 def split(groups):
-    """The share of the variance between groups, without bias: groups are (studies, groups, size).
+    """Estimate the fraction of the variance between groups (studies, groups, size), unbiased.
 
-    With B the variance between means times the size n, and W that within, (B - W)/(B + (n - 1) W).
+    With B the variance between means times the size n, and W the variance within, it is
+    (B - W)/(B + (n - 1) W).
     """
     size = groups.shape[2]
     between = size * groups.mean(axis=2).var(axis=1, ddof=1)
@@ -61,7 +62,8 @@ def split(groups):
 
 
 def nested(number, of_total, size, studies, draws):
-    """(studies,): an index of a number from groups of `size` members that share it, or all else."""
+    """Return (studies,): an index from groups of `size` members that share a number, or all
+    others."""
     count = MEMBERS // size
     shared = np.repeat(draws.normal(size=(studies, count, 1)), size, axis=2)
     other = draws.normal(size=(studies, count, size))
@@ -72,7 +74,7 @@ def nested(number, of_total, size, studies, draws):
 
 
 def binned(studies, draws, size=64):
-    """(studies, 2): the first indices by bins of independent members, of `size` each."""
+    """Return (studies, 2): the first indices by bins of independent members, of `size` each."""
     x = draws.normal(size=(2, studies, MEMBERS))
     y = values(0.4 * x[0].ravel(), 1.0 + 0.6 * x[1].ravel()).reshape(studies, MEMBERS)
     order = np.argsort(x, axis=2)
@@ -81,13 +83,14 @@ def binned(studies, draws, size=64):
 
 
 def needed(found, truth):
-    """Members for intervals of +- HALF, by the errors of studies of MEMBERS; bias is error too."""
+    """Return the members for intervals of +- HALF, from the errors, including bias, of studies with
+    MEMBERS."""
     error = np.sqrt(((found - truth) ** 2).mean(axis=0))
     return MEMBERS * (1.96 * error / HALF) ** 2
 
 
 def measured(quick):
-    """All rows of this part."""
+    """Return all rows of this part."""
     studies, draws = 40 if quick else STUDIES, np.random.default_rng(1)
     truth = np.concatenate([SHARES, SHARES])
     ours, bare = (needed(found, truth) for found in designed_indices(studies))

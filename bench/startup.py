@@ -25,7 +25,7 @@ COMMANDS = {  # name: (words, whether the cache is empty, target in seconds)
     "accuracy heavy_top": ("accuracy heavy_top", True, 35.0),
 }
 HEAVY, WATCHED = ("gravity",), ("omega", "attitude")
-# name: ([(integrator, effects, save) of each call], of which the last is timed; target in seconds)
+# name: ([(integrator, effects, save) of each call], timing the last; target in seconds)
 CALLS = {
     "rk4 free": ([("rk4", (), WATCHED)], 3.0),
     "rk4 gravity": ([("rk4", HEAVY, WATCHED)], 3.0),
@@ -44,12 +44,12 @@ CALLS = {
     "second simulate of 64 members": ([("rk4", HEAVY, WATCHED)] * 101, 1.5e-3),
     "second simulate of 64 members, of a new scene": ([("rk4", HEAVY, WATCHED)] * 101, 5.0e-3),
 }
-NEW_SCENES = {"second simulate of 64 members, of a new scene"}  # each call has a scene of its own
+NEW_SCENES = {"second simulate of 64 members, of a new scene"}  # each call has its own scene
 
 
 def command():
-    """The words that start rigidmc: the script beside this Python, or the entry point if rigidmc is
-    not installed.
+    """Return the words that start rigidmc: the script next to this Python, or the entry point if
+    rigidmc is not installed.
     """
     script = os.path.join(os.path.dirname(sys.executable), "rigidmc")
     return (
@@ -60,11 +60,11 @@ def command():
 
 
 def ran(words, folder, cache):
-    """(wall seconds, output) of one process in a folder, with kernels cached in `cache`.
+    """Return (wall seconds, output) of one process in a folder, with kernels cached in `cache`.
 
     RuntimeError with the end of its output if it fails.
     """
-    # finds the package even if it is not installed, because the run has another folder
+    # finds the package even if it is not installed, although the run has another folder
     path = os.pathsep.join(filter(None, [os.getcwd(), os.environ.get("PYTHONPATH")]))
     environment = {**os.environ, "RIGIDMC_CACHE_DIR": cache, "PYTHONPATH": path}
     began = time.perf_counter()
@@ -79,7 +79,7 @@ def ran(words, folder, cache):
 
 
 def call(name):
-    """In a process of its own: print the seconds of the last of some calls of `simulate`, the
+    """Print, in a separate process, the seconds of the last of some calls of `simulate`, or the
     median of the later half if there are many.
     """
     import rigidmc as rm
@@ -120,7 +120,7 @@ def call(name):
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     times: dict[str, list[float]] = {what: [] for what in (*COMMANDS, *CALLS)}
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
         caches = (os.path.join(folder, f"cache{i}") for i in itertools.count())

@@ -1,8 +1,7 @@
 """The names of the package for type checkers and editors: `python -m bench.stub [--write]`.
 
-rigidmc loads its names when they are first used, some of them from registries, which no type
-checker follows. This writes them as imports into `rigidmc/__init__.pyi`, or says what is different
-there.
+rigidmc loads its names when they are first used, some of them from registries, which type checkers
+cannot follow. This writes them as imports into `rigidmc/__init__.pyi`, or reports differences.
 """
 
 import argparse
@@ -22,12 +21,12 @@ HEAD = (
 
 
 def order(name):
-    """As ruff sorts imports: constants, classes, then functions."""
+    """Sort as ruff sorts imports: constants, classes, then functions."""
     return 0 if name.isupper() else 1 if name[0].isupper() else 2, name
 
 
 def stub():
-    """The text of the stub."""
+    """Return the text of the stub."""
     homes = defaultdict(list)
     for name, home in {**rm._HOMES, **rm._registered()}.items():
         homes[f"rigidmc.{home}"].append(name)

@@ -1,4 +1,5 @@
-"""What users of rigidmc see, as texts that are the same on every run; for `bench.fingerprints`."""
+"""Everything that users of rigidmc see, as texts that do not vary between runs; for
+`bench.fingerprints`."""
 
 import contextlib
 import functools
@@ -19,11 +20,11 @@ OF_MACHINE = ("seconds", "threads")
 MEASURED = ("ns_per_member_step", "ns_per_member", "members_per_second", "cheapest", "seconds")
 
 
-# All that bench.fingerprints takes of rigidmc beside `import rigidmc`.
+# All that bench.fingerprints uses of rigidmc, besides `import rigidmc`.
 
 
 def commands():
-    """The application of the command line."""
+    """Return the application of the command line."""
     from rigidmc.cli import app
 
     return app
@@ -31,14 +32,14 @@ def commands():
 
 @contextlib.contextmanager
 def side_by_side(width):
-    """Work on so many members at once: replaces `lanes_for`, whichever module has it."""
+    """Set the number of members per vector: replaces `lanes_for`, whichever module has it."""
     import rigidmc
 
     assert rigidmc.simulate  # loads the engine
     inside = [module for name, module in sys.modules.items() if name.startswith("rigidmc.")]
     homes = [(module, module.lanes_for) for module in inside if hasattr(module, "lanes_for")]
     if not homes:
-        raise RuntimeError("no module of rigidmc has `lanes_for`: mend bench/texts.py")
+        raise RuntimeError("no module of rigidmc has `lanes_for`: fix bench/texts.py")
     asked = []
     try:
         for home, _ in homes:
@@ -47,46 +48,45 @@ def side_by_side(width):
     finally:
         for home, kept in homes:
             home.lanes_for = kept
-    if not asked:  # a scene keeps its program: take a new one
-        raise RuntimeError("no program was made for this number of members side by side")
+    if not asked:  # a scene keeps its program: use a new one
+        raise RuntimeError("no program was made for this vector width")
 
 
-# (what of a text moves, what stands for it): the numbers that are measured, not the words beside
-# them
+# (pattern of a varying text, its replacement): masks measured numbers, not the words around them
 NUMBER = r"[-+]?\d[\d,.]*(?:e[-+]?\d+)?"
 MASKS = [(re.compile(old), new) for old, new in (
     # show: times of steps, what they add up to, free memory, and shards, which are sized by time
     (rf"{NUMBER} ns\b", "# ns"),
-    (rf"{NUMBER} of that measured", "# of that measured"),
+    (rf"measured {NUMBER} times that", "measured # times that"),
     (rf"about {NUMBER} s for the steps", "about # s for the steps"),
-    (rf"; {NUMBER} .?B are free", "; # are free"),
-    (rf"{NUMBER} shards of {NUMBER} members with -o RUN/(, by their time;)?", "# shards"),
+    (rf"; {NUMBER} .?B free", "; # free"),
+    (rf"{NUMBER} shards of {NUMBER} members with -o RUN/(, limited by time;)?", "# shards"),
     # show: whether code is in the cache
     (r"(?m)^code  .*$", "code"),
     # run, map, stress, status: how long it took and how fast it was
     (rf"(?m)^  {NUMBER} s, {NUMBER}( .)? member-steps/s, {NUMBER}( .)? members/s;.*$", "  #"),
     (rf"(with \w+): {NUMBER} s, {NUMBER}( .)? members/s", r"\1: #"),
-    (rf"{NUMBER} members/s since it was last started.*", "# members/s"),
+    (rf"{NUMBER} members/s since the last start.*", "# members/s"),
     (rf"{NUMBER} s of work", "# s of work"),
-    # studies: what they will cost
+    # studies: their predicted cost
     (rf"about {NUMBER} s on \d+ threads", "about # s on # threads"),
-    # status: the processor and the versions
+    # status: the CPU and the versions
     (r"code generated for .*", "code generated for #"),
-    # verify: a shard's name ends in the sha256 of its bytes, which the netCDF library decides too
+    # verify: a shard's name ends in the sha256 of its bytes, which depend on the netCDF library too
     (r"-[0-9a-f]{16}\.nc", "-#.nc"),
     # view: scenes of k3d, compressed, in which objects are numbered by their places in memory
     (r'"plots":\{"[^{}]*\}', '"plots":#'),
-    # the repr of a class names the module that has it, which no user writes
+    # the repr of a class names its module, which users never write
     (r"<class 'rigidmc\.[\w.]*?(\w+)'>", r"<class '\1'>"),
 )]  # fmt: skip
 
 
 def masked(text):
-    """A text without what moves with the machine, the clock, the folder and the version."""
+    """Mask everything in a text that depends on machine, clock, folder and version."""
     import rigidmc
 
     text = text.replace(os.getcwd(), "FOLDER").replace(rigidmc.__version__, "VERSION")
-    # what is compiled is announced only while it is not in the cache
+    # compiling is announced only while the code is not in the cache
     text = "".join(line for line in text.splitlines(True) if not line.startswith("compiling "))
     for old, new in MASKS:
         text = old.sub(new, text)
@@ -95,7 +95,7 @@ def masked(text):
 
 @functools.cache
 def _runner():
-    """What calls commands in this process; they are made once, which takes 25 ms."""
+    """Return an object that calls commands in this process; they are made once, in 25 ms."""
     import typer.main
     import typer.testing
 
@@ -104,9 +104,9 @@ def _runner():
 
 
 def told(*words):
-    """What a command prints, and its exit code; RuntimeError for a traceback."""
+    """Return a command's output and its exit code; RuntimeError for a traceback."""
     done = _runner().invoke(commands(), [str(word) for word in words])
-    if done.exit_code in (130, 143):  # it was stopped, and so is this
+    if done.exit_code in (130, 143):  # it was stopped, so stop this process too
         raise KeyboardInterrupt
     if not isinstance(done.exception, SystemExit | None):
         raise RuntimeError(f"traceback: rigidmc {' '.join(map(str, words))}") from done.exception
@@ -114,7 +114,7 @@ def told(*words):
 
 
 def done_well(*words, codes=(0, 4)):
-    """As `told`; RuntimeError for another exit code."""
+    """Return the same as `told`; RuntimeError for another exit code."""
     text = told(*words)
     if int(text.split()[-1]) not in codes:
         raise RuntimeError(f"rigidmc {' '.join(map(str, words))}: {text}")
@@ -122,12 +122,12 @@ def done_well(*words, codes=(0, 4)):
 
 
 def sha(data):
-    """The sha256 of a text or of bytes."""
+    """Return the sha256 of a text or of bytes."""
     return hashlib.sha256(data.encode() if isinstance(data, str) else data).hexdigest()
 
 
 def bytes_of(array):
-    """The bytes of an array; texts are alike as objects and as letters."""
+    """Return the bytes of an array; texts are alike as objects and as letters."""
     array = np.asarray(array)
     if array.dtype.kind in "OUT":
         return json.dumps([str(word) for word in array.ravel()]).encode()
@@ -135,7 +135,7 @@ def bytes_of(array):
 
 
 def parts_of(ds):
-    """(part, text) of a Dataset: its variables, its attributes, and the scene in these."""
+    """Yield (part, text) of a Dataset: its variables, its attributes, and the scene in these."""
     for name in sorted(map(str, ds.variables)):
         one = ds[name].variable
         kind = "text" if one.dtype.kind in "OUT" else one.dtype.str
@@ -148,7 +148,7 @@ def parts_of(ds):
 
 
 def _attributes(attrs):
-    """Attributes, a line each, alike from memory and from a file."""
+    """Write attributes, one a line, alike from memory and from a file."""
     lines = []
     for name, value in sorted(attrs.items()):
         if name not in OF_MACHINE:
@@ -158,23 +158,23 @@ def _attributes(attrs):
 
 
 def each(name, ds):
-    """(item, text) of the parts of a Dataset."""
+    """Return (item, text) of the parts of a Dataset."""
     return ((f"{name}: {part}", text) for part, text in parts_of(ds))
 
 
 def whole(ds):
-    """A Dataset as one text."""
+    """Write a Dataset as one text."""
     return "".join(f"{part}: {text}" for part, text in parts_of(ds))
 
 
 def stored(path):
-    """A netCDF file as one text, as xarray reads it."""
+    """Write a netCDF file as one text, as xarray reads it."""
     with xr.open_dataset(path, decode_times=False) as ds:
         return whole(ds)
 
 
 def pixels(path):
-    """A picture as a text: its size and the sha256 of its pixels."""
+    """Write a picture as a text: its size and the sha256 of its pixels."""
     from matplotlib.image import imread
 
     image = imread(path)
@@ -182,13 +182,13 @@ def pixels(path):
 
 
 def read(path):
-    """The text of a file."""
+    """Read the text of a file."""
     with open(path, encoding="utf-8") as file:
         return file.read()
 
 
 def fields(found):
-    """A NamedTuple of arrays as a text."""
+    """Write a NamedTuple of arrays as a text."""
     return "".join(
         f"{name} {np.shape(value)} {np.asarray(value).ravel().tolist()} {sha(bytes_of(value))}\n"
         for name, value in found._asdict().items()
@@ -196,7 +196,7 @@ def fields(found):
 
 
 def signature(value):
-    """A public name in words: its parameters, and those of its public methods, without their types,
+    """Describe a public name: its parameters and those of its public methods, without their types,
     which name classes inside the package."""
 
     def parameters(of):
@@ -210,7 +210,7 @@ def signature(value):
         shown = found.replace(parameters=plain, return_annotation=inspect.Signature.empty)
         return re.sub(r" at 0x\w+", "", masked(str(shown)))
 
-    word = "class" if isinstance(value, type) else type(value).__name__  # of some a metaclass
+    word = "class" if isinstance(value, type) else type(value).__name__  # some have a metaclass
     lines = [f"{word}{parameters(value)}"]
     if isinstance(value, type):
         for name in dir(value):

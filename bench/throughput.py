@@ -12,7 +12,7 @@ from bench import candidates, harness, tops
 from rigidmc.engine.machine import threads_available
 
 FLOPS = 217  # of a free rk4 step with attitude, counted on the textbook form
-# largest and median relative error of omega against the candidate with which it must agree
+# largest and median relative error of omega against the candidate with which it must agree;
 # measured 1.5e-11 and 1.0e-14, in heavy tops, where rounding grows a thousandfold in 10 s; free
 # 4e-13
 SAME = (1e-10, 1e-13)
@@ -24,7 +24,7 @@ OTHER_METHOD = {
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     ensemble, notes = tops.random_tops(candidates.MEMBERS), {}
     field = candidates.kernels(ensemble) | candidates.compiled(ensemble, notes)
     field |= candidates.numba(ensemble) | candidates.simulate(ensemble, notes)
@@ -49,7 +49,8 @@ def run(quick):
 
 
 def check(name, q, l, other_q, other_l, ensemble):
-    """A row of errors against the candidate with the same answer; AssertionError if too large."""
+    """Return a row of errors against the candidate with the same answer; AssertionError if too
+    large."""
     error = tops.omega_error(ensemble, l, other_l)
     turn = float(tops.attitude_error(q, other_q).max()) if q is not None else None
     worst, middle = float(error.max()), float(np.median(error))
@@ -70,9 +71,9 @@ def check(name, q, l, other_q, other_l, ensemble):
 
 
 def rate(name, work, seconds, cpu, first):
-    """A row with the rate of a candidate.
+    """Return a row with the rate of a candidate.
 
-    undisturbed: the rate with every core to itself, from CPU seconds.
+    undisturbed : the rate if every core were free for it, from CPU seconds.
     """
     scale, unit = (1e-9, "GFLOP/s") if name.startswith("peak") else (1e-6, "M member-steps/s")
     middle, best = statistics.median(seconds), min(seconds)
@@ -95,8 +96,8 @@ def rate(name, work, seconds, cpu, first):
 
 
 def targets(seconds, cpu, field, cores):
-    """Rows of targets and measurements: medians over rounds of ratios within a round, of wall and
-    CPU seconds.
+    """Return rows of targets and measurements: medians over rounds of ratios within a round, of
+    wall and CPU seconds.
     """
 
     def row(what, asked, unit, name, other, factor=1.0, aim=False):

@@ -1,4 +1,4 @@
-"""Whether `--tolerance` keeps its promise in every shipped scene, and its predictions hold.
+"""Test whether `--tolerance` keeps its promise in every shipped scene, and its predictions hold.
 
 The predictions are of time and error.
 """
@@ -21,12 +21,12 @@ from rigidmc.studies.accuracy.study import accuracy
 
 TOLERANCES = (1e-4, 1e-7, 1e-10)
 SAVED = ("final state", "all in memory", "all in a file")
-# members that no pilot has seen; members of a run whose time is predicted
+# members outside all pilots; members of a run whose time is predicted
 FIRST, JUDGED, MANY = (20_000, 1000, 100_000)
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     rows = []
     for name in ("heavy_top", "nasa_brick") if quick else shipped_names():
         for tolerance in TOLERANCES:
@@ -78,13 +78,13 @@ def run(quick):
 
 
 def others(scene, count):
-    """Members that no pilot has seen, and their truth."""
+    """Return members outside all pilots, and their truth."""
     other = pilot(scene, count, first=FIRST)
     return other, make_reference(other)
 
 
 def kept(name, tolerance):
-    """The share of a shipped scene's other members that keep a tolerance at all compared times."""
+    """Return the fraction of a scene's other members within a tolerance at all compared times."""
     scene = rigidmc.Scene.load(name)
     alike = scene.run.members == 1
     row = {"kind": "kept", "scene": name, "tolerance": tolerance}
@@ -116,7 +116,7 @@ def kept(name, tolerance):
 
 
 def predicted(name, tolerance, saved):
-    """Seconds of a run of 100,000 members, median of three, and the prediction before them."""
+    """Return seconds of a run of 100,000 members, median of three, and the prediction before."""
     scene = rigidmc.Scene.load(name)
     scene = scene.with_run(every=scene.run.t_end) if saved == "final state" else scene
     seconds, prediction, chosen = [], math.nan, ""
@@ -145,7 +145,7 @@ def predicted(name, tolerance, saved):
 
 
 def study_errors(name):
-    """The error of 99 % of other members against that of the study, at two accuracies."""
+    """Return the error of 99 % of other members against that of the study, at two accuracies."""
     from rigidmc.planning.tolerance.pilot import integrate_pilot
 
     scene, rows = rigidmc.Scene.load(name), []

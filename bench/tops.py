@@ -1,4 +1,4 @@
-"""The problem that benches share: tops that are all different, and how each candidate runs them."""
+"""The problem that benches share: tops that are all different, and functions that run them."""
 
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -36,8 +36,8 @@ class Tops(NamedTuple):
 
 
 def random_tops(members, seed=7):
-    """Second moments uniform in (0.2, 1), I = sums of two, so that no body is impossible; omega and
-    attitude in any direction.
+    """Return random tops: second moments uniform in (0.2, 1), I = sums of two, so that all bodies
+    are possible; omega and attitude in any direction.
     """
     random = np.random.default_rng(seed)
     second = random.uniform(0.2, 1.0, (3, members))
@@ -51,7 +51,7 @@ def random_tops(members, seed=7):
 
 
 def blocks(tops, effects, size=BLOCK):
-    """The blocks of rows on which a Program works, at their start."""
+    """Return the blocks of rows on which a Program works, at their start."""
     n = tops.omega.shape[1]
     rows = np.zeros((layout.EFFECTS + parameter_count(*effects), n))
     rows[layout.ATTITUDE : layout.MOMENTUM] = tops.attitude
@@ -65,7 +65,7 @@ def blocks(tops, effects, size=BLOCK):
 
 
 def advance(parts, steps_form, effects, attitude, h, steps, pool, dtype="float64", limits=()):
-    """Move blocks by `steps` steps h of a Form on the threads of a pool, final state only."""
+    """Move blocks by `steps` steps h of a scheme on the threads of a pool, final state only."""
     program = Program(steps_form, blank(effects), (), attitude, dtype=dtype, limits=limits)
 
     def move(block):
@@ -76,7 +76,7 @@ def advance(parts, steps_form, effects, attitude, h, steps, pool, dtype="float64
 
 
 def advance_own(parts, steps_form, effects, turn, t_end, pool, dtype="float64"):
-    """Move blocks to t_end, each member in steps of its own, as `simulate` plans and sorts them."""
+    """Move blocks to t_end, each member in its own steps, as `simulate` plans and sorts them."""
     program = Program(steps_form, blank(effects), dtype=dtype)
 
     def move(block):
@@ -113,21 +113,21 @@ def advance_own(parts, steps_form, effects, turn, t_end, pool, dtype="float64"):
 
 
 def state(parts):
-    """(attitude (4, n), momentum (3, n)) of blocks."""
+    """Return (attitude (4, n), momentum (3, n)) of blocks."""
     rows = np.concatenate([block[: layout.EXTRA] for block in parts], axis=1)
     return rows[: layout.MOMENTUM], rows[layout.MOMENTUM :]
 
 
 def columns(tops):
-    """The rows of bench/baselines/tops.c: q, l, reciprocal moments, (I2 - I3)/(I2 I3), weight times
-    centre of mass.
+    """Return the rows of bench/baselines/tops.c: q, l, reciprocal moments, (I2 - I3)/(I2 I3),
+    weight times centre of mass.
     """
     return np.concatenate([tops.attitude, tops.momentum, tops.body[:6], GRAVITY * tops.static])
 
 
 class Pool:
-    """Threads that include the caller: two that wake together may share a core for their first 10
-    ms, which OpenMP's never do.
+    """Threads that include the caller. Two threads that wake together may share a core for their
+    first 10 ms, which OpenMP's never do.
     """
 
     def __init__(self, threads):
@@ -135,7 +135,7 @@ class Pool:
         self.threads = threads
 
     def map(self, function, items):
-        """The results of a function of each item, in order."""
+        """Return the results of a function of each item, in order."""
         items = list(items)
         # next() of a range iterator is atomic
         results, left = ([None] * len(items), iter(range(len(items))))
@@ -156,19 +156,19 @@ class Pool:
 
 
 def pool(threads):
-    """A pool of that many threads."""
+    """Return a pool of `threads` threads."""
     return Pool(threads)
 
 
 def omega_error(tops, momentum, reference):
-    """|omega - reference| / |reference| of each member, from momenta."""
+    """Return |omega - reference| / |reference| of each member, from momenta."""
     difference = (momentum - reference) / tops.moments
     return np.sqrt((difference**2).sum(0) / ((reference / tops.moments) ** 2).sum(0))
 
 
 def attitude_error(q, p):
-    """The angle between attitudes [rad]: 4 asin(d/2), where d is the distance of q from p or -p,
-    whichever is nearer.
+    """Return the angle between attitudes [rad]: 4 asin(d/2), where d is the distance of q from p or
+    -p, whichever is nearer.
     """
     distance = np.sqrt(np.minimum(((q - p) ** 2).sum(0), ((q + p) ** 2).sum(0)))
     return 4.0 * np.arcsin(np.minimum(0.5 * distance, 1.0))

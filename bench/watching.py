@@ -1,7 +1,7 @@
-"""What is watched, against steps of 1 ms: errors by length of step, and the cost in a step.
+"""Monitored quantities against steps of 1 ms: errors by length of step, and the cost in a step.
 
 Heavy tops with three different moments and a centre of mass off all axes, attitudes over the whole
-sphere. The error of the motion itself stands beside: no dense output can be better than it.
+sphere. The error of the motion itself is listed for comparison: no dense output can be better.
 """
 
 import statistics
@@ -27,12 +27,12 @@ COSTS = {
     "nutation": ("nutation",), "precession": ("precession",), "passage": (CONE,),
     "flips": ("flips",), "omega_mean": ("omega_mean",), "omega_max": ("omega_max",),
 }  # fmt: skip
-STEPS = 1000  # of a member: what is not a step takes 2 % of a run of rk8
+STEPS = 1000  # of a member: everything except steps takes 2 % of a run of rk8
 ASKED = {("rk8", 1.6): 15.0, ("rk4", 0.3): 10.0}  # percent of a step, for one quantity
 
 
 def run(quick):
-    """All rows of the bench."""
+    """Return all rows of the bench."""
     warnings.simplefilter("ignore", rm.SceneWarning)  # long steps, on purpose
     members, rounds = (40, 3) if quick else (400, 15)
     rows = list(errors(members))
@@ -42,7 +42,7 @@ def run(quick):
 
 
 def errors(members):
-    """A row for each integrator and step: the worst of all tops."""
+    """Return a row for each integrator and step: the worst of all tops."""
     run = {"t_end": T_END, "every": T_END, "members": members, "seed": 3, "save": MANY}
     small = rm.simulate(TOPS, "rk8", dt=1e-3, **run)
     for integrator in INTEGRATORS:
@@ -70,7 +70,7 @@ def errors(members):
 
 
 def costs(integrator, turn, rounds):
-    """Rows: what watching adds to a step, in percent, on one thread, by CPU time."""
+    """Return rows with the cost of monitors in a step, in percent, on one thread, by CPU time."""
     plan = prepare_scene(TOPS.with_run(integrator=integrator, turn=turn, t_end=T_END)).plan
     pace = plan.mean_steps / T_END
     run = {"turn": turn, "t_end": STEPS / pace, "members": 2048}
@@ -94,7 +94,7 @@ def costs(integrator, turn, rounds):
 
 
 def targets(rows):
-    """What was asked, for each quantity."""
+    """Return the targets for each quantity."""
     for row in rows:
         asked = row["kind"] == "cost" and ASKED.get((row["integrator"], row["turn"]))
         if asked:

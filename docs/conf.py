@@ -44,7 +44,7 @@ extensions = [
     "pictures",
     "synonyms",
 ]
-exclude_patterns = ["_build", "extensions", "static"]
+exclude_patterns = ["_build", "extensions", "static", "paper"]
 nitpicky = True
 smartquotes = False  # `--dt` keeps its two hyphens
 autodoc_typehints = "none"
@@ -68,7 +68,7 @@ html_theme_options = {
     "navigation_with_keys": False,
     "show_toc_level": 2,
     "footer_end": [],
-    "header_links_before_dropdown": 5,
+    "header_links_before_dropdown": 3,
 }
 html_show_sourcelink = False
 html_sidebars = {
@@ -94,7 +94,8 @@ if REPOSITORY := os.environ.get("GITHUB_REPOSITORY"):
     }
     html_theme_options |= {
         "use_edit_page_button": True,
-        "navbar_start": ["navbar-logo", "version-switcher"],
+        # in the menu on a telephone: at 390 pixels the bar has no room for it
+        "navbar_end": ["version-switcher", "theme-switcher", "navbar-icon-links"],
         "switcher": {
             "json_url": f"https://{owner.lower()}.github.io/{name}/versions.json",
             "version_match": os.environ.get("DOCS_VERSION", "dev"),

@@ -7,9 +7,9 @@ For example::
     scene = rm.Scene(rm.Body.from_moments((1, 2, 3)), start=start)
     ds = rm.simulate(scene, integrator="rk4", dt=1e-2, t_end=40.0, members=100_000, every=0.1)
 
-The names are loaded when first used: importing rigidmc compiles nothing and takes about 20 ms.
-Type checkers and editors read `__init__.pyi`, which `python -m bench.stub --write` makes of them.
-A Dataset has `ds.rigid` as soon as rigidmc and xarray are imported, see `rigidmc.views.accessor`.
+Names load at first use: importing rigidmc compiles nothing and takes about 20 ms. Type checkers
+and editors read `__init__.pyi`, which `python -m bench.stub --write` generates. Once rigidmc and
+xarray are imported, every Dataset has `ds.rigid`, see `rigidmc.views.accessor`.
 """
 
 from importlib import import_module
@@ -66,27 +66,27 @@ if TYPE_CHECKING:
 
 
 def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
-    """Open a result as an xarray Dataset that is read lazily.
+    """Open a result as a lazily read xarray Dataset.
 
     Parameters
     ----------
     path : path_like
-        a netCDF file, a zarr store or a run directory; of a run, or of a map
+        netCDF file, zarr store or run directory of a run or a map
     allow_code : bool, optional
-        whether `rerun` and other methods that integrate may run the Python files of a user's own
-        parts; what is stored opens without
+        whether `rerun` and other methods that integrate may run the Python files of custom
+        effects, observables and the like; opening stored data does not need it
 
     Returns
     -------
     xarray.Dataset
-        as of `simulate`, see `rigidmc.runs.directory.dataset.open_run`; of a map as of
-        `stability_map`. If members of the run directory of a map are missing, pixels have the
-        others, and `missing` in the attributes counts them
+        the Dataset that `simulate` returns, see `rigidmc.runs.directory.dataset.open_run`, or for
+        a map the one that `stability_map` returns. If a map's run directory lacks members, pixels
+        use the others, and the attribute `missing` counts the missing ones
 
     Raises
     ------
     FileError
-        for a path that is none of them, and for a map without a shard
+        if the path is not one of these, or a map has no shard
 
     Examples
     --------
@@ -113,18 +113,18 @@ def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
 
 
 def _registered() -> dict[str, str]:
-    """{name: module} of the classes of effects and of distributions of vectors."""
+    """Return {name: module} of the classes of effects and of vector distributions."""
     effects = import_module("rigidmc.physics.effects").EFFECTS.values()
     vectors = import_module("rigidmc.scene.vector_distributions").VECTOR_DISTRIBUTIONS
     kinds = (*effects, *vectors)
     return {kind.__name__: kind.__module__.removeprefix("rigidmc.") for kind in kinds}
 
 
-# {a name that is gone: what to write}
+# {removed name: replacement}
 _OLD = {"device": "give device= to simulate, run, resume and the studies"}
 
 
-# Names of earlier versions, and what they are called now; until 1.0.
+# {earlier name: current name}, until 1.0
 _OLD_NAMES = {
     "free_motion": "analyse_free_top",
     "free_top": "solve_free_top",
@@ -138,16 +138,16 @@ _OLD_NAMES = {
 
 def __getattr__(name: str) -> Any:
     if name in _OLD:
-        raise AttributeError(f"rigidmc.{name} is gone: {_OLD[name]}")
+        raise AttributeError(f"rigidmc.{name} was removed: {_OLD[name]}")
     if name == "__all__":
         return [*_HOMES, "open", *_registered()]
-    if name == "protocols":  # what parts of a user's own are made of
+    if name == "protocols":  # the building blocks of custom effects, observables, ...
         return import_module("rigidmc.protocols")
     if name in _OLD_NAMES:
-        # Of an AttributeError `from rigidmc import warm` would lose the words.
+        # with an AttributeError, `from rigidmc import warm` would lose the message
         raise ImportError(f"rigidmc.{name} is now called rigidmc.{_OLD_NAMES[name]}")
     home = _HOMES.get(name)
-    if home is None and not name.startswith("_"):  # Python itself asks for names with underscores
+    if home is None and not name.startswith("_"):  # Python itself looks up underscored names
         home = _registered().get(name)
     if home is None:
         words = f"module 'rigidmc' has no attribute '{name}'"

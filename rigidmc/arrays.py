@@ -1,8 +1,8 @@
-"""The one door through which numbers and arrays of a user come in.
+"""Validation of users' numbers and arrays: the one place where they enter.
 
-Numbers are taken by their place alone: components last, and in scenes one row per member. What
-carries more than places (labels, a unit, a mask, no order) would lose it on the way in, so it is
-refused, with what to write in its place.
+The position of a number alone gives its meaning: components come last, and in scenes each row is a
+member. Objects with more than positions (labels, a unit, a mask, no order) would lose it here, so
+they are refused with a suggested replacement.
 """
 
 import math
@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from rigidmc.errors import SceneError
 
 _SEQUENCES = (list, tuple, range, deque, machine_array)
-_PLAIN_ARRAYS = (np.memmap, np.matrix, np.recarray)  # they add nothing to the numbers of an ndarray
+_PLAIN_ARRAYS = (np.memmap, np.matrix, np.recarray)  # carry no more than the numbers of an ndarray
 _ELEMENTS = {
-    "b": "are truth values, not numbers",
+    "b": "are booleans, not numbers",
     "c": "are complex: give real numbers, such as x.real",
     "m": "are time differences: divide them by np.timedelta64(1, 's')",
     "M": "are dates, not numbers",
@@ -31,23 +31,23 @@ _ELEMENTS = {
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a finite real number; truth values and time differences are not."""
+    """Return whether a value is a finite real number; booleans and time differences are not."""
     known = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(
         value, (bool, np.timedelta64)
     )
     try:
         return known and math.isfinite(value)
-    except OverflowError:  # whole numbers of Python may be larger than floats
+    except OverflowError:  # Python's integers may exceed floats
         return False
 
 
 def as_plain_arrays(value: Any, at: str = "input", kinds: str = "fiu") -> Any:
-    """A value whose arrays are plain ones; SceneError for what has a meaning beyond its places.
+    """Convert arrays in a value to plain ones; SceneError if positions do not give their meaning.
 
-    Numbers, text and objects that hold no numbers in places stay as they are, and so do lists and
-    tuples of those. Inside of them the same is refused as outside.
+    Numbers, text, objects without arrays, and lists and tuples of these stay as they are. The
+    elements of lists and tuples obey the same rules.
 
-    kinds : of numpy's dtypes that arrays may have
+    kinds : allowed kinds of NumPy dtypes
     """
     if isinstance(value, np.ndarray):
         return _plain(value, at, kinds)
@@ -76,11 +76,11 @@ def floats(
     kinds: str = "fiu",
     rule: str = "expected numbers",
 ) -> NDArray[Any]:
-    """An array of a user as float64; SceneError for anything but numbers in places.
+    """Convert a user's array to float64; SceneError for anything but numbers in positions.
 
-    last : length that its last axis, that of the components, must have; 0 for any
-    kinds : with "c" also complex numbers, which stay complex
-    rule : what is expected
+    last : required length of the last axis, the components; 0 for any
+    kinds : allowed kinds of dtypes; with "c" complex numbers are allowed and stay complex
+    rule : start of the error message, which states the expectation
     """
     plain = type(value) is np.ndarray and value.dtype == np.float64
     array: NDArray[Any] = value if plain else _converted(value, at, kinds, rule)
@@ -92,13 +92,13 @@ def floats(
 
 
 def _converted(value: Any, at: str, kinds: str, rule: str) -> NDArray[Any]:
-    """The numbers of an object that is not an array of float64 yet; SceneError."""
+    """Convert an object that is not yet a float64 array; SceneError."""
     value = as_plain_arrays(value, at, kinds)
     try:
         found = np.asarray(value)
     except ValueError:  # rows of different lengths
         raise SceneError(f"{rule}; its rows differ in length", at=at, value=value) from None
-    if found.dtype.kind == "O":  # also whole numbers beyond 64 bits
+    if found.dtype.kind == "O":  # includes integers beyond 64 bits
         real = [isinstance(one, Real) and not isinstance(one, bool) for one in found.ravel()]
         if not all(real):
             raise SceneError(rule, at=at, value=value)
@@ -113,13 +113,13 @@ def _converted(value: Any, at: str, kinds: str, rule: str) -> NDArray[Any]:
 
 
 def _plain(value: NDArray[Any], at: str, kinds: str) -> Any:
-    """An array without its mask, if nothing is masked; SceneError."""
+    """Return an array as a plain one; SceneError if an element is masked or has no number."""
     if isinstance(value, np.ma.MaskedArray):
         masked: Any = np.argwhere(np.ma.getmaskarray(value)) if value.dtype.names is None else ()
         if count := len(masked):
             where = f"row {masked[0][0]}" if value.ndim else "it"
             many = f" ({count} of {value.size} elements are)" if value.size > 1 else ""
-            rule = f"{where} is masked{many}: leave such members out, or give numbers for them"
+            rule = f"{where} is masked{many}: omit masked members, or give their numbers"
             raise SceneError(rule, at=at)
         value = np.asarray(value)
     if type(value) is not np.ndarray:
@@ -130,23 +130,23 @@ def _plain(value: NDArray[Any], at: str, kinds: str) -> Any:
         value = np.asarray(value)
     if value.dtype.kind == "O":
         return as_plain_arrays(value.tolist(), at, kinds)
-    if value.dtype.kind not in kinds + "SU":  # what is text is for others to refuse, or to take
+    if value.dtype.kind not in kinds + "SU":  # the caller accepts or refuses text
         raise SceneError(f"its elements {_why(value)}", at=at)
     return value if value.ndim else value[()]
 
 
 def _why(array: NDArray[Any]) -> str:
-    return _ELEMENTS.get(array.dtype.kind, "are no numbers")
+    return _ELEMENTS.get(array.dtype.kind, "are not numbers")
 
 
 def _cure(value: Any) -> str:
-    """Why an object is not taken and what to write in its place; "" for one without numbers."""
+    """Return why an object is refused and its replacement; "" for an object without numbers."""
     if isinstance(value, Mapping):
         return "has keys: give its values in their order, [x[key] for key in (...)]"
     if isinstance(value, Set):
         return "has no order: give a list"
     if isinstance(value, (bytes, bytearray, memoryview)):
-        return "is of bytes: give numbers"
+        return "consists of bytes: give numbers"
     if hasattr(value, "magnitude") or hasattr(value, "unit"):
         return (
             "has a unit: give its numbers in SI units, such as x.to('rad/s').magnitude of pint or"
@@ -167,5 +167,5 @@ def _cure(value: Any) -> str:
     if hasattr(value, "__array__") or hasattr(value, "__dlpack__"):
         return "is not a NumPy array: give np.asarray(x)"
     if hasattr(value, "__iter__"):
-        return "is no list: give list(x)"
+        return "is not a list: give list(x)"
     return ""

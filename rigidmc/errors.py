@@ -1,4 +1,4 @@
-"""Errors that tell what was given, where it stands, what is allowed, and the nearest right word."""
+"""Errors that state the value given, its place, the allowed values and the nearest valid word."""
 
 import difflib
 import os
@@ -15,33 +15,32 @@ from numpy.typing import ArrayLike
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
-_SCREEN, _WORD = 1600, 200  # letters of a message, and of a word: files of others may have more
-_MANY = 200  # words that are known
-# C0 without tab and newline, C1, and what changes the direction of writing
+_SCREEN, _WORD = 1600, 200  # longest message and word, in characters: foreign files may have more
+_MANY = 200  # most valid words that a message lists
+# C0 without tab and newline, C1, and marks that change the writing direction
 _CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
 
 class RigidmcError(ValueError):
-    """A mistake in what the user gave, whatever it is; the command line ends with exit code 3, see
-    `rigidmc.cli.app`.
+    """A mistake in the user's input; the command line exits with code 3, see `rigidmc.cli.app`.
 
-    The text names file, place, value, rule and the nearest right word, and each is an attribute.
+    The message names file, place, value, rule and the nearest valid word, each also an attribute.
 
     Parameters
     ----------
     rule : str
-        what is allowed
+        the rule that the input breaks
     at : str, optional
-        where the mistake is, a path such as "run.dt", "effects.gravity.g", or an argument "threads"
+        place of the mistake: a path such as "run.dt", "effects.gravity.g", or an argument "threads"
     table : str, optional
-        how much of `at` is the table, which the text shows in brackets; by default all but the
-        last word
+        leading part of `at` that the message shows in brackets as the table; by default all but
+        the last word
     value : object, optional
-        what was given; None if it is not shown
+        the value given; None if the message does not show it
     nearest : str, optional
-        the nearest right word
+        the nearest valid word
     file : str, optional
-        in which the mistake is
+        file with the mistake
 
     Attributes
     ----------
@@ -79,14 +78,14 @@ class RigidmcError(ValueError):
     def key(self) -> str:
         return self.at[len(self.table) + 1 :] if self.table else self.at
 
-    def __reduce__(self) -> tuple[Any, ...]:  # the workers of a cluster send errors pickled
+    def __reduce__(self) -> tuple[Any, ...]:  # cluster workers send errors pickled
         return type(self), (self.rule,), self.__dict__
 
     def __str__(self) -> str:
         return self.text(self.key)
 
     def text(self, key: str) -> str:
-        """The text with another word for the key: the command line has options."""
+        """Return the message with another word for the key, such as a command-line option."""
         file = f"{_cut(self.file)}: " if self.file else ""
         place = f"[{_cut(self.table, _WORD)}] " if self.table else ""
         given = "" if self.value is None else f" = {_short(self.value)}"
@@ -106,21 +105,21 @@ class SceneError(RigidmcError):
 
 
 class PartError(SceneError):
-    """A mistake in a part of a user's own: an effect, observable, integrator or distribution.
+    """A mistake in a custom effect, observable, integrator or distribution.
 
-    Its path goes on from the table with the class and its method or fact, such as
+    Its path continues after the table with the class and its method or attribute, such as
     "effects.Wind.torque".
 
     Parameters
     ----------
     rule : str
-        what is allowed
+        the rule that the class breaks
     source : str, optional
-        Python file of the part, as far as it is known
+        Python file of the class, if known
     line : int, optional
-        in this file
+        line in this file
     **place
-        as of `RigidmcError`
+        other parameters of `RigidmcError`
 
     Examples
     --------
@@ -132,7 +131,7 @@ class PartError(SceneError):
     >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), (Wind(3.0),), rm.Start(omega=(0.0, 1.0, 0.0)))
     >>> rm.prepare(scene)  # doctest: +ELLIPSIS
     Traceback (most recent call last):
-    rigidmc.errors.PartError: [effects] Wind.torque: asks for 'v'; it may name ...
+    rigidmc.errors.PartError: [effects] Wind.torque: unknown argument 'v'; it may name ...
     """
 
     def __init__(
@@ -145,11 +144,11 @@ class PartError(SceneError):
     def of(
         cls, part: object, rule: str, at: str, name: str = "", line: int | None = None
     ) -> "PartError":
-        """The error about a class, or about its method or fact `name`, in the table `at`."""
+        """Return the error about a class, or its method or attribute `name`, in the table `at`."""
         kind = part if isinstance(part, type) else type(part)
         code = getattr(getattr(kind, name, None), "__code__", None)
         own = [getattr(one, "__code__", None) for key, one in vars(kind).items() if key[0] != "_"]
-        # a class of a notebook or of the shell is in no file
+        # a class defined in a notebook or shell has no file
         files = [one.co_filename for one in (code, *own) if one is not None]
         source = next((file for file in files if os.path.isfile(file)), None)
         if source is not None and line is None and code is not None:
@@ -172,22 +171,22 @@ class OptionError(RigidmcError):
 
 
 class FileError(RigidmcError):
-    """A file or run directory that cannot be used: no regular file, damaged, or no result.
+    """A file or run directory that cannot be used: not a regular file, damaged, or not a result.
 
     Examples
     --------
     >>> rm.open(".")
     Traceback (most recent call last):
-    rigidmc.errors.FileError: run = '.': is no run directory: it has no run.json
+    rigidmc.errors.FileError: run = '.': is not a run directory: no run.json
     """
 
     @property
-    def table(self) -> str:  # the dots of scene.toml are those of a name
+    def table(self) -> str:  # dots, as in scene.toml, belong to the file name
         return self._table or ""
 
 
 class OutputExists(FileExistsError):
-    """A result would overwrite a file; nothing was written.
+    """A result that would overwrite a file; nothing was written.
 
     Examples
     --------
@@ -200,15 +199,15 @@ class OutputExists(FileExistsError):
 
 
 class NoSuchScene(FileNotFoundError):
-    """A word that is the name of no shipped scene, and of no file."""
+    """A name that matches neither a shipped scene nor a file."""
 
 
 class NoRoom(OSError):
-    """More memory or disk is needed than is free."""
+    """Insufficient free memory or disk space."""
 
 
 class NoDevice(OSError):
-    """No graphics processor that can be used, or one that fails on the way.
+    """No usable GPU, or a GPU that fails during the run.
 
     Examples
     --------
@@ -220,7 +219,7 @@ class NoDevice(OSError):
 
 
 class SceneWarning(UserWarning):
-    """A scene that runs, but perhaps not as meant.
+    """A scene that runs, but perhaps not as intended.
 
     Examples
     --------
@@ -234,14 +233,14 @@ class SceneWarning(UserWarning):
 
 
 class Renamed:
-    """Base of classes whose attributes had other names before: an old one is refused with the new.
+    """Base of classes with renamed attributes: the error for an old name gives the new one.
 
-    Until 1.0: then the tables of old names go, and this class with them.
+    Version 1.0 removes this class and the tables of old names.
     """
 
     _OLD_NAMES: ClassVar[Mapping[str, str]] = {}
 
-    if not TYPE_CHECKING:  # type checkers would take any attribute
+    if not TYPE_CHECKING:  # type checkers would accept any attribute
 
         def __getattr__(self, name: str) -> None:
             kind = type(self)
@@ -253,11 +252,11 @@ class Renamed:
 
 
 def nearest(word: object, words: Iterable[object]) -> str | None:
-    """The word of `words` that `word` is another name of, or else the one most like it; None if
-    none is like it."""
+    """Return the member of `words` that `word` is a synonym of, else the most similar one; None if
+    none is similar."""
     from rigidmc.synonyms import NAMES
 
-    # a file may have a million long names: how alike two are takes the product of their lengths
+    # a file may have a million long names, and comparing two takes the product of their lengths
     known = {str(w).lower(): str(w) for w in islice(words, _MANY) if len(str(w)) <= _WORD}
     if len(str(word)) > _WORD:
         return None
@@ -265,7 +264,7 @@ def nearest(word: object, words: Iterable[object]) -> str | None:
     for name in NAMES.get(asked.replace(" ", "_"), ()):
         if same := next((known[w] for w in (name, name.replace("_", "")) if w in known), None):
             return same
-    # "foo" and "book" are 0.57 alike, "sphere" and "shell" 0.55
+    # similarity: "foo" and "book" 0.57, "sphere" and "shell" 0.55
     close = difflib.get_close_matches(str(word).lower(), known, n=1, cutoff=0.6)
     return known[close[0]] if close else None
 
@@ -280,9 +279,9 @@ def unknown(
     value: Any = None,
     error: type[RigidmcError] = SceneError,
 ) -> RigidmcError:
-    """The error for a word that is none of `words`: the value at a path, or the key in a table.
+    """Return the error for a word not among `words`: the value at a path, or the key in a table.
 
-    kind : what the word should be the name of, such as "effect"
+    kind : the kind of name expected, such as "effect"
     """
     words = list(words)
     more = f" and {len(words) - _MANY:,} more" if len(words) > _MANY else ""
@@ -295,11 +294,11 @@ def unknown(
 def from_pydantic(
     error: "ValidationError", at: str, known: Iterable[str], given: Mapping[str, Any]
 ) -> RigidmcError:
-    """The first complaint of pydantic about a table, as a SceneError; the one place that makes it.
+    """Convert pydantic's first complaint about a table to a SceneError; the only place that does.
 
-    known : keys of the table;  given : what was given, {key: value}
+    known : keys of the table;  given : {key: value} from the user
     """
-    # a misspelt key comes before the right one that it leaves missing
+    # a misspelt key comes before the missing key that it stands for
     first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
     key = str(first["loc"][0]) if first["loc"] else "scene"
     if first["type"] == "extra_forbidden":
@@ -308,7 +307,7 @@ def from_pydantic(
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, RigidmcError):  # about several keys
         return cause
-    if isinstance(cause, ValueError):  # of a validator, which knows value and rule alone
+    if isinstance(cause, ValueError):  # from a validator, which has only the value and the rule
         rule, value = str(cause), first["input"]
     if first["type"] == "missing":
         rule, value = "is missing", None
@@ -316,13 +315,13 @@ def from_pydantic(
 
 
 def rule_of(error: ValueError) -> str:
-    """The rule that an error names: its text, without place and value if it has these."""
+    """Return the rule in an error's message, without place and value."""
     return error.rule if isinstance(error, RigidmcError) else str(error)
 
 
 @contextmanager
 def in_file(file: str) -> Iterator[None]:
-    """Name the file in each error that names none: where its text is read, and what it is about."""
+    """Add the file name to errors raised while its text is read or used, unless they have one."""
     try:
         yield
     except RigidmcError as error:
@@ -331,13 +330,13 @@ def in_file(file: str) -> Iterator[None]:
 
 
 def path_of(at: str, key: str) -> str:
-    """The path of a key in a table; the key alone without a table."""
+    """Return the path of a key in a table; the key alone without a table."""
     return f"{at}.{key}" if at else key
 
 
 def check_rows(bad: ArrayLike, rule: str, at: str = "input") -> None:
-    """Raise SceneError if all elements are bad; warn with their number if some are, because they
-    are nan in the result."""
+    """Raise SceneError if all elements are bad; warn with their count if some are, because the
+    result has nan for them."""
     count, size = int(np.count_nonzero(bad)), np.size(bad)
     if count and count == size:
         every = f"{rule} (all of {count:,} are bad)" if count > 1 else rule
@@ -348,8 +347,8 @@ def check_rows(bad: ArrayLike, rule: str, at: str = "input") -> None:
 
 
 def terminal_text(text: str) -> str:
-    """A text as a terminal may show it: what controls a terminal, or turns the direction of
-    writing, is there as an escape. Titles and names come from files of others."""
+    """Make a text safe to print: escape characters that control a terminal or change the writing
+    direction. Titles and names may come from untrusted files."""
     return text if text.isascii() and text.isprintable() else _CONTROLS.sub(_escaped, text)
 
 
@@ -358,14 +357,14 @@ def _escaped(found: re.Match[str]) -> str:
 
 
 def _short(value: object) -> str:
-    # repr of a number of more than 4300 digits is an error of its own
+    # repr raises for an integer of more than 4300 digits
     text = repr(value) if not isinstance(value, int) or abs(value) < 10**80 else "a huge number"
-    text = " ".join(text.split())  # a Series shows itself on several lines
-    # the end of a path tells which file it is
+    text = " ".join(text.split())  # the repr of a Series has several lines
+    # the end of a path identifies the file
     return text if len(text) <= 80 else f"{text[:38]}...{text[-39:]}"
 
 
 def _cut(text: str, most: int = 0) -> str:
-    """A text of at most `most` letters, by default a screen: its begin and its end."""
+    """Shorten a text to its beginning and end, about `most` characters; by default a screen."""
     most = most or _SCREEN
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 3 :]}"

@@ -1,7 +1,7 @@
-"""What all pictures share: the palette, an empty figure, and the file that a figure becomes.
+"""Common parts of all pictures: palette, empty figures, and saving a figure to a file.
 
-A picture is a matplotlib Figure; pyplot and its global state are not used. How an integrator looks
-follows from its place in their registry, so that a new one has a style.
+A picture is a matplotlib Figure, made without pyplot and its global state. The position of an
+integrator in the registry determines its line style, so a new one has a style at once.
 """
 
 import io
@@ -24,12 +24,12 @@ from rigidmc.files.outputs import refuse_existing, write_bytes
 from rigidmc.physics.integrators import INTEGRATORS
 
 INK, GREY, LIGHT = "#222222", "#777777", "#c8c8c8"  # lines and text, from strong to faint
-PATH = "#d94801"  # single members and what stands out
+PATH = "#d94801"  # single members and highlights
 BAND, CORE, MEDIAN = "#c6dbef", "#6baed6", "#08306b"  # outer and inner quantiles, median
 ALARM = "#a61c00"  # limits and failures
 DENSITY, VALUES = "cividis_r", "cividis"  # colour maps, dark or bright at large values
 HALO = [withStroke(linewidth=2.0, foreground="white")]  # around text and lines over an image
-# Lines that must be told apart: by colour, and in grey by marker and dash.
+# distinguish lines: by colour, and in greyscale by marker and dash
 COLOURS = (
     "#d94801", "#8c2d04", "#7a7a7a", "#9e7bb5", "#2a9d6f",
     "#2171b5", "#08306b", "#000000", "#4a1486", "#6baed6",
@@ -47,8 +47,8 @@ Scale = tuple[str | Colormap, Normalize, Ticks | None]  # colour map, norm, tick
 
 
 class Picture(Figure):
-    """A figure that notebooks show, also where nothing has imported pyplot: that tells them how to
-    show a plain Figure."""
+    """A figure that notebooks display even without pyplot, which registers the display of a plain
+    Figure."""
 
     def _repr_png_(self) -> bytes:
         data = io.BytesIO()
@@ -57,28 +57,28 @@ class Picture(Figure):
 
 
 def new_figure(title: str, size: tuple[float, float]) -> Figure:
-    """An empty figure with a heading; size in inches."""
+    """Return an empty figure with a heading; size in inches."""
     figure = Picture(size, layout="constrained")
     FigureCanvasAgg(figure)
-    # a scene's title is plain text, no formula
+    # a scene's title is plain text, not a formula
     figure.suptitle(title, fontsize=11, parse_math=False)
     return figure
 
 
 def figure_of(axes: Axes) -> Figure:
-    """The figure that axes belong to."""
+    """Return the figure that contains the axes."""
     return cast(Figure, axes.figure)
 
 
 def add_title(axes: Axes, text: str, note: str = "", pad: float | None = None) -> None:
-    """Give axes a title; a note on what the picture does not show stands below it, in red."""
+    """Give axes a title, and below it in red a note on omissions from the picture."""
     lines = [text, *([fill(note, 74)] if note else [])]
     colour = ALARM if note else "black"
     axes.set_title("\n".join(lines), fontsize=9 if note else 10, pad=pad, color=colour)
 
 
 def legend_above(axes: Axes, columns: int) -> None:
-    """A legend between the axes and their title."""
+    """Draw a legend between the axes and their title."""
     axes.legend(
         loc="lower center",
         bbox_to_anchor=(0.5, 0.99),
@@ -90,14 +90,14 @@ def legend_above(axes: Axes, columns: int) -> None:
 
 
 def colour_scale(name: str, values: NDArray[np.float64], named: Mapping[float, str]) -> Scale:
-    """(colour map, norm, ticks) of a variable.
+    """Return (colour map, norm, ticks) for a variable.
 
-    named : {value: word} of a variable that takes a few values
+    named : {value: word} of a variable with a few values
     """
     finite = values[np.isfinite(values)]
     if not finite.size:
         return VALUES, Normalize(0.0, 1.0), None
-    if name.startswith("p("):  # a share
+    if name.startswith("p("):  # a probability
         return DENSITY, Normalize(0.0, 1.0), None
     if name.startswith("correlation("):
         return VALUES, Normalize(-1.0, 1.0), None
@@ -112,7 +112,7 @@ def colour_scale(name: str, values: NDArray[np.float64], named: Mapping[float, s
             return VALUES, LogNorm(low, high), (list(ticks), [str(tick) for tick in ticks])
     low, high = np.quantile(finite, [0.005, 0.995])
     if high <= low:
-        # a scale of equal numbers; 1e-300 only keeps its ends apart, and is drawn as nothing
+        # all values are equal; 1e-300 only separates the limits of zeros, and is invisible
         low, high = low - 0.01 * abs(low) - 1e-300, high + 0.01 * abs(high) + 1e-300
     return VALUES, Normalize(low, high), None
 
@@ -120,14 +120,15 @@ def colour_scale(name: str, values: NDArray[np.float64], named: Mapping[float, s
 def save(figure: Figure, path: str | PathLike[str], force: bool = False) -> None:
     """Write a picture in the format of its suffix, completely or not at all.
 
-    Raises OutputExists if the file exists and `force` is False, OptionError as `check_suffix`.
+    Raises OutputExists if the file exists and `force` is False; OptionError as in `check_suffix`.
     """
     refuse_existing(path, force, "pictures")
     write_bytes(path, picture_bytes(figure, path), force)
 
 
 def picture_bytes(figure: Figure, path: str | PathLike[str]) -> bytes:
-    """The bytes of a picture in the format of a path's suffix; OptionError as `check_suffix`."""
+    """Return the bytes of a picture in the format of the path's suffix; OptionError as in
+    `check_suffix`."""
     check_suffix(path, "pictures")
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=150, format=Path(path).suffix[1:].lower())
@@ -135,7 +136,7 @@ def picture_bytes(figure: Figure, path: str | PathLike[str]) -> bytes:
 
 
 class Style(NamedTuple):
-    """How the line of an integrator looks."""
+    """Line style of an integrator."""
 
     color: str
     marker: str
@@ -143,10 +144,10 @@ class Style(NamedTuple):
 
 
 def styles() -> dict[str, Style]:
-    """{integrator: Style} from the registry.
+    """Return {integrator: Style} from the registry.
 
-    One colour for integrators of one family (the file that defines them) and order, dashes within
-    it; each integrator has its own marker, up to len(MARKERS) of them.
+    Integrators of one family (defined in one file) and order share a colour and differ in dashes;
+    each integrator has its own marker, up to len(MARKERS) of them.
     """
     families: dict[tuple[str, float], int] = {}  # {(file, order): members so far}
     table = {}
@@ -163,5 +164,5 @@ STYLES = styles()
 
 
 def style_of(name: str) -> Style:
-    """The style of an integrator; those of the user's own share one."""
+    """Return the style of an integrator; custom integrators share one."""
     return STYLES.get(name, Style("0.15", "*", "-"))

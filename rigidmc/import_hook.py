@@ -1,7 +1,8 @@
-"""What happens when a library is imported for the first time: a hook that changes how it is loaded.
+"""A hook that changes how a library loads when it is first imported.
 
-`import rigidmc` takes 20 ms because it imports no xarray, and the command line sets up Numba and
-matplotlib only if a command needs them. So what they need waits for their import.
+`import rigidmc` takes 20 ms because it does not import xarray, and the command line sets up Numba
+and matplotlib only if a command needs them. The hook delays the setup of a library until its
+import.
 """
 
 import sys
@@ -18,7 +19,7 @@ _waiting: dict[str, Callable[[ModuleType, Load], None]] = {}  # by the name of a
 def on_import(names: Iterable[str], act: Callable[[ModuleType, Load], None]) -> None:
     """Call act(module, load) once in place of load() when one of these libraries is imported.
 
-    Libraries that are imported already are left alone.
+    Libraries imported before are left alone.
     """
     _waiting.update({name: act for name in names if name not in sys.modules})
     if _waiting and _Finder not in sys.meta_path:
@@ -26,7 +27,7 @@ def on_import(names: Iterable[str], act: Callable[[ModuleType, Load], None]) -> 
 
 
 class _Finder:
-    """Finds the waiting libraries as the other finders do, and wraps their loaders."""
+    """Finder of the waiting libraries: asks the other finders and wraps their loaders."""
 
     @staticmethod
     def find_spec(
@@ -46,7 +47,7 @@ class _Finder:
 
 
 class _Loader:
-    """The loader of a library, which lets `act` load it."""
+    """Loader of a library that delegates loading to `act`."""
 
     def __init__(self, loader: Loader, act: Callable[[ModuleType, Load], None]) -> None:
         self.loader, self.act = loader, act

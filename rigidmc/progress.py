@@ -1,5 +1,5 @@
-"""Progress of a run: a bar with members/s and time left on a terminal, a line now and then
-elsewhere, or a user's function."""
+"""Progress of a run: on a terminal a bar with members/s and time left, elsewhere an occasional
+line, or a user's function."""
 
 import logging
 import sys
@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 
-Show = Callable[[int, int], object]  # called with the member-steps that are done, and all of them
+Show = Callable[[int, int], object]  # called with completed and total member-steps
 Progress = bool | Show | None  # a bar, a function, or nothing
 
 log = logging.getLogger("rigidmc")
@@ -19,7 +19,7 @@ _announced: ContextVar[bool] = ContextVar("announced", default=False)
 
 @contextmanager
 def announce(progress: object) -> Iterator[None]:
-    """Within this context `say` prints its lines if `progress` is True."""
+    """Let `say` print within this context if `progress` is True."""
     token = _announced.set(_announced.get() or progress is True)
     try:
         yield
@@ -28,7 +28,7 @@ def announce(progress: object) -> Iterator[None]:
 
 
 def say(text: str) -> None:
-    """A line about something that begins and takes long, for the log and for users who asked for
+    """Log a line about the start of a slow operation, and print it if the user asked for
     progress."""
     log.info(text)
     if _announced.get():
@@ -36,12 +36,12 @@ def say(text: str) -> None:
 
 
 def _print(text: str) -> None:
-    with suppress(OSError):  # the reader may have gone; the run goes on
+    with suppress(OSError):  # if the reader has closed the pipe, the run continues
         print(text, file=sys.stderr, flush=True)
 
 
 class Report:
-    """Counts member-steps from any thread. The main thread calls `poll`, which shows them."""
+    """Counter of member-steps from any thread. The main thread calls `poll`, which shows them."""
 
     def __init__(self, total: int, show: Show) -> None:
         self.total, self.show = total, show
@@ -49,18 +49,18 @@ class Report:
         self._lock = threading.Lock()
 
     def step(self, count: float) -> None:
-        """Count member-steps that are done."""
+        """Add completed member-steps."""
         with self._lock:
             self.done = min(self.total, self.done + count)
 
     def poll(self) -> None:
-        """Show what is done."""
+        """Show the completed member-steps."""
         self.show(round(self.done), self.total)
 
 
 @contextmanager
 def reporter(progress: Progress, members: int, steps: int) -> Iterator[Report]:
-    """A report with step(count) and poll().
+    """Yield a report with step(count) and poll().
 
     progress : True for a bar or lines, or a function of (done, total) member-steps
     """
@@ -114,13 +114,13 @@ def _bar(total: int, steps: int) -> Iterator[Report]:
 
 
 def in_notebook() -> bool:
-    """Whether a Jupyter kernel runs this."""
+    """Return whether this runs in a Jupyter kernel."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return shell is not None and hasattr(shell, "kernel")
 
 
 def _notebook(steps: int) -> Show:
-    """A bar below the cell, drawn anew up to five times a second."""
+    """Return a function that shows a bar below the cell, redrawn up to five times a second."""
     from IPython.display import HTML, display
 
     began = last = time.perf_counter()

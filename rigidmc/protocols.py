@@ -1,15 +1,15 @@
-"""What a part of your own is made of: decorators, protocols, and the functions it may call.
+"""Building blocks of custom effects, observables, integrators and distributions.
 
-- An effect is a NamedTuple with `torque`; `effect` states its facts, `Effect` lists its methods.
+- An effect is a NamedTuple with `torque`; `effect` sets its properties, `Effect` lists its methods.
 - An observable is a NamedTuple with `value` (decorator `observable`), `level` (`event`), or `begin`
-  and `update` (`running`); `Observable`, `Event` and `Running` list facts and methods.
-- An integrator is a NamedTuple with `step` and its facts, see `Integrator`.
-- A distribution of vectors is a frozen dataclass, a subclass of `VectorDistribution`; `sample`,
-  `number` and `numbers` serve it.
-- What a part has or has not is a flag, ON or OFF; `flag(condition)` makes one.
+  and `update` (`running`); `Observable`, `Event` and `Running` list properties and methods.
+- An integrator is a NamedTuple with `step` and its properties, see `Integrator`.
+- A vector distribution is a frozen dataclass, a subclass of `VectorDistribution`; `sample`,
+  `number` and `numbers` help to write it.
+- Flags are ON or OFF; `flag(condition)` makes one.
 
-Compiled methods are plain arithmetic, functions of `math`, the functions below, and functions of
-your own file that are made of the same. docs/how_to/own_parts.md has one part of each kind.
+Compiled methods may use plain arithmetic, functions of `math`, the functions below, and functions
+in your own file that use only these. docs/how_to/own_parts.md has an example of each kind.
 """
 
 from typing import TYPE_CHECKING
@@ -101,7 +101,7 @@ __all__ = [
     "vertical",
 ]
 
-# Names of earlier versions, and what they are called now; until 1.0.
+# {earlier name: current name}, until 1.0
 _OLD = {
     "Law": "VectorDistribution",
     "Record": "EventRecord",
@@ -119,6 +119,6 @@ if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> None:
         if name in _OLD:
-            # Of an AttributeError `from rigidmc.protocols import up` would lose the words.
+            # with an AttributeError, `from rigidmc.protocols import up` would lose the message
             raise ImportError(f"rigidmc.protocols.{name} is now called {_OLD[name]}")
         raise AttributeError(f"module 'rigidmc.protocols' has no attribute '{name}'")

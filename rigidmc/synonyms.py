@@ -1,6 +1,6 @@
-"""Words that people use for what rigidmc calls by another name, for hints in messages."""
+"""Common synonyms of rigidmc's names, for hints in messages."""
 
-# {the name: words for it}, by where the name is used. A hint is given only where the name is known.
+# {name: its synonyms}, grouped by use. A message hints at a name only where the name is valid.
 _WORDS = {
     # solids
     "ball": "sphere solid_sphere",
@@ -20,7 +20,7 @@ _WORDS = {
     "radius": "r a",
     "height": "h length l",
     "density": "rho",
-    # starts and what is saved
+    # starts and saved variables
     "omega": "w angular_velocity spin rates velocity",
     "momentum": "l angular_momentum",
     "attitude": "q quaternion quaternions orientation rotation euler euler_angles angles pose",
@@ -38,7 +38,7 @@ _WORDS = {
     "uniform_field": "magnet magnetic magnetic_field dipole field",
     "body_torque": "torque thruster",
     "energy_dissipation": "dissipation slosh",
-    # distributions and distributions
+    # distributions
     "normal": "gaussian gauss norm",
     "uniform": "flat random isotropic",
     "expon": "exponential",

@@ -1,10 +1,10 @@
-"""Threads that stay, and tasks for them. No signal makes anything wait for ever.
+"""Persistent threads and their tasks. No signal causes a deadlock.
 
-A signal raises its exception in the main thread between any two instructions: also in the Python
-code of `threading.Condition`, `queue.Queue` and `concurrent.futures`, between taking a lock and
-noting that it has the lock. The lock then stays locked. With them a run that two signals stopped
-sometimes waited for itself for ever. Here the main thread takes no
-lock that a worker needs: tasks and answers go through `SimpleQueue`, which is written in C.
+A signal raises its exception in the main thread between any two instructions: even in the Python
+code of `threading.Condition`, `queue.Queue` and `concurrent.futures`, after they acquire a lock and
+before they record it. The lock then stays locked. With these classes, a run stopped by two signals
+sometimes deadlocked. Here the main thread acquires no lock that a worker needs: tasks and answers
+go through `SimpleQueue`, which is written in C.
 """
 
 import atexit
@@ -19,20 +19,20 @@ from functools import cache
 from queue import Empty, SimpleQueue
 from typing import Any
 
-MOMENT = 0.002  # s between two looks at a task that was dropped
+MOMENT = 0.002  # s between two checks of a dropped task
 
 _end: ContextVar[float] = ContextVar("end", default=math.inf)
 
 
 class Late(Exception):
-    """Raised in work that has to end now, see `ending`."""
+    """Raised in work that has reached its deadline, see `ending`."""
 
 
 @contextmanager
 def ending(at: float | None) -> Iterator[None]:
-    """Within this context `is_late` says whether a time has come.
+    """Set the deadline that `is_late` checks within this context.
 
-    at : on the clock of time.monotonic(); None for never
+    at : on the clock of time.monotonic(); None for no deadline
     """
     token = _end.set(min(_end.get(), math.inf if at is None else at))
     try:
@@ -42,19 +42,19 @@ def ending(at: float | None) -> Iterator[None]:
 
 
 def is_late() -> bool:
-    """Whether the work of this thread has to end now."""
+    """Return whether the work of this thread has reached its deadline."""
     return time.monotonic() >= end_of_work()
 
 
 def end_of_work() -> float:
-    """When the work of this thread has to end, on the clock of time.monotonic(); inf for never."""
+    """Return the deadline of this thread's work, on the clock of time.monotonic(); inf for none."""
     return _end.get()
 
 
 class Task:
-    """A call function(*arguments) that a thread makes.
+    """A call function(*arguments) made in a thread.
 
-    answers : where the task goes when it is done; by default a queue of its own
+    answers : queue that receives the completed task; by default its own
     """
 
     def __init__(
@@ -71,29 +71,29 @@ class Task:
 
     def run(self) -> None:
         """Make the call, in a thread."""
-        self.begun = True  # before the look at `dropped`: `drop` looks in the other order
+        self.begun = True  # before reading `dropped`: `drop` uses the reverse order
         try:
             if not self.dropped:
                 self.value = self.function(*self.arguments)
-        except BaseException as error:  # raised again by `result`
+        except BaseException as error:  # `result` reraises it
             self.error = error
         self.done = True
         self.answers.put(self)
 
     def result(self) -> Any:
-        """The value of a task that is done; its error is raised."""
+        """Return the value of a completed task, or raise its error."""
         if self.error is not None:
             raise self.error
         return self.value
 
     def wait(self) -> Any:
-        """Wait until a task with a queue of its own is done; its result."""
+        """Wait until a task with its own queue completes; return its result."""
         self.answers.get()
         return self.result()
 
 
 def drop(tasks: Collection[Task]) -> None:
-    """Begin none of some tasks, and wait for the end of those that have begun."""
+    """Cancel the tasks that have not begun, and wait until the others end."""
     for task in tasks:
         task.dropped = True
     while any(task.begun and not task.done for task in tasks):
@@ -101,29 +101,29 @@ def drop(tasks: Collection[Task]) -> None:
 
 
 class Threads:
-    """At most a number of threads that take tasks in turn; each begins when a task needs it."""
+    """A pool of at most `count` threads; each starts when a task needs it."""
 
     def __init__(self, count: int) -> None:
         self.count, self._begun, self._process = count, 0, os.getpid()
         self._tasks: SimpleQueue[Task | None] = SimpleQueue()
-        self._idle: SimpleQueue[None] = SimpleQueue()  # an entry for each thread that waits
+        self._idle: SimpleQueue[None] = SimpleQueue()  # one entry per waiting thread
         self._ended: list[int] = []
 
     def begin(self, task: Task) -> None:
-        """Hand a task over."""
+        """Queue a task."""
         try:
             self._idle.get_nowait()
         except Empty:
             if self._begun < self.count:
                 if self._begun == 0:
                     atexit.register(self.end)
-                # threading.Thread waits for a Condition as it starts
+                # threading.Thread would wait for a Condition at its start
                 start_new_thread(self._work, ())
                 self._begun += 1
         self._tasks.put(task)
 
     def run(self, tasks: Sequence[Task], here: Callable[[], Any] | None = None) -> None:
-        """Run tasks, each with a queue of its own, and `here` in this thread; wait for all."""
+        """Run tasks, each with its own queue, and `here` in this thread; wait for all."""
         try:
             for task in tasks:
                 self.begin(task)
@@ -131,14 +131,14 @@ class Threads:
                 here()
             for task in tasks:
                 task.wait()
-        finally:  # after an error or a signal none goes on
+        finally:  # after an error or a signal no task continues
             drop(tasks)
 
     def end(self) -> None:
-        """End the threads, after the tasks that they have."""
+        """End the threads after their queued tasks."""
         atexit.unregister(self.end)
         if os.getpid() != self._process:
-            return  # a forked process has none of them
+            return  # a forked process has none of the threads
         for _ in range(self._begun):
             self._tasks.put(None)
         while len(self._ended) < self._begun:
@@ -155,15 +155,15 @@ class Threads:
             if task is None:
                 break
             task.run()
-            del task  # frees its memory before the wait for the next
+            del task  # free its memory before waiting for the next one
         self._ended.append(1)
 
 
 @cache
 def threads_of(work: str, count: int) -> Threads:
-    """The threads for one kind of work, which stay.
+    """Return the persistent threads for one kind of work.
 
-    To start and end threads anew would take a good part of a short run.
+    Starting and ending threads each time would take a large fraction of a short run.
     """
     return Threads(count)
 

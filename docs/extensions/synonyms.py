@@ -1,4 +1,7 @@
-"""What readers call things: index entries, by which the search finds a page under other words."""
+"""What readers call things: index entries, by which the search finds a page under other words.
+
+The `!` makes an entry a main one: the search puts the others below every page that has the word.
+"""
 
 import re
 
@@ -44,7 +47,7 @@ WORDS = {
 def add_entries(app, docname, source):
     """Put the entries above the first title."""
     if docname in WORDS:
-        entries = "\n".join(f"   single: {word}" for word in WORDS[docname])
+        entries = "\n".join(f"   ! single: {word}" for word in WORDS[docname])
         block = f"```{{eval-rst}}\n.. index::\n{entries}\n```\n\n"
         source[0] = re.sub(r"(?m)^# ", lambda title: block + title[0], source[0], count=1)
 

@@ -1,12 +1,12 @@
-"""The command line: options in, words and exit codes out.
+"""The command line: options in, text and exit codes out.
 
-A command reads its options, calls one function of a lower room inside `with reported():`, and
-prints what the function returns; it computes nothing itself. Every error becomes one message and an
-exit code there. Reading order: `app` (the app, exit codes, panels, scenes and results opened),
-`reporting` (errors, signals, files written, streams), `options` (what commands share), then a file
-for each group of commands, in the list below.
+A command reads its options, calls one function of a lower room inside `with report_errors():`, and
+prints the return value; it computes nothing itself. `report_errors` turns every error into one
+message and an exit code. Reading order: `app` (exit codes, panels, opening scenes and results),
+`reporting` (errors, signals, written files, streams), `options` (shared options), then one file for
+each group of commands, as listed below.
 
-Help pages, messages and exit codes are what scripts rely on: they change only with a line in the
+Scripts rely on help pages, messages and exit codes: a change of these needs a line in the
 changelog. A command imports heavy libraries inside its function, so that `--help` loads none.
 """
 
@@ -36,14 +36,14 @@ def main() -> None:
     code: Any = OK
     try:
         app()
-    except KeyboardInterrupt:  # before or after the work itself
+    except KeyboardInterrupt:  # before or after the main work
         code = INTERRUPTED
     except SystemExit as ended:
         code = ended.code
     out.flush()
-    # a command that failed has told why already
+    # a command that failed has already reported why
     if out.fault is not None and code in (None, OK, FLAGGED, INCOMPLETE):
-        rule = "files that were written are complete"
+        rule = "all output files are complete"
         print(f"rigidmc: standard output: {out.fault.strerror}; {rule}", file=sys.stderr)
         code = IO
     sys.exit(code)

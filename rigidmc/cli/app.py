@@ -1,4 +1,4 @@
-"""The app: exit codes, panels, and how a command opens the scene or the result that it is given."""
+"""The app: exit codes, help panels, and functions that open a scene or a result."""
 
 import os
 import re
@@ -21,28 +21,34 @@ if TYPE_CHECKING:
 
     from rigidmc.scene.scene import Scene
 
-# How commands end. The help and docs/reference/commands.md show this table, and
-# tests/cli/test_codes.py holds every command to it.
+# Exit codes. The help and docs/reference/commands.md show this table, and tests/cli/test_codes.py
+# holds every command to it.
 OK, USAGE, INVALID, FLAGGED, INCOMPLETE, REFUSED = 0, 2, 3, 4, 5, 6
 IO, INTERRUPTED, TERMINATED = 74, 130, 143
 
-# {code: (in a few words, when)}
+# {code: (short name, meaning)}
 CODES = {
-    OK: ("done", "the command did its work, and no member is flagged"),
-    USAGE: ("usage", "no such command or option, or an argument is missing"),
+    OK: ("done", "the command succeeded, and no member is flagged"),
+    USAGE: ("usage", "unknown command or option, or missing argument"),
     INVALID: (
         "invalid",
-        "what was given cannot be used: a scene, a value of an option, a member or a measure that"
-        " a result does not have, a file that is damaged or of another kind, a run that `verify`"
-        " finds wrong",
+        "unusable input: an invalid scene or option value, a member or measure that the result"
+        " does not have, a file that is damaged or of another kind, a run in which `verify` finds"
+        " faults",
     ),
-    FLAGGED: ("flagged", "done, and some members are flagged; of `stress`, `doctor`: some fail"),
-    INCOMPLETE: ("incomplete", "members, shards or accuracy are still missing"),
-    REFUSED: ("refused", "something exists in the place of an output; nothing was overwritten"),
+    FLAGGED: (
+        "flagged",
+        "done, and some members are flagged; for `stress` and `doctor`: some checks fail",
+    ),
+    INCOMPLETE: (
+        "incomplete",
+        "some members or shards are still missing, or the accuracy is not yet reached",
+    ),
+    REFUSED: ("refused", "an output already exists; nothing was overwritten"),
     IO: (
         "input or output",
-        "a scene, result or run directory is not there, or cannot be read or written; memory, disk,"
-        " a graphics processor or an optional package is missing",
+        "a scene, result or run directory does not exist, or cannot be read or written; not enough"
+        " memory or disk space; no GPU, or an optional package is not installed",
     ),
     INTERRUPTED: ("interrupted", "by Ctrl-C"),
     TERMINATED: ("terminated", "by SIGTERM"),
@@ -51,23 +57,23 @@ CODES = {
 # the panels of `rigidmc --help`; a command names its own: `@app.command(rich_help_panel=LOOK)`
 PANELS = ("Start", "Look", "Study", "Long runs", "Reference")
 START, LOOK, STUDY, LONG_RUNS, REFERENCE = PANELS
-# what users want first comes first; others follow as they are registered
+# the order of these on the help page; other commands follow in the order of registration
 FIRST = ("run", "show", "check", "scenes", "new", "body", "view", "plot", "animate", "summary")
 
 
 def codes_in_short() -> str:
-    """The codes on a line of help."""
+    """Return the codes as one line for the help page."""
     return f"Exit codes: {', '.join(f'{code} {words}' for code, (words, _) in CODES.items())}."
 
 
 def code_table() -> str:
-    """The codes as a Markdown table."""
+    """Return the codes as a Markdown table."""
     rows = [f"| {code} | {words}: {when} |" for code, (words, when) in CODES.items()]
     return "\n".join(["| code | meaning |", "| ---: | --- |", *rows])
 
 
 def unwrap_text(text: str) -> str:
-    """A help text with each paragraph on one line, except those marked with a backspace."""
+    """Join each paragraph of a help text into one line, except those marked with a backspace."""
     paragraphs = cleandoc(text).split("\n\n")
     return "\n\n".join(p if p.startswith("\b") else " ".join(p.split()) for p in paragraphs)
 
@@ -79,8 +85,8 @@ def fail(message: object, code: int) -> NoReturn:
 
 
 def in_options(error: RigidmcError, command: Any) -> str:
-    """The text of an error, in which an argument has the name of the option of the command that
-    gives it: max_wall is --max-wall."""
+    """Return the text of an error, with each argument named by its option: max_wall becomes
+    --max-wall."""
     if not isinstance(error, OptionError) or error.table:
         return str(error)
     known = {option for one in command.params for option in one.opts}
@@ -89,12 +95,12 @@ def in_options(error: RigidmcError, command: Any) -> str:
         option = f"--{word[0].replace('_', '-')}"
         return option if option in known else word[0]
 
-    # several have a comma or "and" between them; "size radius" is a word of --size
+    # a comma or "and" separates several keys; "size radius" is a word of --size
     return error.text(re.sub(r"(?:^|(?<=, )|(?<= and ))\w+", typed, error.key))
 
 
 class Commands(TyperGroup):
-    """The commands by panel, those of FIRST before others, studies by their names."""
+    """The commands sorted by panel: FIRST, then the others; studies alphabetically."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -102,12 +108,12 @@ class Commands(TyperGroup):
             command.help = unwrap_text(command.help or "")
 
     def invoke(self, ctx: Any) -> Any:
-        """Run a command; a value that an option cannot take ends it as one does that the command
-        itself finds wrong, and not as a wrong word. A mistake becomes one message, no traceback."""
+        """Run a command. An invalid option value exits with INVALID, whether typer or the command
+        finds it. A user's mistake becomes one message without a traceback."""
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
-            if type(error) is typer.BadParameter:  # a missing one is of a class of its own
+            if type(error) is typer.BadParameter:  # missing parameters raise a subclass
                 error.exit_code = INVALID
             raise
         except RigidmcError as error:
@@ -116,7 +122,7 @@ class Commands(TyperGroup):
     def list_commands(self, ctx: Any) -> list[str]:
         def place(name: str) -> tuple[int, int, str]:
             panel: Any = getattr(self.commands[name], "rich_help_panel", None)
-            # a command without a panel: at the end; studies by their names
+            # a command without a panel comes last; studies are alphabetical
             at = (*PANELS, panel).index(panel), (*FIRST, name).index(name)
             return *at, name if panel == STUDY else ""
 
@@ -134,7 +140,7 @@ app = typer.Typer(
 
 
 def _version(asked: bool) -> None:
-    """Print the version, and end."""
+    """Print the version and exit."""
     if asked:
         print(f"rigidmc {VERSION}")
         raise typer.Exit(OK)
@@ -146,7 +152,7 @@ def common(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """Monte Carlo ensembles of rigid bodies with a fixed point: millions of tops in parallel."""
+    """Simulate Monte Carlo ensembles of rigid bodies with a fixed point, millions in parallel."""
 
 
 def load_scene(
@@ -155,7 +161,7 @@ def load_scene(
     allow_code: bool = False,
     run: Mapping[str, Any] | None = None,
 ) -> "Scene":
-    """A scene with the --set options and the run settings of the command line."""
+    """Load a scene and apply the --set options and run settings of the command line."""
     from rigidmc.files.opening import is_zarr
     from rigidmc.scene.scene import Scene, scene_of
 
@@ -169,7 +175,7 @@ def load_scene(
     with in_file(source):
         file = source.lower().endswith(".nc") and not os.path.isdir(source)
         if file or is_zarr(source):
-            # this checks the whole result, Scene.load only its scene
+            # this checks the whole result; Scene.load checks only its scene
             with load_result(source) as result:
                 scene = scene_of(result, pairs, allow_code)
         else:
@@ -178,15 +184,15 @@ def load_scene(
 
 
 def load_result(path: str, allow_code: bool = False) -> "xr.Dataset":
-    """The Dataset of a result, a file or a run directory; FileError that helps for other files."""
+    """Open the Dataset of a result file or a run directory; FileError with advice for others."""
     from rigidmc.files.opening import is_zarr
     from rigidmc.scene.library import shipped_names
 
     there = os.path.exists(path)
     if (there and path.lower().endswith(".toml")) or (not there and path in shipped_names()):
         rule = (
-            f"is a scene, no result: run it first, `rigidmc run {path} -o RESULT.nc`, or see it"
-            f" turn by `rigidmc view {path}`"
+            f"is a scene, not a result: run it first with `rigidmc run {path} -o RESULT.nc`, or"
+            f" watch it turn with `rigidmc view {path}`"
         )
         raise FileError(rule, at="result", value=path)
     if os.path.isdir(path) and not is_zarr(path):
@@ -201,20 +207,20 @@ def load_result(path: str, allow_code: bool = False) -> "xr.Dataset":
 
 
 def keep_apart() -> None:
-    """Let the libraries that this process has not imported yet read no settings from the working
-    directory, which may hold a downloaded result.
+    """Keep libraries that are not imported yet from reading settings in the working directory,
+    which may hold a downloaded result.
 
-    Three libraries read files where they are started: matplotlib `matplotlibrc`, which may name a
-    program to run as ffmpeg; Numba `.numba_config.yaml`, which may change the bits of results;
-    netCDF `.ncrc`. A pipe of such a name would block each command. The settings in the user's own
-    folders hold as before.
+    Three libraries read files from the working directory: matplotlib reads `matplotlibrc`, which
+    may name a program to run as ffmpeg; Numba reads `.numba_config.yaml`, which may change the bits
+    of results; netCDF reads `.ncrc`. A pipe with one of these names would block every command.
+    Settings in the user's own folders still apply.
     """
     os.environ.update(environment())
     on_import(("matplotlib", "numba"), _load_in_package)
 
 
 def _load_in_package(module: ModuleType, load: Load) -> None:
-    """Load a library in the folder of this package."""
+    """Load a library with the folder of this package as the working directory."""
     here = os.getcwd()
     os.chdir(PACKAGE)
     try:
@@ -222,5 +228,5 @@ def _load_in_package(module: ModuleType, load: Load) -> None:
     finally:
         os.chdir(here)
     if module.__name__ == "numba":
-        # Numba looks for its file again whenever it compiles
+        # Numba searches for its file at every compilation
         module.core.config._config_fname = os.devnull

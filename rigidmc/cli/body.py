@@ -1,4 +1,4 @@
-"""rigidmc body, exact: what a body is, and what the closed form says about its motion."""
+"""rigidmc body, exact: describe a body, and compare its motion with the closed form."""
 
 import json
 from typing import TYPE_CHECKING, Annotated, Any
@@ -28,7 +28,7 @@ Source = Annotated[
     ),
 ]
 Density = Annotated[float | None, typer.Option(help="Density of a mesh \\[kg/m3]; by default 1.")]
-Mass = Annotated[float | None, typer.Option(help="Mass of a mesh \\[kg], instead of its density.")]
+Mass = Annotated[float | None, typer.Option(help="Mass of a mesh \\[kg], instead of --density.")]
 Scale = Annotated[
     float, typer.Option(help="Metres per unit of a mesh file, e.g. 0.001 for millimetres.")
 ]
@@ -42,8 +42,8 @@ def body_command(
     scale: Scale = 1.0,
     machine: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Say what a body is: mass, centre of mass, inertia tensor, principal axes, which rotations are
-    stable and how fast the unstable one grows."""
+    """Describe a body: mass, centre of mass, inertia tensor, principal axes, stable and unstable
+    rotations, and the growth rate of the unstable one."""
     with report_errors(source):
         from rigidmc.views.descriptions import body_facts, describe_body
 
@@ -58,9 +58,9 @@ def body_command(
 def load_body(
     source: str, density: float | None = None, mass: float | None = None, scale: float = 1.0
 ) -> "tuple[Body, str]":
-    """(Body, title) of a mesh file, a scene file or a shipped scene.
+    """Return (Body, title) of a mesh file, a scene file or a shipped scene.
 
-    A mesh without density and mass has density 1.
+    Without density and mass, a mesh has density 1.
     """
     from rigidmc.files.reading import MESHES
     from rigidmc.scene.body import Body
@@ -71,12 +71,12 @@ def load_body(
         density = 1.0 if density is None and mass is None else density
         return Body.from_mesh(source, density, mass, scale), source
     if density is not None or mass is not None or scale != 1.0:
-        rule = "are for meshes; a scene has its mass in its [body]"
+        rule = "apply to meshes only; a scene sets its mass in [body]"
         raise OptionError(rule, at="density, mass, scale")
     scene = Scene.load(source)
     if not is_shared(*scene.body.quantities()):
-        rule = "the body differs from member to member; give plain numbers to see one"
-        raise SceneError(f"{rule}, e.g. in a copy of the scene", at="body.moments")
+        rule = "the body differs from member to member; to describe one, replace the distributions"
+        raise SceneError(f"{rule} by plain numbers, e.g. in a copy of the scene", at="body.moments")
     return scene.body, scene.title
 
 
@@ -85,10 +85,11 @@ At = Annotated[
     time_option(
         "--at",
         positive=False,
-        help="Time; by default the scene's t_end. At a negative time: the closed form alone.",
+        help="Time to compare; by default the scene's t_end. At a negative time, show the closed"
+        " form only.",
     ),
 ]
-Members = Annotated[int, count_option("--members", help="Number of members, the first ones.")]
+Members = Annotated[int, count_option("--members", help="Compare the first N members.")]
 Picture = Annotated[
     str | None,
     typer.Option(metavar="FILE", help="Picture of the first member (.png, .pdf, .svg)."),
@@ -107,7 +108,8 @@ def exact_command(
     plot: Picture = None,
     force: Force = False,
 ) -> None:
-    """The closed form of a scene at a time, beside its integration, with the difference."""
+    """Compare the closed form of a scene at one time with its integration, and show the
+    difference."""
     with report_errors(scene):
         from rigidmc.planning.closed_form import closed_form
         from rigidmc.studies.closed_form import compare

@@ -33,19 +33,19 @@ if TYPE_CHECKING:
 
 
 def shards_of(text: str | None) -> range | None:
-    """The range of FROM:TO; OptionError."""
+    """Return the range of FROM:TO; OptionError."""
     if text is None:
         return None
     low, colon, high = text.partition(":")
     digits = all(part.isascii() and part.isdigit() for part in (low, high))
     if not colon or not digits or int(low) >= int(high):
-        rule = "expected FROM:TO, such as 0:100 for the first hundred"
+        rule = "expected FROM:TO, e.g. 0:100 for the first hundred"
         raise OptionError(rule, at="shards", value=text)
     return range(int(low), int(high))
 
 
 class DirectoryOptions(NamedTuple):
-    """The options of `run` and `map` that only run directories have."""
+    """The options of `run` and `map` that apply to run directories only."""
 
     max_wall: float | None
     shards: str | None
@@ -54,7 +54,7 @@ class DirectoryOptions(NamedTuple):
     cluster: str | None
 
 
-with_directory_options = gather_options(  # decorates a command that has a parameter `ways`
+with_directory_options = gather_options(  # decorates a command with a parameter `ways`
     "ways",
     {
         "max_wall": MaxWall, "shards": Shards, "shard_size": ShardSize, "shard_time": ShardTime,
@@ -65,7 +65,7 @@ with_directory_options = gather_options(  # decorates a command that has a param
 
 
 def names_a_run(output: str) -> bool:
-    """Whether an output is a run directory: a folder, but no zarr store."""
+    """Whether an output is a run directory: a folder, but not a zarr store."""
     folder = output.endswith(os.sep) or os.path.isdir(output)
     return folder and not output.lower().rstrip(os.sep).endswith(".zarr")
 
@@ -80,11 +80,11 @@ def refuse_directory_options(ways: DirectoryOptions) -> None:
 def refuse_force(output: str, force: bool) -> None:
     """OptionError for --force with a run directory that exists."""
     if force and os.path.exists(output):
-        rule = f"replaces files, not folders: remove {output} yourself"
+        rule = f"replaces files, never folders: remove {output} first"
         raise OptionError(rule, at="force")
 
 
-# makes a run directory: bytes of a shard, range of shards, number of threads, seconds of a shard
+# makes a run directory from: bytes per shard, range of shards, number of threads, seconds per shard
 Make = Callable[[float | None, range | None, int | None, float | None], "RunDirectory"]
 
 
@@ -102,7 +102,7 @@ def start_directory(
     size = None if shard_size is None else 1e6 * shard_size
     many = int(count) if kind == "local" else threads
     directory = make(size, shards_of(shards), many, shard_time)
-    if max_wall is not None:  # what is left of it
+    if max_wall is not None:  # subtract the time spent so far
         max_wall = max(1e-9, max_wall - (time.monotonic() - began))
     return resume_directory(
         directory.path,
@@ -125,8 +125,10 @@ def resume_directory(
     cluster: str | None = None,
     device: str | None = None,
 ) -> tuple[int, bool]:
-    """Compute the missing shards of a run, or of a range, and say which are done; (the exit code,
-    whether the whole run is done)."""
+    """Compute the missing shards of a run, or of a range, and print the progress.
+
+    Return (exit code, whether the whole run is done).
+    """
     from rigidmc.results import run_directory
     from rigidmc.studies.framework import tasks
     from rigidmc.studies.stability_map.stored import resume_growing
@@ -148,27 +150,30 @@ def resume_directory(
     computed = sum(flagged.values())
     print(
         f"{directory.path}: {status['done']:,} of {count_text(status['shards'], 'shard')},"
-        f" {count_text(status['members_done'], 'member')}; {computed:,} of them computed now"
+        f" {count_text(status['members_done'], 'member')}; {computed:,} computed now"
     )
     words = ", ".join(f"{n:,} {word}" for word, n in flagged.items() if n and word != "ok")
-    older = f"; of all: {status['flagged']:,}" if status["members_done"] > computed else ""
+    older = f"; in all: {status['flagged']:,}" if status["members_done"] > computed else ""
     print(f"  flagged among these: {words or 'none'}{older}")
     if whole(status):
         return run_outcome(status), True
     if mine is None or directory.missing_in(mine).size:
-        kept = " with what is kept of unfinished shards" * os.path.isdir(directory.unfinished)
-        print(f"  not done: `rigidmc resume` goes on{kept}")
+        kept = " from the saved parts of unfinished shards" * os.path.isdir(directory.unfinished)
+        print(f"  not done: `rigidmc resume` continues{kept}")
         return run_outcome(status), False
-    left = f"{status['shards'] - status['done']:,} of other tasks are left"
+    left = count_text(status["shards"] - status["done"], "shard of", "shards of")
     words = in_ranges(directory.missing().tolist())
-    print(f"  the shards {shards} are done; {left} ({words}), and `rigidmc merge` gathers all")
+    print(
+        f"  shards {shards} are done; {left} other jobs are missing ({words});"
+        " `rigidmc merge` gathers all"
+    )
     there = directory.shards()
     mine_flagged = any(run_directory.flagged_count(there[i]) for i in mine if i in there)
     return run_outcome(status, FLAGGED if mine_flagged else OK), False
 
 
 def in_ranges(numbers: list[int], most: int = 4) -> str:
-    """Rising numbers as FROM:TO of each gapless part, `most` of these at most."""
+    """Write rising numbers as FROM:TO for each gapless part, at most `most` parts."""
     begins = [i for i, n in enumerate(numbers) if i == 0 or n != numbers[i - 1] + 1]
     ends = [*begins[1:], len(numbers)]
     words = [f"{numbers[i]}:{numbers[j - 1] + 1}" for i, j in zip(begins, ends, strict=True)]
@@ -176,14 +181,14 @@ def in_ranges(numbers: list[int], most: int = 4) -> str:
 
 
 def whole(status: dict[str, Any]) -> bool:
-    """Whether all shards of a run are there, and no more are to come."""
+    """Whether a run is complete: it has all shards, and adds no more."""
     return status["done"] == status["shards"] and not status["growing"]
 
 
 def run_outcome(status: dict[str, Any], part: int = INCOMPLETE) -> int:
-    """The exit code that belongs to the status of a run; part : that of one with shards missing."""
+    """Return the exit code for the status of a run; part : the code if shards are missing."""
     if status["strays"]:
-        rule = "files among the shards are not of this run; `rigidmc verify` names them"
+        rule = "files among the shards do not belong to this run; `rigidmc verify` names them"
         fail(f"{status['strays']:,} {rule}", INVALID)
     if not whole(status):
         return part
@@ -193,7 +198,7 @@ def run_outcome(status: dict[str, Any], part: int = INCOMPLETE) -> int:
 Repair = Annotated[
     bool,
     typer.Option(
-        "--repair", help="First delete shards that are damaged, misnamed or of another run."
+        "--repair", help="First delete shards that are damaged, misnamed or from another run."
     ),
 ]
 
@@ -210,17 +215,17 @@ def resume_command(
     repair: Repair = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """Go on with a run: compute the missing shards, to the bits of an unbroken run. Existing shards
-    are trusted by their names; `verify` and --repair read them.
+    """Continue a run: compute the missing shards. The result has the same bits as an uninterrupted
+    run. Existing shards are trusted by name; `verify` and --repair read them.
 
-    Exit code 0 if the run, or the range of --shards, is done, 4 if some of these members are
-    flagged, 5 if shards of these are missing (--max-wall)."""
+    Exit code 0 if the run, or the range of --shards, is done, 4 if some of its members are flagged,
+    5 if some of its shards are missing (--max-wall)."""
     with report_errors():
         if repair:
             from rigidmc.runs.directory import gather
 
             deleted = gather.repair(run)
-            print(f"  {count_text(deleted, 'damaged shard was', 'damaged shards were')} deleted")
+            print(f"  deleted {count_text(deleted, 'damaged shard')}")
         code, _ = resume_directory(
             run, threads, accept, max_wall, shards, allow_code, cluster, device
         )
@@ -229,7 +234,7 @@ def resume_command(
 
 @app.command("status", rich_help_panel=LONG_RUNS)
 def status_command(run: RunArgument) -> None:
-    """Say how far a run is, by the names of its shards, also while it runs.
+    """Show the progress of a run, even while it is running. Reads only the names of shards.
 
     Exit code 0 if the run is done, 4 if it is done and some members are flagged, 5 if shards are
     missing."""
@@ -242,31 +247,31 @@ def status_command(run: RunArgument) -> None:
         f" {facts['members_done']:,} of {count_text(facts['members'], 'member')}"
     )
     if facts["growing"]:
-        print("  what these say may ask for more")
+        print("  the results may call for more members")
     print(f"  flagged so far: {count_text(facts['flagged'], 'member')}")
     versions = ", ".join(f"{name} {number}" for name, number in facts["versions"].items())
-    print(f"  code generated for {facts['machine']}, by {versions}")
+    print(f"  code generated for {facts['machine']} by {versions}")
     if facts["rate"]:
         left = f", {facts['seconds_left']:,.0f} s left" if facts["seconds_left"] else ""
-        print(f"  {facts['rate']:,.0f} members/s since it was last started{left}")
+        print(f"  {facts['rate']:,.0f} members/s since the last start{left}")
     raise typer.Exit(run_outcome(facts))
 
 
 Spot = Annotated[
     int,
     count_option(
-        "--spot", 0, help="Number of random shards of which some members are computed again."
+        "--spot", 0, help="Number of random shards from which some members are recomputed."
     ),
 ]
 
 
 @app.command("verify", rich_help_panel=LONG_RUNS)
 def verify_command(run: RunArgument, spot: Spot = 3, allow_code: AllowCode = False) -> None:
-    """Check a run: the checksum of every shard against its name, run.json and the scene; and
-    compute some members again, to the bit.
+    """Verify a run: compare the checksum of every shard with its name, check run.json and the
+    scene, and recompute some members, which must match to the bit.
 
-    Exit code 0 if all shards are there and sound, 5 if they are sound and some are missing, 3 if
-    something is wrong."""
+    Exit code 0 if all shards exist and are sound, 5 if some are missing and the others are sound, 3
+    if there are faults."""
     with report_errors():
         from rigidmc.results import run_directory
         from rigidmc.studies.framework import tasks
@@ -276,12 +281,12 @@ def verify_command(run: RunArgument, spot: Spot = 3, allow_code: AllowCode = Fal
         for line in faults:
             print(line, file=sys.stderr)
         if faults:
-            cure = f"`rigidmc resume {run} --repair` computes bad shards again"
+            cure = f"`rigidmc resume {run} --repair` recomputes bad shards"
             fail(f"{run}: {count_text(len(faults), 'fault')}; {cure}", INVALID)
         print(
-            f"{run}: {facts['done']:,} of {count_text(facts['shards'], 'shard')}, all of them"
-            f" sound; some members of {min(spot, facts['done'])} random shards were computed again"
-            " and are equal"
+            f"{run}: {facts['done']:,} of {count_text(facts['shards'], 'shard')}, all sound; some"
+            f" members of {min(spot, facts['done'])} random shards were recomputed and are"
+            " identical"
         )
     raise typer.Exit(OK if whole(facts) else INCOMPLETE)
 
@@ -295,7 +300,7 @@ def consolidate_command(
     force: Force = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """Write a whole run as one netCDF file; exit code 4 if some of its members are flagged."""
+    """Write a complete run as one netCDF file. Exit code 4 if some of its members are flagged."""
     with report_errors():
         from rigidmc.results import run_directory
         from rigidmc.runs.directory import gather
@@ -311,7 +316,7 @@ def extend_command(
     run: RunArgument,
     members: Annotated[
         int,
-        count_option("--members", help="New number of members in all; of a map, of each pixel."),
+        count_option("--members", help="New total of members; for a map, of each pixel."),
     ],
     threads: Threads = None,
     device: Device = None,
@@ -320,7 +325,7 @@ def extend_command(
     cluster: Cluster = None,
     allow_code: AllowCode = False,
 ) -> None:
-    """Give a run more members; the existing members do not change by a bit."""
+    """Add members to a run. Existing members keep all their bits."""
     with report_errors():
         from rigidmc.runs.directory import resume as runs
         from rigidmc.runs.directory.cluster import parse_cluster
@@ -344,7 +349,7 @@ Parts = Annotated[
 
 @app.command("merge", rich_help_panel=LONG_RUNS)
 def merge_command(run: RunArgument, parts: Parts) -> None:
-    """Gather the shards of a job array in one run directory, which may be a new one. All parts have
+    """Gather the shards of a job array in one run directory, which may be new. All parts must have
     the same scene, seed, members and shard size."""
     with report_errors():
         from rigidmc.results import run_directory
@@ -354,6 +359,6 @@ def merge_command(run: RunArgument, parts: Parts) -> None:
         facts = run_directory.status(directory.path)
     print(
         f"{directory.path}: {count_text(copied, 'shard')} copied;"
-        f" {facts['done']:,} of {facts['shards']:,} are there"
+        f" {facts['done']:,} of {facts['shards']:,} exist"
     )
     raise typer.Exit(run_outcome(facts))

@@ -1,4 +1,4 @@
-"""rigidmc doctor: what of this machine and installation decides speed and bits."""
+"""rigidmc doctor: the properties of this machine and installation that decide speed and bits."""
 
 import json
 import os
@@ -25,13 +25,12 @@ def doctor(
         bool,
         typer.Option(
             "--cuda-check",
-            help="Compare the bits of every integrator on graphics processors with those of this"
-            " processor, then measure steps a second. Exit code 4 if any bit differs.",
+            help="Check that every integrator gives the same bits on the GPUs as on this CPU, then"
+            " measure steps per second. Exit code 4 if any bit differs.",
         ),
     ] = False,
 ) -> None:
-    """Say what this machine offers: cores, vector width, threads, kernel cache, graphics
-    processors, versions."""
+    """Describe this machine: cores, vector width, threads, kernel cache, GPUs and versions."""
     if cuda_check:
         with report_errors():
             if _different():
@@ -47,7 +46,7 @@ def doctor(
 
 
 def _different() -> int:
-    """Print how graphics processors compare with this one; how many cases have other bits."""
+    """Print how GPUs compare with this CPU; return the number of cases with different bits."""
     from rigidmc.engine.cuda.devices import select_devices
     from rigidmc.studies.bits import compare_devices, speeds
 
@@ -56,13 +55,13 @@ def _different() -> int:
         word, equal = f"cuda:{one.number}", list[bool]()
         print(f"{word}: {one.name}")
         for name, same in compare_devices(word):
-            print(f"{'same bits ' if same else 'OTHER BITS'}  {name}", flush=True)
+            print(f"{'same bits     ' if same else 'DIFFERENT BITS'}  {name}", flush=True)
             equal.append(same)
-        print(f"{sum(equal)} of {len(equal)} cases have the bits of this processor")
+        print(f"{sum(equal)} of {len(equal)} cases agree with this CPU to the bit")
         wrong += len(equal) - sum(equal)
         for name, steps, operations in speeds(word):
             share = 100 * operations / one.peak
-            print(f"{steps / 1e9:8.2f} G steps/s, {share:.0f} % of the peak in float64  {name}")
+            print(f"{steps / 1e9:8.2f} G steps/s, {share:.0f} % of the float64 peak  {name}")
     return wrong
 
 
@@ -73,8 +72,8 @@ PACKAGES = (
 
 
 def machine_facts() -> dict[str, str | int]:
-    """{fact: value} of processor, kernel cache, Python and packages."""
-    # these import Numba, which may read no settings here: only after `keep_apart`
+    """Return {fact: value} of CPU, GPUs, kernel cache, Python and packages."""
+    # these import Numba, which must not read settings here: only after `keep_apart`
     from rigidmc.engine.compiler.disk_cache import cache_folder
     from rigidmc.engine.machine import this_machine, threads_available, vector_bits
     from rigidmc.engine.program import lanes_for
@@ -87,7 +86,7 @@ def machine_facts() -> dict[str, str | int]:
         if file.endswith(".nbc")
     ]
     size = sum(map(os.path.getsize, kernels)) / 1e6
-    lanes = f"{lanes_for('float64')} members are worked on side by side"
+    lanes = f"{lanes_for('float64')} members move side by side"
     facts: dict[str, str | int] = {
         "cpu": _cpu(),
         "cores": f"{threads_available()} usable of {os.cpu_count()}",
@@ -98,7 +97,7 @@ def machine_facts() -> dict[str, str | int]:
         "python": sys.version.split()[0],
         "system": platform.platform(),
         **_devices(),
-        "rigidmc": VERSION,  # also of a source tree that is not installed
+        "rigidmc": VERSION,  # `version` fails for a source tree that is not installed
     }
     for package in PACKAGES:
         try:
@@ -109,7 +108,7 @@ def machine_facts() -> dict[str, str | int]:
 
 
 def _devices() -> dict[str, str]:
-    """{device: what it is} of graphics processors, or why there are none."""
+    """Return {device: description} of the GPUs, or the reason why there is none."""
     from rigidmc.engine.cuda.devices import devices
 
     try:
@@ -120,17 +119,17 @@ def _devices() -> dict[str, str]:
 
 
 def _in_words(one: "Device") -> str:
-    """What a graphics processor is."""
+    """Describe a GPU."""
     capability, driver = (".".join(map(str, pair)) for pair in (one.capability, one.driver))
     return (
         f"{one.name}, compute capability {capability}, {one.processors} multiprocessors at"
-        f" {one.clock / 1e9:.2f} GHz, {one.memory / 2**30:.0f} GiB, {one.peak / 1e12:.3g} T"
-        f" operations in float64 a second at most, driver for CUDA {driver}"
+        f" {one.clock / 1e9:.2f} GHz, {one.memory / 2**30:.0f} GiB, peak of {one.peak / 1e12:.3g} T"
+        f" float64 operations per second, driver for CUDA {driver}"
     )
 
 
 def _cpu() -> str:
-    """The name of the processor."""
+    """Return the name of the CPU."""
     try:
         with open("/proc/cpuinfo") as file:
             lines = (line for line in file if line.startswith("model name"))

@@ -1,5 +1,5 @@
-"""rigidmc map: the command of the study stability_map, of scenes, of the maps of the package, and
-of parts of maps that exist; and `rigidmc map list`."""
+"""rigidmc map: the command of the study stability_map, for scenes, shipped maps and parts of
+existing maps; and `rigidmc map list`."""
 
 import errno
 import inspect
@@ -39,26 +39,26 @@ Name = Annotated[
     str,
     typer.Argument(
         metavar="NAME|SCENE|FILE|MAP/",
-        help="A map of the package (rigidmc map list), a TOML file, a shipped scene; or a map that"
-        " exists, as a file (.nc) or a run directory.",
+        help="A shipped map (see `rigidmc map list`), a TOML file, a shipped scene; or an existing"
+        " map: a file (.nc) or a run directory.",
     ),
 ]
 Listed = Annotated[
     str | None,
-    typer.Argument(metavar="[NAME]", help="With `rigidmc map list`: the map to explain."),
+    typer.Argument(metavar="[NAME]", help="With `rigidmc map list`: the map to describe."),
 ]
 
 
 class MapCommand(StudyCommand):
-    """The command, made when it is first asked for."""
+    """The command `rigidmc map`, made at first use."""
 
     def function(self) -> Callable[..., None]:
-        """Its function."""
+        """Return the function of the command."""
         return command_of_map(load_study(NAME))
 
 
 def command_of_map(study: "Study") -> Callable[..., None]:
-    """The function of the command, with options as typer reads them."""
+    """Return the function of the command, with options as typer reads them."""
 
     def command(
         name: str, run: dict[str, Any], where: RunOptions, listed: str | None = None, **options: Any
@@ -68,7 +68,7 @@ def command_of_map(study: "Study") -> Callable[..., None]:
                 _list(listed)
                 return
             if listed is not None:
-                raise OptionError("goes with `rigidmc map list NAME`", at="NAME", value=listed)
+                raise OptionError("is for `rigidmc map list NAME`", at="NAME", value=listed)
             asked = {key: value for key, value in options.items() if value not in (None, [], False)}
             dataset, file = _mapped(study, name, asked, where, run)
             show(study, dataset, where._replace(output=file), {}, {})
@@ -91,7 +91,7 @@ def command_of_map(study: "Study") -> Callable[..., None]:
 def _mapped(
     study: "Study", name: str, asked: dict[str, Any], where: RunOptions, run: dict[str, Any]
 ) -> "tuple[xr.Dataset, str | None]":
-    """(a map, the file to write it to): one that exists, or a new one."""
+    """Return (an existing or new map, the file to write it to)."""
     file = None if folder_of(where.output) else where.output
 
     def stored(path: str) -> "xr.Dataset":
@@ -105,35 +105,35 @@ def _mapped(
 
 
 def _is_drawn(name: str, asked: dict[str, Any], where: RunOptions, run: dict[str, Any]) -> bool:
-    """Whether a map that exists is to be drawn as it is; OptionError for an option of a new map
-    beside one that exists, and for a part of a map that does not."""
+    """Whether the command draws an existing map without computing. OptionError for an option of a
+    new map with an existing one, and for a part of a map that does not exist."""
     from rigidmc.studies.stability_map.stored import is_map
 
     exists, part, ways = is_map(name), asked.get("zoom"), where.ways._asdict()
     if part is not None and not exists:
-        rule = f"is a part of a map that exists, and {name} is no file or directory of one"
+        rule = f"is a part of an existing map, and {name} is not the file or directory of a map"
         raise OptionError(rule, at="zoom", value=part)
-    # a part is a new map of the same question
+    # a part is a new map with the same axes and measures
     kept = ("zoom",) if part is None else ("zoom", "resolution")
     own = {key: value for key, value in asked.items() if key not in kept}
     given = {**own, "set": where.settings, **run, **({} if part else ways)}
     for key, value in given.items():
         if exists and value not in (None, []):
-            rule = f"is for a new map, and {name} is one that exists"
+            rule = f"is for a new map, and {name} already exists"
             raise OptionError(rule, at=key, value=value)
     if "border" in asked and "adaptive" not in asked:
-        raise OptionError("goes with --adaptive", at="border", value=asked["border"])
+        raise OptionError("requires --adaptive", at="border", value=asked["border"])
     of_shards = {key: value for key, value in ways.items() if "shard" in key and value}
     if "adaptive" in asked and of_shards:
         key, value = next(iter(of_shards.items()))
-        rule = "the shards of an adaptive map follow from its pixels, and each level needs all"
+        rule = "an adaptive map sets its shards by its pixels, and each level needs all of them"
         raise OptionError(rule, at=key, value=value)
     return exists and part is None
 
 
 def _is_of_package(name: str, asked: dict[str, Any], where: RunOptions) -> bool:
-    """Whether a map of the package is asked for; OptionError if neither it nor a map of a scene is
-    described completely."""
+    """Whether the command names a shipped map; OptionError if the description of a shipped map or
+    of a map of a scene is incomplete."""
     from rigidmc.scene.library import shipped_names
     from rigidmc.studies.stability_map.case import MAPS
 
@@ -141,7 +141,7 @@ def _is_of_package(name: str, asked: dict[str, Any], where: RunOptions) -> bool:
     plain = len(missing) == 3 and not where.settings
     if name in MAPS and plain:
         if "z" in asked:
-            rule = "a map of the package has two sides; give a scene with --x, --y, --z and --of"
+            rule = "a shipped map has two axes; give a scene with --x, --y, --z and --of"
             raise OptionError(rule, at="z", value=asked["z"])
         return True
     if plain and name not in shipped_names():
@@ -150,19 +150,19 @@ def _is_of_package(name: str, asked: dict[str, Any], where: RunOptions) -> bool:
         raise unknown("map", MAPS, at="map", value=name, error=OptionError)
     if missing and name in MAPS:
         rule = (
-            "a map of the package has its own x, y, measures and scene; give --resolution,"
-            " --members, --dt and the like, or a scene with all of --x, --y and --of"
+            "a shipped map has its own x, y, measures and scene; give --resolution, --members,"
+            " --dt and the like, or a scene with all of --x, --y and --of"
         )
         raise OptionError(rule, at="map", value=name)
     if missing:
         own = ", ".join(MAPS)
-        rule = f"is missing: a map of a scene needs --x, --y and --of; maps of the package: {own}"
+        rule = f"missing; the map of a scene needs --x, --y and --of; shipped maps: {own}"
         raise OptionError(rule, at=", ".join(missing))
     return False
 
 
 def _size(name: str, asked: dict[str, Any], where: RunOptions) -> int:
-    """Bytes of the file of a map; 0 for a part of a map, which is as large as that."""
+    """Estimate the bytes of the file of a map; 0 for a part, which is as large as its map."""
     from rigidmc.studies.stability_map import case
     from rigidmc.studies.stability_map.question import LAYERS
     from rigidmc.studies.stability_map.study import RESOLUTION
@@ -178,7 +178,7 @@ def _size(name: str, asked: dict[str, Any], where: RunOptions) -> int:
 def _designed(
     study: "Study", name: str, asked: dict[str, Any], where: RunOptions, run: dict[str, Any]
 ) -> tuple[Any, Any]:
-    """(the map before its first step, its options)."""
+    """Return (the map before its first step, its options)."""
     from rigidmc.studies.stability_map import case
     from rigidmc.studies.stability_map.stored import prepare_zoom
     from rigidmc.studies.stability_map.study import read_part
@@ -195,12 +195,12 @@ def _designed(
 
 
 def _adaptive(asked: dict[str, Any], first: str) -> "bool | Borders":
-    """Whether a map is adaptive, or borders between the classes of its first measure."""
+    """Whether a map is adaptive, or the borders between the classes of its first measure."""
     return ((first, tuple(asked["border"])),) if "border" in asked else "adaptive" in asked
 
 
 def _list(name: str | None) -> None:
-    """List the maps of the package, or explain one of them."""
+    """List the shipped maps, or describe one of them."""
     from rigidmc.studies.stability_map.case import MAPS
 
     if name is not None and name not in MAPS:
@@ -213,12 +213,12 @@ def _list(name: str | None) -> None:
             print(f"{'':18s} theory: {case.source}")
         if name is not None:
             across, upwards = (
-                f"{key} from {low:g} to {high:g}{' in even ratios' * bool(log)}"
+                f"{key} from {low:g} to {high:g}{', log-spaced' * bool(log)}"
                 for key, low, high, *log in (case.x, case.y)
             )
             settings = ", ".join(f"{key} = {value}" for key, value in case.settings.items())
             print(f"{'':18s} across {across}; upwards {upwards}")
-            print(f"{'':18s} {count_text(case.members, 'member')} of each pixel; {settings}")
+            print(f"{'':18s} {count_text(case.members, 'member')} per pixel; {settings}")
             print(f"\n{case.scene.dumps()}", end="")
 
 

@@ -1,4 +1,4 @@
-"""rigidmc new: write a first scene file, from options or from answers to questions."""
+"""rigidmc new: write a first scene file, from options or from answers at the terminal."""
 
 import math
 import os
@@ -20,7 +20,7 @@ Given = dict[str, Any]  # {option: its text, number or None}
 
 
 def read_numbers(text: str, key: str, count: int | None = None) -> Vector:
-    """Numbers separated by commas; OptionError."""
+    """Read numbers separated by commas; OptionError."""
     try:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -33,7 +33,7 @@ def read_numbers(text: str, key: str, count: int | None = None) -> Vector:
 
 
 def read_sizes(text: str, key: str = "size") -> dict[str, Any]:
-    """{name: number, or list of numbers} of "radius=0.03,height=0.008" or "size=1,2,3"."""
+    """Read {name: number, or list of numbers}: "radius=0.03,height=0.008" or "size=1,2,3"."""
     values: dict[str, Any] = {}
     for part in text.replace(" ", "").split(","):
         name, equals, value = part.rpartition("=")
@@ -47,7 +47,7 @@ def read_sizes(text: str, key: str = "size") -> dict[str, Any]:
 
 
 def lean_of(text: str, key: str = "lean") -> float | str:
-    """An angle [rad], also as 20deg, or "uniform"; OptionError."""
+    """Read an angle in rad or as 20deg, or "uniform"; return rad; OptionError."""
     if text == "uniform":
         return text
     degrees = text.removesuffix("deg")
@@ -58,18 +58,18 @@ def lean_of(text: str, key: str = "lean") -> float | str:
     )
     if not -math.pi <= angle <= math.pi:
         raise OptionError(
-            "an angle in rad is at most pi; degrees are written 20deg", at=key, value=text
+            "an angle in rad is at most pi; write degrees as 20deg", at=key, value=text
         )
     return angle
 
 
 def gravity_of(text: str, key: str = "gravity") -> float:
-    """A number [m/s2], 0 for "none"; OptionError."""
+    """Read a number [m/s2]; 0 for "none"; OptionError."""
     return 0.0 if text == "none" else read_numbers(text, key, 1)[0]
 
 
 def body_table(given: Given) -> Given:
-    """The table [body] of the options of a body; without any of them that of a heavy top."""
+    """Return the table [body] for the body options; without any, the table of a heavy top."""
     from rigidmc.views.new_scene import SIZES, TOP, body_in
 
     table: Given = {}
@@ -77,14 +77,14 @@ def body_table(given: Given) -> Given:
     if given["moments"] is not None:
         for key in ("solid", "size"):
             if given[key] is not None:
-                rule = "does not go with --moments, which are a body of their own"
+                rule = "cannot be combined with --moments, which describe the whole body"
                 raise OptionError(rule, at=key, value=given[key])
         table["moments"] = list(read_numbers(given["moments"], "moments", 3))
         table["mass"] = 1.0 if given["mass"] is None else given["mass"]
         if given["centre"] is not None:
             table["centre"] = list(read_numbers(given["centre"], "centre", 3))
     elif given["centre"] is not None:
-        rule = "goes with --moments; the fixed point of a solid is its --pivot"
+        rule = "requires --moments; for a solid, give the fixed point as --pivot"
         raise OptionError(rule, at="centre", value=given["centre"])
     elif not shaped and given["pivot"] is None:
         table |= TOP
@@ -102,7 +102,7 @@ def body_table(given: Given) -> Given:
 
 
 def _refuse_body(make: Callable[[], object]) -> None:
-    """Turn the error about a body into one about the option that gave it."""
+    """Turn an error about the body into an error about its option."""
     try:
         make()
     except RigidmcError as error:
@@ -112,18 +112,18 @@ def _refuse_body(make: Callable[[], object]) -> None:
 
 
 def motion_of(given: Given, table: Given) -> Any:
-    """The Motion that the options ask for, with defaults that suit the body."""
+    """Return the FirstMotion of the options, with defaults that suit the body."""
     from rigidmc.views.new_scene import FirstMotion, body_in, default_gravity, default_spin
 
     body, text = body_in(table), given["gravity"]
     gravity = default_gravity(body) if text is None else gravity_of(text)
     if gravity and not default_gravity(body):
-        rule = "has no torque on a body that is held at its centre of mass: give a --pivot"
+        rule = "exerts no torque on a body held at its centre of mass: give a --pivot"
         raise OptionError(rule, at="gravity", value=text)
     spread = 0.01 if given["spread"] is None else given["spread"]
     if not 0.0 <= spread < 1.0:
         raise OptionError(
-            "expected a share of the spin, from 0 to below 1", at="spread", value=spread
+            "expected a fraction of the spin, from 0 to below 1", at="spread", value=spread
         )
     auto, given_spin = default_spin(body, gravity), given["spin"]
     spin = auto if given_spin is None else read_numbers(given_spin, "spin", 3)
@@ -133,8 +133,8 @@ def motion_of(given: Given, table: Given) -> Any:
 
 
 def ask(question: str, default: str | None, read: Callable[[str], Any]) -> str | None:
-    """The text of an answer that `read` takes; it is asked again until it does. An empty answer to
-    a question without a default is None."""
+    """Prompt for an answer that `read` accepts, and reprompt until it is valid. Without a default,
+    an empty answer is None."""
 
     def checked(text: str) -> str | None:
         try:
@@ -149,7 +149,7 @@ def ask(question: str, default: str | None, read: Callable[[str], Any]) -> str |
 
 
 def ask_options(given: Given) -> Given:
-    """The options from answers to questions."""
+    """Return the options from answers at the terminal."""
     from rigidmc.views.new_scene import SIZES, TOP
 
     def body(key: str) -> Callable[[str], object]:
@@ -159,28 +159,28 @@ def ask_options(given: Given) -> Given:
     given["solid"] = ask(f"Solid: {', '.join(SOLIDS)}", "cylinder", body("solid"))
     example = SIZES[given["solid"] or "cylinder"]
     text = ",".join(f"{k}={str(v).strip('[]')}" for k, v in example.items()).replace(" ", "")
-    given["size"] = ask("Its sizes [kg, m]", text, body("size"))
+    given["size"] = ask("Mass and sizes [kg, m]", text, body("size"))
     top = ",".join(map(str, TOP["pivot"])) if given["solid"] == "cylinder" else None
-    where = "Fixed point, seen from the origin of the solid [m], 0,0,0 for the origin itself"
+    where = "Fixed point relative to the origin of the solid [m]; 0,0,0 is the origin"
     given["pivot"] = ask(where, top or "0,0,0", body("pivot"))
     table = body_table(given)
     auto = motion_of(given, table)
     if auto.gravity:
-        given["gravity"] = ask("Gravity [m/s2] or none", f"{auto.gravity:g}", gravity_of)
+        given["gravity"] = ask("Gravity [m/s2], or none", f"{auto.gravity:g}", gravity_of)
         auto = motion_of(given, table)
     spin = ",".join(f"{w:g}" for w in auto.spin)
     given["spin"] = ask(
         "Spin about the principal axes [rad/s]", spin, lambda text: read_numbers(text, "spin", 3)
     )
     if auto.gravity:
-        question = "Lean of axis 3 from the vertical [rad], or uniform"
+        question = "Angle between axis 3 and the vertical [rad], or uniform"
         given["lean"] = ask(question, f"{auto.lean:g}", lean_of)
-    members = ask("Members", "1000", lambda text: read_count_text(text, "members"))
+    members = ask("Number of members", "1000", lambda text: read_count_text(text, "members"))
     return {**given, "members": read_count_text(members or "1000", "members")}
 
 
 def at_terminal() -> bool:
-    """Whether somebody can answer questions."""
+    """Whether standard input is a terminal, so that a user can answer."""
     return sys.stdin.isatty()
 
 
@@ -202,28 +202,33 @@ OPTIONS = {
         str | None, _text("X,Y,Z", "With --moments: centre of mass from the fixed point \\[m].")
     ],
     "pivot": Annotated[
-        str | None, _text("X,Y,Z", "Fixed point, seen from the origin of the solid \\[m].")
+        str | None, _text("X,Y,Z", "Fixed point relative to the origin of the solid \\[m].")
     ],
     "spin": Annotated[
         str | None,
-        _text("W1,W2,W3", "Spin about the principal axes \\[rad/s]; by default one for the body."),
+        _text("W1,W2,W3", "Spin about the principal axes \\[rad/s]; by default suits the body."),
     ],
     "spread": Annotated[
         float | None,
-        typer.Option(help="Standard deviation of the spin, as a share of it; by default 0.01."),
+        typer.Option(help="Standard deviation of the spin, relative to it; by default 0.01."),
     ],
     "lean": Annotated[
-        str | None, _text("ANGLE", "Angle of axis 3 from the vertical \\[rad], or uniform.")
+        str | None,
+        _text("ANGLE", "Angle between axis 3 and the vertical: rad, 20deg, or uniform."),
     ],
     "gravity": Annotated[
         str | None,
-        _text("G", "Gravity \\[m/s2] or none; by default 9.81 if the body is held off its centre."),
+        _text(
+            "G",
+            "Gravity \\[m/s2], or none; by default 9.81 if the body is not held at its centre of"
+            " mass.",
+        ),
     ],
     "members": Annotated[
         int | None, count_option("--members", help="Number of members; by default 1000.")
     ],
     "t_end": Annotated[
-        float | None, time_option("--t-end", help="End time; by default some tens of turns.")
+        float | None, time_option("--t-end", help="End time; by default tens of turns.")
     ],
     "title": Annotated[str | None, _text("TEXT", "Title; by default the name of the file.")],
 }
@@ -235,8 +240,9 @@ def new_command(
     file: Annotated[str, typer.Argument(metavar="FILE", help="Scene file to write (.toml).")],
     given: Given,
 ) -> None:
-    """Write a scene file with a comment on each line, to begin with and to change. At a terminal
-    and without options it asks; otherwise what is not given has a default: a heavy top."""
+    """Write a first scene file to edit, with a comment on each line. At a terminal and without
+    options, the command prompts for the values; otherwise every option has a default, and the
+    default body is a heavy top."""
     with report_errors():
         from rigidmc.files.outputs import write_bytes
         from rigidmc.views.new_scene import new_scene

@@ -1,4 +1,4 @@
-"""Options and arguments that commands share; those of the run settings follow from `Run`."""
+"""Options and arguments that commands share; the options of run settings follow from `Run`."""
 
 import functools
 import inspect
@@ -16,7 +16,7 @@ from rigidmc.scene.settings import Count, Digits, Index, Run, Time, types
 
 
 def _checked(key: str, read: Callable[[str], Any]) -> Callable[[str], Any]:
-    """A parser of an option's text; a RigidmcError ends the command with its message."""
+    """Return a parser for an option's text; a RigidmcError ends the command with its message."""
 
     def parser(text: str) -> Any:
         try:
@@ -28,7 +28,7 @@ def _checked(key: str, read: Callable[[str], Any]) -> Callable[[str], Any]:
 
 
 def count_option(key: str, least: int = 1, most: int | None = None, **option: Any) -> Any:
-    """An option that takes a whole number, also as 1e6."""
+    """Return an option for a whole number, also written 1e6."""
 
     def read(text: str) -> int:
         return read_count_text(text, key[2:], least, most)
@@ -37,7 +37,7 @@ def count_option(key: str, least: int = 1, most: int | None = None, **option: An
 
 
 def time_option(key: str, positive: bool = True, **option: Any) -> Any:
-    """An option that takes a time: seconds, or 90s, 1h30m, 250ms."""
+    """Return an option for a time: seconds, or 90s, 1h30m, 250ms."""
 
     def read(text: str) -> float:
         return read_seconds(text, key[2:], positive=positive)
@@ -46,7 +46,7 @@ def time_option(key: str, positive: bool = True, **option: Any) -> Any:
 
 
 def _device(word: str) -> str:
-    """The parser of --device: a device that is there."""
+    """Parse --device; the device must exist."""
     try:
         return resolve_device(word)
     except RigidmcError as error:
@@ -56,7 +56,7 @@ def _device(word: str) -> str:
 
 
 def _keep_of(text: str) -> str | dict[str, str]:
-    """The setting `keep` of "final", or of "omega=final,energy=summary"."""
+    """Parse the setting `keep`: "final", or "omega=final,energy=summary"."""
     if "=" not in text:
         return text
     pairs = (part.partition("=") for part in text.split(","))
@@ -64,9 +64,9 @@ def _keep_of(text: str) -> str | dict[str, str]:
 
 
 def make_completion(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
-    """Completion in the shell: those of the words that begin with what is typed after a comma.
+    """Return a shell completion: the words that begin with the text after the last comma.
 
-    If none does, the shell completes names of files.
+    Without a match, the shell completes file names.
     """
 
     def complete(incomplete: str) -> list[str]:
@@ -93,16 +93,16 @@ _TEXTS: dict[str, Callable[[str], Any]] = {"save": words_of, "keep": _keep_of}
 
 
 def setting(name: str, words: str | None = None) -> Any:
-    """The annotated type of the option for a run setting: key, parser and help text follow from the
-    field of `Run`.
+    """Return the annotated type of the option for a run setting. Key, parser and help text follow
+    from the field of `Run`.
 
-    words : what the setting means for a command to which it means something else
+    words : help text for a command that uses the setting differently
     """
     kind, key = types()[name], f"--{name.replace('_', '-')}"
     description = words or Run.model_fields[name].description or ""
     text: dict[str, Any] = {
         "help": f"{description[0].upper()}{description[1:]}.".replace("[", "\\["),
-        "rich_help_panel": "Settings of the run, in place of the scene's",
+        "rich_help_panel": "Run settings, which override those of the scene",
         "autocompletion": _COMPLETED.get(name),
     }
     if name in _TEXTS:
@@ -123,10 +123,10 @@ Command = Callable[..., None]
 def add_setting_options(
     *names: str, but: Collection[str] = (), words: Mapping[str, str] = {}
 ) -> Callable[[Command], Command]:
-    """Decorate a command that has a parameter `run`: give it an option for each run setting of
-    `names` (all by default, except those of `but`). `run` is the dict of the given settings.
+    """Decorate a command that has a parameter `run`: add an option for each run setting in `names`
+    (all by default) except those in `but`. `run` becomes the dict of the given settings.
 
-    words : {setting: what it means for this command}, where that is not what it means for a run
+    words : {setting: help text} for settings that this command uses differently
     """
     chosen = [name for name in names or Run.model_fields if name not in (*but, "varied")]
     return gather_options(
@@ -139,10 +139,10 @@ def add_setting_options(
 def gather_options(
     into: str, options: Mapping[str, Any], made: Callable[[dict[str, Any]], Any]
 ) -> Callable[[Command], Command]:
-    """Decorate a command that has a parameter `into`: give it options in its place, of which `made`
-    makes its value.
+    """Decorate a command that has a parameter `into`: replace it by options, from whose values
+    `made` makes the argument.
 
-    options : {name: annotation, or (annotation, default)}; without a default None if not given
+    options : {name: annotation, or (annotation, default)}; the default is None if omitted
     """
 
     def decorate(command: Command) -> Command:
@@ -160,7 +160,7 @@ def gather_options(
             value = made({name: given.pop(name) for name in options})
             command(**{into: value}, **given)
 
-        # `inspect` documents this attribute, and mypy does not know it
+        # `inspect` documents this attribute; mypy lacks it
         shown = signature.replace(parameters=[*others, *more])
         gathered.__signature__ = shown  # type: ignore[attr-defined]
         gathered.__annotations__ = {p.name: p.annotation for p in (*others, *more)}
@@ -173,18 +173,18 @@ SceneArgument = Annotated[
     str,
     typer.Argument(
         metavar="SCENE",
-        help="A TOML file, the name of a shipped scene, or a result (.nc, .zarr).",
+        help="A TOML file, a shipped scene (see `rigidmc scenes`), or a result (.nc, .zarr).",
         autocompletion=make_completion(shipped_names),
     ),
 ]
 ResultArgument = Annotated[
-    str, typer.Argument(metavar="FILE", help="A result (.nc, .zarr), or a run directory.")
+    str, typer.Argument(metavar="FILE", help="A result (.nc, .zarr) or a run directory.")
 ]
 RunArgument = Annotated[
-    str, typer.Argument(metavar="RUN", help="A run directory, made by `rigidmc run SCENE -o RUN/`.")
+    str, typer.Argument(metavar="RUN", help="A run directory, from `rigidmc run SCENE -o RUN/`.")
 ]
 Threads = Annotated[
-    int | None, count_option("--threads", help="Number of threads; by default one for each core.")
+    int | None, count_option("--threads", help="Number of threads; by default one per core.")
 ]
 Device = Annotated[
     str | None,
@@ -192,7 +192,7 @@ Device = Annotated[
         "--device",
         metavar="DEVICE",
         parser=_device,
-        help="Where members move: cpu, cuda for all graphics processors, cuda:1 for one, or auto.",
+        help="Where to integrate members: cpu, cuda for all GPUs, cuda:1 for one, or auto.",
     ),
 ]
 Set = Annotated[
@@ -205,13 +205,13 @@ Set = Annotated[
 ]
 AllowCode = Annotated[
     bool,
-    typer.Option("--allow-code", help="Run the Python files that define the scene's own parts."),
+    typer.Option("--allow-code", help="Run the scene's Python files, e.g. with custom effects."),
 ]
 Output = Annotated[
     str | None, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")
 ]
 FORMATS = (
-    "File to write: netCDF (.nc), zarr (.zarr), or a table with a row per member (.csv, .parquet)"
+    "File to write: netCDF (.nc), zarr (.zarr), or a table with one row per member (.csv, .parquet)"
 )
 ResultOutput = Annotated[
     str | None,
@@ -223,50 +223,50 @@ OutputOrRun = Annotated[
         "-o",
         "--output",
         metavar="FILE",
-        help=f"{FORMATS}; with RUN/, a run directory, which survives a kill.",
+        help=f"{FORMATS}; RUN/ writes a run directory, which survives a kill.",
     ),
 ]
 Plot = Annotated[
     str | None, typer.Option(metavar="FILE", help="Picture to write (.png, .pdf, .svg).")
 ]
-Force = Annotated[bool, typer.Option(help="Replace files that exist; folders never.")]
+Force = Annotated[bool, typer.Option(help="Replace existing files, but never folders.")]
 Until = Annotated[
     str | None,
     typer.Option(
         metavar="MEASURE",
-        help="Add members until a measure is known well enough, e.g."
+        help="Add members until the interval of a measure is this narrow, e.g."
         ' "p(flips >= 1) +- 0.001", "mean(flip_wait) +- 1 %".',
     ),
 ]
-Most = Annotated[int, count_option("--most", 32, help="With --until: the most members to add.")]
+Most = Annotated[int, count_option("--most", 32, help="With --until: most members to run.")]
 Accept = Annotated[
     bool,
     typer.Option(
-        "--accept", help="Go on although library versions differ, which may change last bits."
+        "--accept", help="Continue even if library versions differ, which may change last bits."
     ),
 ]
 MaxWall = Annotated[
     float | None,
     time_option(
         "--max-wall",
-        help="Stop after this time and keep what is unfinished; `rigidmc resume` goes on there."
-        " 3h, 1h30m, 3600s or seconds.",
+        help="Stop after this time and save unfinished work; `rigidmc resume` continues there."
+        " Write 3h, 1h30m, 3600s or seconds.",
     ),
 ]
 ShardSize = Annotated[
     float | None,
     typer.Option(
         min=0.001,
-        help="Size of a shard of a run directory \\[MB], by default 67;"
-        " at least one block of members.",
+        help="Size of a shard of a run directory \\[MB]; by default 67. A shard has at least one"
+        " block of members.",
     ),
 ]
 ShardTime = Annotated[
     float | None,
     time_option(
         "--shard-time",
-        help="The longest that one thread may need for a shard of a run directory, by a rate that"
-        " is measured; by default 120 s. With --shard-size alone no time counts, so that the shards"
+        help="Longest time for one thread to compute a shard of a run directory, from a measured"
+        " rate; by default 120 s. With --shard-size alone there is no time limit, and the shards"
         " are the same on every machine.",
     ),
 ]
@@ -274,7 +274,8 @@ Cluster = Annotated[
     str | None,
     typer.Option(
         metavar="WHERE",
-        help="Compute on dask workers: tcp://host:8786 of a scheduler, or local:N processes here.",
+        help="Compute on dask workers: tcp://host:8786 is a scheduler, local:N starts N processes"
+        " here.",
     ),
 ]
 Shards = Annotated[
@@ -282,7 +283,7 @@ Shards = Annotated[
     typer.Option(
         "--shards",
         metavar="FROM:TO",
-        help="Only these shards, as in a job array: 0:100 are the first hundred. `rigidmc show`"
-        " tells how many there are.",
+        help="Compute only these shards, as in a job array: 0:100 is the first hundred. `rigidmc"
+        " show` prints the number of shards.",
     ),
 ]

@@ -1,5 +1,5 @@
-"""What a command says and writes: errors and signals in words with an exit code, notes, the lines
-on its files, and standard streams that never fail."""
+"""Messages and output of commands: errors and signals with their exit codes, notes, lines on
+written files, and standard streams that never fail."""
 
 import contextlib
 import os
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-LEFT = "no incomplete file bears a final name, and `rigidmc resume` goes on with a run directory"
+LEFT = "no partial file is under its final name; `rigidmc resume` continues a run directory"
 
 
 class Terminated(BaseException):
-    """SIGTERM as an exception, so that a run ends the way it ends on Ctrl-C."""
+    """SIGTERM as an exception, so that a run ends as it does on Ctrl-C."""
 
 
 class AskedToStop(BaseException):
@@ -41,11 +41,11 @@ class AskedToStop(BaseException):
 
 @contextmanager
 def report_errors(file: str | None = None) -> Iterator[None]:
-    """Turn what can go wrong with files and memory into one message and an exit code, never a
-    traceback; `rigidmc.cli.app.Commands` does so with a user's mistakes. Announce compilation
-    before it begins.
+    """Turn errors of files and memory into one message and an exit code, never a traceback;
+    `rigidmc.cli.app.Commands` does the same for a user's mistakes. Announce compilation before it
+    begins.
 
-    file : a scene or a result that the command is about, which a mistake names if it names none
+    file : the scene or result of the command, for messages that name no file
     """
     from rigidmc.progress import announce
 
@@ -68,31 +68,31 @@ def report_errors(file: str | None = None) -> Iterator[None]:
             unharmed = "nothing was" in str(error)
             fail(error if unharmed else f"{_in_words(error)}; nothing that existed was changed", IO)
         except MemoryError as error:
-            ways = "write to a file with -o, save less, or run fewer members"
+            ways = "write to a file with -o, save fewer variables, or run fewer members"
             fail(f"not enough memory: {error}; {ways}", IO)
         except KeyboardInterrupt:
             fail(f"interrupted; {LEFT}", INTERRUPTED)
         except Terminated:
             fail(f"terminated; {LEFT}", TERMINATED)
         except AskedToStop:
-            fail(f"asked to stop; {LEFT}", INCOMPLETE)
+            fail(f"stopped by SIGUSR1; {LEFT}", INCOMPLETE)
 
 
 def _of_files(error: RuntimeError) -> bool:
-    """Whether the C library of netCDF, or a codec of zarr, raised an error."""
+    """Whether an error comes from the C library of netCDF or a codec of zarr."""
     return any(word in str(error) for word in ("HDF error", "NetCDF", "decompress"))
 
 
 @contextmanager
 def _signals() -> Iterator[list[int]]:
-    """Raise Terminated and AskedToStop for their signals; yield the numbers of all that stop a
-    command, SIGINT included."""
+    """Raise Terminated and AskedToStop for their signals; yield the numbers of all signals that
+    stop a command, SIGINT included."""
 
     def heard(number: int, _: FrameType | None) -> None:
         raise Terminated if number == signal.SIGTERM else AskedToStop
 
     numbers = [signal.SIGTERM]
-    if hasattr(signal, "SIGUSR1"):  # Windows has none
+    if hasattr(signal, "SIGUSR1"):  # not on Windows
         numbers.append(signal.SIGUSR1)
     previous = {signal.SIGINT: signal.getsignal(signal.SIGINT)}
     previous |= {number: signal.signal(number, heard) for number in numbers}
@@ -111,14 +111,14 @@ def _no_parts_left(numbers: list[int]) -> Iterator[None]:
     try:
         yield
     except (KeyboardInterrupt, Terminated, AskedToStop):
-        for number in numbers:  # the clean-up is short: no second signal may interrupt it
+        for number in numbers:  # the clean-up is short; a second signal must not interrupt it
             signal.signal(number, signal.SIG_IGN)
         drop_parts()
         raise
 
 
 def _in_words(error: Exception) -> str:
-    """An error of the system without its number: the file, and what is wrong with it."""
+    """Return an operating-system error without its number: the file and the fault."""
     if not isinstance(error, OSError) or error.strerror is None or error.filename is None:
         return str(error)
     path = os.path.relpath(error.filename)
@@ -135,8 +135,8 @@ def _in_words(error: Exception) -> str:
 
 @contextmanager
 def show_notes() -> Iterator[None]:
-    """Show each warning about a scene once, as a note. Warnings of libraries about overflow or
-    strange files are hidden: rigidmc itself flags or refuses what follows from them."""
+    """Show each warning about a scene once, as a note. Hide the warnings of libraries about
+    overflow or strange files: rigidmc itself flags or refuses the consequences."""
     seen = set[str]()
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
@@ -153,7 +153,7 @@ def show_notes() -> Iterator[None]:
 
 
 def plots_module() -> ModuleType:
-    """The module that draws ensembles; exit code 74 without matplotlib."""
+    """Return the module that draws ensembles; exit code 74 without matplotlib."""
     try:
         from rigidmc.views import ensemble
     except ImportError as error:
@@ -173,13 +173,13 @@ def refuse_outputs(
     more: Sequence[tuple[str, str, str | None]] = (),
 ) -> None:
     """Refuse, before any work, outputs that could not be written after it: files that exist, files
-    that cannot be created, and names whose ending belongs to another kind of file. No two kinds of
-    a command share an ending, so no two outputs share a name. Pictures and animations need
-    matplotlib.
+    that cannot be created, and names whose extension belongs to another kind of file. No two kinds
+    of output of a command share an extension, so no two outputs share a name. Pictures and
+    animations require matplotlib.
 
-    plot : the picture beside another output, by the option --plot
-    study : output of a study, which is netCDF;  size : bytes of the largest output, if known
-    more : (kind of file, option, path) of others
+    plot : picture of the option --plot, in addition to another output
+    study : output of a study, a netCDF file;  size : bytes of the largest output, if known
+    more : (kind of file, option, path) of other outputs
     """
     from rigidmc.files.outputs import refuse_existing
 
@@ -204,7 +204,7 @@ def refuse_outputs(
 
 
 def show_done(done: int, total: int) -> None:
-    """Show how many members are done, on a terminal."""
+    """Show the number of finished members, on a terminal."""
     if sys.stderr.isatty():
         end = "" if done < total else "\n"
         line = f"\r{100 * done / total:3.0f} % of {count_text(total, 'member')}{end}"
@@ -219,7 +219,7 @@ def write_study(
     force: bool,
     draw: Callable[["xr.Dataset"], "Figure"],
 ) -> list[str]:
-    """Write a study, and the picture draw(dataset); return a line for each file, see
+    """Write a study and the picture draw(dataset); return one line per file, see
     `report_files`."""
     from rigidmc.files.outputs import write_bytes
     from rigidmc.results.writer import netcdf_bytes
@@ -233,7 +233,7 @@ def write_study(
 
 def save_picture(figure: "Figure", path: str, force: bool) -> None:
     """Write a picture to a path that was checked before the work. If a file has appeared there
-    since, the picture gets another name."""
+    since, write the picture under another name."""
     from rigidmc.figures import picture_bytes
     from rigidmc.files.outputs import write_bytes
 
@@ -241,7 +241,7 @@ def save_picture(figure: "Figure", path: str, force: bool) -> None:
 
 
 def report_files(paths: Iterable[str | None]) -> list[str]:
-    """A line for each file that was written."""
+    """Return one line for each written file."""
     from rigidmc.files.outputs import disk_bytes
 
     return [
@@ -250,29 +250,29 @@ def report_files(paths: Iterable[str | None]) -> list[str]:
 
 
 class Stream:
-    """A standard stream that may be closed, without a reader, or on a full disk, and never fails.
+    """A standard stream that never fails, even if it is closed, lacks a reader, or fills the disk.
 
     Files and exit codes do not depend on it, except the exit code that reports a failed write.
 
-    fault : the OSError that ended its output; None if only its reader has gone
+    fault : the OSError that ended the output; None if the reader has gone
     """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self._gone = stream, False
         self.fault: OSError | None = None
         with contextlib.suppress(AttributeError):
-            # an encoding that lacks a character, such as that of |L|², is no reason to fail
-            # (a stream without `reconfigure` is left as it is)
+            # an encoding without a character such as ² must not make the command fail
+            # (a stream without `reconfigure` stays as it is)
             stream.reconfigure(errors="backslashreplace")  # type: ignore[attr-defined]
 
     def write(self, text: str) -> int:
-        """Write a text without what controls a terminal, unless rich writes: that draws help and
-        progress, of words that are our own."""
+        """Write a text without terminal control characters, unless rich writes it: rich draws help
+        and progress, and only from our own words."""
         rich = sys._getframe(1).f_globals.get("__name__", "").startswith("rich.")
         return self.draw(text if rich else terminal_text(text))
 
     def draw(self, text: str) -> int:
-        """Write a text as it is."""
+        """Write a text unchanged."""
         self._tried(self._stream.write, text)
         return len(text)
 
@@ -285,7 +285,7 @@ class Stream:
                 work(*given)
             except OSError as error:
                 self._gone, self.fault = True, None if isinstance(error, BrokenPipeError) else error
-                with contextlib.suppress(OSError):  # its buffer and what libraries print is dropped
+                with contextlib.suppress(OSError):  # drops its buffer and the output of libraries
                     os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
 
     def __getattr__(self, name: str) -> Any:
@@ -293,11 +293,11 @@ class Stream:
 
 
 def guard() -> Stream:
-    """Give this process standard streams that never fail; return its standard output."""
+    """Give this process standard streams that never fail; return the standard output."""
     for number in range(3):
         try:
             os.fstat(number)
-        except OSError:  # a closed one: the next file opened would receive what is printed
+        except OSError:  # closed: printed text would go into the next file that is opened
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     sys.stdin = sys.stdin or os.fdopen(0, closefd=False)
     out = Stream(sys.stdout or os.fdopen(1, "w", closefd=False))

@@ -44,8 +44,8 @@ Of = Annotated[
     typer.Option(
         "--of",
         metavar="MEASURE",
-        help='Estimate and 95 % interval, as for `map`: "p(flips >= 1)", "mean(flip_wait)",'
-        ' "median(megno)", "quantile(megno, 0.9)". May be given again.',
+        help='Show the estimate and 95 % interval of a measure, as in `map`: "p(flips >= 1)",'
+        ' "mean(flip_wait)", "median(megno)", "quantile(megno, 0.9)". Repeatable.',
     ),
 ]
 Member = Annotated[int, count_option("--member", 0, help="Index of the member.")]
@@ -56,8 +56,8 @@ Member = Annotated[int, count_option("--member", 0, help="Index of the member.")
     "every",
     "save",
     words={
-        "every": "time between saves [s]; by default that of the run",
-        "save": "what to save; by default all observables",
+        "every": "time between saves [s]; by default as in the run",
+        "save": "observables to save; by default all",
     },
 )
 def rerun_command(
@@ -69,8 +69,8 @@ def rerun_command(
     force: Force = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """Integrate one member of a result again, to the same bits, and save more: all observables
-    unless --save names them."""
+    """Rerun one member of a result, to the same bits, and save more: all observables unless --save
+    names some."""
     with report_errors(file):
         from rigidmc.runs.rerun import rerun as integrate_again
 
@@ -90,8 +90,9 @@ def rerun_command(
 
 @app.command("summary", rich_help_panel=LOOK)
 def summary_command(file: ResultArgument, of: Of = []) -> None:  # noqa: B006
-    """Say what is in a result: flagged members, and of each number that members have its mean with
-    a confidence interval, its median and its range. Or answer questions: --of."""
+    """Summarise a result: the flagged members; for each quantity with one value per member, the
+    mean with its confidence interval, the median and the middle 90 %. With --of, estimate measures
+    instead."""
     with report_errors():
         from rigidmc.views.summary import summary_text as lines
 
@@ -112,7 +113,8 @@ def plot_command(
         typer.Option("-o", "--output", metavar="FILE", help="Picture to write (.png, .pdf, .svg)."),
     ],
     picture: Annotated[
-        str, typer.Option(help=f"{', '.join(PICTURES)}; gibbs for a scene with a bath.")
+        str,
+        typer.Option(help=f"Kind of picture: {', '.join(PICTURES)}; with a bath also gibbs."),
     ] = "summary",
     force: Force = False,
     allow_code: AllowCode = False,
@@ -146,8 +148,8 @@ def export_command(
     force: Force = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """Write a result in another format. A table has the columns that each member has one number of:
-    start, last state, drifts, status, statistics."""
+    """Write a result in another format. A table has the columns with one value per member: start,
+    last state, drifts, status, statistics."""
     with report_errors():
         from rigidmc.results.export import write
 
@@ -170,12 +172,12 @@ def animate_command(
     seconds: Annotated[float, time_option("--seconds", help="Length of the animation.")] = 10.0,
     fps: Annotated[int, count_option("--fps", 1, 60, help="Frames per second.")] = 25,
     until: Annotated[
-        float | None, time_option("--until", help="End of the motion that is shown.")
+        float | None, time_option("--until", help="Show the motion up to this time.")
     ] = None,
     force: Force = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """Animate one member of a result: integrate it again, and draw it turning beside its momentum
+    """Animate one member of a result: rerun it, and draw the turning body next to its momentum
     sphere."""
     with report_errors():
         from rigidmc.runs.rerun import frames
@@ -193,11 +195,11 @@ def animate_command(
         steps = max(2, round(seconds * fps) - 1) * SMOOTH
         dataset = frames(load_result(file, allow_code), member, steps, allow_code, until)
         if int(dataset.status.values[0]) == 2:
-            fail(f"{file}: member {member} never started: it has no such body or start", INVALID)
+            fail(f"{file}: member {member} never started: impossible body or start", INVALID)
         count = -(-dataset.sizes["time"] // SMOOTH)
         if count < 0.9 * seconds * fps:
             made = count_text(dataset.sizes["time"] - 1, "step")
-            line = f"  the member makes only {made}: {count_text(count, 'frame')}"
+            line = f"  the member makes only {made}, enough for {count_text(count, 'frame')}"
             print(line, file=sys.stderr)
             fps = max(1, round(count / seconds))
         draw(dataset, output, fps, force=force)
@@ -206,7 +208,7 @@ def animate_command(
         print(*report_files([output]))
 
 
-MEMBERS = 500  # of a scene that is run for its page
+MEMBERS = 500  # to run for the page of a scene
 
 Source = Annotated[
     str,
@@ -237,15 +239,15 @@ def view_command(
     members: Shown = None,
     output: Page = None,
     until: Annotated[
-        float | None, time_option("--until", help="End of the motion that is shown.")
+        float | None, time_option("--until", help="Show the motion up to this time.")
     ] = None,
     settings: Set = [],  # noqa: B006
     show: Open = False,
     force: Force = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """Write one HTML page in which members turn in space beside their momentum spheres, with a
-    slider, omega, Euler angles and drifts. The page works without a network."""
+    """Write one HTML page in which members turn in space next to their momentum spheres, with a
+    time slider, omega, Euler angles and drifts. The page works offline."""
     with report_errors(source):
         from rigidmc.views.viewer.page import check_k3d
         from rigidmc.views.viewer.page import view as page_of
@@ -264,7 +266,7 @@ def view_command(
 
 
 def _indices(text: str | None) -> list[int] | None:
-    """The indices in a list such as 0,7,42; OptionError."""
+    """Read the indices in a list such as 0,7,42; OptionError."""
     if text is None:
         return None
     try:
@@ -275,18 +277,18 @@ def _indices(text: str | None) -> list[int] | None:
 
 
 def _map(source: str) -> "xr.Dataset | None":
-    """The map in a file or a run directory; None for everything else, which `load_result` tries."""
+    """Open the map in a file or a run directory; None for other sources, for `load_result`."""
     from rigidmc.studies.stability_map.stored import is_map, open_map
 
     return open_map(source) if is_map(source) else None
 
 
 def _result(source: str, settings: list[str], allow_code: bool) -> "xr.Dataset":
-    """A result, or that of a scene whose first MEMBERS members are run now."""
+    """Open a result, or run the first MEMBERS members of a scene."""
     if os.path.isdir(source) or source.lower().endswith((".nc", ".zarr")):
         if settings:
             raise OptionError(
-                "is for scenes; a result has been computed", at="set", value=settings[0]
+                "is for scenes; a result is already computed", at="set", value=settings[0]
             )
         found = _map(source)
         return found if found is not None else load_result(source, allow_code)

@@ -1,4 +1,4 @@
-"""rigidmc run: the main job."""
+"""rigidmc run: integrate the ensemble of a scene."""
 
 import os
 import sys
@@ -50,7 +50,7 @@ Until = Annotated[
     str | None,
     typer.Option(
         metavar="MEASURE",
-        help="Add members until a measure is known well enough, e.g."
+        help="Add members until the interval of a measure is this narrow, e.g."
         ' "p(flips >= 1) +- 0.001", "mean(flip_wait) +- 1 %".',
     ),
 ]
@@ -74,13 +74,13 @@ def run_scene(
     until: Until = None,
     most: Most = 10_000_000,
 ) -> None:
-    """Run a scene: integrate its ensemble, write the result and a picture, and say what it cost."""
+    """Run a scene: integrate its ensemble, write the result and a picture, and report the cost."""
     began = time.perf_counter()
     with report_errors(scene):
         loaded = load_scene(scene, settings, allow_code, run)
         if output is not None and names_a_run(output):
             if plot is not None or until is not None:
-                rule = "a run directory takes neither --plot nor --until: consolidate it first"
+                rule = "a run directory allows neither --plot nor --until: consolidate it first"
                 raise OptionError(rule, at="output", value=output)
             refuse_force(output, force)
             make = partial(_created, loaded, output, device)
@@ -97,7 +97,7 @@ def run_scene(
             code = OK
         else:
             if "members" in run:
-                rule = "does not go with --until, which adds as many as it takes: give --most"
+                rule = "cannot be combined with --until, which adds members as needed: give --most"
                 raise OptionError(rule, at="members", value=run["members"])
             dataset, code = _until(loaded, until, most, threads, device, output, force)
         if plot is not None:
@@ -112,7 +112,7 @@ def _created(
     scene: "Scene", path: str, device: str | None, size: float | None, only: range | None,
     threads: int | None, limit: float | None,
 ) -> "RunDirectory":  # fmt: skip
-    """A new run directory, as `Make` of `rigidmc.cli.directories`."""
+    """Create a run directory, as `Make` of `rigidmc.cli.directories`."""
     from rigidmc.runs.directory.create import create
 
     return create(scene, path, size, only, threads, limit=limit, device=device)
@@ -127,7 +127,7 @@ def _until(
     output: str | None,
     force: bool,
 ) -> tuple["xr.Dataset", int]:
-    """Add members until a measure is known well enough; the result and the exit code."""
+    """Add members until the interval of a measure is narrow enough; return (result, exit code)."""
     from rigidmc.studies.until import is_goal_reached, simulate_until
 
     def show(members: int, interval: "Estimate") -> None:
@@ -149,14 +149,14 @@ def _until(
 
 
 def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
-    """Print what was run, what it cost, how well energy and |L|^2 are kept, and who is flagged."""
+    """Print the run, its cost, the drifts of energy and |L|^2, and the flagged members."""
     from rigidmc.scene.amounts import two_digits
     from rigidmc.scene.drifts import one_way
 
     cost = dataset.encoding["rigidmc"]
     count, steps, seconds = dataset.sizes["member"], cost["steps"], cost["run_seconds"]
     each = (
-        f"{steps:,.1f} steps, which differ from member to member, on average"
+        f"{steps:,.1f} steps on average, different for each member,"
         if "turn" in dataset.attrs
         else f"{count_text(steps, 'step')} of {dataset.attrs['dt']:.6g} s"
     )
@@ -167,7 +167,7 @@ def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
     print(
         f"  {seconds:.2f} s, {two_digits(count * steps / seconds)} member-steps/s,"
         f" {two_digits(count / seconds)} members/s; compiled in {cost['compile_seconds']:.2f} s;"
-        f" {wall:.2f} s in all"
+        f" total {wall:.2f} s"
     )
     for name, word in (
         ("energy", "energy less work" if "work" in dataset else "energy"),
@@ -177,10 +177,10 @@ def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
     if line := one_way(dataset):
         print(f"  {line}")
     flags = ", ".join(f"{v:,} {k}" for k, v in cost["flagged"].items() if v and k != "ok")
-    where = "; see `status`, `status_step` and `status_time` for which and when" if flags else ""
+    where = "; `status`, `status_step` and `status_time` show which and when" if flags else ""
     print(f"  flagged members: {flags or 'none'}{where}")
     if not files:
-        print("  nothing was written: -o FILE keeps the result, --plot FILE draws it")
+        print("  nothing was written: -o FILE saves the result, --plot FILE draws it")
     for line in report_files(files):
         print(line)
     if "until" in cost:
@@ -188,7 +188,7 @@ def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
 
 
 def _print_drift(drift: "xr.DataArray", word: str) -> None:
-    """Print the median and the worst drift of a quantity, or its change if nothing keeps it."""
+    """Print the median and the worst drift of a quantity, or its change if it is not conserved."""
     import numpy as np
 
     values = drift.values[np.isfinite(drift.values)]

@@ -1,4 +1,4 @@
-"""Commands about a scene, without a run of it: rigidmc show, check, scenes and warm."""
+"""Commands that describe scenes without running them: rigidmc show, check, scenes and warm."""
 
 from typing import Annotated, Any
 
@@ -22,7 +22,8 @@ def show_command(
     threads: Threads = None,
     device: Device = None,
 ) -> None:
-    """Say what a scene is, which effects are compiled, and what a run would take; run nothing."""
+    """Describe a scene, the effects to compile, and the time, memory and disk of a run, without
+    running it."""
     with report_errors(scene):
         from rigidmc.engine.cuda.devices import resolve_device
         from rigidmc.engine.machine import threads_available
@@ -39,7 +40,7 @@ def check_command(
     settings: Set = [],  # noqa: B006
     allow_code: AllowCode = False,
 ) -> None:
-    """Check a scene file: exit code 0 if it can be run, else 3 and a message."""
+    """Check a scene file. Exit code 0 if it can be run, else 3 and a message."""
     with report_errors(scene):
         from rigidmc.planning.check import check_scene as check_scene
         from rigidmc.runs.prepare import prepare_scene
@@ -54,7 +55,7 @@ def check_command(
             print(f"note: {note}")
         steps = f"{ready.plan.mean_steps:,.0f} steps with {loaded.run.integrator}"
         if auto:
-            steps = f"as many steps as the tolerance {loaded.run.tolerance:g} needs"
+            steps = f"the steps that tolerance {loaded.run.tolerance:g} requires"
         print(f"{scene}: valid, {count_text(loaded.run.members, 'member')} x {steps}")
 
 
@@ -83,13 +84,14 @@ Scenes = Annotated[
     list[str],
     typer.Argument(
         metavar="[SCENE]...",
-        help="TOML files, names of shipped scenes or result files; by default all shipped scenes.",
+        help="TOML files, shipped scenes or result files; by default all shipped scenes.",
     ),
 ]
 AllIntegrators = Annotated[
     bool,
     typer.Option(
-        "--all-integrators", help="For every integrator that takes the scene, not only its own."
+        "--all-integrators",
+        help="Compile for every integrator that accepts the scene, not only for its own.",
     ),
 ]
 
@@ -101,10 +103,10 @@ def warm_command(
     settings: Set = [],  # noqa: B006
     allow_code: AllowCode = False,
 ) -> None:
-    """Compile ahead what runs of scenes need, so that no run waits: after an installation, or
-    before jobs that share a cache.
+    """Compile the kernels of scenes ahead of their runs: after an installation, or before jobs that
+    share a cache.
 
-    Prints the compile time of each scene; compiled code is not compiled again."""
+    Prints the compile time of each scene. Kernels in the cache are not recompiled."""
     with report_errors():
         from rigidmc.runs import precompile
         from rigidmc.scene.library import shipped_names

@@ -1,6 +1,6 @@
-"""The command of every study: made of its record, when it is run or its help page is shown.
+"""The command of every study, made from its record when it runs or shows its help page.
 
-`rigidmc --help` takes the names and texts of `rigidmc.studies.STUDIES`, and loads no study.
+`rigidmc --help` uses the names and texts of `rigidmc.studies.STUDIES`, and loads no study.
 """
 
 import inspect
@@ -61,13 +61,14 @@ if TYPE_CHECKING:
     from rigidmc.studies.framework.study import Study
 
 
-OUTCOMES = {"done": OK, "flagged": FLAGGED, "incomplete": INCOMPLETE}  # {of a study: exit code}
+OUTCOMES = {"done": OK, "flagged": FLAGGED, "incomplete": INCOMPLETE}  # {outcome: exit code}
 
 
 class RunOptions(NamedTuple):
-    """How members are computed and where they go, as options.
+    """Options for computing members and writing them.
 
-    settings : of --set;  output : a file, or a run directory;  ways : that only these have
+    settings : values of --set;  output : a file or a run directory
+    ways : options for run directories only
     """
 
     settings: list[str]
@@ -81,7 +82,7 @@ class RunOptions(NamedTuple):
 
 
 def where_of(given: dict[str, Any]) -> RunOptions:
-    """The RunOptions of the options."""
+    """Gather options in a RunOptions."""
     ways = DirectoryOptions(*(given.pop(name, None) for name in DirectoryOptions._fields))
     settings, output = list(given["settings"] or ()), given["output"]
     flags = bool(given["allow_code"]), bool(given["force"])
@@ -89,8 +90,8 @@ def where_of(given: dict[str, Any]) -> RunOptions:
     return RunOptions(settings, flags[0], threads, device, output, given["plot"], flags[1], ways)
 
 
-# options of which `where_of` makes a RunOptions: of studies whose members or tasks a run directory
-# may hold, and of others
+# options from which `where_of` makes a RunOptions: for studies whose members or tasks may be in a
+# run directory, and for others
 OF_MEMBERS: dict[str, Any] = {
     "settings": Set, "allow_code": AllowCode, "threads": Threads, "device": Device,
     "output": OutputOrRun, "plot": Plot, "force": Force, "max_wall": MaxWall, "shards": Shards,
@@ -103,14 +104,14 @@ OF_FILES: dict[str, Any] = {
 
 
 class StudyCommand(TyperCommand):
-    """A command whose parameters and function are made of the record when they are first asked
-    for: this loads the study, which takes a second."""
+    """A command that makes its parameters and function from the record at first use, because
+    loading the study takes a second."""
 
     _made: TyperCommand | None = None
 
     @property
     def made(self) -> Any:
-        """The command itself."""
+        """The actual command."""
         if self._made is None:
             info = CommandInfo(name=self.name, callback=self.function())
             self._made = get_command_from_info(  # type: ignore[assignment]
@@ -119,7 +120,7 @@ class StudyCommand(TyperCommand):
         return self._made
 
     def function(self) -> Callable[..., None]:
-        """Its function, with options as typer reads them."""
+        """Return its function, with options as typer reads them."""
         return command_of(load_study(str(self.name)))
 
     @property
@@ -129,7 +130,7 @@ class StudyCommand(TyperCommand):
 
     @params.setter
     def params(self, value: Any) -> None:
-        """What typer made of a function without parameters is left out."""
+        """Ignore the parameters that typer made from `unmade`."""
 
     @property
     def callback(self) -> Any:
@@ -138,11 +139,11 @@ class StudyCommand(TyperCommand):
 
     @callback.setter
     def callback(self, value: Any) -> None:
-        """As of `params`."""
+        """Ignore `unmade`."""
 
 
 def command_of(study: "Study") -> Callable[..., None]:
-    """The function of the command of a study, with options as typer reads them."""
+    """Return the function of the command of a study, with options as typer reads them."""
     from rigidmc.studies.framework.direct import Direct
     from rigidmc.studies.framework.options import options_of
 
@@ -151,7 +152,7 @@ def command_of(study: "Study") -> Callable[..., None]:
     def command(name: str, where: RunOptions, run: Any = None, **options: Any) -> None:
         picture = {one.name: options.pop(one.name) for one in pictured}
         files = {key: options.pop(key) for key in study.files}
-        with report_errors(None if is_direct else name):  # its outputs are not about the scene
+        with report_errors(None if is_direct else name):  # `_measured` names the scene itself
             if is_direct:
                 dataset, file = _measured(study, name, where, options, files), where.output
             else:
@@ -174,7 +175,7 @@ def command_of(study: "Study") -> Callable[..., None]:
 
 
 def command_parameters(study: "Study") -> list[inspect.Parameter]:
-    """The options of a study and of its picture as parameters of a command."""
+    """Return the options of a study and of its picture as parameters of a command."""
     from rigidmc.studies.framework.options import options_of
 
     known = (*options_of(study.options), *options_of(study.picture_options))
@@ -182,7 +183,7 @@ def command_parameters(study: "Study") -> list[inspect.Parameter]:
 
 
 def _source(study: "Study") -> inspect.Parameter:
-    """What a study is of, as a parameter of its command."""
+    """Return the scene or other source of a study as a parameter of its command."""
     kind, metavar = inspect.Parameter.KEYWORD_ONLY, study.work.sources
     if metavar == "SCENE":
         return inspect.Parameter("name", kind, annotation=SceneArgument)
@@ -196,7 +197,7 @@ def _source(study: "Study") -> inspect.Parameter:
 
 
 def _path(name: str, text: str) -> inspect.Parameter:
-    """A file that a study writes as a parameter of its command."""
+    """Return the path of a file that a study writes as a parameter of its command."""
     key, text = f"--{name.replace('_', '-')}", f"{text[0].upper()}{text[1:]}."
     annotation = Annotated[str | None, typer.Option(key, metavar="FILE", help=text)]
     return inspect.Parameter(
@@ -205,7 +206,7 @@ def _path(name: str, text: str) -> inspect.Parameter:
 
 
 def _parameter(one: "Option") -> inspect.Parameter:
-    """An option of a study as a parameter of its command."""
+    """Return an option of a study as a parameter of its command."""
     from rigidmc.studies.framework.options import REQUIRED, Names, Numbers, Time, Words
 
     key, text = f"--{one.name.replace('_', '-')}", f"{one.text[0].upper()}{one.text[1:]}."
@@ -217,7 +218,7 @@ def _parameter(one: "Option") -> inspect.Parameter:
         made = count_option(key, one.least, **more)
     elif one.type is Time:
         made = time_option(key, **more)
-    # the help page shows the default unless the text does; None tells what is not given
+    # the help page shows the default unless the text does; None marks an omitted option
     is_shown = one.default is REQUIRED or not (one.is_new or "by default" in one.text)
     return inspect.Parameter(
         one.name,
@@ -234,7 +235,7 @@ def _measured(
     options: dict[str, Any],
     files: dict[str, str | None],
 ) -> "xr.Dataset":
-    """A study that is computed at once, of a scene or without one."""
+    """Compute a study at once, with or without a scene."""
     more = [(study.files[key].kind, key, path) for key, path in files.items()]
     refuse_outputs(where.force, plot=where.plot, study=where.output, more=more)
     asked = {key: value for key, value in options.items() if value is not None}
@@ -247,7 +248,7 @@ def _measured(
 def _run_study(
     study: "Study", name: str, where: RunOptions, options: dict[str, Any], run: dict[str, Any]
 ) -> "tuple[xr.Dataset, str | None]":
-    """(a study, the file to write it to): of a result or a run directory, or of a scene."""
+    """Return (a study, the file to write it to), from a result, a run directory or a scene."""
     from rigidmc.studies.framework.members import Members
     from rigidmc.studies.framework.options import options_of
 
@@ -274,7 +275,7 @@ def _run_study(
 
 
 def folder_of(output: str | None) -> str | None:
-    """The run directory that an output names; None if it names a file."""
+    """Return the run directory that an output names; None if it names a file."""
     return output if output is not None and names_a_run(output) else None
 
 
@@ -284,11 +285,11 @@ def compute_study(
     designed: Callable[[], tuple[Any, Any]],
     stored: "Callable[[str], xr.Dataset]",
 ) -> "tuple[xr.Dataset, str | None]":
-    """(a study, the file to write it to) of members or tasks that are computed now, or in a run
-    directory.
+    """Compute the members or tasks of a study, in memory or in a run directory; return (the study,
+    the file to write it to).
 
-    designed : () -> (what its work takes, its options)
-    stored : of the path of a run directory
+    designed : () -> (input of the work, options of the study)
+    stored : path of a run directory -> study
     """
     from rigidmc.progress import say
     from rigidmc.studies.framework.members import Members
@@ -326,7 +327,7 @@ def show(
     picture: dict[str, Any],
     files: dict[str, str | None],
 ) -> None:
-    """Write a study, its picture and its other files, and print its lines, also if a file cannot be
+    """Write a study, its picture and its other files, and print its lines, even if a file cannot be
     written."""
     table, lines = study.table(dataset), list[str]()
 
@@ -339,7 +340,7 @@ def show(
             if path is not None:
                 one = study.files[key]
                 has_one = one.write(dataset, path, where.force)
-                nothing = f"  nothing was written to {path}: this study has no {one.kind}"
+                nothing = f"  {path} was not written: this study has no {one.kind}"
                 lines += report_files([path]) if has_one else [nothing]
     finally:
         if all(isinstance(line, str) for line in table):
@@ -354,23 +355,23 @@ def show(
 
 
 def end(study: "Study", dataset: "xr.Dataset") -> None:
-    """End the command with the exit code of the outcome of a study."""
+    """Exit with the code of the outcome of a study."""
     if code := OUTCOMES[study.outcome(dataset)]:
         raise typer.Exit(code)
 
 
 def _refuse_new(given: dict[str, Any]) -> None:
-    """OptionError for an option of new members beside those that exist."""
+    """Raise OptionError for an option of new members if the members exist."""
     for key, value in given.items():
         if value is not None:
-            rule = "is for a new study, and the members of this one exist"
+            rule = "is for a new study; this study already has its members"
             raise OptionError(rule, at=key, value=value)
 
 
 def unmade() -> None:
-    """In place of the function of a command, until it is made."""
+    """Stand in for the function of a command until it is made."""
 
 
 for _name, _text in STUDIES.items():
-    if _name != "stability_map":  # `rigidmc.cli.maps` has its command
+    if _name != "stability_map":  # its command is in `rigidmc.cli.maps`
         app.command(_name, cls=StudyCommand, help=_text, rich_help_panel=STUDY)(unmade)

@@ -1,6 +1,6 @@
-"""rigidmc effects, observables, integrators: list all of a kind, or explain one.
+"""rigidmc effects, observables, integrators: list all of a kind, or describe one.
 
-An explanation is the docstring of the class, with one line for each parameter and no examples.
+A description is the docstring of the class, with one line per parameter and without examples.
 """
 
 import re
@@ -20,29 +20,32 @@ from rigidmc.results.labels import units_text, with_units
 
 Name = Annotated[
     str | None,
-    typer.Argument(metavar="[NAME]", help="The one to explain; without it all are listed."),
+    typer.Argument(metavar="[NAME]", help="Describe this one; without NAME, list all."),
 ]
 OfScene = Annotated[
-    str | None, typer.Option("--scene", metavar="SCENE", help="With the integrators of this scene.")
+    str | None,
+    typer.Option("--scene", metavar="SCENE", help="Include the custom integrators of this scene."),
 ]
 Facts = Iterator[tuple[str, str]]
 MeasureEffects = Annotated[
     bool,
     typer.Option(
-        "--measure", help="Time each effect on this machine (compiling takes 3 minutes at first)."
+        "--measure",
+        help="Time each effect on this machine (the first time compiles for 3 minutes).",
     ),
 ]
 MeasureObservables = Annotated[
     bool,
     typer.Option(
         "--measure",
-        help="Time each observable on this machine (compiling takes 4 minutes at first).",
+        help="Time each observable on this machine (the first time compiles for 4 minutes).",
     ),
 ]
 MeasureIntegrators = Annotated[
     bool,
     typer.Option(
-        "--measure", help="Time a step of each integrator, free and heavy, on this machine."
+        "--measure",
+        help="Time a step of each integrator on this machine, for a free and a heavy body.",
     ),
 ]
 
@@ -50,7 +53,7 @@ MeasureIntegrators = Annotated[
 def _explain(
     name: str, kinds: Iterable[str], kind: str, text: str | None, facts: Callable[[str], Facts]
 ) -> None:
-    """Print the docstring of a kind, which has its equation and source, then its facts."""
+    """Print the docstring of a kind, with its equation and source, then its facts."""
     if name not in kinds:
         raise unknown(kind, kinds, at=kind, value=name, error=OptionError)
     print(f"{name}: {explain_docstring(text or '')}\n")
@@ -60,12 +63,12 @@ def _explain(
 
 
 def _first_line(kind: Any) -> str:
-    """The summary of a docstring."""
+    """Return the summary of a docstring."""
     return str(kind.__doc__).splitlines()[0]
 
 
 def _by(dims: Iterable[str]) -> str:
-    """In words, the dimensions of a result."""
+    """Name the dimensions of a result."""
     return f", by {', '.join(dims)}" if dims else ""
 
 
@@ -74,8 +77,8 @@ def effects(
     name: Name = None,
     measure: MeasureEffects = False,
 ) -> None:
-    """List the effects: law, parameters, what each needs and conserves; with --measure what each
-    costs here. NAME: its equation, parameters and source."""
+    """List the effects: law, parameters, requirements, conserved quantities; with --measure, the
+    cost on this machine. With NAME, show equation, parameters and source."""
     with report_errors():
         from rigidmc.physics.effects import EFFECTS, description
 
@@ -90,33 +93,33 @@ def effects(
             if word in costs:
                 operations, alone, added = costs[word]
                 print(
-                    f"{'':18s} {operations} a torque; a step with it alone {alone:.2f} ns; it adds"
+                    f"{'':18s} {operations} per torque; {alone:.2f} ns per step alone; adds"
                     f" {added:.2f} ns to a step with gravity"
                 )
 
 
 def _effect_costs() -> dict[str, Any]:
-    """{effect: its measured cost}; print the cost of steps without it."""
+    """Return {effect: its measured cost}; print the cost of steps without effects."""
     from rigidmc.runs.price import effect_prices
 
     costs = effect_prices()
     words = ("free", "with attitude", "with gravity", "strang")
     free, turning, heavy, split = (costs.pop(word) for word in words)
     print(
-        f"a step of rk4 on one thread: {free:.2f} ns of the momentum alone, {turning:.2f} ns with"
-        f" attitude, {heavy:.2f} ns with gravity; of strang {split:.2f} ns with gravity, to which"
-        " random effects are added"
+        f"a step of rk4 on one thread: {free:.2f} ns for the momentum alone, {turning:.2f} ns with"
+        f" attitude, {heavy:.2f} ns with gravity; a step of strang: {split:.2f} ns with gravity,"
+        " the base for random effects"
     )
     return costs
 
 
 def _in_toml(value: Any) -> str:
-    """A number or a vector as a scene file has it."""
+    """Write a number or a vector as in a scene file."""
     return f"[{', '.join(map(_in_toml, value))}]" if isinstance(value, tuple) else f"{value:g}"
 
 
 def _of_effect(name: str) -> Facts:
-    """(label, fact) of an effect."""
+    """Yield (label, fact) of an effect."""
     from rigidmc.physics.effects import EFFECTS, description
     from rigidmc.physics.effects.protocol import user_parameters
     from rigidmc.scene.validation import parameter_limits
@@ -149,8 +152,8 @@ def observables(
     name: Name = None,
     measure: MeasureObservables = False,
 ) -> None:
-    """List what can be saved and watched: its parameters and results; with --measure what each
-    watched one adds to a step here. NAME: all about it."""
+    """List the observables, saved or monitored, with parameters and results; with --measure, the
+    time that each monitored one adds to a step on this machine. With NAME, describe one."""
     with report_errors():
         from rigidmc.physics.observables import (
             KNOWN,
@@ -174,15 +177,15 @@ def observables(
                 added = ", ".join(f"{each[word]:.2f} ns {where}" for where, each in costs.items())
                 print(f"{'':12s} adds {added}")
 
-        print("at save times (save = [...]):")
+        print("saved at the save times (save = [...]):")
         for word, kind in OBSERVABLES.items():
             print(f"{word:12s} {with_units(_first_line(kind), kind.units)}")
         for word, kind in WITH_TABLE.items():
             parameters = ", ".join(_default(kind, f) for f in kind._fields)
             print(f"{word:12s} {with_units(_first_line(kind), kind.units)}")
             print(f"{'':12s} parameters, in a table [observables.{word}]: {parameters}")
-        print("\nover all steps, one result per member (save = [...]; parameters in a table")
-        print("[observables.NAME]):")
+        print("\nmonitored over all steps, one result per member (save = [...]; parameters in")
+        print("a table [observables.NAME]):")
         for word, kind in WATCHED.items():
             parameters = ", ".join(_default(kind, f) for f in kind._fields) or "none"
             results = ", ".join(kind.outputs) or "counts"
@@ -190,7 +193,7 @@ def observables(
             print(f"{'':12s} parameters: {parameters}; results: {results}")
             print_added(word)
         able = [word for word in OBSERVABLES if f"{word}_mean" in WATCHED_STATISTICS]
-        print(f"\nand of {', '.join(able)}, over all steps:")
+        print(f"\nstatistics over all steps, for {', '.join(able)}:")
         for word, kind in STATISTICS.items():
             print(f"NAME_{word:7s} {_first_line(kind)}")
             for one in able:
@@ -198,7 +201,7 @@ def observables(
 
 
 def _watching_costs() -> dict[str, dict[str, float]]:
-    """{scene: {observable: what it adds to a step [ns]}}; print the cost of bare steps."""
+    """Return {scene: {observable: added time per step [ns]}}; print the cost of bare steps."""
     from rigidmc.runs.price import watched_prices
 
     costs = watched_prices()
@@ -208,7 +211,7 @@ def _watching_costs() -> dict[str, dict[str, float]]:
 
 
 def _of_observable(name: str) -> Facts:
-    """(label, fact) of an observable."""
+    """Yield (label, fact) of an observable."""
     from rigidmc.physics.observables import (
         OBSERVABLES,
         WATCHED,
@@ -228,9 +231,9 @@ def _of_observable(name: str) -> Facts:
         kind = OBSERVABLES[name]
         over = (
             ", ".join(word for word, (of, _) in WATCHED_STATISTICS.items() if of == name)
-            or "nothing of it"
+            or "no statistics"
         )
-        yield "in a scene", f'save = ["{name}"], at save times; over all steps {over}'
+        yield "in a scene", f'save = ["{name}"], at save times; over all steps: {over}'
         yield "result", f"{with_units(kind.long_name, kind.units)}{_by(kind.dims)}"
     elif name in WATCHED:
         kind = WATCHED[name]
@@ -247,7 +250,7 @@ def _of_observable(name: str) -> Facts:
 
 
 def _default(kind: Any, field: str) -> str:
-    """A parameter of an observable, with its default if it has one."""
+    """Return a parameter of an observable, with its default if it has one."""
     if field not in kind._field_defaults:
         return field
     default = kind._field_defaults[field]
@@ -261,8 +264,8 @@ def integrators(
     scene: OfScene = None,
     allow_code: AllowCode = False,
 ) -> None:
-    """List the integrators: order, torques a step, what they conserve, which torques they take;
-    with --measure what a step costs here. NAME: its source."""
+    """List the integrators: order, torques per step, conserved quantities, accepted torques; with
+    --measure, the cost of a step on this machine. With NAME, describe one and cite its source."""
     with report_errors():
         from rigidmc.physics.integrators import INTEGRATORS, description
 
@@ -282,26 +285,26 @@ def integrators(
             keeps = ", ".join(kind.conserves) or "nothing"
             print(f"{word:10s} {description(kind).splitlines()[0]}")
             print(
-                f"{'':10s} {_order(kind)}; takes {kind.accepts}; conserves {keeps} of a free body"
+                f"{'':10s} {_order(kind)}; accepts {kind.accepts}; conserves {keeps} of a free body"
             )
             if word in costs:
                 times = ", ".join(f"{where} {ns:.1f} ns" for where, ns in costs[word].items())
-                print(f"{'':10s} a step on one thread: {times}")
+                print(f"{'':10s} one step on one thread: {times}")
 
 
 def _order(kind: Any) -> str:
-    """In words, order, torques a step and reversibility of an integrator."""
+    """Describe order, torques per step and reversibility of an integrator."""
     order = "exact" if kind.order == inf else f"order {kind.order}"
-    torques = f"{kind.evaluations} torque{'s' * (kind.evaluations != 1)} a step"
+    torques = f"{kind.evaluations} torque{'s' * (kind.evaluations != 1)} per step"
     return f"{order}, {torques}, {'' if kind.is_reversible else 'not '}reversible"
 
 
 def _of_integrator(name: str, kinds: Mapping[str, Any]) -> Facts:
-    """(label, fact) of an integrator."""
+    """Yield (label, fact) of an integrator."""
     kind = kinds[name]
     yield "in a scene", f'[run] integrator = "{name}"'
     yield "facts", _order(kind)
-    yield "takes", kind.accepts
+    yield "accepts", kind.accepts
     yield "conserves", f"{', '.join(kind.conserves) or 'nothing'} of a free body"
 
 
@@ -311,9 +314,9 @@ _UNIT = re.compile(r"\[[^\]]+\]$")
 
 
 def explain_docstring(docstring: str) -> str:
-    """Summary, equation, text and source of a docstring, and lines `name : meaning [unit]`.
+    """Return summary, equation, text and source of a docstring, and lines `name : meaning [unit]`.
 
-    Other sections tell what Python alone does: examples, errors raised, what is returned.
+    Other sections concern Python only: examples, errors and return values.
     """
     text, *sections = _TITLE.split(cleandoc(docstring))
     parts = [re.sub("::$", ":", text.strip(), flags=re.MULTILINE)]

@@ -1,9 +1,9 @@
-"""Kernels compiled in a second process, while this one compiles others of the same program.
+"""Compilation of some kernels in a second process, while this one compiles others.
 
-The first use of a program then takes little more than half as long: Numba holds Python's global
-lock, so that threads would not help. The other process puts code into the disk cache, where this
-one finds it. It gets the names of functions and NamedTuples of the package. If it fails, or is
-slow, this process compiles everything itself.
+The first use of a program then takes little more than half as long. Numba holds Python's global
+lock, so threads would not help. The other process puts code into the disk cache, where this one
+finds it. It receives the names of functions and NamedTuples of the package. If it fails or is slow,
+this process compiles everything itself.
 """
 
 import contextlib
@@ -19,13 +19,15 @@ from rigidmc.engine.kernel.arguments import record_type
 from rigidmc.engine.machine import threads_available
 from rigidmc.files.processes import can_start, start_helper
 
-PATIENCE = 60.0  # [s] for what takes 1 to 3 s on two cores
+PATIENCE = 60.0  # [s] for work of 1 to 3 s on two cores
 
 
 def helper_can(keys: Mapping[str, KernelKey]) -> list[str]:
-    """Names of the kernels that another process could compile.
+    """Return names of the kernels that another process could compile.
 
-    These are the kernels that the disk cache keeps, if there is another core and a Python to start.
+    These are the kernels that the disk cache stores, if there is another core and a Python to
+    start.
+
     keys : by the names of the kernels
     """
     if not can_start() or threads_available() < 2:
@@ -35,9 +37,9 @@ def helper_can(keys: Mapping[str, KernelKey]) -> list[str]:
 
 @contextlib.contextmanager
 def compile_in_helper(keys: Sequence[KernelKey]) -> Iterator[None]:
-    """Have kernels compiled by another process while the body runs.
+    """Compile kernels in another process while the body runs.
 
-    At the end the other process has compiled them or is given up.
+    At the end the other process has finished or is stopped.
     """
     process = _start_helper(keys) if keys else None
     try:
@@ -52,7 +54,7 @@ def compile_in_helper(keys: Sequence[KernelKey]) -> Iterator[None]:
 
 
 def _start_helper(keys: Sequence[KernelKey]) -> subprocess.Popen[str] | None:
-    """The process, None if the system cannot start one."""
+    """Return the process, None if the system cannot start one."""
     written = [
         [_name(key.function), _to_json(key.parts), key.dtype, key.lanes, key.arguments]
         for key in keys
@@ -68,7 +70,7 @@ def _start_helper(keys: Sequence[KernelKey]) -> subprocess.Popen[str] | None:
 
 
 def main() -> None:
-    """Compile what is written on the standard input."""
+    """Compile the kernels listed on standard input."""
     for function, parts, dtype, lanes, arguments in json.load(sys.stdin):
         record = record_type(dtype) if "r" in arguments else None
         compile_kernel(
@@ -77,28 +79,28 @@ def main() -> None:
 
 
 def _name(thing: Callable[..., Any]) -> str:
-    """The name of a function or class, as `_lookup` reads it."""
+    """Return the name of a function or class, as `_lookup` reads it."""
     return f"{thing.__module__}:{thing.__qualname__}"
 
 
 def _lookup(name: str) -> Any:
-    """The function or class of a name; ImportError if it is not of this package."""
+    """Return the function or class of a name; raise ImportError if it is not of this package."""
     module, _, word = name.partition(":")
-    # What arrives by a pipe must not import what it likes.
+    # Input from a pipe must not import arbitrary modules.
     if not module.startswith("rigidmc."):
         raise ImportError(f"{name} is not of this package")
     return getattr(importlib.import_module(module), word)
 
 
 def _to_json(part: Any) -> Any:
-    """Nested NamedTuples, tuples and numbers as JSON takes them."""
+    """Convert nested NamedTuples, tuples and numbers to JSON."""
     if not isinstance(part, tuple):
         return part
     return [_name(type(part)) if hasattr(part, "_fields") else "", *map(_to_json, part)]
 
 
 def _from_json(part: Any) -> Any:
-    """What `_to_json` wrote."""
+    """Convert the output of `_to_json` back."""
     if not isinstance(part, list):
         return part
     kind, *parts = part

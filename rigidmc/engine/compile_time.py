@@ -1,7 +1,7 @@
-"""What is compiled is said before it begins, with how long it takes.
+"""An announcement before compilation, with the time it will take.
 
-The time is estimated from CPU seconds measured once, times the pace of this machine, which each
-first program of a process measures anew. Nothing is said if all code is in memory or in the disk
+The estimate is CPU seconds measured once, times the pace of this machine. Each process measures the
+pace afresh with its first program. Nothing is announced if all code is in memory or in the disk
 cache.
 """
 
@@ -18,10 +18,10 @@ from rigidmc.files.opening import open_plain
 from rigidmc.progress import say
 
 log = logging.getLogger("rigidmc")
-compiled: list[str] = []  # labels of what this process has compiled
+compiled: list[str] = []  # labels of the programs this process has compiled
 
 # CPU seconds in a process that compiles nothing else, on 2 cores of Intel Xeon (family 6, model
-# 167): within 15 % of what programs of rk4, rk8 and strang took before
+# 167): within 15 % of the times of programs of rk4, rk8 and strang before
 # `rigidmc.engine.compiler.pipeline`, times the 0.78 that it saves.
 KERNELS = {
     "gather": 0.08, "scatter": 0.08, "initialise": 0.3, "assess": 0.4, "record": 0.12,
@@ -31,17 +31,17 @@ KERNELS = {
     "kernel": 2.5,  # of a GPU, all kernels for one member in one: 2.2 (rk4) to 5.4 (rk8)
 }  # fmt: skip
 MARCH = {"rk8": 1.6}  # of a free body
-OTHERS = 0.8  # 0.7 (cf4, rk4); splittings 1.8, what their `begin` takes longer included
+OTHERS = 0.8  # 0.7 (cf4, rk4); splittings 1.8, including the extra time of their `begin`
 TORQUE = 0.15  # with gravity 0.8 (cf4), 0.9 (rk4), 1.7 (rk8)
-# Each further effect; for rk8 more by the ratio of free steps. All 17 that are not random: 3.9 by
-# rk4 (table 4.2), 8.8 by rk8 (table 8.2).
+# Each further effect; for rk8 multiplied by the ratio of free steps. All 17 that are not random:
+# 3.9 by rk4 (this table: 4.2), 8.8 by rk8 (this table: 8.2).
 EFFECT = 0.2
 FIRST = 0.3  # once a process
 START = 0.4  # until a second process has begun: 0.3 to 0.4
-APART = 1.3  # times as long as here, without the functions that kernels share
-GAIN = 0.5  # a wait that is shorter by less needs no second process
-# Times as long once a process has compiled a program, because functions that kernels share are
-# there: 0.3 to 0.6.
+APART = 1.3  # a second process takes longer by this factor: it lacks the shared functions
+GAIN = 0.5  # smallest saving of waiting time that justifies a second process
+# Factor once a process has compiled a program, because the functions that kernels share are there:
+# 0.3 to 0.6.
 LATER = 0.45
 
 
@@ -49,10 +49,12 @@ LATER = 0.45
 def announce_compiling(
     label: str, missing: Sequence[str], effects: Sequence[Any] = (), theirs: Collection[str] = ()
 ) -> Iterator[None]:
-    """Say what is compiled in the body, and learn from it how fast this machine is.
+    """Announce what the body compiles, and measure from it how fast this machine is.
 
-    label : of the program;  missing : names of its kernels that are to be compiled
-    effects : of the program;  theirs : see `split_work`
+    label : of the program
+    missing : names of its kernels to compile
+    effects : of the program
+    theirs : see `split_work`
     """
     if not missing:
         yield
@@ -63,7 +65,7 @@ def announce_compiling(
     expected = seconds(label, [name for name in missing if name not in theirs], effects)
     yield
     compiled.append(label)
-    # By CPU time, which other processes do not lengthen.
+    # CPU time, which other processes do not lengthen.
     if is_first and "march" in missing:
         _learn(_pace() * (time.process_time() - started) / expected)
 
@@ -71,7 +73,7 @@ def announce_compiling(
 def seconds(
     label: str, missing: Sequence[str], effects: Sequence[Any] = (), theirs: Collection[str] = ()
 ) -> float:
-    """About how long it takes to compile kernels of a program on this machine.
+    """Estimate how long it takes to compile kernels of a program on this machine.
 
     theirs : the kernels that a second process compiles meanwhile
     """
@@ -85,10 +87,11 @@ def seconds(
 def split_work(
     label: str, missing: Sequence[str], effects: Sequence[Any], able: Collection[str]
 ) -> list[str]:
-    """Names of the kernels that a second process is to compile.
+    """Return names of the kernels that a second process should compile.
 
-    `march` stays here. The others, the most costly first, go where less is to do. None goes to the
-    second process if the wait would not be shorter by GAIN.
+    `march` stays here. The others, most costly first, go to the less loaded process. None goes to
+    the second process unless this shortens the wait by GAIN.
+
     able : names of the kernels that another process could compile
     """
     costs = {name: _cost(name, label, effects) for name in missing}
@@ -105,7 +108,7 @@ def split_work(
 
 
 def _cost(name: str, label: str, effects: Sequence[Any]) -> float:
-    """CPU seconds of a kernel of a program on the machine above, as the first to be compiled."""
+    """Return the CPU seconds of a kernel on the machine above, as the first to be compiled."""
     if name != "march":
         return KERNELS.get(name, 0.0)
     free = MARCH.get(label.split(" ")[0], OTHERS)
@@ -113,29 +116,29 @@ def _cost(name: str, label: str, effects: Sequence[Any]) -> float:
 
 
 def _cold() -> bool:
-    """Whether this process has compiled no program yet; formulas share nothing with programs."""
+    """Return whether this process has compiled no program yet; formulas share nothing with them."""
     return not set(compiled) - {"formulas"}
 
 
 def seconds_text(number: float) -> str:
-    """Seconds for people."""
+    """Return seconds as text for people."""
     return f"{number:.0f}" if number >= 0.95 else f"{max(0.1, number):.1f}"
 
 
 def list_kernels(label: str, missing: Sequence[str]) -> str:
-    """What is compiled, every kernel by its name."""
+    """Return the names of all kernels to compile."""
     march = [f"march of {label}"] * ("march" in missing)
     return ", ".join(march + [name for name in missing if name != "march"])
 
 
 def summary(label: str, missing: Sequence[str]) -> str:
-    """What is compiled, in the words of a scene."""
+    """Return what is compiled, in the words of a scene."""
     if label in missing:
         return label
     words = {
         "refine_event": "events",
         "monitor_steps": "running observables",
-        "renormalise_shadow": "neighbour",
+        "renormalise_shadow": "shadow trajectory",
         "record": "saves",
     }
     if "refine_event" in missing:  # then the steps are monitored for the events
@@ -147,7 +150,7 @@ def summary(label: str, missing: Sequence[str]) -> str:
 
 
 def _pace() -> float:
-    """How many times as long as the seconds above this machine took when it last began to compile.
+    """Return the time this machine last took to compile, relative to the seconds above.
 
     1 if that is not known.
     """
@@ -155,14 +158,14 @@ def _pace() -> float:
         contextlib.suppress(OSError, ValueError),
         open(_file(), encoding="ascii", opener=open_plain) as file,
     ):
-        # Bounded, as the file may be damaged, or of another machine.
+        # Bounded because the file may be damaged, or come from another machine.
         pace = float(file.read(32))
         return min(5.0, max(0.2, pace)) if math.isfinite(pace) else 1.0
     return 1.0
 
 
 def _learn(pace: float) -> None:
-    """Keep the pace for other processes, if there is a cache."""
+    """Save the pace for other processes, if there is a cache."""
     with contextlib.suppress(OSError, ValueError):
         path = _file()
         with open(f"{path}.{os.getpid()}", "w", encoding="ascii", opener=open_plain) as file:
@@ -171,5 +174,5 @@ def _learn(pace: float) -> None:
 
 
 def _file() -> str:
-    """The file of the pace; OSError if the folder of the cache is not private."""
+    """Return the file of the pace; raise OSError if the cache folder is not private."""
     return os.path.join(cache_home(), "pace")

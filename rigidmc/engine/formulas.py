@@ -1,12 +1,12 @@
 """Formulas over millions of elements: plain functions of numbers, on vectors and on all cores.
 
 A formula is a NamedTuple whose fields are its arguments and whose method `values(self)` returns a
-tuple of numbers. It is written once, runs as it stands in Python, and is compiled by its type as an
-effect is: `evaluate` takes arrays through it.
+tuple of numbers. It is written once, runs in Python as it stands, and is compiled by its type like
+an effect: `evaluate` applies it to arrays.
 
-Two formulas of the physics are here: `Forces`, torque and energy of effects for many members at
-once, outside a run, and `AdvancedState`, a member some time after a state that is known, with what
-is observed there, by one step of an integrator.
+Two formulas of the physics are here. `Forces` is the torque and energy of effects for many members
+at once, outside a run. `AdvancedState` is the state of a member some time after a known state, by
+one step of an integrator, with its observables.
 """
 
 import sys
@@ -38,13 +38,13 @@ from rigidmc.physics.integrators.protocol import step
 from rigidmc.physics.observables.protocol import value
 from rigidmc.threads import Task, threads_of
 
-# Elements of a call on a thread, at most (a few ms) and at least (0.1 ms).
+# Elements per call on a thread, at most (a few ms) and at least (0.1 ms).
 MAX_CALL, MIN_CALL = 16384, 512
 
 
 @method
 def values(formula):
-    """The numbers that a formula gives."""
+    """Return the numbers of a formula."""
     return ()
 
 
@@ -64,17 +64,19 @@ def fill(
     begin,
     end,
 ):
-    """out[:, e] = values of the formula with fields table[index[e]] and columns[:, e].
+    """Compute out[:, e] = values of the formula with fields table[index[e]] and columns[:, e].
 
-    begin, end : elements, begin <= e < end;  count : columns of `columns` and `out`
-    workspace : rows for the fields and the values;  flat : the same memory as plain numbers
+    begin, end : elements, begin <= e < end
+    count : columns of `columns` and `out`
+    workspace : rows for the fields and the values
+    flat : the same memory as plain numbers
     fields, extra, width : columns of `table`, rows of `columns`, rows of `out`
     """
     (formula,) = tree_unpack(tree, numbers)
     step = side(workspace)
     for low in range(begin, end, step):
         for k in range(step):
-            # The last vector repeats the last element: each lane has numbers that a formula takes.
+            # The last vector repeats the last element, so every lane has valid numbers.
             element = min(low + k, end - 1)
             for i in range(fields):
                 flat[i * step + k] = table[index[element] * fields + i]
@@ -89,7 +91,7 @@ def fill(
 
 
 def side(rows):
-    """How many numbers lie side by side in a row."""
+    """Return how many numbers lie side by side in a row."""
     return 1
 
 
@@ -115,12 +117,12 @@ def evaluate(
     threads: int | None = None,
     side: int = WIDTH,
 ) -> NDArray[np.float64]:
-    """The values (width, n) of a formula for n elements.
+    """Return the values (width, n) of a formula for n elements.
 
-    kind : class of the formula; if its fields are tuples, an instance whose numbers do not count
-    columns : the fields (numbers, n); with a table, the fields that come after those of the table
-    table, index : (m, fields), and the row of it for each element (n,)
-    side : elements side by side, on which no result depends
+    kind : class of the formula; if its fields are tuples, an instance with arbitrary numbers
+    columns : the fields (numbers, n); with a table, the fields after those in the table
+    table, index : (m, fields), and its row for each element (n,)
+    side : elements side by side; no result depends on it
     """
     columns = np.ascontiguousarray(columns, dtype=float)
     extra, count = columns.shape
@@ -131,7 +133,7 @@ def evaluate(
     formula = kind if isinstance(kind, tuple) else kind(*[0.0] * (fields + extra))
     key = KernelKey(fill, (formula,), "float64", side, FILL)
     with announce_compiling("formulas", () if is_compiled(key) else ("formulas",)):
-        # The kernel reads its numbers from an array, which has to live as long as it is called.
+        # The kernel reads its numbers from an array that must live until the calls end.
         compiled, _alive = compile_kernel(key)
     shared = (
         table.ravel(), fields, index, columns.ravel(), extra, count, out.ravel(), width,
@@ -142,7 +144,7 @@ def evaluate(
         call_kernel(compiled, FILL, room, room, *shared, low, min(low + size, count))
 
     threads = threads or threads_available()
-    # Whole vectors, and as many calls as threads if they are not too small.
+    # Whole vectors, and as many calls as threads unless they are too small.
     size = min(MAX_CALL, max(MIN_CALL, WIDTH * -(-count // (threads * WIDTH))))
     starts = range(0, count, size)
     if threads > 1 and len(starts) > 1:
@@ -174,18 +176,18 @@ _BODY = MassProperties(*[0.0] * 9)
 
 
 def energies(effects: Any, body: Any, q: Vector) -> Any:
-    """Potential energy of all effects [J] at attitudes (4, ...).
+    """Return the potential energy of all effects [J] at attitudes (4, ...).
 
     The numbers of effects and body are arrays that broadcast with the attitudes.
     """
     try:
         return total_energy(effects, body, q)
-    except (TypeError, ValueError):  # a branch, or a function of math, which takes no array
+    except (TypeError, ValueError):  # a branch, or a function of math, which accepts no array
         return evaluate_forces(effects, body, q, (0.0, 0.0, 0.0))[3]
 
 
 def torques(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float64]:
-    """Torques of all effects at t = 0 [N m], (3, ...), arguments as of `energies`."""
+    """Return torques of all effects at t = 0 [N m], (3, ...); arguments as in `energies`."""
     try:
         return np.array(np.broadcast_arrays(*total_torque(effects, body, 0.0, q, l)))
     except (TypeError, ValueError):
@@ -193,24 +195,24 @@ def torques(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float64
 
 
 def evaluate_forces(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float64]:
-    """Torque and energy (4, ...) by compiled code, arguments as of `torques`."""
+    """Compute torque and energy (4, ...) by compiled code; arguments as in `torques`."""
     parameters = (value for e in effects for _, _, value in numbers(e))
     columns = np.broadcast_arrays(*q, *l, *body, *parameters)
     rows = [column.ravel() for column in columns]
     formula = Forces((0.0,) * 4, (0.0,) * 3, _BODY, blank(effects))
     try:
         values = evaluate(formula, 4, rows, threads=1)
-    except NumbaError:  # a user's code that takes one member at a time
+    except NumbaError:  # custom code for one member at a time
         refuse_memory(effects)
         values = evaluate(formula, 4, rows, threads=1, side=1)
     return np.reshape(values, (4, *columns[0].shape))
 
 
 class AdvancedState(NamedTuple):
-    """A member after a time h, and what is observed then.
+    """A member after a time h, and its observables then.
 
-    effects, observables, integrator : as they are compiled;  t, h : when the state (q, l) is known,
-        and the time since then [s]
+    effects, observables, integrator : in compiled form
+    t, h : time of the known state (q, l), and the time since then [s]
     """
 
     body: MassProperties
@@ -223,7 +225,7 @@ class AdvancedState(NamedTuple):
     l: tuple[float, ...]
 
     def values(self):
-        """q and L after h, then the numbers of the observables."""
+        """Return q and L after h, then the numbers of the observables."""
         part = self.h, self.h, 0.0
         q, l = step(
             self.integrator, self.body, self.effects, self.t, self.h, part, self.q, self.l, ()
@@ -232,7 +234,7 @@ class AdvancedState(NamedTuple):
 
 
 def observe_all(observables, body, effects, t, q, l):
-    """The numbers of observables of the state and the time, one after the other."""
+    """Return the numbers of observables of state and time, one after the other."""
     if len(observables) == 0:
         return ()
     zero = 0.0 * t

@@ -1,8 +1,8 @@
-"""What LLVM's code of a part shows, before anything is run.
+"""Inspection of the LLVM code of custom classes before anything runs.
 
-How many floating-point operations a torque or a step has; whether a user's own part takes memory,
-which is refused with the name of its class; whether it runs on vectors, or takes one number at a
-time and makes its scene's members go one by one.
+It counts the floating-point operations of a torque or a step. It detects code that allocates
+memory, which is rejected with the name of its class. It finds out whether code runs on vectors, or
+on one number at a time, so that the members of its scene go one at a time.
 """
 
 import re
@@ -64,15 +64,15 @@ _OPERATION = re.compile(
     r"[^<]*?(?:<(\d+) x )?double"
 )
 _CHOICE = re.compile(r"= (?:fcmp|select)\b[^<]*?(?:<(\d+) x )?double")
-DIVISION, ROOT = 10, 18  # in times of a product, in packed arithmetic (Zen 4, 512 bits)
-SCALAR_REASON = "branches, or calls what takes one number at a time"
+DIVISION, ROOT = 10, 18  # in units of a product's time, in packed arithmetic (Zen 4, 512 bits)
+SCALAR_REASON = "branches, or calls a function that takes one number at a time"
 _BODY, _AT, _SPIN = MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
 class Operations(NamedTuple):
-    """Floating-point operations, and how many of them are divisions and square roots.
+    """Numbers of floating-point operations, and of divisions and square roots among them.
 
-    choices : comparisons and selections, which are not among them
+    choices : comparisons and selections, not included in `all`
     """
 
     all: int
@@ -82,15 +82,15 @@ class Operations(NamedTuple):
 
     @property
     def slots(self) -> int:
-        """The time of all of them, in times of a product."""
+        """The time of all operations, in units of a product's time."""
         return self.all + self.choices + (DIVISION - 1) * self.divisions + (ROOT - 1) * self.roots
 
     def less(self, other: "Operations") -> "Operations":
-        """What is left without others."""
+        """Subtract other operations."""
         return Operations(*(a - b for a, b in zip(self, other, strict=True)))
 
     def times(self, count: int) -> "Operations":
-        """All of them `count` times."""
+        """Multiply all numbers by `count`."""
         return Operations(*(count * a for a in self))
 
     def __str__(self) -> str:
@@ -103,27 +103,27 @@ class Operations(NamedTuple):
 
 
 def torque_operations(effect: Any) -> Operations:
-    """Operations of one evaluation of an effect's torque."""
+    """Count the operations of one evaluation of an effect's torque."""
     return _count(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN)
 
 
 def refusal_of(effect: Any) -> str:
-    """Why the torque of a user's effect cannot go into a kernel: "takes memory", or ""."""
+    """Return why the torque of a custom effect cannot be compiled: "allocates memory", or ""."""
     if config.DISABLE_JIT:
         return ""
-    # Functions of Numba's runtime, which allocates and counts references, begin so.
-    return "takes memory" if "NRT_" in _torque_code(effect) else ""
+    # The names of Numba's runtime functions, which allocate and count references, begin with NRT_.
+    return "allocates memory" if "NRT_" in _torque_code(effect) else ""
 
 
 def refuse_memory(effects: Iterable[Any]) -> None:
-    """Raise SceneError for a user's effect that takes memory."""
+    """Raise SceneError for a custom effect that allocates memory."""
     for effect in effects:
         if type(effect) not in EFFECTS.values() and (why := refusal_of(effect)):
             raise PartError.of(effect, f"{why}; {RULE}", "effects", "torque")
 
 
 def why_scalar(effect: Any) -> str:
-    """Why members cannot be worked on side by side with a user's effect, or ""."""
+    """Return why members cannot be worked on side by side with a custom effect, or ""."""
     if type(effect) in EFFECTS.values():
         return ""
     if type(effect) not in _why_scalar:
@@ -141,13 +141,13 @@ def why_scalar(effect: Any) -> str:
 
 
 def step_operations(scheme: Any, effects: Any, attitude: bool) -> Operations:
-    """Operations of one step of a StepScheme with these effects, all substeps together."""
+    """Count the operations of one step of a StepScheme with these effects, in all substeps."""
     substep, q = (0.0, 0.0, 0.0), _AT if attitude else (1.0, 0.0, 0.0, 0.0)
     first = tuple(_STEP * x for x in scheme.substeps[1, :3].tolist())
     q, l = to_stepping(scheme.integrator, _STILL, blank(effects), 0.0, first, q, _SPIN)
     constants_of_step = precompute(scheme.integrator, _STILL, first, l)
 
-    # Two functions, as Numba would compile a branch on `attitude` with both results.
+    # Two functions, because Numba would compile a branch on `attitude` with both results.
     def whole_state(integrator, effects, t, part, q, l):
         return step(integrator, _STILL, effects, t, _STEP, part, q, l, constants_of_step)
 
@@ -164,7 +164,7 @@ _why_scalar: dict[type, str] = {}
 
 
 def _torque_code(effect: Any) -> str:
-    """LLVM's code of an effect's torque, compiled once for each class."""
+    """Return the LLVM code of an effect's torque, compiled once for each class."""
     if type(effect) not in _torque_codes:
         given = *blank((effect,)), _BODY, 0.0, _AT, _SPIN
         kinds = tuple(map(typeof, given))
@@ -176,12 +176,12 @@ def _torque_code(effect: Any) -> str:
 
 
 def _torque(effect, body, t, q, l):
-    """What is compiled to count the operations of an effect."""
+    """Compiled to count the operations of an effect."""
     return total_torque((effect,), body, t, q, l)
 
 
 def _all_methods(tree, numbers, at):
-    """What is compiled to see whether all methods of an effect run on vectors."""
+    """Compiled to find out whether all methods of an effect run on vectors."""
     (effect,) = tree_unpack(tree, numbers)
     effect = tree_unflatten(effect, at, 30)
     body, q, l, t, h = tree_unflatten(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
@@ -197,13 +197,13 @@ def _all_methods(tree, numbers, at):
     return 0
 
 
-# Body and step stay the same from step to step. They are constants here, so that what is computed
-# from them alone does not count: LLVM moves it out of the loop over steps.
+# Body and step are the same in every step. They are constants here, so computations from them alone
+# do not count: LLVM moves these out of the loop over steps.
 _STILL, _STEP = MassProperties.of((0.61, 0.83, 1.07), (0.053, -0.022, 0.31)), 0.013
 
 
 def _count(function: Callable[..., Any], *arguments: Any) -> Operations:
-    """The operations of a function, compiled for the types of these arguments."""
+    """Count the operations of a function, compiled for the types of these arguments."""
     code = _code(function, *arguments).splitlines()
     matches = [m for line in code if (m := _OPERATION.search(line))]
     counts = [(m[1] or m[2], (2 if m[2] == "fma" else 1) * int(m[3] or 1)) for m in matches]
@@ -215,7 +215,7 @@ def _count(function: Callable[..., Any], *arguments: Any) -> Operations:
 
 
 def _code(function: Callable[..., Any], *arguments: Any) -> str:
-    """LLVM's code of a function, compiled for the types of these arguments."""
+    """Return the LLVM code of a function, compiled for the types of these arguments."""
     flags: Any = FLAGS
     compiled = njit(**flags)(function)
     compiled.compile(tuple(map(typeof, arguments)))
@@ -230,9 +230,10 @@ _why_scalar_parts: dict[Any, str] = {}  # by the types of the part and of the ef
 def scalar_parts(
     integrator: Any, effects: Sequence[Any], watched: Iterable[Any]
 ) -> list[tuple[str, str]]:
-    """[(class, why)] of the user's own parts with which members cannot be worked on side by side.
+    """Return [(class, why)] of custom classes that prevent work on members side by side.
 
-    watched : observables, events as they are compiled, running observables
+    watched : observables, compiled events, running observables
+
     Raises SceneError for an integrator or an observable that cannot be compiled.
     """
     if config.DISABLE_JIT:
@@ -250,7 +251,7 @@ def scalar_parts(
 
 
 def _user_parts(part: Any) -> Iterator[Any]:
-    """The NamedTuples of the user's own among nested tuples."""
+    """Yield the custom NamedTuples among nested tuples."""
     if isinstance(part, tuple):
         if implements(part, "_fields") and not type(part).__module__.startswith("rigidmc."):
             yield part
@@ -261,14 +262,14 @@ def _user_parts(part: Any) -> Iterator[Any]:
 def _why_scalar_part(
     at: str, user_part: Any, part: Any, effects: Sequence[Any], probe: Callable[..., int]
 ) -> str:
-    """Why members cannot be worked on side by side with a part, or ""; SceneError."""
+    """Return why members cannot be worked on side by side with a part, or ""; raise SceneError."""
     parts = part, tuple(effects)
     key = probe, type_key(parts)
 
     def probed() -> str:
         found = ""
         try:
-            # On vectors first, then on one number: what compiles for neither is refused.
+            # On vectors first, then on one number: code that compiles for neither is rejected.
             code = _llvm_of_probe(probe, parts, WIDTH)
         except NumbaError:
             found = SCALAR_REASON
@@ -278,7 +279,7 @@ def _why_scalar_part(
                 rule = f"cannot be compiled: {innermost_cause(error)}; {RULE}"
                 raise PartError.of(user_part, rule, at) from None
         if "NRT_" in code:
-            raise PartError.of(user_part, f"takes memory; {RULE}", at)
+            raise PartError.of(user_part, f"allocates memory; {RULE}", at)
         return found
 
     if key not in _why_scalar_parts:
@@ -288,7 +289,7 @@ def _why_scalar_part(
 
 
 def _llvm_of_probe(probe: Callable[..., int], parts: Any, lanes: int) -> str:
-    """LLVM's code of a probe for so many members side by side."""
+    """Return the LLVM code of a probe for this number of members side by side."""
     compiled = dispatcher_of(probe)
     compiled.compile(signature_of(KernelKey(probe, parts, "float64", lanes, "s")))
     (code,) = compiled.inspect_llvm().values()
@@ -296,7 +297,7 @@ def _llvm_of_probe(probe: Callable[..., int], parts: Any, lanes: int) -> str:
 
 
 def _probe_observable(tree, numbers, at):
-    """What is compiled to see whether all methods of an observable run on vectors."""
+    """Compiled to find out whether all methods of an observable run on vectors."""
     observable, effects = tree_unpack(tree, numbers)
     effects_here = tree_unflatten(effects, at, 30)
     body, q, l, t = tree_unflatten(_UNIT_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7]
@@ -327,7 +328,7 @@ def put_pairs(pairs, at):
 
 
 def _probe_integrator(tree, numbers, at):
-    """What is compiled to see whether a step runs on vectors."""
+    """Compiled to find out whether a step runs on vectors."""
     integrator, effects = tree_unpack(tree, numbers)
     present = tree_unflatten(effects, at, 30)
     body, q, l, t, h = (

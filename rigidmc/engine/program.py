@@ -1,4 +1,4 @@
-"""What moves the members of a scene: its kernels, compiled, and the memory that they work in."""
+"""The compiled kernels that move the members of a scene, and their working memory."""
 
 from collections.abc import Generator, Mapping, Sequence
 from types import SimpleNamespace
@@ -56,25 +56,28 @@ CALL = 3_000_000  # member-steps per call: 10 to 60 ms at 50 to 300 M/s on two t
 
 
 class Program:
-    """What moves the members of a scene, compiled.
+    """The compiled kernels of a scene.
 
-    scheme : a StepScheme, see `rigidmc.physics.integrators.protocol`;  effects : blank ones
-    attitude : whether it is followed;  compensated : whether sums keep their remainders
-    dtype : of the numbers in which steps are made
-    limits : () if only non-finite members are flagged; else the largest drift of energy (of the
-        energies in play), of |L|^2 (of its size) and of L_z (of the largest |L| that the energies
-        allow), |omega| h [rad], and ||q|^2 - 1|; inf if a scene has no such law
+    scheme : a StepScheme, see `rigidmc.physics.integrators.protocol`
+    effects : blank effects
+    attitude : whether the attitude is integrated
+    compensated : whether sums keep their remainders
+    dtype : of the numbers in steps
+    limits : () if only non-finite members are flagged; else the largest drift of energy (relative
+        to the energies in play), of |L|^2 (relative to the start) and of L_z (relative to the
+        largest |L| that the energies allow), |omega| h [rad], and ||q|^2 - 1|; inf where a scene
+        has no such conservation law
     works : () if no works are saved; else for each effect OFF if its energy accounts for its work,
         ON if not, see `rigidmc.physics.effects.sums`
-    events, running, shadow : what is monitored: events as they are compiled; (running observable,
-        `static_count` of the numbers of its state) each; ON for a shadow trajectory
-    lanes : how many members are worked on side by side, by default what suits this CPU; one if the
-        code of a user's own effect takes only one
-    ask : compile nothing; `missing` then names what would be compiled
-    nodes : states of a step that are monitored, by dense output but for the last; 0 for the states
-        after steps and nothing in between
-    paired : whether a step has the noise of two steps of half its length, so that it follows their
-        path as closely as it can; the steps are those of all members alike
+    events, running, shadow : monitored quantities: compiled events; pairs (running observable,
+        `static_count` of the numbers of its state); ON for a shadow trajectory
+    lanes : members worked on at the same time, by default as many as suit this CPU; 1 if a custom
+        class runs on one member at a time only
+    ask : compile nothing; `missing` then names the kernels to compile
+    nodes : monitored states per step, by dense output except for the last; 0 to monitor only the
+        states after steps
+    paired : whether a step uses the noise of two steps of half its length, to follow their path as
+        closely as possible; all members have the same steps
     shortens : whether the last interval may have steps of another length
     """
 
@@ -85,10 +88,10 @@ class Program:
         running: Sequence[Any] = (), shadow: Flag = OFF, lanes: int | None = None,
         ask: bool = False, nodes: int = 0, paired: bool = False, shortens: bool = False,
     ) -> None:  # fmt: skip
-        # An integrator with a state of its own looks after its rounding in it.
+        # An integrator with extra state compensates its rounding there.
         compensated = compensated and not has_extra_state(scheme.integrator)
-        # ScaledRK4 keeps w in place of L, opened by row 0; with remainders it is RK4, which opens
-        # nothing.
+        # ScaledRK4 keeps w in place of L, opened by row 0; with remainders it is RK4, which has no
+        # opening.
         if compensated and implements(scheme.integrator, "with_compensation"):
             scheme = scheme._replace(
                 integrator=scheme.integrator.with_compensation(),
@@ -97,7 +100,7 @@ class Program:
         self.scheme, self.effects, self.dtype = scheme, effects, np.dtype(dtype).name
         watches = *observables, *events, *(observable for observable, _ in running)
         scalar = config.DISABLE_JIT or scalar_parts(scheme.integrator, effects, watches)
-        # A branch on a member's number compiles for one lane alone: all members then go one by one.
+        # A branch on a member's number compiles for one lane only: members then go one at a time.
         self.lanes = 1 if scalar else lanes or lanes_for(dtype)
         self.substeps = np.ascontiguousarray(scheme.substeps, dtype=float).ravel()
 
@@ -133,7 +136,7 @@ class Program:
         self, flags: tuple[Any, Any], observables: Any, limits: Any, works: Any, events: Any,
         running: Any, shadow: Any,
     ) -> dict[str, KernelKey | None]:  # fmt: skip
-        """{name: KernelKey} of all kernels, None for those without a use.
+        """Return {name: KernelKey} of all kernels, None for unused ones.
 
         flags : flags of attitude and of compensated sums
         """
@@ -169,13 +172,13 @@ class Program:
         return {**table._asdict(), "advance": advance_key(self.dtype)}
 
     def _compile(self) -> None:
-        """Take the kernels from memory, and compile those that are not there."""
+        """Take the kernels from memory, and compile the missing ones."""
         if missing := self.missing():
             self._compile_missing(missing)
         compiled = [
             compile_kernel(key) if key else (NO_FUNCTION, None) for key in self.kernel_keys.values()
         ]
-        # A kernel knows only where its numbers are: they have to live as long as the program.
+        # A kernel holds only the address of its numbers: they must live as long as the program.
         self._numbers = [numbers for _, numbers in compiled]
         *table, self._advance = (kernel for kernel, _ in compiled)
         record = record_type(self.dtype)
@@ -183,7 +186,7 @@ class Program:
         self._frame = fill_record(empty, KernelTable(*table), self.shape)
 
     def _compile_missing(self, missing: Sequence[str]) -> None:
-        """Compile kernels by their names, some of them in a second process."""
+        """Compile kernels by name, some of them in a second process."""
         theirs = self.helper_share()
         keys = {name: key for name in missing if (key := self.kernel_keys[name])}
         with announce_compiling(self.label, missing, self.effects, theirs):
@@ -196,45 +199,45 @@ class Program:
 
     @property
     def label(self) -> str:
-        """Its name in messages: integrator and effects."""
+        """Display name: integrator and effects."""
         integrator = self.scheme.name or type(self.scheme.integrator).__name__
         words = [integrator, *(label for label, _ in label_effects(self.effects))]
         return " + ".join(words) + " in float32" * (self.dtype == "float32")
 
     def missing(self) -> list[str]:
-        """Names of the kernels that are neither in memory nor in the disk cache.
+        """Return names of the kernels that are neither in memory nor in the disk cache.
 
         "advance" is the loop that calls the others.
         """
         return [name for name, key in self.kernel_keys.items() if key and not is_compiled(key)]
 
     def helper_share(self) -> list[str]:
-        """Names of the missing kernels that a second process is to compile."""
+        """Return names of the missing kernels that a second process should compile."""
         if not (missing := self.missing()):
             return []
         able = helper_can({name: key for name in missing if (key := self.kernel_keys[name])})
         return split_work(self.label, missing, self.effects, able)
 
     def workers(self, threads: int, blocks: int, members: int, saves: int) -> int:
-        """How many threads take `blocks` blocks of so many members, who save so often.
+        """Return the number of threads for `blocks` blocks of `members` members with `saves` saves.
 
-        Raises NoRoom if there is no memory for them where members move.
+        Raises NoRoom if the memory where members move is too small.
         """
         return threads
 
     def places(self, threads: int) -> tuple[str, str]:
-        """Where members move, in words: one of these places, and all of them."""
+        """Return where members move, in words: one of these places, and all of them."""
         return "one thread", f"{threads} threads"
 
     def through(
         self, block: NDArray[np.float64], steps: StepRange, noise: NoiseKeys, saves: SaveTarget
     ) -> Generator[int, bool | None, None]:
-        """`advance` by calls of at most 60 ms; yields the step after each of them.
+        """Run `advance` by calls of at most 60 ms; yield the step after each of them.
 
-        No result depends on the calls. send(True) to this generator brings the state after the last
-        call to the block, from which other calls may go on at that step.
+        No result depends on the calls. send(True) to this generator copies the state after the last
+        call to the block, from which other calls may continue at that step.
         """
-        # A step of many substeps takes as many times as long.
+        # A step of n substeps takes n times as long.
         longest = max(1, CALL // (max(1, block.shape[1]) * (len(self.scheme.substeps) - 1)))
         for first in range(steps.first, steps.last, longest):
             last = min(steps.last, first + longest)
@@ -246,7 +249,7 @@ class Program:
         self, block: NDArray[np.float64], steps: StepRange, noise: NoiseKeys | None = None,
         saves: SaveTarget | None = None,
     ) -> None:  # fmt: skip
-        """Take a block through the steps of a Run; see `rigidmc.engine.kernel.block.advance`."""
+        """Take a block through these steps; see `rigidmc.engine.kernel.block.advance`."""
         lanes, (rows, members) = self.lanes, block.shape
         noise = noise or NO_NOISE._replace(members=np.arange(members))
         saves = saves or NO_SAVES
@@ -257,7 +260,7 @@ class Program:
             block=block,
             rows=rows,
             width=members,
-            # Stores past the cache write whole cache lines: all rows of saves have to begin on one.
+            # Non-temporal stores write whole cache lines: each row of saves must begin on one.
             skips_cache=int(all(offset % LINE == 0 for offset in offsets)),
             **{
                 name: allocate_aligned(count * lanes, kind)
@@ -267,7 +270,7 @@ class Program:
         call_kernel(self._advance, "p", fill_record(self._frame, steps, noise, saves, workspace))
 
     def working_memory(self, rows: int) -> dict[str, tuple[int, DTypeLike]]:
-        """{name in Workspace: (how many numbers, of which type)} that a member works in.
+        """Return {name in Workspace: (count, type)} of the numbers that one member works in.
 
         rows : of its block
         """
@@ -283,14 +286,14 @@ class Program:
 
 
 def advance_key(dtype: str) -> KernelKey:
-    """The KernelKey of `advance`, one for all scenes."""
+    """Return the KernelKey of `advance`, one for all scenes."""
     return KernelKey(advance, (), dtype, 0, "r", record_type(dtype))
 
 
 def fill_record(frame: Any, *groups: NamedTuple) -> Any:
-    """A frame, the record of `record_type`, with fields from NamedTuples.
+    """Copy a frame, the record of `record_type`, with fields set from NamedTuples.
 
-    Uncompiled it is something with attributes of their names.
+    Uncompiled, it is an object with attributes of these names.
     """
     fields: Mapping[str, Any] = {k: v for group in groups for k, v in group._asdict().items()}
     if config.DISABLE_JIT:
@@ -308,6 +311,6 @@ def fill_record(frame: Any, *groups: NamedTuple) -> Any:
 
 
 def lanes_for(dtype: DTypeLike) -> int:
-    """How many members are worked on side by side; no result depends on it."""
-    # Two registers for each number: while one waits for a result, the CPU works on the other.
+    """Return how many members are worked on at the same time; no result depends on it."""
+    # Two registers per number: while one waits for a result, the CPU works on the other.
     return min(LANES, 2 * vector_bits() // (8 * np.dtype(dtype).itemsize))

@@ -1,6 +1,6 @@
-"""Blocks of members on threads: no kernel call is longer than a blink.
+"""Blocks of members on threads, in kernel calls of at most 60 ms.
 
-Everything else happens between calls: progress, and calling the run off.
+Everything else happens between calls: progress, and stopping the run.
 """
 
 import threading
@@ -14,21 +14,21 @@ import numpy as np
 from rigidmc.engine.kernel.arguments import SaveTarget, StepRange
 from rigidmc.threads import Late, Task, drop, is_late, threads_of
 
-EVERY = np.empty(0, np.int64)  # the order of members that are in their order
+EVERY = np.empty(0, np.int64)  # members in their original order
 
 
 class Stopped(Exception):
-    """Raised in a worker whose run is called off."""
+    """Raised in a worker whose run is stopped."""
 
 
 class Keeper(Protocol):
-    """What keeps the states of blocks that are on their way, called by the threads of these."""
+    """An object that saves the states of unfinished blocks; the threads of the blocks call it."""
 
     def is_due(self, job: Any) -> bool:
-        """Whether the state of a block is to be kept again."""
+        """Return whether the state of a block should be saved now."""
 
     def keep(self, job: Any) -> None:
-        """Keep the state of a block after `job.done` steps; nothing is raised if that fails."""
+        """Save the state of a block after `job.done` steps; a failure raises nothing."""
 
 
 def run_block(
@@ -37,11 +37,11 @@ def run_block(
     progress: Callable[[float], Any] | None = None,
     keeper: Keeper | None = None,
 ) -> Any:
-    """Take one block from the first step that is left to the last, and return its job.
+    """Take one block from its first remaining step to the last, and return its job.
 
     job : a BlockJob of `rigidmc.runs.blocks`
-    progress : called with member-steps as they are made, and with those that were made before
-    keeper : keeps the state now and then, and when the run is called off
+    progress : called with member-steps as they are made, and with those made earlier
+    keeper : saves the state now and then, and when the run is stopped
     """
     block, done = job.block, job.done
     size, rounds_a_step = max(1, block.shape[1]), job.rounds / job.total
@@ -66,7 +66,7 @@ def run_block(
                 progress(size * (last - done) * rounds_a_step)
             done, stopped = last, stop is not None and stop.is_set()
             if keeper is not None and done < job.total and (stopped or keeper.is_due(job)):
-                calls.send(True)  # brings the state to the block
+                calls.send(True)  # copies the state to the block
                 keeper.keep(job._replace(done=done))
             if stopped and done < job.total:
                 raise Stopped
@@ -80,8 +80,7 @@ def run_alone(
     progress: Callable[[float], Any],
     poll: Callable[[], Any],
 ) -> None:
-    """As `run_blocks` for a single block, in this thread: no time goes by until another one has
-    begun and answered."""
+    """Run like `run_blocks`, but in this thread: starting another thread would cost time."""
 
     def between_calls(steps: float) -> None:
         progress(steps)
@@ -105,12 +104,11 @@ def run_blocks(
     """Run make(i) -> job for each index on threads, and finished(job) in this thread.
 
     At most threads + 2 blocks are alive at once. `poll` is called in this thread five times a
-    second. Whatever is raised here or in a worker, Ctrl-C included, stops all workers within one
-    kernel call and is raised again.
+    second. Any exception here or in a worker, Ctrl-C included, stops all workers within one kernel
+    call and is raised again.
 
-    keeper : keeps the states of blocks that are stopped. When the work is late, see
-        `rigidmc.threads.ending`, these blocks are not finished, and nothing is raised; without a
-        keeper Late is
+    keeper : saves the states of stopped blocks. If the work is late, see `rigidmc.threads.ending`,
+        these blocks stay unfinished and nothing is raised; without a keeper, Late is raised
     """
     stop = threading.Event()
 

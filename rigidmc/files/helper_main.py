@@ -1,7 +1,7 @@
-"""Where a helper process begins: the interpreter runs this file by its path, see
+"""Entry point of a helper process: the interpreter runs this file by its path, see
 `rigidmc.files.processes`.
 
-Arguments: the module whose `main` is called, then the folders that modules are imported from.
+Arguments: the module whose `main` to call, then the folders for imports.
 """
 
 import importlib
@@ -11,11 +11,11 @@ import sys
 
 
 def main() -> None:
-    """Take the folders as the path of imports, and this package from where this file is."""
+    """Import from the given folders, load this package from this file's folder, and call `main`."""
     module, *folders = sys.argv[1:]
     sys.path[:] = folders
     package = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-    # by its place and not by the path: no other folder can pass for this package
+    # by location, not by sys.path, so that no other folder can pass for this package
     first = os.path.join(package, "__init__.py")
     spec = importlib.util.spec_from_file_location(
         "rigidmc", first, submodule_search_locations=[package]

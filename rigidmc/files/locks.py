@@ -1,4 +1,4 @@
-"""Locks of open files, which end with the process that holds them, whatever ends it."""
+"""Locks of open files, released when the holding process ends, whatever ends it."""
 
 import contextlib
 import errno
@@ -18,14 +18,14 @@ else:
 
 _LOCKLESS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
 WITHOUT_LOCKS = (
-    "With HDF5_USE_FILE_LOCKING=FALSE in the environment it works without locks; "
+    "To work without locks, set HDF5_USE_FILE_LOCKING=FALSE in the environment; "
     "then make sure that only one process writes there"
 )
 _held: weakref.WeakSet[IO[Any]] = weakref.WeakSet()
 
 
 def _forked() -> None:
-    """In a fork: the locks are those of its origin, and end with that."""
+    """In a fork: give up the locks, which belong to the parent process and end with it."""
     let_go([file.fileno() for file in _held if not file.closed])
     _held.clear()
 
@@ -35,16 +35,16 @@ if hasattr(os, "register_at_fork"):
 
 
 def lock(file: IO[Any], name: str, shared: bool = False) -> None:
-    """Hold the lock of an open file until `unlock`, or the end of the process.
+    """Lock an open file until `unlock` or the end of the process.
 
-    Raises BlockingIOError if another process holds it, and OSError if the file system has no locks,
-    unless the environment has HDF5_USE_FILE_LOCKING=FALSE.
+    Raises BlockingIOError if another process holds the lock, and OSError if the file system has no
+    locks, unless HDF5_USE_FILE_LOCKING=FALSE is in the environment.
 
     shared : several processes may hold a shared lock at once
     """
     try:
         with naming_the_path(name):
-            _held.add(file)  # before it is locked: a fork may come in between
+            _held.add(file)  # before locking: a fork may happen in between
             _lock(file, shared)
     except OSError as error:
         if error.errno not in _LOCKLESS:
@@ -57,7 +57,7 @@ def lock(file: IO[Any], name: str, shared: bool = False) -> None:
 
 
 def unlock(file: IO[Any]) -> None:
-    """Let go of the lock of an open file, also where a fork has the file open."""
+    """Release the lock of an open file, even if a fork has the file open."""
     _held.discard(file)
     with contextlib.suppress(OSError):
         _unlock(file)
@@ -66,7 +66,7 @@ def unlock(file: IO[Any]) -> None:
 if sys.platform == "win32":
 
     def _lock(file: IO[Any], shared: bool) -> None:
-        """Lock one byte far beyond the end of the file, which leaves the content readable."""
+        """Lock one byte far beyond the end of the file, so that the content stays readable."""
         place = file.tell()
         try:
             file.seek(2**31 - 2)
@@ -77,7 +77,7 @@ if sys.platform == "win32":
             file.seek(place)
 
     def _unlock(file: IO[Any]) -> None:
-        """Windows has no forks: closing the file unlocks it."""
+        """Do nothing: Windows has no forks, and closing the file unlocks it."""
 
 else:
 

@@ -1,7 +1,7 @@
 """Results on disk: netCDF files, zarr stores, and the one thread that calls the C library.
 
-A zarr store is looked through before zarr opens it. A store of some kB may claim gigabytes, since
-chunks that are missing are filled in; a chunk may unpack to more than its array claims, or name a
+The package checks a zarr store before zarr opens it. A store of a few kB may claim gigabytes,
+because zarr fills in missing chunks; a chunk may unpack to more than its array claims, or name a
 codec that runs code (numcodecs had a `pickle`).
 """
 
@@ -33,15 +33,15 @@ _opening = threading.Lock()
 
 
 def in_netcdf_thread(function: Callable[..., T], *arguments: Any) -> T:
-    """Call a function that uses the C library while no other thread does: it is not thread-safe.
+    """Call a function of the C library while no other thread uses it: it is not thread-safe.
 
-    xarray holds its lock while it reads values, and when it closes a dropped Dataset, which happens
+    xarray holds its lock while it reads values and while it closes a dropped Dataset, which happens
     in any thread at any time. It holds no lock while it opens a file, so `open_undecoded` and
-    `open_trusted` hold another one. Without them a run crashed within a second if results were
-    dropped or opened beside it.
+    `open_trusted` hold another one. Without these locks, a run crashed within a second when results
+    were dropped or opened during the run.
 
-    The main thread hands the call to another thread: a signal then only makes it stop waiting, and
-    the next call waits for this one to end, see `rigidmc.threads`.
+    The main thread hands the call to another thread: a signal then only ends the wait, and the
+    next call waits until this one ends, see `rigidmc.threads`.
     """
 
     def call() -> T:
@@ -49,7 +49,7 @@ def in_netcdf_thread(function: Callable[..., T], *arguments: Any) -> T:
             return function(*arguments)
 
     if threading.current_thread() is threading.main_thread():
-        task = Task(call)  # not dropped: a call of the library goes on to its end
+        task = Task(call)  # never dropped: a call of the library always completes
         threads_of("netCDF", 1).begin(task)
         value: T = task.wait()
         return value
@@ -57,51 +57,52 @@ def in_netcdf_thread(function: Callable[..., T], *arguments: Any) -> T:
 
 
 def close_once(file: netCDF4.Dataset) -> None:
-    """Close a file once. If that fails, the C library keeps a number for what it has freed, and
-    crashes when the file is closed again. Its lock ends, also if a fork has the file open."""
+    """Close a file once and release its lock, even if a fork has the file open. If closing fails,
+    the C library keeps a handle of freed memory, and a second close would crash."""
     try:
         unlock_in_fork(file.filepath())
         file.close()
     except BaseException:
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(file))  # the collector would close it again
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(file))  # else the collector closes it again
         raise
 
 
 @contextlib.contextmanager
 def naming_failures(path: Path) -> Iterator[None]:
-    """Name the file and the free space if writing fails: the C library tells no file or reason."""
+    """Name the file and the free space if writing fails: the C library reports neither file nor
+    reason."""
     try:
         yield
     except RuntimeError as error:
         free = shutil.disk_usage(os.path.dirname(os.path.abspath(path))).free
         raise OSError(
-            f"{path}: could not be written, with {free / 1e9:.2f} GB free there: {error}"
+            f"{path}: could not be written; {free / 1e9:.2f} GB are free there: {error}"
         ) from None
 
 
 def open_trusted(path: Path) -> xr.Dataset:
-    """A file that this process has just written, as a lazily read Dataset, without checks."""
+    """Open a file that this process has just written as a lazily read Dataset, without checks."""
     with _opening:
         return xr.open_dataset(path, engine="netcdf4")
 
 
 def open_undecoded(path: str) -> xr.Dataset:
-    """A netCDF file or a zarr store from outside as a Dataset that is read lazily. Its attributes
-    are not trusted, so nothing is decoded. Raises FileError for any other folder or file, and for
-    a damaged one."""
+    """Open an untrusted netCDF file or zarr store as a lazily read Dataset. Nothing is decoded,
+    because its attributes are not trusted. Raises FileError for a damaged file and for any other
+    folder or file."""
     if is_zarr(path):
         return _open_zarr(path)
     if os.path.isdir(path):
-        raise FileError("is a folder, and no result of rigidmc", at="file", file=path)
+        raise FileError("is a folder, not a result of rigidmc", at="file", file=path)
     if path.lower().endswith((".csv", ".parquet")):
-        rule = "is a table, which pandas reads; a result that rigidmc reads ends in .nc or .zarr"
+        rule = "is a table; read it with pandas. rigidmc reads results that end in .nc or .zarr"
         raise FileError(rule, at="file", file=path)
     refuse_unreadable(path)
     try:
         with _opening:
             return xr.open_dataset(path, engine="netcdf4", decode_cf=False)
     except (ValueError, TypeError, RuntimeError, KeyError, IndexError) as error:
-        rule = f"is damaged, or no result of rigidmc: {error}"
+        rule = f"is damaged, or not a result of rigidmc: {error}"
         raise FileError(rule, at="file", file=path) from None
 
 
@@ -109,7 +110,7 @@ def _open_zarr(path: str) -> xr.Dataset:
     try:
         import zarr  # noqa: F401
     except ImportError as error:
-        rule = f"is read with zarr: pip install 'rigidmc[zarr]' ({error})"
+        rule = f"needs the package zarr: pip install 'rigidmc[zarr]' ({error})"
         raise FileError(rule, at="file", file=path) from None
     refuse_hostile(path)
     try:
@@ -118,18 +119,18 @@ def _open_zarr(path: str) -> xr.Dataset:
             path, engine="zarr", chunks=None, decode_cf=False, consolidated=False
         )
     except Exception as error:  # zarr, its codecs and its parsers raise many kinds
-        rule = f"is damaged, or no result of rigidmc: {error}"
+        rule = f"is damaged, or not a result of rigidmc: {error}"
         raise FileError(rule, at="file", file=path) from None
 
 
 def read(
     path: str, *names: str, mark: str | None = None, newer: Mapping[str, Any] | None = None
 ) -> dict[str, NDArray[Any]]:
-    """{name: array} of variables of a file as they were written; of all if none are named.
+    """Return {name: array} of a file's variables as written; all variables if no name is given.
 
-    newer : {name: value} of numbers by member that files of earlier versions lack, and the value
-        that stands for these
-    Raises FileError for a shard of another `mark`, a damaged file and a missing variable.
+    newer : {name: value} of per-member variables that files of earlier versions lack, with the
+        value that replaces them
+    Raises FileError for a shard with another `mark`, a damaged file, or a missing variable.
     """
 
     def values_of(file: netCDF4.Dataset, name: str) -> NDArray[Any]:
@@ -140,7 +141,7 @@ def read(
     def values() -> dict[str, NDArray[Any]]:
         with netCDF4.Dataset(path) as file:
             if mark is not None and str(getattr(file, "run", None)) != mark:
-                rule = "is of another run: another scene, seed, rows or code"
+                rule = "belongs to another run: its scene, seed, rows or code differs"
                 raise FileError(rule, at="shard", file=path)
             file.set_auto_mask(False)
             file.set_auto_scale(False)
@@ -151,25 +152,25 @@ def read(
     try:
         return in_netcdf_thread(values)
     except (OSError, RuntimeError, IndexError) as error:
-        # the system's own errors have positive numbers, those of the library negative ones
+        # system errors have positive numbers, library errors negative ones
         if isinstance(error, OSError) and (error.errno or 0) > 0:
             raise
-        rule = f"is damaged, or is not what it should be: {error}"
+        rule = f"is damaged, or has unexpected content: {error}"
         raise FileError(rule, at="file", file=path) from None
 
 
-PACKED = 1100  # as of `rigidmc.files.trial`: what is stored unpacks to so many times its bytes
-FREE = 2**28  # bytes that a store may claim in any case: zeros and constants take next to nothing
+PACKED = 1100  # largest ratio of unpacked to stored bytes, as in `rigidmc.files.trial`
+FREE = 2**28  # bytes that any store may claim: zeros and constants occupy almost nothing
 MOST = 10**6  # files of a store, and chunks of its arrays
 _METADATA = (".zarray", ".zgroup", ".zattrs", ".zmetadata", "zarr.json")
-# codecs that unpack no more than they announce, or PACKED times of what they are given at most
+# codecs that unpack no more than they announce, or at most PACKED times their input
 _PACKERS = ("blosc", "zlib", "gzip", "zstd", "lz4")
 _CODECS = (*_PACKERS, "bytes", "crc32c", "crc32", "transpose")
 
 
 class _Array(NamedTuple):
-    """What the metadata of an array say: bytes of all its values and of a chunk, the number of its
-    chunks, and how they are packed."""
+    """Claims of an array's metadata: bytes of all values and of a chunk, number of chunks, and
+    codec that packs them."""
 
     size: int
     chunk: int
@@ -178,8 +179,8 @@ class _Array(NamedTuple):
 
 
 def refuse_hostile(path: str) -> None:
-    """Raise FileError for a store that has links or pipes, claims more data than it can hold, or
-    needs codecs beyond those that results and their copies have."""
+    """Raise FileError for a store that contains links or pipes, claims more data than it can hold,
+    or needs codecs that results and their copies do not use."""
     found = list(_files(path))
     stored = sum(entry.stat(follow_symlinks=False).st_size for entry in found)
     budget = FREE + PACKED * stored
@@ -200,7 +201,8 @@ def refuse_hostile(path: str) -> None:
 
 
 def _files(path: str) -> Iterator[os.DirEntry[str]]:
-    """All files of a store; FileError for what is neither a file nor a folder, and for too many."""
+    """Yield all files of a store; FileError for an entry that is neither a file nor a folder, and
+    for too many files."""
     folders, count = [path], 0
     while folders:
         with os.scandir(folders.pop()) as entries:
@@ -218,18 +220,18 @@ def _files(path: str) -> Iterator[os.DirEntry[str]]:
 
 @contextlib.contextmanager
 def _damaged(path: str) -> Iterator[None]:
-    """Errors of what is not laid out as metadata are, as FileError."""
+    """Convert errors from malformed metadata to FileError."""
     try:
         yield
     except FileError:
         raise
-    except Exception as error:  # anything may stand in them, and NumPy reads names of types
-        rule = f"is no metadata of zarr that results have: {error}"
+    except Exception as error:  # they may contain anything, and NumPy parses their type names
+        rule = f"is not the zarr metadata of a result: {error}"
         raise FileError(rule, at="file", file=path) from None
 
 
 def _described(data: dict[str, Any]) -> _Array | None:
-    """What the metadata of an array claim, None for those of a group; ValueError and others."""
+    """Return the claims of an array's metadata, None for a group; raises ValueError and others."""
     if data["zarr_format"] == 2:
         chunks, word = data["chunks"], data["dtype"]
         codecs = [data.get("compressor"), *(data.get("filters") or [])]
@@ -258,7 +260,7 @@ def _described(data: dict[str, Any]) -> _Array | None:
 
 
 def _refuse_swollen(path: str, arrays: dict[str, _Array]) -> None:
-    """Raise FileError for a chunk that announces more bytes than a chunk of its array has."""
+    """Raise FileError for a chunk that announces more bytes than its array's chunks have."""
     folder = os.path.dirname(path)
     while folder not in arrays:
         folder, before = os.path.dirname(folder), folder
@@ -267,13 +269,13 @@ def _refuse_swollen(path: str, arrays: dict[str, _Array]) -> None:
     with open(path, "rb", opener=open_plain) as file:
         announced = _announced(arrays[folder].packer, file.read(18))
     if announced > arrays[folder].chunk:
-        rule = f"unpacks to {announced:,} bytes, a chunk has {arrays[folder].chunk:,}"
+        rule = f"unpacks to {announced:,} bytes, but a chunk has {arrays[folder].chunk:,}"
         raise FileError(rule, at="chunk", file=path)
 
 
 def _announced(packer: str, head: bytes) -> int:
-    """How many bytes a chunk unpacks to, by its first bytes; 0 for a packer that cannot tell, whose
-    size is limited by that of the file. What is too short is an error of the codec's own."""
+    """Return the unpacked size that a chunk's first bytes announce; 0 for a codec without such a
+    field, whose output the file size limits. The codec itself refuses a chunk that is too short."""
     head = head.ljust(18, b"\0")
     if packer == "blosc":
         return int.from_bytes(head[4:8], "little")
@@ -286,5 +288,5 @@ def _announced(packer: str, head: bytes) -> int:
     at = 6 - single + (0, 1, 2, 4)[dictionary]
     width = (single, 2, 4, 8)[flag]
     if not width or head[:4] != b"\x28\xb5\x2f\xfd":
-        return 2**63  # of no size, or no such frame
+        return 2**63  # no size given, or not a zstd frame
     return int.from_bytes(head[at : at + width], "little") + 256 * (flag == 1)

@@ -1,7 +1,7 @@
-"""Files opened in places that others could have prepared, and the kinds of files that are written.
+"""Safe opening of files in untrusted folders, and the kinds of output files.
 
-A folder may be a download, or one that several people write to: no link is followed, nothing but a
-regular file is read or written, and no pipe blocks. The ending of a name says its kind.
+A folder may be a download, or writable by several people: functions here follow no link, read and
+write only regular files, and wait for no pipe. The suffix of a file name gives its kind.
 """
 
 import errno
@@ -17,7 +17,7 @@ _FLAGS = _WAITLESS | getattr(os, "O_NOFOLLOW", 0)
 _FOLDER = sum(getattr(os, name, 0) for name in ("O_DIRECTORY", "O_NOFOLLOW", "O_CLOEXEC"))
 _BY_FOLDER = os.open in os.supports_dir_fd and hasattr(os, "O_DIRECTORY")
 _SMALL = 2**16  # bytes of a file whose holes do not matter
-_PIECES = 10_000  # of data between holes that are counted
+_PIECES = 10_000  # pieces of data between holes that are counted
 _KINDS = {
     stat.S_ISDIR: "a folder",
     stat.S_ISFIFO: "a pipe",
@@ -27,11 +27,11 @@ _KINDS = {
 
 
 def refuse_irregular(path: str | os.PathLike[str], mode: int | None = None) -> None:
-    """Raise FileError for a pipe, a device or a folder; FileNotFoundError if there is nothing."""
+    """Raise FileError for a pipe, device or folder; FileNotFoundError if nothing exists there."""
     mode = os.stat(path).st_mode if mode is None else mode
     if not stat.S_ISREG(mode):
         kind = next((words for test, words in _KINDS.items() if test(mode)), "a device")
-        rule = f"is {kind}, and only a regular file is read"
+        rule = f"is {kind}; only regular files are read"
         raise FileError(rule, at="file", file=os.fspath(path))
 
 
@@ -40,23 +40,23 @@ def refuse_unnamed(path: str | os.PathLike[str]) -> None:
     try:
         os.path.abspath(path).encode("utf-8")
     except UnicodeEncodeError:
-        rule = "is a path that is not UTF-8, as those of netCDF files have to be; nothing was done"
+        rule = "is a path that is not UTF-8, which netCDF files require; nothing was done"
         raise FileError(rule, at="path", file=repr(os.path.abspath(path))) from None
 
 
 def open_regular(path: str, flags: int) -> int:
     """Open a regular file that the user names, perhaps by a link; for `open(path, opener=...)`."""
-    refuse_irregular(path)  # a device may do something when it is opened
+    refuse_irregular(path)  # opening a device may have effects
     return _kept_if_regular(path, os.open(path, flags | _WAITLESS))
 
 
 def open_plain(path: str, flags: int) -> int:
-    """Open a regular file that is no link; for `open(path, opener=plain)`."""
+    """Open a regular file that is not a link; for `open(path, opener=open_plain)`."""
     return _checked(path, path, flags, None)
 
 
 def open_below(path: str, flags: int) -> int:
-    """As `open_plain`, for a file whose folder may not be a link either."""
+    """Like `open_plain`, but the file's folder must not be a link either."""
     folder, name = os.path.split(path)
     if not _BY_FOLDER:
         if os.path.islink(folder):
@@ -70,12 +70,12 @@ def open_below(path: str, flags: int) -> int:
 
 
 def _checked(path: str, name: str, flags: int, at: int | None) -> int:
-    """Open a file and refuse all but regular ones; name : relative to the open folder `at`."""
+    """Open a file and refuse all but regular files; name : relative to the open folder `at`."""
     return _kept_if_regular(path, _opened(path, name, flags | _FLAGS, at))
 
 
 def _kept_if_regular(path: str, file: int) -> int:
-    """An open file, which is closed and refused if it is not a regular one."""
+    """Return an open file; close and refuse it if it is not regular."""
     try:
         refuse_irregular(path, os.fstat(file).st_mode)
     except BaseException:
@@ -90,7 +90,7 @@ def _opened(path: str, name: str, flags: int, at: int | None) -> int:
     try:
         return os.open(name, flags, 0o666, dir_fd=at)
     except OSError as error:
-        # a link, or a pipe without a reader: what it is, if the system tells it
+        # a link, or a pipe without a reader: name its kind if the system reports it
         if error.errno in (errno.ELOOP, errno.EMLINK, errno.ENOTDIR, errno.ENXIO):
             mode = os.lstat(path).st_mode
             if not stat.S_ISDIR(mode):
@@ -99,15 +99,16 @@ def _opened(path: str, name: str, flags: int, at: int | None) -> int:
 
 
 def copy(path: str, to: str) -> None:
-    """Copy a file of a folder of others to an existing file."""
+    """Copy a file from an untrusted folder to an existing file."""
     with open(path, "rb", opener=open_below) as source, open(to, "wb", opener=open_plain) as target:
         shutil.copyfileobj(source, target, 2**20)
 
 
 def data_bytes(file: int) -> int:
-    """Bytes of an open file that hold data: its size without the holes of a sparse file.
+    """Return the bytes of an open file that hold data: its size without the holes of a sparse file.
 
-    A file of gigabytes may take no room at all. A file system that knows no holes tells the size.
+    A sparse file of gigabytes may occupy no disk space. On file systems without holes this is the
+    size.
     """
     size = os.fstat(file).st_size
     if not hasattr(os, "SEEK_DATA") or size < _SMALL:
@@ -129,12 +130,12 @@ def data_bytes(file: int) -> int:
 
 
 def data_bytes_at(path: str | os.PathLike[str]) -> int:
-    """As `data_bytes`, of a regular file by its path."""
+    """Return `data_bytes` of the regular file at a path."""
     with open(path, "rb", opener=open_regular) as file:
         return data_bytes(file.fileno())
 
 
-KINDS = {  # of what is written, with their endings
+KINDS = {  # kinds of output, with their suffixes
     "results": (".nc", ".zarr", ".csv", ".parquet"),
     "netCDF files": (".nc",),
     "pictures": (".png", ".pdf", ".svg"),
@@ -143,13 +144,13 @@ KINDS = {  # of what is written, with their endings
     "tables of bounds": (".csv",),
     "scenes": (".toml",),
 }
-# {ending: (module that writes it, extra of rigidmc that installs it)}
+# {suffix: (module that writes it, extra of rigidmc that installs it)}
 _NEEDED = {".zarr": ("zarr", "zarr"), ".parquet": ("pyarrow", "table")}
 
 
 def check_suffix(path: str | os.PathLike[str], kind: str) -> None:
-    """Raise OptionError if a file name lacks an ending of its kind, which would belie the content,
-    or has one that needs a package which is not installed."""
+    """Raise OptionError if a file name lacks a suffix of its kind, and so would misname the
+    content, or if its suffix needs a package that is not installed."""
     suffix, endings = os.path.splitext(path)[1], KINDS[kind]
     if suffix.lower() not in endings:
         more = "; `rigidmc run SCENE -o RUN/` makes a run directory" if kind == "results" else ""
@@ -162,5 +163,5 @@ def check_suffix(path: str | os.PathLike[str], kind: str) -> None:
 
 
 def is_zarr(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is a folder that holds a zarr store."""
+    """Return whether a path is a folder that holds a zarr store."""
     return any(os.path.isfile(os.path.join(path, name)) for name in (".zgroup", "zarr.json"))

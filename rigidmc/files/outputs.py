@@ -1,8 +1,8 @@
-"""Files that appear whole or not at all. Each is written beside its place as a `PartialFile`, made
-durable, then renamed; an existing file is replaced only on request.
+"""Files that appear completely or not at all. Each is written in its final folder as a
+`PartialFile`, made durable, then renamed; an existing file is replaced only on request.
 
-A part is called .part-COMPUTER-PROCESS-NUMBER. If a process is killed, the next one that writes to
-the folder deletes its parts.
+A partial file is called .part-COMPUTER-PROCESS-NUMBER. If a process is killed, the next process
+that writes to the folder deletes its partial files.
 """
 
 import atexit
@@ -25,11 +25,11 @@ Path = str | os.PathLike[str]
 
 _PART = re.compile(r"\.part-(.+)-([0-9]+)-([0-9]+)(\.[A-Za-z0-9]{1,8})?")
 _numbers = itertools.count()
-_parts: set[str] = set()  # the parts that this process writes
+_parts: set[str] = set()  # partial files of this process
 
 
 def _forked() -> None:
-    """In a fork: the parts are those of its origin."""
+    """In a fork: give up the partial files, which belong to the parent process."""
     if _parts:
         let_go(list(descriptors(_parts)))
     _parts.clear()
@@ -40,9 +40,9 @@ if hasattr(os, "register_at_fork"):
 
 
 def refuse_existing(path: Path, force: bool, kind: str = "results", size: float = 100_000) -> None:
-    """Raise, before the work, if a result could not be written after it.
+    """Raise before the computation if its result could not be written.
 
-    Raises OutputExists if it would overwrite a file, OptionError if its name lacks an ending of its
+    Raises OutputExists if it would overwrite a file, OptionError if its name lacks a suffix of its
     kind, and NoRoom if fewer than `size` bytes of the disk are free.
     """
     try:
@@ -59,7 +59,7 @@ def refuse_existing(path: Path, force: bool, kind: str = "results", size: float 
     if (os.path.isdir(path) and not store) or not os.path.basename(path):
         raise IsADirectoryError(f"{path}: names a folder, not a file; nothing was written")
     if os.path.exists(path) and not (os.path.isfile(path) or store):
-        raise OutputExists(f"{path}: is no file that could be replaced; nothing was written")
+        raise OutputExists(f"{path}: is not a file that can be replaced; nothing was written")
     check_suffix(path, kind)
     if kind in ("results", "netCDF files"):
         refuse_unnamed(path)
@@ -67,19 +67,19 @@ def refuse_existing(path: Path, force: bool, kind: str = "results", size: float 
 
 
 def refuse_unwritable(folder: str, size: float = 100_000) -> None:
-    """Raise if a file of `size` bytes cannot be written to a folder, or should not: everything in a
-    run directory is of the run, and what is not is deleted by `resume --repair`.
+    """Raise if a file of `size` bytes cannot be written to a folder, or must not be because the
+    folder is a run directory: `resume --repair` deletes files there that are not the run's own.
 
-    The parts that ended processes left there are deleted first.
+    Partial files left there by ended processes are deleted first.
     """
     if not os.path.isdir(folder):
         raise FileNotFoundError(f"{folder}: no such folder; nothing was written")
     if (run := _run_around(folder)) is not None:
-        rule = "has nothing but its own files: choose a place outside; nothing was written"
+        rule = "may contain only its own files: choose a place outside; nothing was written"
         raise OutputExists(f"{folder}: the run directory {run} {rule}")
     clear(folder)
     try:
-        # os.access may be wrong about a folder: only writing tells
+        # os.access may be wrong about a folder: only a trial write is reliable
         probe = PartialFile(os.path.join(folder, "probe"))
         try:
             with open(probe.path, "wb", opener=open_plain) as file:
@@ -90,13 +90,13 @@ def refuse_unwritable(folder: str, size: float = 100_000) -> None:
         raise _not_writable(error, folder) from None
     if (free := shutil.disk_usage(folder).free) < size:
         raise NoRoom(
-            f"{folder}: {size / 1e6:.1f} MB are needed, of which {free / 1e6:.1f} MB are free"
+            f"{folder}: {size / 1e6:.1f} MB are needed, but only {free / 1e6:.1f} MB are free"
         )
 
 
 def _run_around(folder: str) -> str | None:
-    """The run directory that a folder is, or lies in; None if there is none. The parts in it are
-    what its own process writes."""
+    """Return the run directory that contains a folder or is the folder itself; None if neither.
+    A folder in one of its partial files does not count: the run's own process writes there."""
     at, above = "", os.path.realpath(folder)
     while at != above and not is_part(os.path.basename(above)):
         at, above = above, os.path.dirname(above)
@@ -106,15 +106,15 @@ def _run_around(folder: str) -> str | None:
 
 
 def _not_writable(error: OSError, path: Path) -> OSError:
-    """The same kind of error, in words."""
+    """Return the same kind of error with a readable message."""
     return type(error)(f"{path}: not writable: {error.strerror}; nothing was written")
 
 
 class PartialFile:
-    """An unfinished file or folder. Its content is written to `path`, which exists and is empty;
-    `finish` gives it its name, and `discard` deletes it.
+    """An unfinished file or folder. The caller writes its content to `path`, which exists and is
+    empty; `finish` renames it to its final name, and `discard` deletes it.
 
-    As a context manager it gives `path`, finishes at the end, and discards if anything is raised.
+    As a context manager it yields `path`, finishes at the end, and discards after an exception.
     """
 
     def __init__(
@@ -124,15 +124,15 @@ class PartialFile:
         before: Callable[[], None] | None = None,
         folder: bool = False,
     ) -> None:
-        """before : called when the file is durable and does not have its name yet
+        """before : called when the file is durable and does not yet have its final name
 
         folder : whether it is a folder
         """
         self.final, self.force, self.before = os.fspath(final), force, before
         place, name = os.path.split(os.path.abspath(self.final))
-        suffix = os.path.splitext(name)[1]  # writers of animations choose the format by it
+        suffix = os.path.splitext(name)[1]  # writers of animations choose the format from it
         while True:
-            # short, because the final name may have all of the 255 letters that are allowed
+            # short, because the final name may use all 255 allowed characters
             name = f".part-{_computer()}-{os.getpid()}-{next(_numbers)}"
             self.path = os.path.join(place, name + suffix * bool(_PART.fullmatch(name + suffix)))
             _parts.add(self.path)
@@ -142,7 +142,7 @@ class PartialFile:
                 break
             except BaseException as error:
                 _parts.discard(self.path)
-                if not isinstance(error, FileExistsError):  # others made a file of that name
+                if not isinstance(error, FileExistsError):  # another process has used this name
                     raise
 
     def __enter__(self) -> str:
@@ -155,9 +155,9 @@ class PartialFile:
             self.discard()
 
     def finish(self, final: str | None = None) -> None:
-        """Make the file durable and give it its name, or `final`.
+        """Make the file durable and rename it to its final name, or to `final`.
 
-        If the name x.nc is taken meanwhile, this file becomes x.2.nc, and OutputExists says so.
+        If x.nc has appeared meanwhile, this file becomes x.2.nc, and OutputExists reports it.
         """
         final = self.final if final is None else final
         try:
@@ -188,13 +188,13 @@ class PartialFile:
                     _rename_to_free(self.path, other)
                     break
             raise OutputExists(
-                f"{final} appeared meanwhile and was not overwritten: the result is {other}"
+                f"{final} appeared meanwhile and was not overwritten: the result is in {other}"
             ) from None
 
     def _replace_by_folder(self, final: str) -> None:
-        """Systems replace no folder that has files: what exists is put aside for a moment."""
+        """Move an existing folder aside first: systems do not replace a folder that has files."""
         old = PartialFile(final, folder=os.path.isdir(final) and not os.path.islink(final))
-        if os.name == "nt":  # Windows puts a folder in the place of no other
+        if os.name == "nt":  # Windows does not replace a folder by another
             os.rmdir(old.path)
         os.replace(final, old.path)
         try:
@@ -207,13 +207,13 @@ class PartialFile:
     def discard(self) -> None:
         """Delete an unfinished file and free its space, even if a library still has it open."""
         _drop(self.path)
-        # if a signal interrupts before this line, `drop_parts` deletes the part
+        # if a signal arrives before this line, `drop_parts` deletes the partial file
         _parts.discard(self.path)
 
 
 @contextlib.contextmanager
 def folder_beside(path: Path) -> Iterator[str]:
-    """A folder beside a place, deleted in the end unless it was renamed."""
+    """Yield a new folder in the same folder as `path`; delete it at the end unless renamed."""
     part = PartialFile(path, folder=True)
     try:
         yield part.path
@@ -224,7 +224,7 @@ def folder_beside(path: Path) -> Iterator[str]:
 def write_bytes(
     path: Path, data: bytes, force: bool = False, before: Callable[[], None] | None = None
 ) -> None:
-    """Write a file whole or not at all; `before` as for `PartialFile`."""
+    """Write a file completely or not at all; `before` as for `PartialFile`."""
     with (
         PartialFile(path, force, before) as part,
         naming_the_path(path, part),
@@ -234,7 +234,7 @@ def write_bytes(
 
 
 def _create(path: str, folder: bool) -> None:
-    """Make an empty file or folder; FileExistsError if anything has this name, also a link."""
+    """Make an empty file or folder; FileExistsError if anything, even a link, has this name."""
     if folder:
         os.mkdir(path)
     else:
@@ -243,7 +243,7 @@ def _create(path: str, folder: bool) -> None:
 
 @contextlib.contextmanager
 def naming_the_path(path: Path, part: str | None = None) -> Iterator[None]:
-    """Let errors of the system name `path` if they name its part, or no file, as in fsync."""
+    """Name `path` in system errors that name its partial file or no file, as fsync does."""
     try:
         yield
     except OSError as error:
@@ -253,7 +253,7 @@ def naming_the_path(path: Path, part: str | None = None) -> Iterator[None]:
 
 
 def make_durable(folder: str) -> None:
-    """Let the names in a folder outlive a loss of power, if the file system can do that."""
+    """Make the names in a folder survive a power failure, if the file system can."""
     with contextlib.suppress(OSError):
         file = os.open(folder, os.O_RDONLY)
         try:
@@ -263,7 +263,7 @@ def make_durable(folder: str) -> None:
 
 
 def _files_of(path: str) -> Iterator[str]:
-    """A file itself, or all files of a folder."""
+    """Yield the file itself, or all files of a folder."""
     if not os.path.isdir(path):
         yield path
     for folder, _, names in os.walk(path):
@@ -273,18 +273,18 @@ def _files_of(path: str) -> Iterator[str]:
 def _rename_to_free(part: str, path: str) -> None:
     """Rename a file; FileExistsError if the name is taken."""
     try:
-        os.link(part, path)  # looks and names in one step; not all file systems have it
+        os.link(part, path)  # checks and names in one step; some file systems lack it
     except OSError:
         if os.path.lexists(path):
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), path) from None
         os.replace(part, path)
     else:
-        with contextlib.suppress(OSError):  # if it stays, it is a second name of a whole file
+        with contextlib.suppress(OSError):  # if it stays, it is a second name of a complete file
             os.unlink(part)
 
 
 def _other_names(path: str) -> Iterator[str]:
-    """x.2.nc, x.3.nc, ... for x.nc, each of at most 255 bytes."""
+    """Yield x.2.nc, x.3.nc, ... for x.nc, each at most 255 bytes long."""
     folder, name = os.path.split(path)
     stem, suffix = os.path.splitext(name)
     for i in itertools.count(2):
@@ -294,15 +294,15 @@ def _other_names(path: str) -> Iterator[str]:
 
 
 def is_part(name: str) -> bool:
-    """Whether a name is that of a part."""
+    """Return whether a name is the name of a partial file."""
     return _PART.fullmatch(name) is not None
 
 
 def clear(folder: str, age: float | None = None) -> None:
-    """Delete the parts in a folder that no process writes any more.
+    """Delete the abandoned partial files in a folder.
 
-    These are the parts of ended processes of this computer and, if `age` is given, the parts of
-    other computers that have not changed for `age` seconds.
+    These belong to ended processes of this computer or, if `age` is given, to other computers and
+    have not changed for `age` seconds.
     """
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
@@ -318,17 +318,17 @@ def _is_abandoned(entry: os.DirEntry[str], computer: str, process: int, age: flo
         return age is not None and time.time() - entry.stat(follow_symlinks=False).st_mtime > age
     if process == os.getpid():
         return os.path.abspath(entry.path) not in _parts
-    import psutil  # 20 ms, and few folders have parts
+    import psutil  # takes 20 ms, and few folders have partial files
 
     try:
         return not psutil.pid_exists(process)
-    except OverflowError:  # a number that no process has
+    except OverflowError:  # not a valid process number
         return True
 
 
 @functools.cache
 def _computer() -> str:
-    """The name of this computer and its namespace of process numbers: each container has one."""
+    """Return the name of this computer and its PID namespace: each container has its own."""
     try:
         return f"{platform.node()[:64]}-{os.stat('/proc/self/ns/pid').st_ino}"
     except OSError:  # not Linux
@@ -337,7 +337,7 @@ def _computer() -> str:
 
 @atexit.register
 def drop_parts() -> None:
-    """Delete unfinished files of this process that a second signal kept from being deleted."""
+    """Delete partial files of this process whose deletion a second signal interrupted."""
     for part in list(_parts):
         _drop(part)
 
@@ -352,8 +352,8 @@ def _drop(part: str) -> None:
 
 
 def _free(part: str) -> None:
-    """Free the space of a file, even if a library still has it open. What a link leads to, a file
-    that has its final name already, and a file of somebody else are left as they are."""
+    """Free the space of a file, even if a library still has it open. Leave alone the target of a
+    link, a file that already has its final name, and another user's file."""
     with (
         contextlib.suppress(OSError, FileError),
         open(part, "rb+", buffering=0, opener=open_plain) as file,
@@ -365,12 +365,12 @@ def _free(part: str) -> None:
 
 
 def disk_bytes(path: Path) -> int:
-    """Bytes of a file, or of all files of a folder."""
+    """Return the bytes of a file, or of all files of a folder."""
     return sum(map(os.path.getsize, _files_of(os.fspath(path))))
 
 
 def content_of(folder: Path, name: str) -> bytes:
-    """The bytes of a file of a folder, b"" if there is none; FileError for a link."""
+    """Return the bytes of a file in a folder, b"" if it does not exist; FileError for a link."""
     with (
         contextlib.suppress(FileNotFoundError),
         open(os.path.join(folder, name), "rb", opener=open_plain) as file,

@@ -1,16 +1,16 @@
-"""Other processes: helpers, which this package starts, and forks of a process that has files open.
+"""Other processes: helpers, which this package starts, and forks of a process with open files.
 
-`start_helper` is the one way in which this package starts another Python. A helper imports nothing
-from the working directory, which may hold a downloaded result beside a file netCDF4.py: it is
-isolated (`python -I`), its folders of modules are those of this process without the working
-directory, and it works in the folder of the package, because libraries look for settings where they
-are (Numba for .numba_config.yaml, matplotlib for matplotlibrc).
+This package starts another Python only through `start_helper`. A helper imports nothing from the
+working directory, which may hold a downloaded result next to a file netCDF4.py: it is isolated
+(`python -I`), it imports from the folders of this process without the working directory, and it
+runs in the folder of the package, because libraries read settings from their working directory
+(Numba .numba_config.yaml, matplotlib matplotlibrc).
 
-A fork has the open files of its origin. A lock of the kind that the C library of netCDF takes
-belongs to the open file: it stays while any process has that open, and nobody, not even the process
-that wrote the file, opens it again. A fork that ends in the ordinary way also writes what the
-library still held, into the file of its origin. So a process takes its locks off itself
-(`unlock_in_fork`), and a fork lets go of the files that its origin was writing (`let_go`).
+A fork shares the open files of its parent. The netCDF C library uses a kind of lock that belongs to
+the open file: while any process has the file open, the lock stays and nobody, not even the
+process that wrote it, can open the file again. A fork that exits normally also writes the library's
+unwritten buffers into its parent's file. So a process removes its locks itself (`unlock_in_fork`),
+and a fork gives up the files that its parent was writing (`let_go`).
 """
 
 import contextlib
@@ -25,15 +25,15 @@ _PLACES = ("RIGIDMC_CACHE_DIR", "MPLCONFIGDIR", "MATPLOTLIBRC", "NUMBA_CACHE_DIR
 
 
 def can_start() -> bool:
-    """Whether there is a Python to start: programs that embed or freeze one may have none."""
+    """Return whether a Python can start: programs that embed or freeze Python may have none."""
     name = os.path.basename(sys.executable or "").lower()
     return "python" in name and not hasattr(sys, "frozen")
 
 
 def start_helper(module: str, answers: bool = True) -> "subprocess.Popen[str]":
-    """A process that runs `main` of a module of this package; it is written to through its stdin.
+    """Start a process that runs `main` of a module of this package and reads its stdin.
 
-    answers : whether its stdout is read
+    answers : whether the caller reads its stdout
     """
     words = [sys.executable, "-I", "-B"] if sys.dont_write_bytecode else [sys.executable, "-I"]
     more: dict[str, Any] = {}
@@ -52,10 +52,10 @@ def start_helper(module: str, answers: bool = True) -> "subprocess.Popen[str]":
 
 
 def folders() -> list[str]:
-    """The folders that this process imports from, without the working directory.
+    """Return the folders that this process imports from, without the working directory.
 
-    The folder that holds the package comes last if it is the working directory: what is installed
-    there is found, and shadows nothing.
+    If the working directory holds the package, it comes last: modules installed there are found but
+    shadow nothing.
     """
     here, home = _place(os.curdir), os.path.dirname(PACKAGE)
     known = [path for path in sys.path if os.path.isabs(path) and _place(path) != here]
@@ -63,8 +63,8 @@ def folders() -> list[str]:
 
 
 def environment() -> dict[str, str]:
-    """The environment of a helper: this one, without the variables that steer Python, and with
-    places that do not depend on where the helper works. netCDF reads no .ncrc there."""
+    """Return the environment of a helper: the current one, without the variables that control
+    Python, with absolute paths, and with a variable that keeps netCDF from reading .ncrc."""
     known = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
     places = {name: os.path.abspath(known[name]) for name in _PLACES if known.get(name)}
     return {**known, **places, "NCRCENV_IGNORE": "1"}
@@ -80,11 +80,11 @@ def _place(path: str) -> str:
 if sys.platform != "win32":
     import fcntl
 
-_DESCRIPTORS = "/dev/fd"  # of this process, on Linux and macOS
+_DESCRIPTORS = "/dev/fd"  # lists this process's descriptors on Linux and macOS
 
 
 def descriptors(paths: Iterable[str]) -> Iterator[int]:
-    """The descriptors by which this process has files open; none where no process is forked."""
+    """Yield this process's descriptors of some files; none on systems without forks."""
     wanted = set[tuple[int, int]]()
     for path in paths:
         with contextlib.suppress(OSError):
@@ -93,13 +93,13 @@ def descriptors(paths: Iterable[str]) -> Iterator[int]:
         return
     with contextlib.suppress(OSError):
         for name in os.listdir(_DESCRIPTORS):
-            with contextlib.suppress(OSError):  # that of the listing is closed again
+            with contextlib.suppress(OSError):  # the descriptor of the listing is already closed
                 if _identity(os.fstat(int(name))) in wanted:
                     yield int(name)
 
 
 def unlock_in_fork(path: str) -> None:
-    """Take the lock off a file that this process has open, for the forks that have it open too."""
+    """Unlock a file that this process has open, also for forks that have it open."""
     if sys.platform != "win32":
         for file in descriptors([path]):
             with contextlib.suppress(OSError):
@@ -107,8 +107,8 @@ def unlock_in_fork(path: str) -> None:
 
 
 def let_go(files: Iterable[int]) -> None:
-    """In a fork: put nothing in the place of open files, by their descriptors. They are not closed:
-    another file would take their number, and the library of netCDF would write to that."""
+    """In a fork: redirect the descriptors of open files to the null device. Closing them would let
+    another file take their numbers, and the netCDF library would write to that file."""
     nothing = os.open(os.devnull, os.O_RDWR)
     for file in files:
         os.dup2(nothing, file, inheritable=False)

@@ -1,8 +1,8 @@
-"""A trial of netCDF files, and of meshes, in a helper process.
+"""Trial reading of netCDF files and meshes in a helper process.
 
 The C library never finishes reading some files with flipped bits, and some files claim more data
-than any machine holds. A file is refused if the helper crashes on it or needs
-more than a second of computing.
+than any machine holds. A file is refused if the helper crashes on it or needs more than a second of
+CPU time.
 """
 
 import atexit
@@ -25,13 +25,13 @@ from rigidmc.files.reading import load_mesh
 if sys.platform != "win32":
     import resource
 
-MESH_BYTES, MESH_SPEED = 50, 1e6  # memory for a byte of a mesh; bytes read in a second, of 5e6
-SECONDS = 1.0  # of computing, not of waiting for a disk; a file of ours takes 0.01
-PATIENCE = 20.0  # seconds, waiting included: a link within a file may lead to a pipe
+MESH_BYTES, MESH_SPEED = 50, 1e6  # memory per byte of a mesh; bytes/s required, of 5e6 measured
+SECONDS = 1.0  # of CPU time, without waiting for a disk; our own files take 0.01
+PATIENCE = 20.0  # seconds, including waiting: a link within a file may lead to a pipe
 MEMORY = 3 * 2**28
-PACKED = 1100  # zlib expands a byte to 1032 at most: no file holds more than PACKED times its size
+PACKED = 1100  # zlib expands a byte to at most 1032: no file holds more than PACKED times its size
 MOST = 10_000  # variables
-_KEPT = 10_000  # files that were found sound; shards are read several times
+_KEPT = 10_000  # accepted files to remember: shards are read several times
 _sound: dict[tuple[str | int, ...], None] = {}
 _lock = threading.Lock()
 _helpers: list[subprocess.Popen[str]] = []
@@ -41,8 +41,7 @@ def refuse_unreadable(path: Path, kind: str = "netCDF") -> None:
     """Raise FileError if a file is not of its kind, netCDF or mesh, is damaged, or claims more data
     than it can hold.
 
-    Only the helper opens it as such. Errors of the system, such as missing rights, are raised as
-    they are.
+    Only the helper parses the file. System errors, such as missing permissions, pass unchanged.
     """
     path = os.path.abspath(path)
     refuse_unnamed(path)
@@ -51,7 +50,7 @@ def refuse_unreadable(path: Path, kind: str = "netCDF") -> None:
         state = (kind, path, facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns)
         if state in _sound:
             return
-        file.read(1)  # without a limit of time: an archive may load the file from a tape
+        file.read(1)  # without a time limit: an archive may load the file from tape
         with _lock:
             complaint = _verdict(kind, path)
         if not complaint:
@@ -59,7 +58,7 @@ def refuse_unreadable(path: Path, kind: str = "netCDF") -> None:
             while len(_sound) > _KEPT:
                 _sound.pop(next(iter(_sound)), None)
         if complaint:
-            # without locks the library only says that something is wrong
+            # without locks the library reports only an unspecific error
             with contextlib.suppress(BlockingIOError):
                 lock(file, path, shared=True)
     if complaint:
@@ -67,14 +66,14 @@ def refuse_unreadable(path: Path, kind: str = "netCDF") -> None:
 
 
 def _verdict(kind: str, path: str) -> str:
-    """The helper's complaint about a file, "" for none."""
+    """Return the helper's complaint about a file, "" if it has none."""
     if not _helpers or _helpers[0].poll() is not None:
         _end()
         _helpers.append(start_helper(__name__))
         atexit.register(_end)
         if _helpers[0].stdout is None or not _helpers[0].stdout.readline():
             _end()
-            raise OSError(f"{path}: not opened, as the process that tries files does not start")
+            raise OSError(f"{path}: not opened: the helper process that tests files does not start")
     helper = _helpers[0]
     assert helper.stdin is not None and helper.stdout is not None
     patience = PATIENCE + (os.stat(path).st_size / MESH_SPEED if kind == "mesh" else 0.0)
@@ -88,7 +87,7 @@ def _verdict(kind: str, path: str) -> str:
     finally:
         clock.cancel()
     _end()
-    return f"is damaged: the reader of {kind} files does not survive it"
+    return f"is damaged: the reader of {kind} files crashes on it or takes too long"
 
 
 def _end() -> None:
@@ -104,11 +103,11 @@ def _end() -> None:
 
 
 def main() -> None:
-    """The helper: paths in, complaints out, one a line. A signal of the clock ends it if a file
+    """Run the helper: read paths, write complaints, one per line. A timer signal ends it if a file
     takes too long."""
     import netCDF4  # noqa: F401  (before memory is counted)
 
-    print(flush=True)  # it has started
+    print(flush=True)  # report the start
     for line in sys.stdin:
         kind, path = json.loads(line)
         size = os.stat(path).st_size
@@ -122,8 +121,8 @@ def main() -> None:
 
 
 def _limit_memory(more: int) -> None:
-    """Let this process take some bytes more than it has; no limit if the system does not tell what
-    it has."""
+    """Limit this process to `more` bytes beyond its present memory; no limit if the system does not
+    report its present memory."""
     if sys.platform != "win32":
         with contextlib.suppress(OSError, ValueError), open("/proc/self/statm") as file:
             pages = int(file.read().split()[0])
@@ -132,15 +131,15 @@ def _limit_memory(more: int) -> None:
 
 
 def _limit_computing(seconds: float) -> None:
-    """Let this process end after so many seconds of computing; 0 for no limit."""
+    """End this process after `seconds` of CPU time; 0 for no limit."""
     if sys.platform != "win32":
         signal.signal(signal.SIGPROF, signal.SIG_DFL)
         signal.setitimer(signal.ITIMER_PROF, seconds)
 
 
 def complaint(path: str) -> str:
-    """Why a file must not be opened, in words; "" if it may be. Only header and attributes are
-    read, no values."""
+    """Return why a file must not be opened; "" if it may be. Only the header and attributes are
+    read, not the values."""
     import netCDF4
     import numpy as np
 
@@ -156,12 +155,12 @@ def complaint(path: str) -> str:
                 for attribute in variable.ncattrs():
                     variable.getncattr(attribute)
                 if len(set(variable.dimensions)) < len(variable.dimensions):
-                    return f"{name} has a dimension twice"
+                    return f"{name} has the same dimension twice"
                 kind = variable.dtype
                 if kind is not str and not (
                     isinstance(variable.datatype, np.dtype) and kind.kind in "iufS"
                 ):
-                    return f"{name} has a type of its own"
+                    return f"{name} has a user-defined type"
                 each = 16 if kind is str else kind.itemsize
                 pieces = variable.chunking()
                 chunk = math.prod(pieces) if isinstance(pieces, list) else 0
@@ -170,15 +169,15 @@ def complaint(path: str) -> str:
                 if claims > holds or max(size, each * chunk) > holds:
                     shape = " x ".join(f"{n:,}" for n in variable.shape)
                     return f"{name} claims to be {shape}, more than the file can hold"
-    except Exception as error:  # the library raises whatever it likes
-        return f"is damaged, or no netCDF file: {error}"
+    except Exception as error:  # the library raises all kinds of exceptions
+        return f"is damaged, or not a netCDF file: {error}"
     return ""
 
 
 def _mesh_complaint(path: str) -> str:
-    """Why a mesh must not be loaded, in words; "" if it may be."""
+    """Return why a mesh must not be loaded; "" if it may be."""
     try:
         load_mesh(path)
     except Exception as error:  # the readers of trimesh raise all kinds of exceptions
-        return f"is no mesh that trimesh can read: {error}"
+        return f"is not a mesh that trimesh can read: {error}"
     return ""

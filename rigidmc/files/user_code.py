@@ -1,4 +1,4 @@
-"""Classes that a user wrote: found in a Python file, which is run only if the user allowed it."""
+"""Users' classes: loaded from a Python file, which runs only if the user allowed it."""
 
 import importlib.util
 import inspect
@@ -21,26 +21,26 @@ _INSTALLED = tuple(
         os.path.dirname(os.path.dirname(os.path.abspath(__file__))),
     }
 )
-_BESIDE = "__own_files__"  # what a module has imported from its folder
+_BESIDE = "__own_files__"  # attribute with the files that a module imported from its folder
 _numbers = itertools.count()
-# {path: (when it and what it imports were changed last, the module)}
+# {path: ({file: last change} of it and its imports, the module)}
 _modules: dict[str, tuple[dict[str, int], ModuleType]] = {}
 
 
 def class_of(folder: str, path: str, name: str, at: str) -> type[Any]:
-    """A class in a Python file, which is run: call it only if the user allowed it.
+    """Run a Python file and return one of its classes; call this only if the user allowed it.
 
-    folder : of the scene file, to which `path` is relative
-    name : of the class, or the same in snake_case
+    folder : folder of the scene file, to which `path` is relative
+    name : name of the class, or the same in snake_case
     at : the table of the scene file, for messages
 
-    Raises SceneError if the file does not exist, is no Python file, fails, or lacks the class.
+    Raises SceneError if the file does not exist, is not a Python file, fails, or lacks the class.
     """
     file = os.path.realpath(os.path.join(folder, path))
     if not os.path.isfile(file):
         raise SceneError(f"there is no file {file}", at=f"{at}.module", value=path)
     if not file.endswith(".py"):
-        raise SceneError("is no Python file (.py)", at=f"{at}.module", value=path)
+        raise SceneError("is not a Python file (.py)", at=f"{at}.module", value=path)
     known, module = _modules.get(file, ({}, None))
     if module is None or known != _changed(known):
         module = _run(file, path, at)
@@ -61,7 +61,7 @@ def class_of(folder: str, path: str, name: str, at: str) -> type[Any]:
 
 
 def _plain(name: str) -> str:
-    """A name without case and underscores: my_law and MyLaw are one."""
+    """Remove case and underscores from a name: my_law and MyLaw become the same."""
     return name.replace("_", "").lower()
 
 
@@ -69,7 +69,7 @@ def _run(file: str, path: str, at: str) -> ModuleType:
     name = f"own_code_{next(_numbers)}"
     spec: Any = importlib.util.spec_from_file_location(name, file)
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # as of any other module: classes find their own there
+    sys.modules[name] = module  # as for any module: classes look up their module there
     try:
         with _beside(os.path.dirname(file)) as files:
             spec.loader.exec_module(module)
@@ -86,11 +86,11 @@ def _run(file: str, path: str, at: str) -> ModuleType:
 
 @contextmanager
 def _beside(folder: str) -> Iterator[list[str]]:
-    """Let a file import from its own folder what is nowhere else, as from a script; yields a list
-    that has the imported files at the end. They are forgotten: in another folder the same name is
-    another file."""
+    """Let a file import modules from its own folder, after all other places, as a script does.
+    Yield a list, which at the end contains the imported files. Python forgets these modules: in
+    another folder the same name is another file."""
     before, path, files = set(sys.modules), list(sys.path), list[str]()
-    sys.path.append(folder)  # last: no file of that folder hides a library
+    sys.path.append(folder)  # last, so that no file of that folder hides a library
     try:
         yield files
     finally:
@@ -103,18 +103,18 @@ def _beside(folder: str) -> Iterator[list[str]]:
 
 
 def _changed(files: Iterable[str]) -> dict[str, int]:
-    """When files were changed last; 0 for those that are gone."""
+    """Return {file: time of its last change}; 0 for a missing file."""
     return {file: os.stat(file).st_mtime_ns if os.path.isfile(file) else 0 for file in files}
 
 
 def is_user_code(names: Mapping[str, Any]) -> bool:
-    """Whether what a module has comes from a file of the user's own, not from an installed one."""
+    """Return whether a module's namespace comes from a user's file, not from an installed one."""
     file = names.get("__file__")
     return isinstance(file, str) and not os.path.abspath(file).startswith(_INSTALLED)
 
 
 def sources_of(kind: type[Any]) -> list[str]:
-    """The file of a user's class, and those of the user's files that it takes anything from."""
+    """Return the file of a user's class, and the user's files that the class uses."""
     file = source_of(kind)
     if file is None:
         return []
@@ -136,7 +136,7 @@ def sources_of(kind: type[Any]) -> list[str]:
 
 
 def source_of(kind: type[Any]) -> str | None:
-    """The file of a user's class; None if it is in no file (a notebook, or the shell)."""
+    """Return the file of a user's class; None if it has no file (notebook or shell)."""
     methods = [
         value
         for name, value in vars(kind).items()

@@ -1,10 +1,10 @@
 """Generalised coordinates of a body with a fixed point, and torques of potentials.
 
-TdC (3.29)-(3.34). Coordinates are a word, "zxz", "zyz" or "rotation_vector", or a function A(q) ->
+TdC (3.29)-(3.34). Coordinates are a name, "zxz", "zyz" or "rotation_vector", or a function A(q) ->
 (..., 3, 3) of q (..., n). Potentials are functions V(A) [J] of matrices (..., 3, 3). Both kinds of
-functions must take complex numbers: they are differentiated by a complex step of 1e-30, which is
-exact to rounding because no difference is taken. So they may use np.sin, np.sqrt, @ and so on, but
-not abs, norm, conj or comparisons.
+functions must accept complex numbers: a complex step of 1e-30 differentiates them, exactly to
+rounding because it forms no difference. They may use np.sin, np.sqrt, @ and so on, but not abs,
+norm, conj or comparisons.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,16 +21,16 @@ Potential = Callable[[NDArray[Any]], Any]
 Coordinates = str | Callable[[NDArray[Any]], ArrayLike]
 _Floats = NDArray[np.float64]
 
-STEP = 1e-30  # of a coordinate, or of an angle [rad]: its square is 0 beside 1
+STEP = 1e-30  # of a coordinate, or of an angle [rad]: its square is negligible compared with 1
 NAMED = ("zxz", "zyz", "rotation_vector")
 _FREE = (
-    "it must take complex numbers and pass them on: "
+    "it must accept complex numbers and keep them complex: "
     "write np.sqrt((x * x).sum(-1)) for a norm and x * x for abs(x)**2"
 )
 
 
 def matrix(coordinates: Coordinates, q: ArrayLike) -> NDArray[Any]:
-    """A (..., 3, 3) at coordinates q (..., n), also at complex ones."""
+    """Return A (..., 3, 3) at real or complex coordinates q (..., n)."""
     q = floats(q, "q", kinds="fiuc")
     if callable(coordinates):
         return np.asarray(coordinates(q))
@@ -47,9 +47,9 @@ def matrix(coordinates: Coordinates, q: ArrayLike) -> NDArray[Any]:
 
 
 def rate_matrix(coordinates: Coordinates, q: ArrayLike) -> NDArray[Any]:
-    """M (..., 3, n) with omega = M(q) q', TdC (3.29): hat of column r is A^T dA/dq_r.
+    """Return M (..., 3, n) with omega = M(q) q', TdC (3.29): hat of column r is A^T dA/dq_r.
 
-    In closed form for the named coordinates, also at complex q.
+    Named coordinates have a closed form, which also holds at complex q.
     """
     if not callable(coordinates):
         _check_known(coordinates)
@@ -70,11 +70,11 @@ def rate_matrix(coordinates: Coordinates, q: ArrayLike) -> NDArray[Any]:
 
 
 def identity_residual(m: Callable[[NDArray[Any]], ArrayLike], q: ArrayLike) -> _Floats:
-    """dM_is/dq_r - dM_ir/dq_s - eps_ijk M_js M_kr (..., 3, n, n), TdC (3.32).
+    """Return dM_is/dq_r - dM_ir/dq_s - eps_ijk M_js M_kr (..., 3, n, n), TdC (3.32).
 
     It is 0 for every M that belongs to coordinates.
 
-    m : function M(q) that takes complex numbers, e.g. lambda q: rate_matrix("zxz", q)
+    m : function M(q) that accepts complex numbers, e.g. lambda q: rate_matrix("zxz", q)
     """
     value = np.asarray(m(floats(q, "q")))
     slopes = np.stack(list(_slopes(m, q, "M(q)")), -1)  # dM_is/dq_r as [..., i, s, r]
@@ -86,7 +86,7 @@ def identity_residual(m: Callable[[NDArray[Any]], ArrayLike], q: ArrayLike) -> _
 
 
 def generalised_force(potential: Potential, coordinates: Coordinates, q: ArrayLike) -> _Floats:
-    """-dV/dq_r (..., n) of a potential V(A) at coordinates q."""
+    """Return -dV/dq_r (..., n) of a potential V(A) at coordinates q."""
 
     def energy(x: NDArray[Any]) -> Any:
         return potential(matrix(coordinates, x))
@@ -95,7 +95,10 @@ def generalised_force(potential: Potential, coordinates: Coordinates, q: ArrayLi
 
 
 def torque_of_force(coordinates: Coordinates, q: ArrayLike, force: ArrayLike) -> _Floats:
-    """Body torque tau = (M^-1)^T F (..., 3) of generalised forces (..., 3), TdC (3.33), (3.34)."""
+    """Return the body torque tau = (M^-1)^T F (..., 3) of generalised forces F (..., 3).
+
+    TdC (3.33), (3.34).
+    """
     m = rate_matrix(coordinates, q)
     column = floats(force, "force", 3)[..., None]
     tau: _Floats = np.linalg.solve(np.swapaxes(m, -1, -2), column)[..., 0]
@@ -103,14 +106,14 @@ def torque_of_force(coordinates: Coordinates, q: ArrayLike, force: ArrayLike) ->
 
 
 def force_of_torque(coordinates: Coordinates, q: ArrayLike, torque: ArrayLike) -> _Floats:
-    """Generalised forces F = M^T tau (..., n) of a body torque (..., 3)."""
+    """Return the generalised forces F = M^T tau (..., n) of a body torque tau (..., 3)."""
     m = rate_matrix(coordinates, q)
     force: _Floats = np.einsum("...ir,...i->...r", m, floats(torque, "torque", 3))
     return force
 
 
 def torque_of_potential(potential: Potential, attitude: ArrayLike) -> _Floats:
-    """Body torque (..., 3) [N m] of a potential, TdC (3.34).
+    """Return the body torque (..., 3) [N m] of a potential, TdC (3.34).
 
     tau_k = -d/de V(A exp(e hat(e_k))) at e = 0
 
@@ -125,7 +128,10 @@ def torque_of_potential(potential: Potential, attitude: ArrayLike) -> _Floats:
 
 
 def uniform_gravity(mass: float, centre: ArrayLike, g: float = 9.81) -> Potential:
-    """V = m g z of the centre of mass (3,) [m] in body axes; its torque is -m g r x A^T e_z."""
+    """Return the potential V = m g z; its torque is -m g r x A^T e_z.
+
+    centre : r (3,) [m], the centre of mass in body axes;  z is its height
+    """
     centre = floats(centre, "centre", 3)
     return lambda a: mass * g * (a[..., 2, :] * centre).sum(-1)
 
@@ -133,7 +139,10 @@ def uniform_gravity(mass: float, centre: ArrayLike, g: float = 9.81) -> Potentia
 def spring(
     stiffness: float, body_point: ArrayLike, space_point: ArrayLike, rest_length: float = 0.0
 ) -> Potential:
-    """V = k/2 (|A r - s| - l)^2 of a spring [N/m] from a body point r to a space point s [m]."""
+    """Return the potential V = k/2 (|A r - s| - l)^2 of a spring.
+
+    stiffness : k [N/m];  body_point : r [m];  space_point : s [m];  rest_length : l [m]
+    """
     body_point = floats(body_point, "body_point", 3)
     space_point = floats(space_point, "space_point", 3)
 
@@ -148,14 +157,14 @@ def spring(
 
 
 def total(*potentials: Potential) -> Potential:
-    """The sum of potentials."""
+    """Return the sum of potentials."""
     return lambda a: sum(potential(a) for potential in potentials)
 
 
 def equations_of_motion(
     coordinates: Coordinates, moments: ArrayLike, potential: Potential | None = None
 ) -> Callable[[float, _Floats], _Floats]:
-    """rhs(t, y) for scipy's solve_ivp, y = (q, q'), of a body in three coordinates.
+    """Return rhs(t, y), y = (q, q'), for scipy's solve_ivp, for a body in three coordinates.
 
         q'' = M^-1 (I^-1 (L x omega + tau) - M' q'),   omega = M q',   L = I omega   (TdC (3.29),
         (3.35))
@@ -178,14 +187,14 @@ def equations_of_motion(
 
 
 def _along(coordinates: Coordinates, q: _Floats, rate: _Floats) -> _Floats:
-    """dM/dt (3, n) along q'.
+    """Return dM/dt (3, n) along q'.
 
-    The steps are shares of the fastest coordinate, in any unit of time. Those of a user's
-    coordinates are real, with a difference of order 4: their M is computed by a complex step, and
-    two do not nest.
+    The steps are relative to the fastest coordinate, and so independent of the unit of time. For
+    named coordinates the step is complex. For a user's coordinates it is a real difference of
+    order 4: their M already uses a complex step, and two do not nest.
     """
     fastest = float(np.abs(rate).max())
-    way = rate / (fastest or 1.0)  # at rest it is 0, in any unit
+    way = rate / (fastest or 1.0)  # 0 at rest, in any unit
     if not callable(coordinates):
         return fastest * rate_matrix(coordinates, q + 1j * STEP * way).imag / STEP
     h = 1e-3
@@ -197,7 +206,7 @@ def _along(coordinates: Coordinates, q: _Floats, rate: _Floats) -> _Floats:
 def _slopes(
     function: Callable[[NDArray[Any]], ArrayLike], q: ArrayLike, what: str
 ) -> Iterator[_Floats]:
-    """The derivative of an array function in each coordinate.
+    """Yield the derivative of an array function in each coordinate.
 
     ValueError if a complex step does not differentiate the function.
     """
@@ -209,21 +218,22 @@ def _slopes(
             slope = np.asarray(function(q + 1j * STEP * step)).imag / STEP
         except TypeError as error:
             raise ValueError(f"{what} failed on complex numbers ({error}): {_FREE}") from None
-        # a function that drops the imaginary part is found out by a difference of order 2, at 1e-5
-        # of a coordinate: of an angle, or a number like one
+        # a second-order difference detects a function that drops the imaginary part; its step 1e-5
+        # suits coordinates of order 1, such as angles
         near = (np.real(function(q + 1e-5 * step)) - np.real(function(q - 1e-5 * step))) / 2e-5
         size = np.abs(near).max(initial=0.0) + np.abs(slope).max(initial=0.0)
         size = size + 1e-3 * np.abs(np.real(function(q))).max(initial=0.0)
         if np.abs(near - slope).max(initial=0.0) > 1e-4 * size:
-            values = f"{np.ravel(slope)[0]:.3g} for {np.ravel(near)[0]:.3g}"
-            raise ValueError(f"{what} is not differentiated by a complex step ({values}): {_FREE}")
+            values = f"{np.ravel(slope)[0]:.3g} instead of {np.ravel(near)[0]:.3g}"
+            raise ValueError(f"a complex step does not differentiate {what} ({values}): {_FREE}")
         yield slope
 
 
 def _exponential_parts(v: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """(sin x/x, (1 - cos x)/x^2, (x - sin x)/x^3) as (..., 1, 1), x = |v|, also for complex v.
+    """Return (sin x/x, (1 - cos x)/x^2, (x - sin x)/x^3) as (..., 1, 1), x = |v|, v real or
+    complex.
 
-    By series where x is small.
+    Uses series where x is small.
     """
     square = (v * v).sum(-1)[..., None, None]
     small = np.abs(square) < 1e-2
@@ -240,7 +250,7 @@ def _exponential_parts(v: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDA
 
 
 def _about(axis: int, angle: NDArray[Any]) -> NDArray[Any]:
-    """The rotation matrix by an angle (...) about a coordinate axis, also for complex angles."""
+    """Return the matrix of a rotation by a real or complex angle (...) about a coordinate axis."""
     c, s = np.cos(angle)[..., None, None], np.sin(angle)[..., None, None]
     k = hat(np.eye(3)[axis])
     turned: NDArray[Any] = np.eye(3) + s * k + (1.0 - c) * (k @ k)
@@ -248,6 +258,6 @@ def _about(axis: int, angle: NDArray[Any]) -> NDArray[Any]:
 
 
 def _check_known(coordinates: str) -> None:
-    """SceneError for a word that names no coordinates."""
+    """Raise SceneError for an unknown name of coordinates."""
     if coordinates not in NAMED:
         raise unknown("coordinates", NAMED, at="coordinates", value=coordinates)

@@ -1,18 +1,18 @@
-"""The free motion as formulas: the constants of an orbit, then momentum and attitude at any time.
+"""Free motion as formulas: the constants of an orbit, then momentum and attitude at any time.
 
 In units of |L| the momentum is u = (B cn, W sn, C dn) of phi = lambda (t - t0) along the axes k, 2,
-j. Axis 2 is that of the middle moment; j is the axis (of the largest or the smallest moment) about
-which u circles; k is the third. The attitude is a rotation that takes u back to axis j, followed by
-the angle
+j. Axis 2 has the middle moment; u circles about axis j, which has the largest or the smallest
+moment; k is the third axis. The attitude is a rotation that takes u back to axis j, followed by a
+rotation by the angle
 
     psi = spin t -+ (Theta + chi)                    (Fasso 2003; Celledoni, Fasso, Saefstroem &
     Zanna 2008)
 
 Theta is an integral of the third kind with characteristic r = a_k/a_j, chi = arctan(w tan am phi),
-w^2 = |a_2|/a_j, spin = |L|/I_k. If r^2 > m, small differences replace both: Theta has the
+w^2 = |a_2|/a_j, spin = |L|/I_k. If r^2 > m, both change to small differences: Theta has the
 characteristic m/r = B^2/C^2, spin = |L|/I_j, and chi is the difference of two arctangents, written
-as one. So no term exceeds the sum, and spheres, symmetric bodies, needles and separatrices need no
-case of their own.
+as one. Then no term exceeds the sum, and spheres, symmetric bodies, needles and separatrices need
+no special cases.
 """
 
 import math
@@ -41,14 +41,14 @@ from rigidmc.physics.dynamics.vectors import dot, scale, select
 
 
 class FreeOrbit(NamedTuple):
-    """The constants of a free motion, computed once for all times.
+    """Constants of a free motion, computed once for all times.
 
     size : |L| [kg m^2/s];  rate : lambda [rad/s]
     m, mc, quarter : modulus, 1 - m, K(m);  offset : phi at t = 0
     b, w2, c : signed amplitudes B, W, C of u;  about : 3 or 1, the axis j
-    shift : how the axes were relabelled (0, 1, 2);  direct : 1 if r^2 <= m, else 0;  w : see above
+    shift : relabelling of the axes (0, 1, 2);  direct : 1 if r^2 <= m, else 0;  w : see above
     one_plus_nu, mu : the Third of Theta;  sense : the sign -+;  spin [rad/s];  swing : Theta(K)
-    phase : sense (Theta + chi) at t = 0, 0 until the caller puts the value of `Phase` there
+    phase : sense (Theta + chi) at t = 0; 0 until the caller stores the value of `Phase` here
     q0 ... q3 : the attitude at t = 0, rotated back so that u lies on axis j
     """
 
@@ -78,7 +78,7 @@ class FreeOrbit(NamedTuple):
 
 
 class FreeOrbitFormula(NamedTuple):
-    """The FreeOrbit of principal moments, body momentum and attitude at t = 0."""
+    """Formula for the FreeOrbit of principal moments, body momentum and attitude at t = 0."""
 
     i1: float
     i2: float
@@ -100,7 +100,7 @@ class FreeOrbitFormula(NamedTuple):
 
 
 def size_and_direction(l):
-    """(|L|, L/|L|); at rest any direction will do."""
+    """Return (|L|, L/|L|); at rest, an arbitrary direction."""
     big = max(max(abs(l[0]), abs(l[1])), abs(l[2]))
     l = scale(divide(1.0, big), l)  # squares of |L| < 1e-154 would underflow
     norm = math.sqrt(dot(l, l))
@@ -110,10 +110,9 @@ def size_and_direction(l):
 
 
 class Curve(NamedTuple):
-    """The curve of the unit momentum u, and where u is on it at t = 0.
+    """Curve of the unit momentum u, and position of u on it at t = 0.
 
-    on_third : whether the axis j is 3, else it is 1;  sign : of u_j;  still : whether u stays where
-        it is
+    on_third : whether axis j is 3, else it is 1;  sign : of u_j;  still : whether u is constant
     rate : lambda/|L|;  m, mc : modulus and 1 - m;  sine, cosine : of the amplitude am phi at t = 0
     b, w2, c : signed amplitudes B, W, C;  direct, nu, w : form and constants of Theta and chi
     """
@@ -135,7 +134,7 @@ class Curve(NamedTuple):
 
 
 def curve(axes, u):
-    """The Curve of a unit momentum, the middle moment on axis 2."""
+    """Return the Curve of a unit momentum, with the middle moment on axis 2."""
     p, q1, q3 = squares(axes, u)
     on_third = q3 >= q1
     uj, uk, u2 = select(on_third, u[2], u[0]), select(on_third, u[0], u[2]), u[1]
@@ -153,8 +152,8 @@ def curve(axes, u):
     s, c = sign2 * math.sqrt(aj) * u2, math.sqrt(a2) * uk
     hypotenuse = math.sqrt(s * s + c * c)
     s, c = divide(s, hypotenuse), select(hypotenuse > 0.0, divide(c, hypotenuse), 1.0)
-    # a u that does not move, also a spin about the middle axis, is put at the amplitude pi/4, where
-    # none of its components is lost
+    # a constant u, including a spin about the middle axis, gets the amplitude pi/4, which keeps all
+    # of its components
     still = (square == 0.0) | ((mc == 0.0) & (c == 0.0))
     m = select(still, 0.0, m)
     direct = ak * ak <= m * (aj * aj)
@@ -177,7 +176,7 @@ def curve(axes, u):
 
 
 def make_free_orbit(moments, l, q):
-    """The FreeOrbit of principal moments, body momentum and attitude at t = 0."""
+    """Return the FreeOrbit of principal moments, body momentum and attitude at t = 0."""
     size, u = size_and_direction(l)
     body = mass_properties(moments, (0.0, 0.0, 0.0))
     first, last = middle_axis(body)
@@ -219,7 +218,7 @@ def make_free_orbit(moments, l, q):
 
 
 def direction_and_phase(o, t):
-    """(u in relabelled axes, sense (Theta + chi)) at time t."""
+    """Return (u in relabelled axes, sense (Theta + chi)) at time t."""
     kind, phi = Third(o.one_plus_nu, o.mu), o.offset + o.rate * t
     n, v = reduce_argument(phi, o.mc, o.quarter)
     s, c, d, angles = jacobi(v, o.m, o.mc, (kind,))
@@ -235,7 +234,7 @@ def direction_and_phase(o, t):
 
 
 def free_state(o, t):
-    """(attitude, momentum) at time t."""
+    """Return (attitude, momentum) at time t."""
     u, angle = direction_and_phase(o, t)
     on_third = o.about == 3.0
     s, c = sincos(0.5 * (o.spin * t + (angle - o.phase)))
@@ -252,7 +251,7 @@ def free_state(o, t):
 
 
 class Phase(NamedTuple("Phase", FreeOrbit.__annotations__.items())):  # type: ignore[misc]
-    """sense (Theta + chi) of an FreeOrbit at t = 0."""
+    """Formula for sense (Theta + chi) of a FreeOrbit at t = 0."""
 
     def values(self):
         return (direction_and_phase(self, 0.0)[1],)
@@ -262,7 +261,7 @@ _FIELDS = [*FreeOrbit.__annotations__.items(), ("t", float)]
 
 
 class FreeStateFormula(NamedTuple("FreeStateFormula", _FIELDS)):  # type: ignore[misc]
-    """Attitude and momentum of an FreeOrbit at time t."""
+    """Formula for attitude and momentum of a FreeOrbit at time t."""
 
     def values(self):
         q, l = free_state(self, self.t)

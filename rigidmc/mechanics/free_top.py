@@ -1,7 +1,7 @@
 """The free top at any time in closed form, for arrays of bodies, TdC (3.35) and Example 3.6.
 
-Arguments of all closed forms broadcast in their leading shapes; `broadcast_arguments` brings their
-components first, as `rigidmc.engine.formulas` takes them.
+Arguments of all closed forms broadcast in their leading shapes; `broadcast_arguments` moves their
+components to the first axis, as `rigidmc.engine.formulas` requires.
 """
 
 from typing import Any, NamedTuple
@@ -21,12 +21,12 @@ Shape = tuple[int, ...]
 def broadcast_arguments(
     *arguments: tuple[str, ArrayLike, int],
 ) -> tuple[Shape, list[NDArray[np.float64]]]:
-    """(leading shape, arrays (components, n)) of the values of some arguments.
+    """Return (leading shape, arrays (components, n)) of the values of some arguments.
 
     arguments : (name, value (..., components), number of components) each
 
-    0 components: the value is a number (...), its array (1, n). SceneError for values that are no
-    numbers, have another number of components, or do not broadcast.
+    With 0 components the value is a scalar (...) and its array (1, n). SceneError for values that
+    are not numbers, have a different number of components, or do not broadcast.
     """
     arrays = []
     for name, value, size in arguments:
@@ -47,7 +47,7 @@ def broadcast_arguments(
 
 
 def _components_first(array: NDArray[np.float64], shape: Shape) -> NDArray[np.float64]:
-    """(components, n) of an array (..., components) broadcast to a leading shape."""
+    """Return an array (..., components) broadcast to a leading shape, as (components, n)."""
     whole = np.moveaxis(np.broadcast_to(array, shape + array.shape[-1:]), -1, 0)
     return whole.reshape(array.shape[-1], -1).copy()
 
@@ -55,12 +55,13 @@ def _components_first(array: NDArray[np.float64], shape: Shape) -> NDArray[np.fl
 def spread(
     shape: Shape, t: NDArray[np.float64]
 ) -> tuple[Shape, NDArray[np.int64], NDArray[np.float64]]:
-    """(shape, row, time): each body of a table at each time.
+    """Return (shape, row, time): each body of a table at each time.
 
-    shape : leading shape of the bodies, in whose order the rows of the table are;  t : times (...)
+    shape : leading shape of the bodies, whose order is the order of the table's rows
+    t : times (...)
 
-    Returns the shape to which both broadcast, and the row of the table and the time of each
-    element.
+    Returns the shape to which both broadcast, and for each element its row of the table and its
+    time.
     """
     try:
         whole = np.broadcast_shapes(shape, t.shape)
@@ -86,22 +87,22 @@ class Motion(NamedTuple):
 
 
 class FreeMotionType(NamedTuple):
-    """What kind of motion a free motion is; arrays of the leading shape of the bodies.
+    """Classification of free motions; arrays with the leading shape of the bodies.
 
     kind : "invalid", "rest", "permanent rotation", "symmetric precession", "separatrix",
         "about the largest moment" or "about the smallest moment"
     axis : 1, 2 or 3 (0: invalid), the principal axis about which the momentum circles
-    m, mc : the parameter m = k^2 and 1 - m; no digit of mc cancels
+    m, mc : the parameter m = k^2 and 1 - m; mc has no cancellation error
     rate : lambda [rad/s]; the argument of sn, cn, dn is lambda t
-    period : 4 K(m)/lambda [s], of momentum and omega; inf on a separatrix and if nothing moves
+    period : 4 K(m)/lambda [s], of momentum and omega; inf on a separatrix and if both are constant
     flip_interval : 2 K(m)/lambda [s], between sign changes of the middle component; nan for
         symmetric bodies
-    turn : the angle [rad] about the momentum by which the attitude rotates in a period, not reduced
-    solid_angle : swept by the momentum in the body in a period, oriented, modulo 4 pi:
-        turn = 2 T period/|L| - solid_angle (Montgomery, Am. J. Phys. 59 (1991) 394)
-    phase : where the momentum is on its curve, lambda (t - t0)/(4 K) modulo 1: the component of the
-        middle
-        moment is 0 at 0 and 1/2; nan if nothing moves
+    turn : the angle [rad] by which the attitude rotates about the momentum in a period, not reduced
+        modulo 2 pi
+    solid_angle : solid angle that the momentum sweeps in the body in a period, oriented, modulo
+        4 pi: turn = 2 T period/|L| - solid_angle (Montgomery, Am. J. Phys. 59 (1991) 394)
+    phase : position of the momentum on its curve, lambda (t - t0)/(4 K) modulo 1: the component
+        along the middle axis is 0 at 0 and 1/2; nan if the momentum is constant
     """
 
     kind: NDArray[np.str_]
@@ -119,7 +120,7 @@ class FreeMotionType(NamedTuple):
 def _orbits(
     moments: ArrayLike, momentum: ArrayLike, attitude: Attitude
 ) -> tuple[NDArray[np.float64], Shape, NDArray[np.bool_]]:
-    """(table of FreeOrbits, one row per top; leading shape; which rows are bad)."""
+    """Return (table of FreeOrbits, one row per top; leading shape; mask of bad rows)."""
     shape, (moments, momentum, attitude) = broadcast_arguments(
         ("moments", moments, 3), ("momentum", momentum, 3), ("attitude", quaternion(attitude), 4)
     )
@@ -128,7 +129,7 @@ def _orbits(
         | ~np.isfinite(momentum).all(0)
         | ~(np.linalg.norm(attitude, axis=0) > 0)
     )
-    rule = "moments must be positive, momenta finite, and a quaternion have a norm"
+    rule = "moments must be positive, momenta finite, and quaternions nonzero"
     check_rows(bad & ~np.isnan(attitude).any(0), rule)
     columns = np.concatenate([moments, momentum, attitude])
     columns[:, bad] = np.nan
@@ -140,21 +141,21 @@ def _orbits(
 def solve_free_top(
     moments: ArrayLike, momentum: ArrayLike, attitude: Attitude, t: ArrayLike
 ) -> Motion:
-    """The exact motion of free rigid bodies at any time, TdC (3.35) and Example 3.6.
+    """Return the exact motion of free rigid bodies at any time, TdC (3.35) and Example 3.6.
 
     Leading shapes broadcast: moments (B, 1, 3) and t (T,) give (B, T).
 
     Parameters
     ----------
     moments : array_like (..., 3) [kg m^2]
-        principal moments, in any order; any positive numbers, also moments that no body has
-        (published problems use such)
+        principal moments, in any order; any positive numbers, even moments of impossible bodies
+        (some published problems use them)
     momentum : array_like (..., 3) [kg m^2/s]
         angular momentum in principal axes at t = 0
     attitude : array_like (..., 4), (..., 3, 3) or scipy Rotation
         quaternions or matrices, body to space, at t = 0
     t : array_like (...) [s]
-        times: sparse, huge or negative
+        times; may be sparse, huge or negative
 
     Returns
     -------
@@ -170,7 +171,7 @@ def solve_free_top(
     Warns
     -----
     SceneWarning
-        with the number of impossible bodies or starts, which are nan in the result
+        with the count of impossible bodies or starts, whose results are nan
 
     Examples
     --------
@@ -186,34 +187,34 @@ def solve_free_top(
     return Motion(l, l / floats(moments, "moments"), q)
 
 
-_AXES = np.array([[1, 3], [3, 2], [2, 1]])  # the axes of the body that `shift` made axes 1 and 3
+_AXES = np.array([[1, 3], [3, 2], [2, 1]])  # the body axes that `shift` relabels 1 and 3
 
 
 def analyse_free_top(moments: ArrayLike, momentum: ArrayLike) -> FreeMotionType:
-    """What kind of motion a free motion is, its period and its turning angle, TdC (3.35).
+    """Compute the kind, period and turning angle of free motions, TdC (3.35).
 
     Parameters
     ----------
     moments : array_like (..., 3) [kg m^2]
-        principal moments, as of `solve_free_top`
+        principal moments, as for `solve_free_top`
     momentum : array_like (..., 3) [kg m^2/s]
         angular momentum in principal axes
 
     Returns
     -------
-    Kind
+    FreeMotionType
         arrays (...): kind, axis, m, mc, rate, period, flip_interval, turn, solid_angle, phase, see
         `rigidmc.mechanics.free_top.FreeMotionType`
 
     Raises
     ------
     SceneError
-        as of `solve_free_top`
+        as for `solve_free_top`
 
     Warns
     -----
     SceneWarning
-        as of `solve_free_top`
+        as for `solve_free_top`
 
     Examples
     --------

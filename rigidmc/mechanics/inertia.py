@@ -1,9 +1,9 @@
 """Inertia tensors of arrays of bodies: particles, parallel axes, principal axes, L = I omega.
 
-Components are last, leading shapes are free. The principal axes of many bodies are named after
-those of one (`match_axes`): a turn (3, 3, n) has as columns the axes of a body in those of the one,
-v' = turn^T v. Its numbers are multiplied one by one, so that no bit depends on a library or on the
-number of bodies.
+Components come last, leading shapes are arbitrary. `match_axes` labels the principal axes of many
+bodies after the nearest axes of a reference body: the columns of a turn (3, 3, n) are the axes of a
+body in the axes of the reference, v' = turn^T v. Products are computed element by element, so that
+no bit depends on a library or on the number of bodies.
 """
 
 from collections.abc import Callable
@@ -22,20 +22,20 @@ _SIX = ([0, 1, 2, 1, 2, 0], [0, 1, 2, 2, 0, 1])  # xx, yy, zz, yz, zx, xy
 
 
 def elements(tensor: Any) -> tuple[Any, ...]:
-    """xx, yy, zz, yz, zx, xy of a symmetric tensor, by rows."""
+    """Return xx, yy, zz, yz, zx, xy of a symmetric tensor given by its rows."""
     return tuple(tensor[i][j] for i, j in zip(*_SIX, strict=True))
 
 
 def symmetric(six: Any) -> NDArray[np.float64]:
-    """Tensors (n, 3, 3) of elements (6, n)."""
+    """Return the tensors (n, 3, 3) with elements (6, n)."""
     xx, yy, zz, yz, zx, xy = six
     return np.stack([np.stack(row, -1) for row in ((xx, xy, zx), (xy, yy, yz), (zx, yz, zz))], -2)
 
 
 def violates_triangle(moments: Any) -> Any:
-    """Whether (...) no body has the moments (3, ...).
+    """Return whether (...) no body can have the moments (3, ...).
 
-    One of them is not positive, or exceeds the sum of the other two.
+    Then a moment is not positive, or exceeds the sum of the other two.
     """
     one, two, three = moments
     total = (one + two + three) * (1 + SLACK)
@@ -44,20 +44,20 @@ def violates_triangle(moments: Any) -> Any:
 
 
 TOO_FAR = (
-    "with these moments and this mass the centre of mass cannot lie that far from the fixed point"
-    " (m sum c_i^2/(I_j + I_k - I_i) <= 1/2)"
+    "the centre of mass is too far from the fixed point for these moments and this mass"
+    " (m sum c_i^2/(I_j + I_k - I_i) must be <= 1/2)"
 )
 
 
 def too_far(moments: Any, mass: Any, centre: Any) -> Any:
-    """Whether (...) no body has the moments (3, ...), the mass (...) and the centre of mass c
-    (3, ...) in the principal axes, although one has the moments.
+    """Return whether (...) no body can have the moments (3, ...), the mass (...) and the centre of
+    mass c (3, ...) in the principal axes, although a body can have the moments.
 
     The second moments about the centre of mass are
 
         diag(S) - m c c^T,  S_i = (I_j + I_k - I_i)/2
 
-    and this matrix has no negative eigenvalue if m sum c_i^2/S_i <= 1.
+    and this matrix has no negative eigenvalue iff m sum c_i^2/S_i <= 1.
     """
     second = 0.5 * moments.sum(0) - moments
     with np.errstate(all="ignore"):
@@ -66,14 +66,14 @@ def too_far(moments: Any, mass: Any, centre: Any) -> Any:
 
 
 def shift(r: NDArray[np.float64]) -> NDArray[np.float64]:
-    """r^2 1 - r r^T (..., 3, 3) of vectors (..., 3): the tensor of a unit mass at r."""
+    """Return r^2 1 - r r^T (..., 3, 3) of vectors r (..., 3): the tensor of a unit mass at r."""
     square = np.einsum("...i,...i", r, r)[..., None, None]
     tensor: NDArray[np.float64] = square * np.eye(3) - r[..., :, None] * r[..., None, :]
     return tensor
 
 
 def of_particles(masses: ArrayLike, positions: ArrayLike) -> NDArray[np.float64]:
-    """I_ij = sum m (r^2 delta_ij - x_i x_j) (..., 3, 3), TdC (3.15).
+    """Return I_ij = sum m (r^2 delta_ij - x_i x_j) (..., 3, 3), TdC (3.15).
 
     masses (..., N) [kg];  positions (..., N, 3) [m]. SceneError if their shapes do not fit.
     """
@@ -90,12 +90,12 @@ def of_particles(masses: ArrayLike, positions: ArrayLike) -> NDArray[np.float64]
 def moments_of_density(
     density: float | Callable[..., ArrayLike], region: tuple[Any, ...], points: int
 ) -> NDArray[np.float64]:
-    """(13,): mass, three first and nine second moments, TdC (3.17).
+    """Return mass, three first and nine second moments (13,), TdC (3.17).
 
-    By a product Gauss-Legendre rule. density, region : see `rigidmc.scene.body.Body.from_density`;
-    points : of the rule in each direction
+    A product Gauss-Legendre rule integrates them. density, region : see
+    `rigidmc.scene.body.Body.from_density`;  points : of the rule in each direction
 
-    SceneError for a region of another form, and for a density that is negative or not finite.
+    SceneError for an invalid region, and for a density that is negative or not finite.
     """
     x, y, z, volume = _nodes(region, points)
     try:
@@ -104,7 +104,7 @@ def moments_of_density(
     except SceneError:
         raise
     except (TypeError, ValueError) as error:
-        rule = f"must be a number or take and give arrays of one shape: {error}"
+        rule = f"must be a number, or a function whose arrays have the shape of x: {error}"
         raise SceneError(rule, at="body.density") from None
     good = np.isfinite(values) & (values >= 0.0)
     if not good.all():
@@ -116,7 +116,7 @@ def moments_of_density(
 
 
 def _nodes(region: tuple[Any, ...], points: int) -> tuple[NDArray[np.float64], ...]:
-    """(x, y, z, volume) of a product rule over a region, arrays of one shape."""
+    """Return (x, y, z, volume) of a product rule over a region, arrays of one shape."""
     word = region[0] if isinstance(region[0], str) else None
     if len(region) != {"box": 4, "cylinder": 3, None: 3}.get(word):
         rule = (
@@ -125,21 +125,21 @@ def _nodes(region: tuple[Any, ...], points: int) -> tuple[NDArray[np.float64], .
         )
         raise SceneError(rule, at="body.region", value=word)
     node, weight = np.polynomial.legendre.leggauss(points)
-    # sin(pi t/2) smooths limits that meet like square roots: the error of a ball is 1e-14, not 3e-5
+    # sin(pi t/2) smooths limits that meet like square roots: error for a ball 1e-14, not 3e-5
     node, weight = np.sin(0.5 * np.pi * node), 0.5 * np.pi * np.cos(0.5 * np.pi * node) * weight
 
     def stretched(low: Any, high: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(nodes, weights) from limits (...) to limits (...), along a new last axis."""
+        """Return (nodes, weights) from limits (...) to limits (...), along a new last axis."""
         low, high = floats(low, "body.region"), floats(high, "body.region")
         low, high = np.broadcast_arrays(low[..., None], high[..., None])
         if not (low <= high).all():
-            rule = "a lower limit lies above its upper one, or is not finite"
+            rule = "a lower limit exceeds its upper limit, or is not finite"
             raise SceneError(rule, at="body.region")
         return 0.5 * (high + low) + 0.5 * (high - low) * node, 0.5 * (high - low) * weight
 
     if word == "cylinder":
         r, wr = stretched(0.0, region[1])
-        # on a circle the trapezoidal rule is Gauss's
+        # on a circle the Gauss rule is the trapezoidal rule
         angle = 2.0 * np.pi * np.arange(2 * points) / (2 * points)
         z, wz = stretched(*region[2])
         x, y = r[:, None, None] * np.cos(angle)[:, None], r[:, None, None] * np.sin(angle)[:, None]
@@ -155,7 +155,9 @@ def _nodes(region: tuple[Any, ...], points: int) -> tuple[NDArray[np.float64], .
 
 
 def about_point(tensor: ArrayLike, mass: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:
-    """Tensor about a point from the tensor about the centre of mass, TdC (3.26), (3.27).
+    """Return the tensor about a point from the tensor about the centre of mass.
+
+    TdC (3.26), (3.27):
 
         I + m (d^2 1 - d d^T)
 
@@ -166,7 +168,7 @@ def about_point(tensor: ArrayLike, mass: ArrayLike, offset: ArrayLike) -> NDArra
 
 
 def about_centre(tensor: ArrayLike, mass: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:
-    """Tensor about the centre of mass from the tensor about a point, TdC (3.28).
+    """Return the tensor about the centre of mass from the tensor about a point, TdC (3.28).
 
     The inverse of `about_point`.
     """
@@ -174,7 +176,7 @@ def about_centre(tensor: ArrayLike, mass: ArrayLike, offset: ArrayLike) -> NDArr
 
 
 def _of_point_mass(mass: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:
-    """m (d^2 1 - d d^T) (..., 3, 3)."""
+    """Return m (d^2 1 - d d^T) (..., 3, 3)."""
     tensor: NDArray[np.float64] = floats(mass, "mass")[..., None, None] * shift(
         floats(offset, "offset", 3)
     )
@@ -182,24 +184,24 @@ def _of_point_mass(mass: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:
 
 
 def angular_momentum(tensor: ArrayLike, omega: ArrayLike) -> NDArray[np.float64]:
-    """L = I omega (..., 3), TdC (3.25): along omega only on a principal axis."""
+    """Return L = I omega (..., 3), TdC (3.25), parallel to omega only on a principal axis."""
     tensor, omega = floats(tensor, "tensor", 3), floats(omega, "omega", 3)
     momentum: NDArray[np.float64] = np.einsum("...ij,...j->...i", tensor, omega)
     return momentum
 
 
 def kinetic_energy(tensor: ArrayLike, omega: ArrayLike) -> NDArray[np.float64]:
-    """T = 1/2 omega I omega (...), TdC (3.16)."""
+    """Return T = 1/2 omega I omega (...), TdC (3.16)."""
     product = floats(omega, "omega") * angular_momentum(tensor, omega)
     energy: NDArray[np.float64] = 0.5 * product.sum(-1)
     return energy
 
 
 def survives(axis: ArrayLike, offset: ArrayLike, relative: float = 1e-12) -> NDArray[np.bool_]:
-    """Whether principal axes about the centre of mass are principal about a point too.
+    """Return whether principal axes about the centre of mass are also principal about a point.
 
-    The shift adds m (d^2 1 - d d^T). An axis e is an eigenvector of it iff e is parallel or
-    perpendicular to d, TdC Example 3.4.
+    The shift adds m (d^2 1 - d d^T). An axis e is an eigenvector of this matrix iff e is parallel
+    or perpendicular to d, TdC Example 3.4.
 
     axis : e (..., 3);  offset : d of the point (..., 3);  relative : tolerance
     """
@@ -211,18 +213,20 @@ def survives(axis: ArrayLike, offset: ArrayLike, relative: float = 1e-12) -> NDA
 
 
 def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(moments (..., 3), axes B (..., 3, 3)) of inertia tensors (..., 3, 3), TdC (3.19)-(3.23).
+    """Return (moments (..., 3), axes B (..., 3, 3)) of inertia tensors I (..., 3, 3).
+
+    TdC (3.19)-(3.23):
 
         I = B diag(moments) B^T,   det B = +1
 
     The columns of B are the axes. Moments ascend, the largest components of the first two axes are
     positive, and the third axis completes a right-handed set. A tensor that is diagonal to 4e-15
-    keeps its axes and their order. If two or three moments are equal, the axes in their plane are
-    those that Jacobi's rotations reach from the tensor as given: the same bits for the same tensor
+    keeps its axes and their order. If two or three moments are equal, Jacobi's rotations, starting
+    from the tensor as given, choose the axes in their plane: the same tensor gives the same bits
     (tests/physics/dynamics/test_principal_axes.py).
 
     A tensor that is not symmetric, not positive or violates the triangle inequality gives nan, and
-    a SceneWarning counts them. If all are bad, a SceneError says what is wrong.
+    a SceneWarning counts these tensors. If all are bad, a SceneError states the reason.
     """
     tensor = floats(tensor, "tensor")
     if tensor.shape[-2:] != (3, 3):
@@ -233,19 +237,22 @@ def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.f
     flat = tensor.reshape(-1, 3, 3)
     size = np.abs(flat).max((1, 2))
     infinite = ~np.isfinite(size)
-    check_rows(infinite, "an inertia tensor has finite components")
+    check_rows(infinite, "an inertia tensor must have finite components")
     with np.errstate(invalid="ignore"):
-        # a tensor of zeros: 0 by anything is 0
+        # a zero tensor has skew 0
         skew = np.abs(flat - np.swapaxes(flat, 1, 2)).max((1, 2)) / np.where(size > 0.0, size, 1.0)
     bad = infinite | ~(skew <= 1e-9)
     worst = np.max(skew, where=~infinite, initial=0.0)
-    rule = f"an inertia tensor is symmetric; I_ij and I_ji differ by {worst:.2g} of its size"
+    rule = (
+        f"an inertia tensor must be symmetric; I_ij and I_ji differ by {worst:.2g} of its largest"
+        " element"
+    )
     check_rows(bad & ~infinite, rule)
     symmetric = 0.5 * (flat + np.swapaxes(flat, 1, 2))
     values = _principal(symmetric[:, _SIX[0], _SIX[1]])
     values[:, bad] = np.nan
     moments = values[:3]
-    # particles on a line that is no axis leave a moment of 6e-17 of the others, of either sign
+    # particles on a line along no coordinate axis leave a moment of +-6e-17 of the others
     impossible = (violates_triangle(moments) | (moments.min(0) <= 1e-14 * moments.max(0))) & ~bad
     check_rows(impossible, _why_none(moments[:, np.argmax(impossible)]) if impossible.any() else "")
     values[:, impossible] = np.nan
@@ -255,26 +262,26 @@ def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.f
 
 
 def _why_none(moments: NDArray[np.float64]) -> str:
-    """Why no body that can turn has these moments (3,)."""
+    """Return why no rotating body can have these moments (3,)."""
     example = ", ".join(f"{m:.4g}" for m in moments)
     low, middle, high = np.sort(moments)
     if high == low == 0.0:
-        return "all moments are 0: all mass lies at the fixed point, or there is none"
+        return "all moments are 0: all mass lies at the fixed point, or the body has no mass"
     if abs(low) <= 1e-9 * high and high - middle <= 1e-9 * high:
         return (
-            f"principal moments must be positive, and are ({example}): all mass lies on a line"
-            " through the fixed point, and the rotation about this line has no inertia; give the"
-            " body a thickness, as the radius of a rod"
+            f"principal moments must be positive, but are ({example}): all mass lies on a line"
+            " through the fixed point, and rotation about this line has no inertia; give the body"
+            " a thickness, such as the radius of a rod"
         )
     return (
-        f"principal moments must be positive and obey I_i <= I_j + I_k, and ({example}) are not: no"
-        " mass is spread like that"
+        f"principal moments must be positive and obey I_i <= I_j + I_k, but ({example}) do not: no"
+        " mass distribution has these moments"
     )
 
 
 def _principal(six: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The 12 values of `Principal` (12, n) for the elements (n, 6) of tensors."""
-    if len(six) == 1:  # without an import of the compiler
+    """Return the 12 values of `Principal` (12, n) for tensors with the elements (n, 6)."""
+    if len(six) == 1:  # does not import the compiler
         return np.array([Principal(*t).values() for t in six.tolist()]).T
     from rigidmc.engine.formulas import evaluate
 
@@ -283,11 +290,11 @@ def _principal(six: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def growth_rate(moments: ArrayLike) -> NDArray[np.float64]:
-    """lambda/omega (...): growth rate of a small disturbance of a spin about the middle axis.
+    """Return lambda/omega (...), the growth rate of a disturbed spin about the middle axis.
 
         lambda = omega sqrt((I2 - I1)(I3 - I2)/(I1 I3)),   I1 <= I2 <= I3
 
-    moments (..., 3) in any order. 0 if two are equal.
+    moments (..., 3) in any order. The rate is 0 if two moments are equal.
     """
     one, two, three = np.moveaxis(np.sort(floats(moments, "moments", 3), axis=-1), -1, 0)
     rate: NDArray[np.float64] = np.sqrt((two - one) / one * ((three - two) / three))
@@ -298,8 +305,7 @@ Array = NDArray[np.float64]
 
 
 def _names() -> tuple[tuple[tuple[int, ...], tuple[float, ...]], ...]:
-    """The 24 ways to name the axes of a body that keep them right-handed, as they are first:
-    (axis, sign) of each."""
+    """Return the 24 right-handed labellings of the axes of a body: (axes, signs) of each."""
     ways = []
     for places, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         frame = np.eye(3)[:, places] * signs
@@ -312,12 +318,12 @@ NAMES = _names()
 
 
 def match_axes(moments: ArrayLike, axes: ArrayLike, mean: ArrayLike) -> tuple[Array, Array]:
-    """(moments (3, n), turn (3, 3, n)) of bodies with the axes named after the nearest ones.
+    """Return (moments (3, n), turn (3, 3, n)) of bodies, axes labelled after the nearest axes.
 
-    moments (n, 3), axes (n, 3, 3) : of `rigidmc.mechanics.inertia.principal_axes`
-    mean (3, 3) : axes of the one body
+    moments (n, 3), axes (n, 3, 3) : from `rigidmc.mechanics.inertia.principal_axes`
+    mean (3, 3) : axes of the reference body
 
-    Of the 24 right-handed names those count for which the turn is the smallest: less than 63 deg
+    Of the 24 right-handed labellings, the one with the smallest turn is used: less than 63 deg
     (tests/scene/test_uncertain_inertia.py).
     """
     values, columns = np.asarray(moments, dtype=float).T, np.asarray(axes, dtype=float)
@@ -338,8 +344,7 @@ def match_axes(moments: ArrayLike, axes: ArrayLike, mean: ArrayLike) -> tuple[Ar
 
 
 def quaternions(turn: Array) -> tuple[Array, ...]:
-    """The unit quaternions (w, x, y, z) of the turns of `match_axes`, which are far from 180
-    deg."""
+    """Return the unit quaternions (w, x, y, z) of turns from `match_axes`, far from 180 deg."""
     w = 0.5 * np.sqrt(1.0 + turn[0, 0] + turn[1, 1] + turn[2, 2])
     by = 0.25 / w
     parts = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]
@@ -348,12 +353,12 @@ def quaternions(turn: Array) -> tuple[Array, ...]:
 
 
 def vectors_into(turn: Array, vectors: Any) -> Array:
-    """turn^T v (3, n) of vectors (3, n)."""
+    """Return turn^T v (3, n) of vectors v (3, n)."""
     return np.stack([sum(turn[k, i] * vectors[k] for k in range(3)) for i in range(3)])
 
 
 def tensors_into(turn: Array, six: Any) -> Array:
-    """turn^T C turn of tensors: xx, yy, zz, yz, zx, xy (6, n)."""
+    """Return turn^T C turn of tensors C, given and returned as xx, yy, zz, yz, zx, xy (6, n)."""
     xx, yy, zz, yz, zx, xy = six
     rows = (xx, xy, zx), (xy, yy, yz), (zx, yz, zz)
     half = [vectors_into(turn, row) for row in rows]  # (C turn)[row][i]

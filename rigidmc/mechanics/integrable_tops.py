@@ -1,7 +1,7 @@
-"""Heavy tops other than Lagrange's: their further constants of motion, and motions in closed form.
+"""Heavy tops other than Lagrange's: additional constants of motion, and motions in closed form.
 
-Everywhere c = m g r [N m] is the weight times the centre of mass in body axes, and u = A^T e_z the
-upward direction in body axes: the energy is E = 1/2 L.omega + c.u, the torque u x c. All arrays
+Throughout, c = m g r [N m] is the weight times the centre of mass in body axes, and u = A^T e_z the
+upward direction in body axes. The energy is E = 1/2 L.omega + c.u, the torque u x c. All arrays
 have components last and broadcast.
 """
 
@@ -17,11 +17,11 @@ from rigidmc.errors import SceneError
 def kovalevskaya(
     moments: ArrayLike, c: ArrayLike, momentum: ArrayLike, up: ArrayLike
 ) -> NDArray[np.float64]:
-    """Kovalevskaya's constant [1/s^4] of a top with I_1 = I_2 = 2 I_3 and c_3 = 0.
+    """Return Kovalevskaya's constant [1/s^4] of a top with I_1 = I_2 = 2 I_3 and c_3 = 0.
 
         |(omega_1 + i omega_2)^2 - (c_1 + i c_2)(u_1 + i u_2)/I_3|^2
 
-    Source: Acta Math. 12 (1889) 177; the sign belongs to V = +c.u.
+    Source: Acta Math. 12 (1889) 177; the sign holds for V = +c.u.
 
     moments, c, momentum, up : (..., 3). SceneError for other moments or centres of mass.
     """
@@ -40,7 +40,7 @@ def kovalevskaya(
 def goryachev_chaplygin(
     moments: ArrayLike, c: ArrayLike, momentum: ArrayLike, up: ArrayLike
 ) -> NDArray[np.float64]:
-    """Goryachev and Chaplygin's constant of a top with I_1 = I_2 = 4 I_3 and c_3 = 0.
+    """Return Goryachev and Chaplygin's constant of a top with I_1 = I_2 = 4 I_3 and c_3 = 0.
 
         L_3 (L_1^2 + L_2^2) - I_1 (c_1 L_1 + c_2 L_2) u_3
 
@@ -61,11 +61,10 @@ def goryachev_chaplygin(
 
 
 class SteadyPrecession(NamedTuple):
-    """Grioli's regular precession: the centre of mass that the top needs, and the motion.
+    """Grioli's regular precession: the required centre of mass, and the motion.
 
-    Components in principal axes. centre : unit vector (..., 3) from the fixed point to the centre
-        of mass;
-    rate : nu [rad/s];  omega [rad/s], up : (..., 3)
+    Components are in principal axes. centre : unit vector (..., 3) from the fixed point to the
+        centre of mass;  rate : nu [rad/s];  omega [rad/s], up : (..., 3)
     """
 
     centre: NDArray[np.float64]
@@ -75,7 +74,7 @@ class SteadyPrecession(NamedTuple):
 
 
 def grioli(moments: ArrayLike, weight: ArrayLike, t: ArrayLike) -> SteadyPrecession:
-    """Grioli's regular precession of an asymmetric heavy top, an exact solution.
+    """Return Grioli's regular precession of an asymmetric heavy top, an exact solution.
 
         omega = nu (cos p x1 + sin p x2 + e),   p = -nu t,
         u = (al cos p + be sin^2 p) x1 + (al sin p - be sin p cos p) x2 + be cos p e
@@ -94,7 +93,7 @@ def grioli(moments: ArrayLike, weight: ArrayLike, t: ArrayLike) -> SteadyPrecess
     t = floats(t, "t")
     low, middle, high = np.moveaxis(moments, -1, 0)
     if not (np.all(low < middle) and np.all(middle < high) and np.all(k > 0)):
-        rule = "Grioli's precession needs I1 < I2 < I3 and a weight"
+        rule = "Grioli's precession needs I1 < I2 < I3 and a positive weight"
         raise SceneError(rule, at="moments", value=moments.tolist())
     e1, e3 = np.sqrt((middle - low) / (high - low)), np.sqrt((high - middle) / (high - low))
     j, d = low + high - middle, e1 * e3 * (low - high)
@@ -115,14 +114,15 @@ def grioli(moments: ArrayLike, weight: ArrayLike, t: ArrayLike) -> SteadyPrecess
 def staude(
     moments: ArrayLike, c: ArrayLike, up: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(omega^2 [rad^2/s^2], defect) of the permanent rotation about a vertical body axis `up`.
+    """Return (omega^2 [rad^2/s^2], defect) of the permanent rotation about a vertical body axis.
 
-    A top rotates steadily about its vertical u iff I u, c and u lie in a plane:
+    A top rotates steadily about its vertical u = `up` iff I u, c and u lie in a plane:
 
         omega^2 (u x I u) = u x c                    (Staude, J. reine angew. Math. 113 (1894) 318)
 
-    The defect |u . (I u x c)|/(|I u| |c|) is 0 on Staude's cone. If omega^2 < 0 there is no
-    rotation. nan if I u is parallel to u; if c is parallel to it too, any rate will do.
+    The defect |u . (I u x c)|/(|I u| |c|) is 0 on Staude's cone. If omega^2 < 0, no such rotation
+    exists. omega^2 is nan if I u is parallel to u; if c is also parallel to u, any rate is
+    possible.
 
     moments, c, up : (..., 3), up of length 1.
     """
@@ -140,13 +140,13 @@ def staude(
 def _check_ratio(
     moments: NDArray[np.float64], ratio: tuple[float, float, float], rule: str
 ) -> None:
-    """SceneError for moments not in the ratio (a, b, 1)."""
+    """Raise SceneError for moments not in the ratio (a, b, 1)."""
     wanted = moments[..., 2:] * np.array(ratio)
     if not np.all(np.abs(moments - wanted) <= 1e-12 * wanted):
         raise SceneError(rule, at="moments", value=np.asarray(moments).tolist())
 
 
 def _check_zero(part: NDArray[np.float64], whole: NDArray[np.float64], key: str, rule: str) -> None:
-    """SceneError for a part that is not 0 to 1e-9 of the vector `whole`."""
+    """Raise SceneError for a part that exceeds 1e-9 of the vector `whole`."""
     if not np.all(np.abs(part) <= 1e-9 * np.linalg.norm(whole, axis=-1)):
         raise SceneError(rule, at=key, value=np.asarray(whole).tolist())

@@ -1,8 +1,8 @@
 """Start and turning points of the heavy symmetric top: the roots of its cubic in u = cos theta.
 
-Notation as in `rigidmc.mechanics.lagrange_orbit`. Distances of the roots u1, u2, u3 from each other
-and from +-1 come from products, which do not cancel: (a - b)^2 = beta v1 v2 |v3|, (a + b)^2 = beta
-y1 y2 y3, u'^2(0) = -beta s1 s2 s3 with s_i = u_i - u(0).
+The notation is that of `rigidmc.mechanics.lagrange_orbit`. Distances of the roots u1, u2, u3 from
+each other and from +-1 come from products, which do not cancel: (a - b)^2 = beta v1 v2 |v3|,
+(a + b)^2 = beta y1 y2 y3, u'^2(0) = -beta s1 s2 s3 with s_i = u_i - u(0).
 """
 
 import math
@@ -15,20 +15,20 @@ from rigidmc.physics.dynamics.functions import arctan2, sincos
 from rigidmc.physics.dynamics.quaternions import vertical
 from rigidmc.physics.dynamics.vectors import logical_not, select
 
-# stands for v2 = 0 or y1 = 0, an exact passage through the vertical, where a phase jumps by pi/2
+# replaces v2 = 0 or y1 = 0, an exact passage through the vertical, where a phase jumps by pi/2
 TINY = 1e-280
-# a smaller tilt or swing counts as none: its square is below SMALLEST of `rigidmc.mechanics.jacobi`
+# a smaller tilt or swing counts as 0: its square is below SMALLEST of `rigidmc.mechanics.jacobi`
 VERTICAL = 1e-60
-# rates [rad/s] outside this range are scaled to 1: their sixth powers leave the range of doubles
+# rates [rad/s] outside this range are scaled to 1: their sixth powers would over- or underflow
 SLOW, FAST = 1e-15, 1e15
 
 
 def differences(beta, f0, f1, f2):
-    """(s1, s2, beta s3): the roots s1 <= 0 <= s2 <= s3 of f0 + f1 s + f2 s^2 + beta s^3, f0 >= 0.
+    """Return (s1, s2, beta s3) from the roots s1 <= 0 <= s2 <= s3 of f0 + f1 s + f2 s^2 + beta s^3.
 
-    The isolated root comes from trigonometry and one Newton step, for S = beta s, so that beta = 0
-    is no special case. The other two come from their sum and product: a double root at 0 stays
-    exact.
+    f0 >= 0. The trigonometric formula and one Newton step give the isolated root, as S = beta s, so
+    that beta = 0 needs no special case. The other two follow from their sum and product: a double
+    root at 0 stays exact.
     """
     third_f2 = f2 * (1 / 3)
     p3 = max(third_f2 * third_f2 - (1 / 3) * beta * f1, 0.0)  # -P/3 of X^3 + P X + Q, X = S + f2/3
@@ -47,8 +47,8 @@ def differences(beta, f0, f1, f2):
     small = logical_not(last) & (2.0 * abs(big) < abs(f2 + big))
     total = select(small, -f2 - big, total)
     product = select(small, beta * f1 - big * total, product)
-    # to all digits from u'^2(0), where the Newton step leaves an error of 1e-16 of the other roots:
-    # 0 for a start at u1
+    # u'^2(0) gives all digits, where the Newton step leaves an error of 1e-16 of the other roots: 0
+    # for a start at u1
     big = select(small, -divide(beta * beta * f0, product), big)
     root = math.sqrt(max(total * total - 4.0 * product, 0.0))
     far = 0.5 * (total + select(total < 0.0, -root, root))
@@ -60,7 +60,7 @@ def differences(beta, f0, f1, f2):
 
 
 class CubicStart(NamedTuple):
-    """The start of a motion, with rates in the unit `unit` [rad/s].
+    """Start of a motion, with rates in the unit `unit` [rad/s].
 
     one, two : omega_1, omega_2;  b, beta : see above;  v, y : 1 - u and 1 + u
     across : a - b u;  speed : u';  e_minus, e_plus : a - b, a + b
@@ -80,7 +80,7 @@ class CubicStart(NamedTuple):
 
 
 def plumb(q):
-    """q/|q|, exactly upright or hanging if it is within VERTICAL of that."""
+    """Return q/|q|, made exactly upright or hanging if within VERTICAL of it."""
     r = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     q = (r * q[0], r * q[1], r * q[2], r * q[3])
     upright, hanging = max(abs(q[1]), abs(q[2])) < VERTICAL, max(abs(q[0]), abs(q[3])) < VERTICAL
@@ -93,7 +93,7 @@ def plumb(q):
 
 
 def cubic_start(a, k, l, q):
-    """The CubicStart of A, k, body momentum and unit quaternion."""
+    """Return the CubicStart of A, k, body momentum and unit quaternion."""
     y, v = 2.0 * (q[0] * q[0] + q[3] * q[3]), 2.0 * (q[1] * q[1] + q[2] * q[2])
     g = vertical(q)
     one, two, b, beta = l[0] / a, l[1] / a, l[2] / a, 2.0 * k / a
@@ -107,7 +107,7 @@ def cubic_start(a, k, l, q):
 
 
 class TurningPoints(NamedTuple):
-    """The turning points u1 <= u2 and what the third root u3 is used for.
+    """Turning points u1 <= u2 and quantities that depend on the third root u3.
 
     v1, v2, y1, y2 : 1 - u and 1 + u there;  s1, s2 : u1 - u(0), u2 - u(0);  width : u2 - u1
     v3, y3, span : beta |1 - u3|, beta (1 + u3), beta (u3 - u1);  e_minus, e_plus : a - b, a + b
@@ -128,7 +128,7 @@ class TurningPoints(NamedTuple):
 
 
 def turning_points(o):
-    """The TurningPoints of a CubicStart."""
+    """Return the TurningPoints of a CubicStart."""
     u0, w = 0.5 * (o.y - o.v), o.one * o.one + o.two * o.two
     s1, s2, r3 = differences(
         o.beta,
@@ -142,7 +142,7 @@ def turning_points(o):
     larger = 0.5 * (abs(gap) + math.sqrt(gap * gap + 4.0 * o.beta * product))
     v2 = select(gap > 0.0, divide(larger, o.beta), divide(product, larger))
     v3 = select(gap > 0.0, divide(product, v2), larger)
-    # if u2 and u3 are close, s2 has half the digits of v2
+    # if u2 and u3 are close, s2 has only half the digits of v2
     s2 = select(2.0 * v2 < o.v, o.v - v2, s2)
     width, y2, y3 = s2 - s1, o.y + s2, 2.0 * o.beta + v3
     through = (v2 == 0.0) & (v3 > 0.0)

@@ -1,4 +1,4 @@
-"""The motion of the heavy symmetric top as formulas: the constants of an orbit, then its motion.
+"""Motion of the heavy symmetric top as formulas: the constants of an orbit, then its motion.
 
 With u = cos theta, v = 1 - u and y = 1 + u, a = L_z/A and b = L_3/A, w = omega_1^2 + omega_2^2,
 beta = 2 k/A, k = m g l,
@@ -6,10 +6,10 @@ beta = 2 k/A, k = m g l,
     u'^2 = beta (u - u1)(u - u2)(u - u3),   u1 <= u2 <= 1 <= u3, u = u1 + (u2 - u1) sn^2(p t + d),
     p^2 = beta (u3 - u1)/4                     (TdC (3.40)-(3.42))
 
-The attitude is carried as its Cayley-Klein parameters w + i z = sqrt(y/2) e^(i sigma/2) and x + i y
-= sqrt(v/2) e^(i delta/2), sigma = phi + psi, delta = phi - psi. Each phase is one integral of the
-third kind whose coefficient is exactly +-1, so a passage through the upright or the hanging
-position is a jump of one phase by half a revolution, and nothing diverges.
+The attitude is represented by its Cayley-Klein parameters w + i z = sqrt(y/2) e^(i sigma/2) and
+x + i y = sqrt(v/2) e^(i delta/2), sigma = phi + psi, delta = phi - psi. Each phase is one integral
+of the third kind with the exact coefficient +-1: in a passage through the upright or hanging
+position one phase jumps by half a revolution, and nothing diverges.
 """
 
 import math
@@ -35,16 +35,15 @@ from rigidmc.physics.dynamics.vectors import logical_not, select
 
 
 class LagrangeOrbit(NamedTuple):
-    """The constants of a motion, computed once for all times.
+    """Constants of a motion, computed once for all times.
 
     inertia : A [kg m^2];  spin : L_3 [kg m^2/s];  rate : p [rad/s]
     m, mc, quarter, offset : modulus, 1 - m, K(m), p t + d at t = 0
     v1, v2, y1, y2 : 1 - u and 1 + u at the lower and upper turning point;  width : u2 - u1
     b, e_minus, e_plus : b, a - b, a + b [rad/s]
-    sigma, delta : sigma/2 and delta/2 at t = 0, less the values of the formulas there
+    sigma, delta : sigma/2 and delta/2 at t = 0, minus the values of the formulas there
     drift : (L_3/C - b)/2 [rad/s], constant rate of sigma/2 and -delta/2; if u stays 1, plus the
-        rest
-        of the rate of sigma/2
+        rest of the rate of sigma/2
     direct : 1 if sigma is h u - Theta, else 0;  s_plus, s_minus : signs of a + b and a - b
     h_s, h_c : h of sigma as a ratio;  h_minus : h of delta
     plus_nu, plus_mu, minus_nu, minus_mu : the Thirds (1 + nu, mu) of sigma and delta
@@ -84,7 +83,7 @@ class LagrangeOrbit(NamedTuple):
 
 
 class LagrangeOrbitFormula(NamedTuple):
-    """The LagrangeOrbit of A, C, k = m g l >= 0, body momentum and attitude at t = 0."""
+    """Formula for the LagrangeOrbit of A, C, k = m g l >= 0, momentum and attitude at t = 0."""
 
     a: float
     c: float
@@ -108,11 +107,10 @@ class LagrangeOrbitFormula(NamedTuple):
 
 
 class Amplitude(NamedTuple):
-    """Modulus m and mc = 1 - m, and sn, cn, dn at t = 0 but for the sign of sn.
+    """Modulus m and mc = 1 - m, and |sn|, cn, dn at t = 0.
 
-    still : whether p is 0 or never felt, so that u stays as it is;  v1, v2, y1, y2 : as in Limits,
-        those of the
-    start if u stays as it is
+    still : whether u is constant, because p is 0 or has no effect
+    v1, v2, y1, y2 : as in TurningPoints; if u is constant, the values at the start
     """
 
     m: float
@@ -128,7 +126,7 @@ class Amplitude(NamedTuple):
 
 
 def amplitude(o, p):
-    """The Amplitude of a Start and its Limits."""
+    """Return the Amplitude of a CubicStart and its TurningPoints."""
     m = divide(o.beta * p.width, p.span)
     mc = select(p.span > 0.0, divide(o.beta * p.v2 + p.v3, p.span), 1.0)
     still = (p.span == 0.0) | ((mc == 0.0) & (p.s2 == 0.0))
@@ -151,7 +149,7 @@ def amplitude(o, p):
 
 
 class PhaseRates(NamedTuple):
-    """The two phases as functions of the argument x = p t + d of sn.
+    """Coefficients of the two phases as functions of the argument x = p t + d of sn.
 
     direct, h_s, h_c, h_minus : see LagrangeOrbit;  plus, minus : the Thirds of sigma and delta
     """
@@ -165,7 +163,7 @@ class PhaseRates(NamedTuple):
 
 
 def phase_rates(o, p, e):
-    """The PhaseRates of a Start, its Limits and its Amplitude."""
+    """Return the PhaseRates of a CubicStart, its TurningPoints and its Amplitude."""
     # nu of sigma is width/y1, or its partner beta y1/span if that is smaller
     direct = p.width * p.width * p.span <= o.beta * p.width * e.y1 * e.y1
     plus = third(
@@ -186,7 +184,7 @@ def phase_rates(o, p, e):
 
 
 def start_phases(o, q, s_plus, s_minus):
-    """(sigma/2, delta/2) at t = 0: the phases of w + i z and of x + i y.
+    """Return (sigma/2, delta/2) at t = 0: the phases of w + i z and x + i y.
 
     A parameter that is 0 at t = 0 has the phase of its derivative, half a jump later.
     """
@@ -206,7 +204,7 @@ def start_phases(o, q, s_plus, s_minus):
 
 
 def make_lagrange_orbit(a, c, k, l, q):
-    """The LagrangeOrbit of A, C, k = m g l, body momentum and attitude at t = 0."""
+    """Return the LagrangeOrbit of A, C, k = m g l, body momentum and attitude at t = 0."""
     q = plumb(q)
     o = cubic_start(a, k, l, q)
     p = turning_points(o)
@@ -258,7 +256,7 @@ def make_lagrange_orbit(a, c, k, l, q):
 
 
 def lagrange_state(o, t):
-    """(attitude, momentum) at time t."""
+    """Return (attitude, momentum) at time t."""
     x = o.offset + o.rate * t
     plus, minus = Third(o.plus_nu, o.plus_mu), Third(o.minus_nu, o.minus_mu)
     n, z = reduce_argument(x, o.mc, o.quarter)
@@ -288,7 +286,7 @@ _FIELDS = [*LagrangeOrbit.__annotations__.items(), ("t", float)]
 
 
 class LagrangeStateFormula(NamedTuple("LagrangeStateFormula", _FIELDS)):  # type: ignore[misc]
-    """Attitude and momentum of an LagrangeOrbit at time t."""
+    """Formula for attitude and momentum of a LagrangeOrbit at time t."""
 
     def values(self):
         q, l = lagrange_state(self, self.t)

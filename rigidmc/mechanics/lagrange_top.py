@@ -20,15 +20,14 @@ from rigidmc.physics.dynamics.quaternions import conjugate, multiply
 _Floats = NDArray[np.float64]
 _Numbers = float | _Floats
 
-# widths and rates below this, relative to what they are compared with, count as 0 in naming a kind
-# of motion
+# smaller relative widths and rates count as 0 in the classification of a motion
 SAME = 1e-12
-# {axis: rotation to body axes in which it is the third}
+# {symmetry axis: rotation to body axes with this axis third}
 _TURNS = {1: (0.5, 0.5, 0.5, 0.5), 2: (0.5, -0.5, -0.5, -0.5), 3: (1.0, 0.0, 0.0, 0.0)}
 
 
 class NutationRange(NamedTuple):
-    """What kind of motion a Lagrange top makes; `analyse_lagrange_top` says what its fields are."""
+    """Classification of a Lagrange top's motion; `analyse_lagrange_top` describes the fields."""
 
     kind: NDArray[np.str_]
     p_phi: NDArray[np.float64]
@@ -47,7 +46,7 @@ class NutationRange(NamedTuple):
 def with_axis_third(
     axis: int, moments: _Floats, momentum: _Floats, attitude: _Floats
 ) -> tuple[_Floats, _Floats, _Floats]:
-    """The same in body axes relabelled cyclically so that `axis` becomes the third.
+    """Relabel the body axes cyclically so that `axis` becomes the third.
 
     moments, momentum (3, ...), attitude (4, ...)
     """
@@ -58,11 +57,10 @@ def with_axis_third(
 def _orbits(
     moments: ArrayLike, weight: ArrayLike, momentum: ArrayLike, attitude: Attitude, axis: int
 ) -> tuple[_Floats, _Floats, Shape, NDArray[np.bool_], NDArray[np.bool_]]:
-    """(table, columns, leading shape, bad, below).
+    """Return (table, columns, leading shape, bad, below).
 
-    table : LagrangeOrbits, one row per top;  columns : A, C, k, L, attitude (10, n);  below : which
-        tops are turned
-    upside down, because their weight is negative
+    table : LagrangeOrbits, one row per top;  columns : A, C, k, L, attitude (10, n);  bad : mask of
+        impossible tops;  below : mask of tops turned upside down because their weight is negative
     """
     if axis not in _TURNS:
         raise ValueError(f"axis = {axis!r}: the symmetry axis is 1, 2 or 3")
@@ -80,12 +78,12 @@ def _orbits(
         others = " and ".join(f"I{n}" for n in (1, 2, 3) if n != axis)
         rule = (
             f"a Lagrange top is symmetric about its axis {axis}: {others} must be equal, but are "
-            f"{i[0, at]:.6g} and {i[1, at]:.6g}; simulate() takes any moments"
+            f"{i[0, at]:.6g} and {i[1, at]:.6g}; simulate() accepts any moments"
         )
         check_rows(unequal, rule)
     finite = np.isfinite(k) & np.isfinite(l).all(0) & (np.linalg.norm(q, axis=0) > 0)
     bad = unequal | ~((i > 0) & (i < np.inf)).all(0) | ~finite
-    rule = "moments must be positive, the rest finite, and a quaternion have a norm"
+    rule = "moments must be positive, all other values finite, and quaternions nonzero"
     check_rows(bad & ~unequal & ~np.isnan(q).any(0), rule)
     below = k < 0.0  # the same motion upside down: rotated by pi about the space axis x
     q = np.where(below, np.stack(multiply((0.0, 1.0, 0.0, 0.0), q)), q)
@@ -108,22 +106,21 @@ def solve_lagrange_top(
     t: ArrayLike,
     axis: int = 3,
 ) -> Motion:
-    """The exact motion of heavy symmetric tops at any time, TdC Example 3.7.
+    """Return the exact motion of heavy symmetric tops at any time, TdC Example 3.7.
 
     Leading shapes broadcast as in `solve_free_top`.
 
     Parameters
     ----------
     moments : array_like (..., 3) [kg m^2]
-        principal moments about the fixed point; those of the two axes across the symmetry axis are
-        equal
+        principal moments about the fixed point; the two transverse moments are equal
     weight : array_like (...) [N m]
         k = m g l, l the distance of the centre of mass from the fixed point along +axis; negative
         if it lies on the other side
     momentum : array_like (..., 3) [kg m^2/s]
         angular momentum in principal axes at t = 0
     attitude : array_like (..., 4), (..., 3, 3) or scipy Rotation
-        quaternions or matrices, body to space, at t = 0; also upright and hanging
+        quaternions or matrices, body to space, at t = 0; may be upright or hanging
     t : array_like (...) [s]
         times
     axis : int, optional
@@ -132,17 +129,17 @@ def solve_lagrange_top(
     Returns
     -------
     Motion
-        as of `solve_free_top`
+        as for `solve_free_top`
 
     Raises
     ------
     SceneError
-        if all tops are impossible, e.g. by unequal moments, or shapes do not broadcast
+        if all tops are impossible, e.g. because of unequal moments, or shapes do not broadcast
 
     Warns
     -----
     SceneWarning
-        with the number of impossible tops, which are nan in the result
+        with the count of impossible tops, whose results are nan
 
     Examples
     --------
@@ -168,18 +165,18 @@ def solve_lagrange_top(
 def analyse_lagrange_top(
     moments: ArrayLike, weight: ArrayLike, momentum: ArrayLike, attitude: Attitude, axis: int = 3
 ) -> NutationRange:
-    """Constants, turning angles and kind of motion of heavy symmetric tops, TdC (3.40)-(3.42).
+    """Compute constants, turning angles and kind of motion of heavy symmetric tops.
 
-    Loops, cusps and waves are told apart by the sign, at the turning angles, of::
+    TdC (3.40)-(3.42). Loops, cusps and waves differ in the sign, at the turning angles, of::
 
         phi' = (a - b u)/(1 - u^2)
 
     Parameters
     ----------
     moments : array_like (..., 3) [kg m^2]
-        principal moments, as of `solve_lagrange_top`
+        principal moments, as for `solve_lagrange_top`
     weight : array_like (...) [N m]
-        k = m g l, as of `solve_lagrange_top`
+        k = m g l, as for `solve_lagrange_top`
     momentum : array_like (..., 3) [kg m^2/s]
         angular momentum in principal axes
     attitude : array_like (..., 4), (..., 3, 3) or scipy Rotation
@@ -189,34 +186,34 @@ def analyse_lagrange_top(
 
     Returns
     -------
-    Nutation
+    NutationRange
         a NamedTuple of arrays (...):
 
         - kind: "at rest", "sleeping" (upright, and stable: (I_3 omega_3)^2 >= 4 I_1 k), "unstable"
-          (upright, below that), "hanging" (it spins about the vertical), "steady precession",
+          (upright, below that), "hanging" (spins about the vertical), "steady precession",
           "homoclinic", "pendulum", "cusps", "loops", "monotone precession" (waves), or "invalid"
           for bad input
         - p_phi, p_psi: the constants L_z and L_3 [kg m^2/s] of TdC (3.40), (3.41)
         - energy: E [J], with the potential k cos theta
-        - low, high: theta [rad] at the lowest and at the highest point of the axis: low is the
-          largest theta, high the smallest
-        - m, mc: modulus (parameter) and 1 - m; rate: p [rad/s], the argument of sn is p t + d
+        - low, high: theta [rad] at the lowest and highest point of the axis: low is the largest
+          theta, high the smallest
+        - m, mc: parameter m = k^2 and 1 - m; rate: p [rad/s], where the argument of sn is p t + d
         - period: of the nutation, 2 K(m)/p [s]; inf if the axis does not return
         - precession, spin: change of phi and of psi in a period [rad]
 
     Raises
     ------
     SceneError
-        as of `solve_lagrange_top`
+        as for `solve_lagrange_top`
 
     Warns
     -----
     SceneWarning
-        as of `solve_lagrange_top`
+        as for `solve_lagrange_top`
 
     Examples
     --------
-    A top that is released with its axis at rest:
+    A top released with its axis at rest:
 
     >>> top = rm.analyse_lagrange_top((1.0, 1.0, 0.5), 1.0, (0.0, 0.0, 5.0), (0.96, 0.28, 0.0, 0.0))
     >>> print(top.kind, top.period.round(6))
@@ -254,7 +251,7 @@ def analyse_lagrange_top(
 
 
 def _kinds(o: Any, columns: _Floats, bad: NDArray[np.bool_], fixed: NDArray[np.bool_]) -> Any:
-    """The kind of motion of each of the LagrangeOrbits o, as `analyse_lagrange_top` names them.
+    """Return the kind of motion, as named by `analyse_lagrange_top`, of each LagrangeOrbit in o.
 
     columns : A, C, k and L first;  fixed : whether the axis keeps its angle from the vertical
     """
@@ -267,7 +264,7 @@ def _kinds(o: Any, columns: _Floats, bad: NDArray[np.bool_], fixed: NDArray[np.b
         "at rest": fixed & (l1**2 + l2**2 + l3**2 == 0.0),
         "unstable": upright & (l3**2 < 4.0 * a * k * (1.0 - SAME)),
         "hanging": hanging,
-        "sleeping": upright | (fixed & (o.y2 <= SAME)),  # without a weight either end is up
+        "sleeping": upright | (fixed & (o.y2 <= SAME)),  # without weight, hanging is upright too
         "steady precession": fixed,
         "homoclinic": ~fixed & (o.mc < SAME),
         "pendulum": np.maximum(np.abs(o.e_plus), np.abs(o.b)) <= SAME * o.rate,
@@ -278,7 +275,7 @@ def _kinds(o: Any, columns: _Floats, bad: NDArray[np.bool_], fixed: NDArray[np.b
 
 
 def _turns_of_a_period(o: Any, period: _Floats) -> tuple[_Floats, _Floats]:
-    """(precession, spin): by how much phi and psi change in a period [rad], nan in none."""
+    """Return (precession, spin), the changes of phi and psi in a period [rad]; nan without one."""
     plus = np.where(
         o.direct == 1.0,
         2.0 * (o.quarter * o.h_s / o.h_c - o.plus_all),
@@ -293,7 +290,7 @@ def _turns_of_a_period(o: Any, period: _Floats) -> tuple[_Floats, _Floats]:
 def effective_potential(
     moments: ArrayLike, weight: _Numbers, p_phi: _Numbers, p_psi: _Numbers, theta: _Numbers
 ) -> _Floats:
-    """The potential [J] in which theta moves, TdC (3.42): E = I_1 theta'^2/2 + U(theta).
+    """Return the potential [J] in which theta moves, TdC (3.42): E = I_1 theta'^2/2 + U(theta).
 
         U = (p_phi - p_psi cos theta)^2/(2 I_1 sin^2 theta) + p_psi^2/(2 I_3) + k cos theta
 
@@ -318,20 +315,20 @@ def effective_potential(
 def steady_precession(
     moments: ArrayLike, weight: _Numbers, omega3: _Numbers, theta: _Numbers
 ) -> tuple[_Floats, _Floats]:
-    """The two rates phi' [rad/s] (slow, fast) of a precession without nutation.
+    """Return the two rates phi' [rad/s] (slow, fast) of a precession without nutation.
 
         I_1 phi'^2 cos theta - I_3 omega_3 phi' + k = 0
 
     moments (..., 3) with I_1 = I_2 [kg m^2];  weight k [N m];  omega3 [rad/s];  theta [rad]. All
     broadcast.
 
-    nan if (I_3 omega_3)^2 < 4 I_1 k cos theta: there is no such precession. If cos theta is 0 to
-    4 units of rounding there is one, and the fast rate is inf.
+    Both are nan if (I_3 omega_3)^2 < 4 I_1 k cos theta: no such precession exists. If cos theta is
+    0 to 4 units of rounding, only one exists, and the fast rate is inf.
     """
     moments = floats(moments, "moments", 3)
     omega3, theta = floats(omega3, "omega3"), floats(theta, "theta")
     weight, cosine = floats(weight, "weight"), np.cos(theta)
-    # the cosine of pi/2 is 6e-17, and that of an angle from a quaternion has errors of 2e-16
+    # the cosine of pi/2 is 6e-17, and the cosine of an angle from a quaternion has errors of 2e-16
     cosine = np.where(np.abs(cosine) <= 4.0 * np.finfo(float).eps, 0.0, cosine)
     spin, rise = moments[..., 2] * omega3, moments[..., 0] * cosine
     with np.errstate(all="ignore"):
@@ -342,7 +339,7 @@ def steady_precession(
 
 
 def sleeping_growth(moments: ArrayLike, weight: _Numbers, omega3: _Numbers) -> _Floats:
-    """Growth rate [1/s] of a small tilt of an upright top, 0 if it sleeps stably.
+    """Return the growth rate [1/s] of a small tilt of an upright top; 0 if it sleeps stably.
 
         sqrt(4 I_1 k - (I_3 omega_3)^2)/(2 I_1)
 

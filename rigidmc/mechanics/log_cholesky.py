@@ -1,16 +1,17 @@
-"""The inertia of a body as ten numbers, any of which are those of a body.
+"""The inertia of a body as ten unrestricted numbers: any ten numbers describe a possible body.
 
 With the tensor I about the fixed point, mass m and centre of mass c:
 
     S = 1/2 tr(I) 1 - I = m (N N^T + c c^T),   N upper triangular
     numbers = ln N11, ln N22, ln N33, N23, N13, N12, c1, c2, c3, ln m
 
-S is the second moment of mass; a body with I, m and c exists if and only if N N^T, that about the
-centre of mass, is positive. Source: Rucker & Wensing, IEEE Robotics and Automation Letters 7 (2022)
-2771, log-Cholesky parameters of the pseudo-inertia; Wensing, Kim & Slotine, the same 3 (2018) 60.
+S is the second moment of mass, N N^T the second moment per mass about the centre of mass; a body
+with I, m and c exists iff N N^T is positive. Source: Rucker & Wensing, IEEE Robotics and Automation
+Letters 7 (2022) 2771, log-Cholesky parameters of the pseudo-inertia; Wensing, Kim & Slotine, same
+journal 3 (2018) 60.
 
-The parameters of a body are xx, yy, zz, yz, zx, xy of I, then c and m. Plain arithmetic: no bit
-depends on a library of linear algebra.
+The parameters of a body are xx, yy, zz, yz, zx, xy of I, then c and m. The code uses plain
+arithmetic, so that no bit depends on a linear-algebra library.
 """
 
 import math
@@ -26,14 +27,14 @@ _SECOND = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))  # xx, yy, zz, yz, zx
 
 
 def numbers_of(parameters: Sequence[float]) -> list[float]:
-    """The ten numbers of a body with these parameters; ValueError if there is none."""
+    """Return the ten numbers of a body with these parameters; ValueError if it cannot exist."""
     n11, n22, n33, *others = _triangle(parameters)
     logarithms = [float(logarithm_of(x)) for x in (n11, n22, n33, parameters[9])]
     return [*logarithms[:3], *others, *parameters[6:9], logarithms[3]]
 
 
 def rates_of(parameters: Sequence[float], change: Sequence[float]) -> list[float]:
-    """The rates of `numbers_of` as the parameters change at these rates."""
+    """Return the rates of `numbers_of` when the parameters change at the rates `change`."""
     n11, n22, n33, n23, n13, n12 = _triangle(parameters)
     mass, c, second = parameters[9], parameters[6:9], _second(parameters)
     gain, move, moved = change[9] / mass, change[6:9], _second(change)
@@ -50,7 +51,7 @@ def rates_of(parameters: Sequence[float], change: Sequence[float]) -> list[float
 
 
 def _triangle(parameters: Sequence[float]) -> tuple[float, ...]:
-    """(N11, N22, N33, N23, N13, N12) of a body; ValueError if there is none."""
+    """Return (N11, N22, N33, N23, N13, N12) of a body; ValueError if it cannot exist."""
     mass, c = parameters[9], parameters[6:9]
     xx, yy, zz, yz, zx, xy = (
         s / mass - c[i] * c[j] for s, (i, j) in zip(_second(parameters), _SECOND, strict=True)
@@ -60,21 +61,21 @@ def _triangle(parameters: Sequence[float]) -> tuple[float, ...]:
     n22 = math.sqrt(yy - n23 * n23)
     n12 = (xy - n13 * n23) / n22
     n11 = math.sqrt(xx - n12 * n12 - n13 * n13)
-    # below this N is what rounding leaves of a plate
+    # rounding leaves smaller values of N for a plate
     if not min(n11, n22, n33) > 1e-7 * math.sqrt(xx + yy + zz):
-        raise ValueError("a body has an extent along each axis")
+        raise ValueError("a body must have a nonzero extent along each axis")
     return n11, n22, n33, n23, n13, n12
 
 
 def _second(parameters: Sequence[float]) -> tuple[float, ...]:
-    """The second moments of mass of a tensor."""
+    """Return the second moments of mass of a tensor."""
     xx, yy, zz, yz, zx, xy = parameters[:6]
     half = 0.5 * (xx + yy + zz)
     return half - xx, half - yy, half - zz, -yz, -zx, -xy
 
 
 def parameters_of(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The parameters (10, n) of bodies with these numbers (10, n)."""
+    """Return the parameters (10, n) of bodies with these numbers (10, n)."""
     d1, d2, d3, n23, n13, n12, x, y, z, logarithm = numbers
     n11, n22, n33, mass = (exponential_of(v) for v in (d1, d2, d3, logarithm))
     xx = mass * (n11 * n11 + n12 * n12 + n13 * n13 + x * x)
@@ -86,12 +87,12 @@ def parameters_of(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def cholesky_factor(covariance: Sequence[Sequence[float]]) -> list[list[float]]:
-    """A lower triangular C with C C^T = covariance, which may be singular (Cholesky)."""
+    """Return a lower triangular C with C C^T = covariance, which may be singular (Cholesky)."""
     size = len(covariance)
     c = [[0.0] * size for _ in range(size)]
     for j in range(size):
         left = covariance[j][j] - sum(x * x for x in c[j][:j])
-        if left > 1e-12 * covariance[j][j]:  # else the number follows from those before
+        if left > 1e-12 * covariance[j][j]:  # else the previous components determine this one
             c[j][j] = math.sqrt(left)
             for i in range(j + 1, size):
                 apart = sum(x * y for x, y in zip(c[i][:j], c[j][:j], strict=True))

@@ -1,6 +1,6 @@
 """Bodies of uniform density from closed triangle meshes (STL, OBJ, PLY, ...).
 
-The files are read by trimesh (extra `mesh`).
+trimesh reads the files (extra `mesh`).
 """
 
 import os
@@ -18,7 +18,7 @@ _MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio, odd
 
 @runtime_checkable
 class Mesh(Protocol):
-    """The part of a trimesh.Trimesh that is used.
+    """The attributes of a trimesh.Trimesh that this module uses.
 
     vertices (n, 3);  faces (m, 3) : indices into the vertices
     """
@@ -28,11 +28,11 @@ class Mesh(Protocol):
 
 
 def load(path: "str | os.PathLike[str] | Mesh", scale: float = 1.0) -> NDArray[np.float64]:
-    """The triangles (n, 3, 3) [m] of a mesh file or a trimesh.Trimesh.
+    """Return the triangles (n, 3, 3) [m] of a mesh file or a trimesh.Trimesh.
 
     scale : metres per unit of the file, e.g. 0.001 for millimetres, the unit of most STL files
 
-    SceneError for a mesh that is not closed, and says what is wrong; FileNotFoundError.
+    Raises SceneError, with the reason, for a mesh that is not closed, and FileNotFoundError.
     """
     if isinstance(path, Mesh):
         return _closed(path, "Trimesh", scale)
@@ -50,23 +50,23 @@ def load(path: "str | os.PathLike[str] | Mesh", scale: float = 1.0) -> NDArray[n
     except FileError as error:
         raise SceneError(error.rule, at="mesh", value=name) from None
     except Exception as error:  # the readers of trimesh raise all kinds of exceptions
-        rule = f"is no mesh that trimesh can read: {error}"
+        rule = f"is not a mesh that trimesh can read: {error}"
         raise SceneError(rule, at="mesh", value=name) from None
     return _closed(mesh, name, scale)
 
 
 def _closed(mesh: Mesh, name: str, scale: float) -> NDArray[np.float64]:
-    """The triangles (n, 3, 3) of a mesh, checked."""
+    """Return the checked triangles (n, 3, 3) of a mesh."""
     if not len(mesh.faces):
         raise SceneError("has no triangles", at="mesh", value=name)
     vertices = np.asarray(mesh.vertices, dtype=float) + 0.0  # turns -0.0 into 0.0
     faces = np.asarray(mesh.faces)
     if not (faces.min() >= 0 and faces.max() < len(vertices)):
-        raise SceneError("has triangles of corners that it does not have", at="mesh", value=name)
+        raise SceneError("has triangles with undefined vertices", at="mesh", value=name)
     if not np.isfinite(vertices).all():
-        raise SceneError("has corners that are not finite", at="mesh", value=name)
+        raise SceneError("has vertices that are not finite", at="mesh", value=name)
     faces = first_vertices(vertices)[faces]
-    # a triangle with two equal corners encloses nothing, and its edges would count as holes
+    # a triangle with two equal vertices has no area, and its edges would count as holes
     one, two, three = faces.T
     thin = (one == two) | (two == three) | (three == one)
     faces = faces[~thin]
@@ -78,14 +78,14 @@ def _closed(mesh: Mesh, name: str, scale: float) -> NDArray[np.float64]:
 
 
 def first_vertices(vertices: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Index (n,) of the first vertex with the same coordinates, for each of vertices (n, 3).
+    """Return for each of the vertices (n, 3) the index (n,) of the first one equal to it.
 
     An STL file repeats a vertex for each of its triangles. Only bitwise equal vertices are merged:
-    trimesh merges what is closer than 1e-8, whatever the unit, and so makes holes in small parts
+    trimesh merges vertices closer than 1e-8, whatever the unit, and so makes holes in small parts
     given in metres (tests/mechanics/test_mesh.py).
     """
-    # sorted by a hash, because sorting by coordinates takes three times as long; different vertices
-    # with the same hash could at worst keep equal ones apart
+    # sort by a hash, because sorting by coordinates takes three times as long; at worst a hash
+    # collision keeps equal vertices separate
     key = np.zeros(len(vertices), dtype=np.uint64)
     for bits in np.ascontiguousarray(vertices).view(np.uint64).T:
         key ^= bits
@@ -102,7 +102,7 @@ def first_vertices(vertices: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def check_closed_surface(faces: ArrayLike, name: str = "mesh") -> None:
-    """SceneError for faces (n, 3) that do not close a volume.
+    """Raise SceneError for faces (n, 3) that do not enclose a volume.
 
     Every edge must belong to two triangles that traverse it in opposite directions.
     """
@@ -118,7 +118,7 @@ def check_closed_surface(faces: ArrayLike, name: str = "mesh") -> None:
     direction = np.add.reduceat(sign, first)
     twisted = np.count_nonzero((count == 2) & (direction != 0))
     wrong = [
-        (np.count_nonzero(count == 1), "edges with one triangle only: it has holes"),
+        (np.count_nonzero(count == 1), "edges with only one triangle: it has holes"),
         (np.count_nonzero(count > 2), "edges with more than two triangles"),
         (twisted, "edges whose triangles are wound in opposite senses"),
     ]
@@ -131,14 +131,14 @@ def check_closed_surface(faces: ArrayLike, name: str = "mesh") -> None:
 def mass_properties(
     triangles: NDArray[np.float64], density: float
 ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """(mass [kg], centre of mass (3,) [m], tensor (3, 3) about the origin), TdC (3.17).
+    """Return (mass [kg], centre of mass (3,) [m], tensor (3, 3) about the origin), TdC (3.17).
 
     triangles (n, 3, 3) [m] that enclose the volume;  density [kg/m^3]
 
-    By the signed tetrahedra from the first vertex to the triangles. A tetrahedron with edges a, b,
-    c from there has the volume V = a.(b x c)/6, the first moment V (a + b + c)/4 and the second
-    moment V ((a+b+c)(a+b+c)^T + a a^T + b b^T + c c^T)/20. SceneError if the volume is not
-    positive.
+    Sums over the signed tetrahedra from the first vertex to the triangles. A tetrahedron with edges
+    a, b, c from this vertex has the volume V = a.(b x c)/6, the first moment V (a + b + c)/4 and
+    the second moment V ((a+b+c)(a+b+c)^T + a a^T + b b^T + c c^T)/20. SceneError if the volume is
+    not positive.
     """
     origin = triangles[0, 0]
     local = triangles - origin  # a mesh far from the origin would lose digits

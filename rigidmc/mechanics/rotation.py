@@ -1,9 +1,10 @@
 """Rotations for users: quaternions, matrices, Euler angles, rotation vectors, and their rates.
 
 A maps body to space components, x = A x'; its columns are the body axes in space, TdC (3.1)-(3.5).
-Quaternions (w, x, y, z) are the same rotation, scalar first; q and -q are one attitude. omega has
-body components unless a name ends in _space: dA/dt = A hat(omega). Arrays have components last and
-any leading shape. An `attitude` is quaternions (..., 4), matrices (..., 3, 3) or a scipy Rotation.
+Quaternions (w, x, y, z) represent the same rotation, scalar first; q and -q are the same attitude.
+omega has body components unless a name ends in _space: dA/dt = A hat(omega). Arrays have components
+last and any leading shape. An `attitude` consists of quaternions (..., 4), matrices (..., 3, 3) or
+a scipy Rotation.
 """
 
 from typing import Any, Protocol, runtime_checkable
@@ -24,7 +25,7 @@ _Numbers = float | _Floats
 
 @runtime_checkable
 class Rotations(Protocol):
-    """The part of scipy's Rotation that is used."""
+    """The method of scipy's Rotation that this module uses."""
 
     def as_quat(self, *, scalar_first: bool) -> Any: ...
 
@@ -33,10 +34,11 @@ Attitude = ArrayLike | Rotations
 
 
 def quaternion(attitude: Attitude) -> _Floats:
-    """Unit quaternions (..., 4) of an attitude.
+    """Return the unit quaternions (..., 4) of an attitude.
 
-    SceneError for a wrong shape, a norm of 0, or a matrix that is no rotation (and how far it is
-    from one). If only some elements are bad they are nan, and a SceneWarning counts them.
+    SceneError for a wrong shape, a norm of 0, or a matrix that is not a rotation (with its
+    deviation from one). If only some elements are bad, these become nan and a SceneWarning counts
+    them.
     """
     if isinstance(attitude, Rotations):
         return np.asarray(attitude.as_quat(scalar_first=True))
@@ -48,13 +50,13 @@ def quaternion(attitude: Attitude) -> _Floats:
         raise SceneError(f"has shape {array.shape}: give {allowed}", at="attitude")
     norm = np.linalg.norm(array, axis=-1, keepdims=True)
     bad = ~(norm[..., 0] > 0.0) | ~np.isfinite(norm[..., 0])
-    check_rows(bad, "a quaternion must be finite and have a norm")
+    check_rows(bad, "a quaternion must be finite and nonzero")
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(bad[..., None], np.nan, array / norm)
 
 
 def rotation(attitude: Attitude) -> Any:
-    """The scipy Rotation of an attitude, for the leading shapes that scipy takes."""
+    """Return the scipy Rotation of an attitude, for the leading shapes that scipy supports."""
     from scipy.spatial.transform import Rotation
 
     if isinstance(attitude, Rotations):
@@ -63,7 +65,7 @@ def rotation(attitude: Attitude) -> Any:
 
 
 def matrix(attitude: Attitude) -> _Floats:
-    """Matrices A (..., 3, 3), body to space, TdC (3.1)."""
+    """Return the matrices A (..., 3, 3), body to space, of an attitude, TdC (3.1)."""
     w, x, y, z = np.moveaxis(quaternion(attitude), -1, 0)
     rows = (
         (w * w + x * x - y * y - z * z, 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
@@ -74,11 +76,11 @@ def matrix(attitude: Attitude) -> _Floats:
 
 
 def quaternion_from_matrix(matrix: ArrayLike, at: str = "matrix") -> _Floats:
-    """Quaternions (..., 4) of rotation matrices (..., 3, 3).
+    """Return the quaternions (..., 4) of rotation matrices (..., 3, 3).
 
-    Bad are matrices whose A A^T differs from 1 by more than 1e-9, or whose determinant is negative.
+    A matrix is bad if A A^T differs from 1 by more than 1e-9, or if its determinant is negative.
 
-    at : where the matrix stands, for the message
+    at : place of the matrix, for the message
     """
     from scipy.spatial.transform import Rotation
 
@@ -94,7 +96,7 @@ def quaternion_from_matrix(matrix: ArrayLike, at: str = "matrix") -> _Floats:
             if not (defect[bad] < 1e-9).all()
             else "its determinant is -1, a mirror image"
         )
-        check_rows(bad, f"no rotation: {how}", at)
+        check_rows(bad, f"not a rotation: {how}", at)
     q = np.full((len(flat), 4), np.nan)
     if not bad.all():
         q[~bad] = Rotation.from_matrix(flat[~bad]).as_quat(scalar_first=True)
@@ -102,9 +104,9 @@ def quaternion_from_matrix(matrix: ArrayLike, at: str = "matrix") -> _Floats:
 
 
 def quaternion_from_euler(phi: _Numbers, theta: _Numbers, psi: _Numbers) -> _Floats:
-    """Quaternions (4, ...), components FIRST, of A = Rz(phi) Rx(theta) Rz(psi), TdC (3.36).
+    """Return quaternions (4, ...), components FIRST, of A = Rz(phi) Rx(theta) Rz(psi), TdC (3.36).
 
-    Angles [rad] of any one shape.
+    The angles [rad] have any common shape.
     """
     plus, minus, half = 0.5 * (phi + psi), 0.5 * (phi - psi), 0.5 * theta
     s, c = sincos(half)
@@ -114,7 +116,7 @@ def quaternion_from_euler(phi: _Numbers, theta: _Numbers, psi: _Numbers) -> _Flo
 
 
 def from_euler(angles: ArrayLike, convention: str = "zxz") -> _Floats:
-    """Quaternions (..., 4) of Euler angles (phi, theta, psi) (..., 3) [rad].
+    """Return the quaternions (..., 4) of Euler angles (phi, theta, psi) (..., 3) [rad].
 
     "zxz": A = Rz(phi) Rx(theta) Rz(psi), TdC (3.36);  "zyz": A = Rz(phi) Ry(theta) Rz(psi)
     """
@@ -124,11 +126,11 @@ def from_euler(angles: ArrayLike, convention: str = "zxz") -> _Floats:
 
 
 def euler(attitude: Attitude, convention: str = "zxz") -> _Floats:
-    """Euler angles (phi, theta, psi) (..., 3) [rad] of an attitude, 0 <= theta <= pi.
+    """Return the Euler angles (phi, theta, psi) (..., 3) [rad] of an attitude, 0 <= theta <= pi.
 
-    phi and psi lie in (-pi, pi]. The angles give the attitude back to rounding everywhere. If
-    sin(theta) = 0 only phi + psi (theta = 0) or phi - psi (theta = pi) is determined, and psi is 0;
-    near it psi is as good as the attitude allows.
+    phi and psi lie in (-pi, pi]. The angles reproduce the attitude to rounding everywhere. If
+    sin(theta) = 0, only phi + psi (theta = 0) or phi - psi (theta = pi) is determined, and psi is
+    0; near these poles psi is as accurate as the attitude allows.
     """
     w, x, y, z = np.moveaxis(quaternion(attitude), -1, 0)
     if not _is_zxz(convention):
@@ -141,46 +143,50 @@ def euler(attitude: Attitude, convention: str = "zxz") -> _Floats:
 
 
 def from_rotation_vector(vector: ArrayLike) -> _Floats:
-    """Quaternions (..., 4) of rotation vectors (..., 3) [rad], of the length of the angle."""
+    """Return the quaternions (..., 4) of rotation vectors (..., 3) [rad], whose length is the
+    angle."""
     v = floats(vector, "vector", 3)
     half = 0.5 * np.linalg.norm(v, axis=-1, keepdims=True)
     return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * v], -1)
 
 
 def rotation_vector(attitude: Attitude) -> _Floats:
-    """Rotation vectors (..., 3) [rad] of an attitude, of length 0 to pi."""
+    """Return the rotation vectors (..., 3) [rad] of an attitude, of length 0 to pi."""
     q = quaternion(attitude)
     q = np.where(q[..., :1] < 0.0, -q, q)
     size = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     angle = 2.0 * np.arctan2(size, q[..., :1])
-    # a part of a unit quaternion; what is divided by 1 is not taken
+    # part of a unit quaternion; the quotient by 1 is not selected
     return np.where(size > 0.0, angle / np.where(size > 0.0, size, 1.0), 2.0) * q[..., 1:]
 
 
 def to_space(attitude: Attitude, vector: ArrayLike) -> _Floats:
-    """Space components x = A x' (..., 3) of vectors in body components, TdC (3.3)."""
+    """Return space components x = A x' (..., 3) of vectors in body components x', TdC (3.3)."""
     vector = floats(vector, "vector", 3)
     components: _Floats = np.einsum("...ij,...j->...i", matrix(attitude), vector)
     return components
 
 
 def to_body(attitude: Attitude, vector: ArrayLike) -> _Floats:
-    """Body components x' = A^T x (..., 3) of vectors in space components, TdC (3.4), (3.5)."""
+    """Return body components x' = A^T x (..., 3) of vectors in space components x.
+
+    TdC (3.4), (3.5).
+    """
     vector = floats(vector, "vector", 3)
     components: _Floats = np.einsum("...ji,...j->...i", matrix(attitude), vector)
     return components
 
 
 def product(p: ArrayLike, q: ArrayLike) -> _Floats:
-    """Hamilton products p q (..., 4): the rotation q first, then p."""
+    """Return Hamilton products p q (..., 4): the rotation q first, then p."""
     p, q = np.moveaxis(floats(p, "p", 4), -1, 0), np.moveaxis(floats(q, "q", 4), -1, 0)
     return np.stack(multiply(p, q), -1)
 
 
 def attitude_error(p: Attitude, q: Attitude) -> _Floats:
-    """The angle (...) [rad] between two attitudes.
+    """Return the angle (...) [rad] between two attitudes.
 
-    4 arcsin(|p -+ q|/2), never arccos |p.q|, which loses half the digits.
+    Uses 4 arcsin(|p -+ q|/2), not arccos |p.q|, which loses half the digits.
     """
     p, q = quaternion(p), quaternion(q)
     chord = np.minimum(np.linalg.norm(p - q, axis=-1), np.linalg.norm(p + q, axis=-1))
@@ -189,35 +195,35 @@ def attitude_error(p: Attitude, q: Attitude) -> _Floats:
 
 
 def angular_velocity(matrix: _Floats, rate: _Floats) -> _Floats:
-    """omega (..., 3) [rad/s] of A (..., 3, 3) and dA/dt: hat(omega) = A^T dA/dt, TdC (3.7)-(3.9).
+    """Return omega (..., 3) [rad/s] of A (..., 3, 3) and dA/dt from hat(omega) = A^T dA/dt.
 
-    TdC's A'^T A is the transpose of this. Only the antisymmetric part counts: the part of dA/dt
-    that leaves the rotations is dropped.
+    TdC (3.7)-(3.9); TdC's A'^T A is the transpose of this. Only the antisymmetric part counts: the
+    part of dA/dt that leaves the group of rotations is ignored.
     """
     return _vee(np.swapaxes(matrix, -1, -2) @ rate)
 
 
 def angular_velocity_space(matrix: _Floats, rate: _Floats) -> _Floats:
-    """omega (..., 3) [rad/s] in space components: hat(omega_space) = dA/dt A^T."""
+    """Return omega (..., 3) [rad/s] in space components: hat(omega_space) = dA/dt A^T."""
     return _vee(rate @ np.swapaxes(matrix, -1, -2))
 
 
 def angular_velocity_of_series(
     t: ArrayLike, attitude: Attitude, space: bool = False, points: int = 7
 ) -> _Floats:
-    """omega (n, ..., 3) [rad/s] at the times t (n,) of sampled attitudes (n, ...).
+    """Return omega (n, ..., 3) [rad/s] at the times t (n,) of sampled attitudes (n, ...).
 
-    Body components unless `space`. At each time the neighbouring attitudes are expressed as
-    rotation vectors from the attitude there, whose derivative at that time is omega. The derivative
-    of the polynomial through `points` of them has order points - 1, also at the ends and for uneven
-    times. Neighbours within half the stencil must be less than half a revolution apart.
+    The components are body components unless `space`. At each time, the neighbouring attitudes
+    become rotation vectors from the attitude at that time, whose derivative there is omega. The
+    derivative of the polynomial through `points` of them has order points - 1, even at the ends and
+    for uneven times. Neighbours within half the stencil must be less than half a revolution apart.
 
     SceneError for fewer than 2 samples, or times that do not ascend.
     """
     t, q = floats(t, "t"), quaternion(attitude)
     if t.ndim != 1 or t.size < 2 or q.shape[0] != t.size or not np.all(np.diff(t) > 0):
         rule = (
-            "give at least 2 ascending times and as many attitudes, "
+            "give at least 2 ascending times and the same number of attitudes, "
             f"not shapes {t.shape} and {q.shape}"
         )
         raise SceneError(rule, at="t")
@@ -237,7 +243,7 @@ def angular_velocity_of_series(
 
 
 def euler_rate_matrix(angles: ArrayLike, convention: str = "zxz") -> NDArray[Any]:
-    """M (..., 3, 3) with omega = M (phi', theta', psi'), TdC (3.37).
+    """Return M (..., 3, 3) with omega = M (phi', theta', psi'), TdC (3.37).
 
     angles (..., 3) [rad]; complex angles give a complex M
     """
@@ -252,7 +258,7 @@ def euler_rate_matrix(angles: ArrayLike, convention: str = "zxz") -> NDArray[Any
 
 
 def omega_from_euler_rates(angles: ArrayLike, rates: ArrayLike, convention: str = "zxz") -> _Floats:
-    """omega (..., 3) of Euler angles and their rates, TdC (3.37).
+    """Return omega (..., 3) of Euler angles and their rates, TdC (3.37).
 
     omega_1 = phi' sin theta sin psi + theta' cos psi and so on
     """
@@ -262,9 +268,9 @@ def omega_from_euler_rates(angles: ArrayLike, rates: ArrayLike, convention: str 
 
 
 def euler_rates(angles: ArrayLike, omega: ArrayLike, convention: str = "zxz") -> _Floats:
-    """(phi', theta', psi') (..., 3) of Euler angles and omega, TdC (3.38).
+    """Return (phi', theta', psi') (..., 3) of Euler angles and omega, TdC (3.38).
 
-    If sin(theta) = 0, phi' and psi' are not determined: they are nan, with a SceneWarning.
+    If sin(theta) = 0, phi' and psi' are undetermined: they are nan, with a SceneWarning.
     """
     angles, omega = floats(angles, "angles", 3), floats(omega, "omega", 3)
     angles, omega = np.broadcast_arrays(angles, omega)
@@ -273,7 +279,7 @@ def euler_rates(angles: ArrayLike, omega: ArrayLike, convention: str = "zxz") ->
         one, two = two, -one
     _, theta, psi = np.moveaxis(angles, -1, 0)
     bad = np.sin(theta) == 0.0
-    check_rows(bad, "Euler rates need sin(theta) other than 0")
+    check_rows(bad, "Euler rates need sin(theta) != 0")
     with np.errstate(all="ignore"):
         phi = np.where(bad, np.nan, (one * np.sin(psi) + two * np.cos(psi)) / np.sin(theta))
     return np.stack([phi, one * np.cos(psi) - two * np.sin(psi), three - phi * np.cos(theta)], -1)
@@ -282,14 +288,14 @@ def euler_rates(angles: ArrayLike, omega: ArrayLike, convention: str = "zxz") ->
 def kinetic_energy_of_euler_rates(
     moments: ArrayLike, angles: ArrayLike, rates: ArrayLike, convention: str = "zxz"
 ) -> _Floats:
-    """T = 1/2 sum I_i omega_i^2 (...) [J] of Euler angles and rates, TdC (3.39)."""
+    """Return T = 1/2 sum I_i omega_i^2 (...) [J] of Euler angles and rates, TdC (3.39)."""
     omega = omega_from_euler_rates(angles, rates, convention)
     energy: _Floats = 0.5 * (floats(moments, "moments", 3) * omega**2).sum(-1)
     return energy
 
 
 def hat(v: ArrayLike) -> NDArray[Any]:
-    """The matrices (..., 3, 3) with hat(v) x = v x x; complex v give complex ones."""
+    """Return the matrices hat(v) (..., 3, 3) with hat(v) w = v x w, complex for complex v."""
     x, y, z = np.moveaxis(floats(v, "v", 3, kinds="fiuc"), -1, 0)
     zero = 0.0 * x
     rows = (zero, -z, y), (z, zero, -x), (-y, x, zero)
@@ -297,20 +303,20 @@ def hat(v: ArrayLike) -> NDArray[Any]:
 
 
 def _vee(m: _Floats) -> _Floats:
-    """The vectors v (..., 3) whose hat(v) is the antisymmetric part of matrices (..., 3, 3)."""
+    """Return the vectors v (..., 3) whose hat(v) is the antisymmetric part of matrices."""
     one, two = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0]
     vector: _Floats = 0.5 * np.stack([one, two, m[..., 1, 0] - m[..., 0, 1]], -1)
     return vector
 
 
 def _wrapped(angle: _Floats) -> _Floats:
-    """An angle in (-2 pi, 2 pi] brought to (-pi, pi]."""
+    """Reduce an angle in (-2 pi, 2 pi] to (-pi, pi]."""
     raised = np.where(angle <= -np.pi, angle + 2.0 * np.pi, angle)
     return np.where(angle > np.pi, angle - 2.0 * np.pi, raised)
 
 
 def _is_zxz(convention: str) -> bool:
-    """Whether the convention is "zxz"; ValueError if it is unknown."""
+    """Return whether the convention is "zxz"; ValueError if it is unknown."""
     if convention not in CONVENTIONS:
         raise ValueError(f"convention = {convention!r}: expected one of {', '.join(CONVENTIONS)}")
     return convention == "zxz"

@@ -1,7 +1,7 @@
-"""Solids with closed forms: each gives (mass, centre of mass, inertia tensor about its origin).
+"""Solids with closed forms: each returns (mass, centre of mass, inertia tensor about its origin).
 
-Moments as in TdC (3.17). Every solid has its symmetry axis along axis 3. Lengths are in m, masses
-in kg. `rigidmc.scene.body.Body` makes bodies of them; scene files name them by these words.
+The moments follow TdC (3.17). The symmetry axis of every solid is axis 3. Lengths are in m, masses
+in kg. `rigidmc.scene.body.Body` makes bodies from the solids; scene files use the function names.
 """
 
 from collections.abc import Callable
@@ -13,12 +13,12 @@ from rigidmc.errors import SceneError
 
 Solid = tuple[float, tuple[float, float, float], NDArray[np.float64]]
 _ZERO = (0.0, 0.0, 0.0)
-# number of components of the arguments that are no plain numbers
+# number of components of vector arguments
 COMPONENTS = {("box", "size"): 3, ("plate", "size"): 2, ("ellipsoid", "semiaxes"): 3}
 
 
 def _diagonal(mass: float, *moments: float) -> Solid:
-    """A solid about its centre of mass, from its moments per mass."""
+    """Return a solid about its centre of mass, from its moments per mass."""
     return mass, _ZERO, np.diag([mass * m for m in moments])
 
 
@@ -70,9 +70,9 @@ def ellipsoid(mass: float, semiaxes: tuple[float, float, float]) -> Solid:
 
 
 def rod(mass: float, length: float, radius: float) -> Solid:
-    """Rod about its centre: a cylinder by another name.
+    """Rod about its centre: another name for a cylinder.
 
-    The radius must not be 0: the moment about the axis would be 0 too, which no body has.
+    The radius must not be 0: a body cannot have the moment 0 about its axis.
     """
     return cylinder(mass, radius, length)
 

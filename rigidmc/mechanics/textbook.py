@@ -1,10 +1,11 @@
-"""The closed forms of omega as TdC writes them, and elliptic functions and integrals of arrays.
+"""Closed forms of omega as written in TdC, and elliptic functions and integrals of arrays.
 
-`solve_free_top` serves every case; these two hold where the textbook has them, and test it.
+`solve_free_top` covers every case; the two closed forms here cover the textbook's cases and test
+it.
 
-Elliptic functions take the parameter m = k^2, 0 <= m <= 1, or its complement mc = 1 - m, and stay
-accurate as the modulus goes to 1. There the complement counts: at m = 1 - 1e-14, m holds two digits
-of mc, and scipy.special.ellipj has errors of 2 and more (scipy issue 8480,
+Elliptic functions accept the parameter m = k^2, 0 <= m <= 1, or its complement mc = 1 - m, and stay
+accurate as the modulus tends to 1. Use the complement there: at m = 1 - 1e-14, m holds only two
+digits of mc, and scipy.special.ellipj has errors of 2 and more (scipy issue 8480,
 tests/mechanics/test_elliptic.py).
 """
 
@@ -23,9 +24,9 @@ _Floats = NDArray[np.float64]
 
 
 def symmetric_omega(moments: ArrayLike, omega: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
-    """omega (..., 3) at t of a free body with I_1 = I_2, TdC Example 3.5.
+    """Return omega (..., 3) at t of a free body with I_1 = I_2, TdC Example 3.5.
 
-    It rotates about axis 3 at the rate (I_3 - I_1) omega_3/I_1. With w = omega(0) and phi = rate t,
+    omega rotates about axis 3 at the rate (I_3 - I_1) omega_3/I_1. With w = omega(0), phi = rate t,
 
         omega_1 = w_1 cos phi - w_2 sin phi,   omega_2 = w_2 cos phi + w_1 sin phi,   omega_3 = w_3
 
@@ -33,7 +34,7 @@ def symmetric_omega(moments: ArrayLike, omega: ArrayLike, t: ArrayLike) -> NDArr
     """
     moments, omega = floats(moments, "moments", 3), floats(omega, "omega", 3)
     if np.any(moments[..., 0] != moments[..., 1]):
-        rule = "Example 3.5 is a body with I1 = I2; solve_free_top takes any"
+        rule = "Example 3.5 needs I1 = I2; solve_free_top accepts any moments"
         raise SceneError(rule, at="moments", value=moments.tolist())
     rate = (moments[..., 2] - moments[..., 0]) / moments[..., 0] * omega[..., 2]
     angle = rate * floats(t, "t")
@@ -47,9 +48,9 @@ def symmetric_omega(moments: ArrayLike, omega: ArrayLike, t: ArrayLike) -> NDArr
 def jacobi_omega(
     moments: ArrayLike, energy: ArrayLike, square: ArrayLike, t: ArrayLike
 ) -> NDArray[np.float64]:
-    """omega (..., 3) of a free body with I_1 < I_2 < I_3 from its T and L^2, TdC Example 3.6.
+    """Return omega (..., 3) of a free body with I_1 < I_2 < I_3 from T and L^2, TdC Example 3.6.
 
-    t counts from an instant at which omega_2 = 0 and the other two are positive. If L^2 > 2 T I_2,
+    At t = 0, omega_2 = 0 and the other two components are positive. If L^2 > 2 T I_2,
 
         omega_1 = sqrt(A/(I_1 D31)) cn,   omega_2 = sqrt(A/(I_2 D32)) sn,   omega_3 = sqrt(B/(I_3
         D31)) dn
@@ -59,7 +60,7 @@ def jacobi_omega(
         A = 2 T I_3 - L^2,   B = L^2 - 2 T I_1,   D_ij = I_i - I_j,   p = sqrt(D32 B/(I_1 I_2 I_3))
 
     and otherwise the same with 1 and 3 exchanged. The differences cancel near the separatrix and
-    the axes: half the digits are lost at 1 - m = 1e-8, where `solve_free_top` keeps all
+    the axes: at 1 - m = 1e-8 half the digits are lost, whereas `solve_free_top` keeps all
     (tests/mechanics/test_textbook.py).
 
     moments (..., 3) [kg m^2];  energy T (...) [J];  square L^2 (...) [kg^2 m^4/s^2];  t (...) [s].
@@ -69,7 +70,7 @@ def jacobi_omega(
     square, t = floats(square, "square"), floats(t, "t")
     low, middle, high = np.moveaxis(moments, -1, 0)
     if not (np.all(low < middle) and np.all(middle < high)):
-        rule = "Example 3.6 wants I1 < I2 < I3; solve_free_top takes any"
+        rule = "Example 3.6 needs I1 < I2 < I3; solve_free_top accepts any moments"
         raise SceneError(rule, at="moments", value=moments.tolist())
     a, b = 2.0 * energy * high - square, square - 2.0 * energy * low
     above = square > 2.0 * energy * middle
@@ -96,11 +97,11 @@ class EllipticFunctions(NamedTuple):
 def elliptic_functions(
     u: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None = None
 ) -> EllipticFunctions:
-    """Jacobi's elliptic functions at any u, DLMF 22.2 and 22.16(i); u and m or mc broadcast.
+    """Return Jacobi's elliptic functions at any u, DLMF 22.2 and 22.16(i); u and m or mc broadcast.
 
-    Errors are below 2e-15 for all 0 <= m <= 1 and |u| <= K(m); beyond, add those of u mod 4K, 4e-16
-    |u|. nan if m is not in [0, 1] or u is not finite. mc below 1e-120 counts as 1e-120
-    (tests/mechanics/test_elliptic.py).
+    Errors are below 2e-15 for all 0 <= m <= 1 and |u| <= K(m); for larger |u|, add the error
+    4e-16 |u| of u mod 4K. nan if m is not in [0, 1] or u is not finite. mc below 1e-120 counts as
+    1e-120 (tests/mechanics/test_elliptic.py).
     """
     m, mc = _complements(m, mc)
     u, m, mc = np.broadcast_arrays(floats(u, "u"), m, mc)
@@ -110,20 +111,20 @@ def elliptic_functions(
 
 
 def elliptic_k(m: ArrayLike | None = None, mc: ArrayLike | None = None) -> _Floats:
-    """K(m) = integral_0^(pi/2) dphi / sqrt(1 - m sin^2 phi), DLMF 19.2.8; inf at m = 1."""
+    """Return K(m) = integral_0^(pi/2) dphi / sqrt(1 - m sin^2 phi), DLMF 19.2.8; inf at m = 1."""
     value: _Floats = elliprf(0.0, _complements(m, mc)[1], 1.0)
     return value
 
 
 def elliptic_f(phi: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None = None) -> _Floats:
-    """F(phi | m), DLMF 19.2.4, for any phi [rad]; broadcasts."""
+    """Return F(phi | m), DLMF 19.2.4, for any phi [rad]; broadcasts."""
     n, s, cc, dd, m, mc = _reduced(phi, m, mc)
     value: _Floats = s * elliprf(cc, dd, 1.0) + _multiple(n, elliprf(0.0, mc, 1.0))
     return value
 
 
 def elliptic_e(phi: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None = None) -> _Floats:
-    """E(phi | m) = integral sqrt(1 - m sin^2 phi), for any phi [rad]; broadcasts.
+    """Return E(phi | m) = integral sqrt(1 - m sin^2 phi), for any phi [rad]; broadcasts.
 
     DLMF 19.2.5 and 19.25.10.
     """
@@ -139,9 +140,9 @@ def elliptic_e(phi: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None 
 def elliptic_pi(
     n: ArrayLike, phi: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None = None
 ) -> _Floats:
-    """Pi(n; phi | m) = integral dphi / ((1 - n sin^2 phi) sqrt(1 - m sin^2 phi)), n < 1, any phi.
+    """Return Pi(n; phi | m) = integral dphi / ((1 - n sin^2 phi) sqrt(1 - m sin^2 phi)).
 
-    DLMF 19.2.7 and 19.25.14; broadcasts.
+    n < 1, any phi [rad]; DLMF 19.2.7 and 19.25.14; broadcasts.
     """
     turns, s, cc, dd, m, mc = _reduced(phi, m, mc)
     n = floats(n, "n")
@@ -152,15 +153,15 @@ def elliptic_pi(
 
 
 def _multiple(n: _Floats, value: _Floats) -> _Floats:
-    """2 n value; 0 for n = 0 also if the value is infinite."""
+    """Return 2 n value; 0 for n = 0 even if the value is infinite."""
     with np.errstate(invalid="ignore"):
         return np.where(n == 0.0, 0.0, 2.0 * n * value)
 
 
 def _complements(m: ArrayLike | None, mc: ArrayLike | None) -> tuple[_Floats, _Floats]:
-    """(m, mc) from either, as arrays; nan outside [0, 1]."""
+    """Return (m, mc) from either one, as arrays; nan outside [0, 1]."""
     if (m is None) == (mc is None):
-        raise ValueError("give the parameter m or its complement mc = 1 - m, one of them")
+        raise ValueError("give either the parameter m or its complement mc = 1 - m")
     given: Any = floats(m if mc is None else mc, "m" if mc is None else "mc")
     given = np.where((given >= 0.0) & (given <= 1.0), given, np.nan)
     return (given, 1.0 - given) if mc is None else (1.0 - given, given)
@@ -169,7 +170,7 @@ def _complements(m: ArrayLike | None, mc: ArrayLike | None) -> tuple[_Floats, _F
 def _reduced(
     phi: ArrayLike, m: ArrayLike | None, mc: ArrayLike | None
 ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats]:
-    """(n, sin rest, cos^2 rest, 1 - m sin^2 rest, m, mc) of phi = n pi + rest."""
+    """Return (n, sin rest, cos^2 rest, 1 - m sin^2 rest, m, mc) of phi = n pi + rest."""
     m, mc = _complements(m, mc)
     phi = floats(phi, "phi")
     n = np.round(phi / np.pi)

@@ -1,17 +1,17 @@
-"""Planning: from a scene to a `Plan`, with everything settled that can be known before the first
+"""Planning: turn a scene into a `Plan`, which settles everything that is known before the first
 step.
 
-A plan is a value: it knows no thread, device or block, since no bit of a result depends on them.
+A plan is a value. It does not depend on threads, device or blocks, and neither do results.
 `rigidmc.runs.prepare` calls each step once, in a straight line, and no step reads a later one.
 
-Reading order: `check` (what makes a scene impossible), `units` (those of integration), `initial`
-(members at their start, and the pilot: the first of them), `monitors` (what every step records),
-`steps` (the grid of times; steps of members' own), `scheme` (how the integrator is compiled),
-`limits` (what flags a member), `closed_form` (a motion that needs no steps), `turns` (how dense
-saves must be), `plan` (all of this in one value), `notes` (what a user should know), and the room
+Reading order: `check` (reject impossible scenes), `units` (the units of integration), `initial`
+(members at their start, and the pilot: the first of them), `monitors` (quantities recorded at every
+step), `steps` (the time grid and per-member steps), `scheme` (how the integrator is compiled),
+`limits` (bounds that flag a member), `closed_form` (motions that need no steps), `turns` (how dense
+saves must be), `plan` (all of this in one value), `notes` (hints to the user), and the subpackage
 `tolerance` (integrator and step for a given accuracy).
 
-What must never change: a plan is a function of the scene alone, so that a run that is resumed,
-extended or computed elsewhere has the same bits. Where a plan reads drawn members, these are the
-first ones of the scene, whatever members are run.
+Invariant: a plan is a function of the scene alone, so that a run that is resumed, extended or
+computed elsewhere has the same bits. Where a plan reads drawn members, it reads the first members
+of the scene, whichever members the run computes.
 """

@@ -1,5 +1,5 @@
-"""What makes a scene impossible to run: refused torques, impossible bodies, missing members,
-observables that do not go with the other settings."""
+"""Reject scenes that cannot run: refused torques, impossible bodies, missing members, observables
+that conflict with the other settings."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -42,7 +42,7 @@ def check_scene(scene: Scene, recording: Recording) -> None:
     if works and not model.effects:
         raise SceneError("the scene has no effects that could do work", at="run.save", value="work")
     if works and run.dtype == "float32":
-        rule = "needs float64: sums in float32 keep their remainders, and sums of work cannot"
+        rule = "needs float64: sums in float32 keep their remainders, but sums of work cannot"
         raise SceneError(rule, at="run.save", value="work")
     if run.integrator != "auto":
         refused = refusal(
@@ -62,21 +62,22 @@ def _check_points(model: Model, run: Run) -> None:
     """Raise SceneError for point sets that do not fit the ensemble."""
     last = run.first + run.members
     if run.points != "independent" and not is_drawn(model):
-        rule = "nothing in the scene is drawn: all numbers are given"
+        rule = "nothing in the scene is drawn: all values are given"
         raise SceneError(rule, at="run.points", value=run.points)
     if run.points in DESIGNS:
-        refuse_indexed(model, "members of a family differ by what is drawn")
+        refuse_indexed(model, "members of a family differ by their draws")
     if run.points == "sobol" and last > 2**30:
-        raise SceneError("there are 2^30 Sobol points", at="run.members", value=last)
+        raise SceneError("only 2^30 Sobol points exist", at="run.members", value=last)
     if run.points == "latin_hypercube" and last > (run.strata or last):
-        rule = f"a Latin hypercube of {run.strata:,} strata has as many members"
+        rule = f"a Latin hypercube of {run.strata:,} strata has only {run.strata:,} members"
         raise SceneError(rule, at="run.members", value=last)
 
 
 def _check_parts(
     effects: Sequence[Any], observables: Sequence[Any], integrators: Sequence[Any]
 ) -> None:
-    """Raise SceneError for parts of the user's own that cannot be compiled or tell nonsense."""
+    """Raise SceneError for custom effects, observables or integrators that cannot be compiled or
+    that contradict themselves."""
     for effect in effects:
         check_user_effect(effect)
     for one in observables:
@@ -95,7 +96,7 @@ def _check_sampled(model: Model, run: Run) -> None:
         raise SceneError(rule, at="effects.bath")
     count, last = count_rows(*model.quantities()), run.first + run.members
     if count is not None and count < last:
-        rule = f"the scene has arrays with rows for {count_text(count, 'member')} only"
+        rule = f"the scene has arrays with rows for only {count_text(count, 'member')}"
         raise SceneError(rule, at="run.members", value=last)
     _check_bodies(model, run.seed)
     _check_orbit(model, run.seed)
@@ -106,21 +107,22 @@ def _check_sampled(model: Model, run: Run) -> None:
 def _check_bodies(model: Model, seed: int) -> None:
     """Raise SceneError if some of the first bodies are impossible.
 
-    In a map these are its blank parts, and with a measured inertia its tails.
+    A map may contain impossible bodies, which stay blank, and so may the tails of a measured
+    inertia, up to half of the bodies.
     """
     if any(isinstance(q, Grid) for q in model.body.quantities()):
         return
     if model.body.inertia_key == "tensor" and count_rows(*model.start.quantities()) is not None:
         rule = (
-            "beside an uncertain tensor it is no table: its axes differ from member to member; give"
-            " laws, or moments and starts of each member"
+            "an uncertain tensor excludes a table, because its axes differ from member to member;"
+            " give distributions, or moments and starts of each member"
         )
         raise SceneError(rule, at=f"start.{model.start.spin_name}")
     for label, effect in label_effects(model.effects) if model.body.inertia_key == "tensor" else ():
         for name in facts(effect).in_body:
             if count_rows(*getattr(effect, name)) is not None:
-                # results have it in the axes of the members
-                rule = "beside an uncertain tensor what is fixed in the body is no table: give laws"
+                # results give it in the principal axes of each member
+                rule = "an uncertain tensor excludes body-fixed tables: give distributions"
                 raise SceneError(rule, at=f"effects.{label}.{name}")
     moments, mass, _ = model.body.sample(seed, 0, PILOT)
     bad = np.flatnonzero(violates_triangle(moments) | ~(mass > 0))
@@ -134,9 +136,9 @@ def _check_bodies(model: Model, seed: int) -> None:
 
 
 def _check_orbit(model: Model, seed: int) -> None:
-    """Raise SceneError if a body on an orbit is not to turn about its centre of mass.
+    """Raise SceneError if a body on an orbit turns about a point other than its centre of mass.
 
-    Moments about another point are too large by up to m c^2, and turn the axes.
+    Moments about another point are too large by up to m c^2, and have other principal axes.
     """
     if not any(isinstance(effect, GravityGradient) for effect in model.effects):
         return
@@ -145,14 +147,14 @@ def _check_orbit(model: Model, seed: int) -> None:
     if off.any():
         uncertain = model.body.inertia_key == "tensor"
         rule = (
-            "a body on an orbit (gravity_gradient) turns about its centre of mass, and this is off"
-            " the fixed point: "
+            "a body on an orbit (gravity_gradient) turns about its centre of mass, which here is"
+            " not the fixed point: "
         )
         known = is_shared(model.body.moments, model.body.mass, model.body.centre)
         rule += (
-            'say pivot = "centre" in [body], or body.with_pivot_at_centre() in Python, which moves'
+            'set pivot = "centre" in [body], or call body.with_pivot_at_centre() in Python, to move'
             " the fixed point and the tensor there"
-            + (", of each draw its own" if uncertain else "")
+            + (", separately for each draw" if uncertain else "")
             if uncertain or known
             else "give moments about the centre of mass and leave centre out"
         )
@@ -160,7 +162,7 @@ def _check_orbit(model: Model, seed: int) -> None:
 
 
 def _check_parameters(run: Run, label: str, effect: Effect) -> None:
-    """Raise SceneError if a sampled parameter of an effect lies outside its limits, or if a damping
+    """Raise SceneError if a sampled parameter of an effect is outside its limits, or if a damping
     drives some rotations."""
     at = f"effects.{label}"
 
@@ -186,20 +188,20 @@ def _check_parameters(run: Run, label: str, effect: Effect) -> None:
 
 
 def _check_variables(recording: Recording) -> None:
-    """Raise SceneError if an observable of your own gives a variable that there is already."""
+    """Raise SceneError if a custom observable reuses the name of an existing variable."""
     taken = {*OUTCOMES, *DIMENSIONS, "member", "time", "moments", "mass", "centre"}
     every: list[tuple[Any, list[str]]] = [(recording.observable(n), [n]) for n in recording.names]
     every += [(one, list(outputs(label, one))) for label, one in recording.monitored]
     for one, names in sorted(every, key=lambda pair: is_own(pair[0])):
         for name in names:
             if name in taken:
-                rule = f"gives the variable '{name}', which a result has already: rename it"
+                rule = f"gives the variable '{name}', which the result already has: rename it"
                 raise PartError.of(one, rule, "observables")
             taken.add(name)
 
 
 def _check_monitored(run: Run, recording: Recording) -> None:
-    """Raise SceneError for observables over all steps that do not go with the run settings."""
+    """Raise SceneError for observables over all steps that conflict with the run settings."""
     rule = _not_monitored(run, recording)
     if rule:
         labels = ", ".join(label for label, _ in recording.monitored)
@@ -207,29 +209,29 @@ def _check_monitored(run: Run, recording: Recording) -> None:
 
 
 def _not_monitored(run: Run, recording: Recording) -> str:
-    """Why observables over all steps do not go with the run settings; "" if they do."""
+    """Return why observables over all steps conflict with the run settings, or "" if they fit."""
     observables = [one for _, one in recording.monitored]
     stops = [one for one in observables if one.stop]
     if run.integrator == "closed":
         if any(not isinstance(one, EnsembleObservable) for one in observables):
-            return "closed forms make no steps that could be watched: use exact"
+            return "closed forms make no steps to monitor: use exact"
         if any(map(is_own, recording.recorded.values())):
-            return "closed forms know no observables of your own: use exact"
+            return "closed forms do not support custom observables: use exact"
     if len(stops) > 1:
         return "at most one event can stop a member"
     if stops and recording.has_work:
         return (
-            "the work of a member that an event stops is not kept: save it without stop, or stop"
-            " without it"
+            "the work of a member is lost when an event stops it: save work without stop, or stop"
+            " without saving work"
         )
     if not any(isinstance(one, Neighbour) for one in observables):
         return ""
     if run.dtype == "float32":
-        return "megno needs float64: float32 does not resolve a neighbour at 1e-8"
+        return "megno needs float64: float32 does not resolve a shadow trajectory at 1e-8"
     if run.compensated:
-        return "megno does not go with compensated sums"
+        return "megno does not support compensated sums"
     if stops:
-        return "megno does not go with an event that stops members"
+        return "megno does not support an event that stops members"
     if run.turn is not None:
-        return "megno needs the same steps for all members: dt, not turn"
+        return "megno needs the same steps for all members: use dt, not turn"
     return ""

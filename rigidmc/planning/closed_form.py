@@ -23,14 +23,14 @@ COVERED = (
     "the free top (no effects), the free top with viscous_damping, and the Lagrange top (gravity "
     "on a body with two equal moments and its centre of mass on the third axis)"
 )
-NONE = -1  # the form of a member without a body or a start: its motion is nan
+NONE = -1  # the form of a member without a valid body or start: its motion is nan
 
 
 class ClosedMotion(NamedTuple):
-    """Members of a scene as closed forms take them: moments, momentum (n, 3) and attitude (n, 4) at
+    """Members of a scene as input to closed forms: moments, momentum (n, 3) and attitude (n, 4) at
     the start.
 
-    The form is chosen for each member alone, so its bits do not depend on the other members.
+    Each member's form depends on that member alone, so its bits do not depend on other members.
 
     form : (n,) 0 for a free top, 1 to 3 for a Lagrange top about that axis, NONE for a member
         without a motion
@@ -46,13 +46,13 @@ class ClosedMotion(NamedTuple):
 
     @property
     def name(self) -> str:
-        """What the members are, in words."""
+        """The kinds of tops among the members, in words."""
         damped = " with viscous damping" if np.any(self.damping[self.form == 0]) else ""
         free = [f"free top{damped}"] if np.any(self.form == 0) else []
         return " and ".join(free + ["Lagrange top"] * bool(np.any(self.form > 0)))
 
     def parts(self) -> list[tuple[int, NDArray[np.int64], "ClosedMotion"]]:
-        """[(form, members, their ClosedMotion)] of the forms that occur."""
+        """Return [(form, members, their ClosedMotion)] for each form that occurs."""
         parts = []
         for form in np.unique(self.form[self.form != NONE]):
             members = np.flatnonzero(self.form == form)
@@ -61,8 +61,10 @@ class ClosedMotion(NamedTuple):
         return parts
 
     def motion(self, t: ArrayLike) -> Motion:
-        """The Motion of the members at t [s]: (n, 3); at times (m,) it is (m, n, 3). nan for
-        members without a motion."""
+        """Compute the Motion of the members at t [s].
+
+        Its arrays are (n, 3), or (m, n, 3) at times (m,); members without a motion have nan.
+        """
         t = np.asarray(t, dtype=float)[..., None]
         shape = (*t.shape[:-1], len(self.form))
         motion = Motion(*(np.full((*shape, size), np.nan) for size in (3, 3, 4)))
@@ -72,7 +74,7 @@ class ClosedMotion(NamedTuple):
         return motion
 
     def kinds(self) -> list[tuple[NDArray[np.int64], Any]]:
-        """[(members, their Kind of free motion or Nutation of a Lagrange top)]."""
+        """Return [(members, their Kind of free motion or Nutation of a Lagrange top)]."""
         return [
             (
                 members,
@@ -87,16 +89,16 @@ class ClosedMotion(NamedTuple):
 
 
 def _motion(form: int, case: ClosedMotion, t: Array) -> Motion:
-    """The Motion of a ClosedMotion of one form."""
+    """Compute the Motion of a ClosedMotion of one form."""
     if form:
         return solve_lagrange_top(
             case.moments, case.weight, case.momentum, case.attitude, t, axis=form
         )
-    # L' = L x omega - rate L runs through the undamped motion at the time (1 - exp(-rate t))/rate,
-    # of either sign
+    # L' = L x omega - rate L follows the undamped motion at the time (1 - exp(-rate t))/rate,
+    # for either sign of the rate
     rate = case.damping
     with np.errstate(over="ignore", invalid="ignore"):  # a motion that overflows becomes nan
-        # what is divided by 1 is not taken
+        # where the divisor is 1, the quotient is unused
         passed = np.where(rate == 0.0, t, -np.expm1(-rate * t) / np.where(rate == 0.0, 1.0, rate))
         l, omega, q = solve_free_top(case.moments, case.momentum, case.attitude, passed)
         left = np.exp(-rate * t)[..., None]
@@ -104,21 +106,25 @@ def _motion(form: int, case: ClosedMotion, t: Array) -> Motion:
 
 
 def closed_form(model: Model, sampler: Source, first: int, members: int) -> ClosedMotion:
-    """The ClosedMotion of `members` members from index `first` on; SceneError, which says why, if
-    no closed form covers it."""
+    """Return the ClosedMotion of `members` members from index `first` on.
+
+    Raises SceneError with the reason if no closed form covers them.
+    """
     rows = block_rows(model.effects, False)
     return case_of(model.effects, *initial_block(model, sampler, first, members, True, rows))
 
 
 def case_of(effects: Sequence[Any], block: Array, start: Start) -> ClosedMotion:
-    """The ClosedMotion of an initial block; SceneError if no closed form covers one of the healthy
-    members."""
+    """Return the ClosedMotion of an initial block.
+
+    Raises SceneError if no closed form covers one of the healthy members.
+    """
     moments = start["moments"].T
     momentum, attitude = block[layout.MOMENTUM : layout.EXTRA].T, block[: layout.MOMENTUM].T
     if uncovered := sorted({name_of(e) for e in effects} - {"gravity", "viscous_damping"}):
         raise _uncovered(f"the scene has {', '.join(uncovered)}")
     g, rate = np.zeros(len(moments)), np.zeros(len(moments))
-    for label, effect in label_effects(effects):  # several of a kind act by their sum
+    for label, effect in label_effects(effects):  # effects of one kind add up
         if name_of(effect) == "gravity":
             g = g + start[f"{label}_g"]
         else:
@@ -130,10 +136,10 @@ def case_of(effects: Sequence[Any], block: Array, start: Start) -> ClosedMotion:
     heavy = np.abs(weight) > 1e-12 * np.abs(weight).max(1, keepdims=True)
     form = np.where(healthy, np.where(heavy.any(1), heavy.argmax(1) + 1, 0), NONE)
     if np.any(damped := (form > 0) & (rate != 0.0)):
-        raise _uncovered(f"a damped heavy top has none{_some(damped)}")
+        raise _uncovered(f"a damped heavy top has no closed form{_some(damped)}")
     if np.any(off := healthy & (heavy.sum(1) > 1)):
         centre = ", ".join(f"{x:.4g}" for x in start["centre"][:, np.argmax(off)])
-        rule = f"its centre of mass ({centre}) m in principal axes lies on none of them"
+        rule = f"its centre of mass ({centre}) m in principal axes lies on none of these axes"
         raise _uncovered(rule + _some(off))
     _refuse_asymmetric(moments, form)
     along = np.take_along_axis(weight, np.maximum(form, 1)[:, None] - 1, 1)[:, 0]
@@ -155,7 +161,7 @@ def _refuse_asymmetric(moments: Array, form: NDArray[np.int64]) -> None:
 
 
 def _some(bad: NDArray[np.bool_]) -> str:
-    """How many members are bad, in words; "" if all are."""
+    """Return how many members are bad, in words, or "" if all are."""
     return "" if bad.all() else f" ({int(bad.sum()):,} of {bad.size:,} members)"
 
 
@@ -171,10 +177,10 @@ def closed_values(
     times: Array,
     clock: Clock,
 ) -> Array:
-    """The values (times, rows, n) of observables at `times`, at which steps of `clock` end.
+    """Compute observables (times, rows, n) at `times`, each of which ends a step of `clock`.
 
-    Final states, drifts and status go into the block. A member that is not healthy at the start
-    stays there; one that becomes non-finite freezes at its last finite state, as in a kernel.
+    Final states, drifts and status go into the block. A member that is unhealthy at the start
+    stays there. A member that becomes non-finite freezes at its last finite state, as in a kernel.
     """
     motion = case_of(effects, block, start).motion(times)
     q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)
@@ -189,7 +195,7 @@ def closed_values(
             ]
         )
         finite = np.isfinite(now).all(1) & np.isfinite(q).all(1) & np.isfinite(l).all(1)
-        # phases beyond 1e15 rad have neither digits nor a sine
+        # phases beyond 1e15 rad have no correct digits, hence no meaningful sine
         unit = np.abs((q * q).sum(1) - 1.0) < 1e-9
         healthy = np.logical_and.accumulate(finite & unit & (block[layout.STATUS] == 0.0))
         drifts = np.abs(now - now[0]) * np.array(first[1::2])
@@ -216,7 +222,7 @@ def closed_values(
 
 
 def _first(body: Any, effects: tuple[Any, ...], q: Array, l: Array) -> tuple[Any, ...]:
-    """(E, 1/scale of E, |L|^2, 1/|L|^2) at the start, as observables take it."""
+    """Return (E, 1/scale of E, |L|^2, 1/|L|^2) at the start, as observables use it."""
     kinetic, squared = kinetic_energy(body, l), dot(l, l)
     energy = kinetic + total_energy(effects, body, q)
     scale = np.maximum(np.abs(energy), 1e-3 * (kinetic + total_energy_scale(effects, body)))

@@ -1,4 +1,4 @@
-"""From a model to rows for the kernel: members at their start."""
+"""Build rows for the kernel from a model: the members at their start."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -41,16 +41,16 @@ from rigidmc.scene.vector_distributions.protocol import (
 )
 from rigidmc.scene.vector_distributions.vectors import uniform_attitudes
 
-APART = 256  # members that are made for nothing take less time than another call
-RANGE = 2**14  # members made at once at most: 8 MB
+APART = 256  # building this many unused members takes less time than another call
+RANGE = 2**14  # most members built at once: 8 MB
 
-Start = dict[str, Array]  # what members were made from, by the names of the result
-# what members are drawn from
+Start = dict[str, Array]  # sampled values that members were built from, named as in the result
+# sources of the members' draws
 Source = int | AntitheticPairs | FamilyDesign | FixedPoints | PointSequence | DimensionProbe
 
 
 def block_rows(effects: Sequence[Any], has_work: bool) -> int:
-    """How many rows a block has, without those for what is monitored."""
+    """Return how many rows a block has, excluding rows for monitors."""
     works = len(effects) if has_work else 0
     return layout.map_rows(parameter_count(*effects), works).end
 
@@ -58,8 +58,10 @@ def block_rows(effects: Sequence[Any], has_work: bool) -> int:
 def initial_block(
     model: Model, sampler: Source, first: int, count: int, has_attitude: bool, rows: int
 ) -> tuple[Array, Start]:
-    """(block, start): members from index `first` on, as rows for the kernel (rows, count), and what
-    they were made from.
+    """Build members from index `first` on.
+
+    Returns (block, start): the rows for the kernel (rows, count), and the sampled values that the
+    members were built from.
 
     has_attitude : whether the attitude is followed;  rows : of the block, see `block_rows`
     """
@@ -68,7 +70,7 @@ def initial_block(
 
 
 def members_at_start(model: Model, run: Run, first: int, count: int) -> tuple[Array, Start]:
-    """As `initial_block`, of members with attitudes that a run draws."""
+    """Build members with attitudes, drawn as in a run; see `initial_block`."""
     known = make_sampler(model, run), first, count, True
     return initial_block(model, *known, block_rows(model.effects, False))
 
@@ -76,9 +78,10 @@ def members_at_start(model: Model, run: Run, first: int, count: int) -> tuple[Ar
 def initial_block_of(
     model: Model, sampler: Source, members: NDArray[np.int64], has_attitude: bool, rows: int
 ) -> tuple[Array, Start]:
-    """As `initial_block`, of members by their indices, in any order.
+    """Build members by their indices, in any order; see `initial_block`.
 
-    Draws come by ranges of members, so those between are made too, unless they are many.
+    Draws come in ranges of members. Members in a gap between indices are built too, unless the gap
+    is long.
     """
     apart = np.diff(members)
     cut = (apart < 0) | (apart > APART) | (np.diff(members // RANGE) != 0)
@@ -95,14 +98,14 @@ def initial_block_of(
 
 
 class InitialMembers(NamedTuple):
-    """The first members of a model at their start, from index 0 on: a block that nobody changes, of
-    which only the rows of `rows_to_fill` are set, and what the members were made from."""
+    """The first members of a model at their start, from index 0 on, and the sampled values they
+    were built from. The block is never changed; only the rows of `rows_to_fill` are set."""
 
     block: Array
     start: Start
 
     def part(self, model: Model, first: int, count: int, rows: int) -> tuple[Array, Start]:
-        """As `initial_block`, of members that are among these."""
+        """Return members that are among these; see `initial_block`."""
         block, part = np.zeros((rows, count)), slice(first, first + count)
         for some in rows_to_fill(model.effects):
             block[some] = self.block[some, part]
@@ -110,15 +113,15 @@ class InitialMembers(NamedTuple):
 
 
 def make_pilot(model: Model, sampler: Source, has_attitude: bool, count: int = 0) -> InitialMembers:
-    """The first members of a model, by default as many as stand for all: all rows of arrays."""
+    """Build the first members of a model, by default `pilot_size` of them."""
     count = count or pilot_size(model)
-    # zeros in all rows, and their copies, took 1 of 21 ms for 65,536 members and one step
+    # setting and copying zeros in all rows took 1 of 21 ms for 65,536 members and one step
     block = np.empty((block_rows(model.effects, False), count))
     return InitialMembers(block, fill_initial(block, model, sampler, 0, has_attitude))
 
 
 def pilot_size(model: Model) -> int:
-    """How many first members stand for the ensemble: all rows if there are arrays."""
+    """Return how many first members represent the ensemble: all rows if there are arrays."""
     quantities = model.quantities()
     if is_shared(*quantities) and not isinstance(model.start.attitude, str):
         return layout.LANES
@@ -126,7 +129,7 @@ def pilot_size(model: Model) -> int:
 
 
 def make_sampler(model: Model, run: Run) -> Source:
-    """What the members of a run are drawn from: its seed, or the PointSequence of `run.points`."""
+    """Return the source of a run's draws: its seed, or the point set that `run.points` names."""
     if run.points == "independent":
         return run.seed
     if run.points == "antithetic":
@@ -139,19 +142,19 @@ def make_sampler(model: Model, run: Run) -> Source:
 
 
 def random_dimensions(model: Model) -> tuple[RandomDimension, ...]:
-    """The random numbers that a member draws."""
+    """Return the random numbers that a member draws."""
     recorder = DimensionProbe()
-    # with the attitude, so that no point depends on what is saved
+    # with the attitude, so that points do not depend on the saved variables
     initial_block(model, recorder, 0, 1, True, block_rows(model.effects, False))
     return tuple(recorder.dimensions)
 
 
 def uncertain_numbers(model: Model) -> tuple[list[str], dict[RandomDimension, int]]:
-    """(the names of the uncertain numbers of a model, {dimension: place of its name}).
+    """Return (names of the uncertain numbers of a model, {dimension: place of its name}).
 
-    A number has the name that a map gives it, such as start.omega.2. The numbers that a
-    distribution of a whole vector or of the attitude draws are one group, with the name of what it
-    draws.
+    A number has the name that a map gives it, such as start.omega.2. All numbers drawn by a
+    distribution of a whole vector or of the attitude form one group, named after that vector or
+    the attitude.
     """
     names = {dimension: _name(model, *dimension) for dimension in random_dimensions(model)}
     places = {name: i for i, name in enumerate(dict.fromkeys(names.values()))}
@@ -159,7 +162,7 @@ def uncertain_numbers(model: Model) -> tuple[list[str], dict[RandomDimension, in
 
 
 def _name(model: Model, stream: str, draw: int, word: int) -> str:
-    """The name of what the number `word` of a draw from a random stream is for."""
+    """Return the name of the quantity that number `word` of a draw from a random stream sets."""
     table, first, *rest = stream.split(".")
     if table == "effects":
         effect = dict(label_effects(model.effects))[first]
@@ -168,14 +171,14 @@ def _name(model: Model, stream: str, draw: int, word: int) -> str:
     if first == "attitude":
         angles = model.start.has_euler_angles
         return f"{whole}.{('phi', 'theta', 'psi')[word]}" if angles else whole
-    if whole in ("body.mass", "body.tensor"):  # a tensor is a distribution of all its numbers
+    if whole in ("body.mass", "body.tensor"):  # a tensor has one distribution for all its numbers
         return whole
     value = getattr(getattr(model, table), first)
     return f"{whole}.{4 * draw + word + 1}" if isinstance(value, tuple) else whole
 
 
 def rows_to_fill(effects: Sequence[Any]) -> tuple[slice, ...]:
-    """The rows of a block that `fill_initial` sets; the others are 0 until the engine begins."""
+    """Return the block rows that `fill_initial` sets; the others stay 0 until the engine starts."""
     end = layout.EFFECTS + parameter_count(*effects)
     return (
         slice(layout.ATTITUDE, layout.EXTRA),
@@ -187,8 +190,8 @@ def rows_to_fill(effects: Sequence[Any]) -> tuple[slice, ...]:
 def fill_initial(
     block: Array, model: Model, sampler: Source, first: int, has_attitude: bool
 ) -> Start:
-    """Set the rows of `rows_to_fill` for members from index `first` on; what these are made
-    from."""
+    """Set the rows of `rows_to_fill` for members from index `first` on, and return the sampled
+    values that the members are built from."""
     count = block.shape[1]
     moments, mass, centre, turn = model.body.sample_turned(sampler, first, count)
     effects = {
@@ -238,7 +241,7 @@ def fill_initial(
                 model.start.attitude, sampler, "start.attitude", first, count
             )
     block[layout.MOMENTUM : layout.EXTRA] = spin * moments if word == "omega" else spin
-    # the spin is nan if a shell has too little energy
+    # the spin is nan if a distribution on an energy shell gets too little energy
     bad = (
         violates_triangle(moments)
         | ~(mass > 0)
@@ -250,7 +253,7 @@ def fill_initial(
 
 
 def _turned(effects: Sequence[Any], drawn: Mapping[str, Array], turn: Array) -> dict[str, Array]:
-    """The drawn parameters of effects, those that are fixed in the body along the members' axes."""
+    """Return the drawn parameters of effects, body-fixed ones turned into each member's axes."""
     turned = dict(drawn)
     for label, effect in label_effects(effects):
         for field in effect_facts(effect).in_body:
@@ -261,12 +264,11 @@ def _turned(effects: Sequence[Any], drawn: Mapping[str, Array], turn: Array) -> 
 
 
 def member_facts(effects: Sequence[Any], block: Array, moments: Array) -> MemberFacts:
-    """The MemberFacts that distributions of vectors may depend on, of members whose rows a block
-    has."""
+    """Return the MemberFacts that vector distributions may depend on, for members of a block."""
     body, arrays = physics(effects, block)
     q = tuple(block[layout.ATTITUDE : layout.MOMENTUM])
     zeros = np.zeros(block.shape[1])
-    # a bath has a scale of energy and no potential
+    # a bath has an energy scale but no potential
     potentials = tuple(effect for effect in arrays if implements(effect, "energy"))
 
     def potential(q: Any) -> Array:
@@ -277,7 +279,7 @@ def member_facts(effects: Sequence[Any], block: Array, moments: Array) -> Member
 
 
 def check_starts(model: Model, sampler: Source, seed: int) -> None:
-    """Raise SceneError if no member has a start, or if an ensemble is too rare to be drawn."""
+    """Raise SceneError if no member has a valid start, or if an ensemble is too rare to draw."""
     if model.start.attitude == "ensemble":
         _check_ensemble(model, seed)
         return
@@ -287,14 +289,15 @@ def check_starts(model: Model, sampler: Source, seed: int) -> None:
     rows = block_rows(model.effects, False)
     if initial_block(model, sampler, 0, PILOT, True, rows)[0][layout.STATUS].all():
         rule = (
-            f"none of the first {PILOT} members has one: its energy, temperature or size cannot be"
+            f"none of the first {PILOT} members has a valid start: energy, temperature or size is"
+            " out of range"
         )
         raise SceneError(rule, at=f"start.{spin}")
 
 
 def _check_ensemble(model: Model, seed: int) -> None:
-    """Raise SceneError if the attitudes of an ensemble are too rare among uniform ones to be drawn
-    by rejection."""
+    """Raise SceneError if the attitudes of an ensemble are too rare among uniform attitudes for
+    rejection sampling."""
     block, start = initial_block(model, seed, 0, PILOT, False, block_rows(model.effects, False))
     facts = member_facts(model.effects, block, start["moments"])
     ensemble: Any = model.start.momentum
@@ -303,30 +306,32 @@ def _check_ensemble(model: Model, seed: int) -> None:
     tried = uniform_attitudes(u, v, w)
     if (np.abs(facts.potential(tried)) > facts.bound * (1.0 + 1e-9)).any():
         rule = (
-            "needs the largest potential energy that an attitude may have: an effect of your own "
-            "tells it by energy_scale(self, body) [J]"
+            "needs the largest potential energy over all attitudes: a custom effect returns it from"
+            " energy_scale(self, body) [J]"
         )
         raise SceneError(rule, at="start.attitude", value="ensemble")
     accepted = float(np.nanmean(acceptance(tried)))
     if not accepted >= 0.01:
         rule = (
-            f"of uniform attitudes the ensemble keeps {accepted:.1g}, less than 1 in 100: too "
-            "cold to be drawn so; under gravity alone a body with its centre on axis 3 is "
+            f"the ensemble accepts {accepted:.1g} of uniform attitudes, fewer than 1 in 100: too "
+            "cold for rejection sampling; under gravity alone, a body with centre on axis 3 has "
             "exp(-V/kT) by attitude = { pointing = { direction = [0, 0, -1], kappa = m g h/kT } }"
         )
         raise SceneError(rule, at="start.attitude", value="ensemble")
 
 
 def work_flags(effects: Sequence[Any], has_work: bool) -> tuple[Flag, ...]:
-    """For each effect OFF if its energy tells its work, else ON; () if no works are saved. See
-    `rigidmc.engine.program.Program`."""
+    """Return for each effect OFF if its energy gives its work, else ON; () if no works are saved.
+
+    See `rigidmc.engine.program.Program`.
+    """
     if not has_work:
         return ()
     return tuple(flag(not implements(effect, "energy")) for effect in effects)
 
 
 def noise_keys(effects: Sequence[Any], seed: int, members: NDArray[np.int64]) -> NoiseKeys:
-    """What decides the noise of random effects, for members by their indices."""
+    """Return the keys of the noise of random effects, for members by their indices."""
     streams = [
         stream_of(f"effects.{label}.noise")
         for label, effect in label_effects(effects)

@@ -1,5 +1,5 @@
-"""What flags a member: bounds on its drifts and on how far a step may turn it. By default they
-follow from integrator, step and number of steps."""
+"""Bounds that flag a member: on its drifts and on its turn per step. The defaults follow from the
+integrator, the step and the number of steps."""
 
 import math
 from collections.abc import Mapping
@@ -12,24 +12,23 @@ from rigidmc.physics.integrators.protocol import Integrator
 from rigidmc.physics.integrators.splitting import PANEL_TURN, Exact, Split
 from rigidmc.scene.settings import Run
 
-COARSE = (
-    0.05  # a result with a larger drift of energy or momentum is never trusted, whatever the step
-)
-# [rad] in a step of free motion that is split into turns: ten of them are off by 0.011 rad (median
-# of 60 bodies; 0.8 at worst)
+COARSE = 0.05  # never trust a result with a larger drift of energy or momentum, whatever the step
+# [rad] per step of free motion that is split into turns: ten such steps are off by 0.011 rad
+# (median of 60 bodies; 0.8 at worst)
 SPLIT = 2.0
-# A member may spin so many times faster than the drift or the iteration was prepared for: a drift
-# is then off by 5e-12 (60 bodies each for five turns; 3 times: 5e-10), the stage of midpoint by
-# 3e-15 (3 times: 7e-8).
+# A member may spin faster by this factor than the drift or the iteration was prepared for. A drift
+# is then off by 5e-12 (60 bodies each for five turns; at a factor of 3: 5e-10), and the stage of
+# midpoint by 3e-15 (at a factor of 3: 7e-8).
 PLANNED = 2.0
-SPUN_UP = 2.0  # a member with steps of its own may turn by this many times `turn` in a step
+SPUN_UP = 2.0  # a member with its own steps may turn by this many times `turn` per step
 
 
 class Limits(NamedTuple):
-    """Bounds of a run, as `rigidmc.engine.program.Program` takes them; inf if there is none.
+    """Bounds of a run, as `rigidmc.engine.program.Program` uses them; inf where there is no bound.
 
-    energy : |E - E(0)| of the energies in play;  l2 : of |L|^2, of its size;  lz : of L_z, of the
-        largest |L| that the energies allow
+    energy : |E - E(0)|, relative to the energies in play
+    l2 : change of |L|^2, relative to its size
+    lz : change of L_z, relative to the largest |L| that the energies allow
     turn : |omega| h [rad];  norm : ||q|^2 - 1|
     """
 
@@ -50,30 +49,30 @@ def make_limits(
     form: StepScheme | None = None,
     spin: float = 0.0,
 ) -> Limits | tuple[()]:
-    """The Limits of a run, or () if only non-finite members are flagged (checks = false).
+    """Compute the Limits of a run, or () if only non-finite members are flagged (checks = false).
 
     kind : the integrator;  conserved : see `rigidmc.scene.recording.conservation`
-    has_attitude : whether the attitude is followed: without it nobody sees L_z
-    theta : how far the fastest member of the pilot moves in a step [rad];  steps : to the end
-    form, spin : the Form of the integrator, and the turn [rad] of a step that it was prepared for
+    has_attitude : whether the attitude is followed; without it L_z is not monitored
+    theta : largest motion of the pilot's members in a step [rad];  steps : number to the end
+    form, spin : the StepScheme of the integrator, and the turn per step [rad] it was prepared for
 
-    A drift without a bound in the scene (energy_limit, momentum_limit) may reach
+    A drift that the scene does not bound (energy_limit, momentum_limit) may reach
 
-        steps theta^(order + 1),  at least 5e6 + 50 steps roundings,  at most 0.05
+        steps theta^(order + 1),  at least (5e6 + 50 steps) roundings,  at most 0.05
 
-    Where the first is below 0.05 it is at least 12 times the drift of the shipped integrators, free
-    and heavy; strang comes nearest (tests/planning/test_limits.py).
+    Where the first term is below 0.05, it is at least 12 times the drift of the shipped
+    integrators, free and heavy; strang comes nearest (tests/planning/test_limits.py).
 
-    A step may turn a member by the integrator's `max_turn` (turn_limit), pi if it has none; a
-    member that turns by more is aliased or divergent. A member with steps of its own may turn by
-    twice `turn`. A potential never brings it there, because the rate of its steps bounds |omega|; a
-    torque that spins it up may. The exact free motion and midpoint are prepared for the spins of
-    the pilot, and take twice that.
+    A step may turn a member by the integrator's `max_turn` (turn_limit), or by pi if it has none.
+    A member that turns by more is aliased or divergent. A member with its own steps may turn by
+    twice `turn`. A potential never brings it there, because the rate that sets its steps bounds
+    |omega|; a torque that spins it up may. The exact free motion and midpoint are prepared for
+    the spins of the pilot, and allow twice those spins.
     """
     if not run.checks:
         return ()
     drift = _largest_drift(run.dtype, kind.order, theta, steps)
-    # what drives a body may make it much faster than the pilot is at the start
+    # driving effects may make a body much faster than the pilot is at the start
     energy = COARSE if "work" in run.save else drift
     bounds = {
         "energy": energy if run.energy_limit is None else run.energy_limit,
@@ -90,7 +89,7 @@ def make_limits(
 
 
 def _largest_drift(dtype: str, order: float, theta: float, steps: float) -> float:
-    """The drift that integration itself may cause."""
+    """Return the largest drift that integration itself may cause."""
     if theta >= 1.0 and order < math.inf:
         return COARSE
     rounding = float(np.finfo(dtype).eps) * (5e6 + 50.0 * steps)
@@ -102,7 +101,7 @@ def _largest_drift(dtype: str, order: float, theta: float, steps: float) -> floa
 def _largest_turn(
     kind: Integrator, turn: float | None, form: StepScheme | None, spin: float
 ) -> float:
-    """The largest turn of a step [rad] that an integrator stands."""
+    """Return the largest turn of a step [rad] that an integrator tolerates."""
     drift = getattr(form.integrator, "drift", None) if form else None
     largest = math.pi if drift is None else SPLIT if isinstance(drift, Split) else math.inf
     largest = kind.max_turn or largest

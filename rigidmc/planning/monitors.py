@@ -1,5 +1,5 @@
-"""What a run keeps of every step: from the observables of a scene to the compiled ones, and from
-rows of a block to results."""
+"""Quantities that a run records at every step: compile the observables of a scene, and turn rows
+of a block into results."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -51,8 +51,11 @@ from rigidmc.scene.validation import PILOT
 
 
 class Monitors(NamedTuple):
-    """Events, running observables and neighbour as the kernel takes them, and [(label, observable)]
-    of each; bins : (dimension, edges, units) of each histogram;  dims : of all that is kept."""
+    """Events, running observables and the shadow trajectory as the kernel uses them, and
+    [(label, observable)] of each.
+
+    bins : (dimension, edges, units) of each histogram;  dims : dimensions of all recorded variables
+    """
 
     events: tuple[Any, ...] = ()
     running: tuple[Any, ...] = ()
@@ -65,22 +68,23 @@ class Monitors(NamedTuple):
 
     @property
     def compiled(self) -> tuple[tuple[Any, ...], tuple[Any, ...], Flag]:
-        """As arguments of `rigidmc.engine.program.Program`."""
+        """The arguments of `rigidmc.engine.program.Program`."""
         return self.events, self.running, self.shadow
 
     @property
     def each_step(self) -> list[str]:
-        """Labels of what sees the end of each step only, so that long steps hide things from it."""
+        """Labels of the monitors that see only the end of each step, so that long steps hide
+        motion from them."""
         return [label for label, _ in (*self.of_events, *self.of_running)]
 
     @property
     def rows(self) -> int:
-        """How many rows of a block it takes."""
+        """Number of block rows that the monitors use."""
         return int(monitor_rows(*self.compiled))
 
 
 def make_monitors(model: Model, recording: Recording, seed: int) -> Monitors:
-    """The Monitors of a run; SceneError for an event that it cannot have."""
+    """Return the Monitors of a run; raise SceneError for an event that the run cannot have."""
     observables = [
         (label, one)
         for label, one in recording.monitored
@@ -106,13 +110,16 @@ def make_monitors(model: Model, recording: Recording, seed: int) -> Monitors:
 
 
 def _bodies(model: Model, seed: int) -> tuple[NDArray[np.float64], bool]:
-    """(moments (3, n) of the first members, or of all rows of arrays; whether these are all)."""
+    """Return (moments (3, n), whether these are all moments of the run).
+
+    The moments are those of the first members, or of all rows of arrays.
+    """
     complete = not is_variable(model.body.moments)
     count = (count_rows(*model.body.moments) or 1) if complete else PILOT
     return model.coarse().body.sample(seed, 0, count)[0], complete
 
 
-# arguments with which observables are tried, to see which of them they use; None if that matters
+# arguments to try observables with, to find which they use; None if use of the argument matters
 _VALUES = {
     "body": MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3)),
     "effects": (),
@@ -124,7 +131,7 @@ _SAVED = {**_VALUES, "start": (1.0, 1.0, 1.0, 1.0)}
 
 
 def places_of(effects: Sequence[Any], has_work: bool, monitors: Monitors) -> RowMap:
-    """The rows of a block beyond those that every block has."""
+    """Return the rows of a block beyond the rows that every block has."""
     works = len(effects) if has_work else 0
     marks = [len(numbers) for _, numbers in monitors.running]
     events, shadow = len(monitors.events), bool(monitors.shadow)
@@ -132,11 +139,11 @@ def places_of(effects: Sequence[Any], has_work: bool, monitors: Monitors) -> Row
 
 
 def has_attitude(effects: Sequence[Any], recording: Recording, monitors: Monitors) -> bool:
-    """Whether anything needs the attitude: an effect that names q, or what is saved or
-    monitored."""
+    """Return whether anything needs the attitude: an effect that names q, or a saved or monitored
+    observable."""
     if any("q" in argument_names(e, "torque", "kick", "energy") for e in effects):
         return True
-    if monitors.shadow:  # the distance to the neighbour is that of attitude and momentum
+    if monitors.shadow:  # the distance to the shadow trajectory uses attitude and momentum
         return True
     works = static_count(len(effects))
     return (
@@ -162,14 +169,14 @@ def results(
     total: Any,
     nodes: int = 0,
 ) -> dict[str, NDArray[np.float64]]:
-    """{variable: values of each member} of Monitors, nan if a member is not ok.
+    """Return {variable: values of each member} of Monitors, nan for members that are not ok.
 
-    A member that is flagged keeps the times of events that came while it was still ok: without
-    them nobody could tell whether the event had come by then.
+    A flagged member keeps the times of events that happened while it was ok. Without them, nobody
+    could know whether an event had happened by then.
 
-    places : of their rows;  block : its rows at the end of a run, or of a part of it;  clock : of
-        the members
-    total : steps that each member has made;  nodes : as of a Plan
+    places : rows of the monitors;  block : its rows at the end of a run, or of part of a run
+    clock : when steps of the members end;  total : steps that each member has made
+    nodes : as in a Plan
     """
     healthy, everyone = block[layout.STATUS] == 0.0, np.ones(block.shape[1], bool)
     known_until = clock.time(np.where(healthy, total, block[layout.GOOD_STEP]))

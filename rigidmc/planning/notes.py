@@ -1,5 +1,5 @@
-"""Notes on a scene that runs, but perhaps not as meant: settings and effects that change nothing,
-slow effects, and likely mistakes of units and signs. Each of LOOKS yields notes.
+"""Notes on scenes that run, but perhaps not as intended: settings and effects without effect, slow
+effects, and likely errors of units and signs. Each function in LOOKS yields notes.
 """
 
 import math
@@ -32,10 +32,10 @@ from rigidmc.scene.settings import Run, idle
 from rigidmc.scene.validation import PILOT
 from rigidmc.scene.vector_distributions import GibbsMomentum
 
-FEW = 64  # members whose effects and angles are looked at
+FEW = 64  # members whose effects and angles are checked
 BOLTZMANN = 1.380649e-23  # J/K
-# Central bodies: G M [m3/s2], told apart to 2 %, and radius [m]. Source: Archinal et al., Celest.
-# Mech. Dyn. Astron. 130 (2018) 22; JPL DE440.
+# Central bodies: G M [m3/s2], distinguished to 2 %, and radius [m]. Source: Archinal et al.,
+# Celest. Mech. Dyn. Astron. 130 (2018) 22; JPL DE440.
 CENTRES = {
     "the Sun": (1.32712e20, 6.957e8),
     "Venus": (3.24859e14, 6.0518e6),
@@ -45,22 +45,22 @@ CENTRES = {
     "Jupiter": (1.26713e17, 6.9911e7),
     "Saturn": (3.79406e16, 5.8232e7),
 }
-# Density [kg/m3] of the uniform ellipsoid with a body's moments. Osmium with lengths in mm taken
-# for m has 2e-5; scenes in units of their own reach 1e-3. Above osmium the body cannot exist: of
-# all bodies with these moments the ellipsoid has the smallest peak density.
+# Density [kg/m3] of the uniform ellipsoid with a body's moments. Osmium gives 2e-5 if lengths in mm
+# are read as m; scenes in custom units go down to 1e-3. A body denser than osmium cannot exist: of
+# all bodies with these moments, the ellipsoid has the smallest peak density.
 LIGHTEST, DENSEST = 1e-4, 22_590.0
-SMALLEST, LARGEST = 1e-21, 1e27  # kg: below are molecules, above are stars
+SMALLEST, LARGEST = 1e-21, 1e27  # kg: molecules are lighter, stars are heavier
 COLD = 1e6  # K: small bodies that tumble in a bath are colder
 UNCOMPILED = (
     "NUMBA_DISABLE_JIT is set: Python makes the steps, thousands of times slower, and the last bits"
-    " differ from those of compiled steps; unset it for results that others can repeat"
+    " differ from compiled steps; unset it for reproducible results"
 )
 Array = NDArray[np.float64]
 
 
 class PilotFacts(NamedTuple):
-    """What moves, the settings, the Plan, and the first FEW members: bodies, and [(label, effect)]
-    as arrays."""
+    """The model, the settings, the Plan, and the first FEW members: bodies, and [(label, effect)]
+    with arrays as fields."""
 
     model: Model
     run: Run
@@ -72,10 +72,10 @@ class PilotFacts(NamedTuple):
 
 
 def step_notes(run: Run, plan: Plan, units: UnitScale | None = None) -> tuple[str, ...]:
-    """What the plan notes on steps; if a tolerance chose them, nothing, because the error is
-    measured.
+    """Return the plan's notes on steps, or none if a tolerance chose the steps, because then the
+    error is measured.
 
-    units : how the plan was rescaled, None if it was not
+    units : units into which the plan was rescaled, None if it was not
     """
     if run.integrator == "auto":
         return ()
@@ -85,9 +85,9 @@ def step_notes(run: Run, plan: Plan, units: UnitScale | None = None) -> tuple[st
 
 
 def scene_notes(model: Model, run: Run, plan: Plan) -> tuple[str, ...]:
-    """What else the user of a scene should know, in words.
+    """Return the other notes for the user of a scene.
 
-    model, run : as the user gave them;  plan : of their run
+    model, run : as the user gave them;  plan : of this run
     """
     seen = _pilot_facts(model, run, plan)
     uncompiled = plan.scheme is not None and is_uncompiled()
@@ -120,14 +120,14 @@ def _one_at_a_time(seen: PilotFacts) -> Iterator[str]:
     events, running, _ = seen.plan.monitors.compiled
     watches = *seen.plan.recording.recorded.values(), *events, *(one for one, _ in running)
     scheme, effects = seen.plan.scheme, blank(seen.model.effects)
-    # what cannot be compiled at all is refused later
+    # an effect that cannot be compiled at all raises an error later
     with suppress(NumbaError, SceneError):
         if scheme is None or any(refusal_of(e) for e in effects if not is_shipped(e)):
             return
         for name, why in scalar_parts(scheme.integrator, effects, watches):
             yield (
-                f"{name} {why}: members are not worked on side by side, and "
-                "the step is much slower than it might be"
+                f"{name} {why}: members are not vectorized, and the step is much slower than it "
+                "could be"
             )
 
 
@@ -164,7 +164,8 @@ def _orbit_inside(seen: PilotFacts) -> Iterator[str]:
 
 
 def _not_turned(seen: PilotFacts) -> Iterator[str]:
-    """Vectors of own effects that do not say whether they are fixed in bodies of different axes."""
+    """Find vectors of custom effects that do not declare whether they are fixed in the body, where
+    members have different principal axes."""
     if seen.model.body.inertia_key != "tensor":
         return
     for label, effect in seen.effects:
@@ -175,7 +176,7 @@ def _not_turned(seen: PilotFacts) -> Iterator[str]:
                 yield (
                     f"[effects.{label}] {name} is not turned into the principal axes of each"
                     f' member: @effect(in_body=("{name}",)) turns a vector that is fixed in the'
-                    " body, and in_body=() says that none is"
+                    " body, and in_body=() declares that no vector is"
                 )
 
 
@@ -216,10 +217,10 @@ def _quaternions(seen: PilotFacts) -> Iterator[str]:
 
 
 def _bodies(seen: PilotFacts) -> Iterator[str]:
-    """Bodies that cannot exist: I_i > I_j + I_k, or a centre of mass too far from the fixed point.
+    """Find bodies that cannot exist: I_i > I_j + I_k, or a centre of mass too far from the pivot.
 
-    Those run: torques know m c alone, and units in which m = 1 and m g c = 1 may leave no room for
-    the centre.
+    The second kind still runs: torques depend on m c alone, and units in which m = 1 and m g c = 1
+    may leave no room for the centre.
     """
     body, run = seen.model.body, seen.run
     mapped = any(isinstance(q, Grid) for q in body.quantities())
@@ -228,7 +229,7 @@ def _bodies(seen: PilotFacts) -> Iterator[str]:
     impossible = violates_triangle(moments)
     which = f"of the first {count:,} bodies"
     if mapped:
-        which = f"of {count:,} bodies spread over the grid"  # blank parts of a map are impossible
+        which = f"of {count:,} bodies spread over the grid"  # maps leave impossible bodies blank
     elif impossible.any():
         yield (
             f"[body] moments: {np.count_nonzero(impossible):,} {which} cannot exist (I_i > "
@@ -240,27 +241,29 @@ def _bodies(seen: PilotFacts) -> Iterator[str]:
         which = "the body" if alone else f"{np.count_nonzero(bad):,} {which}"
         yield (
             f"[body] centre: {which} cannot exist: {TOO_FAR}"
-            f"{_millimetres(moments, mass, centre)}; computed all the same, since the motion "
-            "depends on the moments and on m c alone"
+            f"{_millimetres(moments, mass, centre)}; computed anyway, because the motion depends "
+            "only on the moments and on m c"
         )
 
 
 def _millimetres(moments: Array, mass: Array, centre: Array) -> str:
-    """A question, if the centres would lie within the bodies in metres."""
+    """Return a question if the centres, read as mm, would lie within the bodies; else ""."""
     size = np.sqrt(moments.max(0) / mass)
     ratio = float(np.median(np.sqrt((centre * centre).sum(0)) / size))
-    return "; is centre in millimetres, and not in m?" if 30.0 < ratio < 3e4 else ""
+    return "; is centre in millimetres instead of m?" if 30.0 < ratio < 3e4 else ""
 
 
 def _density(seen: PilotFacts) -> Iterator[str]:
-    """A density unlike any matter, for bodies of given mass that extend in three directions: the
-    density of the uniform ellipsoid with their moments."""
+    """Find bodies of given mass, extended in three directions, with a density unlike any matter.
+
+    The density is that of the uniform ellipsoid with the same moments.
+    """
     moments, mass, centre = seen.moments, seen.mass, seen.centre
-    if is_shared(*seen.model.body.quantities()):  # one stands for all: 0.06 of 0.14 ms
+    if is_shared(*seen.model.body.quantities()):  # one represents all; saves 0.06 of 0.14 ms
         moments, mass, centre = moments[:, :1], mass[:1], centre[:, :1]
     second = _about_centre(moments, mass, centre)
     thick = second.min(0) > 1e-9 * second.max(0)  # plates, rods and points have no density
-    # a mass of 1 stands for none: only the moments are meant
+    # a mass of 1 means that no mass is given, only the moments
     real = thick & (mass != 1.0) & (mass > SMALLEST) & (mass < LARGEST)
     if not real.any():
         return
@@ -276,14 +279,15 @@ def _density(seen: PilotFacts) -> Iterator[str]:
 
 
 def _about_centre(moments: Array, mass: Array, centre: Array) -> Array:
-    """Ascending eigenvalues (3, n) of the second moments about the centre of mass [kg m2]."""
+    """Return ascending eigenvalues (3, n) of the second moments about the centre of mass
+    [kg m2]."""
     second = np.eye(3)[:, :, None] * (0.5 * moments.sum(0) - moments)
     matrices = second - mass * centre[:, None] * centre
     return np.asarray(np.linalg.eigvalsh(np.moveaxis(matrices, -1, 0))).T
 
 
 def _hot(seen: PilotFacts) -> Iterator[str]:
-    """A kT given in K instead of J, for bodies small enough to feel heat at all."""
+    """Find a kT given in K instead of J, for bodies small enough to respond to heat."""
     momentum, seed = seen.model.coarse().start.momentum, seen.run.seed
     heats: list[tuple[str, Any]] = [
         (f"effects.{label}", one.kT) for label, one in seen.effects if isinstance(one, Bath)
@@ -314,7 +318,7 @@ LOOKS: tuple[Callable[[PilotFacts], Iterator[str]], ...] = (
 
 
 def idle_settings(run: Run) -> Iterator[str]:
-    """Settings of [run] without effect."""
+    """Find settings of [run] that have no effect."""
     for key, why in idle(run).items():
         yield f"[run] {key} = {getattr(run, key)} has no effect: {why}"
     for name, word in run.keep.items() if isinstance(run.keep, dict) else ():
@@ -328,14 +332,14 @@ def idle_settings(run: Run) -> Iterator[str]:
 
 
 def idle_sums(run: Run, plan: Plan) -> Iterator[str]:
-    """Sums that are to keep remainders, of steps that look after their rounding themselves."""
+    """Find compensated sums requested for steps that already compensate their rounding."""
     if run.compensated and not plan.compensated:
-        why = f"the steps of {run.integrator} look after their rounding themselves"
+        why = f"the steps of {run.integrator} already compensate their rounding"
         yield f"[run] compensated = True has no effect: {why}"
 
 
 def idle_limits(run: Run, plan: Plan) -> Iterator[str]:
-    """Limits on drifts of quantities that are not conserved."""
+    """Find limits on drifts of quantities that are not conserved."""
     conserved = plan.conserved
     if not run.checks or run.integrator == "closed":
         return
@@ -350,19 +354,19 @@ def idle_limits(run: Run, plan: Plan) -> Iterator[str]:
 
 
 def is_shipped(effect: Any) -> bool:
-    """Whether an effect comes with the package."""
+    """Return whether an effect comes with the package."""
     return type(effect) in EFFECTS.values()
 
 
 def idle_effects(effects: list[tuple[str, Any]], moments: Array, centre: Array) -> Iterator[str]:
-    """Effects [(label, effect)] of the package that exert no torque on any of the members looked
-    at.
+    """Find effects [(label, effect)] of the package that exert no torque on any of the given
+    members.
 
     moments, centre : (3, n) of the members
     """
     size, few = np.abs(centre).max(), moments.shape[1]
     with np.errstate(all="ignore"):
-        # scaled to size 1, so that no torque underflows to 0; a centre of 0 is 0 by anything
+        # scaled to size 1, so that no torque underflows to 0; a centre of 0 stays 0
         scaled = tuple(moments / moments.max()), tuple(centre / (size or 1.0))
         body = MassProperties.of(*scaled)
     chance = np.random.default_rng(1)
@@ -376,8 +380,8 @@ def idle_effects(effects: list[tuple[str, Any]], moments: Array, centre: Array) 
 
 
 def _acts(effect: Any, bodies: MassProperties, i: int, chance: np.random.Generator) -> bool:
-    """Whether an effect exerts a torque on member i at a random attitude, spin and time; for a
-    bath, whether it has friction."""
+    """Return whether an effect exerts a torque on member i at a random attitude, spin and time; for
+    a bath, whether it has friction."""
     body = MassProperties(*(np.asarray(x)[i] for x in bodies))
     of_member = from_numbers(type(effect), [x[i] for _, _, x in numbers(effect)])
     if isinstance(of_member, Bath):

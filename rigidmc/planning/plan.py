@@ -1,4 +1,4 @@
-"""Everything about a run that is resolved before its first step."""
+"""The plan of a run: everything that is resolved before its first step."""
 
 import math
 from collections.abc import Sequence
@@ -40,39 +40,39 @@ from rigidmc.scene.model import Model
 from rigidmc.scene.recording import Recording, conservation
 from rigidmc.scene.settings import Run
 
-ARC = 1.6  # [rad] that a member may move between two states of a step that are watched
-LARGEST_TURN = 3.0  # [rad] in a step that is watched: beyond it the attitude within is 1e-3 off
-# [rad] with noise, where only the ends of steps are known: of 50 heavy tops to t = 25 watched after
-# steps of 1.6 rad, nutation was up to 0.43 rad off and 43 of 801 passages were missed
+ARC = 1.6  # [rad] that a member may move between two monitored states of a step
+LARGEST_TURN = 3.0  # [rad] in a monitored step: beyond it, attitudes within are off by 1e-3
+# [rad] with noise, where only the ends of steps are known: for 50 heavy tops to t = 25, monitored
+# after steps of 1.6 rad, nutation was up to 0.43 rad off and 43 of 801 passages were missed
 RANDOM_TURN = 0.3
-MOST_SAVES = 10**7  # their times alone are 80 MB
+MOST_SAVES = 10**7  # their times alone use 80 MB
 
 
 class Plan(NamedTuple):
-    """What a run will do, resolved. It depends on neither threads, blocks nor the device.
+    """A run, fully resolved. A plan does not depend on threads, blocks or the device.
 
     model, run, kind, recording : what moves, the settings, the integrator, what is recorded
-    first, members : place of the first member, and how many there are
-    which : the indices of the members at places 0, 1, ...; None if they are these numbers
-    grid : the steps and the saves; with member steps of rounds, in each of which a member makes
-        some steps
-    has_member_steps : whether members have steps of their own;  mean_steps : of a member to the end
-    times : of the saves [s];  thinned : indices of the saves that are kept of thinned observables
+    first, members : place of the first member, and number of members
+    which : member indices at places 0, 1, ...; None if each index equals its place
+    grid : steps and saves; with per-member steps, its steps are rounds, and each member makes
+        several steps in a round
+    has_member_steps : whether members have their own steps
+    mean_steps : mean number of steps of a member to the end
+    times : of the saves [s];  thinned : indices of the saves kept for thinned observables
     scheme : how the integrator makes a step, None for closed forms
     has_attitude : whether the attitude is followed
-    angle : how far the fastest member of the pilot turns in a step at its start [rad]
-    turn_rate : bound on the rate of free motion if the integrator asks for it [rad/s]
-    dtype : of the numbers in which steps are made;  compensated : whether sums keep their
-        remainders
-    notes : what the user should know;  limits : what flags a member, () if nothing does
-    labels : of the effects whose works are saved;  works : see
-        `rigidmc.planning.initial.work_flags`
-    monitors : what is kept of every step;  places : its rows of a block
-    nodes : states that are watched in a step, the last at its end; 0 if only the end is known
-    saved : {observable: rows of its values} of what is recorded at saves
+    angle : largest turn of the pilot's members in a step at the start [rad]
+    turn_rate : bound on the rate of free motion, if the integrator requires one [rad/s]
+    dtype : number type of the steps;  compensated : whether sums keep their remainders
+    notes : hints to the user;  limits : bounds that flag a member, () if there are none
+    labels : of the effects whose works are saved
+    works : see `rigidmc.planning.initial.work_flags`
+    monitors : quantities recorded at every step;  places : their rows in a block
+    nodes : monitored states in a step, the last at its end; 0 if only the end is known
+    saved : {observable: rows of its values}, for observables recorded at saves
     conserved : see `rigidmc.scene.recording.conservation`
-    paired : whether a step has the noise of two steps of half its length, as
-        coarse paths of a multilevel study have, see `rigidmc.studies.multilevel.levels`
+    paired : whether a step has the noise of two steps of half its length, as in coarse paths of a
+        multilevel study, see `rigidmc.studies.multilevel.levels`
     """
 
     model: Model
@@ -105,25 +105,31 @@ class Plan(NamedTuple):
     paired: bool = False
 
     def indices(self, first: int, count: int) -> NDArray[np.int64]:
-        """The indices of `count` members from place `first` on; beyond the end, of the last."""
+        """Return the indices of `count` members from place `first` on.
+
+        Places beyond the end repeat the last index.
+        """
         if self.which is None:
             return np.arange(first, first + count)
         return self.which[np.minimum(np.arange(first, first + count), self.which.size - 1)]
 
     def of(self, which: NDArray[np.int64]) -> "Plan":
-        """The plan of some of the members, by their indices."""
+        """Return the plan of a subset of the members, given by their indices."""
         return self._replace(first=0, members=which.size, which=which)
 
     @property
     def values(self) -> int:
-        """How many numbers a member records at a save."""
+        """Number of values that a member records at a save."""
         return max((rows.stop for rows in self.saved.values()), default=0)
 
     def initial(
         self, sampler: Source, first: int, count: int, pilot: InitialMembers | None = None
     ) -> tuple[NDArray[np.float64], Start]:
-        """`count` members from place `first` on, and more to fill lanes: their rows, and what they
-        were made from. pilot : the first members, if they are known already."""
+        """Build `count` members from place `first` on, and more to fill lanes.
+
+        Returns their rows, and the sampled values they were built from.
+        pilot : the first members, if they are already built
+        """
         members = self.indices(first, whole_lanes(count))
         known = (self.has_attitude, self.places.end)
         if self.which is not None:
@@ -138,7 +144,7 @@ class Plan(NamedTuple):
         return block, start
 
     def bounds(self) -> dict[str, float]:
-        """The finite limits among those that a scene may set, by their names there."""
+        """Return the finite limits among those a scene may set, under their names in the scene."""
         if not self.limits:
             return {}
         lowest = {
@@ -150,12 +156,12 @@ class Plan(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """The time grid of a run, and how far a step moves a member.
+    """The time grid of a run, and the motion of members per step.
 
-    grid : of all members, or of the rounds of members with steps of their own
+    grid : of all members, or of the rounds of members with their own steps
     has_member_steps, mean_steps : as in Plan
-    angle, theta : how far the fastest member of the pilot turns in a step at the start, and at its
-        rate [rad]
+    angle, theta : largest turn of the pilot's members in a step, at the spin of the start, and at
+        the bound on their rate [rad]
     """
 
     grid: TimeGrid
@@ -174,9 +180,9 @@ def make_plan(
     attitude: bool,
     pilot: InitialMembers,
 ) -> Plan:
-    """The Plan of a run that has been checked; SceneError if it cannot be run.
+    """Return the Plan of a checked run; raise SceneError if it cannot run.
 
-    kind : the integrator of `run`;  attitude : whether it is followed
+    kind : the integrator of `run`;  attitude : whether the attitude is followed
     pilot : the first members of the coarse model
     """
     effects, is_closed = model.effects, run.integrator == "closed"
@@ -186,17 +192,17 @@ def make_plan(
         (None, None, 0.0) if is_closed else make_scheme(kind, model, run, pilot.block, found.dt)
     )
     notes = found.notes + _step_notes(kind, steps)
-    # torques may bring a member to theta
+    # torques may raise a member's turn to theta
     reach = steps.theta if effects else steps.angle
     notes += monitor_notes(effects, monitors, reach, found.dt, run.turn is not None)
     if steps.has_member_steps and (driving := driving_effects(effects)):
         rule = (
-            f"steps are those of the start, and {', '.join(driving)} may spin members up; one that "
-            f"turns by {SPUN_UP:g} times as much in a step is flagged"
+            f"steps follow the spin at the start, but {', '.join(driving)} may spin members up; a "
+            f"member that turns by {SPUN_UP:g} times as much in a step is flagged"
         )
-        notes += (f"[run] turn = {run.turn:g}: {rule}; dt goes by no start",)
+        notes += (f"[run] turn = {run.turn:g}: {rule}; a fixed dt ignores the start",)
     if (saves := found.steps // found.stride) > MOST_SAVES:
-        rule = f"{saves:,} saves are more than the limit of {MOST_SAVES:,}"
+        rule = f"{saves:,} saves exceed the limit of {MOST_SAVES:,}"
         raise SceneError(rule, at="run.every", value=run.every)
     if found.is_shortened:
         _refuse_counts(run, monitors)
@@ -249,43 +255,43 @@ def _steps(effects: Sequence[Any], run: Run, pilot: NDArray[np.float64]) -> _Ste
 
 
 def _refuse_counts(run: Run, monitors: Monitors) -> None:
-    """Raise SceneError for a user's observable over steps that cannot tell shorter steps apart."""
+    """Raise SceneError for a custom observable over steps that cannot weigh shorter steps."""
     for label, one in monitors.of_running:
         if counts_steps(one):
             rule = (
                 f"does not divide t_end = {run.t_end:g} s, and the last steps are shorter:"
-                f" {label} needs a method reweighed, or an `every` that divides t_end"
+                f" {label} needs a method `reweighed`, or an `every` that divides t_end"
             )
             raise SceneError(rule, at="run.every", value=run.every)
 
 
 def _step_notes(kind: Integrator, steps: _Steps) -> tuple[str, ...]:
-    """A note if steps are so long that the errors are large."""
+    """Return a note if steps are so long that errors are large."""
     if kind.order == math.inf or steps.angle <= (most := longest_step(kind)):
         return ()
     longest = f"dt <= {most * steps.grid.dt / steps.angle:.2g} s"
-    would = f"turn <= {most:g}" if steps.has_member_steps else longest
+    limit = f"turn <= {most:g}" if steps.has_member_steps else longest
     return (
         f"omega dt reaches {steps.angle:.3g} rad per step, more than {most:g}: expect large errors;"
-        f" {would} would do",
+        f" use {limit}",
     )
 
 
 def longest_step(kind: Integrator) -> float:
-    """By how much a step may turn a body [rad] before a note says that errors are large.
+    """Return the largest turn [rad] that a step may make without a note about large errors.
 
-    Of 64 heavy tops a step errs by 1e-3 rad (median) from 0.86 rad on with rk4, 0.9 to 1.2 with the
-    Lie-group methods and 2.8 with rk8 (free tops: 1.1, 1.2 to 1.8 and 4.9;
-    tests/planning/test_limits.py). `midpoint`, of order 2, solves for no more than 0.5. A splitting
-    turns exactly, however fast: it only sees the torque less often.
+    For 64 heavy tops, a step's error reaches 1e-3 rad (median) at 0.86 rad with rk4, 0.9 to 1.2
+    with the Lie-group methods and 2.8 with rk8 (free tops: 1.1, 1.2 to 1.8 and 4.9;
+    tests/planning/test_limits.py). `midpoint`, of order 2, can solve for at most 0.5. A splitting
+    turns exactly at any speed: a long step only samples the torque less often.
     """
     return 3.0 if kind.is_splitting else round(max(1.0, (kind.order / 4.0) ** 1.45), 1)
 
 
 def nodes(effects: Sequence[Any], monitors: Monitors, theta: float) -> int:
-    """How many states of a step are watched if members move by up to `theta` [rad] in it.
+    """Return how many states of a step are monitored if members move by up to `theta` [rad] in it.
 
-    0 stands for its end and nothing else: noise leaves nothing to interpolate.
+    0 means the end of the step only, because noise cannot be interpolated.
     """
     if not monitors.each_step or any(map(is_random, effects)):
         return 0
@@ -293,27 +299,27 @@ def nodes(effects: Sequence[Any], monitors: Monitors, theta: float) -> int:
 
 
 def max_monitored_step(effects: Sequence[Any]) -> float:
-    """How far a member may move in a step that is monitored [rad]."""
+    """Return how far a member may move in a monitored step [rad]."""
     return RANDOM_TURN if any(map(is_random, effects)) else LARGEST_TURN
 
 
 def monitor_notes(
     effects: Sequence[Any], monitors: Monitors, theta: float, dt: float, own_steps: bool
 ) -> tuple[str, ...]:
-    """A note if steps `dt` [s] of `theta` [rad] are too long for what is monitored in each."""
+    """Return a note if steps `dt` [s] of `theta` [rad] are too long for the monitors."""
     labels, most = monitors.each_step, max_monitored_step(effects)
     if not labels or theta <= most * (1.0 + 1e-9):
         return ()
-    would = f"turn <= {most:g}" if own_steps else f"dt <= {dt * most / theta:.2g} s"
+    limit = f"turn <= {most:g}" if own_steps else f"dt <= {dt * most / theta:.2g} s"
     return (
-        f"a member may move by {theta:.2g} rad in a step, too far for {', '.join(labels)}; {would}"
-        " would do",
+        f"a member may move by {theta:.2g} rad in a step, too far for {', '.join(labels)};"
+        f" use {limit}",
     )
 
 
 def driving_effects(effects: Sequence[Any]) -> list[str]:
-    """Labels of the effects that may bring a body more energy than its start tells: torques that do
-    not brake, and have neither an energy nor a bound on one."""
+    """Return the labels of effects that may give a body more energy than its start implies: torques
+    that are not a brake and have neither an energy nor a bound on one."""
     return [
         label
         for label, e in label_effects(effects)

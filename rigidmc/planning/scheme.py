@@ -1,4 +1,4 @@
-"""The form in which an integrator is compiled: it may depend on how far a step turns a body."""
+"""Choose the form in which an integrator is compiled; it may depend on the turn per step."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -17,22 +17,22 @@ from rigidmc.scene.settings import Run
 
 # a member beyond the pilot may spin faster than all of the pilot: 7 sigma if the pilot reaches 3.5
 MARGIN = 2.0
-# with member steps only the shapes of bodies beyond the pilot count: lambda relative to the rate
+# with per-member steps, only body shapes beyond the pilot matter: lambda relative to the rate
 OWN_MARGIN = 1.25
 
 
 def make_scheme(
     kind: Integrator, model: Model, run: Run, pilot: Array, dt: float
 ) -> tuple[StepScheme, float | None, float]:
-    """(Form of an integrator, bound on the rate of free motion, turn |omega| dt of a step)
-    for steps of dt [s], or for member steps of at most dt.
+    """Return (StepScheme of an integrator, bound on the rate of free motion, turn |omega| dt of a
+    step), for steps of dt [s] or for per-member steps of at most dt.
 
-    pilot : the block of the first members, of a coarse model;  run : with the name of the
+    pilot : the block of the first members, of a coarse model;  run : settings with the name of the
         integrator
 
-    The bound is None, and the turn 0, if the integrator does not ask for them. With `turn` the
-    bound is in units of the members' rates. Raises SceneError if a step turns a body too far for
-    the integrator.
+    The bound is None, and the turn 0, if the integrator does not use them. With `turn` the bound is
+    in units of the members' rates. Raises SceneError if a step turns a body too far for the
+    integrator.
     """
     rate, turns = None, TurnBounds()
     if follows_turns(kind):
@@ -43,15 +43,15 @@ def make_scheme(
         largest = kind.max_spin
         if turns.spin > largest:
             rule = (
-                f"a step may turn by {turns.spin:.3g} rad, more than the {largest:g} for which "
-                f"{run.integrator} can be solved; use {key} <= {unit * largest / turns.spin:.2g}"
+                f"a step may turn by {turns.spin:.3g} rad, more than the {largest:g} rad that "
+                f"{run.integrator} can solve; use {key} <= {unit * largest / turns.spin:.2g}"
             )
             raise SceneError(rule, at=f"run.{key}", value=getattr(run, key))
     return scheme_of(kind, turns, model.effects)._replace(name=run.integrator), rate, turns.spin
 
 
 def largest_rates(effects: Sequence[Any], pilot: Array) -> tuple[float, float]:
-    """(largest |omega| at the start, largest of the `rate_bounds`) of the pilot [rad/s]."""
+    """Return (largest |omega| at the start, largest of `rate_bounds`) over the pilot [rad/s]."""
     with np.errstate(all="ignore"):
         omega = pilot[layout.BODY : layout.BODY + 3] * pilot[layout.MOMENTUM : layout.EXTRA]
         spins = np.sqrt((omega**2).sum(0))
@@ -63,10 +63,10 @@ def _largest(values: Array) -> float:
 
 
 class _TurnRates(NamedTuple):
-    """Bounds over the pilot.
+    """Bounds on rates over the pilot.
 
-    free : on lambda, the rate at which free motion turns L in the body [rad/s];  spin : on |omega|
-        [rad/s]. With member steps both are in units of the members' rates
+    free : on lambda, the rate at which free motion turns L in the body [rad/s]
+    spin : on |omega| [rad/s]; with per-member steps both are in units of the members' rates
     symmetric : whether all bodies have two equal moments
     """
 
@@ -86,7 +86,7 @@ def _turn_rates(model: Model, block: Array, own_steps: bool) -> _TurnRates:
         free = np.sqrt(products.max(0) - products.min(0))
         spin = np.sqrt(((i * l) ** 2).sum(0))
         scale = total_energy_scale(effects, body) + np.zeros(l.shape[1])
-        # torques can bring the kinetic energy from T to T + 2 V, and |L| and omega with it
+        # torques can raise the kinetic energy from T to T + 2 V, and |L| and omega with it
         kinetic = 0.5 * (i * l * l).sum(0) + 2.0 * scale
         sizes = np.abs(a)
         bound = np.sqrt(2.0 * kinetic / i.min(0)) * np.sqrt(
@@ -98,11 +98,11 @@ def _turn_rates(model: Model, block: Array, own_steps: bool) -> _TurnRates:
             rate = rate_bounds(model.effects, block)
             free, spin = free / rate, np.ones_like(rate)  # no member is faster than its rate
         equal = bool(np.all(sizes.min(0) <= 4e-15 * i.max(0)))
-    # the pilot tells the symmetry of all members only if no moment is drawn
+    # the pilot shows the symmetry of all members only if no moment is drawn
     symmetric = equal and not is_variable(model.body.moments)
     margin = OWN_MARGIN if own_steps else MARGIN
     margin = margin if is_variable(*model.quantities()) else 1.0
-    # a member that exceeds the bounds is flagged, not planned for
+    # a member that exceeds the bounds is flagged; the scheme does not allow for it
     return _TurnRates(
         margin * _largest(free),
         (1.0 if own_steps else margin) * _largest(spin),

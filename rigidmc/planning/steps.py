@@ -1,8 +1,8 @@
-"""The times of a run: how many steps it makes, how long they are, and which of them end at a save.
+"""The times of a run: the number of steps, their lengths, and which of them end at a save.
 
 Saves are at 0, `every`, 2 `every`, ... and at t_end. If `every` does not divide t_end, the last
-interval is shorter than the others, and so are the steps in it. With steps of members' own, each
-member makes as many as the rate at which it may turn demands (`rate_bounds`, `count_member_steps`).
+interval is shorter than the others, and so are its steps. With per-member steps, each member makes
+as many steps as its largest possible rate requires (`rate_bounds`, `count_member_steps`).
 """
 
 import math
@@ -22,11 +22,11 @@ from rigidmc.physics.effects.protocol import from_numbers, parameter_count
 from rigidmc.physics.effects.sums import total_energy_scale
 
 Array = NDArray[np.float64]
-MOST_OWN_STEPS = 2**24  # of a member in a round: no member stops a run, however fast it spins
+MOST_OWN_STEPS = 2**24  # of a member in a round, so that no fast member stops a run
 
 
 def physics(effects: Sequence[Any], block: Array) -> tuple[MassProperties, tuple[Any, ...]]:
-    """(body, effects) of the members of a block (rows, n), their fields as arrays (n,)."""
+    """Return (body, effects) of the members of a block (rows, n), with arrays (n,) as fields."""
     arrays, row = [], layout.EFFECTS
     for effect in effects:
         arrays.append(from_numbers(type(effect), block[row : row + parameter_count(effect)]))
@@ -35,13 +35,13 @@ def physics(effects: Sequence[Any], block: Array) -> tuple[MassProperties, tuple
 
 
 def rate_bounds(effects: Sequence[Any], block: Array) -> Array:
-    """How fast each member of a block may move [rad/s]:
+    """Bound the rate of motion of each member of a block [rad/s]:
 
         sqrt(2 (E + V)/I) + sqrt(V/I)
 
-    with I the smallest moment, E the energy and V the largest potential energy. The first term
-    bounds |omega| for all times, the second is the rate at which torques act. The torque at the
-    start stands for V if it is larger, as for effects without an energy.
+    where I is the smallest moment, E the energy and V the largest potential energy. The first term
+    bounds |omega| for all times; the second is the rate at which torques act. The torque at the
+    start replaces V if it is larger, as for effects without an energy.
     """
     body, effects = physics(effects, block)
     q = tuple(block[layout.ATTITUDE : layout.MOMENTUM])
@@ -57,34 +57,36 @@ def rate_bounds(effects: Sequence[Any], block: Array) -> Array:
 
 
 def count_member_steps(rate: Array, interval: float, turn: float | None) -> Array:
-    """How many steps members that move at `rate` [rad/s] need in a time `interval` [s] if none of
-    the steps may turn them by more than `turn` [rad], the setting of a scene."""
-    assert turn is not None, "members of this scene have no steps of their own"
+    """Return how many steps each member needs in a time `interval` [s].
+
+    Members move at `rate` [rad/s], and a step may turn them by at most the scene's `turn` [rad].
+    """
+    assert turn is not None, "this scene has no per-member steps"
     with np.errstate(all="ignore"):
         steps = np.ceil(interval * rate / turn)
     return np.clip(np.where(np.isfinite(steps), steps, 1.0), 1.0, MOST_OWN_STEPS)
 
 
 def order_by_steps(block: Array) -> NDArray[np.int64]:
-    """The order of a block's members by their number of steps: equal numbers lie side by side."""
+    """Return the order of a block's members by number of steps; equal numbers are adjacent."""
     steps = block[layout.STEPS]
-    # whole numbers of two bytes are sorted by radix, 15 times as fast
+    # two-byte integers are radix-sorted, 15 times as fast
     keys = steps.astype("u2") if steps.max(initial=0.0) < 2**16 else steps
     return np.argsort(keys, kind="stable")
 
 
 MOST_STEPS = 10**15
-# Steps of one length are taken if they are no more than twice as many as dt asks for, or this many
+# The grid uses equal steps if they are at most twice as many as dt requires, or at most this many
 FEW = 1000
-# Rounds of members with steps of their own take as many steps in a short last round as in others.
-# This is how much longer than t_end whole rounds may be: 5 % more steps.
+# Members with their own steps make as many steps in a short last round as in any other. Whole
+# rounds may exceed t_end by this fraction: 5 % more steps.
 WASTE = Fraction(1, 20)
 
 
 class Clock(NamedTuple):
-    """When steps end: the first `head` have the length dt [s], those after it last_dt [s].
+    """The times at which steps end: the first `head` steps last dt [s], later ones last_dt [s].
 
-    Numbers, or arrays of members with steps of their own.
+    Fields are numbers, or arrays over members with their own steps.
     """
 
     dt: Any
@@ -92,25 +94,25 @@ class Clock(NamedTuple):
     last_dt: Any
 
     def time(self, steps: Any) -> Any:
-        """The time after so many steps [s]."""
+        """Return the time after a number of steps [s]."""
         late = np.maximum(steps - self.head, 0.0)
         return np.minimum(steps, self.head) * self.dt + late * self.last_dt
 
     def position(self, steps: Any) -> Any:
-        """The time after so many steps, in steps of the first length."""
+        """Return the time after a number of steps, in units of the first step length."""
         late = np.maximum(steps - self.head, 0.0)
         return np.minimum(steps, self.head) + late * (self.last_dt / self.dt)
 
     def steps(self, time: Any) -> Any:
-        """How many steps end by a time at which a step ends [s]."""
+        """Return how many steps end by a time [s], at which a step ends."""
         begun = self.head * self.dt
         late = np.rint(np.maximum(time - begun, 0.0) / self.last_dt)
         return np.rint(np.minimum(time, begun) / self.dt) + late
 
     def weighed(self, steps: Any, made: Any) -> Any:
-        """The time after `steps` steps, in the last of the lengths that occur in `made` steps.
+        """Return the time after `steps` steps, in units of the last step length among `made` steps.
 
-        Sums over steps count the steps before the last interval by their length in this unit, see
+        Sums over steps weight the steps before the last interval by their length in this unit, see
         `rigidmc.engine.kernel.last_interval`.
         """
         shorter = self.dt / self.last_dt
@@ -118,16 +120,17 @@ class Clock(NamedTuple):
         return np.where(made > self.head, np.minimum(steps, self.head) * shorter + late, steps)
 
     def of(self, each: Any) -> "Clock":
-        """The Clock of members that make `each` steps in a step of this one."""
+        """Return the Clock of members that make `each` steps in one step of this clock."""
         return Clock(self.dt / each, self.head * each, self.last_dt / each)
 
 
 class TimeGrid(NamedTuple):
-    """Steps of a run and its saves.
+    """The steps and saves of a run.
 
-    steps : to t_end;  dt : their length [s];  stride : steps between saves; step `steps` is saved
-    head, last_dt : steps before the last interval if that is shorter than others, and the length of
-        the steps in it [s]; else all steps, and dt
+    steps : to t_end;  dt : their length [s]
+    stride : steps between saves; the last step is always saved
+    head, last_dt : number of steps before a shorter last interval, and the length of its steps [s];
+        without one, all steps and dt
     notes : on dt
     """
 
@@ -140,20 +143,20 @@ class TimeGrid(NamedTuple):
 
     @property
     def clock(self) -> Clock:
-        """When steps end."""
+        """The Clock of these steps."""
         return Clock(self.dt, self.head, self.last_dt)
 
     @property
     def is_shortened(self) -> bool:
-        """Whether the last interval, and the steps in it, are shorter than others."""
+        """Whether the last interval, and its steps, are shorter than the others."""
         return self.head < self.steps
 
 
 def make_time_grid(t_end: float, dt: float, every: float | None) -> TimeGrid:
-    """The TimeGrid of a run, with a whole number of steps between saves and a step of at most dt.
+    """Return the TimeGrid of a run: whole numbers of steps between saves, each at most dt long.
 
-    Decimal numbers are taken as the fractions they are written as, so that `10 / 0.3` is 100/3. All
-    steps have one length if `every` and t_end have a common step that is not much shorter than dt.
+    Decimal numbers are read as exact fractions, so that `10 / 0.3` is 100/3. All steps have one
+    length if `every` and t_end have a common step that is not much shorter than dt.
     Raises SceneError for more steps than a run may have.
     """
     end, step = Fraction(repr(t_end)), Fraction(repr(dt))
@@ -172,21 +175,21 @@ def make_time_grid(t_end: float, dt: float, every: float | None) -> TimeGrid:
 
 
 def _saved_once(end: Fraction, step: Fraction, t_end: float) -> TimeGrid:
-    """The TimeGrid of a run that is saved at its end."""
+    """Return the TimeGrid of a run that is saved only at its end."""
     steps = _count(end / step)
     return TimeGrid(steps, t_end / steps, steps, steps, t_end / steps)
 
 
 def _even(end: Fraction, step: Fraction, every: float, t_end: float) -> TimeGrid | None:
-    """The TimeGrid with steps of one length, or None if they would be too many."""
+    """Return the TimeGrid with steps of one length, or None if these are too many."""
     # steps must be a multiple of p for stride = steps q/p to be whole, with p/q = t_end/every
     ratio = end / Fraction(repr(every))
-    # numbers that are only written to 16 digits, such as t_end/7 or 2^-30 s
+    # numbers given to 16 digits only, such as t_end/7 or 2^-30 s
     simple = ratio.limit_denominator(1000)
     ratio = simple if abs(simple / ratio - 1) < Fraction(1, 10**14) else ratio
-    # a rest of 1e-9 of `every` is how somebody wrote t_end/7
+    # a remainder of 1e-9 of `every` comes from writing t_end/7 in digits
     ratio = Fraction(round(ratio)) if abs(round(ratio) - ratio) < Fraction(1, 10**9) else ratio
-    # the step that `_with_rest` would take: a result keeps that, and has to come to the same grid
+    # the step of `_with_rest`: a result stores that step, which must lead to the same grid
     shorter = Fraction(repr(every / _count(Fraction(repr(every)) / step)))
     if ratio.numerator > max(FEW, 2 * math.ceil(end / shorter)):
         return None
@@ -196,7 +199,7 @@ def _even(end: Fraction, step: Fraction, every: float, t_end: float) -> TimeGrid
 
 
 def _with_rest(end: Fraction, step: Fraction, every: float) -> TimeGrid:
-    """The TimeGrid with a last interval that is shorter than the others."""
+    """Return the TimeGrid with a last interval that is shorter than the others."""
     between = Fraction(repr(every))
     whole = end // between
     stride = _count(between / step)
@@ -206,24 +209,24 @@ def _with_rest(end: Fraction, step: Fraction, every: float) -> TimeGrid:
 
 
 def _count(steps: Fraction) -> int:
-    """Steps that are whole, or one more; at least one. 1e-9 is rounding of a step."""
+    """Round a number of steps up to an integer, at least 1; 1e-9 of a step is rounding."""
     return max(1, math.ceil(steps * (1 - Fraction(1, 10**9))))
 
 
 def _refuse_many(steps: int | Fraction, key: str, length: float, t_end: float) -> None:
-    """Raise SceneError for more steps, or saves, than a run may have."""
+    """Raise SceneError if a run has too many steps or saves."""
     if steps > MOST_STEPS:
-        # a whole number of more than 309 digits is no float
+        # an integer of more than 309 digits does not fit in a float
         count = f"{float(steps):.3g}" if steps < 10**300 else "over 1e+300"
-        rule = f"{count} steps to t_end = {t_end:g}, more than the limit of {MOST_STEPS:.3g}"
+        rule = f"{count} steps to t_end = {t_end:g} exceed the limit of {MOST_STEPS:.3g}"
         raise SceneError(rule, at=f"run.{key}", value=length)
 
 
 def round_grid(t_end: float, every: float | None) -> TimeGrid:
-    """The TimeGrid of the longest times that divide `every`, and t_end if that is possible.
+    """Return the TimeGrid of the longest intervals that divide `every`, and if possible t_end.
 
-    They are the rounds of members with steps of their own, which take as many steps in a last,
-    shorter round as in others.
+    These intervals are the rounds of members with their own steps, which make as many steps in a
+    shorter last round as in any other.
     """
     if every is None or every >= t_end:
         return TimeGrid(1, t_end, 1, 1, t_end)

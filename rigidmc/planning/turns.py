@@ -1,8 +1,8 @@
-"""How fast what is saved and shown turns. This is the one place that decides how dense saves must
-be: between two values that a line joins, nothing turns by more than MOST.
+"""Rates at which saved and plotted quantities turn. Only this module decides how dense saves must
+be: between two values that a line joins, no quantity may turn by more than MOST.
 
-A quantity that turns by pi between saves seems to turn the other way, and one that turns by 2 pi
-to stand still. At 2 rad lines are coarse, and `numpy.unwrap` still finds every turn.
+A quantity that turns by pi between saves seems to turn backwards; one that turns by 2 pi seems to
+stand still. At 2 rad lines are coarse, but `numpy.unwrap` still finds every turn.
 """
 
 import math
@@ -23,19 +23,20 @@ from rigidmc.scene.model import Model
 from rigidmc.scene.settings import Run
 
 MOST = 2.0  # rad
-LOOKED_AT = 64  # members whose effects tell how fast these swing a body
-ATTITUDES = 32  # at which their torque is looked at
-BODY, AXIS, ATTITUDE = "body", "axis", "attitude"  # what turns, see `Turning`
+LOOKED_AT = 64  # members used to find how fast effects swing a body
+ATTITUDES = 32  # attitudes at which their torque is evaluated
+BODY, AXIS, ATTITUDE = "body", "axis", "attitude"  # the fields of `Turning`
 Array = NDArray[np.float64]
 
 
 class Drive(NamedTuple):
-    """What the effects of a scene add to the rates of its motion.
+    """The contribution of a scene's effects to the rates of its motion.
 
-    attitude : whether a torque depends on the attitude: what is fixed in space then shows in omega
-    swing : rate of swings by the effects, sqrt |I^-1 torque| at its largest [rad/s]
-    frequency : largest frequency at which a torque is driven [rad/s]
-    rotor : momentum of what spins in the body, (3, 1) or (3, n) [kg m2/s]
+    attitude : whether a torque depends on the attitude, so that directions fixed in space show in
+        omega
+    swing : rate of swings that the effects cause, the largest sqrt |I^-1 torque| [rad/s]
+    frequency : largest driving frequency of a torque [rad/s]
+    rotor : momentum of rotors in the body, (3, 1) or (3, n) [kg m2/s]
     """
 
     attitude: bool = False
@@ -45,7 +46,7 @@ class Drive(NamedTuple):
 
 
 class Turning(NamedTuple):
-    """Rates of some states [rad/s], arrays of one shape.
+    """Rates of states [rad/s], as arrays of one shape.
 
     body : of vectors in the body, such as omega and the momentum
     axis : of the directions of axis 3 in space, and of the Euler angles
@@ -58,9 +59,9 @@ class Turning(NamedTuple):
 
 
 def drive(model: Model, run: Run, rotor: Array | None = None) -> Drive:
-    """The Drive of the first members.
+    """Return the Drive of the first members.
 
-    rotor : the momentum of rotors (3, n) of other members
+    rotor : momentum of rotors (3, n), if other members are meant
     """
     effects = model.effects
     if not effects:
@@ -82,14 +83,14 @@ def drive(model: Model, run: Run, rotor: Array | None = None) -> Drive:
 
 
 def _first_block(model: Model, run: Run) -> Array:
-    """The rows of the first members at their start, with attitudes."""
+    """Return the rows of the first members at their start, with attitudes."""
     coarse = model.coarse()
     return make_pilot(coarse, make_sampler(coarse, run), True, LOOKED_AT).block
 
 
 def _swing(body: Any, effects: Any, inverse: Array) -> float:
-    """sqrt |I^-1 torque| of a body at rest at its largest, less what is the same at all attitudes
-    [rad/s]."""
+    """Return the largest sqrt |I^-1 torque| of a body at rest, excluding the part that is the same
+    at all attitudes [rad/s]."""
     rest = (np.zeros(inverse.shape[1]),) * 3
     with np.errstate(all="ignore"):
         felt = [
@@ -100,20 +101,21 @@ def _swing(body: Any, effects: Any, inverse: Array) -> float:
 
 
 def turning_rates(moments: Array, l: Array, by: Drive) -> Turning:
-    """The rates of states of momenta l (..., 3, n) of bodies of moments (3, n).
+    """Compute the turning rates of states with momenta l (..., 3, n) and moments (3, n).
 
-    A free momentum runs round its polhode with lambda, which is at most |omega|:
+    A free momentum runs around its polhode at the rate lambda, at most |omega|:
 
         lambda^2 = max - min of  L_i^2 (1/I_i - 1/I_j) (1/I_k - 1/I_i)
 
-    With a rotor of momentum h its rate is that of small motions about where it is: the second
-    coefficient c of the characteristic polynomial of dL/dt = M x omega, M = L + h:
+    With a rotor of momentum h, the rate is that of small motions about the present state. It
+    follows from the second coefficient c of the characteristic polynomial of dL/dt = M x omega,
+    M = L + h:
 
         c = |omega|^2 + sum M_i omega_i/I_i - M . omega sum 1/I_i + sum M_i^2/(I_j I_k)
 
-    Torques that depend on the attitude turn in the body with omega, and so does what they do. Axis
-    3 of a free body goes round L with |L| (L_1^2/I_1 + L_2^2/I_2)/(L_1^2 + L_2^2), which is at most
-    2 |omega| for a symmetric body; others exceed that only where axis 3 comes close to L.
+    Torques that depend on the attitude turn in the body with omega, and so do their effects on it.
+    Axis 3 of a free body circles L at |L| (L_1^2/I_1 + L_2^2/I_2)/(L_1^2 + L_2^2). This is at most
+    2 |omega| for a symmetric body; other bodies exceed it only where axis 3 comes close to L.
     """
     rotor = by.rotor if by.rotor.shape[1] in (1, l.shape[-1]) else by.rotor.max(1, keepdims=True)
     with np.errstate(all="ignore"):
@@ -145,14 +147,14 @@ def _largest(values: Array) -> float:
 
 
 KINDS = {"omega": BODY, "momentum": BODY, "attitude": ATTITUDE, "orbit_angles": ATTITUDE}
-FEW = 1e-3  # of the members may turn further unseen: no line and no quantile shows them
+FEW = 1e-3  # fraction of members that may turn further: no line and no quantile shows them
 
 
 class Sparse(NamedTuple):
-    """Members that turn by more than MOST between what is shown of them.
+    """Members that turn by more than MOST between two shown values.
 
-    fast : how many;  members : of so many;  angle : by which the fastest turns [rad]
-    every : the time between values that would show it [s], rounded down to 2 digits
+    fast : number of these members;  members : number of all;  angle : turn of the fastest [rad]
+    every : largest time between values that resolves the motion [s], rounded down to 2 digits
     """
 
     fast: int
@@ -161,7 +163,7 @@ class Sparse(NamedTuple):
     every: float
 
     def who(self) -> str:
-        """The members in words, with what they do."""
+        """Describe the members and their turn in words."""
         if self.members == 1:
             return f"turns by up to {self.angle:.3g} rad"
         some = "all" if self.fast == self.members else f"{self.fast:,}"
@@ -169,11 +171,11 @@ class Sparse(NamedTuple):
 
 
 def sparse(rates: Array, between: float, drawn: Iterable[int] = ()) -> Sparse | None:
-    """What is too far apart to be joined by lines; None if nothing is.
+    """Find members whose values are too far apart for lines to join them; None if there are none.
 
-    rates : of each member at its fastest (n,) [rad/s];  between : two values [s]
-    drawn : members of which a picture shows each on its own; of the others one in a thousand may
-        turn further
+    rates : largest of each member (n,) [rad/s];  between : time between two values [s]
+    drawn : members that a picture shows one by one; of the others, one in a thousand may turn
+        further
     """
     with np.errstate(invalid="ignore"):
         fast = rates * between > MOST * (1.0 + 1e-9)
@@ -185,13 +187,13 @@ def sparse(rates: Array, between: float, drawn: Iterable[int] = ()) -> Sparse | 
 
 
 def rounded_down(value: float) -> float:
-    """A number to two digits, not above it."""
+    """Round a number down to two digits."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(f"{math.floor(value / unit * (1.0 + 1e-12)) * unit:.2g}")
 
 
 def turning_at_start(model: Model, run: Run) -> Turning:
-    """The Turning of the first members at their start."""
+    """Return the Turning of the first members at their start."""
     block = _first_block(model, run)
     with np.errstate(all="ignore"):
         moments = 1.0 / block[layout.BODY : layout.BODY + 3]
@@ -199,8 +201,11 @@ def turning_at_start(model: Model, run: Run) -> Turning:
 
 
 def sparse_saves(model: Model, run: Run) -> tuple[str, Sparse] | None:
-    """(saved quantity, Sparse) of the fastest of what a run saves, as its start tells; None if
-    lines through the saves show the motion, or if there are only two."""
+    """Find the saved quantity that turns fastest, judged at the start.
+
+    Returns (quantity, Sparse), or None if lines through the saves show the motion, or if there are
+    only two saves.
+    """
     found = []
     if run.every is None or 2.0 * run.every > run.t_end:
         return None

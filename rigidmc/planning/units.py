@@ -1,5 +1,5 @@
-"""Scenes in other units, and the units in which a scene is integrated if SI units would leave the
-range of numbers."""
+"""Convert scenes to other units, and choose the units of integration where SI units would overflow
+or underflow."""
 
 import math
 import re
@@ -22,7 +22,7 @@ from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
-# exponents of kilogram, metre and second; amperes stay as they are
+# exponents of kilogram, metre and second; amperes are not rescaled
 _KNOWN = {
     "1": (0, 0, 0),
     "rad": (0, 0, 0),
@@ -36,13 +36,13 @@ _KNOWN = {
     "A": (0, 0, 0),
     "T": (1, 0, -2),
 }
-# Exponents of 2 that the largest moment of inertia and the rate of motion may have without a change
-# of units: squares of their products are formed.
+# Without a change of units, the largest moment of inertia and the rate of motion may have exponents
+# of 2 up to this, because the code squares their products.
 RANGE = {"float64": 100, "float32": 10}
 
 
 def unit_exponents(units: str) -> tuple[int, int, int]:
-    """(kg, m, s) exponents of a string such as "kg m2 s-1"; ValueError for an unknown unit."""
+    """Return (kg, m, s) exponents of a string such as "kg m2 s-1"; ValueError if unknown."""
     total = [0, 0, 0]
     for word in units.split():
         parts = re.fullmatch(r"([A-Za-z]+|1)(-?\d+)?", word)
@@ -54,18 +54,18 @@ def unit_exponents(units: str) -> tuple[int, int, int]:
 
 
 def unit_factor(units: str, mass: float, length: float, time: float) -> float:
-    """The factor of a number in `units` if masses, lengths and times have these factors; inf if
-    beyond float64."""
+    """Return the factor of a number in `units` for given factors of masses, lengths and times; inf
+    if beyond float64."""
     kg, m, s = unit_exponents(units)
     with np.errstate(over="ignore"):
         return float(np.float64(mass) ** kg * np.float64(length) ** m * np.float64(time) ** s)
 
 
 def scale_scene(scene: Scene, mass: float = 1.0, length: float = 1.0, time: float = 1.0) -> Scene:
-    """The same scene with all masses, lengths and times multiplied by these factors.
+    """Return the same scene with all masses, lengths and times multiplied by these factors.
 
-    It moves alike, to the bit if they are powers of 2. Raises SceneError if an effect does not tell
-    the units of its parameters.
+    The motion stays the same, to the bit if the factors are powers of 2. Raises SceneError if an
+    effect does not declare the units of its parameters.
     """
     effects = _scaled_effects(scene.effects, mass, length, time)
     inertia = mass * length**2
@@ -109,10 +109,10 @@ def _scaled_effects(
                 values.append(_times(value, unit_factor(unit, mass, length, time)))
             except (ValueError, AttributeError):
                 kind = name_of(effect)
-                why = f"{kind} does not tell the unit of {name}"
+                why = f"{kind} does not declare the unit of {name}"
                 if unit is not None:
-                    why = f"{kind} tells an unknown unit of {name}, '{unit}'"
-                rule = f"the scene cannot be put in other units: {why}"
+                    why = f"{kind} declares an unknown unit of {name}, '{unit}'"
+                rule = f"the scene cannot be converted to other units: {why}"
                 raise SceneError(rule, at=f"effects.{kind}.{name}") from None
         scaled.append(from_numbers(type(effect), values))
     return tuple(scaled)
@@ -125,11 +125,11 @@ class UnitScale(NamedTuple):
     time: float
 
     def factor(self, units: str) -> float:
-        """The factor that brings a result in `units` back to the units of the scene."""
+        """Return the factor that converts a result in `units` back to the scene's units."""
         return unit_factor(units, 1.0 / self.mass, 1.0, 1.0 / self.time)
 
     def back(self, plan: Plan) -> Plan:
-        """A Plan in the units of the user."""
+        """Convert a Plan to the units of the user."""
         rate = plan.turn_rate
         if rate is not None and not plan.has_member_steps:
             rate = rate * self.time
@@ -141,22 +141,22 @@ class UnitScale(NamedTuple):
         )
 
     def original(self, scene: Scene) -> Scene:
-        """A scene in the units of the user."""
+        """Convert a scene to the units of the user."""
         return scale_scene(scene, 1.0 / self.mass, 1.0, 1.0 / self.time)
 
 
 def choose_units(scene: Scene) -> UnitScale | None:
-    """The units that bring a scene's first member to moments and rates near 1, or None if
+    """Return units that bring the moments and rates of a scene's first member near 1, or None if
     they are within RANGE.
 
-    If a scene can be integrated in either units, no bit of the result depends on the choice. In
-    float32, and at the ends of float64, it can be integrated only in internal ones.
+    If a scene can be integrated in either units, the choice does not change the bits of the result.
+    In float32, and at the ends of float64, it can be integrated only in internal units.
     """
     try:
         _scaled_effects(scene.effects, 1.0, 1.0, 1.0)
-    except SceneError:  # a user's own effect, without units
+    except SceneError:  # a custom effect without units
         return None
-    # nobody tells the units of the numbers of an observable, or of a distribution without `scaling`
+    # the units of custom observables, and of distributions without `scaling`, are unknown
     if any(map(is_own, scene.observables)) or any(map(_is_unsized, scene.model.quantities())):
         return None
     moments, mass, centre = (x[..., 0] for x in scene.body.sample(scene.run.seed, 0, 1))
@@ -176,7 +176,7 @@ def choose_units(scene: Scene) -> UnitScale | None:
 
 
 def _spin_exponents(scene: Scene, moments: Any, sampler: Source) -> list[int]:
-    """Exponents of the components of omega [rad/s] of the first member that are not 0."""
+    """Return the exponents of the non-zero components of the first member's omega [rad/s]."""
     word = "omega" if scene.start.momentum is None else "momentum"
     if isinstance(
         getattr(scene.start, word), VectorDistribution
@@ -199,17 +199,17 @@ def _exponent(x: Any) -> int:
 
 
 def _power(exponent: int) -> float:
-    """A power of 2 within the range of numbers."""
+    """Return a power of 2 within the range of float64."""
     return math.ldexp(1.0, min(1000, max(-1000, exponent)))
 
 
 def _sized(values: Any, by: float, energy: float) -> Any:
-    """Three quantities, or a distribution of a vector, with sizes times `by` and energies times
-    `energy`."""
+    """Multiply sizes by `by` and energies by `energy`, in three quantities or a distribution of a
+    vector."""
     if not isinstance(values, VectorDistribution):
         return tuple(_times(x, by) for x in values)
     if _is_unsized(values):
-        rule = f"the scene cannot be put in other units: {values.name} has no `scaling`"
+        rule = f"the scene cannot be converted to other units: {values.name} has no `scaling`"
         raise SceneError(rule, at=f"start.{values.name}")
     changed = {}
     for name, power in values.scaling.items():
@@ -219,7 +219,7 @@ def _sized(values: Any, by: float, energy: float) -> Any:
 
 
 def _is_unsized(value: Any) -> bool:
-    """Whether a distribution of the user's own does not tell how its fields scale."""
+    """Return whether a custom distribution does not declare how its fields scale."""
     return (
         isinstance(value, VectorDistribution)
         and type(value) not in VECTOR_DISTRIBUTIONS

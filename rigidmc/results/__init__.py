@@ -1,17 +1,16 @@
-"""Results: what a Dataset of a run contains, how it is laid out, written and read, and what it
-says.
+"""Results: the contents and layout of a run's Dataset, its files, and statistics of its members.
 
 The layout of a result is known before its first member: every variable with its dimensions, type,
-units and name. A Dataset in memory, a netCDF file and a run directory have the same layout, and a
-result carries the text of its scene, so that each member can be integrated again.
+units and name. A Dataset in memory, a netCDF file and a run directory have the same layout. A
+result contains the text of its scene, so that every member can be rerun.
 
-Reading order: `variables` (what a variable is), `layout` (all of them, for a run), `sinks` (where
+Reading order: `variables` (single variables), `layout` (all variables of a run), `sinks` (where
 blocks of members go: memory or a file), `writer` (a netCDF file, block by block), `export` (other
-formats), `reader` (a file from outside, checked against its scene), `run_directory` (run.json and
-shards), `checkpoint` (arrays of an unfinished shard), `labels` (counts and numbers for people);
-then what an ensemble says: `measures` ("p(flips >= 1)"), `estimates` (of a result that exists),
-`intervals` (of probabilities, means, quantiles), `censored` (times of events that have not come).
+formats), `reader` (checks a file against its scene), `run_directory` (run.json and shards),
+`checkpoint` (arrays of an unfinished shard), `labels` (counts and numbers as text); then the
+statistics: `measures` ("p(flips >= 1)"), `estimates` (of existing results), `intervals` (of
+probabilities, means, quantiles), `censored` (times of events that have not occurred).
 
-What must never change: names, units and meanings of variables, since results of earlier versions
-are read; and that flagged members are counted, never dropped in silence.
+Two things must never change: names, units and meanings of variables, because results of earlier
+versions stay readable; and flagged members are counted, never dropped silently.
 """

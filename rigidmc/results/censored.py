@@ -1,21 +1,21 @@
-"""Times of events of which some have not come by the end of their member: censored times.
+"""Censored times: times of events that have not occurred in some members by their end.
 
-Such a time is later than the end, and no estimate leaves it out. One number tells both: t for a
-time that has come, -c for one that is later than c, where -0.0 is later than 0. Members that tell
-nothing are nan.
+A censored time is later than the end of its member, and every estimate includes it. A signed number
+encodes both cases: t for an event at t, -c for an event later than c, where -0.0 means later than
+0. Members without information are nan.
 
-With one end for all, the order of the times that have come is known, and all others come after:
-probabilities up to the end and quantiles up to the share that has come are those of complete
-samples, with the same intervals. Where ends differ, as those of flagged and stopped members do, the
-probability to be without the event is that of Kaplan and Meier,
+If all members end at the same time, every censored time comes after every observed time:
+probabilities up to the end, and quantiles up to the observed fraction, have the estimates and
+intervals of a complete sample. If ends differ, as with flagged or stopped members, the probability
+that the event has not occurred is the Kaplan-Meier estimate,
 
     S(t) = prod over event times u <= t of (1 - d/n),
 
-with d events at u and n members that were followed until u and had none before. Its variance is
-Greenwood's, S^2 sum d/(n (n - d)); a sample of m = (1 - S)/(S sum d/(n (n - d))) members with one
-end has the same variance, and m takes the place of the members in the intervals. Without a
-censored time before t it is their number, so that both ways agree.
-Flags are taken to come independently of the event, given the time.
+with d events at u, among n members followed until u without an earlier event. Its variance is
+Greenwood's, S^2 sum d/(n (n - d)). A sample of m = (1 - S)/(S sum d/(n (n - d))) members with a
+common end has the same variance, so the intervals use m as the number of members. Without a
+censored time before t, m equals that number, so both methods agree.
+The method assumes that flags occur independently of the event, given the time.
 
 Source: Kaplan & Meier, J. Am. Stat. Assoc. 53 (1958) 457; Greenwood, Rep. Public Health Med. Subj.
 33 (1926); m: Dorey & Korn, Stat. Med. 6 (1987) 679; ends of quantiles by inverting the test of S:
@@ -40,7 +40,7 @@ from rigidmc.results.intervals import Estimate
 from rigidmc.scene.toml.read import scene_text
 
 Array = NDArray[np.float64]
-SAME = 1.0 + 1e-9  # times that are so near are the same
+SAME = 1.0 + 1e-9  # ratio up to which two times count as equal
 RELATIONS: dict[str, Callable[[Any, float], Any]] = {
     ">=": operator.ge,
     "<=": operator.le,
@@ -51,15 +51,15 @@ RELATIONS: dict[str, Callable[[Any, float], Any]] = {
 
 
 def signed_times(dataset: xr.Dataset, name: str, times: Array) -> Array:
-    """The times of an event of the members of a result (..., n), see above.
+    """Return the signed times (..., n) of an event in the members of a result, see above.
 
-    name : the variable, whose attributes tell of an event that has to last
-    Raises OptionError for negative times, which no event has.
+    name : the variable; its attributes state how long the event has to last
+    Raises OptionError for negative times, which are impossible for events.
     """
     if (times < 0.0).any():
         rule = (
-            f"has negative values, which no time of an event has: state `event_times=()` in the"
-            f' class that gives {name}, or in Python `ds.{name}.attrs["{CENSORED}"] = "no"`'
+            f"has negative values, so it is not the time of an event: set `event_times=()` in the"
+            f' class that defines {name}, or in Python `ds.{name}.attrs["{CENSORED}"] = "no"`'
         )
         raise OptionError(rule, at="measure", value=name)
     lag = float(dataset[name].attrs.get(LAG, 0.0))
@@ -70,7 +70,7 @@ def signed_times(dataset: xr.Dataset, name: str, times: Array) -> Array:
 
 
 def ends_of(dataset: xr.Dataset) -> Array:
-    """Until when each member was followed [s]; nan for one that tells nothing."""
+    """Return the end until which each member was followed [s]; nan without information."""
     good, count = dataset.status.values == 0, dataset.sizes["member"]
     ends = np.full(count, np.nan)
     if FOLLOWED in dataset:
@@ -90,18 +90,18 @@ def _t_end(dataset: xr.Dataset) -> float:
 
 
 def is_censored(times: Array) -> NDArray[np.bool_]:
-    """Which of signed times have not come."""
+    """Whether each of signed times is censored."""
     found: NDArray[np.bool_] = np.signbit(times) & ~np.isnan(times)
     return found
 
 
 def times_that_came(times: Array) -> Array:
-    """Times that have come; nan for others."""
+    """Return the observed times; nan for censored ones."""
     return np.where(is_censored(times), np.nan, times)
 
 
 def answers(times: Array, relation: str, number: float) -> Array:
-    """1 where a relation with a number holds, 0 where not, nan where a member tells neither."""
+    """Return 1 where a relation with a number holds, 0 where not, nan where that is unknown."""
     holds = RELATIONS[relation](np.abs(times), number).astype(float)
     later = {">": 1.0, ">=": 1.0, "<": 0.0, "<=": 0.0, "==": 0.0}[relation]
     known = np.abs(times) * SAME >= number
@@ -110,15 +110,15 @@ def answers(times: Array, relation: str, number: float) -> Array:
 
 
 def refuse_later_times(text: str, times: Array, number: float) -> None:
-    """OptionError for a relation with a time that no member was followed to."""
+    """Raise OptionError for a relation with a time beyond the end of all members."""
     ends = np.abs(times[is_censored(times)])
     if ends.size and not number <= (last := float(np.nanmax(np.abs(times)))) * SAME:
-        rule = f"members were followed to {last:g} s: nothing is known of {number:g} s"
+        rule = f"members were followed only until {last:g} s, not until {number:g} s"
         raise OptionError(rule, at="measure", value=text)
 
 
 def share(times: Array) -> Array:
-    """The shares (...) of censored times among the times (..., n) of members that tell some."""
+    """Return the fractions (...) of censored times among the times (..., n) that are not nan."""
     there = (~np.isnan(times)).sum(-1)
     with np.errstate(all="ignore"):
         found: Array = np.where(there > 0, is_censored(times).sum(-1) / there, np.nan)
@@ -126,11 +126,12 @@ def share(times: Array) -> Array:
 
 
 class Survival(NamedTuple):
-    """The share without the event, after each time at which it came.
+    """Survival function: the fraction of members without the event, after each event time.
 
-    times : at which the event came, ascending (k,);  s, size : the share after each, and of how
-        many members with one end it would have the same variance (k + 1); the first are before all
-    numbers : all times, ascending (n,);  last : until when the share is known
+    times : event times, ascending (k,);  s, size : the fraction after each, and the number of
+        members with a common end that gives it the same variance (k + 1); the first entries are
+        before all events
+    numbers : all times, ascending (n,);  last : end until which the fraction is known
     """
 
     times: Array
@@ -140,11 +141,11 @@ class Survival(NamedTuple):
     last: float
 
     def followed(self, t: float) -> int:
-        """How many members were followed until t without an event before."""
+        """Return the number of members followed until t without an earlier event."""
         return int(self.numbers.size - np.searchsorted(self.numbers, t / SAME))
 
     def at(self, t: float, before: bool) -> tuple[float, float]:
-        """(share without the event after t, or before t; the size of its sample)."""
+        """Return (fraction without the event after t, or before t; size of its sample)."""
         i = int(np.searchsorted(self.times, t, "left" if before else "right"))
         s = float(self.s[i])
         if s == 1.0:
@@ -155,7 +156,7 @@ class Survival(NamedTuple):
 
 
 def survival(times: Array) -> Survival:
-    """The Survival of signed times (n,), nan left out."""
+    """Return the Survival of signed times (n,), without nan."""
     times = times[~np.isnan(times)]
     numbers, come = np.sort(np.abs(times)), times[~np.signbit(times)]
     at, d = np.unique(come, return_counts=True)
@@ -167,13 +168,13 @@ def survival(times: Array) -> Survival:
         found = (1.0 - s[1:]) / (s[1:] * spread)
     known = np.isfinite(found)
     size[1:][known] = found[known]
-    for i in np.flatnonzero(~known):  # nobody is left: the last one of whom that is known
+    for i in np.flatnonzero(~known):  # no members left: use the last known size
         size[i + 1] = size[i] if i else float(n[0])
     return Survival(at, s, size, numbers, float(numbers[-1]) if numbers.size else np.nan)
 
 
 def censored_probability(times: Array, relation: str, number: float, confidence: float) -> Estimate:
-    """The probability that a time has a relation with a number, of signed times (..., n)."""
+    """Estimate the probability that a relation with a number holds, from signed times (..., n)."""
     told = answers(times, relation, number)
     there = ~np.isnan(times)
     k, n = (told == 1.0).sum(-1), (~np.isnan(told)).sum(-1)
@@ -187,14 +188,14 @@ def censored_probability(times: Array, relation: str, number: float, confidence:
 
 
 def as_estimate(times: Array, value: Any, low: Any, high: Any) -> Estimate:
-    """The Estimate of numbers with what signed times (..., n) tell of the members."""
+    """Make an Estimate, with the censored fraction and the end of signed times (..., n)."""
     return Estimate(value, low, high, share(times), _last(times))
 
 
 def _probability_of(
     times: Array, relation: str, number: float, confidence: float
 ) -> intervals.Interval:
-    """The same of times (n,) with several ends."""
+    """Estimate the probability from times (n,) with different ends."""
     s, size = survival(times).at(number, relation in ("<", ">="))
     later = relation[0] == ">"
     if np.isnan(s):
@@ -204,8 +205,8 @@ def _probability_of(
 
 
 def censored_quantile(times: Array, q: float, confidence: float) -> Estimate:
-    """The quantile q of signed times (..., n): inf if it is beyond the end. An end of its interval
-    that is beyond is inf too, but the lower one is the end of the members."""
+    """Estimate the quantile q of signed times (..., n); inf if it is beyond the end. Beyond the
+    end, the upper end of its interval is inf, and the lower one is the end of the members."""
     rows = times.reshape(math.prod(times.shape[:-1]), times.shape[-1])
     table = np.array([_quantile_of(row[~np.isnan(row)], q, confidence) for row in rows])
     found = np.moveaxis(table.reshape(*times.shape[:-1], 3), -1, 0)
@@ -224,11 +225,11 @@ def _quantile_of(times: Array, q: float, confidence: float) -> tuple[float, floa
 
 
 def _by_survival(found: Survival, q: float, tail: float) -> tuple[float, float, float]:
-    """(quantile, low, high): the ends are the last and the first time at which a test of size
-    `tail` on each side takes the quantile for later, and for earlier."""
+    """Return (quantile, low, high). `low` is the last time at which a test of size `tail` finds the
+    quantile later, `high` the first time at which it finds the quantile earlier."""
     at, f = found.times, 1.0 - found.s
     value = at[f[1:] >= q * (1.0 - 1e-12)]
-    # at each time, and at the end: as many have come before
+    # at each event time, and at the end: the earlier events
     before = np.append(at, found.last)
     size = np.where(f > 0.0, found.size, [found.followed(t) for t in before])
     late = _at_most(size, q, size * f) <= tail
@@ -241,7 +242,7 @@ def _by_survival(found: Survival, q: float, tail: float) -> tuple[float, float, 
 
 
 def _at_most(n: Array, p: float, k: Array) -> Array:
-    """P(B <= k) of a binomial number B of n, for real n and k too."""
+    """Return P(B <= k) of a binomial B with n trials, extended to real n and k."""
     k = np.minimum(k, n)
     some = k < n * (1.0 - 1e-12)
     found: Array = np.where(some, special.betainc(np.where(some, n - k, 1.0), k + 1.0, 1.0 - p), 1)
@@ -249,14 +250,14 @@ def _at_most(n: Array, p: float, k: Array) -> Array:
 
 
 def _at_least(n: Array, p: float, k: Array) -> Array:
-    """P(B >= k) of a binomial number B of n, for real n and k too."""
-    # a count: what stands for 0 is not taken
+    """Return P(B >= k) of a binomial B with n trials, extended to real n and k."""
+    # 1e-300 avoids k = 0, whose value is not used
     found: Array = np.where(k > 0.0, special.betainc(np.maximum(k, 1e-300), n - k + 1.0, p), 1.0)
     return found
 
 
 def _last(times: Array) -> Any:
-    """Until when members were followed, the longest; nan if all times have come."""
+    """Return the latest end until which members were followed; nan if no time is censored."""
     ends = np.where(is_censored(times), np.abs(times), np.nan)
     longest = np.max(ends, axis=-1, initial=-np.inf, where=~np.isnan(ends))
     return np.where(np.isneginf(longest), np.nan, longest)

@@ -1,4 +1,4 @@
-"""A checkpoint: arrays in a file, which is ignored unless it is whole and matches its run."""
+"""Checkpoints: arrays in a file, which is ignored unless it is complete and matches its run."""
 
 import contextlib
 import hashlib
@@ -22,9 +22,9 @@ _KINDS = "biuf"
 
 
 def write_checkpoint(path: Path, key: str, arrays: Arrays) -> bool:
-    """Write {name: array} in place of what is there; False if that fails: a run goes on without.
+    """Write {name: array}, replacing an existing file; False on failure: a run continues without.
 
-    key : tells what the arrays are the state of
+    key : identifies the run and the state in the arrays
     """
     about = [[name, array.dtype.str, array.shape] for name, array in arrays.items()]
     header = json.dumps({"key": key, "arrays": about}).encode() + b"\n"
@@ -38,9 +38,9 @@ def write_checkpoint(path: Path, key: str, arrays: Arrays) -> bool:
 
 
 def read_checkpoint(path: Path, key: str, most: int) -> dict[str, NDArray[Any]] | None:
-    """The arrays of a checkpoint; None if there is none that is whole and has this key.
+    """Read the arrays of a checkpoint; None unless it exists, is complete and has this key.
 
-    most : bytes of the arrays; a larger file is not read
+    most : largest number of bytes of the arrays; a larger file is not read
     """
     try:
         data = memoryview(bytes_of(path, most + 10_000))
@@ -55,12 +55,12 @@ def read_checkpoint(path: Path, key: str, most: int) -> dict[str, NDArray[Any]] 
         if about["key"] != key:
             return None
         return _arrays(body[at:], about["arrays"])
-    except (ValueError, TypeError, KeyError, OverflowError):  # a sum is no proof of the author
+    except (ValueError, TypeError, KeyError, OverflowError):  # a checksum proves no author
         return None
 
 
 def _arrays(data: memoryview, about: list[Any]) -> dict[str, NDArray[Any]]:
-    """The arrays that lie one after the other in memory; ValueError if they do not."""
+    """Read consecutive arrays from memory; ValueError if they do not fit."""
     found, at = dict[str, NDArray[Any]](), 0
     for name, kind, shape in about:
         dtype, sizes = np.dtype(str(kind)), [int(size) for size in shape]

@@ -1,6 +1,6 @@
-"""Measures of a result that exists, of all its members or of groups of them, with intervals.
+"""Estimate measures of an existing result, for all members or for groups, with intervals.
 
-A measure is of one number for each member: a variable, or a component of one, "omega[1]".
+A measure uses one number per member: a variable, or a component of one, such as "omega[1]".
 """
 
 import re
@@ -26,25 +26,26 @@ MOST_GROUPS = 10_000
 
 
 def why_no_interval(dataset: xr.Dataset) -> str:
-    """Why the spread of the members of a result does not tell how well a measure is known; "" if it
-    does, as that of members that are drawn independently."""
+    """Return the reason why the spread of the members gives no interval for a measure; "" if it
+    does, as for members that are drawn independently."""
     tables = toml(scene_text(dataset))
     points = tables["run"].get("points", "independent")
     if points != "independent":
         return (
-            f"its members are {points} points, whose spread tells no interval: see"
+            f"members are {points} points, whose spread gives no interval: use"
             " rigidmc.estimate_rqmc"
         )
     if not is_sample_of(tables):
-        return "nothing is drawn: its members are all that there is, and no sample of more"
+        return "nothing is random: the members are not a sample, so there are no intervals"
     return ""
 
 
 def estimate(dataset: xr.Dataset, text: str, confidence: float = 0.95) -> Estimate:
-    """A measure of the good members with its confidence interval.
+    """Estimate a measure of the good members with its confidence interval.
 
-    The ends are nan if the members are not independent draws, as on a grid. Raises OptionError if
-    the result lacks the measure, and for the mean of a time that has not come for all members.
+    low and high are nan if the members are not independent draws, as on a grid. Raises OptionError
+    if the result lacks the measure, and for the mean time of an event that has not occurred in all
+    members.
     """
     asked = _asked(dataset, text)
     who = asked.asks(dataset)
@@ -54,18 +55,18 @@ def estimate(dataset: xr.Dataset, text: str, confidence: float = 0.95) -> Estima
 
 
 def estimate_by(dataset: xr.Dataset, text: str, by: str, confidence: float = 0.95) -> xr.Dataset:
-    """A measure of each group of good members: those for which the result `by` is the same.
+    """Estimate a measure for each group of good members with equal values of `by`.
 
-    Returns a Dataset over `by` of value, low, high, members, and `without`, the share of these that
-    have no value. The mean of a time is nan in groups in which it has not come of all. Raises
-    OptionError for an unknown result, and for more than MOST_GROUPS groups.
+    Returns a Dataset over `by` of value, low, high, members, and `without`, the fraction of members
+    without a value. The mean time of an event is nan in groups in which the event has not occurred
+    in all members. Raises OptionError for an unknown `by`, and for more than MOST_GROUPS groups.
     """
     asked, good = _asked(dataset, text), dataset.status.values == 0
     labels, who = _labels(dataset, by), asked.asks(dataset)
     some = (good | who) & (labels == labels)
     groups, group = np.unique(labels[some], return_inverse=True)
     if groups.size > MOST_GROUPS:
-        rule = f"takes {groups.size:,} values: at most {MOST_GROUPS:,} groups are told apart"
+        rule = f"has {groups.size:,} different values; at most {MOST_GROUPS:,} groups are possible"
         raise OptionError(rule, at="by", value=by)
     order, counts = np.argsort(group, kind="stable"), np.bincount(group, minlength=groups.size)
     values = np.full((groups.size, counts.max(initial=0)), np.nan, asked.dtype)
@@ -78,7 +79,7 @@ def estimate_by(dataset: xr.Dataset, text: str, by: str, confidence: float = 0.9
     variables: dict[str, Any] = {
         name: ((by,), numbers, attrs) for name, numbers in zip(found._fields, found, strict=True)
     }
-    about = {"long_name": "share of the members asked that have no value", "units": "1"}
+    about = {"long_name": "fraction of the selected members without a value", "units": "1"}
     variables["without"] = ((by,), found.without, about)
     counts = np.bincount(group[good[some]], minlength=groups.size)
     members = ((by,), counts, {"long_name": "good members of the group"})
@@ -92,7 +93,7 @@ def _asked(dataset: xr.Dataset, text: str) -> Measure:
 def _labels(dataset: xr.Dataset, by: str) -> NDArray[np.generic]:
     known = [str(name) for name, v in dataset.variables.items() if v.dims == ("member",)]
     if by not in known:
-        rule = f"no such number of the members; known: {', '.join(known)}"
+        rule = f"no such variable with one value per member; known: {', '.join(known)}"
         raise OptionError(rule, at="by", value=by, nearest=nearest(by, known))
     labels: NDArray[np.generic] = dataset[by].values
     return labels
@@ -117,27 +118,27 @@ NAME = r"(?P<name>[A-Za-z_]\w*)(\[(?P<component>\w+)\])?"
 
 
 class StateComponent(NamedTuple):
-    """An observable at save times, or a component of it.
+    """An observable at save times, or one of its components.
 
-    row : of the component among the numbers of the observable
+    row : index of the component
     """
 
     name: str
     row: int
 
     def values(self, result: xr.Dataset) -> Array:
-        """Its values (time, member) in a result."""
+        """Return its values (time, member) in a result."""
         return rows_in_time(result, self.name)[:, self.row]
 
 
 def rows_in_time(result: xr.Dataset, name: str) -> Array:
-    """An observable of a result as (time, numbers, member)."""
+    """Return an observable of a result as (time, component, member)."""
     values: Array = result[name].transpose("time", ..., "member").values
     return values.reshape(values.shape[0], -1, values.shape[-1])
 
 
 def component_of(scene: Scene, text: str, key: str) -> StateComponent:
-    """The StateComponent of a text such as "omega[1]"; OptionError that names the option `key`."""
+    """Parse a text such as "omega[1]"; OptionError that names the option `key`."""
     text = text.strip()
     match = re.fullmatch(NAME, text)
     if match is None:
@@ -158,7 +159,7 @@ def component_of(scene: Scene, text: str, key: str) -> StateComponent:
 
 
 def of_the_state(scene: Scene, name: str) -> bool:
-    """Whether an observable follows from the state and the time, and not from the start too."""
+    """Whether an observable depends only on state and time, not on the start."""
     observable = find_observable(scene.observables, name)
     needs = argument_names(observable, "value")
     return not needs & {"start", "works"} and "effect" not in observable.dims

@@ -1,11 +1,10 @@
-"""Results in the formats that others read: netCDF and zarr whole, and tables with a row per member.
+"""Export results: netCDF and zarr in full, and tables with one row per member.
 
     .nc, .zarr       the Dataset, as `xarray.open_dataset` reads it
-    .csv, .parquet   `member_table`: what each member has one number of; saves over time are left
-    out, and
-                     the last one stays
+    .csv, .parquet   `member_table`: variables with one value per member; of saves over time, only
+                     the last one
 
-All numbers keep their bits. `pandas.read_csv` before version 3.1 reads the last one only with
+All numbers keep their bits. `pandas.read_csv` before version 3.1 reads the last bit only with
 float_precision="round_trip".
 """
 
@@ -26,14 +25,14 @@ TIMES = {"time": "", "thinned_time": "_thinned"}  # {dimension: end of the names
 
 
 def is_streamed(path: Path) -> bool:
-    """Whether a run writes this kind of file block by block."""
+    """Whether a run writes this file format block by block."""
     return _ending(path) == ".nc"
 
 
 def write(dataset: xr.Dataset, path: Path, force: bool = False) -> None:
-    """Write a result, whole or not at all, in the format that the ending of the path names.
+    """Write a result, completely or not at all, in the format given by the file extension.
 
-    Raises OptionError for another ending, or a missing package, and OutputExists.
+    Raises OptionError for another extension or a missing package, and OutputExists.
     """
     refuse_existing(path, force)
     ending = _ending(path)
@@ -42,7 +41,7 @@ def write(dataset: xr.Dataset, path: Path, force: bool = False) -> None:
         return
     with PartialFile(path, force, folder=ending == ".zarr") as part, naming_the_path(path, part):
         if ending == ".zarr":
-            # version 2 is read everywhere; version 3 has no text of fixed length yet
+            # all readers support version 2; version 3 lacks fixed-length text so far
             plain = dataset.drop_encoding()
             plain.to_zarr(part, mode="w", zarr_format=2, write_empty_chunks=True)
         elif ending == ".csv":
@@ -55,11 +54,11 @@ def write(dataset: xr.Dataset, path: Path, force: bool = False) -> None:
 
 
 def member_table(dataset: xr.Dataset) -> "pd.DataFrame":
-    """A result as a table with one row per member.
+    """Return a result as a table with one row per member.
 
-    Columns are the variables that have one number per member; of vectors one for each component,
-    such as start_omega_1 and attitude_final_w. Of what is saved over time the last save is there,
-    as omega_final_1. `attrs` has the attributes of the result, and the units of the columns.
+    Columns are the variables with one value per member, and the components of vectors, such as
+    start_omega_1 and attitude_final_w. Variables saved over time contribute their last save, as
+    omega_final_1. `attrs` contains the attributes of the result and the units of the columns.
     """
     import pandas as pd
 
@@ -82,7 +81,7 @@ def member_table(dataset: xr.Dataset) -> "pd.DataFrame":
 
 
 def _parts(name: str, variable: xr.DataArray) -> list[tuple[str, xr.DataArray]]:
-    """(column, values) of a variable, or of each of its components."""
+    """Return (column, values) of a variable, or of each of its components."""
     others = [dim for dim in variable.dims if dim != "member"]
     if not others:
         return [(name, variable)]
@@ -92,7 +91,7 @@ def _parts(name: str, variable: xr.DataArray) -> list[tuple[str, xr.DataArray]]:
 
 
 def _plain(value: Any) -> Any:
-    """A value of an attribute as JSON has it."""
+    """Convert the value of an attribute for JSON."""
     return value.tolist() if isinstance(value, (np.generic, np.ndarray)) else value
 
 

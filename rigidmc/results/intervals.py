@@ -1,15 +1,15 @@
 """Confidence intervals of an ensemble's probabilities, means and quantiles.
 
-scipy.stats has most of them, one at a time: `binomtest` takes 0.6 ms for each pixel of a map
-(`python -m timeit -s "from scipy.stats import binomtest" "binomtest(3, 16).proportion_ci()"`), and
-all of 256 x 256 pixels take a hundredth of a second here. Quantiles agree to the bit, means to
-1e-13, probabilities to 5e-13, which is how far scipy's root finding goes
+scipy.stats computes most of them one at a time: `binomtest` takes 0.6 ms for each pixel of a map
+(`python -m timeit -s "from scipy.stats import binomtest" "binomtest(3, 16).proportion_ci()"`).
+Here, all of 256 x 256 pixels take a hundredth of a second. Quantiles agree with scipy to the bit,
+means to 1e-13, probabilities to 5e-13, the accuracy of scipy's root finding
 (tests/results/test_intervals.py).
 
-What differs by rounding alone: one rule for all studies, which compare members with each other.
-
-Numbers of a precision have the resolution eps, the distance from 1 to the next of them, times their
-size; a sum over many steps loses some eps times the root of their number.
+This module also decides which numbers differ by rounding alone, with one rule for all studies that
+compare members. Floating-point numbers have a resolution of eps, the distance from 1 to the next
+larger number, times their size; a sum over many steps loses a few eps times the square root of the
+number of steps.
 """
 
 import math
@@ -35,16 +35,17 @@ class Interval(NamedTuple):
 
     @property
     def half(self) -> Any:
-        """Half the width."""
+        """Half of the width."""
         return 0.5 * (self.high - self.low)
 
 
 class Estimate(Interval):
-    """An Interval of a measure, which also tells which members have no value.
+    """An Interval of a measure, with the fraction of members without a value.
 
-    without : share of the members asked that have no value, or whose event has not come by the end
-    until : the end until which members were followed, if the measure is about the time of an event
-        that has not come of all; else nan
+    without : fraction of the selected members that have no value, or whose event has not occurred
+        by the end
+    until : the end until which members were followed, if the measure is the time of an event that
+        has not occurred in all members; else nan
     """
 
     without: Any
@@ -53,33 +54,33 @@ class Estimate(Interval):
     def __new__(
         cls, value: Any, low: Any, high: Any, without: Any = 0.0, until: Any = np.nan
     ) -> "Estimate":
-        """A tuple of the first three."""
+        """Make a tuple of the first three; `without` and `until` are attributes."""
         made = super().__new__(cls, value, low, high)
         made.without, made.until = without, until
         return made
 
     def each(self, function: Callable[[Any], Any]) -> "Estimate":
-        """The Estimate of which each number is a function of that of this one."""
+        """Apply a function to each number of the Estimate."""
         return Estimate(*map(function, (*self, self.without, self.until)))
 
     def words(self, confidence: float = 0.95) -> str:
-        """The numbers in words, and the share of the members without a value."""
+        """Write the numbers as text, and the fraction of members without a value."""
         value, low, high = map(self._number, self)
         if self.value != self.value:
-            few = "no member has a value" if self.without == 1.0 else "not known"
-            return "no member is asked" if self.without != self.without else few
+            few = "no member has a value" if self.without == 1.0 else "unknown"
+            return "no member is selected" if self.without != self.without else few
         ends = f", {100 * confidence:g} % between {low} and {high}" if self.low == self.low else ""
         if np.isposinf(self.value) and ends:
             ends = f", {100 * confidence:g} % above {low}"
         return value + ends + self.lacking()
 
     def lacking(self) -> str:
-        """In words, the share of the members without a value; "" if all have one."""
+        """Write the fraction of members without a value as text; "" if all have one."""
         if not self.without > 0.0:
             return ""
         share = f"{100.0 * self.without:.3g} %"
         if self.until == self.until:
-            return f"; {share} of the members had none by {self.until:.6g} s"
+            return f"; no event by {self.until:.6g} s in {share} of the members"
         return f"; {share} of the members have no value"
 
     def _number(self, x: float) -> str:
@@ -93,12 +94,13 @@ class Estimate(Interval):
 def probability(
     successes: ArrayLike, trials: ArrayLike, confidence: float = 0.95, method: str = "wilson"
 ) -> Interval:
-    """The probability of an event that `successes` of `trials` independent members have.
+    """Estimate the probability of an event that occurs in `successes` of `trials` independent
+    members.
 
-    wilson : (p + z^2/2n +- z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n); covers the confidence
-        in the mean over p
-    clopper-pearson : from the beta distribution; never covers less, and is up to twice as wide for
-        few trials
+    wilson : (p + z^2/2n +- z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n); its coverage averaged
+        over p is the confidence level
+    clopper-pearson : from the beta distribution; its coverage is never lower than the confidence
+        level; up to twice as wide for few trials
 
     successes, trials : counts that broadcast; without trials the interval is nan
     Raises OptionError for impossible counts.
@@ -110,7 +112,7 @@ def probability(
     k, n = np.broadcast_arrays(np.asarray(successes, float), np.asarray(trials, float))
     bad = (k < 0) | (k > n)
     if np.any(bad):
-        rule = "expected counts between 0 and the trials"
+        rule = "expected counts between 0 and the number of trials"
         raise OptionError(rule, at="successes", value=float(k[bad].flat[0]))
     _check(confidence)
     with np.errstate(all="ignore"):
@@ -130,7 +132,8 @@ def probability(
 
 
 def mean(values: ArrayLike, axis: int = -1, confidence: float = 0.95) -> Interval:
-    """The mean of independent values along an axis, by Student's t, without non-finite ones."""
+    """Estimate the mean of independent values along an axis by Student's t, ignoring non-finite
+    values."""
     _check(confidence)
     x = np.asarray(values, float)
     x = np.where(np.isfinite(x), x, np.nan)
@@ -146,14 +149,14 @@ def mean(values: ArrayLike, axis: int = -1, confidence: float = 0.95) -> Interva
 def correlation(
     one: NDArray[np.float64], other: NDArray[np.float64], confidence: float = 0.95
 ) -> Interval:
-    """Pearson's coefficient of correlation along the last axis, with Fisher's interval.
+    """Estimate Pearson's correlation coefficient along the last axis, with Fisher's interval.
 
     r = sum (a - <a>)(b - <b>) / sqrt(sum (a - <a>)^2 sum (b - <b>)^2),
     tanh(artanh(r) +- z / sqrt(n - 3))
 
-    The interval holds for pairs that are nearly normal. Pairs with a non-finite number are left
-    out. nan for fewer than two pairs or numbers that are all the same to rounding; ends are nan for
-    fewer than four.
+    The interval holds for nearly normal pairs. Pairs with a non-finite number are ignored. The
+    coefficient is nan for fewer than two pairs, or if all numbers are the same to rounding; the
+    ends are nan for fewer than four pairs.
     Source: Fisher, Metron 1 (1921) 3.
     """
     _check(confidence)
@@ -174,15 +177,15 @@ def correlation(
 def control_variate_mean(
     values: ArrayLike, control: ArrayLike, expected: float, confidence: float = 0.95
 ) -> tuple[Interval, float]:
-    """(Interval, factor): the mean of independent values by a control variate.
+    """Estimate the mean of independent values with a control variate; return (Interval, factor).
 
-    The mean of x - b (c - E[c]) with the b of least variance. b comes from the values themselves,
-    which shifts the mean by at most 1/n of its error.
+    The estimate is the mean of x - b (c - E[c]), with the b of least variance. b comes from the
+    values themselves, which shifts the mean by at most 1/n of its error.
 
-    control : a number c for each value, such as that of the closest closed form
+    control : a number c for each value, such as the value in the closest closed form
     expected : its known mean E[c]
-    factor : variance without control over variance with it, 1/(1 - correlation^2): so many times
-        as many members would give the same interval
+    factor : ratio of the variances without and with control, 1/(1 - correlation^2): without
+        control, the same interval needs `factor` times the members
     """
     x, c = np.asarray(values, float), np.asarray(control, float)
     finite = np.isfinite(x) & np.isfinite(c)
@@ -194,10 +197,11 @@ def control_variate_mean(
 
 
 def antithetic_mean(values: ArrayLike, confidence: float = 0.95) -> tuple[Interval, float]:
-    """(Interval, factor): the mean of antithetic pairs, members 2k and 2k + 1, by their averages.
+    """Estimate the mean of antithetic pairs, members 2k and 2k + 1, from their averages; return
+    (Interval, factor).
 
-    factor as in `control_variate_mean`: 1/(1 + correlation within pairs). A pair with a non-finite
-    value is left out.
+    factor as in `control_variate_mean`: 1/(1 + correlation within pairs). Pairs with a non-finite
+    value are ignored.
     """
     x = np.asarray(values, float)
     pairs = x[: len(x) // 2 * 2].reshape(-1, 2)
@@ -210,17 +214,18 @@ def antithetic_mean(values: ArrayLike, confidence: float = 0.95) -> tuple[Interv
 def quantile(
     values: ArrayLike, q: float, confidence: float = 0.95, infinite: bool = False
 ) -> Interval:
-    """The quantile q of independent values, between two of them, for any distribution.
+    """Estimate the quantile q of independent values, with order statistics as ends, for any
+    distribution.
 
     The ranks of the ends follow from the binomial distribution. An end is infinite if there are too
-    few values for the confidence. Non-finite values are left out.
+    few values for the confidence level. Non-finite values are ignored.
 
-    infinite : whether inf is a value, above all others: then the quantile may be inf too
+    infinite : whether inf counts as a value, above all others; the quantile may then be inf
     """
     _check(confidence)
     if not 0.0 < q < 1.0:
-        raise OptionError("expected a share between 0 and 1", at="q", value=q)
-    from scipy import stats  # half a second, for which a run or a map does not wait
+        raise OptionError("expected a number between 0 and 1", at="q", value=q)
+    from scipy import stats  # half a second, which runs and maps save
 
     x = np.asarray(values, float)
     x = np.sort(x[np.isfinite(x) | ((x == np.inf) & infinite)])
@@ -234,26 +239,25 @@ def quantile(
     ends = x[low] if low >= 0 else -np.inf, x[high] if high < x.size else np.inf
     if x[min(int(np.ceil(q * (x.size - 1))), x.size - 1)] < np.inf:
         return Interval(np.quantile(np.minimum(x, x[x < np.inf][-1]), q), *ends)
-    # no value between a finite one and inf: the first that so many do not exceed
+    # no interpolation between a finite value and inf: the smallest value with this rank
     return Interval(x[max(0, math.ceil(q * x.size * (1.0 - 1e-12)) - 1)], *ends)
 
 
 def mean_of_skew(values: ArrayLike, confidence: float = 0.95) -> Interval:
-    """The mean of positive values whose distribution is about log-normal, with an interval of its
-    logarithm.
+    """Estimate the mean of positive, roughly log-normal values, with an interval of its logarithm.
 
-    Student's interval misses the mean of few values of a skew distribution, mostly from below: of
-    16 log-normal values with a spread of 0.6 of the mean it covers 92 %
-    (tests/results/test_intervals.py). With a spread of c of the mean the ends are
+    For few values of a skewed distribution, Student's interval misses the mean, mostly from below:
+    for 16 log-normal values with a relative standard deviation of 0.6, its coverage is 92 %
+    (tests/results/test_intervals.py). With a relative standard deviation c, the ends are
 
         mean exp(+-t (c^2/n + c^4/2(n - 1))^(1/2))
 
-    where c^2 is about the variance of the logarithms, and the second term is its own error. Of 8
-    values or more with c up to 0.6 it covers 94 to 96 % of log-normal means and of those of the
-    gamma distribution, and for 16 of them is an eighth wider than Student's. For c = 1 it covers 92
-    to 98 %; with a larger spread few values carry the mean, and no interval of them is to be
-    trusted. Source: Cox's method (Land, Technometrics 14 (1972) 145) with Student's t (Olsson, J.
-    Stat. Educ. 13 (2005) 1), here about the plain mean.
+    where c^2 approximates the variance of the logarithms, and the second term is the error of this
+    variance. For 8 or more values and c up to 0.6, the coverage is 94 to 96 % for log-normal and
+    gamma distributions; for 16 values, the interval is an eighth wider than Student's. For c = 1
+    the coverage is 92 to 98 %; with a larger spread, few values dominate the mean, and no interval
+    is reliable. Source: Cox's method (Land, Technometrics 14 (1972) 145) with Student's t (Olsson,
+    J. Stat. Educ. 13 (2005) 1), here about the plain mean.
 
     values : (n,), not negative;  raises OptionError for an impossible confidence
     """
@@ -266,7 +270,7 @@ def mean_of_skew(values: ArrayLike, confidence: float = 0.95) -> Interval:
 
 
 def quantiles(values: ArrayLike, q: float, confidence: float = 0.95) -> Interval:
-    """The quantile q along the last axis, see `quantile`."""
+    """Estimate the quantile q along the last axis, see `quantile`."""
     values = np.asarray(values, float)
     rows = values.reshape(-1, values.shape[-1])
     table = np.array([quantile(row, q, confidence) for row in rows])
@@ -278,16 +282,16 @@ def _check(confidence: float) -> None:
         raise OptionError("expected a number between 0 and 1", at="confidence", value=confidence)
 
 
-ULPS = 32.0  # resolutions by which numbers that should be the same may differ
+ULPS = 32.0  # largest difference of equal numbers, in units of their resolution
 
 
 def resolution(dtype: DTypeLike, steps: float = 1.0) -> float:
-    """The relative resolution of numbers of a precision after `steps` steps."""
+    """Return the relative resolution of numbers of type `dtype` after `steps` steps."""
     return float(np.finfo(dtype).eps) * math.sqrt(max(1.0, steps))
 
 
 def resolution_of(scene: Scene) -> float:
-    """The relative resolution of what members of a scene show at the end."""
+    """Return the relative resolution of final states of a scene."""
     run = scene.run
     return resolution(run.dtype, 1.0 if run.turn else run.t_end / run.dt)
 
@@ -295,13 +299,13 @@ def resolution_of(scene: Scene) -> float:
 def is_constant(
     values: ArrayLike, axis: int | None = -1, resolved: float | None = None
 ) -> NDArray[np.bool_]:
-    """Whether numbers along an axis are all the same to rounding; those that are not finite are
-    left out, and fewer than two are the same.
+    """Whether numbers along an axis are all the same to rounding, ignoring non-finite numbers;
+    fewer than two numbers are the same.
 
-    A mean of a constant is not the constant to the bit, so that rounding decides a variance, a
-    correlation and an index of differences from it.
+    The mean of a constant differs from the constant by rounding, so that without this test,
+    rounding would determine variances, correlations and sensitivity indices.
 
-    resolved : the relative resolution of the numbers; by default that of their precision
+    resolved : the relative resolution of the numbers; by default that of their type
     """
     x: NDArray[Any] = np.asarray(values)
     if not np.issubdtype(x.dtype, np.floating):
@@ -310,6 +314,6 @@ def is_constant(
     high = np.max(x, axis=axis, where=there, initial=-np.inf)
     low = np.min(x, axis=axis, where=there, initial=np.inf)
     with np.errstate(invalid="ignore"):
-        # by halves: the range of the largest numbers is none
+        # by halves: the range of the largest numbers would overflow
         apart, size = 0.5 * high - 0.5 * low, np.maximum(np.abs(high), np.abs(low))
         return np.asarray(~(apart > 0.5 * ULPS * eps * size))

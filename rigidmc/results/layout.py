@@ -1,5 +1,5 @@
 """The layout of a result: its variables, sizes, coordinates and attributes, made once for a run. A
-Dataset in memory and a netCDF file are the same."""
+Dataset in memory and a netCDF file have the same layout."""
 
 import math
 from collections.abc import Sequence
@@ -22,11 +22,11 @@ Coordinate = tuple[tuple[str, ...], NDArray[Any], dict[str, Any]]  # dimensions,
 
 
 class Axes(NamedTuple):
-    """What a result extends over beside its members.
+    """The axes of a result besides its members.
 
-    times : of the saves [s];  thinned : indices of the saves that are kept of thinned observables
+    times : of the saves [s];  thinned : indices of the saves kept for thinned observables
     labels : of the effects whose works are saved
-    bins : (dimension, edges, units) of each histogram;  dims : of all that is kept
+    bins : (dimension, edges, units) of each histogram;  dims : dimensions of all kept observables
     """
 
     times: NDArray[np.float64]
@@ -36,14 +36,14 @@ class Axes(NamedTuple):
     dims: tuple[str, ...]
 
     def coordinates(self, members: Sequence[int] | NDArray[Any] = ()) -> dict[str, Coordinate]:
-        """Coordinates as {name: (dims, values, attrs)}; members : their indices."""
+        """Return coordinates as {name: (dims, values, attrs)}; members : their indices."""
         effects: dict[str, Coordinate] = {}
         if self.labels:
             about = {"long_name": "effect of the scene"}
             effects["effect"] = (("effect",), np.array(self.labels), about)
         thinned: dict[str, Coordinate] = {}
         if self.thinned.size:
-            about = {"units": "s", "long_name": "time of what is thinned"}
+            about = {"units": "s", "long_name": "save time of thinned variables"}
             thinned["thinned_time"] = (("thinned_time",), self.times[self.thinned], about)
         bins: dict[str, Coordinate] = {}
         for name, edges, units in self.bins:
@@ -65,7 +65,7 @@ class Axes(NamedTuple):
         }
 
     def lengths(self, members: int) -> dict[str, Any]:
-        """{dimension: size}; None for `flagged`, which grows."""
+        """Return {dimension: size}; None for `flagged`, which grows."""
         bins = {name: edges.size - 1 for name, edges, _ in self.bins}
         times = {"time": self.times.size, "thinned_time": self.thinned.size}
         return {
@@ -80,16 +80,16 @@ class Axes(NamedTuple):
 
 
 class ResultLayout(NamedTuple):
-    """What the result of a run is, in the units of its scene.
+    """The layout of the result of a run, in the units of its scene.
 
-    scene : what the result is of;  settings : of [run], which its text has in place of those of the
-        scene, because a rerun needs them
+    scene : the scene of the result;  settings : of [run], which replace those of the scene in its
+        text, because a rerun needs them
     facts : the attributes after the integrator
-    first, members : place of the first member, and how many there are
+    first, members : place of the first member, and number of members
     which : the indices of the members at places 0, 1, ...; None if they are these numbers
-    saved : {observable: rows of its values} of what is recorded at saves
+    saved : {observable: rows of its values} recorded at saves
     by_member, at_saves, of_ensemble, of_flagged : {name: Variable}
-    constant : names of those that are the same for all members, and are stored once in memory
+    constant : names of variables that are the same for all members, stored once in memory
     block : members of a chunk of a file
     """
 
@@ -111,31 +111,32 @@ class ResultLayout(NamedTuple):
 
     @property
     def values(self) -> int:
-        """How many numbers a member records at a save."""
+        """Number of values that a member records at a save."""
         return max((rows.stop for rows in self.saved.values()), default=0)
 
     def indices(self, first: int, count: int) -> NDArray[np.int64]:
-        """The indices of `count` members from place `first` on; beyond the end, of the last."""
+        """Return the indices of `count` members from place `first` on; beyond the end, repeat the
+        last."""
         if self.which is None:
             return np.arange(first, first + count)
         return self.which[np.minimum(np.arange(first, first + count), self.which.size - 1)]
 
     @property
     def variables(self) -> dict[str, Variable]:
-        """{name: Variable} of all."""
+        """{name: Variable} of all variables."""
         return {**self.by_member, **self.at_saves, **self.of_ensemble, **self.of_flagged}
 
     def coordinates(self) -> dict[str, Coordinate]:
-        """Coordinates as {name: (dims, values, attrs)}."""
+        """Return coordinates as {name: (dims, values, attrs)}."""
         return self.axes.coordinates(self.indices(self.first, self.members))
 
     def lengths(self) -> dict[str, Any]:
-        """{dimension: size}; None for `flagged`, which grows."""
+        """Return {dimension: size}; None for `flagged`, which grows."""
         return self.axes.lengths(self.members)
 
     def attributes(self) -> dict[str, Any]:
-        """Global attributes; the scene's TOML and the member range suffice for a rerun to the
-        bit."""
+        """Return the global attributes. The scene's TOML and the member range suffice for a rerun
+        to the bit."""
         return {
             "Conventions": "CF-1.11",
             "title": self.scene.title,
@@ -148,13 +149,13 @@ class ResultLayout(NamedTuple):
         }
 
     def text(self) -> str:
-        """The scene as TOML text."""
+        """Return the scene as TOML text."""
         own = {name: value for name, value in self.settings.items() if value is not None}
         return dumps(self.scene, with_changes(self.scene.run, own))
 
     def is_rounded(self, name: str) -> bool:
-        """Whether files store only some digits of a variable: those of saves over time, but never
-        of variables that a run could start from, nor of flagged members."""
+        """Whether files round a variable to a number of digits. They round saves over time, but
+        never variables from which a run could start, nor flagged members."""
         dims, dtype, _ = self.variables[name]
         return (
             self.scene.run.digits is not None
@@ -164,7 +165,7 @@ class ResultLayout(NamedTuple):
         )
 
     def bytes_of_a_member(self) -> tuple[int, int]:
-        """Bytes of a member before compression: (of values that all members share, of others)."""
+        """Return the bytes of a member before compression: (of shared values, of other values)."""
         same = other = 0
         sizes = {**self.lengths(), "member": 1}
         for name, (dims, dtype, _) in {**self.by_member, **self.at_saves}.items():
@@ -174,7 +175,7 @@ class ResultLayout(NamedTuple):
 
 
 def constant_variables(model: Model) -> frozenset[str]:
-    """Member variables that are the same for all."""
+    """Return the names of member variables that are the same for all members."""
     spin = model.start.spin_name
     variables = {
         "moments": model.body.moments,
@@ -183,6 +184,6 @@ def constant_variables(model: Model) -> frozenset[str]:
         f"start_{spin}": getattr(model.start, spin),
         "start_attitude": model.start.attitude,
     }
-    if model.body.inertia_key == "tensor":  # each member has axes of its own
+    if model.body.inertia_key == "tensor":  # each member has its own axes
         return frozenset()
     return frozenset(name for name, value in variables.items() if is_shared(value))

@@ -1,4 +1,4 @@
-"""What an ensemble is asked: "p(flips >= 1)", "mean(flip_wait | flips >= 2)", and so on."""
+"""Measures of an ensemble: "p(flips >= 1)", "mean(flip_wait | flips >= 2)", and so on."""
 
 import math
 import re
@@ -40,14 +40,14 @@ _FORMS = {
     "": re.compile(_variable()),
 }
 RULE = (
-    "expected p(NAME >= NUMBER), mean(NAME), median(NAME), quantile(NAME, SHARE),"
-    " correlation(NAME, NAME) or NAME,"
-    " of a result with one number per member; with a condition as in mean(NAME | OTHER >= NUMBER)"
+    "expected p(NAME >= NUMBER), mean(NAME), median(NAME), quantile(NAME, NUMBER),"
+    " correlation(NAME, NAME) or NAME, where NAME is a variable with one value per member; a"
+    " condition is written mean(NAME | OTHER >= NUMBER)"
 )
 
 
 class Result(NamedTuple):
-    """A result name[axis] with one number per member, or one of its three components.
+    """A variable with one value per member, or one component, name[axis], of a vector.
 
     timed : whether it is the time of an event, which may be later than the end of a member
     """
@@ -57,22 +57,22 @@ class Result(NamedTuple):
     timed: bool = False
 
     def values(self, dataset: xr.Dataset) -> NDArray[np.float64]:
-        """The numbers of the members (n,); signed times of events, see `censored`."""
+        """Return the values of the members (n,); signed times for events, see `censored`."""
         result = dataset[self.name]
         values: NDArray[np.float64] = (result.sel(axis=self.axis) if self.axis else result).values
         return censored.signed_times(dataset, self.name, values) if self.timed else values
 
 
 class Condition(NamedTuple):
-    """A relation of a result and a number, such as flips >= 1."""
+    """A relation between a variable and a number, such as flips >= 1."""
 
     result: Result
     relation: str
     number: float
 
     def answers(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """1 where it holds, 0 where not, nan for members that have no value, or whose event came
-        after their end: from the values of the result."""
+        """Evaluate the condition for values of the variable: 1 where it holds, 0 where not, nan for
+        members that have no value, or whose event is later than their end."""
         if self.result.timed:
             return censored.answers(values, self.relation, self.number)
         holds = RELATIONS[self.relation](values, self.number)
@@ -80,11 +80,11 @@ class Condition(NamedTuple):
 
 
 class Measure(NamedTuple):
-    """A question to the members about a result.
+    """A statistic of a variable of the members.
 
     kind : "p" (with relation and number), "mean", "quantile" (with number), or "correlation" (with
-        other, the second result)
-    given : the members that are asked; None for all
+        other, the second variable)
+    given : condition that selects members; None for all
     """
 
     text: str
@@ -96,35 +96,35 @@ class Measure(NamedTuple):
     given: Condition | None = None
 
     def units(self, variables: "Variables") -> str:
-        """The units of the measure, of the variables of the members."""
+        """Return the units of the measure, from the variables of the members."""
         pure = self.kind in ("p", "correlation")
         return "1" if pure else str(variables[self.result.name].attrs.get("units", "1"))
 
     @property
     def results(self) -> tuple[Result, ...]:
-        """The results that are needed."""
+        """The variables or components that the measure uses."""
         more = self.other, self.given and self.given.result
         return (self.result, *(one for one in more if one is not None))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The variables that are needed."""
+        """The names of the variables that the measure uses."""
         ends = (FOLLOWED,) if any(one.timed for one in self.results) else ()
         return (*(one.name for one in self.results), *ends)
 
     @property
     def dtype(self) -> str:
-        """Of `values`; 0, 1 and nan take a quarter of the memory of other numbers."""
+        """The type of `values`; 0, 1 and nan take a quarter of the memory of other numbers."""
         if self.kind == "p" and not self.result.timed:
             return "f2"
         return "c16" if self.kind == "correlation" else "f8"
 
     def values(self, dataset: xr.Dataset) -> NDArray[Any]:
-        """The numbers of the members (n,), from which `interval` tells the measure.
+        """Return the numbers of the members (n,) from which `interval` estimates the measure.
 
-        For p 1 if the relation holds, else 0; nan for members without a value. Of the time of an
-        event the signed times, see `rigidmc.results.censored`. For a correlation the two results
-        of a member as one complex number.
+        For p, the number is 1 if the relation holds, else 0, and nan for members without a value.
+        For the time of an event, it is the signed time, see `rigidmc.results.censored`. For a
+        correlation, it is one complex number with the two values of a member.
 
         Raises OptionError for a probability beyond the time until which members were followed.
         """
@@ -139,8 +139,8 @@ class Measure(NamedTuple):
         return values.astype(self.dtype)
 
     def asks(self, dataset: xr.Dataset) -> NDArray[np.bool_]:
-        """Which members (n,) are asked: good ones for which the condition holds, and of the time of
-        an event also those that are flagged, until then."""
+        """Return which members (n,) the measure selects: good members for which the condition
+        holds; for the time of an event also flagged members, until the flag."""
         found: NDArray[np.bool_] = dataset.status.values == 0
         if self.result.timed and self.kind in ("p", "quantile"):
             found = ~np.isnan(censored.ends_of(dataset))
@@ -149,10 +149,11 @@ class Measure(NamedTuple):
         return found
 
     def numbers(self, dataset: xr.Dataset) -> NDArray[np.float64]:
-        """The number of each member by itself (n,), nan for one that is flagged, that is not asked,
-        or that has no value: of p whether the relation holds, 1 or 0.
+        """Return the number of each single member (n,), nan for members that are flagged, not
+        selected, or without a value. For p, it is 1 or 0: whether the relation holds.
 
-        Raises OptionError as `values` and for the mean of a time that has not come of all members.
+        Raises OptionError as `values`, and for the mean time of an event that has not occurred in
+        all members.
         """
         values, asked = self.values(dataset), self.asks(dataset) & (dataset.status.values == 0)
         if self.result.timed and self.kind == "p":
@@ -165,10 +166,10 @@ class Measure(NamedTuple):
     def interval(
         self, values: NDArray[Any], asked: NDArray[np.bool_], confidence: float = 0.95
     ) -> Estimate:
-        """The Estimate from the values (..., n) of the members that are asked.
+        """Return the Estimate from the values (..., n) of the selected members.
 
-        nan if there is none; a mean or a correlation is nan too if the time of an event has not
-        come of all of them, because nobody knows the times that are left.
+        The estimate is nan without selected members. A mean or correlation of event times is also
+        nan if the event has not occurred in all of them, because the missing times are unknown.
         """
         if self.result.timed and self.kind in ("p", "mean", "quantile"):
             return self._timed(np.where(asked, values, np.nan), confidence)
@@ -192,7 +193,7 @@ class Measure(NamedTuple):
         return Estimate(*found, without)
 
     def _timed(self, times: NDArray[np.float64], confidence: float) -> Estimate:
-        """The Estimate of a time of an event, from signed times (..., n)."""
+        """Return the Estimate of an event time, from signed times (..., n)."""
         if self.kind == "p":
             return censored.censored_probability(times, self.relation, self.number, confidence)
         if self.kind == "quantile":
@@ -202,33 +203,33 @@ class Measure(NamedTuple):
         return censored.as_estimate(times, *(np.where(none, np.nan, x) for x in found))
 
     def refuse_unknown(self, found: Estimate) -> None:
-        """OptionError for one Estimate of a mean or a correlation of the time of an event that has
-        not come of all members: the mean of those that had it is another number."""
+        """Raise OptionError for the mean or correlation of the time of an event that has not
+        occurred in all members: the mean over the members with the event is a different number."""
         if self.kind in ("mean", "correlation") and any(one.timed for one in self.results[:2]):
             self._refuse(float(found.without), float(found.until))
 
     def _refuse(self, without: float, until: float) -> None:
-        """The error of `refuse_unknown`."""
+        """Raise the error of `refuse_unknown`."""
         if not without > 0.0:
             return
         name = next(one.name for one in self.results if one.timed)
         end, some = ("by the end", "T_END") if until != until else (f"by {until:g} s", f"{until:g}")
         rule = (
-            f"{100.0 * without:.3g} % of the members had no {name} {end}, so it is not known: ask"
-            f" for median({name}), quantile({name}, SHARE) or p({name} <= NUMBER), or only those"
-            f" members that had one, by the condition `| {name} <= {some}`"
+            f"{100.0 * without:.3g} % of the members have no {name} {end}, so the value is unknown:"
+            f" use median({name}), quantile({name}, NUMBER) or p({name} <= NUMBER), or select the"
+            f" members that have one with the condition `| {name} <= {some}`"
         )
         raise OptionError(rule, at="measure", value=self.text)
 
     def _plain(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The numbers of the result, nan for times that have not come."""
+        """Return the values, with nan for censored times."""
         return censored.times_that_came(values) if self.result.timed else values
 
 
 def save_for_measures(scene: Scene, texts: Iterable[str]) -> Scene:
-    """The scene that also saves the observables over all steps that measures name.
+    """Return the scene with the monitored observables that measures name added to its saves.
 
-    Only observables without obligatory parameters are added.
+    Only observables without required parameters are added.
     """
     observable = {name: name for name in statistics(scene.observables)}
     for name, kind in WATCHED.items():
@@ -245,7 +246,7 @@ def save_for_measures(scene: Scene, texts: Iterable[str]) -> Scene:
 
 
 class Known(Protocol):
-    """What is known of a variable: its dimensions and attributes."""
+    """A variable with dimensions and attributes."""
 
     @property
     def dims(self) -> tuple[Any, ...]: ...
@@ -254,13 +255,13 @@ class Known(Protocol):
     def attrs(self) -> dict[str, Any]: ...
 
 
-Variables = Mapping[Any, Known]  # by name: those of a scene, or a result that exists
+Variables = Mapping[Any, Known]  # {name: variable} of a scene or an existing result
 
 
 def measure(text: str, variables: Variables, may_save_more: bool = True) -> Measure:
-    """The Measure that a text asks for; OptionError if it asks for none.
+    """Parse the text of a measure; OptionError if it is not a measure.
 
-    variables : of a result;  may_save_more : whether it is still to be computed
+    variables : of a result;  may_save_more : whether the result is yet to be computed
     """
     matches = ((kind, form.fullmatch(text.strip())) for kind, form in _FORMS.items())
     kind, match = next(((kind, m) for kind, m in matches if m), ("", None))
@@ -271,7 +272,7 @@ def measure(text: str, variables: Variables, may_save_more: bool = True) -> Meas
         raise OptionError("expected numbers below 1.8e308", at="measure", value=text)
     number = float(parts.get("number") or (0.5 if kind == "median" else 0.0))
     if kind == "quantile" and not 0.0 < number < 1.0:
-        raise OptionError("a quantile has a share between 0 and 1", at="measure", value=text)
+        raise OptionError("a quantile needs a number between 0 and 1", at="measure", value=text)
     results = {}
     for of in ("", "other_", "given_"):
         if name := parts.get(f"{of}name"):
@@ -295,15 +296,16 @@ def _check_axis(
     variables: Variables,
     may_save_more: bool,
 ) -> None:
-    """OptionError for a result that there is not, and for one without, or with too many axes."""
+    """Raise OptionError for an unknown variable, and for a missing or superfluous component."""
     dims = _dims(text, name, variables, may_save_more)
     if (dims == ("axis", "member")) != bool(axis):
-        rule = f"three components: give one, as in {name}[3]" if not axis else "no components"
+        rule = f"three components: choose one, as in {name}[3]" if not axis else "no components"
         raise OptionError(f"{name} has {rule}", at="measure", value=text)
 
 
 def _dims(text: str, name: str, variables: Variables, may_save_more: bool) -> tuple[str, ...]:
-    """The dimensions of a result with one number, or three components, per member; OptionError."""
+    """Return the dimensions of a variable with one value, or three components, per member;
+    OptionError."""
     shapes = (("member",), ("axis", "member"))
     able = {str(name): tuple(map(str, one.dims)) for name, one in variables.items()}
     able = {name: dims for name, dims in able.items() if dims in shapes}
@@ -311,14 +313,14 @@ def _dims(text: str, name: str, variables: Variables, may_save_more: bool) -> tu
         return able[name]
     known = [n for n in able if not n.startswith(("start_", "status"))]
     if not may_save_more:
-        rule = f"the result has no such number of its members; known: {', '.join(known)}"
+        rule = f"no such variable with one value per member; known: {', '.join(known)}"
         more = f"{rule}; `rigidmc run SCENE --save NAME` saves more"
         raise OptionError(more, at="measure", value=text, nearest=nearest(name, known))
     free = [k for k in WATCHED.values() if not k._fields or k._field_defaults]
     known += [n for kind in free for n in kind.outputs]
     known = list(dict.fromkeys([*known, *WATCHED_STATISTICS]))
     rule = (
-        f"no result of that name with one number per member; known: {', '.join(known)};"
-        " passages of a scene with [observables.passage]"
+        f"no such variable with one value per member; known: {', '.join(known)};"
+        " passages in a scene with [observables.passage]"
     )
     raise OptionError(rule, at="measure", value=text, nearest=nearest(name, known))

@@ -1,7 +1,6 @@
-"""Results opened from files, and checked against the scene that they carry.
+"""Open results from files, and check them against the scene that they contain.
 
-A file from outside is a result only if its variables, dimensions, types and units are those that
-the scene in it demands.
+A file is a result only if its variables, dimensions, types and units match the scene in it.
 """
 
 import os
@@ -38,8 +37,8 @@ from rigidmc.scene.toml.read import scene_text
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
-    """A result as a Dataset that is read lazily; FileError if the file is no result of rigidmc, see
-    `rigidmc.results.reader`. Variables that a user added are kept."""
+    """Open a result as a lazy Dataset; FileError if the file is not a result of rigidmc, see
+    `rigidmc.results.reader`. Keeps variables that a user added."""
     path = os.fspath(path)
     dataset = open_undecoded(path)
     try:
@@ -47,8 +46,8 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
             scene_text(dataset)
             if "status" not in dataset:
                 rule = (
-                    "a map or a study, not a result with members; xarray.open_dataset reads it, and"
-                    " `rigidmc map FILE` a map"
+                    "a map or a study, not a result with members; xarray.open_dataset reads both,"
+                    " `rigidmc map FILE` reads a map"
                 )
                 raise FileError(rule, at="file")
             result, strange = check_result(dataset, path)
@@ -59,13 +58,13 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     for name in strange:
         try:
             result = result.assign({name: _added(dataset, name)})
-        except Exception:  # attributes of a file from outside may be anything
+        except Exception:  # attributes of an unknown file may be anything
             left.append(name)
     if left:
         more = f" and {len(left) - 5:,} more" if len(left) > 5 else ""
         names = ", ".join(left[:5]) + more
         warnings.warn(
-            f"{path}: left out variables whose attributes cannot be decoded: {names}",
+            f"{path}: ignored variables whose attributes cannot be decoded: {names}",
             SceneWarning,
             stacklevel=3,
         )
@@ -75,7 +74,7 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
 
 
 def _added(dataset: xr.Dataset, name: str) -> xr.Variable:
-    """A variable that a user added to a result, as xarray reads it."""
+    """Decode a variable that a user added to a result, as xarray does."""
     whole = xr.Dataset({name: dataset.variables[name]})
     decoded = xr.decode_cf(whole, decode_timedelta=False)
     variable: xr.Variable = decoded.variables[name]
@@ -86,18 +85,18 @@ _OVER = ("time", "thinned_time", "member", "flagged")
 
 
 def check_result(dataset: xr.Dataset, path: str) -> tuple[xr.Dataset, list[str]]:
-    """Check an undecoded Dataset. Returns it as results of its scene are laid out, and the names of
-    variables that no such result has. Raises FileError if it is not a result."""
+    """Check an undecoded Dataset. Return it in the layout of a result of its scene, and the names
+    of variables that do not belong to this layout. Raises FileError if it is not a result."""
 
     scene = _scene_of(dataset, path)
     for name in ("member", "time"):
         if name not in dataset.variables or dataset.sizes.get(name, 0) < 1:
-            raise FileError("a result has at least one", at=name)
+            raise FileError("is missing or empty; a result has at least one", at=name)
     axes, known, needed = _layout(scene, dataset)
     sizes, expected = axes.lengths(0), axes.coordinates()
     for name in needed:
         if name not in dataset.variables:
-            raise FileError("is missing, and every result of its scene has it", at=name)
+            raise FileError("is missing; every result of this scene has it", at=name)
     for name, (dims, dtype, attrs) in known.items():
         if name in dataset.variables:
             _refuse_unlike(dataset[name], dims, np.dtype(dtype), attrs, sizes)
@@ -109,11 +108,11 @@ def check_result(dataset: xr.Dataset, path: str) -> tuple[xr.Dataset, list[str]]
     strange = [
         str(name) for name in dataset.variables if name not in known and name not in expected
     ]
-    # the values of text coordinates are known, so no text is read from the file
+    # the values of text coordinates are known: read no text from the file
     words = [name for name, (_, values, _) in expected.items() if values.dtype.kind == "U"]
     result = dataset.drop_vars([*strange, *(name for name in words if name in dataset.variables)])
     result = result.assign_coords({name: expected[name] for name in words})
-    # in the order of the scene: zarr lists them by name
+    # in the order of the scene; zarr sorts them by name
     ordered = {name: result.variables[name] for name in known if name in result.variables}
     result = xr.Dataset(ordered, result.coords, result.attrs)
     for key, variable in result.variables.items():
@@ -125,7 +124,7 @@ def check_result(dataset: xr.Dataset, path: str) -> tuple[xr.Dataset, list[str]]
 
 
 def _scene_of(dataset: xr.Dataset, path: str) -> Scene:
-    """The scene of a result, with the first of its rows; no code is run."""
+    """Read the scene of a result, with the first of its rows; runs no code."""
 
     def stored(name: str) -> NDArray[Any] | None:
         if name not in dataset.variables or dataset[name].ndim not in (1, 2):
@@ -140,8 +139,8 @@ def _scene_of(dataset: xr.Dataset, path: str) -> Scene:
 
 
 def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable], list[str]]:
-    """(axes of a result, {name: Variable} of all variables that results of a scene may have, the
-    names that they must have)."""
+    """Return (axes of a result, {name: Variable} of all variables that results of a scene may have,
+    names of the required ones)."""
     model, run, recorded = scene.model, scene.run, make_recording(scene)
     bins = tuple(
         (f"{label}_bin", one.edges(), _units(recorded, one.name, f"{label}_bin", dataset))
@@ -171,7 +170,7 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
     ]
     if (
         scene.body.inertia_key == "tensor"
-    ):  # only the code tells which vectors are turned into each body
+    ):  # only the code defines which vectors are turned into each body
         known = {
             **{
                 f"{label}_{name}": parameter_variable(label, name, size, "1")
@@ -184,25 +183,25 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
     for name in {
         f"{label}_{field}" for label, effect in opaque for field in effect._fields
     } & known.keys():
-        # only the code tells the units
+        # only the code defines the units
         words = {"long_name": known[name].attrs["long_name"]}
         known[name] = known[name]._replace(attrs=words)
-    if any(map(is_opaque, scene.observables)):  # only the code tells their variables
+    if any(map(is_opaque, scene.observables)):  # only the code defines their variables
         known |= _of_opaque(dataset, known)
-    # only the code tells whether an effect has an energy; if none has, mass and centre may be
+    # only the code defines whether an effect has an energy; without one, mass and centre may be
     # missing
     free = (*("mass", "centre") * bool(opaque), *NEWER)
     return axes, known, [name for name in always if name not in free]
 
 
 def _units(recorded: Recording, name: str, bins: str, dataset: xr.Dataset) -> str:
-    """The units of an observable, from the bins of its histogram if its code is not run."""
+    """Return the units of an observable, from the bins of its histogram if its code is not run."""
     given = dataset[bins].attrs.get("units", "") if bins in dataset.variables else ""
     return recorded.observable(name).units or str(given)
 
 
 def _of_opaque(dataset: xr.Dataset, known: Mapping[str, Variable]) -> dict[str, Variable]:
-    """The variables by members that may be those of observables whose code is not run."""
+    """Return the variables by members that may belong to observables whose code is not run."""
     more = {}
     for name, variable in dataset.data_vars.items():
         dims = tuple(map(str, variable.dims))
@@ -222,8 +221,8 @@ def _refuse_unlike(
     attrs: dict[str, Any],
     sizes: dict[str, Any],
 ) -> None:
-    """Raise FileError for a variable of other dimensions, another type or another unit than a scene
-    demands, or one that is packed."""
+    """Raise FileError for a variable whose dimensions, type or units do not match the scene, and
+    for a packed variable."""
     name = str(variable.name)
     if variable.dims != tuple(dims):
         given = ", ".join(map(str, variable.dims)) or "none"
@@ -237,7 +236,7 @@ def _refuse_unlike(
     if variable.dtype.kind != dtype.kind:
         raise FileError(f"is of type {variable.dtype}, expected {dtype}", at=name)
     if packed := [word for word in ("scale_factor", "add_offset") if word in variable.attrs]:
-        raise FileError(f"is packed, by {' and '.join(packed)}: results are not", at=name)
+        raise FileError(f"is packed with {' and '.join(packed)}; results are not packed", at=name)
     units = variable.attrs.get("units", "")
     if not isinstance(units, str) or ("units" in attrs and units not in ("", attrs["units"])):
         raise FileError(
@@ -249,13 +248,13 @@ def _refuse_unlike(
 
 
 def _refuse_members(dataset: xr.Dataset, scene: Scene) -> None:
-    """Raise FileError for members that the scene lacks, disordered times and unknown statuses."""
+    """Raise FileError for members that the scene lacks, unordered times and unknown statuses."""
     run, members = scene.run, dataset.member.values
     last = run.first + run.members - 1
     if members.min() < run.first or members.max() > last:
-        raise FileError(f"its scene has the members {run.first:,} to {last:,}", at="member")
+        raise FileError(f"the scene has the members {run.first:,} to {last:,}", at="member")
     if not (np.diff(members) > 0).all() and np.unique(members).size < members.size:
-        raise FileError("is there twice", at="member")
+        raise FileError("has duplicate indices", at="member")
     for name in ("time", "thinned_time"):
         if dataset.sizes.get(name, 0) and name in dataset.variables:
             _refuse_times(name, dataset[name].values, run.t_end)
@@ -267,19 +266,17 @@ def _refuse_members(dataset: xr.Dataset, scene: Scene) -> None:
         "flagged_member" in dataset.variables
         and not np.isin(dataset.flagged_member.values, members).all()
     ):
-        raise FileError("is none of the members", at="flagged_member")
+        raise FileError("is not one of the members", at="flagged_member")
 
 
 def _refuse_times(name: str, times: NDArray[Any], t_end: float) -> None:
     ascending = np.isfinite(times).all() and (np.diff(times) > 0.0).all()
     if not ascending or times[0] < 0.0 or times[-1] > t_end * (1 + 1e-9):
-        raise FileError(
-            f"expected times that ascend from 0 to t_end = {t_end:g} s at most", at=name
-        )
+        raise FileError(f"expected ascending times between 0 and t_end = {t_end:g} s", at=name)
 
 
 def _refuse_attributes(attrs: dict[str, Any], run: Run) -> None:
-    """Raise FileError for attributes that contradict the scene, and add those that are missing."""
+    """Raise FileError for attributes that contradict the scene, and add missing ones."""
     demanded = {
         "integrator": run.integrator,
         "seed": run.seed,
@@ -303,9 +300,9 @@ def _refuse_attributes(attrs: dict[str, Any], run: Run) -> None:
     whole = isinstance(steps, (int, np.integer))
     if own_steps or run.integrator == "closed" or (whole and steps == 0):
         return
-    # the last interval may be shorter, and its steps too: rounded up, they are as many
+    # the last interval and its steps may be shorter; the number of steps is then rounded up
     off = float(steps) * run.dt - run.t_end if whole else 0.0
     most = run.dt if run.every is not None and run.every < run.t_end else 0.0
     if not whole or not -1e-6 * run.t_end < off < most + 1e-6 * run.t_end:
-        rule = f"steps of {run.dt:g} s do not make t_end = {run.t_end:g} s"
+        rule = f"steps of {run.dt:g} s do not add up to t_end = {run.t_end:g} s"
         raise FileError(rule, at="steps", value=str(steps))

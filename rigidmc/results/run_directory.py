@@ -1,22 +1,20 @@
-"""A run as a directory: run.json and scene.toml say what the run is, its shards say what is done.
+"""Run directories: run.json and scene.toml define the run, the shards are its finished part.
 
-    run.json       what never changes: hash of the scene, seed, members of a shard and of a block,
-                   versions, type of processor; and how many members the run has. A run of chosen
-                   members has the hash of their indices in `chosen`, and in `growing` the level of
-                   the last ones while what they say may call for more, else 0
-    scene.toml     the scene, resolved; columns.nc holds those of its quantities that have one row
-                   per member
-    members.i64    the indices of the members of a run that has chosen ones, in the order of its
-                   shards
-    shards/        one netCDF4 file for each range of members; its bytes depend on scene and seed
-                   alone, and its name has how many members are flagged and the hash of the file
-    unfinished/    states of blocks that are on their way, and results of shards that are not whole:
-                   a resumed run goes on from there; see `rigidmc.runs.directory.checkpoints`
-    journal.jsonl  what happened: when, where, how fast; nothing depends on it
-    lock           held by the process that writes
+    run.json       constants: hash of the scene, seed, members of a shard and of a block, versions,
+                   type of CPU; and the number of members. For a run of chosen members, `chosen` is
+                   the hash of their indices, and `growing` is the level of the last ones while
+                   their results may call for more members, else 0
+    scene.toml     the resolved scene; columns.nc holds its quantities with one row per member
+    members.i64    the indices of chosen members, in the order of the shards
+    shards/        one netCDF4 file for each range of members; its bytes depend only on scene and
+                   seed; its name contains the number of flagged members and the hash of the file
+    unfinished/    states of blocks in progress, and results of incomplete shards: a resumed run
+                   continues from there; see `rigidmc.runs.directory.checkpoints`
+    journal.jsonl  events: when, where, how fast; nothing depends on it
+    lock           held by the writing process
 
-A shard appears by a temporary file, close, fsync and rename, so a file with the name of a shard is
-whole. The list of shards is the state of the run.
+A shard is written as a temporary file, closed, synced (fsync) and renamed, so a file with the name
+of a shard is complete. The list of shards is the state of the run.
 """
 
 import contextlib
@@ -45,13 +43,13 @@ from rigidmc.files.reading import bytes_of, json_of, text_of
 from rigidmc.scene.scene import Scene
 
 FORMAT = 1
-MOST = 10**7  # shards, each a file; their names have eight digits
+MOST = 10**7  # maximum number of shards, one file each; their names have eight digits
 Count = Annotated[int, Field(ge=0, le=2**53)]
 _Hash = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class _Facts(BaseModel):
-    """The keys of run.json, which may have no others, with their types and ranges."""
+    """The only keys of run.json, with their types and ranges."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -72,7 +70,7 @@ class _Facts(BaseModel):
 
 
 def read_facts(path: str) -> dict[str, Any]:
-    """The facts of a run.json; FileError if it is damaged or of another format."""
+    """Read the facts of a run.json; FileError if it is damaged or of another format."""
     with in_file(path):
         return _facts_of(text_of(path, links=False))
 
@@ -91,13 +89,13 @@ def _facts_of(text: str) -> dict[str, Any]:
     except ValueError as error:
         raise FileError(f"is damaged: {error}", at="run.json") from None
     if facts_text(facts) != text:
-        rule = "is damaged, or was changed by hand: its checksum does not match"
+        rule = "is damaged or edited: its checksum does not match"
         raise FileError(rule, at="run.json")
     if facts["format"] != FORMAT:
         rule = f"this version reads format {FORMAT}"
         raise FileError(rule, at="format", value=facts["format"])
     if facts["first"] + facts["members"] > 2**53 or facts["shard"] % facts["block"]:
-        rule = "is damaged: a shard must be whole blocks, and members below 2^53"
+        rule = "is damaged: shards must consist of whole blocks, and members be below 2^53"
         raise FileError(rule, at="members")
     if facts["members"] > MOST * facts["shard"]:
         rule = f"is damaged: a run has at most {MOST:,} shards"
@@ -106,19 +104,19 @@ def _facts_of(text: str) -> dict[str, Any]:
 
 
 def facts_text(facts: dict[str, Any]) -> str:
-    """The text of run.json, with its checksum."""
+    """Return the text of run.json, with its checksum."""
     check = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
     return json.dumps({**facts, "check": check}, indent=1) + "\n"
 
 
 _SHARD = re.compile(r"([0-9]{8})-([0-9]{1,12})-([0-9a-f]{16})\.nc")
-_OLD = 3600.0  # seconds after which an unfinished file of another computer counts as abandoned
+_OLD = 3600.0  # s, after which an unfinished file of another computer counts as abandoned
 CHOSEN = "members.i64"
 _JOURNAL = 2**20  # bytes read from the end of a journal; each resume adds two lines of 300 bytes
 
 
 class _Line(BaseModel):
-    """The keys of a line of the journal that are used in computing; the others are for people."""
+    """The keys of a line of the journal that the code uses; the others are for people."""
 
     model_config = ConfigDict(strict=True)
 
@@ -129,22 +127,22 @@ class _Line(BaseModel):
 
 
 def _line(text: bytes) -> dict[str, Any] | None:
-    """The facts of a line of the journal; None if it is damaged."""
+    """Read a line of the journal; None if it is damaged."""
     try:
         line = json_of(text.decode("utf-8"))
         known = _Line.model_validate(line).model_dump()
-    except ValueError:  # also of pydantic
+    except ValueError:  # includes errors of pydantic
         return None
     return {**line, **known}
 
 
 def hash_of(scene: Scene) -> str:
-    """The hash of what decides a member's numbers: the scene without its member range."""
+    """Return the hash of all that determines a member: the scene without its member range."""
     return hashlib.sha256(scene.with_run(members=1, first=0).dumps().encode()).hexdigest()
 
 
 class RunDirectory:
-    """A run directory that exists. path : of the directory;  facts : of its run.json"""
+    """An existing run directory. path : of the directory;  facts : of its run.json"""
 
     def __init__(self, path: Path) -> None:
         self.path = os.fspath(path)
@@ -152,7 +150,7 @@ class RunDirectory:
         self.facts = self._read_facts()
         for folder in (self._folder, self.unfinished):
             if os.path.islink(folder):
-                rule = "is a link, and a run keeps to its folder"
+                rule = "is a link; a run must stay in its folder"
                 raise FileError(rule, at=os.path.basename(folder), file=self.path)
 
     @property
@@ -161,7 +159,7 @@ class RunDirectory:
 
     @property
     def unfinished(self) -> str:
-        """The folder of what there is of shards that are not whole."""
+        """The folder for incomplete shards."""
         return os.path.join(self.path, "unfinished")
 
     def _read_facts(self) -> dict[str, Any]:
@@ -169,27 +167,27 @@ class RunDirectory:
         if not os.path.lexists(self.path):
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), self.path)
         if not os.path.isfile(name):
-            raise FileError("is no run directory: it has no run.json", at="run", value=self.path)
+            raise FileError("is not a run directory: no run.json", at="run", value=self.path)
         return read_facts(name)
 
     @property
     def mark(self) -> str:
-        """The hash of scene, rows and code, which each shard carries: it tells the shards of
-        different runs apart."""
+        """The hash of scene, rows and code in each shard: it distinguishes shards of different
+        runs."""
         facts = self.facts
         words = [facts["scene"], facts["columns"], sorted(facts["code"].values())]
         return hashlib.sha256(json.dumps(words).encode()).hexdigest()
 
     @property
     def count(self) -> int:
-        """How many shards the whole run has."""
+        """Number of shards of the complete run."""
         return -(-int(self.facts["members"]) // int(self.facts["shard"]))
 
     @cached_property
     def chosen(self) -> NDArray[np.int64] | None:
         """The indices of the members; None if they are a range. FileError if they were changed.
 
-        A run that was killed while it grew may have more of them on disk than run.json tells.
+        If a run was killed while growing, the disk may have more indices than run.json states.
         """
         if not self.facts.get("chosen"):
             return None
@@ -200,29 +198,29 @@ class RunDirectory:
             count = min(int(self.facts["members"]), data_bytes(file.fileno()) // 8)
             members = np.fromfile(file, "<i8", count)
         if selection_facts(members)["chosen"] != self.facts["chosen"]:
-            raise FileError("was changed: its sum is another", at=CHOSEN, file=self.path)
+            raise FileError("was changed: its checksum differs", at=CHOSEN, file=self.path)
         return members.astype(np.int64)
 
     def places(self, i: int) -> range:
-        """The range of places of the members of shard i."""
+        """Return the range of places of the members of shard i."""
         first, end = self.facts["first"], self.facts["first"] + self.facts["members"]
         low = first + i * self.facts["shard"]
         return range(low, min(low + self.facts["shard"], end))
 
     def members(self, i: int) -> range | NDArray[np.int64]:
-        """The indices of the members of shard i: their places, unless the run has chosen ones."""
+        """Return the indices of the members of shard i: their places, unless members are chosen."""
         places = self.places(i)
         return places if self.chosen is None else self.chosen[places.start : places.stop]
 
     def members_of(self, shards: Sized) -> int:
-        """How many members some shards have together, given by their numbers."""
+        """Return the total number of members in shards, given by their numbers."""
         size = int(self.facts["shard"])
         short = self.count * size - int(self.facts["members"])  # members that the last shard lacks
         return len(shards) * size - short * bool(np.any(np.asarray(shards) == self.count - 1))
 
     def listed(self) -> tuple[dict[int, str], list[str]]:
-        """({i: path} of the shards that exist, paths of strays: files that are not shards of this
-        run, because of their names or numbers, or because their number is taken)."""
+        """Return ({i: path} of the existing shards, paths of strays). Strays are files that are not
+        shards of this run, because of their names or numbers, or because their number is taken."""
         shards: dict[int, str] = {}
         strays = list[str]()
         with contextlib.suppress(FileNotFoundError), os.scandir(self._folder) as entries:
@@ -240,39 +238,39 @@ class RunDirectory:
         return shards, strays
 
     def shards(self) -> dict[int, str]:
-        """{i: path} of the shards that exist."""
+        """Return {i: path} of the existing shards."""
         return self.listed()[0]
 
     def refuse_strays(self) -> None:
         """Raise FileError if there are strays among the shards."""
         if strays := self.listed()[1]:
             rule = (
-                f"{', '.join(strays)}: no shard of this run; "
-                "take it away first, or see `rigidmc verify`"
+                f"{', '.join(strays)}: not a shard of this run; "
+                "remove it first, or see `rigidmc verify`"
             )
             raise FileError(rule, at="run", value=self.path)
 
     def temporary(self, i: int) -> str:
-        """Where shard i is written until it is whole."""
+        """Return the temporary path of shard i until it is complete."""
         return os.path.join(self._folder, f"{i:08d}")
 
     def shard_path(self, i: int, flagged: int, file: str) -> str:
-        """The path that a finished file must have as shard i, with so many flagged members."""
+        """Return the final path of a finished file as shard i with `flagged` flagged members."""
         return os.path.join(self._folder, f"{i:08d}-{flagged}-{hash_of_file(file)[:16]}.nc")
 
     def missing(self) -> NDArray[np.int64]:
-        """The numbers of the missing shards, 8 bytes each."""
+        """Return the numbers of the missing shards, 8 bytes each."""
         gone = np.ones(self.count, bool)
         gone[list(self.shards())] = False
         return np.flatnonzero(gone)
 
     def missing_in(self, only: range) -> NDArray[np.int64]:
-        """The numbers of the missing shards of a range."""
+        """Return the numbers of the missing shards of a range."""
         missing = self.missing()
         return missing[(missing >= only.start) & (missing < only.stop)]
 
     def note(self, **facts: Any) -> None:
-        """Add a line to the journal if it can be written: nothing depends on it."""
+        """Add a line to the journal, ignoring failures: nothing depends on it."""
         about = {"time": round(time.time(), 3), "host": platform.node(), "pid": os.getpid()}
         line = json.dumps({**about, **facts})
         name = os.path.join(self.path, "journal.jsonl")
@@ -283,28 +281,28 @@ class RunDirectory:
             file.write(line + "\n")
 
     def journal(self) -> list[dict[str, Any]]:
-        """The last lines of the journal. Nothing depends on it, so a line that is torn or says what
-        cannot be is left out, with a SceneWarning."""
+        """Read the last lines of the journal. Nothing depends on it, so torn or impossible lines
+        are ignored with a SceneWarning."""
         name = os.path.join(self.path, "journal.jsonl")
         try:
             text = bytes_of(name, _JOURNAL, last=True, links=False)
         except (OSError, FileError):
             return []
-        # the first line of a part is no whole line
+        # the first line of a partial read is incomplete
         texts = text.splitlines()[1 if len(text) == _JOURNAL else 0 :]
         found = [_line(one) for one in texts]
         lines = [line for line in found if line is not None]
         if damaged := len(found) - len(lines):
-            rule = f"{damaged:,} damaged lines are left out; nothing depends on them"
+            rule = f"{damaged:,} damaged lines are ignored; nothing depends on them"
             warnings.warn(f"{name}: {rule}", SceneWarning, stacklevel=2)
         return lines
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the lock of the process that writes.
+        """Hold the lock of the writing process.
 
-        Raises OutputExists if another process holds it, or has written since this one looked. The
-        lock ends with the process, whatever ends that.
+        Raises OutputExists if another process holds the lock, or has written since this process
+        read run.json. The lock ends with the process, however that ends.
         """
         os.makedirs(self._folder, exist_ok=True)
         name = os.path.join(self.path, "lock")
@@ -314,11 +312,11 @@ class RunDirectory:
             except BlockingIOError:
                 file.seek(0)
                 holder = file.read(200).decode(errors="replace").strip() or "another process"
-                raise OutputExists(f"{self.path}: is being written by {holder}") from None
+                raise OutputExists(f"{self.path}: {holder} is writing to it") from None
             if self._read_facts() != self.facts:
-                rule = "was changed by another process meanwhile; look at it again"
+                rule = "was changed by another process meanwhile; open it again"
                 raise OutputExists(f"{self.path}: {rule}")
-            with contextlib.suppress(OSError):  # the name of the holder helps people only
+            with contextlib.suppress(OSError):  # the name of the holder is only for people
                 file.truncate(0)
                 file.write(f"process {os.getpid()} of {platform.node()}\n".encode())
             self.clear()
@@ -328,25 +326,26 @@ class RunDirectory:
                 unlock(file)
 
     def clear(self) -> None:
-        """Delete the unfinished files of writers that were killed."""
+        """Delete the unfinished files of killed writers."""
         for folder in (self.path, self._folder, self.unfinished):
             clear(folder, _OLD)
 
 
 def selection_facts(members: NDArray[np.int64]) -> dict[str, Any]:
-    """What run.json tells of chosen members, which CHOSEN holds as eight bytes each."""
+    """Return the facts of chosen members for run.json; CHOSEN holds them as eight bytes each."""
     data = members.astype("<i8").tobytes()
     return {"members": members.size, "chosen": hashlib.sha256(data).hexdigest()}
 
 
 def flagged_count(path: str) -> int:
-    """How many members of a shard are flagged, by its name."""
+    """Return the number of flagged members of a shard, from its name."""
     name = _SHARD.fullmatch(os.path.basename(path))
     return int(name[2]) if name else 0
 
 
 def hash_of_file(path: Path, opener: Callable[[str, int], int] = open_regular) -> str:
-    """The sha256 of a file. opener : whose links it follows, see `rigidmc.files.opening`"""
+    """Return the sha256 of a file. opener : decides which links to follow, see
+    `rigidmc.files.opening`"""
     with open(path, "rb", opener=opener) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -358,12 +357,14 @@ def is_damaged(path: str) -> bool:
 
 
 def status(path: Path) -> dict[str, Any]:
-    """What of a run is done, by the names of its shards alone: {"shards", "done", "members",
-    "members_done", "flagged", "strays", "growing", "rate", "seconds_left", "machine", "versions"}.
+    """Return the progress of a run, from the names of its shards alone: {"shards", "done",
+    "members", "members_done", "flagged", "strays", "growing", "rate", "seconds_left", "machine",
+    "versions"}.
 
-    The strays are counted, see `RunDirectory.listed`. A run that is growing may ask for more
-    members when all are there. The rate [1/s] is that of the last time that the run was begun: from
-    the journal if that has ended, else from the times of the shards that appeared.
+    strays : number of strays, see `RunDirectory.listed`
+    growing : whether the run may need more members when all exist
+    rate : members per second since the last start [1/s], from the journal if that part has ended,
+        else from the times of the new shards
     """
     directory = RunDirectory(path)
     (shards, strays), journal = directory.listed(), directory.journal()
@@ -371,7 +372,7 @@ def status(path: Path) -> dict[str, Any]:
     begun = max((line["time"] for line in journal if line["event"] == "begun"), default=math.inf)
     appeared = list[tuple[float, int]]()
     for i, shard in shards.items():
-        with contextlib.suppress(FileNotFoundError):  # deleted meanwhile
+        with contextlib.suppress(FileNotFoundError):  # just deleted
             appeared.append((os.stat(shard).st_mtime, len(directory.places(i))))
     new = sum(count for at, count in appeared if at > begun)
     seconds = max((at for at, _ in appeared), default=0.0) - begun

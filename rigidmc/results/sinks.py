@@ -1,5 +1,5 @@
-"""Where the results of blocks go as they are done: one Dataset in memory, which may be written at
-the end, or a netCDF file."""
+"""Sinks collect the results of finished blocks: in one Dataset in memory, which may be written at
+the end, or in a netCDF file."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -23,7 +23,7 @@ Place = tuple[NDArray[np.float64], int, int]  # an array, its width, and the col
 
 
 def _split(layout: ResultLayout, values: NDArray[Any]) -> Arrays:
-    """{name: view} of the rows of values (time, row, member) of each observable."""
+    """Return {name: view} of the rows of values (time, row, member) of each observable."""
     return {
         name: values[:, rows if layout.recording.observable(name).dims else rows.start]
         for name, rows in layout.saved.items()
@@ -31,7 +31,10 @@ def _split(layout: ResultLayout, values: NDArray[Any]) -> Arrays:
 
 
 def kept_values(layout: ResultLayout, parts: Arrays) -> Arrays:
-    """{variable: array, members last} of saved values by name, all their times first."""
+    """Return {variable: array, members last} of the kept values.
+
+    parts : saved values by name, with all times first
+    """
     kept = {}
     for name, word in layout.recording.retained.items():
         if word == "full":
@@ -46,8 +49,8 @@ def kept_values(layout: ResultLayout, parts: Arrays) -> Arrays:
 def flagged_values(
     layout: ResultLayout, members: NDArray[np.int64], parts: Arrays, status: NDArray[Any]
 ) -> Arrays:
-    """{variable: array, flagged members last} of the flagged members of a block, given by the
-    indices of all; {} if all values of all members are kept anyway."""
+    """Return {variable: array, flagged members last} of the flagged members of a block, given the
+    indices of all; {} if all values of all members are kept."""
     names = [name for name, word in layout.recording.retained.items() if word != "full"]
     if not names:
         return {}
@@ -59,7 +62,7 @@ def flagged_values(
 
 
 def concat_flagged(pieces: Iterable[Arrays]) -> Arrays:
-    """{variable: array} of pieces of flagged values, members in order."""
+    """Join pieces of flagged values to {variable: array}, members in order."""
     pieces = [piece for piece in pieces if piece]
     if not pieces:
         return {}
@@ -69,7 +72,7 @@ def concat_flagged(pieces: Iterable[Arrays]) -> Arrays:
 
 
 class HistogramCounts:
-    """The histograms of a run, block by block."""
+    """Histograms of a run, counted block by block."""
 
     def __init__(self, histograms: Labelled) -> None:
         self.histograms = histograms
@@ -84,7 +87,7 @@ class HistogramCounts:
             self.counts[label] = self.counts.get(label, 0) + one.counts(values[:, healthy])
 
     def variables(self) -> Arrays:
-        """{name: counts} of the results."""
+        """Return {name: counts} of the results."""
         variables = {}
         for label, _ in self.histograms:
             counts = self.counts[label]
@@ -94,31 +97,31 @@ class HistogramCounts:
 
 
 class WholeSink:
-    """A result that is computed at once: no earlier run left anything of it."""
+    """A result without a part from an earlier run."""
 
     keeper: Keeper | None = None
 
     def has(self, place: int) -> bool:
-        """Whether an earlier run left the results of the block at a place."""
+        """Whether the results of the block at a place exist from an earlier run."""
         return False
 
     def resumed(self, job: Any) -> Any:
-        """A block where an earlier run left it: at its start."""
+        """Return a block in the state of an earlier run: at its start."""
         return job
 
 
-_ARRAY, _COUNTS, _FLAGGED = "array ", "counts ", "flagged "  # before the names in a part
+_ARRAY, _COUNTS, _FLAGGED = "array ", "counts ", "flagged "  # prefixes of the names in a part
 
 
 def _named(part: Mapping[str, NDArray[Any]], mark: str) -> Arrays:
-    """Copies of the arrays of a part whose names begin with a mark, by their names without it."""
+    """Copy the arrays of a part with the prefix `mark`; return them by name without the prefix."""
     return {n.removeprefix(mark): a.copy() for n, a in part.items() if n.startswith(mark)}
 
 
 class MemorySink(WholeSink):
-    """Collects blocks in one Dataset.
+    """A sink that collects blocks in one Dataset.
 
-    If all saved values are kept, the kernel writes them straight to their place.
+    If all saved values are kept, the kernel writes them directly to their place.
     """
 
     def __init__(
@@ -128,7 +131,7 @@ class MemorySink(WholeSink):
         direct: bool = True,
         blank: xr.Dataset | None = None,
     ) -> None:
-        """more : further attributes;  direct : whether blocks may write to the result themselves
+        """more : further attributes;  direct : whether blocks may write directly to the result
         blank : see `Blanks`
         """
         self.layout, self.more, self.blank, known = layout, more, blank, layout.recording
@@ -146,13 +149,13 @@ class MemorySink(WholeSink):
         }
 
     def reserve(self, low: int, count: int) -> Place:
-        """The place for the values of `count` members from index `low` of the result on."""
+        """Return the place for the values of `count` members from index `low` of the result on."""
         if self.direct:
             return self.out, self.width if self.layout.values else 0, low
         return make_buffer(self.layout, count)
 
     def take(self, job: Any, results: Arrays) -> None:
-        """Take the results of a block that is done."""
+        """Take the results of a finished block."""
         layout = self.layout
         low = job.first - layout.first
         part = slice(low, low + job.size)
@@ -167,7 +170,7 @@ class MemorySink(WholeSink):
                 for name, kept in kept_values(layout, parts).items():
                     self.arrays[name][..., part] = kept
         for name in layout.by_member:
-            if name not in self.arrays:  # the same for all members: one column serves
+            if name not in self.arrays:  # the same for all members: one column is enough
                 column = results[name][..., :1]
                 shape = (*column.shape[:-1], layout.members)
                 self.arrays[name] = np.broadcast_to(column.copy(), shape)
@@ -175,7 +178,7 @@ class MemorySink(WholeSink):
                 self.arrays[name][..., part] = results[name][..., : job.size]
 
     def values(self) -> Arrays:
-        """{variable: array} of the result."""
+        """Return {variable: array} of the result."""
         arrays = {**self.arrays, **self.counts.variables(), **concat_flagged(self.flagged)}
         if self.direct:
             values = self.out.reshape(self.times, self.layout.values, self.width)
@@ -183,7 +186,7 @@ class MemorySink(WholeSink):
         return arrays
 
     def part(self) -> Arrays:
-        """What is there of a result of which members are missing, for `fill`."""
+        """Return the existing part of an incomplete result, for `fill`."""
         counts, flagged = self.counts.counts, concat_flagged(self.flagged)
         return {
             **{f"{_ARRAY}{name}": self.arrays[name] for name in self._own()},
@@ -192,7 +195,7 @@ class MemorySink(WholeSink):
         }
 
     def fill(self, part: Mapping[str, NDArray[Any]]) -> bool:
-        """Take the part of a result; False, and nothing changes, if it is not of this one."""
+        """Take the part of a result; False, without changes, if it belongs to another result."""
         mine = {f"{_ARRAY}{name}": self.arrays[name] for name in self._own()}
         there = {name: array for name, array in part.items() if name in mine}
         fits = there.keys() == mine.keys() and all(
@@ -208,17 +211,17 @@ class MemorySink(WholeSink):
         return True
 
     def largest(self) -> int:
-        """The most bytes that `part` may have: of flagged members it has all saves."""
+        """Return the maximum bytes of `part`, which has all saves of flagged members."""
         saves = self.times * max(1, self.layout.values) * self.layout.members
         counts = sum(values.nbytes for values in self.counts.counts.values())
         return sum(self.arrays[name].nbytes for name in self._own()) + 16 * saves + counts + 2**20
 
     def _own(self) -> list[str]:
-        """Names of the arrays that have a number for each member."""
+        """Return the names of arrays with a value for each member."""
         return [name for name in self.arrays if name not in self.layout.constant]
 
     def finish(self) -> xr.Dataset:
-        """The result."""
+        """Return the result."""
         arrays, layout = self.values(), self.layout
         if self.blank is not None:
             dataset = self.blank.copy(data=arrays)
@@ -231,21 +234,21 @@ class MemorySink(WholeSink):
         )
 
     def discard(self) -> None:
-        """Let the memory go."""
+        """Free the memory."""
         self.out = np.empty(0)
 
 
 class Blanks:
-    """Results without their values, for the runs of one PreparedRun: to make a Dataset with its
-    coordinates and the text of its scene takes 0.7 ms, to copy one 0.08 (python -m bench calls)."""
+    """Results without values, for the runs of one PreparedRun. To make a Dataset with coordinates
+    and the text of its scene takes 0.7 ms, to copy one 0.08 ms (python -m bench calls)."""
 
     def __init__(self) -> None:
-        # one value, so that threads may run the same run
+        # a single attribute, so that several threads may use the same run
         self._last: tuple[object, xr.Dataset | None] = None, None
 
     def of(self, layout: ResultLayout) -> xr.Dataset | None:
-        """The result of a layout to copy, from its second time in a row on; None at the first, and
-        if nothing is copied because the number of flagged members is not known."""
+        """Return a result to copy, from the second consecutive request for a layout on; else None.
+        Also None if the number of flagged members is unknown, which makes copies impossible."""
         if layout.of_flagged or layout.which is not None:
             return None
         key, (last, blank) = (layout.first, layout.members), self._last
@@ -265,7 +268,7 @@ class Blanks:
 
 
 class ExportSink(MemorySink):
-    """Collects blocks in one Dataset, and writes it as zarr or as a table when it is whole."""
+    """A sink that collects blocks in one Dataset, and writes it as zarr or a table at the end."""
 
     def __init__(
         self, path: Path, layout: ResultLayout, force: bool, more: Mapping[str, Any]
@@ -274,7 +277,7 @@ class ExportSink(MemorySink):
         self.path, self.force = path, force
 
     def finish(self) -> xr.Dataset:
-        """Write the result and return it, with as many digits as a netCDF file has."""
+        """Write the result and return it, rounded to the digits of a netCDF file."""
         dataset, digits = super().finish(), self.layout.scene.run.digits
         for name in self.layout.at_saves:
             if digits is not None and self.layout.is_rounded(name):
@@ -286,14 +289,14 @@ class ExportSink(MemorySink):
 
 
 def make_buffer(layout: ResultLayout, count: int) -> Place:
-    """The place for the values that a block of so many members saves."""
+    """Return a place for the saved values of a block of `count` members."""
     width = whole_lanes(count)
     values = allocate_aligned(layout.axes.times.size * layout.values * width, float, np.empty)
     return values, width if layout.values else 0, 0
 
 
 class FileSink(WholeSink):
-    """Writes blocks to a netCDF file as they are done."""
+    """A sink that writes finished blocks to a netCDF file."""
 
     def __init__(
         self,
@@ -307,11 +310,11 @@ class FileSink(WholeSink):
         self.writer = Writer(path, layout, force, more)
 
     def reserve(self, low: int, count: int) -> Place:
-        """The place for the values of `count` members."""
+        """Return the place for the values of `count` members."""
         return make_buffer(self.layout, count)
 
     def take(self, job: Any, results: Arrays) -> None:
-        """Write the results of a block that is done."""
+        """Write the results of a finished block."""
         layout = self.layout
         values = {name: array for name, array in results.items() if name in layout.by_member}
         if layout.values:
@@ -330,5 +333,5 @@ class FileSink(WholeSink):
         return open_trusted(self.path)
 
     def discard(self) -> None:
-        """Delete what was written."""
+        """Delete the partial file."""
         self.writer.discard()

@@ -31,12 +31,12 @@ class Variable(NamedTuple):
 
 
 def _by_member(long_name: str, units: str, dims: tuple[str, ...] = (), **more: Any) -> Variable:
-    """A variable of floats by members."""
+    """Return a float variable by members."""
     return Variable((*dims, "member"), "f8", {"units": units, "long_name": long_name, **more})
 
 
 def saved_variables(effects: Sequence[Any], recording: Recording) -> dict[str, Variable]:
-    """Variables of what is recorded at save times, see `rigidmc.physics.observables.saving`."""
+    """Return the variables recorded at save times, see `rigidmc.physics.observables.saving`."""
     conserved, variables = conservation(effects, recording.has_work), {}
     for name in recording.names:
         kind = recording.observable(name)
@@ -44,7 +44,7 @@ def saved_variables(effects: Sequence[Any], recording: Recording) -> dict[str, V
         if kind.conserved:
             attrs["conserved"] = conserved[kind.conserved]
         if name == "work":
-            # the energy tells the work of the other effects
+            # the work of the other effects is in the energy
             attrs["booked"] = ", ".join(untracked_effects(effects)) or "none"
         word, dims = recording.retained[name], (*kind.dims, "member")
         if word == "full":
@@ -58,7 +58,8 @@ def saved_variables(effects: Sequence[Any], recording: Recording) -> dict[str, V
 
 
 def flagged_variables(recording: Recording) -> dict[str, Variable]:
-    """Variables of flagged members, all of whose saves are kept even if those of others are not."""
+    """Return the variables of flagged members, which keep all saves even if other members do
+    not."""
     names = [name for name, word in recording.retained.items() if word != "full"]
     if not names:
         return {}
@@ -72,7 +73,7 @@ def flagged_variables(recording: Recording) -> dict[str, Variable]:
 
 
 def ensemble_variables(recording: Recording) -> dict[str, Variable]:
-    """Variables of the ensemble as a whole."""
+    """Return the variables of the whole ensemble."""
     variables = {}
     for label, one in recording.histograms:
         component = f", component {one.component + 1}" if one.of.endswith("]") else ""
@@ -88,9 +89,9 @@ def ensemble_variables(recording: Recording) -> dict[str, Variable]:
 def member_variables(
     model: Model, run: Run, recording: Recording, has_attitude: bool
 ) -> dict[str, Variable]:
-    """Variables with one value per member, which every result has.
+    """Return the variables with one value per member, which every result has.
 
-    has_attitude : whether the attitude is followed
+    has_attitude : whether the run integrates the attitude
     """
     own_steps = run.turn is not None and run.integrator != "closed"
     variables = {
@@ -115,19 +116,19 @@ def member_variables(
 
 
 def variables_of(scene: Scene) -> dict[str, Variable]:
-    """The variables by members of the results of a scene, without those of attitudes."""
+    """Return the variables by members of the results of a scene, without attitudes."""
     return member_variables(scene.model, scene.run, make_recording(scene), False)
 
 
-# variables that results of earlier versions lack, and what stands for them
+# variables that results of earlier versions lack, and their replacements
 NEWER = {FOLLOWED: np.nan, "drift_law": np.int8(LAWS["not_judged"])}
 _FOLLOWED = (
-    "time until which the member was followed: t_end, or when it stopped or was last found to be ok"
+    "time until which the member was followed: t_end, its stop, or its last passed health check"
 )
 
 
 def _censored(name: str, lags: Mapping[str, float]) -> dict[str, Any]:
-    """The attributes of a variable that tell the meaning of nan; lags : of the times of events."""
+    """Return the attributes that define the meaning of nan; lags : of the times of events."""
     lag = lags.get(name)
     if lag is None:
         return {}
@@ -135,8 +136,8 @@ def _censored(name: str, lags: Mapping[str, float]) -> dict[str, Any]:
 
 
 def is_turned(body: Body, effect: Effect, name: str) -> bool:
-    """Whether a parameter is fixed in the body, and members have principal axes of their own: then
-    a result has it in these, also if all members are given the same one."""
+    """Whether a parameter is fixed in the body and members differ in their principal axes. The
+    result then has it in these axes, even if all members have the same parameter."""
     fixed = name in facts(effect).in_body and name not in facts(effect).hidden
     if not fixed or body.inertia_key != "tensor":
         return False
@@ -146,38 +147,37 @@ def is_turned(body: Body, effect: Effect, name: str) -> bool:
 def parameter_variable(
     label: str, name: str, size: int | None, units: str, axes: str = ""
 ) -> Variable:
-    """The variable of a parameter of an effect that differs from member to member."""
+    """Return the variable for a parameter of an effect that differs between members."""
     dims: tuple[str, ...] = () if size is None else ("axis",) if size == 3 else ("component",)
     return _by_member(f"{name} of {label}{axes}", units, dims)
 
 
 def _health_variables(effects: Sequence[Any], has_work: bool) -> dict[str, Variable]:
-    """Drifts and status of the members."""
+    """Return the variables for drifts and status of the members."""
     conserved = conservation(effects, has_work)
     over = f"largest over every {ASSESS_INTERVAL}th step and all saves"
-    drift = "relative to the start's energy (to 1e-3 of the energies in play where that is smaller)"
+    drift = "relative to the energy at the start (at least 1e-3 of the energies in play)"
     energy = "|E - E(0)|"
     if has_work:
-        drift += " and the sizes of all works, or the largest kinetic energy where that is larger"
+        drift += ", or to the largest kinetic energy if that is larger, plus the sum of all |work|"
         energy = f"|E - E(0) - work of {', '.join(untracked_effects(effects)) or 'none'}|"
     momentum = f"relative change of |L|^2 (1 for a body that starts at rest and moves), {over}"
     values = np.array(list(STATUSES.values()), "i1")
     values.flags.writeable = False  # all results of a scene share it
     status = {
-        "long_name": "health of the member; one that is not ok is frozen at its last good state, "
-        "seen at the look before",
+        "long_name": "status of the member; a member that is not ok is frozen at the state of its "
+        "last passed health check",
         "flag_values": values,
         "flag_meanings": " ".join(STATUSES),
     }
     law = {
-        "long_name": "how the drifts of what is conserved go: by rounding, bounded, or one way, in "
-        "the second half of the run never far below what they were in the first",
+        "long_name": "trend of the drifts of conserved quantities: rounding, bounded, or one way: "
+        "in the second half of the run never far below the drift of the first",
         "flag_values": np.array(list(LAWS.values()), "i1"),
         "flag_meanings": " ".join(LAWS),
     }
     step = {
-        "long_name": "steps made when a member was found not to be ok, at most "
-        f"{ASSESS_INTERVAL} after it happened; -1 for those that are",
+        "long_name": f"step of flagging, at most {ASSESS_INTERVAL} steps after the fault; -1 if ok",
         "units": "1",
     }
     return {
@@ -188,22 +188,21 @@ def _health_variables(effects: Sequence[Any], has_work: bool) -> dict[str, Varia
         "drift_law": Variable(("member",), "i1", law),
         "status": Variable(("member",), "i1", status),
         "status_step": Variable(("member",), "i8", step),
-        "status_time": _by_member(
-            "time at which a member was found not to be ok; nan for those that are", "s"
-        ),
+        "status_time": _by_member("time of flagging; nan if ok", "s"),
     }
 
 
 def _body_variables(model: Model, own_steps: bool) -> dict[str, Variable]:
-    """Moments; steps of members that have their own; mass and centre if effects may need them."""
+    """Return the variables for moments; for steps that differ between members; for mass and centre
+    if effects may need them."""
     text = "principal moments of inertia about the fixed point"
     variables = {"moments": _by_member(text, "kg m2", ("axis",))}
     turned = model.body.inertia_key == "tensor"
     if turned:
-        text = "attitude of the principal axes of the member in those of the mean tensor"
+        text = "attitude of the member's principal axes in the principal axes of the mean tensor"
         variables["principal_axes"] = _by_member(text, "1", ("quat",))
     if own_steps:
-        about = {"long_name": "steps of the member, each as long as the others"}
+        about = {"long_name": "number of steps of the member, all of equal length"}
         variables["steps"] = Variable(("member",), "i8", about)
     shared = is_shared(model.body.mass, model.body.centre) and not turned
     if any(implements(e, "energy") for e in model.effects) or not shared:
@@ -213,7 +212,7 @@ def _body_variables(model: Model, own_steps: bool) -> dict[str, Variable]:
 
 
 def _start_variables(start: Start, has_attitude: bool) -> dict[str, Variable]:
-    """Spin, and attitude if it is followed, at t = 0."""
+    """Return the variables for spin, and attitude if the run integrates it, at t = 0."""
     spin = start.spin_name
     kind = OBSERVABLES[spin]
     name = f"start_{spin}"

@@ -1,4 +1,4 @@
-"""One netCDF4 file: written block by block under a temporary name, renamed when whole."""
+"""Write one netCDF4 file block by block under a temporary name, and rename it when complete."""
 
 import contextlib
 import math
@@ -21,14 +21,15 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 def netcdf_bytes(dataset: xr.Dataset) -> bytes:
-    """A Dataset as the bytes of a netCDF file: in memory, as a full disk crashes the C library."""
+    """Return a Dataset as the bytes of a netCDF file, made in memory, because a full disk crashes
+    the C library."""
     words = {name: {"dtype": "S1"} for name, v in dataset.variables.items() if v.dtype.kind in "UO"}
     return bytes(dataset.to_netcdf(engine="netcdf4", encoding=words))
 
 
 def round_digits(values: NDArray[Any], digits: int) -> NDArray[Any]:
-    """Values as they are stored if only some digits are wanted: the last bits are zeros, which
-    compress well. netCDF's own rounding makes -0 of inf."""
+    """Round values to a number of digits: the last bits become zeros, which compress well. netCDF's
+    own rounding turns inf into -0."""
     drop = 52 - math.ceil(digits * math.log2(10.0))
     if drop < 1:
         return values
@@ -37,7 +38,7 @@ def round_digits(values: NDArray[Any], digits: int) -> NDArray[Any]:
 
 
 class Writer:
-    """A result file that grows by blocks of members; memory does not grow with it."""
+    """A result file that grows by blocks of members, in constant memory."""
 
     def __init__(
         self,
@@ -48,14 +49,14 @@ class Writer:
         attrs: Mapping[str, Any] | None = None,
         named: Callable[[str], str] | None = None,
     ) -> None:
-        """more : further attributes;  attrs : these instead of the attributes of a result
+        """more : further attributes;  attrs : replace the attributes of a result
 
-        named : for shards, gives the path that a finished file must have. Each of its chunks then
-            has a checksum, so that reading a flipped bit is an error.
+        named : for shards, returns the final path of a finished file. Every chunk then has a
+            checksum, so that reading a flipped bit is an error.
         """
         if named is None:
             refuse_existing(path, force, "netCDF files")
-        # without locks the C library only says "Permission denied"
+        # without locks the C library only reports "Permission denied"
         refuse_lockless(os.path.dirname(os.path.abspath(path)))
         self.path, self._named = path, named
         self._file: Any = None
@@ -73,7 +74,7 @@ class Writer:
         self._file = netCDF4.Dataset(self._part.path, "w", format="NETCDF4", clobber=True)
         self._file.set_fill_off()
         self.variables = variables = self.layout.variables
-        # the indices are written with the members, so that memory does not grow with them
+        # indices are written together with the members, to save memory
         known = self.layout.axes.coordinates()
         sizes = self.layout.lengths()
         used = [*known, *(dim for v in variables.values() for dim in v.dims)]
@@ -91,7 +92,7 @@ class Writer:
     ) -> None:
         file = self._file
         if values.dtype.kind == "U":
-            # as characters: netCDF 4.10.1 crashes when it opens a file with strings once more
+            # as characters: netCDF 4.10.1 crashes when it reopens a file with strings
             letters = np.char.encode(values, "utf-8")
             size = letters.itemsize
             dims, attrs = (*dims, f"string{size}"), {**attrs, "_Encoding": "utf-8"}
@@ -108,10 +109,11 @@ class Writer:
 
     def _define(self, name: str, of: Variable, sizes: Mapping[str, Any]) -> None:
         (dims, dtype, attrs), layout, run = of, self.layout, self.layout.scene.run
-        # a chunk holds a block of members and up to 128 times: cheap to write and to read both ways
+        # a chunk holds a block of members and up to 128 times: cheap to write, and to read by
+        # member or by time
         chunks = [min(sizes[dim] or 32, layout.block if dim == "member" else 128) for dim in dims]
         same = name in layout.constant
-        # equal values compress faster with their bytes unsorted: 0.6 against 0.4 GB/s
+        # equal values compress faster without shuffled bytes: 0.6 instead of 0.4 GB/s
         packed: dict[str, Any] = {"compression": "zlib", "complevel": 1, "shuffle": not same}
         if not (run.compress or run.digits is not None or same):
             packed = {}
@@ -138,7 +140,7 @@ class Writer:
             in_netcdf_thread(put)
 
     def write_all(self, values: Arrays) -> None:
-        """Write {name: array} of variables that are not by members."""
+        """Write {name: array} of variables without a member dimension."""
 
         def put() -> None:
             for name, array in values.items():
@@ -152,13 +154,13 @@ class Writer:
         return values if digits is None else round_digits(values, digits)
 
     def finish(self) -> None:
-        """Close the file, make it durable and give it its name."""
+        """Close the file, make it durable and rename it."""
         with naming_failures(self.path):
             in_netcdf_thread(self._close)
         self._part.finish(None if self._named is None else self._named(self._part.path))
 
     def discard(self) -> None:
-        """Leave nothing behind."""
+        """Close and delete the partial file."""
         with contextlib.suppress(RuntimeError):
             in_netcdf_thread(self._close)
         self._part.discard()
@@ -175,9 +177,9 @@ def write_columns(
     attrs: Mapping[str, str] = {},
     named: Callable[[str], str] | None = None,
 ) -> None:
-    """Write {name: array} as a small file of its own; dimensions are named by their lengths.
+    """Write {name: array} as a separate small file; dimensions are named by their lengths.
 
-    named : the final path, from that of the written file
+    named : returns the final path for the path of the written file
     """
 
     def write_to(part: str) -> None:

@@ -1,4 +1,4 @@
-"""What a plan becomes: the layout of its result, and the program that moves its members."""
+"""Assemble a plan: the layout of its result, and the program that moves its members."""
 
 from functools import partial
 from typing import Any
@@ -28,10 +28,10 @@ from rigidmc.scene.scene import Scene
 
 
 def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
-    """The layout of a result, in the units of the scene."""
+    """Return the layout of a result, in the units of the scene."""
     model, run, grid = scene.model, scene.run, plan.grid
-    # a selection of the result has only the rows of its own members, so whatever was chosen by
-    # looking at all of them is written down
+    # a selection of the result has rows of its own members only, so store every choice that
+    # depended on all members
     settings: dict[str, Any] = {} if plan.has_member_steps else {"dt": grid.dt}
     if run.varied or count_rows(*model.quantities()) is not None:
         settings |= {"turn_rate": plan.turn_rate, **plan.bounds()}
@@ -68,10 +68,11 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
 
 
 def make_program(plan: Plan, device: str = "cpu", compiled: bool = True) -> Program | None:
-    """What moves the members of a plan, compiled or from the cache; None for closed forms.
+    """Return the program that moves the members of a plan, compiled or from the cache; None for
+    closed forms.
 
-    compiled : else the Program tells what is `missing`
-    Raises SceneError for parts of a user's own that cannot be compiled.
+    compiled : if False, nothing is compiled and the Program lists what is `missing`
+    Raises SceneError for custom code that cannot be compiled.
     """
     if plan.scheme is None:
         return None

@@ -1,4 +1,4 @@
-"""Blocks of members: made at their start, advanced by the engine on threads, and handed to a
+"""Compute blocks of members: build them at their start, advance them on threads, and hand them to a
 sink."""
 
 import math
@@ -22,20 +22,20 @@ from rigidmc.progress import Progress, Report, reporter
 from rigidmc.results.layout import ResultLayout
 from rigidmc.scene.drifts import drift_laws
 
-Initial = Callable[[int, int], tuple[Array, Start]]  # (first place, count) -> rows, their start
+Initial = Callable[[int, int], tuple[Array, Start]]  # (first place, count) -> rows, start
 
 
 class BlockJob(NamedTuple):
-    """One block on its way: its members, its rows, and where its values go.
+    """One block in progress: its members, its rows, and the destination of its values.
 
-    first, size : place of the first member, and how many there are without the padding;  members :
-        their indices, with the padding
-    start : what the members were made from;  program : None if nothing is left to do
-    order : of the members in the block if they have steps of their own
+    first, size : place of the first member, and number of members without the padding
+    members : their indices, with the padding
+    start : sampled values that members were built from;  program : None if no steps are left
+    order : of the members in the block, if they have their own steps
     out, width, column : array for the values, its columns, and the block's first column
     h, slots, stride, total : step [s], slots in a round, steps between saves, steps in all
-    head, last_h : the step after which h is `last_h`
-    done : steps that are made already
+    head, last_h : the number of steps after which h is `last_h`
+    done : number of steps already made
     """
 
     first: int
@@ -60,24 +60,26 @@ class BlockJob(NamedTuple):
 
 
 class Sink(Protocol):
-    """Where the results of blocks go: memory, a file, or the shards of a run directory."""
+    """A destination for the results of blocks: memory, a file, or the shards of a run directory."""
 
     def reserve(self, low: int, count: int) -> tuple[np.ndarray, int, int]:
-        """Memory for what members low ... low + count - 1 save: an array, its width, and the first
-        column of these members."""
+        """Reserve memory for the values that members low ... low + count - 1 save.
+
+        Returns an array, its width, and the first column of these members.
+        """
 
     def has(self, place: int) -> bool:
-        """Whether an earlier run left the results of the block at a place."""
+        """Return whether an earlier run left the results of the block at a place."""
 
     def resumed(self, job: "BlockJob") -> "BlockJob":
-        """A block that goes on from where an earlier run left it, if there is anything of it."""
+        """Return a block continued from the state that an earlier run left, if there is one."""
 
     @property
     def keeper(self) -> Keeper | None:
-        """What keeps the states of blocks on their way, None if nothing does."""
+        """Return the object that stores states of blocks in progress, None if there is none."""
 
     def take(self, job: "BlockJob", results: dict[str, np.ndarray]) -> None:
-        """Take a finished block and the results of its members."""
+        """Store a finished block and the results of its members."""
 
     def finish(self) -> Any:
         """Complete the result and return it."""
@@ -100,11 +102,11 @@ def compute(
     blocks: Iterable[int] | None = None,
     members: int | None = None,
 ) -> dict[str, int]:
-    """Compute all blocks of a plan, or only those in `blocks`, and hand each to the sink when it is
-    done; {status: number of members}.
+    """Compute all blocks of a plan, or only those in `blocks`, and hand each finished block to the
+    sink; return {status: number of members}.
 
-    result : its layout, in the units of the scene;  units : in which the plan integrates
-    initial : makes the members of a block;  block : how many it has
+    result : its layout, in the units of the scene;  units : of the plan's integration
+    initial : builds the members of a block;  block : number of members in a block
     members : number of members in `blocks`, for the progress bar
     """
     flagged = dict.fromkeys(layout.STATUSES, 0)
@@ -146,7 +148,7 @@ def compute(
 def _left(
     blocks: Iterable[int], plan: Plan, block: int, sink: Sink, report: Report
 ) -> Iterator[int]:
-    """The blocks of which the sink does not have the results; those that it has count as done."""
+    """Return the blocks that the sink lacks; the others count as done."""
     for i in blocks:
         if sink.has(plan.first + i * block):
             report.step(block * plan.grid.steps)
@@ -165,7 +167,7 @@ def _make_job(
     width: int,
     column: int,
 ) -> BlockJob:
-    """A block of `count` members from place `first` on, whose values go to the columns of `out`
+    """Build a block of `count` members from place `first` on. Its values go to the columns of `out`
     from `column` on. Closed forms (no program) are computed here.
 
     width : columns of `out`
@@ -203,7 +205,7 @@ def _make_job(
 
 
 def _close(plan: Plan, rows: Array, start: Start, out: Array, width: int, column: int) -> None:
-    """Write the values of closed forms at all saves, and the last states to the rows."""
+    """Write the values of closed forms at all saves, and write the last states to the rows."""
     observables = list(plan.recording.recorded.values())
     clock, effects = plan.grid.clock, plan.model.effects
     values = closed_values(effects, observables, rows, start, plan.times, clock)
@@ -213,7 +215,7 @@ def _close(plan: Plan, rows: Array, start: Start, out: Array, width: int, column
 
 
 def _results(job: BlockJob, plan: Plan) -> dict[str, np.ndarray]:
-    """{variable: values} of the finished members of a block, except what was saved over time."""
+    """Return {variable: values} of a block's finished members, except values saved over time."""
     rows = job.block if job.order is None else job.block[:, np.argsort(job.order)]
     status = rows[layout.STATUS, : job.size].astype("i1")
     flagged, fault = rows[layout.STATUS] > 0.0, rows[layout.FAULT_STEP]
@@ -241,7 +243,7 @@ def _in_units_of_scene(
     result: ResultLayout,
     units: UnitScale,
 ) -> dict[str, np.ndarray]:
-    """Results in the units of the scene; values saved over time are changed in place."""
+    """Convert results to the scene's units; values saved over time are changed in place."""
     if job.width:
         saves = job.out.reshape(plan.times.size, plan.values, job.width)
         columns = slice(job.column, job.column + job.block.shape[1])

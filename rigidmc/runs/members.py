@@ -1,4 +1,4 @@
-"""Which members a run has: the first so many, a range of indices, or indices that rise."""
+"""The members of a run: the first n, a range of indices, or increasing indices."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,9 +21,9 @@ Members = int | range | NDArray[np.int64]
 def range_of_members(
     members: Members | None,
 ) -> tuple[int | range | None, NDArray[np.int64] | None]:
-    """(a number or a range of members, the indices of some of the range or None).
+    """Return (number or range of members, indices of some of the range or None).
 
-    Raises SceneError for indices that do not rise.
+    Raises SceneError for indices that do not increase.
     """
     if not isinstance(members, (int, range)):
         members = as_plain_arrays(members, "run.members")
@@ -36,7 +36,7 @@ def range_of_members(
 
 
 def select_members(members: Members, run: Run, model: Model) -> range | NDArray[np.int64]:
-    """The members of a run that is prepared; SceneError for some that its scene does not have."""
+    """Return the members of a prepared run; SceneError for members that its scene lacks."""
     if isinstance(members, (int, np.integer)):
         members = range(run.first, run.first + read_count(members, "members"))
     elif isinstance(members, range):
@@ -48,13 +48,13 @@ def select_members(members: Members, run: Run, model: Model) -> range | NDArray[
     if run.strata is not None:
         most, what = run.strata, "a Latin hypercube of"
     if most is not None and last > most:
-        rule = f"the scene has {what} {count_text(most, 'member')} only"
+        rule = f"the scene has {what} only {count_text(most, 'member')}"
         raise SceneError(rule, at="run.members", value=last)
     return members
 
 
 def with_settings(scene: Scene, members: int | range | None, settings: Mapping[str, Any]) -> Scene:
-    """The scene with the settings of a run, and all numbers that depend on its members."""
+    """Return the scene with the settings of a run, and all values that depend on its members."""
     first = settings.get("first")
     if isinstance(members, range):
         _check_range(members)
@@ -69,10 +69,10 @@ def with_settings(scene: Scene, members: int | range | None, settings: Mapping[s
 
 
 def _indices(members: NDArray[Any]) -> NDArray[np.int64]:
-    """The indices of members as they are asked for; SceneError unless they rise from 0 or more."""
+    """Return the indices of requested members; SceneError unless they increase from 0 or more."""
     sound = members.ndim == 1 and members.size and members.dtype.kind in "iu"
     if not sound or members[0] < 0 or not (np.diff(members) > 0).all():
-        raise SceneError("expected indices of members that rise", at="run.members")
+        raise SceneError("expected increasing member indices", at="run.members")
     return members.astype(np.int64)
 
 

@@ -1,5 +1,5 @@
-"""Code compiled before it is needed: for a scene's integrator, or for all that take the scene. It
-is kept in the disk cache."""
+"""Compile code before it is needed: for a scene's integrator, or for every integrator that can run
+the scene. The code is stored in the disk cache."""
 
 import time
 from typing import NamedTuple
@@ -17,11 +17,11 @@ from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 
 class Precompiled(NamedTuple):
-    """What was compiled for an integrator.
+    """The code compiled for an integrator.
 
-    seconds : that it took
-    compiled : labels of what was compiled, () if everything was in the cache
-    skipped : why nothing can be compiled, "" if it can
+    seconds : spent on compiling
+    compiled : labels of compiled code, () if everything was in the cache
+    skipped : why nothing can be compiled, or ""
     """
 
     integrator: str
@@ -34,27 +34,27 @@ class Precompiled(NamedTuple):
 def precompile(
     scene: Scene, all_integrators: bool = False, progress: bool = False
 ) -> list[Precompiled]:
-    """Compile what a run of a scene needs.
+    """Compile the code that a run of a scene needs.
 
     Parameters
     ----------
     scene : Scene or path_like
-        what is to be run
+        scene to prepare for
     all_integrators : bool, optional
-        also for the integrators that the scene does not name; those that cannot run it are skipped
+        also compile for integrators that the scene does not name; skip those that cannot run it
     progress : bool, optional
-        True for a line before anything is compiled
+        print a line before compiling
 
     Returns
     -------
     list of Precompiled
-        one for each integrator: integrator, seconds that it took, labels of what was compiled, why
-        it was skipped
+        one for each integrator: its name, seconds spent, labels of compiled code, and the reason
+        if it was skipped
 
     Raises
     ------
     SceneError
-        for a scene that cannot be run as it is
+        for a scene that cannot run as it is
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """The prepared run: everything that is settled before the first step, in one straight line.
 
 A scene is data. `prepare` checks it, chooses units, integrator and step, and resolves all names to
-objects; what it makes runs as often as one likes, with other members, threads or devices.
+objects. The result runs any number of times, with other members, threads or devices.
 """
 
 import time
@@ -53,28 +53,28 @@ Array = NDArray[np.float64]
 
 
 class PreparedRun:
-    """A run that is ready for its first step; `prepare` makes it.
+    """A run that is ready for its first step, made by `prepare`.
 
     Parameters
     ----------
     scene : Scene
         with the settings of the run, and the integrator and step that a tolerance chose
     plan : Plan
-        what will be done, in the units of integration
+        the resolved run, in the units of integration
     layout : ResultLayout
         the result, in the units of the scene
     units : UnitScale or None
-        the units of integration, None for those of the scene
+        the units of integration, None if they are the scene's
     sampler : object
-        where the uniform numbers of members come from
+        source of the members' uniform random numbers
     pilot : InitialMembers or None
-        the first members at their start, if they are those of the run
+        the first members at their start, if they belong to the run
     choice : Choice or None
-        what a tolerance chose, None if the scene names its integrator
+        the choice for a tolerance, None if the scene names its integrator
     step_notes : tuple of str
-        what the user should know of the length of steps
+        hints to the user on step lengths
     scene_notes : tuple of str
-        what else the user should know
+        other hints to the user
 
     Examples
     --------
@@ -103,16 +103,17 @@ class PreparedRun:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know, in words: `simulate` warns with it."""
+        """Hints to the user, in words; `simulate` issues them as warnings."""
         return (*self.step_notes, *self.scene_notes)
 
     def compile(self, device: str | None = None) -> "PreparedRun":
-        """Compile what the members need, or take it from the disk cache; else the first `run` does.
+        """Compile the code that the members need, or load it from the disk cache. Without this
+        call, the first `run` compiles.
 
         Parameters
         ----------
         device : str, optional
-            as of `simulate`
+            as in `simulate`
 
         Returns
         -------
@@ -128,9 +129,10 @@ class PreparedRun:
         return self
 
     def program(self, device: str = "cpu") -> Program | None:
-        """What moves the members, compiled or from the cache; None for closed forms.
+        """Return the program that moves the members, compiled or from the cache; None for closed
+        forms.
 
-        Raises SceneError for parts of a user's own that cannot be compiled.
+        Raises SceneError for custom code that cannot be compiled.
         """
         key = device, self.plan.paired
         if key not in self._programs:
@@ -138,14 +140,16 @@ class PreparedRun:
         return self._programs[key]
 
     def initial(self, first: int, count: int) -> tuple[Array, Start]:
-        """`count` members from place `first` on at their start: rows for the kernel, filled up to
-        whole lanes, and what they were made from."""
+        """Build `count` members at their start, from place `first` on.
+
+        Returns rows for the kernel, padded to whole lanes, and the sampled values of the members.
+        """
         return self.plan.initial(self.sampler, first, count, self.pilot)
 
     def with_members(self, members: range | NDArray[np.int64]) -> "PreparedRun":
-        """The run of other members: of a range of indices, or of some that rise.
+        """Return the run with other members: a range of indices, or increasing indices.
 
-        Of a range the result is that of a scene with these members; of some it is a selection.
+        A range gives the result of a scene with these members; indices give a selection.
         """
         if isinstance(members, range):
             place = {"first": members.start, "members": len(members)}
@@ -159,7 +163,7 @@ class PreparedRun:
         return self._changed(self.plan.of(members), layout)
 
     def with_values(self, values: Mapping[str, ArrayLike]) -> "PreparedRun":
-        """The run of members with other numbers of what is varied; see `run`."""
+        """Return the run with other values of the varied parameters; see `run`."""
         scene, count = with_values(self.scene, values)
         units = self.units
         moving = scene if units is None else scale_scene(scene, units.mass, 1.0, units.time)
@@ -170,7 +174,7 @@ class PreparedRun:
         return run
 
     def with_paired_noise(self) -> "PreparedRun":
-        """The run whose steps have the noise of two steps of half their length."""
+        """Return the run whose steps have the noise of two steps of half their length."""
         return self._changed(self.plan._replace(paired=True), self.layout)
 
     def run(
@@ -186,48 +190,48 @@ class PreparedRun:
         attrs: Mapping[str, Any] | None = None,
         progress: Progress = False,
     ) -> xr.Dataset:
-        """Take the members through their steps.
+        """Integrate the members.
 
-        No bit of a member depends on an argument.
+        The bits of a member do not depend on any argument except `values`.
 
         Parameters
         ----------
         members : int, range or array_like of int, optional
-            how many members from the first one, or a range of indices, or rising indices, in place
-            of those that were prepared
+            number of members from the first one on, or a range of indices, or increasing indices;
+            replaces the prepared members
         values : dict of array_like, optional
-            {name: numbers of each member} of exactly what was prepared as `varied`, in the units of
-            the scene: (members,) of a number, (members, 3) of a vector. Grid, scheme and limits
-            stay, and a member beyond them is flagged
+            {name: values of each member} for exactly the parameters prepared as `varied`, in the
+            units of the scene: (members,) for a number, (members, 3) for a vector. Grid, scheme and
+            limits stay, and a member beyond them is flagged
         threads : int, optional
-            number of threads; by default one for each core that the process may use
+            number of threads; default one for each core that the process may use
         device : str, optional
-            where members move, as of `simulate`
+            CPU or GPU that moves the members, as in `simulate`
         output : path_like, optional
-            file to write, as of `simulate`
+            file to write, as in `simulate`
         force : bool, optional
-            replace an output that exists
+            replace an existing output
         block : int, optional
             members of a block, a multiple of 32
         attrs : dict, optional
-            more attributes of the result
+            additional attributes of the result
         progress : bool or callable, optional
-            as of `simulate`
+            as in `simulate`
 
         Returns
         -------
         xarray.Dataset
-            as of `simulate`; `dataset.encoding["rigidmc"]` holds the cost of the run and the number
+            as in `simulate`; `dataset.encoding["rigidmc"]` holds the cost of the run and the number
             of flagged members
 
         Raises
         ------
         SceneError
-            for members that the scene does not have
+            for members that the scene lacks
         NoRoom
             if memory or disk is too small
         NoDevice
-            if there is no such device, or it fails
+            if the device does not exist or fails
 
         Examples
         --------
@@ -301,7 +305,7 @@ class PreparedRun:
         known = self.units, self.sampler, self.pilot, self.choice
         notes = self.step_notes, self.scene_notes
         changed = PreparedRun(scene or self.scene, plan, layout, *known, *notes)
-        # Neither the code nor the text of a result depends on the numbers of members.
+        # neither the code nor the text of a result depends on the values of members
         changed._programs, changed._blanks = self._programs, self._blanks
         return changed
 
@@ -316,26 +320,25 @@ def prepare(
     varied: Iterable[str] = (),
     **settings: Any,
 ) -> PreparedRun:
-    """Prepare a run: check a scene, choose its units, its integrator and its step, and resolve all
-    that it names.
+    """Prepare a run: check a scene, choose its units, integrator and step, and resolve all names.
 
-    `simulate` is `prepare(...).run(...)`. Prepare once what runs many times.
+    `simulate` is `prepare(...).run(...)`. Prepare a run once if it runs many times.
 
-    The parameters from `dt` on are settings of the run (`Run`), in place of the scene's own; None
-    leaves the scene's own.
+    The parameters from `dt` on are settings of the run (`Run`) that replace the scene's own; None
+    keeps the scene's own.
 
     Parameters
     ----------
     scene : Scene or path_like
-        what is run; also its file, or the name of a shipped one
+        the scene, its file, or the name of a shipped scene
     integrator : str or integrator, optional
-        as of `simulate`
+        as in `simulate`
     members : int, range or array_like of int, optional
-        as of `simulate`
+        as in `simulate`
     varied : iterable of str, optional
-        parameters of which `run(values=)` takes other numbers, by the names that maps and `--set`
-        have: a vector, "start.omega", or one of its numbers, "start.omega.3". The numbers of the
-        scene plan the run, and settle nothing else: no closed form or symmetry rests on them
+        parameters that `run(values=)` replaces, named as in maps and `--set`: a vector,
+        "start.omega", or one of its components, "start.omega.3". The scene's own values plan the
+        run and settle nothing else: no closed form or symmetry relies on them
     {settings}
 
     Returns
@@ -346,7 +349,7 @@ def prepare(
     Raises
     ------
     SceneError
-        for a scene that cannot be run
+        for a scene that cannot run
 
     See Also
     --------
@@ -369,19 +372,19 @@ def prepare(
 
 
 def prepare_scene(scene: Scene) -> PreparedRun:
-    """Settle everything about the run of a scene; SceneError if it cannot be run."""
+    """Settle everything about the run of a scene; SceneError if it cannot run."""
     if not scene.run.varied:
         return _prepare_scene(scene)
     run, values = _prepare_scene(open_varied(scene)), stored_values(scene)
     if values is None:
         return run
-    # a result of varied numbers: planned as it was, and each member has its own
+    # a result with varied parameters keeps its original plan, and each member has its own values
     first, members = scene.run.first, scene.run.members
     return run.with_values(values).with_members(range(first, first + members))
 
 
 def _prepare_scene(scene: Scene) -> PreparedRun:
-    """`prepare_scene`, of a scene whose varied numbers are marked."""
+    """Prepare a scene whose varied parameters are already marked; see `prepare_scene`."""
     asked, units = scene, choose_units(scene)
     if units is not None:
         scene = scale_scene(scene, units.mass, 1.0, units.time)
@@ -393,7 +396,7 @@ def _prepare_scene(scene: Scene) -> PreparedRun:
     monitors = make_monitors(model, recorded, run.seed)
     attitude = has_attitude(model.effects, recorded, monitors)
     pilot = make_pilot(coarse, sampler, attitude)
-    if run.integrator == "closed":  # raises if there is none
+    if run.integrator == "closed":  # raises if no closed form exists
         closed_form(model, sampler, run.first, whole_lanes(min(PILOT, run.members)))
     plan = make_plan(model, run, scene.integrator, recorded, monitors, attitude, pilot)
     notes = step_notes(asked.run, plan, units), scene_notes(asked.model, asked.run, plan)

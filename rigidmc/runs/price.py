@@ -1,5 +1,5 @@
-"""What a run or a study costs, told before its first step: measured on its first members, on this
-machine."""
+"""The cost of a run or a study, predicted before its first step from timings of its first members
+on this machine."""
 
 import itertools
 import math
@@ -38,16 +38,15 @@ from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.scene.vector_distributions import Cone
 
-LAUNCHED = 0.2  # seconds of launches that are long beside the first, shorter ones
+LAUNCHED = 0.2  # seconds of launches that are long compared with the first, shorter ones
 
 
 def cost_per_step(
     run: PreparedRun, device: str = "cpu", members: int = 256, seconds: float = 0.05
 ) -> float:
-    """Nanoseconds per member-step on one thread, measured on the first members of a run.
+    """Measure the time per member-step [ns] on one thread, on the first members of a run.
 
-    On graphics processors: on one of them, with as many members as a block has, and without what
-    copies of them take.
+    On GPUs: the time on one GPU, with as many members as a block has, without copying them.
     """
     program, plan = run.program(device), run.plan
     assert program is not None, "closed forms make no steps"
@@ -84,16 +83,16 @@ def cost_per_step(
 
 REHEARSED = 8192  # members: two blocks for each of two threads
 ROUNDS = 10
-LATE = 0.5  # seconds after which no further round begins, from the fourth on
+LATE = 0.5  # seconds after which no further round starts, from the fourth on
 
 
 def predicted_seconds(
     run: PreparedRun, threads: int, device: str | None, output: str | os.PathLike[str] | None
 ) -> float:
-    """How long a run with a chosen integrator will take [s].
+    """Predict how long a run with a chosen integrator will take [s].
 
-    Runs of 8192 and of three times as many members tell the cost of a member. Their results go to
-    memory or to a file of the same kind, which the measured time of a kernel leaves out.
+    Runs of 8192 members and of three times as many give the cost per member. Their results go to
+    memory or to a file of the same kind, which a kernel timing omits.
     """
     plan, device = run.plan, resolve_device(device)
     size = REHEARSED if device == "cpu" else WAVE
@@ -105,7 +104,7 @@ def predicted_seconds(
     seconds = _rehearsed(run, threads, device, output, size)
     small = float(np.median(seconds[size][1:]))  # the first run warms up
     large = float(np.median(seconds[3 * size]))
-    # the difference leaves out what a run costs once
+    # the difference omits the fixed cost of a run
     each = max(large - small, 0.2 * large) / (2 * size)
     return large + each * (plan.members - 3 * size)
 
@@ -117,7 +116,7 @@ def _rehearsed(
     output: str | os.PathLike[str] | None,
     size: int,
 ) -> dict[int, list[float]]:
-    """{members: [seconds of each run]} for `size` members and three times as many."""
+    """Return {members: [seconds of each run]} for `size` members and three times as many."""
     plan = run.plan
     block = block_of(plan, threads, device, output is not None)
     began, datasets = time.perf_counter(), []
@@ -136,16 +135,16 @@ def _rehearsed(
     return taken
 
 
-ENOUGH = 0.1  # seconds of a rehearsal that tells the time of a member
-LONG = 0.25  # seconds: a block that takes longer is rehearsed for a part of its time
-SAVES = 128  # of that part, at least; a spectrum needs 64
+ENOUGH = 0.1  # seconds of a rehearsal that suffices to time a member
+LONG = 0.25  # seconds: a block that takes longer is rehearsed for part of its steps
+SAVES = 128  # least number of saves in that part; a spectrum needs 64
 
 
 class Price(NamedTuple):
-    """What a study will cost.
+    """The expected cost of a study.
 
-    members, steps : how many members, and steps of each in the mean; 0 steps in closed form
-    seconds : of the run and of the study of it, expected from a rehearsal;  threads : of the run
+    members, steps : number of members, and mean steps of each; 0 steps in closed form
+    seconds : of the run and the study, predicted by a rehearsal;  threads : of the run
     disk : bytes of the run directory, 0 if there is none
     """
 
@@ -174,11 +173,11 @@ def price(
     folder: str | None = None,
     device: str | None = None,
 ) -> Price:
-    """The Price of a study, measured on the first members of its scene.
+    """Return the Price of a study, measured on the first members of its scene.
 
-    reduce : what the study does with a result, also with one of few members
-    folder : the run directory of its members, in which the rehearsal writes: if it is killed there,
-        `resume` deletes what it left
+    reduce : the study's evaluation of a result, which must accept few members
+    folder : the run directory of its members, where the rehearsal writes; if the rehearsal is
+        killed there, `resume` deletes its files
     """
     threads = threads or threads_available()
     run = prepare_scene(scene)
@@ -199,21 +198,21 @@ def _seconds(
     folder: str | None,
     device: str,
 ) -> float:
-    """How long all members and the study of them will take [s].
+    """Predict how long all members and their study will take [s].
 
-    More and more members are run and studied; the last two times tell what a member takes, and
-    their difference leaves out what a study costs once.
+    Ever more members are run and studied. The last two times give the cost per member; their
+    difference omits the fixed cost of a study.
     """
     scene, members, share = run.scene, run.plan.members, 1.0
     block = 0.0 if run.plan.scheme is None else LANES * _of_a_member(run, device)
     if block > LONG:
         saves = run.plan.times.size - 1
         kept = max(SAVES, math.ceil(saves * LONG / block))
-        if kept >= saves:  # the time of such a study is that of its steps
+        if kept >= saves:  # the time of such a study is the time of its steps
             return block * max(1.0, members / LANES / threads)
         assert scene.run.every is not None
         scene, share = scene.with_run(t_end=kept * scene.run.every), kept / saves
-    # a graphics processor takes as long for a member as for a wave of them
+    # a GPU takes as long for one member as for a wave of members
     count = min(LANES if device == "cpu" else WAVE, members)
     before = 0, 0.0
     part = folder and os.path.join(folder, "rehearsal")
@@ -230,7 +229,7 @@ def _seconds(
 
 
 def _of_a_member(run: PreparedRun, device: str) -> float:
-    """Seconds of the steps of a member on one thread."""
+    """Return the seconds of a member's steps on one thread."""
     return 1e-9 * cost_per_step(run, device) * run.plan.mean_steps
 
 
@@ -242,7 +241,7 @@ def _studied(
     file: str | None,
     device: str,
 ) -> float:
-    """Seconds of the first `count` members of a scene and of the study of them."""
+    """Return the seconds to run the first `count` members of a scene and study them."""
     few = scene.with_run(members=count)
     began = time.perf_counter()
     run = prepare_scene(few)
@@ -252,8 +251,8 @@ def _studied(
 
 
 def step_costs() -> dict[str, dict[str, float]]:
-    """{integrator: {"free": ns, "heavy": ns}} of one step on one thread of this machine: asymmetric
-    bodies that turn by 0.1 rad."""
+    """Measure {integrator: {"free": ns, "heavy": ns}} of one step on one thread of this machine,
+    for asymmetric bodies that turn by 0.1 rad."""
     body = Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3))
     start = Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
     measured: dict[str, dict[str, float]] = {}
@@ -267,12 +266,12 @@ def step_costs() -> dict[str, dict[str, float]]:
 
 
 def some_of(run: PreparedRun, kept: Iterable[int]) -> PreparedRun:
-    """The run with only the effects in `kept`, by index, and nothing saved or monitored: the scheme
-    stays."""
+    """Return the run with only the effects in `kept`, by index, and nothing saved or monitored; the
+    scheme stays."""
     plan, kept = run.plan, tuple(kept)
     assert plan.scheme is not None, "closed forms make no steps"
     integrator: Any = plan.scheme.integrator
-    if isinstance(integrator, Langevin):  # marks of each effect
+    if isinstance(integrator, Langevin):  # it has one mark for each effect
         integrator = integrator._replace(
             pushes=tuple(integrator.pushes[i] for i in kept),
             flows=tuple(integrator.flows[i] for i in kept),
@@ -294,11 +293,13 @@ def some_of(run: PreparedRun, kept: Iterable[int]) -> PreparedRun:
 
 
 def prices(run: PreparedRun) -> tuple[float, Any, dict[str, Any], float, float]:
-    """What effects add to a step, the ledger of work left out: (ns without them, measured;
-    operations without them; {label: operations that it adds}; ns of noise, measured; ns predicted).
+    """Measure what effects add to a step, for the ledger of saved work.
 
-    The prediction takes all operations to cost as much as those of a step without effects; a
-    division or a root counts as many as `rigidmc.engine.inspection` tells.
+    Returns (ns without them, measured; operations without them; {label: operations that it adds};
+    ns of noise, measured; ns predicted).
+
+    The prediction assumes that all operations cost as much as those of a step without effects; a
+    division or a root counts as the number of operations that `rigidmc.engine.inspection` reports.
     """
     effects, attitude = run.plan.model.effects, run.plan.has_attitude
     every = tuple(range(len(effects)))
@@ -314,7 +315,7 @@ def prices(run: PreparedRun) -> tuple[float, Any, dict[str, Any], float, float]:
         for i, (label, _) in enumerate(label_effects(effects))
     }
     random, noise = tuple(i for i in every if is_random(effects[i])), 0.0
-    if random:  # random numbers are made from integers, which no count of operations tells
+    if random:  # random numbers use integer operations, which are not counted
         counted = free * operations(random).slots / none.slots
         noise = max(0.0, cost_per_step(some_of(run, random)) - counted)
     return free, none, added, noise, free * whole.slots / none.slots + noise
@@ -323,10 +324,10 @@ def prices(run: PreparedRun) -> tuple[float, Any, dict[str, Any], float, float]:
 def observable_prices(
     scene: Scene, monitored: dict[str, tuple[Any, ...]], rounds: int = 5
 ) -> dict[str, float]:
-    """{label: ns that it adds to a step of rk4 with attitude on one thread}, "" for the step
-    itself; medians of interleaved rounds.
+    """Measure {label: ns that it adds to a step of rk4 with attitude on one thread}, with "" for
+    the step itself; medians of interleaved rounds.
 
-    monitored : {label: what is named in `save`}
+    monitored : {label: its names in `save`}
     """
     scenes = {
         label: scene.with_run(save=("attitude", *some))
@@ -342,7 +343,7 @@ def observable_prices(
 
 
 def watched_prices(rounds: int = 5) -> dict[str, dict[str, float]]:
-    """{"free" | "heavy": `observable_prices`} of what can be watched, of a body that nearly spins
+    """Measure {"free" | "heavy": `observable_prices`} of all monitors, for a body that nearly spins
     about its middle axis."""
     body = Body.from_moments((1.0, 2.0, 3.0), mass=1.0, centre=(0.0, 0.0, 0.3))
     start = Start(omega=Cone(2, 1.0, 0.05), attitude="uniform")
@@ -362,9 +363,12 @@ def watched_prices(rounds: int = 5) -> dict[str, dict[str, float]]:
 
 
 def effect_prices() -> dict[str, Any]:
-    """{effect: (operations of its torque, ns of a step with it alone, ns that it adds to one with
-    gravity)}, and of steps without it: "free" of the momentum alone, "with attitude", "with
-    gravity", by rk4; "strang", to which random effects are added. On one thread."""
+    """Measure what effects cost on one thread.
+
+    Returns {effect: (operations of its torque, ns of a step with it alone, ns that it adds to a
+    step with gravity)}, and ns of steps without it: "free" of the momentum alone, "with attitude",
+    "with gravity", by rk4; "strang", to which random effects are added.
+    """
     body = Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3))
     start = Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
 

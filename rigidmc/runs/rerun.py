@@ -1,5 +1,5 @@
-"""Members of a result integrated again, to the same bits, with more saved; and one member at the
-times that a moving picture needs (`frames`)."""
+"""Recompute members of a result, to the same bits, with more variables saved; and compute one
+member at the times that an animation needs (`frames`)."""
 
 import os
 import warnings
@@ -28,8 +28,8 @@ from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.read import refuse_twice
 
-# by how much an input of a member may differ from what scene and seed give, of its size: versions
-# of scipy differ by 1e-12 in quantiles
+# relative difference allowed between an input of a member and its value from scene and seed:
+# versions of scipy differ by 1e-12 in quantiles
 SAME_INPUT = 1e-6
 
 
@@ -43,41 +43,41 @@ def rerun(
     force: bool = False,
     **options: Any,
 ) -> xr.Dataset:
-    """Integrate a member of a result once more.
+    """Recompute members of a result.
 
-    The new result equals the old one at the times that both have; its attribute `rerun` tells at
-    how many times both were compared.
+    The new result equals the old one at the times that both have. Its attribute `rerun` states at
+    how many times they were compared.
 
     Parameters
     ----------
     source : path_like or xarray.Dataset
         a result: a file (.nc, .zarr), a run directory or a Dataset
     member : int or range
-        its index, or a range of indices
+        index of a member, or a range of indices
     every : float or str, optional [s]
-        time between saves; default that of the result. If it is not a whole number of steps, the
-        nearest whole number is taken, and a SceneWarning tells that time. The steps of members with
-        steps of their own (`turn`) depend on `every`, so there it cannot change
+        time between saves; default as in the result. If it is not a whole number of steps, the
+        nearest whole number is used, and a SceneWarning states the resulting time. With per-member
+        steps (`turn`), the steps depend on `every`, so there it cannot change
     save : iterable of str, optional
         names of observables; default all, but work only if the result has it
     allow_code : bool, optional
-        as of `Scene.load`; not needed for a result that was opened with it
+        as in `Scene.load`; not needed for a result that was opened with it
     output : path_like, optional
-        write this file too, of a kind that `simulate` writes
+        also write this file, in a format that `simulate` writes
     force : bool, optional
-        replace an output that exists
+        replace an existing output
     **options : object
-        as of `simulate`
+        as in `simulate`
 
     Returns
     -------
     xarray.Dataset
-        like that of `simulate`
+        like the result of `simulate`
 
     Raises
     ------
     OptionError
-        for a member that the result does not have
+        for a member that the result lacks
     SceneError
         for an `every` that would change the steps
 
@@ -101,7 +101,7 @@ def rerun(
         with open_run(path, allow_code) if run else open_result(path) as result:
             return rerun(result, member, every, save, allow_code, output, force, **options)
     if "member" not in source.coords:
-        rule = "expected a result with members: a map or a study keeps none"
+        rule = "expected a result with members: a map or a study stores none"
         raise OptionError(rule, at="source")
     original = scene = scene_of(source, allow_code=allow_code)
     name = source.encoding.get("source", "the result")
@@ -118,7 +118,7 @@ def rerun(
 
 
 def chosen_members(member: int | range, run: Run, result: xr.Dataset, name: str) -> range:
-    """The range of indices that `member` means; OptionError for members that a result lacks."""
+    """Return the range of indices that `member` means; OptionError if the result lacks them."""
     if isinstance(member, range):
         members = member
     else:
@@ -132,13 +132,12 @@ def chosen_members(member: int | range, run: Run, result: xr.Dataset, name: str)
         refuse_twice(result.member.values)
     if not np.isin(members, result.member.values).all():
         there = f"{result.sizes['member']:,} of its {count_text(run.members, 'member')}"
-        raise OptionError(f"{name} has only {there}, and not this one", at="member", value=member)
+        raise OptionError(f"{name} has only {there}, not this one", at="member", value=member)
     return members
 
 
 def _whole_steps(run: Run, every: float) -> float:
-    """The time of the whole number of steps that is nearest to `every` [s]; a SceneWarning if the
-    two differ."""
+    """Round `every` [s] to the nearest whole number of steps; warn if the time changes."""
     if run.turn is not None or run.integrator == "closed" or every >= run.t_end:
         return every
     known, count = make_time_grid(run.t_end, run.dt, run.every), max(1, round(every / run.dt))
@@ -152,7 +151,7 @@ def _whole_steps(run: Run, every: float) -> float:
     if every == run.every or abs(every / nearest - 1.0) < 1e-9:
         return every
     note = (
-        f"every = {every:.10g} s is no whole number of steps of {run.dt:.10g} s: saves are"
+        f"every = {every:.10g} s is not a whole number of steps of {run.dt:.10g} s: saves are"
         f" {nearest:.10g} s apart, {count:,} steps"
     )
     warnings.warn(note, SceneWarning, stacklevel=3)
@@ -166,19 +165,21 @@ def _saving(
     members: range,
     every: float | str | None,
 ) -> Scene:
-    """The scene of some members with other saves, `between` seconds apart; SceneError if those
-    would change the steps. every : as given by the user"""
+    """Return the scene of some members with other saves, `between` seconds apart.
+
+    Raises SceneError if these saves would change the steps. every : as given by the user
+    """
     run = scene.run
     names = _everything(scene) if save is None else tuple(save)
     # without work, energy_drift would be another quantity
     work = ("work",) * ("work" in run.save and "work" not in names)
-    # a result with some members only has rows for these
+    # a result of selected members has rows for these only
     more: Scene = scene.with_run(
         every=between, save=(*names, *work), keep="full", first=members[0], members=len(members)
     )
     if run.turn is not None and between != run.every:
         rule = (
-            f"members have steps of their own in each {run.every} s:"
+            f"members have their own steps in each {run.every} s:"
             " another time between saves changes them"
         )
         raise SceneError(rule, at="run.every", value=every)
@@ -197,8 +198,8 @@ def _saving(
 
 
 def _everything(scene: Scene) -> tuple[str, ...]:
-    """Names of all observables at save times, of work only if the scene books it, and of those over
-    all steps that the scene has."""
+    """Return the names of all observables at save times (of work only if the scene saves it), and
+    of the scene's observables over all steps."""
     more = dict.fromkeys(
         (*own(scene.observables), *scene.run.save, *summaries(make_recording(scene).retained))
     )
@@ -209,7 +210,7 @@ def _everything(scene: Scene) -> tuple[str, ...]:
 class Pair(NamedTuple):
     """A variable that both results have.
 
-    name : of the variable in the first result;  again, before : its values in both
+    name : of the variable in the first result;  again, before : its values in the new and old one
     times : of the saves, [] for values over all steps; None for values at the start
     """
 
@@ -220,7 +221,7 @@ class Pair(NamedTuple):
 
 
 def _compared(again: xr.Dataset, result: xr.Dataset, scene: Scene, source: str) -> str:
-    """At how many times the saves of both are equal to the bit, in words; warns if they differ.
+    """Describe at how many times the saves of both results are bit-identical; warn if they differ.
 
     scene : of the result
     """
@@ -240,11 +241,11 @@ def _compared(again: xr.Dataset, result: xr.Dataset, scene: Scene, source: str) 
             apart[pair.name] = float(np.nanmax(np.abs(pair.again - pair.before)))
     if apart:
         worst = ", ".join(f"{name} by {off:.1e}" for name, off in apart.items())
-        note = f"differs from {source}: {worst}; another version rounds otherwise"
+        note = f"differs from {source}: {worst}; another version rounds differently"
         warnings.warn(note, SceneWarning, stacklevel=3)
         return f"differs: {worst}"
     if not names:
-        return "compared with nothing: no save of both is the same quantity at the same time"
+        return "compared with nothing: the results share no quantity at the same save time"
     how = "to the bit"
     if digits is not None and times.size:
         how = f"to the {digits} digits that were kept"
@@ -253,8 +254,10 @@ def _compared(again: xr.Dataset, result: xr.Dataset, scene: Scene, source: str) 
 
 
 def _refuse_other_inputs(pair: Pair, members: NDArray[np.int64], source: str) -> None:
-    """FileError for inputs (..., member) that scene and seed do not give, as those of another run
-    have; rounding of another version is no matter."""
+    """Raise FileError for inputs (..., member) that do not follow from scene and seed.
+
+    Differences from rounding in other versions are allowed.
+    """
     again, before = (np.reshape(x, (-1, members.size)) for x in (pair.again, pair.before))
     size = np.nan_to_num(np.fmax(np.abs(again), np.abs(before))).max(0)
     # inputs of impossible bodies and starts are nan
@@ -262,14 +265,14 @@ def _refuse_other_inputs(pair: Pair, members: NDArray[np.int64], source: str) ->
     other = np.flatnonzero(~same.all(0))
     if other.size:
         rule = (
-            f"the inputs of member {members[other[0]]} ({pair.name}) are not those of this scene"
-            " and seed: the result was changed, or put together from several runs"
+            f"the inputs of member {members[other[0]]} ({pair.name}) do not follow from this scene"
+            " and seed: the result was changed, or combined from several runs"
         )
         raise FileError(rule, at="member", file=source)
 
 
 def _equal(pair: Pair, tolerance: float | None) -> bool:
-    """Whether both values are equal to the bit, or within a relative tolerance."""
+    """Return whether both values are bit-identical, or agree within a relative tolerance."""
     if np.array_equal(pair.again, pair.before, equal_nan=True):
         return True
     if tolerance is None:
@@ -278,7 +281,7 @@ def _equal(pair: Pair, tolerance: float | None) -> bool:
 
 
 def _pairs(again: xr.Dataset, result: xr.Dataset, scene: Scene) -> Iterator[Pair]:
-    """Each variable that both results have, also if one keeps only a part of its saves."""
+    """Yield each variable that both results have, even if one stores only part of its saves."""
     over = set[str]()  # variables over all steps
     if again.sizes["time"]:
         over = {
@@ -298,7 +301,7 @@ def _pairs(again: xr.Dataset, result: xr.Dataset, scene: Scene) -> Iterator[Pair
 
 
 def _saved_pairs(name: str, variable: xr.DataArray, result: xr.Dataset) -> Iterator[Pair]:
-    """A variable with times, paired with all saves of it, thinned ones and the last one."""
+    """Pair a variable over time with all its saves, including thinned ones and the last one."""
     dims = tuple(map(str, variable.dims))
     for label, clock in ((name, "time"), (f"{name}_thinned", "thinned_time")):
         if label in result:
@@ -314,7 +317,7 @@ def _saved_pairs(name: str, variable: xr.DataArray, result: xr.Dataset) -> Itera
 
 
 def _values(variable: xr.DataArray, dims: tuple[str, ...]) -> NDArray[Any]:
-    """The values of a variable with its dimensions in this order."""
+    """Return the values of a variable with its dimensions in this order."""
     return np.asarray(variable.transpose(*dims).values)
 
 
@@ -328,15 +331,15 @@ def frames(
     allow_code: bool = False,
     until: float | None = None,
 ) -> xr.Dataset:
-    """Integrate a member again, with attitude and momentum at `count` + 1 times from 0 to `until`.
+    """Recompute a member, with attitude and momentum at `count` + 1 times from 0 to `until`.
 
     The times are evenly spaced to half a step. Where the run makes fewer steps, the member makes
-    shorter ones here: a line from step to step would show a motion that no body makes. A body that
-    noise pushes has its steps alone, because other steps draw other noise.
+    shorter ones here, because a line from step to step would show a motion that no body makes. With
+    noise, only the steps of the run are possible, because other steps draw other noise.
 
-    until : [s]; by default the end of the run
-    The attribute `frames` says whether the steps are those of the run. Raises OptionError for a
-    member that the result does not have.
+    until : [s]; default the end of the run
+    The attribute `frames` states whether the steps are those of the run. Raises OptionError for a
+    member that the result lacks.
     """
     scene = scene_of(result, allow_code=allow_code)
     run, end = scene.run, scene.run.t_end
@@ -346,7 +349,7 @@ def frames(
     if whole and run.turn is None and own is not None and own * count <= end:
         if not make_time_grid(end, own, run.every).is_shortened:
             return _thinned(result, member, count, allow_code, run)
-        if any(map(is_random, scene.effects)):  # only the saves of the run are after its steps
+        if any(map(is_random, scene.effects)):  # only saves of the run end its own steps
             again = rerun(result, member, save=SAVE, allow_code=allow_code)
             again.attrs["frames"] = "steps as in the run, at its saves"
             return again
@@ -356,9 +359,9 @@ def frames(
 def integrate_member(
     scene: Scene, member: int, count: int, end: float, own: float | None
 ) -> xr.Dataset:
-    """A member of a scene with attitude and momentum at `count` + 1 times from 0 to `end`.
+    """Integrate a member, with attitude and momentum at `count` + 1 times from 0 to `end`.
 
-    own : the step that the run makes [s], which is kept if it is short enough; None if any will do
+    own : the step of the run [s], used if it is short enough; None if the step is free
     """
     if own is not None and any(map(is_random, scene.effects)):
         count = max(1, min(count, round(end / own)))
@@ -379,13 +382,13 @@ def integrate_member(
     same = own is None or abs(again.attrs["dt"] / own - 1.0) < 1e-9
     words = "steps as in the run"
     if not same:
-        words = f"steps of {again.attrs['dt']:.4g} s in place of {own:.4g} s"
+        words = f"steps of {again.attrs['dt']:.4g} s instead of {own:.4g} s"
     again.attrs["frames"] = words
     return again
 
 
 def _own_step(run: Run, result: xr.Dataset, member: int) -> float | None:
-    """The step of a member [s]; None if its times are free, because its form is closed."""
+    """Return the step of a member [s], or None for closed forms, which have no steps."""
     if run.integrator == "closed":
         return None
     if run.turn is None:
@@ -394,7 +397,8 @@ def _own_step(run: Run, result: xr.Dataset, member: int) -> float | None:
 
 
 def _thinned(result: xr.Dataset, member: int, count: int, allow_code: bool, run: Run) -> xr.Dataset:
-    """The member with the steps of the run, to the same bits, at about `count` + 1 of its steps."""
+    """Recompute a member with the steps of the run, to the same bits, at about `count` + 1
+    times."""
     steps = max(1, round(run.t_end / run.dt))
     between = max(1, steps // count)
     while steps % between:  # saves are evenly spaced to the end

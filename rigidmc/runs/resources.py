@@ -1,5 +1,5 @@
-"""What a run needs of this machine: threads, devices, blocks, memory and disk. A run without room
-is refused before its first step, not killed in its last hour."""
+"""Resources that a run needs: threads, devices, blocks, memory and disk. A run that lacks memory or
+disk is refused before its first step, instead of being killed in its last hour."""
 
 import contextlib
 import math
@@ -16,38 +16,38 @@ from rigidmc.planning.plan import Plan
 from rigidmc.results.layout import ResultLayout
 from rigidmc.scene.amounts import count_text
 
-SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a file
-# The same on graphics processors, one of which moves 50,000 members at once, as their registers
-# allow: a block is ten such waves, of which the last may be short.
+SLAB = 32 * 2**20  # bytes of saved values that a block may hold before they go to a file
+# The same on GPUs. A GPU moves 50,000 members at once, limited by registers: a block is ten such
+# waves, of which the last may be short.
 DEVICE_BLOCK, DEVICE_SLAB = 2**19, 2**27
-LEAST = 2**17  # member-steps of a block: 1 ms at 130 M/s, and 0.3 ms go by beside them
-WAVE = 2**16  # members that take as long there as one
-LITTLE = 2**26  # bytes; for less, asking for the free memory is not worth half a millisecond
+LEAST = 2**17  # member-steps of a block: 1 ms at 130 M/s, plus 0.3 ms of overhead
+WAVE = 2**16  # members that take as long on a GPU as a single member
+LITTLE = 2**26  # bytes; a smaller need does not justify 0.5 ms to query the free memory
 BASE = 0.25e9  # interpreter, libraries and kernels [bytes]
 
 
 def movers(threads: int, device: str) -> int:
-    """How many threads or graphics processors move members at once."""
+    """Return how many threads or GPUs move members at once."""
     return threads if device == "cpu" else len(select_devices(device_number(device)))
 
 
 def moved_at_once(members: int, threads: int, device: str) -> float:
-    """For how many members a thread or a graphics processor needs the time of all of them."""
+    """Return the number of members whose time a thread or GPU needs for its part of the run."""
     each = members / movers(threads, device)
     return each if device == "cpu" else max(WAVE, each)
 
 
 def block_of(plan: Plan, threads: int, device: str, streaming: bool) -> int:
-    """Members of a block: few enough to occupy all threads, and fewer on their way to a file.
+    """Choose the members of a block: few enough to occupy all threads, and fewer for a file.
 
-    In memory not so few that their steps take less time than what comes before and after them; the
-    blocks of a file are its chunks, whose bytes depend on the threads alone.
+    In memory, blocks are large enough for their steps to outlast their overhead. The blocks of a
+    file are its chunks, whose bytes depend on the number of threads alone.
     """
     blocks = (1 if plan.has_member_steps else 4) * threads
     if device != "cpu":
         blocks = max(movers(threads, device), min(blocks, plan.members // WAVE))
         block = min(DEVICE_BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
-        # in memory most saves are written where they stay
+        # in memory, most saves are written directly to their final place
         return min(block, members_within(plan, DEVICE_SLAB if streaming else 16 * DEVICE_SLAB))
     if not streaming:
         blocks = min(blocks, max(1, math.ceil(plan.members * plan.mean_steps / LEAST)))
@@ -56,19 +56,19 @@ def block_of(plan: Plan, threads: int, device: str, streaming: bool) -> int:
 
 
 def members_within(plan: Plan, slab: int) -> int:
-    """Members whose saved values take about `slab` bytes."""
+    """Return how many members have saved values of about `slab` bytes."""
     values = 8 * max(1, plan.values) * plan.times.size
     return max(LANES, slab // values // LANES * LANES)
 
 
 def block_of_shard(plan: Plan, shard: int) -> int:
-    """Members of a block on graphics processors that divides a shard: all of it if they fit."""
+    """Choose the members of a GPU block so that blocks divide a shard: all of it if they fit."""
     most = min(2 * DEVICE_BLOCK, members_within(plan, DEVICE_SLAB))
     return shard if shard <= most else block_in(shard, most)
 
 
 def block_in(shard: int, most: int) -> int:
-    """Members of a block that divides a shard's, at most `most`."""
+    """Return the largest block of at most `most` members that divides a shard."""
     return LANES * max(n for n in range(1, most // LANES + 1) if shard % (LANES * n) == 0)
 
 
@@ -82,7 +82,7 @@ class Needs(NamedTuple):
 
 
 def needs(result: ResultLayout, plan: Plan, members: int, block: int, threads: int) -> Needs:
-    """What a run of so many members needs."""
+    """Compute the Needs of a run with a given number of members."""
     _, each = result.bytes_of_a_member()
     saves = plan.times.size * plan.values
     of_block = 8 * block * (layout.EFFECTS + 20 + plan.monitors.rows + saves)
@@ -97,16 +97,16 @@ def needs(result: ResultLayout, plan: Plan, members: int, block: int, threads: i
 def check_resources(
     needed: Needs, members: int, threads: int, path: Path | None = None, more: int = 0
 ) -> None:
-    """Raise NoRoom if a run needs more memory than is free or, with its result in `path`, more of
-    that disk.
+    """Raise NoRoom if a run needs more than the free memory or, with its result in `path`, more
+    than the free disk there.
 
-    more : further bytes of memory, for shards
+    more : additional bytes of memory, for shards
     """
     asked = (needed.memory if path is None else needed.lean) - BASE + more
     if (free := short_of(asked)) is not None:
-        cure = "keep less of what is saved (--keep final), save less, or run fewer members"
+        cure = "keep fewer values (--keep final), save fewer observables, or run fewer members"
         if threads > 2 * (os.cpu_count() or 1):
-            cure = f"take fewer than {threads:,} threads, {cure}"
+            cure = f"use fewer than {threads:,} threads, {cure}"
         if path is None and needed.lean - BASE < free:
             room = f"{in_words(needed.lean)} of memory and {in_words(needed.file)} of disk"
             cure = f"write it to a file (-o FILE), which needs {room}, or {cure}"
@@ -124,16 +124,16 @@ def _refuse_full_disk(members: int, folder: str, size: int) -> None:
         raise NoRoom(
             f"{count_text(members, 'member needs', 'members need')} {in_words(size)} of disk"
             f" in {folder},"
-            f" of which {in_words(free)} are free: keep less of what is saved (--keep final),"
+            f" of which {in_words(free)} are free: keep fewer values (--keep final),"
             " fewer digits (--set run.digits=6), or run fewer members"
         )
 
 
 def refuse_count(count: int, what: str, each: float, cure: str = "take fewer") -> None:
-    """Raise NoRoom if so many of something need more memory than is free: what every study asks of
-    its counts before it begins.
+    """Raise NoRoom if a number of things needs more memory than is free. Every study checks its
+    counts with this before it starts.
 
-    what : in words, such as "families";  each : bytes that one of them keeps until the end
+    what : in words, such as "families";  each : bytes that one of them occupies until the end
     """
     needed = count * each
     if (free := short_of(needed)) is not None:
@@ -144,15 +144,15 @@ def refuse_count(count: int, what: str, each: float, cure: str = "take fewer") -
 
 
 def short_of(needed: float) -> int | None:
-    """The free memory if fewer than `needed` bytes are free, else None."""
+    """Return the free memory if fewer than `needed` bytes are free, else None."""
     free = None if needed < LITTLE else free_memory()
     return free if free is not None and needed > free else None
 
 
 def free_memory() -> int | None:
-    """Bytes of memory that this process may still take: the least of what the system has and what
-    its control groups allow; None if neither is known."""
-    import psutil  # 7 ms, and small runs do not ask
+    """Return the memory that this process may still use [bytes]: the minimum of the free memory of
+    the system and the allowance of its control groups; None if neither is known."""
+    import psutil  # takes 7 ms, and small runs do not need it
 
     free = []
     with contextlib.suppress(OSError):  # Linux without /proc
@@ -161,10 +161,10 @@ def free_memory() -> int | None:
 
 
 def _free_in_groups() -> list[int]:
-    """What the control groups of this process still allow [bytes]; [] if there are none.
+    """Return the remaining allowance of each control group of this process [bytes], or [].
 
-    psutil tells the memory of the whole machine. In a container or a batch job the control group is
-    narrower, and Linux kills a process that goes beyond it.
+    psutil reports the memory of the whole machine. In a container or a batch job the control group
+    has a lower limit, and Linux kills a process that exceeds it.
     """
     free = []
     with contextlib.suppress(OSError), open("/proc/self/cgroup") as file:
@@ -181,7 +181,8 @@ def _free_in_groups() -> list[int]:
 
 
 def _allowed(root: str, path: str, limit: str, used: str, cached: tuple[str, ...]) -> list[int]:
-    """What a control group and the groups above it still allow [bytes]; cached files make way."""
+    """Return the remaining allowance of a control group and its parents [bytes]; cached files count
+    as free."""
     free = []
     while True:
         folder = os.path.join(root, path.strip("/"))
@@ -202,5 +203,5 @@ def _text(path: str) -> str:
 
 
 def in_words(size: float) -> str:
-    """A number of bytes for people."""
+    """Write a number of bytes in GB or MB."""
     return f"{size / 1e9:.2f} GB" if size > 5e8 else f"{size / 1e6:.1f} MB"

@@ -1,5 +1,5 @@
-"""Members that are moved a part of the run at a time. Between the parts a study may look at them,
-copy them, and let the copies go on with noise of their own."""
+"""Move members one part of a run at a time. Between the parts, a study may inspect them, copy them,
+and continue the copies with their own noise."""
 
 import time
 from collections.abc import Sequence
@@ -22,28 +22,28 @@ from rigidmc.scene.scene import Scene
 from rigidmc.threads import Late, Task, end_of_work, threads_of
 
 Array = NDArray[np.float64]
-SHARE = 8 * LANES  # members that are worth a thread
+SHARE = 8 * LANES  # members that justify a thread
 
 
 class SegmentedRun:
-    """The members of a scene on their way, as blocks of rows, see `rigidmc.engine.kernel.layout`.
+    """The members of a scene in progress, as blocks of rows, see `rigidmc.engine.kernel.layout`.
 
-    A block is the whole state of its members: columns of it may be copied to go on from there. A
-    member's bits depend on its column, its index and the steps alone, not on the parts.
+    A block is the whole state of its members: a run may continue from copied columns. A member's
+    bits depend only on its column, its index and the steps, not on the parts.
 
-    parts : of the run, as even as its steps allow; no more than there are steps
+    parts : number of parts of the run, as even as its steps allow; at most the number of steps
     ends : the steps at which parts begin and end
     """
 
     def __init__(self, scene: Scene, parts: int, threads: int, device: str | None = None) -> None:
-        """Raises SceneError for closed forms and for steps of members' own (`turn`)."""
+        """Raise SceneError for closed forms and for per-member steps (`turn`)."""
         if scene.run.turn is not None:
-            rule = "the members of such a study make the same steps: give dt"
+            rule = "the members of such a study need the same steps: use dt"
             raise SceneError(rule, at="run.turn", value=scene.run.turn)
         run = prepare_scene(scene)
         program = run.program(resolve_device(device))
         if program is None:
-            rule = "is told at its ends only: such a study follows members, so take exact"
+            rule = "has no steps: this study follows members step by step, so use exact"
             raise SceneError(rule, at="run.integrator", value=scene.run.integrator)
         self.prepared, self.plan, self._units = run, run.plan, run.units
         self._program, self._threads = program, threads
@@ -51,10 +51,9 @@ class SegmentedRun:
         self._known = run.layout.by_member
 
     def start(self, source: Source, count: int, rows: NDArray[np.int64] | None = None) -> Array:
-        """The block of `count` members, drawn from `source`, and more to fill lanes.
+        """Build the block of `count` members, drawn from `source`, and more to fill lanes.
 
-        rows : the members of the scene whose numbers they have of its grids and tables; by default
-            those of the first
+        rows : scene members whose rows of grids and tables the block uses; default the first ones
         """
         plan, model = self.plan, self.plan.model
         if rows is not None:
@@ -63,10 +62,11 @@ class SegmentedRun:
         return fill_lanes(block)
 
     def moved(self, block: Array, members: NDArray[np.int64], part: int) -> Array:
-        """A block after a part of the run, from its state before. Raises Late if the work has to
-        end before that, see `rigidmc.threads.ending`.
+        """Return a block after a part of the run, from its state before.
 
-        members : the index of each, which decides its noise
+        Raises Late if the work must end before that, see `rigidmc.threads.ending`.
+
+        members : the index of each member, which determines its noise
         """
         plan, count = self.plan, members.size
         first, last = map(int, self.ends[part : part + 2])
@@ -90,7 +90,7 @@ class SegmentedRun:
         return np.concatenate([task.result() for task in tasks], axis=1)
 
     def results(self, block: Array, part: int) -> dict[str, Array]:
-        """{variable: values of each member} of what is watched, after a part; nan if flagged."""
+        """Return {variable: values of each member} of monitors after a part; nan if flagged."""
         plan, steps = self.plan, int(self.ends[part + 1])
         found = monitors.results(
             plan.monitors, plan.places, block, plan.grid.clock, steps, plan.nodes
@@ -101,18 +101,18 @@ class SegmentedRun:
         return {name: x * self._units.factor(units[name]) for name, x in found.items()}
 
     def event(self, i: int, block: Array) -> tuple[Array, Array]:
-        """(count, level) of the event i of the scene for each member; the level is 0 while it
-        cannot happen next."""
+        """Return (count, level) of event i of the scene for each member; the level is 0 while the
+        event cannot happen next."""
         at = self.plan.places.events + layout.EVENT_ROWS * i
         return block[at + layout.COUNT], block[at + layout.LEVEL]
 
     def events(self) -> Sequence[tuple[str, Any]]:
-        """(label, event) of each, in the order of `event`."""
+        """Return (label, event) of each event, in the order of `event`."""
         return self.plan.monitors.of_events
 
 
 def fill_lanes(block: Array) -> Array:
-    """A block of whole lanes of its own memory: after its members come copies of the first."""
+    """Copy a block to its own memory and fill it to whole lanes with copies of the first member."""
     count = block.shape[1]
     wide = np.empty((block.shape[0], whole_lanes(count)))
     wide[:, :count], wide[:, count:] = block, block[:, :1]

@@ -1,5 +1,4 @@
-"""The main job on one screen: a scene is prepared, its members run, and a Dataset or a file comes
-out."""
+"""The main function: prepare a scene, run its members, and return a Dataset or write a file."""
 
 import os
 import sys
@@ -41,39 +40,38 @@ def simulate(
 ) -> xr.Dataset:
     """Integrate an ensemble.
 
-    The parameters from `dt` on are settings of the run (`Run`), in place of the scene's own; None
-    leaves the scene's own. Members that turn non-finite, drift too far or spin too fast for the
-    step are flagged in `status` and frozen at their last good state; the other members do not
-    change by a bit.
+    The parameters from `dt` on are settings of the run (`Run`) that replace the scene's own; None
+    keeps the scene's own. Members that turn non-finite, drift too far or spin too fast for the step
+    are flagged in `status` and frozen at their last good state. The bits of the other members do
+    not change.
 
     Parameters
     ----------
     scene : Scene or path_like
-        what is run; also its file, or the name of a shipped one
+        the scene, its file, or the name of a shipped scene
     integrator : str or integrator, optional
-        a name of `rigidmc integrators`, or "auto" for the cheapest one that keeps a tolerance, or
-        one of your own; the
-        choice rests on times measured here, and the result's attributes tell it
+        a name from `rigidmc integrators`, a custom integrator, or "auto" for the cheapest one that
+        keeps a tolerance; this choice uses timings on this machine, and the attributes of the
+        result report it
     members : int, range or array_like of int, optional
-        number of members, or a range of member indices, or rising indices; the bits of a member
-        depend on scene, seed and its index alone
+        number of members, range of member indices, or increasing indices; the bits of a member
+        depend only on scene, seed and its index
     threads : int, optional
-        number of threads; by default one for each core that the process may use
+        number of threads; default one for each core that the process may use
     progress : bool or callable, optional
         True for a progress bar; or a function of (member-steps done, all member-steps)
     output : path_like, optional
-        netCDF file (.nc) to write block by block, in memory that does not grow; it is opened
-        lazily. Or .zarr, .csv, .parquet, written at the end: see `rigidmc.results.export`
+        netCDF file (.nc), written block by block in constant memory and opened lazily; or .zarr,
+        .csv, .parquet, written at the end: see `rigidmc.results.export`
     force : bool, optional
-        replace an output that exists
+        replace an existing output
     block : int, optional
-        members of a block, a multiple of 32; no result depends on it
+        members of a block, a multiple of 32; results do not depend on it
     attrs : dict, optional
-        more attributes of the result, words and numbers
+        additional attributes of the result, words and numbers
     device : str, optional
-        where members move: "cpu", "cuda" for all graphics processors (which needs
-        `pip install 'rigidmc[cuda]'`), "cuda:1" for one, "auto" for all of them if there are any
-        that can be used; no result depends on it
+        where members move: "cpu", "cuda" for all GPUs (needs `pip install 'rigidmc[cuda]'`),
+        "cuda:1" for one, "auto" for all usable GPUs, if there are any; results do not depend on it
     {settings}
 
     Returns
@@ -84,11 +82,11 @@ def simulate(
     Raises
     ------
     SceneError
-        for a scene that cannot be run
+        for a scene that cannot run
     OutputExists
-        for an output that exists
+        for an existing output
     NoDevice
-        if there is no such device, or it fails
+        if the device does not exist or fails
 
     Examples
     --------

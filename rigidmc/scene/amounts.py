@@ -1,4 +1,4 @@
-"""Counts, times and lists as people write them, on the command line, in scene files and in Python:
+"""Counts, times and lists in readable notation, on the command line, in scene files and in Python:
 1e6 members, "1h30m", "omega,energy"."""
 
 import contextlib
@@ -31,12 +31,12 @@ TIME = 'expected a finite number of seconds, or a time such as "90 s", "1h30m", 
 
 
 def parse_seconds(value: Any, positive: bool = True) -> float:
-    """A time [s] from a number, or from text such as "90 s", "1h30m", "250 ms".
+    """Return a time [s] from a number, or from text such as "90 s", "1h30m", "250 ms".
 
     Raises ValueError for anything else, and with `positive` for 0 or less.
     """
     number = math.nan
-    with contextlib.suppress(OverflowError):  # whole numbers of Python may be larger than floats
+    with contextlib.suppress(OverflowError):  # Python's integers may exceed floats
         if isinstance(value, str):
             number = _seconds_of(value)
         elif _is_number(value):
@@ -44,21 +44,21 @@ def parse_seconds(value: Any, positive: bool = True) -> float:
     if not math.isfinite(number):
         raise ValueError(TIME)
     if positive and not number > 0.0:
-        raise ValueError("has to be greater than 0")
+        raise ValueError("must be greater than 0")
     return number
 
 
 def read_seconds(
     value: Any, at: str, positive: bool = True, error: type[RigidmcError] = OptionError
 ) -> float:
-    """The time [s] that an argument of this name stands for; an error of this kind."""
+    """Return the time [s] given by an argument named `at`; raises `error`."""
     with _argument(value, at, error):
         return parse_seconds(value, positive)
 
 
 @contextlib.contextmanager
 def _argument(value: Any, at: str, error: type[RigidmcError] = OptionError) -> Iterator[None]:
-    """Make an error at a place of a ValueError, which has a rule alone."""
+    """Add place and value to a ValueError, which contains only a rule."""
     try:
         yield
     except ValueError as wrong:
@@ -66,8 +66,8 @@ def _argument(value: Any, at: str, error: type[RigidmcError] = OptionError) -> I
 
 
 def _seconds_of(text: str) -> float:
-    """Seconds of a text, rounded only once, so that `3 ms` is `0.003` to the bit; nan if the text
-    is no time."""
+    """Return the seconds of a text, rounded only once, so that `3 ms` equals `0.003` to the bit;
+    nan if the text is not a time."""
     text = text.strip()
     if _PLAIN.fullmatch(text):
         return float(text)
@@ -80,7 +80,7 @@ def _seconds_of(text: str) -> float:
 
 
 def parse_count(value: Any, least: int | None = 1, most: int | None = None) -> int:
-    """A whole number, also written as a float such as 1e6.
+    """Return an integer, which may be written as a float such as 1e6.
 
     Raises ValueError for anything else, and for a number outside least ... most (by default 64
     bits).
@@ -91,20 +91,20 @@ def parse_count(value: Any, least: int | None = 1, most: int | None = None) -> i
         if low <= value <= high:
             return int(value)
         if not -LARGEST - 1 <= value <= LARGEST:
-            raise ValueError("expected a whole number of 64 bits")
+            raise ValueError("expected an integer of 64 bits")
     limits = f" from {low:,} to {high:,}" if most is not None else f" of at least {low:,}"
     limits = "" if least is None else limits
-    raise ValueError(f"expected a whole number{limits}")
+    raise ValueError(f"expected an integer{limits}")
 
 
 def read_count(value: Any, at: str, least: int | None = 1, most: int | None = None) -> int:
-    """The whole number that an argument of this name stands for; OptionError."""
+    """Return the integer given by an argument named `at`; OptionError."""
     with _argument(value, at):
         return parse_count(value, least, most)
 
 
 def read_count_text(text: str, at: str, least: int = 1, most: int | None = None) -> int:
-    """A whole number from the text of the command line; OptionError."""
+    """Return an integer from command-line text; OptionError."""
     plain = text.strip().replace("_", "") if isinstance(text, str) else ""
     if not _PLAIN.fullmatch(plain):
         return read_count(text, at, least, most)
@@ -113,17 +113,17 @@ def read_count_text(text: str, at: str, least: int = 1, most: int | None = None)
 
 
 def words_of(text: str) -> tuple[str, ...]:
-    """The words of a list such as "omega,energy"; "none" and "" are the empty list."""
+    """Return the words of a list such as "omega,energy"; "none" and "" are the empty list."""
     return tuple(word.strip() for word in text.split(",") if word.strip() not in ("", "none"))
 
 
 def _is_number(value: Any) -> TypeGuard[float]:
-    """Whether a value is a real number; numbers of numpy are, truth values are not."""
+    """Return whether a value is a real number; NumPy numbers are, booleans are not."""
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def two_digits(number: float) -> str:
-    """A number with two digits or three: `0.5`, `99`, `1.3 k`, `100 k`, `3.4 M`."""
+    """Format a number with two or three digits: `0.5`, `99`, `1.3 k`, `100 k`, `3.4 M`."""
     for size, word in ((1e6, " M"), (1e3, " k")):
         if number >= 99.5 * size:
             return f"{number / size:.0f}{word}"
@@ -133,9 +133,9 @@ def two_digits(number: float) -> str:
 
 
 def count_text(count: int, one: str, many: str = "") -> str:
-    """A number of things in words: "1 member", "20,000 members", "2 families".
+    """Format a count with its noun: "1 member", "20,000 members", "2 families".
 
-    many : what more than one are, unless that is regular: "tasks are missing" of "task is missing"
+    many : plural of `one`, unless regular: "tasks are missing" for "task is missing"
     """
     if count == 1:
         return f"1 {one}"

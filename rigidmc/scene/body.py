@@ -1,4 +1,4 @@
-"""What a body is: mass, centre of mass, principal moments about the fixed point, and their axes."""
+"""A body: mass, centre of mass, principal moments about the fixed point, and principal axes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,8 +24,8 @@ _Turn = TypeVar("_Turn", bound=Callable[..., Array])
 
 
 def _between_axes(source: str, target: str, example: str) -> Callable[[_Turn], _Turn]:
-    """Complete the docstring of a method that takes a vector or an attitude from the one axes to
-    the other ones."""
+    """Complete the docstring of a method that transforms a vector or an attitude from source axes
+    to target axes."""
 
     def completed(method: _Turn) -> _Turn:
         (name,) = (word for word in method.__annotations__ if word != "return")
@@ -53,37 +53,38 @@ def _between_axes(source: str, target: str, example: str) -> Callable[[_Turn], _
 
 @dataclass(frozen=True, eq=False)
 class Body(BodyChanges):
-    """A rigid body that turns about a fixed point, the origin of the axes in which it is described.
+    """A rigid body that rotates about a fixed point, the origin of its described axes.
 
-    A quantity is a number, a distribution, a grid, or an array with one row per member.
+    The described axes are the body axes in which the user gives the body. A quantity is a number, a
+    distribution, a grid, or an array with one row per member.
 
     Parameters
     ----------
     moments : quantities (3,), array_like (members, 3) or distribution [kg m^2]
-        principal moments (I1, I2, I3) about the fixed point. The distributions are SecondMoments,
-        whose bodies always exist, Correlated, measured moments with their covariance, and
-        UncertainInertia, a measured tensor with its covariance
+        principal moments (I1, I2, I3) about the fixed point. Distributions are SecondMoments, which
+        draws only possible bodies, Correlated, for measured moments with their covariance, and
+        UncertainInertia, for a measured tensor with its covariance
     mass : quantity, optional [kg]
-        of the body
+        mass of the body
     centre : quantities (3,), optional [m]
         centre of mass from the fixed point, in the described axes
     axes : tuple (3, 3), optional
         its columns are the principal axes in the described axes, right-handed; the identity unless
-        the body was given by a tensor, by particles or by a shift
-    shape : tuple of Part, optional
-        the solids that pictures draw; makers of bodies know them, no motion depends on them
+        the body comes from a tensor, from particles or from a shift
+    shape : tuple of ShapePart, optional
+        solids that pictures draw; set by the makers of bodies, without effect on the motion
 
     Raises
     ------
     SceneError
-        for moments that are not positive or break the triangle inequality I_i <= I_j + I_k
+        for moments that are not positive or violate the triangle inequality I_i <= I_j + I_k
 
     Examples
     --------
     >>> body = rm.Body((1.0, 2.0, rm.normal(2.5, 0.01)), mass=3.0, centre=(0.0, 0.0, 0.1))
     >>> rm.Body((1.0, 2.0, 4.0))  # doctest: +ELLIPSIS
     Traceback (most recent call last):
-    rigidmc.errors.SceneError: [body] moments = [1.0, 2.0, 4.0]: the triangle inequality is...
+    rigidmc.errors.SceneError: [body] moments = [1.0, 2.0, 4.0]: violates the triangle inequality...
     """
 
     _OLD_NAMES = {
@@ -114,7 +115,7 @@ class Body(BodyChanges):
         else:
             object.__setattr__(self, "axes", _checked_axes(self.axes))
         if not uncertain and self.axes != IDENTITY and not is_shared(self.centre):
-            rule = "a body given by a tensor takes plain numbers; give principal moments instead"
+            rule = "must be plain numbers for a body given by a tensor; give principal moments"
             raise SceneError(rule, at="body.centre")
         if not is_variable(self.mass) and not np.min(self.mass) > 0:
             shown = self.mass if is_shared(self.mass) else None
@@ -124,7 +125,7 @@ class Body(BodyChanges):
 
     @property
     def inertia_key(self) -> str:
-        """The key of a scene file by which its inertia is given, "moments" or "tensor".
+        """Key for the inertia in a scene file, "moments" or "tensor".
 
         Examples
         --------
@@ -134,20 +135,22 @@ class Body(BodyChanges):
         return "tensor" if isinstance(self.moments, UncertainInertia) else "moments"
 
     def _check_uncertain(self, distribution: UncertainInertia) -> None:
-        """Take the axes of the mean tensor; SceneError for a mean body that cannot be."""
+        """Set the axes to those of the mean tensor; SceneError for an impossible mean body."""
         for key in ("mass", "centre"):
             if not is_shared(getattr(self, key)):
-                rule = "beside an uncertain tensor it is a plain number, the mean"
+                rule = "must be plain numbers, the mean, if the tensor is uncertain"
                 raise SceneError(rule, at=f"body.{key}")
         if distribution.centre is not None and any(self.centre):
-            rule = "the tensor has a centre of its own, about which the body turns: leave this out"
+            rule = (
+                "omit this: the uncertain tensor has its own centre, and the body rotates about it"
+            )
             raise SceneError(rule, at="body.centre", value=list(self.centre))
         distribution.bodies(0, "body.tensor", 0, 1, self.mass, self.centre)
         _, axes = inertia.principal_axes(distribution.mean_tensor(self.mass))
         object.__setattr__(self, "axes", tuple(map(tuple, axes.tolist())))
 
     def _check_moments(self) -> None:
-        """SceneError for moments that no body can have; distributions are checked when drawn."""
+        """Raise SceneError for impossible moments; distributions are checked when drawn."""
         shown = list(self.moments) if is_shared(self.moments) else None
         known = [m for m in self.moments if not is_variable(m)]
         if not all(np.min(m) > 0 for m in known):
@@ -161,7 +164,7 @@ class Body(BodyChanges):
             large, rest = max(values), sum(values) - max(values)
             row = "" if is_shared(self.moments) else f"row {bad[0]}: "
             rule = (
-                f"{row}the triangle inequality is broken: {large:g} exceeds the sum of the other"
+                f"{row}violates the triangle inequality: {large:g} exceeds the sum of the other"
                 f" two, {rest:g}; no rigid body has these moments"
             )
             raise SceneError(rule, at="body.moments", value=shown)
@@ -197,7 +200,7 @@ class Body(BodyChanges):
         [0.6, 0.8, 0.0, 0.0]""",
     )
     def reference_attitude(self, attitude: ArrayLike) -> Array:
-        """Turn attitudes of the principal axes, as in results, into those of the described axes."""
+        """Convert attitudes of the principal axes, as in results, to the described axes."""
         inverse = rotation.quaternion(np.array(self.axes)) * np.array([1.0, -1.0, -1.0, -1.0])
         return rotation.product(rotation.quaternion(attitude), inverse)
 
@@ -208,12 +211,12 @@ class Body(BodyChanges):
         [0.6, 0.8, 0.0, 0.0]""",
     )
     def principal_attitude(self, attitude: ArrayLike) -> Array:
-        """Turn attitudes of the described axes into those of the principal axes, for `Start`."""
+        """Convert attitudes of the described axes to the principal axes, for `Start`."""
         axes = rotation.quaternion(np.array(self.axes))
         return rotation.product(rotation.quaternion(attitude), axes)
 
     def angular_momentum(self, omega: ArrayLike) -> Array:
-        """Angular momentum, TdC (3.25).
+        """Compute the angular momentum, TdC (3.25).
 
         In the described axes::
 
@@ -237,7 +240,7 @@ class Body(BodyChanges):
         return inertia.angular_momentum(self.tensor, omega)
 
     def kinetic_energy(self, omega: ArrayLike) -> Array:
-        """Kinetic energy, TdC (3.16).
+        """Compute the kinetic energy, TdC (3.16).
 
         In the described axes::
 
@@ -275,18 +278,19 @@ class Body(BodyChanges):
         [1.0, 2.0, 2.5]
         """
         if not is_shared(self.moments):
-            raise ValueError("a body that differs from member to member has no single tensor")
+            raise ValueError("a body that differs between members has no single tensor")
         axes = np.array(self.axes)
         tensor: Array = (axes * np.array(self.moments)) @ axes.T
         return tensor
 
     def quantities(self) -> tuple[Any, ...]:
-        """All quantities of the body, in one flat tuple.
+        """Return all quantities of the body, in one flat tuple.
 
         Returns
         -------
         tuple
-            moments (a distribution of a vector before its numbers), mass, components of the centre
+            moments (a vector distribution followed by its parameters), mass, components of the
+            centre
 
         Examples
         --------
@@ -299,12 +303,12 @@ class Body(BodyChanges):
         return (*moments, self.mass, *self.centre)
 
     def sample(self, sampler: Source, first: int, count: int) -> tuple[Array, Array, Array]:
-        """Moments, mass and centre of mass of members first ... first + count - 1.
+        """Draw moments, mass and centre of mass of members first ... first + count - 1.
 
         Parameters
         ----------
         sampler : int or point set
-            the seed, or the points from which numbers are drawn
+            the seed, or the points that replace random numbers
         first : int
             index of the first member
         count : int
@@ -330,12 +334,12 @@ class Body(BodyChanges):
     def sample_turned(
         self, sampler: Source, first: int, count: int
     ) -> tuple[Array, Array, Array, Array | None]:
-        """Moments, mass, centre of mass, and principal axes of members first ... first + count - 1.
+        """Draw the bodies of members first ... first + count - 1, with their principal axes.
 
         Parameters
         ----------
         sampler : int or point set
-            the seed, or the points from which numbers are drawn
+            the seed, or the points that replace random numbers
         first : int
             index of the first member
         count : int
@@ -344,10 +348,10 @@ class Body(BodyChanges):
         Returns
         -------
         moments, mass, centre : numpy.ndarray
-            as of `sample`
+            as for `sample`
         turn : numpy.ndarray (3, 3, count) or None
-            its columns are the principal axes in those of the mean tensor; None if all members
-            have the same axes
+            its columns are the principal axes, in the principal axes of the mean tensor; None if
+            all members have the same axes
 
         Examples
         --------
@@ -367,14 +371,14 @@ class Body(BodyChanges):
         return moments, mass, centre, None
 
     def _along_axes(self, vectors: Array) -> Array:
-        """Vectors (3, n) of the described axes, along the principal ones."""
-        # written out: a BLAS product may round differently with the number of members
+        """Resolve vectors (3, n) of the described axes along the principal axes."""
+        # explicit sums: the rounding of a BLAS product may depend on the number of members
         return np.stack([sum(self.axes[j][i] * vectors[j] for j in range(3)) for i in range(3)])
 
     def _turned(
         self, distribution: UncertainInertia, sampler: Source, first: int, count: int
     ) -> tuple[Array, Array, Array, Array]:
-        """`sample_turned` of a distribution of tensors."""
+        """Implement `sample_turned` for a distribution of tensors."""
         *six, x, y, z, mass = distribution.bodies(
             sampler, "body.tensor", first, count, self.mass, self.centre
         )
@@ -385,15 +389,15 @@ class Body(BodyChanges):
 
 
 def _checked_axes(axes: Any) -> tuple[tuple[float, ...], ...]:
-    """Axes as a tuple of rows; SceneError unless they are a right-handed set of unit vectors."""
+    """Return axes as a tuple of rows; SceneError unless right-handed and orthonormal."""
     if isinstance(axes, tuple) and axes == IDENTITY:
         return IDENTITY
     columns = floats(axes, "body.axes", last=3)
     square = columns.shape == (3, 3) and np.isfinite(columns).all()
-    # as of `rotation.quaternion_from_matrix`, without an import of scipy
+    # as in `rotation.quaternion_from_matrix`, without importing scipy
     if not square or np.abs(columns @ columns.T - np.eye(3)).max() > 1e-9:
-        rule = "expected 3x3 numbers whose columns are unit vectors at right angles"
+        rule = "expected 3x3 numbers whose columns are orthonormal"
         raise SceneError(rule, at="body.axes")
     if np.linalg.det(columns) < 0.0:
-        raise SceneError("are left-handed: turn one of them round", at="body.axes")
+        raise SceneError("are left-handed: reverse one of them", at="body.axes")
     return tuple(map(tuple, columns.tolist()))

@@ -1,6 +1,6 @@
-"""Bodies made of bodies: with another fixed point, joined with a second one, or cut by it.
+"""Bodies made from bodies: with another fixed point, joined, or subtracted.
 
-A mixin of `rigidmc.scene.body.Body`, as `rigidmc.scene.body_makers` is.
+A mixin of `rigidmc.scene.body.Body`, like `rigidmc.scene.body_makers`.
 """
 
 from dataclasses import replace
@@ -19,9 +19,9 @@ from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 
 
 class BodyChanges(BodyMakers):
-    """The methods of Body that return another one; `self` stays as it is."""
+    """Methods of Body that return a new Body and leave `self` unchanged."""
 
-    if TYPE_CHECKING:  # what Body has
+    if TYPE_CHECKING:  # attributes of Body
         moments: Any
         mass: Any
         centre: Any
@@ -31,7 +31,7 @@ class BodyChanges(BodyMakers):
         def tensor(self) -> NDArray[np.float64]: ...
 
     def with_pivot(self, point: Any) -> Self:
-        """Move the fixed point to another point of the body, by the parallel axes theorem.
+        """Move the fixed point to another point of the body, by the parallel-axis theorem.
 
         TdC (3.26), (3.27), with d from the centre of mass to the fixed point::
 
@@ -45,12 +45,12 @@ class BodyChanges(BodyMakers):
         Returns
         -------
         Body
-            the same body turning about it
+            the same body rotating about the new point
 
         Raises
         ------
         SceneError
-            for a body that differs from member to member
+            for a body that differs between members
 
         Examples
         --------
@@ -68,8 +68,8 @@ class BodyChanges(BodyMakers):
         point = vector(point, "body.pivot")
         if not is_shared(self.moments, self.mass, self.centre, point):
             rule = (
-                "only a body given by plain numbers can be moved; give moments about the new point"
-                " instead"
+                "only a body given by plain numbers can move its fixed point; give moments about"
+                " the new point instead"
             )
             raise SceneError(rule, at="body.pivot")
         new = np.array(self.centre) - np.array(point)
@@ -79,18 +79,18 @@ class BodyChanges(BodyMakers):
         return self._of_tensor(tensor, self.mass, tuple(new.tolist()), parts)
 
     def with_pivot_at_centre(self) -> Self:
-        """Move the fixed point to the centre of mass, TdC (3.28): a satellite turns about it.
+        """Move the fixed point to the centre of mass, TdC (3.28), as for a satellite.
 
         Returns
         -------
         Body
-            the same body turning about its centre of mass; if the tensor is uncertain, each draw
-            about its own
+            the same body rotating about its centre of mass; with an uncertain tensor, each drawn
+            body rotates about its own
 
         Raises
         ------
         SceneError
-            for a body of other distributions or arrays
+            for a body with other distributions or arrays
 
         Examples
         --------
@@ -111,28 +111,28 @@ class BodyChanges(BodyMakers):
     def join(
         self, other: Self, at: Any = (0.0, 0.0, 0.0), turned: Any = (1.0, 0.0, 0.0, 0.0)
     ) -> Self:
-        """Make one body of this one and another, about the fixed point of this body.
+        """Join this body and another to one body, about the fixed point of this body.
 
-        Mass counts twice where the bodies overlap.
+        Where the bodies overlap, both masses count.
 
         Parameters
         ----------
         other : Body
             the body to add
         at : array_like (3,), optional [m]
-            origin of the other body in the described axes of this one
+            origin of the other body in the described axes of this body
         turned : array_like (4,), (3, 3) or scipy Rotation, optional
-            attitude of the other body's described axes in those of this body
+            attitude of the other body's described axes relative to this body's
 
         Returns
         -------
         Body
-            the whole
+            the joined body
 
         Raises
         ------
         SceneError
-            for bodies that differ from member to member
+            for bodies that differ between members
 
         Examples
         --------
@@ -146,16 +146,16 @@ class BodyChanges(BodyMakers):
     def subtract(
         self, other: Self, at: Any = (0.0, 0.0, 0.0), turned: Any = (1.0, 0.0, 0.0, 0.0)
     ) -> Self:
-        """Take away from this body another that lies within it, placed as in `join`.
+        """Subtract from this body another body that lies within it, placed as in `join`.
 
         Parameters
         ----------
         other : Body
-            the body to take away
+            the body to subtract
         at : array_like (3,), optional [m]
-            origin of the other body in the described axes of this one
+            origin of the other body in the described axes of this body
         turned : array_like (4,), (3, 3) or scipy Rotation, optional
-            attitude of the other body's described axes in those of this body
+            attitude of the other body's described axes relative to this body's
 
         Returns
         -------
@@ -165,7 +165,7 @@ class BodyChanges(BodyMakers):
         Raises
         ------
         SceneError
-            if the remainder is no body, and for bodies that differ from member to member
+            if the remainder is impossible, and for bodies that differ between members
 
         Examples
         --------
@@ -192,10 +192,10 @@ class BodyChanges(BodyMakers):
         tensor = self.tensor + sign * inertia.about_point(bare, other.mass, origin + centre)
         mass = self.mass + sign * other.mass
         if not mass > 0:
-            rule = "nothing remains: the part taken away is not lighter than the body"
+            rule = "nothing remains: the subtracted body is not lighter than the whole"
             raise SceneError(rule, at="body.mass", value=mass)
         middle = (self.mass * np.array(self.centre) + sign * other.mass * (origin + centre)) / mass
-        # a remainder must be a body about its own centre of mass too
+        # the remainder must also be possible about its own centre of mass
         inertia.principal_axes(inertia.about_centre(tensor, mass, middle))
         parts = (part.placed(place, turned) for part in other.shape)
         whole = shape.join_shapes(self.shape, parts, sign < 0.0)

@@ -1,7 +1,7 @@
-"""Makers of bodies: of moments, a tensor, particles, a solid by its name, a density, a mesh.
+"""Makers of bodies: from moments, a tensor, particles, a named solid, a density or a mesh.
 
-They are a mixin of `rigidmc.scene.body.Body`, so that this file does not import it. A maker works
-out mass, centre of mass and the inertia tensor about the fixed point, and ends in `_of_tensor`.
+A mixin of `rigidmc.scene.body.Body`, so that this file does not import it. A maker computes mass,
+centre of mass and the inertia tensor about the fixed point, and ends in `_of_tensor`.
 """
 
 import inspect
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
 
 class _Hints(type):
-    """Hints for attributes that Body does not have: Body.cone is Body.solid("cone", ...)."""
+    """Metaclass with hints for missing attributes: Body.cone is Body.solid("cone", ...)."""
 
     def __getattr__(cls, name: str) -> NoReturn:
         words = f"type object 'Body' has no attribute '{name}'"
         if name in solids.SOLIDS:
             keys = inspect.signature(solids.SOLIDS[name]).parameters
-            words += f"; Body.solid('{name}', {', '.join(f'{key}=...' for key in keys)}) makes one"
+            words += f"; use Body.solid('{name}', {', '.join(f'{key}=...' for key in keys)})"
         elif not name.startswith("_"):
             public = {word for word in dir(cls) if not word.startswith("_")}
             close = nearest(name, (*solids.SOLIDS, *public))
@@ -41,7 +41,7 @@ class _Hints(type):
 
 
 class BodyMakers(Renamed, metaclass=_Hints):
-    """The class methods of Body that make one."""
+    """Class methods of Body that make a body."""
 
     if TYPE_CHECKING:  # the fields of Body
 
@@ -56,7 +56,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         moments : quantities (3,), array_like (members, 3) or distribution [kg m^2]
             (I1, I2, I3) about the fixed point
         mass : quantity, optional [kg]
-            of the body
+            mass of the body
         centre : quantities (3,), optional [m]
             centre of mass from the fixed point
 
@@ -76,7 +76,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
     def from_tensor(
         cls, tensor: ArrayLike | UncertainInertia, mass: Any = 1.0, centre: Any = (0.0, 0.0, 0.0)
     ) -> Self:
-        """Make a body from its inertia tensor, turned to principal axes, TdC (3.19)-(3.23).
+        """Make a body from its inertia tensor, transformed to principal axes, TdC (3.19)-(3.23).
 
         A diagonal tensor keeps its axes and their order. Otherwise the moments ascend, the largest
         components of the first two axes are positive, and the third axis completes a
@@ -85,21 +85,21 @@ class BodyMakers(Renamed, metaclass=_Hints):
         Parameters
         ----------
         tensor : array_like (3, 3) or UncertainInertia [kg m^2]
-            about the fixed point, symmetric
+            symmetric tensor about the fixed point
         mass : float, optional [kg]
-            of the body
+            mass of the body
         centre : array_like (3,), optional [m]
             centre of mass from the fixed point, in the axes of the tensor
 
         Returns
         -------
         Body
-            the body, which remembers the axes of the tensor
+            the body, with the axes of the tensor as its described axes
 
         Raises
         ------
         SceneError
-            for a tensor that no body can have
+            for an impossible tensor
 
         Examples
         --------
@@ -113,10 +113,10 @@ class BodyMakers(Renamed, metaclass=_Hints):
 
     @classmethod
     def _of_tensor(cls, tensor: ArrayLike, mass: Any, centre: Any, parts: Shape = ()) -> Self:
-        """A body of a tensor (3, 3), with the solids that pictures draw."""
+        """Make a body from a tensor (3, 3), with the solids that pictures draw."""
         wanted = "expected 3x3 finite numbers, not"
-        cure = "; bodies that differ are given by moments, or by rm.UncertainInertia"
-        matrix = floats(tensor, "body.tensor", rule=f"{wanted} laws or words{cure}")
+        cure = "; give bodies that differ by moments, or by rm.UncertainInertia"
+        matrix = floats(tensor, "body.tensor", rule=f"{wanted} distributions or text{cure}")
         if matrix.shape != (3, 3):
             rule = f"{wanted} {matrix.shape or 'one number'}{cure}"
             raise SceneError(rule, at="body.tensor")
@@ -128,7 +128,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
 
     @classmethod
     def from_particles(cls, masses: ArrayLike, positions: ArrayLike) -> Self:
-        """Make a body of N point particles, TdC (3.15).
+        """Make a body from N point particles, TdC (3.15).
 
         Its inertia tensor::
 
@@ -137,9 +137,9 @@ class BodyMakers(Renamed, metaclass=_Hints):
         Parameters
         ----------
         masses : array_like (N,) [kg]
-            of the particles
+            masses of the particles
         positions : array_like (N, 3) [m]
-            from the fixed point
+            positions from the fixed point
 
         Returns
         -------
@@ -149,8 +149,8 @@ class BodyMakers(Renamed, metaclass=_Hints):
         Raises
         ------
         SceneError
-            for negative or non-finite masses, and particles that are no body, such as those on
-            a line
+            for negative or non-finite masses, and for impossible bodies, such as particles on a
+            line
 
         Examples
         --------
@@ -177,14 +177,14 @@ class BodyMakers(Renamed, metaclass=_Hints):
     def solid(cls, name: str, **sizes: Any) -> Self:
         """Make a solid of uniform density by its name in `rigidmc.mechanics.solids.SOLIDS`.
 
-        It turns about the point that the docstring there names; axis 3 is its own axis.
+        It rotates about the point named in the docstring there; axis 3 is its symmetry axis.
 
         Parameters
         ----------
         name : str
             such as "hollow_cylinder"
         **sizes : float [kg, m]
-            the arguments of the solid, all positive
+            arguments of the solid, all positive
 
         Returns
         -------
@@ -194,7 +194,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         Raises
         ------
         SceneError
-            for an unknown name, a size that is missing or unknown, and one that is not positive
+            for an unknown name, and a missing, unknown or nonpositive size
 
         Examples
         --------
@@ -226,7 +226,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
 
     @classmethod
     def cylinder(cls, mass: float, radius: float, height: float) -> Self:
-        """Make a solid cylinder about its centre, axis 3 along it, TdC Example 3.1.
+        """Make a solid cylinder about its centre, with axis 3 along it, TdC Example 3.1.
 
         Its inertia tensor::
 
@@ -284,11 +284,11 @@ class BodyMakers(Renamed, metaclass=_Hints):
     def from_density(
         cls, density: float | Callable[..., Any], region: Any, tolerance: float = 1e-10
     ) -> Self:
-        """Make a body from a density over a region, TdC (3.17); it turns about the origin.
+        """Make a body from a density over a region, TdC (3.17); it rotates about the origin.
 
-        Gauss-Legendre rules have 24 and 40 points per dimension. A smooth density is integrated to
-        rounding, also if limits meet like roots, as at the rim of a ball; a density with edges
-        inside is refused.
+        Gauss-Legendre rules with 24 and 40 points per dimension integrate a smooth density to
+        rounding, even if limits meet like square roots, as at the rim of a ball. A density with
+        internal jumps is refused.
 
         Parameters
         ----------
@@ -296,9 +296,9 @@ class BodyMakers(Renamed, metaclass=_Hints):
             a number, or a function rho(x, y, z) of arrays
         region : tuple [m]
             ("box", (x0, x1), (y0, y1), (z0, z1)), or ("cylinder", radius, (z0, z1)), or
-            ((x0, x1), y of x, z of x and y) with functions of arrays that give pairs of limits
+            ((x0, x1), y of x, z of x and y) with functions of arrays that return pairs of limits
         tolerance : float, optional
-            by how much the two rules may differ, relative
+            largest relative difference between the two rules
 
         Returns
         -------
@@ -308,7 +308,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         Raises
         ------
         SceneError
-            with the estimate if the two rules differ by more, and for a mass that is not positive
+            with the estimated error if the two rules differ by more, and for a nonpositive mass
 
         Examples
         --------
@@ -327,8 +327,8 @@ class BodyMakers(Renamed, metaclass=_Hints):
         error = (np.abs(fine - coarse) / scale).max()
         if not error <= tolerance:
             rule = (
-                f"the integral has not converged: two rules differ by {error:.1e} of it, more than"
-                f" {tolerance:g}; cut the region where the density jumps"
+                f"the integral has not converged: the relative difference of two rules is"
+                f" {error:.1e}, more than {tolerance:g}; split the region where the density jumps"
             )
             raise SceneError(rule, at="body.density")
         tensor, centre = np.trace(second) * np.eye(3) - second, first / mass
@@ -346,16 +346,16 @@ class BodyMakers(Renamed, metaclass=_Hints):
     ) -> Self:
         """Make a body from a closed triangle mesh of uniform density.
 
-        It turns about the origin of the mesh.
+        It rotates about the origin of the mesh.
 
         Parameters
         ----------
         path : str or trimesh.Trimesh
             STL or OBJ file (extra `mesh`), or a mesh
         density : float, optional [kg/m^3]
-            either this
+            density; give either density or mass
         mass : float, optional [kg]
-            or this
+            mass of the body
         scale : float, optional [m]
             metres per unit of the file
 
@@ -373,13 +373,13 @@ class BodyMakers(Renamed, metaclass=_Hints):
         --------
         >>> rm.Body.from_mesh("part.stl")
         Traceback (most recent call last):
-        rigidmc.errors.SceneError: [body.mesh] density: give either density or mass, one of them
+        rigidmc.errors.SceneError: [body.mesh] density: give either density or mass
         """
         from rigidmc.mechanics import mesh
 
         if (density is None) == (mass is None):
             raise SceneError(
-                "give either density or mass, one of them",
+                "give either density or mass",
                 at="body.mesh.density",
                 value=density,
             )
@@ -394,10 +394,10 @@ class BodyMakers(Renamed, metaclass=_Hints):
 
 
 def _positive(value: Any, at: str) -> float:
-    """A positive plain number; SceneError."""
+    """Return a positive plain number; SceneError."""
     number = quantity(value, at)
     if not isinstance(number, float):
-        rule = "shapes take plain numbers; for bodies that differ give moments instead"
+        rule = "must be a plain number; for bodies that differ give moments instead"
         raise SceneError(rule, at=at)
     if not number > 0:
         raise SceneError("must be positive", at=at, value=number)

@@ -1,6 +1,7 @@
 """Distributions of one number: by name, truncated, and mixtures of several.
 
-A number is drawn by inverting the distribution function: any point set in (0, 1) may drive it."""
+Numbers are drawn by inverting the distribution function, so any point set in (0, 1) can drive
+them."""
 
 import math
 from collections.abc import Mapping
@@ -15,7 +16,7 @@ from rigidmc.errors import SceneError, unknown
 from rigidmc.physics.dynamics.functions import normal_quantile
 
 Array = NDArray[np.float64]
-_RULES = {  # of the two whose quantiles are computed here
+_RULES = {  # for the two distributions whose quantiles are computed here
     "normal": "expected normal = [mean, standard deviation > 0], finite numbers",
     "uniform": "expected uniform = [low, high] with low < high, finite numbers",
 }
@@ -34,11 +35,11 @@ class Distribution:
 
     @property
     def uses_scipy(self) -> bool:
-        """Whether scipy computes the quantiles; another version of scipy may round differently."""
+        """Whether scipy computes the quantiles; other versions of scipy may round differently."""
         return self.name not in _RULES
 
     def ppf(self, u: Array) -> Array:
-        """Quantiles of u, an array in (0, 1)."""
+        """Return the quantiles of u, an array in (0, 1)."""
         if self.uses_scipy:
             quantiles: Array = _scipy(self.name)(**dict(self.parameters)).ppf(u)
             return quantiles
@@ -46,7 +47,7 @@ class Distribution:
         return a + b * normal_quantile(u) if self.name == "normal" else a + (b - a) * u
 
     def times(self, by: float) -> "Distribution":
-        """The distribution of the number times a positive factor."""
+        """Return the distribution of the number times a positive factor."""
         if not self.uses_scipy:
             return Distribution(self.name, tuple(by * p for p in self.parameters))
         parameters = {"loc": 0.0, "scale": 1.0} | dict(self.parameters)
@@ -55,23 +56,23 @@ class Distribution:
         return Distribution(self.name, tuple(parameters.items()))
 
     def as_table(self) -> dict[str, Any]:
-        """The distribution as it is written in a scene file."""
+        """Return the distribution as written in a scene file."""
         return {self.name: dict(self.parameters) if self.uses_scipy else list(self.parameters)}
 
     def words(self) -> str:
-        """The distribution as people read it."""
+        """Return the distribution in readable notation."""
         pairs = [f"{k} = {v:g}" for k, v in self.parameters] if self.uses_scipy else None
         return f"{self.name}({', '.join(pairs or [f'{p:g}' for p in self.parameters])})"
 
     def least(self) -> float:
-        """The 1e-9 quantile, which stands for the least number where there is none."""
+        """Return the 1e-9 quantile, in place of the minimum, which may be -inf."""
         return float(self.ppf(np.array([1e-9]))[0])
 
     def between(self, low: float, high: float) -> "Distribution":
-        """Make the same distribution truncated to (low, high).
+        """Truncate the distribution to (low, high).
 
-        The numbers are those of the distribution that lie between, as if others were drawn again:
-        F^-1(F(low) + u (F(high) - F(low))), F the distribution function.
+        The result is the distribution conditional on low < x < high, drawn as
+        F^-1(F(low) + u (F(high) - F(low))), with the distribution function F.
 
         Parameters
         ----------
@@ -83,12 +84,12 @@ class Distribution:
         Returns
         -------
         Distribution
-            from which each member draws a number
+            the distribution from which each member draws a number
 
         Raises
         ------
         SceneError
-            unless low < high, and where fewer than 1e-300 of the numbers lie between
+            unless low < high, and if the probability of the interval is at most 1e-300
 
         Examples
         --------
@@ -103,14 +104,14 @@ class Distribution:
         if self.name == "uniform":
             low, high = max(low, self.parameters[0]), min(high, self.parameters[1])
         law = Truncated("truncated", (self, float(low), float(high)))
-        if not law.acceptance() > 1e-300:  # pure: smaller shares leave no digits to divide by
-            rule = "the distribution has no numbers between these"
+        if not law.acceptance() > 1e-300:  # pure: smaller fractions leave no digits to divide by
+            rule = "the distribution has no numbers between these bounds"
             raise SceneError(rule, at="between", value=given)
-        # a uniform one has bits of its own, which are the same for every version of scipy
+        # a uniform distribution has the same bits for every version of scipy
         return uniform(low, high) if self.name == "uniform" else law
 
     def frozen(self) -> Any:
-        """The distribution as scipy knows it."""
+        """Return the distribution as a frozen distribution of scipy."""
         if self.uses_scipy:
             return _scipy(self.name)(**dict(self.parameters))
         a, b = self.parameters
@@ -119,33 +120,33 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Truncated(Distribution):
-    """A distribution of which only the numbers between two bounds are drawn.
+    """A distribution truncated to the numbers between two bounds.
 
     parameters : (distribution, low, high)
     """
 
     @property
     def uses_scipy(self) -> bool:
-        """Distribution function and quantiles are scipy's."""
+        """True: scipy computes the distribution function and quantiles."""
         return True
 
     def acceptance(self) -> float:
-        """The share of the numbers of the whole distribution that lie between the bounds."""
+        """Return the probability of the interval in the untruncated distribution."""
         _, below, above, _ = self._ends()
         return abs(above - below)
 
     def ppf(self, u: Array) -> Array:
-        """Quantiles of u, an array in (0, 1)."""
+        """Return the quantiles of u, an array in (0, 1)."""
         law, below, above, upper = self._ends()
         at = below + u * (above - below)
         numbers: Array = np.clip(law.isf(at) if upper else law.ppf(at), *self.parameters[1:])
         return numbers
 
     def _ends(self) -> tuple[Any, float, float, bool]:
-        """(scipy's distribution, its probability at each bound, whether that is of numbers above).
+        """Return (scipy's distribution, its probability at each bound, whether these are 1 - F).
 
-        Beyond the median 1 - F has the digits that F has lost: a normal distribution truncated to
-        more than 9 standard deviations would have none left.
+        Above the median, 1 - F keeps the digits that F loses: F of a normal distribution truncated
+        to more than 9 standard deviations would have no digits left.
         """
         inner, low, high = self.parameters
         law = inner.frozen()
@@ -154,29 +155,29 @@ class Truncated(Distribution):
         return law, float(tail(low)), float(tail(high)), upper
 
     def times(self, by: float) -> "Truncated":
-        """The distribution of the number times a positive factor."""
+        """Return the distribution of the number times a positive factor."""
         inner, low, high = self.parameters
         return Truncated(self.name, (inner.times(by), by * low, by * high))
 
     def as_table(self) -> dict[str, Any]:
-        """The distribution as it is written in a scene file."""
+        """Return the distribution as written in a scene file."""
         inner, low, high = self.parameters
         return {**inner.as_table(), "between": [low, high]}
 
     def words(self) -> str:
-        """The distribution as people read it."""
+        """Return the distribution in readable notation."""
         inner, low, high = self.parameters
         return f"{inner.words()} between {low:g} and {high:g}"
 
     def between(self, low: float, high: float) -> Distribution:
-        """Make the same distribution with narrower bounds; see Distribution."""
+        """Narrow the bounds; see `Distribution.between`."""
         inner, least, most = self.parameters
         cut: Distribution = inner.between(max(low, least), min(high, most))
         return cut
 
 
 def _scipy(name: str) -> Any:
-    """A continuous distribution of scipy.stats; None if it has none of that name."""
+    """Return the continuous distribution of scipy.stats with this name; None if there is none."""
     import scipy.stats
 
     family = getattr(scipy.stats, name, None)
@@ -184,7 +185,7 @@ def _scipy(name: str) -> Any:
 
 
 def is_distribution(name: str) -> bool:
-    """Whether there is a distribution of that name."""
+    """Return whether a distribution of this name exists."""
     return name in _RULES or _scipy(name) is not None
 
 
@@ -194,14 +195,14 @@ def normal(mean: float, standard_deviation: float) -> Distribution:
     Parameters
     ----------
     mean : float
-        of the numbers, in units of the quantity
+        mean, in units of the quantity
     standard_deviation : float
-        of the numbers, positive, in the same units
+        standard deviation, positive, in the same units
 
     Returns
     -------
     Distribution
-        from which each member draws a number
+        the distribution from which each member draws a number
 
     Raises
     ------
@@ -230,7 +231,7 @@ def uniform(low: float, high: float) -> Distribution:
     Returns
     -------
     Distribution
-        from which each member draws a number
+        the distribution from which each member draws a number
 
     Raises
     ------
@@ -251,16 +252,16 @@ def distribution(name: str, /, *values: float, **parameters: float) -> Distribut
     Parameters
     ----------
     name : str
-        "normal", "uniform", or a continuous one of scipy.stats
+        "normal", "uniform", or a continuous distribution of scipy.stats
     *values : float
         (mean, sd) of "normal", (low, high) of "uniform"
     **parameters : float
-        keywords of one of scipy.stats, such as loc, scale and its shapes
+        keywords of a scipy.stats distribution: loc, scale and its shape parameters
 
     Returns
     -------
     Distribution
-        from which each member draws a number
+        the distribution from which each member draws a number
 
     Raises
     ------
@@ -283,7 +284,7 @@ def distribution(name: str, /, *values: float, **parameters: float) -> Distribut
 
 
 def _by_scipy(name: str, given: Any, parameters: Mapping[str, float] | None) -> Distribution:
-    """A distribution of scipy.stats; SceneError."""
+    """Return a distribution of scipy.stats; SceneError."""
     family = _scipy(name)
     if family is None:
         import scipy.stats
@@ -292,14 +293,14 @@ def _by_scipy(name: str, given: Any, parameters: Mapping[str, float] | None) -> 
         error = unknown("distribution", [*_RULES, *known], at="distribution", value=name)
         error.rule = (
             "no such distribution; known: normal = [mean, sd], uniform = [low, high], and the"
-            " continuous ones of scipy.stats"
+            " continuous distributions of scipy.stats"
         )
         raise error
     shapes = [word.strip() for word in (family.shapes or "").split(",") if word.strip()]
     allowed = [*shapes, "loc", "scale"]
     numbers = parameters is not None and all(is_number(v) for v in parameters.values())
     if parameters is None or not numbers or not parameters.keys() <= set(allowed):
-        rule = f"scipy's {name} takes a table of numbers with the keys {', '.join(allowed)}"
+        rule = f"scipy's {name} needs a table of numbers with the keys {', '.join(allowed)}"
         raise SceneError(rule, at="distribution", value=given)
     missing = [word for word in shapes if word not in parameters]
     law = Distribution(name, tuple((key, float(value)) for key, value in parameters.items()))
@@ -312,25 +313,25 @@ def _by_scipy(name: str, given: Any, parameters: Mapping[str, float] | None) -> 
 
 @dataclass(frozen=True)
 class Mixture(Distribution):
-    """Numbers of several distributions, each with a weight.
+    """A mixture of several distributions, each with a weight.
 
     parameters : pairs (weight, distribution)
     """
 
     def shares(self) -> Array:
-        """The weights, divided by their sum."""
+        """Return the weights, divided by their sum."""
         weights = [weight for weight, _ in self.parameters]
         return np.array(weights) / math.fsum(weights)
 
     @property
     def uses_scipy(self) -> bool:
-        """Whether scipy computes quantiles of a part."""
+        """Whether scipy computes quantiles of a component."""
         return any(law.uses_scipy for _, law in self.parameters)
 
     def ppf(self, u: Array) -> Array:
-        """The number of each u, an array in (0, 1): u tells the part, and its place in it.
+        """Return a number for each u, an array in (0, 1): u selects a component and its quantile.
 
-        These are numbers of the mixture, not its quantiles.
+        The numbers follow the mixture, but are not its quantiles.
         """
         shares = self.shares()
         ends = np.cumsum(shares)
@@ -343,56 +344,58 @@ class Mixture(Distribution):
         return values
 
     def times(self, by: float) -> "Mixture":
-        """The distribution of the number times a positive factor."""
+        """Return the distribution of the number times a positive factor."""
         return Mixture(self.name, tuple((w, law.times(by)) for w, law in self.parameters))
 
     def as_table(self) -> dict[str, Any]:
-        """The distribution as it is written in a scene file."""
+        """Return the distribution as written in a scene file."""
         parts = [{"weight": weight, **law.as_table()} for weight, law in self.parameters]
         return {"mixture": parts}
 
     def words(self) -> str:
-        """The distribution as people read it."""
+        """Return the distribution in readable notation."""
         pairs = zip(self.shares(), self.parameters, strict=True)
         return " or ".join(f"{share:.3g} {law.words()}" for share, (_, law) in pairs)
 
     def least(self) -> float:
-        """The least of the parts."""
+        """Return the smallest value of `least` over the components."""
         return min(float(law.least()) for _, law in self.parameters)
 
     def between(self, low: float, high: float) -> Distribution:
-        """Refused: a mixture has no quantiles in closed form."""
+        """Raise SceneError: a mixture has no quantiles in closed form."""
         given = {**self.as_table(), "between": [low, high]}
-        raise SceneError("give the bounds to the parts of the mixture", at="between", value=given)
+        rule = "truncate the components of the mixture instead"
+        raise SceneError(rule, at="between", value=given)
 
 
 def mixture(*parts: tuple[float, Distribution]) -> Distribution:
     """Make a mixture of distributions.
 
-    Its density is sum_k w_k f_k, the weights divided by their sum.
+    Its density is sum_k w_k f_k, with the weights divided by their sum.
 
     Parameters
     ----------
     *parts : tuple (float, Distribution)
-        weight, positive, and distribution of each part; at least two
+        positive weight and distribution of each component; at least two
 
     Returns
     -------
     Distribution
-        from which each member draws a number
+        the distribution from which each member draws a number
 
     Raises
     ------
     SceneError
-        for fewer than two parts, a weight that is not positive, a part that is no distribution
+        for fewer than two components, a nonpositive weight, or a component that is not a
+        distribution
 
     Examples
     --------
     >>> two = rm.mixture((9.0, rm.normal(0.0, 0.01)), (1.0, rm.uniform(-1.0, 1.0)))
-    >>> two.ppf(np.array([0.45, 0.975])).round(6).tolist()  # 0.975 is at 3/4 of the second part
+    >>> two.ppf(np.array([0.45, 0.975])).round(6).tolist()  # 0.975: at 3/4 of the second component
     [0.0, 0.5]
     """
-    rule = "expected two or more parts, each a weight > 0 and a distribution"
+    rule = "expected two or more components, each a weight > 0 and a distribution"
     pairs = [part for part in parts if isinstance(part, (tuple, list)) and len(part) == 2]
     known = all(is_number(w) and w > 0 and isinstance(law, Distribution) for w, law in pairs)
     if not known or len(pairs) != len(parts) or len(parts) < 2:

@@ -1,7 +1,7 @@
-"""By what law the drifts of a run grow: rounding, a bounded error, or one way.
+"""Classification of the drifts of a run: rounding, a bounded error, or one way.
 
-A drift one way is small against all the energy, and yet it ends slow things: rk4 in steps of
-0.6 rad takes 1e-4 of the energy of a top, and with it all of its wobble of 0.01 rad
+A one-way drift, small compared with the total energy, can end slow motions: rk4 in steps of 0.6 rad
+removes 1e-4 of the energy of a top, and with it all of its wobble of 0.01 rad
 (tests/runs/test_drift_law.py).
 """
 
@@ -17,12 +17,12 @@ from rigidmc.engine.kernel import layout
 from rigidmc.scene.amounts import count_text
 
 LAWS = {"not_judged": 0, "rounding": 1, "bounded": 2, "one_way": 3}
-# A drift goes one way if in the second half of the run it never falls below this part of the
-# largest of the first half. A bounded error comes back to 0 within a few turns.
+# A drift is one way if, in the second half of the run, it never falls below this fraction of its
+# maximum in the first half. A bounded error returns to 0 within a few turns.
 BACK = 0.7
-JUDGED = 512  # steps of a run that is judged: it has 4 looks or more in each half
-FEW = 0.05  # of the members: bounded errors that did not come back by chance
-LARGE = 5e-5  # a drift one way that a run warns of: that of a wobble of 0.01 rad
+JUDGED = 512  # fewest steps of a classified run: at least 4 health checks in each half
+FEW = 0.05  # fraction of members: bounded errors that by chance did not return
+LARGE = 5e-5  # one-way drift that causes a warning: the energy of a wobble of 0.01 rad
 
 
 def drift_laws(
@@ -33,26 +33,27 @@ def drift_laws(
     steps: Any,
     dtype: str,
 ) -> NDArray[np.int8]:
-    """The law of each member of a finished block (rows, n), of LAWS.
+    """Return the class, in LAWS, of the drift of each member of a finished block (rows, n).
 
     conserved : see `rigidmc.scene.recording.conservation`
-    is_reversible : whether the integrator is;  stops : whether an event may stop a member, which
-        then keeps its drift and is not judged;  steps : made by each
+    is_reversible : whether the integrator is reversible;  stops : whether an event may stop a
+        member, whose drift is then constant and not classified;  steps : steps of each member
 
-    Of energy and |L|^2, where they are conserved, the worse counts. Up to
+    Of the drifts of energy and |L|^2, where these are conserved, the worse counts. A drift is
+    rounding up to
 
         eps (100 + 30 sqrt(steps))
 
-    of the energies in play, or of |L|^2, a drift is rounding: 10 times that of 32 free tops after
-    1e6 steps by all integrators that conserve (6e-13, tests/runs/test_drift_law.py). Reversible
-    integrators are not asked for more: their errors come back, but for rounded coefficients in
-    float32, and looks in time with the motion may not see it.
+    relative to the energies involved, or to |L|^2: 10 times the drift of 32 free tops after 1e6
+    steps with all conserving integrators (6e-13, tests/runs/test_drift_law.py). Errors of
+    reversible integrators in float64 always count as bounded: they return, although health checks
+    synchronous with the motion may miss it. In float32 rounded coefficients break reversibility.
     """
     laws = np.zeros(rows.shape[1], np.int8)
     floor = np.finfo(dtype).eps * (100.0 + 30.0 * np.sqrt(steps))
     returns = is_reversible and dtype == "float64"
     with np.errstate(all="ignore"):
-        # relative to the energies in play, not to the energy of the start, which may be near 0
+        # relative to the energies involved, not to the initial energy, which may be near 0
         play = rows[layout.START + 1] / rows[layout.START + 3]
         for i, (name, scale) in enumerate((("energy_drift", play), ("l2", 1.0))):
             if conserved[name] != "yes":
@@ -69,8 +70,8 @@ def drift_laws(
 
 
 def one_way(dataset: xr.Dataset, least: float = 0.0) -> str:
-    """What there is to say of drifts that go one way by `least` and more; "" if nothing, or if so
-    few members drift that it may be chance."""
+    """Return a warning about one-way drifts of `least` or more; "" for none, or if so few members
+    drift that it may be chance."""
     if "drift_law" not in dataset:
         return ""
     which = dataset["drift_law"].values == LAWS["one_way"]
@@ -87,6 +88,6 @@ def one_way(dataset: xr.Dataset, least: float = 0.0) -> str:
     return (
         f"{words} one way in {which.sum():,} of {count_text(which.size, 'member')},"
         f" by up to {worst:.1e}: with {dataset.attrs['integrator']} a wobble of"
-        f" {math.sqrt(worst):.1g} rad dies or grows in such a run; use shorter steps, or an"
-        " integrator that conserves them"
+        f" {math.sqrt(worst):.1g} rad decays or grows in such a run; use shorter steps, or a"
+        " conserving integrator"
     )

@@ -1,4 +1,4 @@
-"""What moves: a body, what acts on it, and how its members start."""
+"""The physical model of a scene: body, effects and start."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,7 +15,7 @@ Change = Callable[[Any], Any]
 
 
 class Model(NamedTuple):
-    """What moves, without the settings of a run: what planning and kernels need of a scene.
+    """Body, effects and start, without the run settings: the input of planning and kernels.
 
     effects : in the order in which they act
     """
@@ -25,13 +25,12 @@ class Model(NamedTuple):
     start: Start
 
     def quantities(self) -> tuple[Any, ...]:
-        """All numbers, distributions, grids and arrays, which may differ from member to
-        member."""
+        """Return all numbers, distributions, grids and arrays, which may differ between members."""
         parameters = (value for effect in self.effects for _, _, value in numbers(effect))
         return (*self.body.quantities(), *self.start.quantities(), *parameters)
 
     def mapped(self, change: Change) -> "Model":
-        """The model with change(quantity) in place of each quantity."""
+        """Return the model with change(quantity) in place of each quantity."""
         parts = {
             key: _mapped(getattr(self.body, key), change) for key in ("moments", "mass", "centre")
         }
@@ -46,8 +45,8 @@ class Model(NamedTuple):
         )
 
     def coarse(self) -> "Model":
-        """The model with coarser grids, so that its first PILOT members are spread over all; itself
-        if it has no grids."""
+        """Return the model with coarser grids, so that its first PILOT members cover their whole
+        range; the model itself if it has no grids."""
         strides = sorted({q.stride for q in self.quantities() if isinstance(q, Grid)})
         if not strides:
             return self
@@ -61,8 +60,7 @@ class Model(NamedTuple):
 
 
 def _mapped(value: Any, change: Change) -> Any:
-    """A quantity changed, or a distribution, an effect or a tuple with each of its quantities
-    changed."""
+    """Apply `change` to a quantity, or to each quantity of a distribution, an effect or a tuple."""
     if isinstance(value, VectorDistribution):
         return replace(value, **{k: _mapped(v, change) for k, v in value.as_dict().items()})
     if isinstance(value, tuple):

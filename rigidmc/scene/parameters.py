@@ -1,5 +1,5 @@
 """The parameters of a scene by name, such as body.moments.1, start.omega.angle or
-effects.gravity.g: what a map may vary."""
+effects.gravity.g, which a map may vary."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,7 +23,7 @@ _FIXED = ("axis", "covariance", "direction")  # fields of distributions that no 
 
 
 def parameter_names(scene: Scene) -> list[str]:
-    """The names of all numbers of a scene that may differ from member to member."""
+    """Return the names of all parameters of a scene that may differ between members."""
     solid = _solid_of(scene.body)
     if solid is not None:
         names = [f"body.{solid}.mass"]
@@ -42,7 +42,7 @@ def parameter_names(scene: Scene) -> list[str]:
 
 
 def _of(name: str, value: Any) -> list[str]:
-    """The names of the numbers of three components, or of a distribution."""
+    """Return the names of three components, or of the parameters of a distribution."""
     if not isinstance(value, VectorDistribution):
         return [f"{name}.{i}" for i in (1, 2, 3)]
     names = []
@@ -60,10 +60,10 @@ def with_parameter(
     key: str = "parameter",
     names: Sequence[str] | None = None,
 ) -> Scene:
-    """The scene with a number, distribution or grid in place of one of its parameters; SceneError
-    with the nearest name.
+    """Replace a parameter of a scene by a number, distribution or grid; SceneError with the nearest
+    name.
 
-    key : what the error calls the parameter;  names : which there are, by default `parameter_names`
+    key : name of the argument in the error;  names : known parameters, by default `parameter_names`
     """
     names = parameter_names(scene) if names is None else names
     table, first, *rest = name.split(".")
@@ -76,7 +76,7 @@ def with_parameter(
         part = getattr(scene, table)
         changed = {first: _put(getattr(part, first), rest, value)}
         if table == "body":
-            changed["shape"] = ()  # another body than the one that has this shape
+            changed["shape"] = ()  # the shape belongs to the original body
         part = replace(part, **changed)
         return replace(scene, **{table: part})
     effects = tuple(
@@ -87,9 +87,9 @@ def with_parameter(
 
 
 def _solid_of(body: Any) -> str | None:
-    """The name of the solid of some mass that a body is, wherever its pivot; None for any other.
+    """Return the name of the solid if a body is a solid given by mass, with any pivot; else None.
 
-    A shape beside moments of its own, which is only drawn, makes no solid of a body.
+    A shape next to explicit moments is only drawn and does not make the body a solid.
     """
     part = body.shape[0] if len(body.shape) == 1 else None
     if part is None or part.solid not in _BY_MASS:
@@ -101,18 +101,18 @@ def _solid_of(body: Any) -> str | None:
     long = np.sqrt(max(made.moments) / mass)
     off = moments / max(made.moments) - np.array(made.moments) / max(made.moments)
     away = (centre - made.to_principal(made.centre)) / long
-    same = max(np.abs(off).max(), np.abs(away).max()) < 1e-12  # rounding of a grid and of a shift
+    same = max(np.abs(off).max(), np.abs(away).max()) < 1e-12  # rounding of a grid and a shift
     return part.solid if same else None
 
 
 def _of_mass(body: Any, solid: str, name: str, value: Any, key: str) -> Any:
-    """The solid with another mass, a number or a grid, on which its moments depend; SceneError
+    """Return the solid with another mass, a number or a grid, and moments in proportion; SceneError
     for every other parameter of a solid."""
     right = f"body.{solid}.mass"
     if name != right:
         rule = (
-            f"a {solid} has its mass, centre and moments by its sizes: a map varies {right} alone,"
-            " and the moments with it; to vary others give moments, mass and centre in place of"
+            f"the sizes of a {solid} determine its centre and moments: a map can vary only {right},"
+            " and the moments with it; to vary others, give moments, mass and centre in place of"
             f" the {solid}"
         )
         raise SceneError(rule, at=key, value=name, nearest=right)
@@ -123,7 +123,7 @@ def _of_mass(body: Any, solid: str, name: str, value: Any, key: str) -> Any:
 
 
 def _put(whole: Any, path: Sequence[str], value: Any) -> Any:
-    """An effect, a distribution or a tuple with a value in one place."""
+    """Return an effect, a distribution or a tuple with one value replaced."""
     if not path:
         return value
     field, *rest = path

@@ -1,4 +1,4 @@
-"""The parts of a scene: a body, what acts on it, how its members start, and how it is run."""
+"""The parts of a scene: body, effects, start, and run settings."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -32,13 +32,13 @@ from rigidmc.scene.validation import (
 )
 
 _CURES = {
-    "body": ", such as rm.Body((1.0, 2.0, 2.5)); rm.Scene.load takes files and names",
+    "body": ", such as rm.Body((1.0, 2.0, 2.5)); use rm.Scene.load for files and names",
     "start": ", such as rm.Start(omega=(0.0, 0.0, 1.0))",
     "run": ", such as rm.Run(dt=0.01, t_end=10.0)",
 }
 
 
-# what a scene had before 1.0, and what takes its place
+# {attribute of a scene before 1.0: its replacement}
 _RECORDING = "rm.prepare(scene).layout.recording has it"
 _GONE = {
     "check": "rm.prepare(scene) checks it",
@@ -51,14 +51,14 @@ _GONE = {
     "histograms": _RECORDING,
     "observable": _RECORDING,
     "quantities": "scene.model.quantities() has them",
-    "rows_to_run": "rm.prepare(scene).plan.members is how many members run",
-    "drawn_through": 'a result has it as its attribute "drawn"',
+    "rows_to_run": "rm.prepare(scene).plan.members is the number of members",
+    "drawn_through": 'results have it as the attribute "drawn"',
 }
 
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """A body, what acts on it, how its members start, and how it is run.
+    """A body, the effects that act on it, the start of its members, and the run settings.
 
     Parameters
     ----------
@@ -68,25 +68,25 @@ class Parts:
         such as Gravity(9.81); their parameters are numbers, distributions, grids, or arrays with
         one row per member
     start : Start, optional
-        by default at rest
+        start of the members; by default at rest
     run : Run, optional
-        the defaults of `simulate`
+        run settings, the defaults of `simulate`
     title : str, optional
-        text for people
+        title, for readers
     summary : str, optional
-        text for people
+        summary, for readers
     source : str, optional
-        text for people
+        literature source, for readers
     observables : tuple of observables, optional
-        those over all steps that have parameters, such as Passage(axis=3, angle=0.5), and those of
-        your own
+        running observables with parameters, such as Passage(axis=3, angle=0.5), and custom
+        observables
     integrators : tuple of integrators, optional
-        of your own, which `run.integrator` and studies may name
+        custom integrators, which `run.integrator` and studies may name
 
     Raises
     ------
     SceneError
-        for a value that is no effect, and for arrays of different lengths
+        for a value that is not an effect, and for arrays of different lengths
 
     Examples
     --------
@@ -126,14 +126,14 @@ class Parts:
         count_rows(*self.model.quantities())
 
     def __getattr__(self, name: str) -> Any:
-        """An attribute that there was before: the error names what takes its place."""
+        """Raise AttributeError; for a removed attribute it names the replacement."""
         if name in _GONE:
-            raise AttributeError(f"Scene.{name} is gone: {_GONE[name]}")
+            raise AttributeError(f"Scene.{name} was removed: {_GONE[name]}")
         raise AttributeError(f"'Scene' object has no attribute '{name}'")
 
     @property
     def model(self) -> Model:
-        """What moves: body, effects and start, without the settings of a run.
+        """Body, effects and start, without the run settings.
 
         Examples
         --------
@@ -143,12 +143,12 @@ class Parts:
         return Model(self.body, self.effects, self.start)
 
     def with_model(self, model: Model) -> Self:
-        """Make the same scene with other numbers of body, effects and start.
+        """Make the same scene with another body, other effects and another start.
 
         Parameters
         ----------
         model : Model
-            what moves
+            body, effects and start
 
         Returns
         -------
@@ -170,8 +170,9 @@ class Parts:
         Parameters
         ----------
         **settings : object
-            of `Run`; those that are None stay as they are. `save` may name observables, or contain
-            them: Passage(axis=3, angle=0.5), or one of your own, and so may `integrator`
+            settings of `Run`; None leaves a setting unchanged. `save` may contain names of
+            observables or observables, such as Passage(axis=3, angle=0.5) or a custom one;
+            `integrator` may also be a name or a custom integrator
 
         Returns
         -------
@@ -199,7 +200,7 @@ class Parts:
             alone = isinstance(given["save"], str) or is_observable(given["save"])
             save = (given["save"],) if alone else tuple(given["save"])
             for one in save:
-                # tuples of two classes are equal if their numbers are
+                # tuples of different classes are equal if their numbers are
                 same = any(type(one) is type(other) and one == other for other in observables)
                 named_alone = isinstance(one, str) or type(one) in OBSERVABLES.values()
                 observables += () if named_alone or same else (one,)
@@ -216,24 +217,24 @@ class Parts:
         return replace(scene, run=run, observables=observables)
 
     def with_integrators(self, given: Iterable[Any]) -> tuple[Self, list[str]]:
-        """Make the same scene with integrators of your own beside those that it has.
+        """Add custom integrators to the scene.
 
         Parameters
         ----------
         given : iterable of str or integrators
-            names stay as they are; an integrator takes the place of another one of its name
+            names are returned unchanged; an integrator replaces another one with its name
 
         Returns
         -------
         Scene
             the scene
         list of str
-            the names of all that are given
+            the names of all given integrators
 
         Raises
         ------
         SceneError
-            for what is no integrator
+            for an object that is not an integrator
 
         Examples
         --------
@@ -249,12 +250,12 @@ class Parts:
         return replace(self, integrators=tuple(more.values())), names
 
     def known_integrators(self) -> dict[str, Integrator]:
-        """The integrators that the scene may name.
+        """Return the integrators that the scene may name.
 
         Returns
         -------
         dict
-            {name: integrator}, those of your own last
+            {name: integrator}, custom integrators last
 
         Examples
         --------

@@ -1,5 +1,5 @@
-"""How members differ: numbers, distributions, grids or one row per member, each a function of
-(seed, name, member) alone."""
+"""Quantities, by which members differ: numbers, distributions, grids, or one row per member. Their
+values depend only on (seed, name, member)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,21 +19,21 @@ Array = NDArray[np.float64]
 
 
 class PointSet(Protocol):
-    """Points that stand in place of independent random numbers, see `rigidmc.scene.sampling`."""
+    """Points that replace independent random numbers, see `rigidmc.scene.sampling`."""
 
     def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array: ...
 
 
-Source = int | PointSet  # what numbers are drawn from: a seed, or points
+Source = int | PointSet  # source of numbers: a seed, or points
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Evenly spaced numbers: the centres of `count` equal parts of (low, high), or with `log` of
-    parts of equal ratio. Member i has number i // stride % count.
+    """Evenly spaced numbers: the centres of `count` equal parts of (low, high), or with `log`
+    log-spaced numbers. Member i has number i // stride % count.
 
-    Two grids, one of stride r and one of stride r n, make a map of n columns with r members of each
-    pixel.
+    Two grids, one of count n and stride r and one of stride r n, make a map of n columns with r
+    members in each pixel.
     """
 
     low: float
@@ -43,19 +43,19 @@ class Grid:
     log: bool = False
 
     def values(self) -> Array:
-        """All numbers of the grid."""
+        """Return all numbers of the grid."""
         return self._values(np.arange(self.count))
 
     def at(self, first: int, count: int) -> Array:
-        """The numbers of members first ... first + count - 1."""
+        """Return the numbers of members first ... first + count - 1."""
         return self.of(np.arange(first, first + count))
 
     def of(self, members: NDArray[np.int64]) -> Array:
-        """The numbers of members by their indices."""
+        """Return the numbers of members by their indices."""
         return self._values(members // self.stride % self.count)
 
     def _values(self, index: NDArray[np.int64]) -> Array:
-        """The numbers with these indices; all numbers of a grid may not fit into memory."""
+        """Return the numbers with these indices; a whole grid may not fit into memory."""
         share = (index + 0.5) / self.count
         if self.log:
             steps: Array = power(self.high / self.low, share)
@@ -63,11 +63,11 @@ class Grid:
         return self.low + (self.high - self.low) * share
 
     def times(self, by: float) -> "Grid":
-        """The grid of the number times a positive factor."""
+        """Return the grid of the number times a positive factor."""
         return replace(self, low=by * self.low, high=by * self.high)
 
     def as_table(self) -> dict[str, Any]:
-        """The grid as it is written in a scene file."""
+        """Return the grid as written in a scene file."""
         more = {"stride": self.stride} | ({"log": True} if self.log else {})
         return {"grid": [self.low, self.high, self.count], **more}
 
@@ -75,8 +75,8 @@ class Grid:
 def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False) -> Grid:
     """Make evenly spaced numbers: the centres of equal parts of (low, high).
 
-    Member i has number i // stride % count. Two grids, one of stride r and one of stride r n, make
-    a map of n columns with r members of each pixel.
+    Member i has number i // stride % count. Two grids, one of count n and stride r and one of
+    stride r n, make a map of n columns with r members in each pixel.
 
     Parameters
     ----------
@@ -89,17 +89,17 @@ def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False
     stride : int, optional
         number of consecutive members with the same number
     log : bool, optional
-        parts of equal ratio instead of equal length
+        log-spaced instead of evenly spaced numbers
 
     Returns
     -------
     Grid
-        from which each member takes a number
+        the grid that gives each member its number
 
     Raises
     ------
     SceneError
-        unless low < high (both above 0 with `log`), and counts are at least 1
+        unless low < high (both above 0 with `log`) and counts are at least 1
 
     Examples
     --------
@@ -121,22 +121,22 @@ def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False
 
 @dataclass(frozen=True)
 class Varied:
-    """A number by which a run is planned, and which members have others in place of.
+    """A nominal value, used to plan a run whose members have other values.
 
-    It is the same for all members of a plan, and yet settles nothing: no closed form and no
-    symmetry may rest on it.
+    It is the same for all members of a plan, but not a constant: no closed form and no symmetry may
+    rely on it.
     """
 
     value: float
 
     def times(self, by: float) -> "Varied":
-        """The number times a factor."""
+        """Return the number times a factor."""
         return Varied(self.value * by)
 
 
 def quantity(value: Any, at: str) -> Any:
-    """A number, a Distribution, a Grid, or a 1-D array with one entry per member; SceneError for
-    anything else."""
+    """Check a quantity: a number, a Distribution, a Grid, or a 1-D array with one entry per member;
+    SceneError for anything else."""
     if isinstance(value, (Distribution, Grid, Varied)):
         return value
     value = as_plain_arrays(value, at)
@@ -159,7 +159,7 @@ def quantity(value: Any, at: str) -> Any:
 
 
 def vector(values: Any, at: str, size: int = 3) -> tuple[Any, ...]:
-    """A tuple of `size` quantities, from a sequence of them or an array (members, size)."""
+    """Return a tuple of `size` quantities, from a sequence of them or an array (members, size)."""
     values = as_plain_arrays(values, at)
     rule = f"expected {size} components, or an array of shape (members, {size})"
     if isinstance(values, np.ndarray) and values.ndim != 1:
@@ -173,7 +173,7 @@ def vector(values: Any, at: str, size: int = 3) -> tuple[Any, ...]:
 
 
 def count_rows(*quantities: Any) -> int | None:
-    """The number of rows of the arrays among the quantities; None if there are no arrays."""
+    """Return the number of rows of the arrays among the quantities; None without arrays."""
     sizes = {q.size for q in quantities if isinstance(q, np.ndarray)}
     if len(sizes) > 1:
         rule = "arrays with one row per member must all have the same number of rows"
@@ -182,16 +182,16 @@ def count_rows(*quantities: Any) -> int | None:
 
 
 def of_members(value: Any, members: NDArray[np.int64]) -> Any:
-    """A quantity of members by their indices: a grid or a table becomes the table of their numbers,
-    anything else stays."""
+    """Return a quantity for members by their indices: a grid or an array becomes the array of their
+    numbers, anything else is unchanged."""
     if isinstance(value, Grid):
         return value.of(members)
     return value[members] if isinstance(value, np.ndarray) else value
 
 
 def is_variable(*values: Any) -> bool:
-    """Whether the first members do not determine the range of all: whether a value is a
-    distribution, also of a whole vector, a grid, or a tuple with one of these."""
+    """Return whether the first members do not determine the range of all: whether a value is a
+    distribution, a vector distribution, a grid, or a tuple with one of these."""
     return any(
         any(map(is_variable, v)) if type(v) is tuple else not isinstance(v, (float, np.ndarray))
         for v in values
@@ -199,13 +199,13 @@ def is_variable(*values: Any) -> bool:
 
 
 def is_shared(*values: Any) -> bool:
-    """Whether all members have the same values: plain numbers, or tuples of plain numbers. A
-    distribution of a whole vector is never shared, even if its parameters are plain numbers."""
+    """Return whether all members have the same values: plain numbers, or tuples of them. A vector
+    distribution is never shared, even if its parameters are plain numbers."""
     return all(all(map(is_shared, v)) if type(v) is tuple else isinstance(v, float) for v in values)
 
 
 def is_seed(sampler: Source) -> TypeGuard[int]:
-    """Whether numbers are drawn from a seed, independently for each member."""
+    """Return whether numbers are drawn from a seed, independently for each member."""
     return isinstance(sampler, (int, np.integer))
 
 
@@ -217,7 +217,7 @@ def draw_uniforms(
     draw: int = 0,
     used: Sequence[int] = (0, 1, 2, 3),
 ) -> Array:
-    """(4, count) numbers in (0, 1) for members first ... first + count - 1, of which the rows
+    """Return (4, count) numbers in (0, 1) for members first ... first + count - 1. Only the rows
     `used` matter."""
     if is_seed(sampler):
         return uniforms(sampler, name, first, count, draw)
@@ -226,8 +226,8 @@ def draw_uniforms(
 
 
 def draw(quantities: Sequence[Any], sampler: Source, name: str, first: int, count: int) -> Array:
-    """(len(quantities), count) values for members first ... first + count - 1. Component i takes
-    word i % 4 of draw i // 4 of the random stream `name`.
+    """Return (len(quantities), count) values for members first ... first + count - 1. Component i
+    uses word i % 4 of draw i // 4 of the random stream `name`.
 
     Members beyond the end of an array get its last row: they only fill up vectors.
     """

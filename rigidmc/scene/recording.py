@@ -1,4 +1,4 @@
-"""What a run saves, retains and monitors: names resolved to observables, once."""
+"""Saved, retained and monitored variables of a run: names resolved to observables, once."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -21,14 +21,14 @@ Labelled = tuple[tuple[str, Any], ...]  # (label, observable) of each
 
 
 class Recording(NamedTuple):
-    """What is recorded of each member.
+    """Observables recorded for each member.
 
-    names : observables that are saved at save times
-    retained : {name: how much of it is kept}, see `rigidmc.physics.observables.saving`
-    recorded : {name: observable} of those, then of what only histograms need, as they are compiled
-    monitored : over all steps
+    names : observables saved at save times
+    retained : {name: amount kept}, see `rigidmc.physics.observables.saving`
+    recorded : {name: observable} as compiled: the saved ones, then those that only histograms need
+    monitored : observables monitored over all steps
     has_work : whether the works of the effects are saved
-    observables : those that the scene gives with their numbers
+    observables : the scene's observables with their parameters
     """
 
     names: tuple[str, ...]
@@ -39,7 +39,7 @@ class Recording(NamedTuple):
     observables: tuple[Any, ...]
 
     def observable(self, name: str) -> Any:
-        """The observable at save times of a name, shipped or of the user's own."""
+        """Return the observable of this name at save times, shipped or custom."""
         return find_observable(self.observables, name)
 
     @property
@@ -51,7 +51,7 @@ class Recording(NamedTuple):
 
 
 def make_recording(scene: Parts) -> Recording:
-    """The Recording of a scene."""
+    """Return the Recording of a scene."""
     save, given = scene.run.save, scene.observables
     names = saved_observables(save, given)
     retained = save_words(scene.run.keep, names, given)
@@ -67,17 +67,17 @@ def make_recording(scene: Parts) -> Recording:
 
 
 def conservation(effects: Sequence[Any], has_work: bool) -> dict[str, str]:
-    """{"energy", "energy_drift", "l2", "lz": "yes", or "no: ..." with the reason}, by the physics
-    of the effects.
+    """Return {"energy", "energy_drift", "l2", "lz": "yes", or "no: ..." with the reason} from the
+    physics of the effects.
 
-    energy_drift : the energy less the works if these are saved
+    energy_drift : of the energy, minus the works if these are saved
     """
     by_label = label_effects(effects)
     lossy = [label for label, e in by_label if not is_conservative(e)]
     random = [label for label, e in by_label if is_random(e)]
     energy, drift = _verdict(lossy, "the energy"), "yes"
     if random:
-        walk = "the energy of a step of order 2 walks off as dt^2 sqrt(t)"
+        walk = "the energy error of a step of order 2 grows as dt^2 sqrt(t)"
         drift = f"no: under {', '.join(random)} {walk}"
     l2 = [label for label, e in by_label if not facts(e).conserves_l2]
     lz = [label for label, e in by_label if not facts(e).conserves_lz]
@@ -90,12 +90,12 @@ def conservation(effects: Sequence[Any], has_work: bool) -> dict[str, str]:
 
 
 def untracked_effects(effects: Sequence[Any]) -> list[str]:
-    """The labels of the effects whose work is no part of `energy`."""
+    """Return the labels of the effects whose work is not part of `energy`."""
     return [label for label, e in label_effects(effects) if not implements(e, "energy")]
 
 
 def _verdict(labels: Sequence[str], quantity: str) -> str:
-    """ "yes", or "no" with the effects that change a quantity."""
+    """Return "yes", or "no" with the effects that change a quantity."""
     if not labels:
         return "yes"
     return f"no: {', '.join(labels)} change{'s' * (len(labels) == 1)} {quantity}"

@@ -1,12 +1,12 @@
-"""Where members draw their uniform numbers from, in place of the seed alone.
+"""Point sets that give members their uniform numbers, in place of independent random numbers.
 
-Points that fill a cube more evenly than independent ones: scrambled Sobol sequences and Latin
-hypercubes of scipy.stats.qmc, and antithetic pairs; and the designs of studies, whose members come
-in families.
+Some fill a cube more evenly than independent points: scrambled Sobol sequences and Latin hypercubes
+of scipy.stats.qmc, and antithetic pairs. Others are the designs of studies, whose members come in
+families.
 
-Each number that a member draws is one dimension, in the order in which the numbers are drawn.
-Member i has point i, so that its numbers are a function of (seed, scene, i) alone; in a Latin
-hypercube also of the number of strata. `is_drawn` says whether a scene draws anything at all.
+Each number that a member draws is one dimension, in the order of drawing. Member i has point i, so
+that its numbers depend only on (seed, scene, i), and in a Latin hypercube on the number of strata.
+`is_drawn` returns whether a scene draws any numbers.
 """
 
 import inspect
@@ -37,16 +37,17 @@ RandomDimension = tuple[str, int, int]  # name of the random stream, draw, word
 # half a step is added, so that no number is 0
 BITS = 30
 
-# of neighbours, in probability: the last is 6e-8, of which a number of float64 has eight digits
+# of neighbours, in probability: the last is 6e-8, which float64 resolves to eight digits
 DISTANCES = tuple(0.25**k for k in range(1, 13))
 
-# of tangents, in probability: rounding of a thousand steps in float64 is 1e-5 of it, and what grows
-# by a million is still small; in float32 it is 1 %, and so is the bend of what grows by 100
+# of tangents, in probability: in float64, rounding of a thousand steps is 1e-5 of it, and a
+# distance that grows by a million is still small; in float32 rounding is 1 %, and so is the
+# curvature of a distance that grows by 100
 NEAREST = {"float64": 0.5**28, "float32": 0.5**11}
 
 
 class DimensionProbe:
-    """Notes which numbers are drawn instead of drawing them."""
+    """A point set that records which numbers are drawn instead of drawing them."""
 
     def __init__(self) -> None:
         self.dimensions: list[RandomDimension] = []
@@ -58,8 +59,8 @@ class DimensionProbe:
 
 
 class AntitheticPairs:
-    """Pairs of members: if the first draws u, the second has 1 - u. The u of pairs are independent
-    numbers of a seed."""
+    """Pairs of members: if the first draws u, the second has 1 - u. Different pairs draw
+    independent u from a seed."""
 
     def __init__(self, seed: int) -> None:
         self.seed = seed
@@ -73,11 +74,11 @@ class AntitheticPairs:
 class Saltelli:
     """Saltelli's design: families of d + 2 members, for d numbers or groups of numbers.
 
-    The first two members of a family draw independent numbers a and b of a seed; of the others,
-    member 2 + k has those of a, and group k of b.
+    The first two members of a family draw independent numbers a and b from a seed; member 2 + k has
+    the numbers a, but group k from b.
     Source: Saltelli et al., Comput. Phys. Commun. 181 (2010) 259.
 
-    group : {dimension: number of its group, from 0 on}
+    group : {dimension: index of its group, from 0}
     """
 
     def __init__(self, seed: int, group: Mapping[RandomDimension, int]) -> None:
@@ -97,8 +98,8 @@ class Saltelli:
 
 
 class FixedPoints:
-    """Numbers in (0, 1) that a study has chosen: member i has column i of `numbers` (d, members),
-    whose rows are the `dimensions` that a DimensionProbe noted."""
+    """Numbers in (0, 1) chosen by a study: member i has column i of `numbers` (d, members), whose
+    rows are the `dimensions` that a DimensionProbe recorded."""
 
     def __init__(self, dimensions: Sequence[RandomDimension], numbers: Array) -> None:
         self.place = {dimension: i for i, dimension in enumerate(dimensions)}
@@ -114,11 +115,12 @@ class FixedPoints:
 class NeighbourFamilies:
     """Families of a member and its neighbours at each of DISTANCES, for d numbers or groups.
 
-    The first member of a family draws independent numbers u of a seed; the others have those, but
-    in group `family % d` u + distance, or u - distance where the sum is not below 1. Distances are
-    those of probabilities: of a uniform distribution they are shares of its range.
+    The first member of a family draws independent numbers u from a seed. The others have the same
+    numbers, except in group `family % d`, where they have u + distance, or u - distance if the sum
+    is not below 1. Distances are in probability: for a uniform distribution they are fractions of
+    its range.
 
-    group : {dimension: number of its group, from 0 on}
+    group : {dimension: index of its group, from 0}
     """
 
     size = 1 + len(DISTANCES)
@@ -143,7 +145,7 @@ class PointSequence:
     """The points of an ensemble.
 
     kind : "sobol" or "latin_hypercube"
-    dimensions : what each dimension is for, as a DimensionProbe noted it
+    dimensions : the purpose of each dimension, as recorded by a DimensionProbe
     strata : number of strata of a Latin hypercube
     """
 
@@ -163,14 +165,14 @@ class PointSequence:
                 self._all = _engine("LatinHypercube", len(dimensions), rng).random(strata).T
 
     def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
-        """(4, count) numbers in (0, 1); the rows `used` are filled, the others are 0.5."""
+        """Return (4, count) numbers in (0, 1); the rows `used` are filled, the others are 0.5."""
         points, words = self._points(first, count), np.full((4, count), 0.5)
         for i in used:
             words[i] = points[self.place[name, draw, i]]
         return words
 
     def _points(self, first: int, count: int) -> Array:
-        """The points of some members; those of the last few blocks are kept."""
+        """Return the points of some members; the last few blocks are cached."""
         with self._lock:
             if (first, count) not in self._recent:
                 while len(self._recent) > 8:
@@ -186,7 +188,7 @@ class PointSequence:
             self._engine.reset()
             self._at = 0
         with warnings.catch_warnings():
-            # that a block is no power of two does not matter: the whole sequence counts
+            # a block need not be a power of two: only the whole sequence matters
             warnings.simplefilter("ignore")
             if first > self._at:
                 self._engine.fast_forward(first - self._at)
@@ -196,7 +198,7 @@ class PointSequence:
 
 
 def _engine(name: str, dimensions: int, rng: np.random.Generator, **options: Any) -> Any:
-    """An engine of scipy.stats.qmc."""
+    """Return an engine of scipy.stats.qmc."""
     from scipy.stats import qmc
 
     kind = getattr(qmc, name)
@@ -208,8 +210,8 @@ def _engine(name: str, dimensions: int, rng: np.random.Generator, **options: Any
 class TangentFamilies:
     """Families of a member and a neighbour at NEAREST along each of the d numbers.
 
-    The first member of a family has a Sobol point u; member 1 + k has those numbers, but number k
-    has u + NEAREST, or u - NEAREST where u is not below 0.5, with the NEAREST of the precision.
+    The first member of a family has a Sobol point u. Member 1 + k has the same numbers, except that
+    number k is u + NEAREST, or u - NEAREST if u is not below 0.5. NEAREST depends on the precision.
 
     group : {dimension: anything}
     """
@@ -236,12 +238,12 @@ class TangentFamilies:
 def points(
     seed: int, kind: str, dimensions: tuple[RandomDimension, ...], strata: int | None = None
 ) -> PointSequence:
-    """The PointSequence with these properties, computed once."""
+    """Return the PointSequence with these properties, computed once."""
     return PointSequence(seed, kind, dimensions, strata)
 
 
 FamilyDesign = Saltelli | NeighbourFamilies | TangentFamilies
-# of a seed, groups, and the precision of the run
+# functions of seed, groups, and the precision of the run
 DESIGNS: dict[str, Callable[[int, Mapping[RandomDimension, int], str], FamilyDesign]] = {
     "saltelli": lambda seed, group, _: Saltelli(seed, group),
     "neighbours": lambda seed, group, _: NeighbourFamilies(seed, group),
@@ -250,7 +252,7 @@ DESIGNS: dict[str, Callable[[int, Mapping[RandomDimension, int], str], FamilyDes
 
 
 def is_drawn(model: Model) -> bool:
-    """Whether body, effects or start draw a number of each member."""
+    """Return whether body, effects or start draw a number for each member."""
     words = isinstance(model.start.attitude, str)  # "uniform" or "ensemble"
     return words or any(
         isinstance(q, (Distribution, VectorDistribution)) for q in model.quantities()
@@ -258,36 +260,36 @@ def is_drawn(model: Model) -> bool:
 
 
 def rows_to_run(model: Model, run: Run) -> int | None:
-    """How many members arrays with one row per member leave to run; None without such arrays, or if
-    the run has a number of members of its own."""
+    """Return the number of members that arrays with one row per member define; None without such
+    arrays, or if the run sets its number of members."""
     count = count_rows(*model.quantities())
     return None if count is None or "members" in run.model_fields_set else count - run.first
 
 
 def drawn_through(model: Model, run: Run) -> str:
-    """The library that draws numbers of the members, in words, if its version may change their
+    """Return a note on the library that draws members' numbers, if its version may change their
     bits; "" if rigidmc alone draws them."""
     kinds = Distribution, VectorDistribution
     through = any(isinstance(q, kinds) and q.uses_scipy for q in model.quantities())
     if not through and run.points not in ("sobol", "latin_hypercube"):
         return ""
-    return f"through scipy {version('scipy')}: the bits are those of this version"
+    return f"through scipy {version('scipy')}: other versions may give other bits"
 
 
 def is_sample(model: Model) -> bool:
-    """Whether members are a sample, whose spread tells how well a mean of them is known.
+    """Return whether members are a sample, whose spread gives the uncertainty of a mean.
 
-    They are if something is drawn or an effect is random, and if they are the rows of a table,
-    which are taken for a sample of what they were drawn from. The members of a pure grid, and
-    copies of one member, are all that there is: a mean of them has no interval.
+    They are a sample if something is drawn, if an effect is random, or if they are the rows of a
+    table, which count as a sample from their distribution. The members of a pure grid, and copies
+    of one member, are the whole population: their mean has no interval.
     """
     tables = any(isinstance(q, np.ndarray) for q in model.quantities())
     return tables or is_drawn(model) or any(map(is_random, model.effects))
 
 
 def is_sample_of(tables: Mapping[str, Any]) -> bool:
-    """As `is_sample`, by the tables of the TOML text that a result carries: without its rows, and
-    without the code of own parts, whose effects may be random."""
+    """Return `is_sample` from the tables of the TOML text in a result: without its rows, and
+    without the code of custom effects, which may be random."""
     effects = tables.get("effects", {})
     parts = [(name, one) for name, some in effects.items() for one in _several(some)]
     noisy = any(name not in EFFECTS or is_random(EFFECTS[name]) for name, _ in parts)
@@ -303,37 +305,37 @@ def _several(tables: Any) -> list[Any]:
 
 
 def _differs(value: Any) -> bool:
-    """Whether a value of a scene file has a distribution or a table in it."""
+    """Return whether a value of a scene file contains a distribution or a table."""
     if isinstance(value, list):
         return any(map(_differs, value))
     return isinstance(value, dict) and "grid" not in value
 
 
 def is_indexed(model: Model) -> bool:
-    """Whether some numbers belong to the index of a member: those of grids and tables."""
+    """Return whether some values depend on the index of a member, as in grids and tables."""
     return any(isinstance(q, (Grid, np.ndarray)) for q in model.quantities())
 
 
 def refuse_indexed(model: Model, study: str, tables: bool = True) -> None:
-    """Raise SceneError for grids and tables, whose numbers belong to the index of a member.
+    """Raise SceneError for grids and tables, whose values depend on the index of a member.
 
-    A study that moves, copies or pairs members would give one of them the numbers of another.
+    A study that moves, copies or pairs members would give a member the values of another.
 
-    study : what it does with members, such as "families of members differ by what is drawn"
-    tables : False if these may stay
+    study : the reason, such as "members of a family differ only in drawn numbers"
+    tables : False to allow tables
     """
     for at, value in _named(model):
         if isinstance(value, Grid) or (tables and isinstance(value, np.ndarray)):
             kind = "a grid" if isinstance(value, Grid) else "a table with one row per member"
             rule = (
-                f"is {kind}: {study}; give distributions in place of grids and tables, or ask for"
-                " each row by itself"
+                f"is {kind}: {study}; replace grids and tables by distributions, or run each row"
+                " by itself"
             )
             raise SceneError(rule, at=at)
 
 
 def _named(model: Model) -> Iterator[tuple[str, Any]]:
-    """(path, quantity) of all quantities."""
+    """Yield (path, quantity) for all quantities."""
     body, start = model.body, model.start
     given: list[tuple[str, Any]] = [
         (f"body.{body.inertia_key}", body.moments), ("body.mass", body.mass),

@@ -1,4 +1,4 @@
-"""A scene: made in Python or from a file, checked, and written as text."""
+"""Scenes: made in Python or loaded from a file, checked, and written as text."""
 
 import functools
 import os
@@ -38,9 +38,10 @@ class Scene(Parts):
         settings : sequence of (str, value), optional
             dotted keys and values that override values of the file
         allow_code : bool, optional
-            whether to run the Python files from which it takes parts of its own. [effects.Wind]
-            with module = "wind.py", beside the scene file, is the class Wind of that file. Without
-            allow_code such a scene is refused: scene files execute nothing
+            whether to run the Python files with the scene's custom effects and observables. For
+            example, [effects.Wind] with module = "wind.py" uses the class Wind of that file, in the
+            folder of the scene file. Without allow_code such a scene is refused: scene files
+            execute nothing
 
         Returns
         -------
@@ -52,7 +53,7 @@ class Scene(Parts):
         SceneError
             for a mistake in the scene
         FileNotFoundError
-            if there is no such file or name
+            if no such file or name exists
 
         Examples
         --------
@@ -98,7 +99,7 @@ class Scene(Parts):
     def dumps(self) -> str:
         """Write the scene as TOML text.
 
-        Arrays with one row per member become references to the variables of the result.
+        Arrays with one row per member become references to variables of the result.
 
         Returns
         -------
@@ -117,8 +118,8 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def takes_scene(function: Function) -> Function:
-    """Decorate a function whose first argument is `scene`: it also takes the path of a scene, or
-    the name of a shipped one."""
+    """Decorate a function whose first argument is `scene` so that it also accepts the path of a
+    scene or the name of a shipped one."""
 
     @functools.wraps(function)
     def wrapper(*arguments: Any, **keywords: Any) -> Any:
@@ -132,16 +133,15 @@ def takes_scene(function: Function) -> Function:
 
 
 def as_scene(scene: Any) -> Scene:
-    """A scene, or the one that a path or a name stands for; SceneError."""
+    """Return a scene, or the scene at a path or with a name; SceneError."""
     if isinstance(scene, Scene):
         return scene
     if isinstance(scene, (str, os.PathLike)):
         return Scene.load(scene)
-    rule = "expected a Scene, the path of one, or the name of a shipped one"
+    rule = "expected a Scene, the path of a scene, or the name of a shipped scene"
     if isinstance(scene, Body):
         rule = (
-            "a body alone does not say how it starts: give"
-            " rm.Scene(body, start=rm.Start(omega=(0.0, 0.0, 1.0)))"
+            "a body alone has no start: give rm.Scene(body, start=rm.Start(omega=(0.0, 0.0, 1.0)))"
         )
     raise SceneError(f"is a {type(scene).__name__}; {rule}", at="scene")
 
@@ -154,13 +154,13 @@ def loads(
     title: str = "scene",
     allow_code: bool | None = False,
 ) -> Scene:
-    """A scene from TOML text; errors name `file`.
+    """Make a scene from TOML text; errors name `file`.
 
-    stored : function of a name that gives the rows of a result to which the text refers, or None if
-        the result has none of that name
-    title : of a scene without a title
-    allow_code : as for `Scene.load`; with None code is neither run nor refused: classes without
-        physics stand in for it
+    stored : function of a name that returns the rows of a result to which the text refers, or None
+        if the result has no rows of that name
+    title : title of a scene that gives none
+    allow_code : as for `Scene.load`; with None, code is neither run nor refused: placeholder
+        classes without physics replace it
     """
     with in_file(file):
         scene = Scene(**read_parts(text, file, settings, stored, title, allow_code))
@@ -172,18 +172,18 @@ def scene_of(
     settings: Settings = (),
     allow_code: bool | None = False,
 ) -> Scene:
-    """The scene of a result, which is a Dataset or the path of one, netCDF or zarr.
+    """Return the scene of a result, given as a Dataset or a path, netCDF or zarr.
 
     A scene with one row per member gets these rows from the result. `settings` and `allow_code` are
-    as for `loads`; a Dataset that was opened with `allow_code` keeps it.
+    as for `loads`; a Dataset opened with `allow_code` keeps it.
     """
-    import xarray as xr  # with netCDF4 half a second
+    import xarray as xr  # takes half a second with netCDF4
 
     from rigidmc.files.netcdf import open_undecoded
     from rigidmc.scene.toml.read import scene_text, stored_rows
 
     if not isinstance(source, xr.Dataset):
-        # by xarray: netCDF4 1.7.5 crashes when it opens once more what xarray has open
+        # through xarray: netCDF4 1.7.5 crashes when it reopens a file that xarray has open
         with open_undecoded(os.fspath(source)) as dataset:
             return scene_of(dataset, settings, allow_code)
     if allow_code is False:

@@ -1,8 +1,8 @@
-"""The settings of a run, defined once: the table [run] of a scene file, the keywords of `simulate`
-and the options of the command line all follow from the fields of `Run`.
+"""The settings of a run, defined once: the fields of `Run` define the table [run] of a scene file,
+the keywords of `simulate` and the options of the command line.
 
-`with_changes` makes a Run with other settings; `idle` names those that have no effect beside
-others.
+`with_changes` makes a Run with other settings; `idle` lists settings that others leave without
+effect.
 """
 
 import functools
@@ -59,12 +59,12 @@ Precision = Literal["float64", "float32"]
 
 
 def _is(default: Any, description: str) -> Any:
-    """A field with its default and its description, a noun phrase without a full stop."""
+    """Return a field with its default and its description, a noun phrase without a full stop."""
     return Field(default, description=description)
 
 
 class Table(BaseModel):
-    """A table of a scene file: no unknown keys, no conversions, finite numbers."""
+    """Table of a scene file: no unknown keys, no conversions, finite numbers."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -75,7 +75,7 @@ Model = TypeVar("Model", bound=Table)
 def check_table(
     model: type[Model], settings: Mapping[str, Any], at: str, given: Mapping[str, Any] | None = None
 ) -> Model:
-    """A table with its keys and values checked; SceneError.
+    """Return a table with checked keys and values; SceneError.
 
     given : the values that an error shows, by default the settings
     """
@@ -88,10 +88,10 @@ def check_table(
 class Run(Table):
     """The settings of a run.
 
-    A scene has them as its table [run], and each can be overridden: by a keyword of `simulate`, or
-    by an option of the command line, such as `--t-end 1h` for t_end.
+    A scene file has them in its table [run]. A keyword of `simulate`, or an option of the command
+    line such as `--t-end 1h` for t_end, overrides each of them.
 
-    Times are seconds or text such as "1h30m" and "250 ms". Counts are whole numbers, also written
+    Times are seconds or text such as "1h30m" and "250 ms". Counts are integers and may be written
     as 1e6. A tolerance without an integrator means integrator = "auto".
 
     Parameters
@@ -101,7 +101,7 @@ class Run(Table):
     Raises
     ------
     pydantic.ValidationError
-        for an unknown setting, a value that it cannot have, and both of dt and turn
+        for an unknown setting, an invalid value, and for both dt and turn
 
     Examples
     --------
@@ -113,29 +113,27 @@ class Run(Table):
     integrator: str = _is("rk4", "a name of `rigidmc integrators`, or auto with a tolerance")
     dt: Time = _is(0.01, "time step [s]; reduced if it divides neither t_end nor every")
     turn: Positive | None = _is(
-        None, "instead of dt: each member steps by this angle of its own motion [rad]"
+        None, "instead of dt: each step covers this angle of the member's own motion [rad]"
     )
-    t_end: Time = _is(10.0, "end time [s], or like 90s, 1h30m, 250ms, as all times")
+    t_end: Time = _is(10.0, "end time [s]; like all times also as 90s, 1h30m, 250ms")
     members: Count = _is(1000, "number of members of the ensemble")
     first: Index = _is(0, "index of the first member")
     seed: Index = _is(0, "seed of all random draws")
-    points: Points = _is("independent", "points from which the members are drawn")
+    points: Points = _is("independent", "source of the numbers that the members draw")
     strata: Count | None = _is(
-        None, "number of strata of a Latin hypercube; by default one for each member"
+        None, "number of strata of a Latin hypercube; by default one per member"
     )
     dtype: Precision = _is("float64", "precision of the steps, float64 or float32")
-    compensated: bool = _is(False, "keep the remainders of all sums, for very many steps")
+    compensated: bool = _is(False, "compensated summation, for very many steps")
     tolerance: Share | None = _is(
         None,
-        "error to keep in 99 % of the members, relative in the momentum, in rad in the attitude;"
+        "largest error in 99 % of the members, relative for the momentum, in rad for the attitude;"
         " chooses integrator and step",
     )
     turn_rate: Annotated[float, Field(ge=0)] | None = _is(
         None, "upper bound on the rate of free motion [rad/s]; by default from the first members"
     )
-    checks: bool = _is(
-        True, "flag and freeze members beyond the limits; non-finite ones always are"
-    )
+    checks: bool = _is(True, "flag and freeze members beyond the limits; non-finite members always")
     energy_limit: Positive | None = _is(
         None, "energy drift that flags a member; by default from integrator and step"
     )
@@ -150,26 +148,28 @@ class Run(Table):
     anti_damping: bool = _is(False, "allow negative damping, which drives the body")
     every: Time | None = _is(
         None,
-        "time between saves [s], of which the last is at t_end and may come sooner; by default the"
-        " first and the last state are saved",
+        "time between saves [s]; the last save is at t_end and its interval may be shorter; by"
+        " default only the first and the last state are saved",
     )
     save: tuple[str, ...] = _is(
-        ("omega",), "what to save and to watch, of `rigidmc observables`, e.g. omega,energy,flips"
+        ("omega",),
+        "observables to save and to monitor, see `rigidmc observables`, e.g. omega,energy,flips",
     )
     keep: str | dict[str, str] = _is(
         "full",
-        "how much of what is saved, for all or by name: full, thinned, summary, final or none;"
-        " of flagged members all is kept",
+        "amount of saved data to keep, for all observables or by name: full, thinned, summary,"
+        " final or none; flagged members keep all",
     )
-    thin: Count = _is(10, "with keep = thinned: one save is kept of so many")
+    thin: Count = _is(10, "with keep = thinned: keep one of this many saves")
     compress: bool = _is(False, "compress files, without loss")
     digits: Digits | None = _is(
         None,
-        "digits to keep of saves over time, in files: errors of 10^-digits/2; compressed too",
+        "significant digits of saves over time in files: relative error 10^-digits/2; also"
+        " compresses",
     )
 
     varied: dict[str, float | list[float]] | None = _is(
-        None, "numbers by which a run is planned whose members have others; set by `prepare`"
+        None, "nominal values of the parameters that vary between runs; set by `prepare`"
     )
 
     @model_validator(mode="before")
@@ -187,13 +187,13 @@ class Run(Table):
 
 
 def types() -> dict[str, Any]:
-    """{setting: its type}, such as Time, Count, bool; without the None of an optional setting."""
+    """Return {setting: type}, such as Time, Count, bool; without the None of optional settings."""
     hints = get_type_hints(Run, include_extras=True)
     return {name: _without_none(hints[name]) for name in Run.model_fields}
 
 
 def document_settings(names: Iterable[str]) -> str:
-    """Settings as numpydoc lists them in a docstring."""
+    """Return settings as a numpydoc parameter list."""
     lines = []
     for name in names:
         lines += [f"{name} : {_in_words(types()[name])}, optional"]
@@ -203,7 +203,7 @@ def document_settings(names: Iterable[str]) -> str:
 
 
 def _in_words(kind: Any) -> str:
-    """The type of a setting, in words."""
+    """Return the type of a setting, in words."""
     if kind == Time:
         return "float or str"
     if get_origin(kind) is Literal:
@@ -218,7 +218,7 @@ def _in_words(kind: Any) -> str:
 
 
 def _without_none(hint: Any) -> Any:
-    """The first alternative of an optional type; any other type unchanged."""
+    """Return the first alternative of an optional type; any other type unchanged."""
     return get_args(hint)[0] if NoneType in get_args(hint) else hint
 
 
@@ -231,11 +231,11 @@ Result = TypeVar("Result")
 
 
 def takes_settings(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Decorate a function with `**settings`: its signature and its docstring list the settings of
-    `Run`, and an unknown keyword is a TypeError that names the nearest setting.
+    """Decorate a function with `**settings`: its signature and docstring list the settings of
+    `Run`, and an unknown keyword raises a TypeError that names the nearest setting.
 
-    In the docstring a line `{settings}` is replaced by the list. Settings that the function takes
-    by name are not listed again.
+    The list replaces the line `{settings}` in the docstring. It omits settings that are named
+    parameters of the function.
     """
     signature = inspect.signature(function)
     named = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
@@ -250,16 +250,16 @@ def takes_settings(function: Callable[Arguments, Result]) -> Callable[Arguments,
         return function(*arguments, **keywords)
 
     more = [inspect.Parameter(word, inspect.Parameter.KEYWORD_ONLY, default=None) for word in words]
-    # `inspect` documents this attribute, and mypy does not know it
+    # `inspect` documents this attribute, but mypy does not know it
     shown = signature.replace(parameters=[*named, *more])
     checked.__signature__ = shown  # type: ignore[attr-defined]
-    about = inspect.cleandoc(function.__doc__ or "")  # as Python 3.13 keeps docstrings anyway
+    about = inspect.cleandoc(function.__doc__ or "")  # Python 3.13 does this anyway
     checked.__doc__ = about.replace("{settings}", document_settings(words))
     return checked
 
 
 def no_such_keyword(function: str, word: str, known: list[str]) -> str:
-    """The message about a keyword that no function knows."""
+    """Return the message about an unknown keyword."""
     from rigidmc.errors import nearest
 
     close = nearest(word, known)
@@ -267,15 +267,15 @@ def no_such_keyword(function: str, word: str, known: list[str]) -> str:
     return f"{function}() got an unexpected keyword argument '{word}'{hint}"
 
 
-# turn_rate stays in a run even if an override leaves it without effect, because `auto` tries
-# integrators that use it.
+# turn_rate stays in a run even if an override leaves it without effect: `auto` tries integrators
+# that use it
 STAYS = {"turn_rate"}
 _LIMITS = ("energy_limit", "momentum_limit", "turn_limit")
 
 
 def idle(run: Run) -> dict[str, str]:
-    """{setting: why it has no effect}, without settings at their default: a stored scene lists
-    all of them."""
+    """Return {setting: why it has no effect} for settings not at their default; a stored scene
+    lists all settings."""
     fields = type(run).model_fields
     return {
         key: why for key, why in _without_effect(run) if getattr(run, key) != fields[key].default
@@ -283,32 +283,32 @@ def idle(run: Run) -> dict[str, str]:
 
 
 def _without_effect(run: Run) -> Iterator[tuple[str, str]]:
-    """(setting, why) of all settings that a run does not use."""
+    """Yield (setting, why) for all settings that a run does not use."""
     auto, closed = run.integrator == "auto", run.integrator == "closed"
     words = run.keep.values() if isinstance(run.keep, dict) else (run.keep,)
     if not auto:
-        rule = f'integrator = "{run.integrator}" keeps no tolerance: leave it out, or take "auto"'
+        rule = f'integrator = "{run.integrator}" ignores a tolerance: omit it, or use "auto"'
         yield "tolerance", rule
         if not follows_turns(INTEGRATORS.get(run.integrator)):
             yield "turn_rate", f'integrator = "{run.integrator}" does not use it'
     if auto:
         yield from ((key, 'integrator = "auto" chooses it') for key in ("dt", "turn", "dtype"))
-    if closed:  # dt gets no note: results in closed form are stored with one
+    if closed:  # no note for dt: results in closed form are stored with one
         yield from ((key, "closed forms make no steps") for key in ("turn", "dtype", *_LIMITS))
     elif not run.checks:
         rule = "with checks = false only non-finite members are flagged"
         yield from ((key, rule) for key in _LIMITS)
     if run.points != "latin_hypercube":
-        yield "strata", 'only points = "latin_hypercube" have strata'
+        yield "strata", 'only points = "latin_hypercube" has strata'
     if "thinned" not in words:
-        yield "thin", "nothing is kept thinned"
+        yield "thin", 'no observable has keep = "thinned"'
 
 
 def with_changes(run: Run, given: Mapping[str, Any]) -> Run:
-    """A Run with the settings `given` in place of its own; SceneError.
+    """Return a Run with the settings `given` in place of its own; SceneError.
 
-    A tolerance replaces integrator and step, and `turn` replaces dt. Settings that lose their
-    effect by the change return to their defaults.
+    A tolerance replaces integrator and step, and `turn` replaces dt. Settings that the change
+    leaves without effect return to their defaults.
     """
     if given.get("tolerance") is not None:
         given = {"integrator": "auto", **given}

@@ -1,4 +1,4 @@
-"""The shape of a body: the solids that pictures draw. No motion depends on it."""
+"""The shape of a body: the solids that pictures draw, without effect on the motion."""
 
 import inspect
 from collections.abc import Iterable, Sequence
@@ -13,17 +13,17 @@ from rigidmc.mechanics import rotation
 from rigidmc.mechanics.solids import COMPONENTS, SOLIDS
 
 ORIGIN, UPRIGHT = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
-MOST_CORNERS = 2000  # of a mesh; the text of a scene with 1,902 of them has 320 kB
+MOST_CORNERS = 2000  # of a mesh; the text of a scene with 1,902 corners has 320 kB
 MOST_PARTS = 200
 
 
 class ShapePart(NamedTuple):
-    """One solid of a shape, placed in the described axes of its body.
+    """A solid of a shape, placed in the described axes of its body.
 
     solid : a name in `rigidmc.mechanics.solids.SOLIDS`, "particles" or "mesh"
-    sizes : {name: number or tuple of numbers} [m], as its maker takes them but without mass
+    sizes : {name: number or tuple of numbers} [m], the arguments of its maker without mass
     at, turned : its origin [m] and its attitude in the described axes
-    hole : whether it is cut out
+    hole : whether the solid is subtracted
     """
 
     solid: str
@@ -33,7 +33,7 @@ class ShapePart(NamedTuple):
     hole: bool = False
 
     def __repr__(self) -> str:
-        """The solid with its sizes; of a mesh and of many particles how many there are."""
+        """Return the solid with its sizes; for a mesh or many particles, with counts."""
         more = {k: getattr(self, k) for k in ("at", "turned", "hole")}
         words = [
             f"{len(size):,} {key}" if isinstance(size, tuple) and len(size) > 4 else f"{key}={size}"
@@ -43,13 +43,13 @@ class ShapePart(NamedTuple):
         return f"{self.solid}({', '.join(words)})"
 
     def placed(self, at: ArrayLike, turned: ArrayLike = UPRIGHT) -> "ShapePart":
-        """The part after its body was turned about the origin, then moved."""
+        """Return the part after turning its body about the origin, then moving it."""
         origin = rotation.to_space(turned, np.array(self.at)) + floats(at, "at", 3)
         attitude = rotation.product(turned, self.turned)
         return self._replace(at=tuple(origin.tolist()), turned=tuple(attitude.tolist()))
 
     def as_table(self) -> dict[str, Any]:
-        """The part as a table of a scene file, without what is as by default."""
+        """Return the part as a table of a scene file, without default values."""
         table: dict[str, Any] = {"solid": self.solid}
         table |= {key: _listed(value) for key, value in self.sizes.items()}
         for key in ("at", "turned", "hole"):
@@ -63,7 +63,7 @@ Shape = tuple[ShapePart, ...]
 
 
 def sizes_of(solid: str) -> tuple[str, ...]:
-    """The sizes that a part of this name has; SceneError for an unknown name."""
+    """Return the names of a solid's sizes; SceneError for an unknown solid."""
     if solid == "particles":
         return ("masses", "positions")
     if solid == "mesh":
@@ -75,10 +75,9 @@ def sizes_of(solid: str) -> tuple[str, ...]:
 
 
 def read_shape(tables: Any) -> Shape:
-    """The shape in the tables [[body.shape]] of a scene file.
+    """Read the shape in the tables [[body.shape]] of a scene file.
 
-    Raises SceneError for a solid or a size that does not exist, and for sizes that are no positive
-    numbers.
+    Raises SceneError for an unknown solid or size, and for sizes that are not positive numbers.
     """
     tables = [tables] if isinstance(tables, dict) else tables
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
@@ -91,7 +90,7 @@ def read_shape(tables: Any) -> Shape:
 def _part_of(table: dict[str, Any]) -> ShapePart:
     at = "body.shape"
     if not isinstance(table.get("solid"), str):
-        rule = 'each part names its solid, e.g. solid = "cylinder"'
+        rule = 'each part must name its solid, e.g. solid = "cylinder"'
         raise SceneError(rule, at=f"{at}.solid", value=table.get("solid"))
     solid = table["solid"]
     wanted = sizes_of(solid)
@@ -108,21 +107,21 @@ def _part_of(table: dict[str, Any]) -> ShapePart:
     if solid == "mesh" and not 0 <= np.min(sizes["faces"]) <= np.max(sizes["faces"]) < len(
         sizes["corners"]
     ):
-        raise SceneError("name corners that there are not", at=f"{at}.faces")
+        raise SceneError("refer to corners that do not exist", at=f"{at}.faces")
     if solid == "particles" and len(sizes["masses"]) != len(sizes["positions"]):
-        raise SceneError("expected one for each of the masses", at=f"{at}.positions")
+        raise SceneError("expected one position for each mass", at=f"{at}.positions")
     place = _numbers("at", table.get("at", ORIGIN), (3,))
     turned = rotation.quaternion(_numbers("turned", table.get("turned", UPRIGHT), (4,)))
     return ShapePart(solid, sizes, tuple(place.tolist()), tuple(turned.tolist()), hole)
 
 
 def _size(solid: str, key: str, value: Any) -> Any:
-    """A size as a number or as tuples of numbers, checked."""
+    """Return a checked size as a number or as tuples of numbers."""
     if solid in ("particles", "mesh"):
         columns = () if key == "masses" else (3,)
         array = _numbers(key, value, (np.shape(value)[:1] or (1,)) + columns)
         if key == "faces" and not (array == np.floor(array)).all():
-            raise SceneError("expected numbers of corners", at=f"body.shape.{key}")
+            raise SceneError("expected indices of corners", at=f"body.shape.{key}")
         return _tuples(array.astype(int) if key == "faces" else array)
     count = COMPONENTS.get((solid, key))
     array = _numbers(key, value, () if count is None else (count,))
@@ -132,7 +131,7 @@ def _size(solid: str, key: str, value: Any) -> Any:
 
 
 def _numbers(key: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Finite numbers of some shape; SceneError."""
+    """Return an array of finite numbers with the given shape; SceneError."""
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -146,9 +145,10 @@ def _numbers(key: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float64
 
 
 def shape_of_mesh(triangles: NDArray[np.float64]) -> ShapePart:
-    """The part of a closed mesh, triangles (n, 3, 3) [m], with at most about MOST_CORNERS corners.
+    """Return the part for a closed mesh, triangles (n, 3, 3) [m], with at most MOST_CORNERS
+    corners.
 
-    Corners in one cell of a lattice become one, at their mean; numbers keep five digits.
+    Corners in the same cell of a lattice are merged at their mean; numbers keep five digits.
     """
     corners = triangles.reshape(-1, 3)
     low, size = corners.min(0), np.ptp(corners, axis=0).max()
@@ -171,14 +171,14 @@ def shape_of_mesh(triangles: NDArray[np.float64]) -> ShapePart:
 
 
 def shape_of_particles(masses: NDArray[np.float64], positions: NDArray[np.float64]) -> Shape:
-    """The shape of particles with masses (N,) at positions (N, 3); none of too many."""
+    """Return the shape of particles with masses (N,) at positions (N, 3); () if too many."""
     if masses.size > MOST_CORNERS:
         return ()
     return (ShapePart("particles", {"masses": _tuples(masses), "positions": _tuples(positions)}),)
 
 
 def shape_of_region(region: Any) -> Shape:
-    """The shape of a region of `Body.from_density`: of a box or a cylinder, otherwise none."""
+    """Return the shape of a region of `Body.from_density`, a box or a cylinder; () for others."""
     if region[0] == "box":
         low, high = np.array(region[1:], dtype=float).T
         size, at = _tuples(high - low), _tuples(0.5 * (high + low))
@@ -191,13 +191,13 @@ def shape_of_region(region: Any) -> Shape:
 
 
 def join_shapes(one: Shape, other: Iterable[ShapePart], hole: bool) -> Shape:
-    """Both shapes as one, the other placed already; none if one of them is not known."""
+    """Join two shapes, the other already placed; () if one of them is unknown."""
     parts = tuple(part._replace(hole=part.hole != hole) for part in other)
     return (*one, *parts) if one and parts else ()
 
 
 def _tuples(array: NDArray[Any]) -> Any:
-    """An array as a number or as tuples of numbers."""
+    """Return an array as a number or as tuples of numbers."""
 
     def tuples(value: Any) -> Any:
         return tuple(map(tuples, value)) if isinstance(value, list) else value
@@ -206,5 +206,5 @@ def _tuples(array: NDArray[Any]) -> Any:
 
 
 def _listed(value: Any) -> Any:
-    """Tuples as lists, as TOML has them."""
+    """Convert tuples to lists, for TOML."""
     return [_listed(one) for one in value] if isinstance(value, Sequence) else value

@@ -1,4 +1,4 @@
-"""How members start: angular velocity or angular momentum, and attitude."""
+"""Initial conditions: angular velocity or angular momentum, and attitude."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -33,26 +33,26 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Start(Renamed):
-    """How members start. Each component is a number, a distribution, a grid, or an array with one
-    row per member.
+    """Initial conditions of the members. Each component is a number, a distribution, a grid, or an
+    array with one row per member.
 
     Parameters
     ----------
     omega : quantities (3,) or distribution, optional [rad/s]
-        either this: angular velocity in the principal axes of the body
+        angular velocity in the principal axes of the body; give either omega or momentum
     momentum : quantities (3,) or distribution, optional [kg m^2/s]
-        or this: angular momentum in the principal axes of the body
+        angular momentum in the principal axes of the body
     attitude : quantities (3,) or (4,), array_like (3, 3), Rotation, str or distribution, optional
         a quaternion (w, x, y, z), normalised here; a 3x3 matrix; Euler angles z-x-z
         (phi, theta, psi) [rad], TdC (3.36); a scipy Rotation; "uniform" on SO(3); Fisher or
-        Pointing; or "ensemble", which follows the distribution of the momentum: with GibbsMomentum
-        exp(-V/kT), the canonical ensemble, with Shell sqrt(E - V), the microcanonical one. By
-        default the body axes lie along the space axes
+        Pointing; or "ensemble", whose density follows from the distribution of the momentum:
+        exp(-V/kT) with GibbsMomentum (canonical ensemble), sqrt(E - V) with Shell (microcanonical
+        ensemble). By default the body axes are parallel to the space axes
 
     Raises
     ------
     SceneError
-        for a wrong shape, a non-finite number, a quaternion of norm 0, a matrix that is no
+        for a wrong shape, a non-finite number, a quaternion of norm 0, a matrix that is not a
         rotation, and for both or neither of omega and momentum
 
     Examples
@@ -60,7 +60,7 @@ class Start(Renamed):
     >>> start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0), attitude="uniform")
     >>> rm.Start()
     Traceback (most recent call last):
-    rigidmc.errors.SceneError: [start] omega: give either omega or momentum, one of them
+    rigidmc.errors.SceneError: [start] omega: give either omega or momentum
     """
 
     _OLD_NAMES = {
@@ -76,7 +76,7 @@ class Start(Renamed):
 
     def __post_init__(self) -> None:
         if (self.omega is None) == (self.momentum is None):
-            raise SceneError("give either omega or momentum, one of them", at="start.omega")
+            raise SceneError("give either omega or momentum", at="start.omega")
         given = self._given
         whole = isinstance(given, VectorDistribution)
         put = (check_distribution if whole else vector)(given, f"start.{self.spin_name}")
@@ -92,14 +92,14 @@ class Start(Renamed):
             isinstance(given, EquilibriumEnsemble) and given.direction is None
         ):
             rule = (
-                "follows the law of the momentum: give momentum = { gibbs = kT }, or"
+                "follows from the distribution of the momentum: give momentum = { gibbs = kT }, or"
                 " { shell = { energy = E } } without a direction"
             )
             raise SceneError(rule, at="start.attitude", value=self.attitude)
 
     @property
     def spin_name(self) -> str:
-        """The word "omega" or "momentum", whichever is given.
+        """Name of the given quantity, "omega" or "momentum".
 
         Examples
         --------
@@ -110,7 +110,7 @@ class Start(Renamed):
 
     @property
     def has_euler_angles(self) -> bool:
-        """Whether the attitude is given by Euler angles.
+        """Whether Euler angles give the attitude.
 
         Examples
         --------
@@ -124,12 +124,12 @@ class Start(Renamed):
         return getattr(self, self.spin_name)
 
     def quantities(self) -> tuple[Any, ...]:
-        """All quantities of the start, in one flat tuple.
+        """Return all quantities of the start, in one flat tuple.
 
         Returns
         -------
         tuple
-            components of omega or momentum, then of the attitude unless it is a word
+            components of omega or momentum, then of the attitude unless it is a string
 
         Examples
         --------
@@ -153,13 +153,13 @@ class Start(Renamed):
         Parameters
         ----------
         sampler : int or point set
-            the seed, or the points from which numbers are drawn
+            the seed, or the points that replace random numbers
         first : int
             index of the first member
         count : int
             number of members
         facts : MemberFacts or None
-            of the members, which only distributions of ensembles need
+            facts of the members, which only equilibrium ensembles need
 
         Returns
         -------
@@ -188,13 +188,13 @@ class Start(Renamed):
         Parameters
         ----------
         sampler : int or point set
-            the seed, or the points from which numbers are drawn
+            the seed, or the points that replace random numbers
         first : int
             index of the first member
         count : int
             number of members
         facts : MemberFacts or None, optional
-            of the members, which only attitude = "ensemble" needs
+            facts of the members, which only attitude = "ensemble" needs
 
         Returns
         -------
@@ -221,13 +221,13 @@ class Start(Renamed):
         if len(values) == 3:
             return quaternion_from_euler(*values)
         square = values[0] ** 2 + values[1] ** 2 + values[2] ** 2 + values[3] ** 2
-        # a normalised quaternion stays as it is to the bit, so that stored starts run again alike
+        # a normalised quaternion keeps its bits, so that stored starts can be rerun identically
         values /= np.where(np.abs(square - 1.0) < 1e-15, 1.0, np.sqrt(square))
         return values
 
 
 def _attitude(value: Any) -> Any:
-    """An attitude that is not a distribution, with its numbers checked."""
+    """Return an attitude that is not a distribution, with its numbers checked."""
     if isinstance(value, str):
         if value not in ("uniform", "ensemble"):
             raise unknown("attitude", ["uniform", "ensemble"], at="start.attitude", value=value)
@@ -258,19 +258,19 @@ def _attitude(value: Any) -> Any:
 
 
 def _refuse_turned(value: Any) -> None:
-    """SceneError for four rows that are the components of quaternions and not those of members."""
+    """Raise SceneError for four rows that hold components of quaternions instead of members."""
     rows, columns = (np.abs((value.astype(float) ** 2).sum(axis) - 1.0).max() for axis in (1, 0))
     if columns < 1e-6 and (value.shape[1] != 4 or rows >= 1e-6):
         rule = (
-            f"has the shape {value.shape}, and its columns are quaternions: an array has one row"
-            " per member; give its transpose"
+            f"has the shape {value.shape}, and its columns are quaternions: an array must have one"
+            " row per member; give its transpose"
         )
         raise SceneError(rule, at="start.attitude")
 
 
 def _is_columns(value: Any) -> bool:
-    """Whether a value is Euler angles, each an array with one row per member, and no matrix;
-    SceneError if three arrays of three numbers could be both."""
+    """Return whether a value is Euler angles, each an array with one row per member, and not a
+    matrix; SceneError if three arrays of three numbers could be either."""
     if not isinstance(value, (list, tuple)) or not all(isinstance(x, np.ndarray) for x in value):
         return False
     if np.ndim(value[0]) != 1:
@@ -278,7 +278,7 @@ def _is_columns(value: Any) -> bool:
     columns = np.array(value, dtype=float)
     if np.abs(columns @ columns.T - np.eye(3)).max() < 0.1:
         rule = (
-            "three arrays of three numbers may be the rows of a matrix or Euler angles of three"
+            "three arrays of three numbers may be the rows of a matrix or the Euler angles of three"
             " members: give a matrix as one array, np.array(rows), and Euler angles as quaternions,"
             " rigidmc.mechanics.rotation.from_euler(np.column_stack(angles))"
         )
@@ -287,15 +287,15 @@ def _is_columns(value: Any) -> bool:
 
 
 def _check_quaternion(parts: tuple[Any, ...], value: Any) -> None:
-    """SceneError for a quaternion of norm 0, or one that mixes arrays and distributions."""
+    """Raise SceneError for a quaternion of norm 0, or one that mixes arrays and distributions."""
     if is_variable(parts):
         if count_rows(*parts) is not None:
-            rule = "a quaternion has distributions or arrays as components, not both"
+            rule = "components of a quaternion must be distributions or arrays, not both"
             raise SceneError(rule, at="start.attitude")
     # pure: components of a quaternion
     elif np.min(sum(p * p for p in parts)) < 1e-200:
         shown = value if is_shared(parts) else None
-        raise SceneError("a quaternion of norm 0 is no attitude", at="start.attitude", value=shown)
+        raise SceneError("a quaternion must be nonzero", at="start.attitude", value=shown)
 
 
 def _shape(value: Any) -> tuple[int, ...]:

@@ -1,5 +1,5 @@
-"""What a user gives as parts of a scene, checked: effects, observables and integrators, the limits
-of their parameters, and what a histogram may count.
+"""Validation of the parts of a scene: effects, observables and integrators, limits of their
+parameters, and the variables of histograms.
 """
 
 from collections.abc import Iterable, Sequence
@@ -34,13 +34,13 @@ from rigidmc.scene.user_parts.integrators import known_facts
 
 
 def named_integrators(given: Iterable[Any]) -> dict[str, Integrator]:
-    """{name: integrator} of integrators of the user's own; SceneError."""
+    """Return {name: integrator} of custom integrators; SceneError."""
     pairs = ((word_of(one if isinstance(one, type) else type(one)), one) for one in given)
     return {word: known_facts(one, word) for word, one in pairs}
 
 
 def check_effect(effect: Any, driven: bool) -> Effect:
-    """An effect with its parameters checked; SceneError. driven : whether damping may be
+    """Return an effect with checked parameters; SceneError. driven : whether damping may be
     negative"""
     if not is_effect(effect):
         known = ", ".join(kind.__name__ for kind in EFFECTS.values())
@@ -63,7 +63,7 @@ def check_effect(effect: Any, driven: bool) -> Effect:
 
 
 def _one_number(effect: Any, name: str, value: Any) -> str:
-    """The rule that text, or several numbers in place of one, break."""
+    """Return the rule broken by text, or by several numbers in place of one."""
     kind, unit = type(effect), facts(effect).units.get(name, "1")
     if kind not in EFFECTS.values() and not isinstance(value, str):
         how = f'@effect(shapes={{"{name}": {len(value)}}})'
@@ -75,17 +75,17 @@ def _one_number(effect: Any, name: str, value: Any) -> str:
 
 
 def observable_order(observable: Any) -> int:
-    """The place of an observable in the order of KNOWN; those of the user's own come last."""
+    """Return the position of an observable in KNOWN; custom observables come last."""
     word = word_of_observable(observable)
     return KNOWN.index(word) if word in KNOWN else len(KNOWN)
 
 
 def check_observable(observable: Any) -> Monitored | Observable:
-    """An observable with its parameters checked; SceneError."""
+    """Return an observable with checked parameters; SceneError."""
     if not is_observable(observable) or type(observable) in OBSERVABLES.values():
         kinds = (*WITH_TABLE.values(), *WATCHED.values())
         shipped = ", ".join(kind.__name__ for kind in kinds)
-        rule = f"expected one of {shipped}, or one of your own, with its parameters"
+        rule = f"expected one of {shipped}, or a custom observable, with its parameters"
         raise SceneError(rule, at="observables.observable", value=observable)
     word = word_of_observable(observable)
     if is_own(observable) and word in KNOWN:
@@ -104,13 +104,13 @@ def check_observable(observable: Any) -> Monitored | Observable:
 
 
 def check_saved_names(names: Iterable[str], observables: Sequence[Any]) -> None:
-    """SceneError for unknown names, for observables whose parameters are missing, and for two
-    classes of one name."""
+    """Raise SceneError for unknown names, for observables without required parameters, and for two
+    classes with one name."""
     given: dict[str, type] = {}
     for one in observables:
         word, kind = word_of_observable(one), type(one)
         if given.setdefault(word, kind) is not kind:
-            rule = f"there are two classes whose name is '{word}': give one of them another name"
+            rule = f"two classes have the name '{word}': rename one of them"
             raise PartError.of(kind, rule, "observables")
     for name in names:
         if name not in (names_known := saveable_names(observables)):
@@ -123,16 +123,16 @@ def check_saved_names(names: Iterable[str], observables: Sequence[Any]) -> None:
                 raise SceneError(rule, at="run.save", value=name)
 
 
-# members whose sampled values are checked before a run; always the first ones, so that no result
-# depends on the number of members
+# number of members whose sampled values are checked before a run; always the first ones, so that no
+# result depends on the number of members
 PILOT = 4096
 ALLOWED = "needs anti_damping = true under [run]"
 
 
 def check_histogram(one: Histogram, given: Sequence[Any]) -> None:
-    """Raise SceneError if a histogram names no observable, or a wrong component.
+    """Raise SceneError if a histogram names an unknown observable or component.
 
-    given : the observables of the scene, with their numbers
+    given : the observables of the scene, with their parameters
     """
     at = "observables.histogram.of"
     if any(is_opaque(x) and word_of_observable(x) == one.name for x in given):
@@ -144,20 +144,20 @@ def check_histogram(one: Histogram, given: Sequence[Any]) -> None:
     if (count > 1) != one.of.endswith("]") or one.component >= count:
         rule = f"{one.name} has no components"
         if count > 1:
-            rule = f"{one.name} has {count} components: give one, as in {one.name}[{count}]"
+            rule = f"{one.name} has {count} components: choose one, as in {one.name}[{count}]"
         raise SceneError(rule, at=at, value=one.of)
 
 
 def parameter_limits(effect: Effect | type[Effect], name: str, driven: bool) -> tuple[float, float]:
-    """(least, largest) value of a parameter. driven : whether damping may be negative"""
+    """Return (least, largest) value of a parameter. driven : whether damping may be negative"""
     low, high = facts(effect).limits.get(name, (-np.inf, np.inf))
     return (0.0 if low == -np.inf and facts(effect).is_damping and not driven else low), high
 
 
 def outside(effect: Effect, low: float, high: float) -> str:
-    """The rule that a parameter outside its limits breaks."""
-    if low == high:  # of a hidden parameter
-        return "is filled in, not given"
+    """Return the rule broken by a parameter outside its limits."""
+    if low == high:  # a hidden parameter
+        return "is set internally, not by the user"
     more = ""
     if low == 0.0 and facts(effect).is_damping:
         more = f"; below 0 it drives the body, which {ALLOWED}"

@@ -1,5 +1,5 @@
-"""Parameters that runs of a prepared scene vary: their names, their numbers for the plan, and those
-of members."""
+"""Parameters that vary between runs of a prepared scene: names, nominal values for planning, and
+values of the members."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -20,8 +20,8 @@ Nominal = dict[str, float | list[float]]
 
 
 def variable_names(scene: Scene) -> list[str]:
-    """The names that may be varied: of all parameters but those of distributions, which have no
-    rows, and of the vectors that they are part of."""
+    """Return the names that may be varied: all parameters, except those of vector distributions,
+    which have no rows, and all vectors that contain these parameters."""
     start = getattr(scene.start, scene.start.spin_name)
     vectors = {f"start.{scene.start.spin_name}": start, "body.moments": scene.body.moments}
     drawn = tuple(name for name, value in vectors.items() if isinstance(value, VectorDistribution))
@@ -32,14 +32,14 @@ def variable_names(scene: Scene) -> list[str]:
 
 
 def _vector(name: str) -> str:
-    """The name of the vector that a component is part of, "" for a number of its own."""
+    """Return the name of the vector that contains a component; "" for a scalar."""
     whole, _, last = name.rpartition(".")
     return whole if last.isdecimal() or last in ("phi", "theta", "psi") else ""
 
 
 def nominal_of(scene: Scene, names: Iterable[str]) -> Nominal:
-    """{name: numbers} of a scene, by which runs with other numbers are planned: its own, or the
-    medians of distributions, grids and rows.
+    """Return {name: nominal values} for planning runs with other values: the scene's own numbers,
+    or the medians of its distributions, grids and rows.
 
     Raises SceneError for a name that the scene lacks.
     """
@@ -53,7 +53,7 @@ def nominal_of(scene: Scene, names: Iterable[str]) -> Nominal:
 
 
 def _middle(value: Any) -> float:
-    """A number, or the median of a quantity."""
+    """Return a number, or the median of a quantity."""
     if isinstance(value, Distribution):
         return float(value.ppf(np.array(0.5)))
     if isinstance(value, Grid):
@@ -62,7 +62,7 @@ def _middle(value: Any) -> float:
 
 
 def value_at(scene: Scene, name: str) -> Any:
-    """The value of a parameter, or of a vector."""
+    """Return the value of a parameter or a vector."""
     table, first, *rest = name.split(".")
     value = (
         getattr(scene, table) if table != "effects" else dict(label_effects(scene.effects))[first]
@@ -76,12 +76,13 @@ def value_at(scene: Scene, name: str) -> Any:
 
 
 def put_value(scene: Scene, name: str, value: Any) -> Scene:
-    """The scene with a value in place of a parameter, or of a vector."""
+    """Return the scene with a new value of a parameter or a vector."""
     return with_parameter(scene, name, value, "varied", variable_names(scene))
 
 
 def open_varied(scene: Scene) -> Scene:
-    """The scene as it is planned: with its varied numbers, which settle nothing for all members."""
+    """Return the scene for planning: its varied parameters have the nominal values, marked as not
+    constant."""
     for name, value in (scene.run.varied or {}).items():
         marked = tuple(map(Varied, value)) if isinstance(value, list) else Varied(value)
         scene = put_value(scene, name, marked)
@@ -89,15 +90,15 @@ def open_varied(scene: Scene) -> Scene:
 
 
 def close_varied(scene: Scene) -> Scene:
-    """A planned scene with plain numbers again."""
+    """Return a planned scene with plain numbers in place of the marked ones."""
     model = scene.model.mapped(lambda q: q.value if isinstance(q, Varied) else q)
     return scene.with_model(model)
 
 
 def stored_values(scene: Scene) -> dict[str, NDArray[np.float64]] | None:
-    """{name: numbers of each row} that a scene with varied parameters has of members.
+    """Return {name: values by row} of a scene with varied parameters.
 
-    None if it has only numbers for the plan.
+    None if it has only nominal values.
     """
     values = {name: value_at(scene, name) for name in scene.run.varied or {}}
     parts = [x for v in values.values() for x in (v if type(v) is tuple else (v,))]
@@ -115,7 +116,7 @@ def stored_values(scene: Scene) -> dict[str, NDArray[np.float64]] | None:
 
 
 def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, int]:
-    """(the scene with the numbers of members in place of its varied ones, how many members).
+    """Return (scene with the members' values of its varied parameters, number of members).
 
     Raises OptionError unless `values` has exactly the varied names, each with a row per member.
     """

@@ -1,7 +1,7 @@
-"""Runs whose bits are compared: over vector widths, over processors, and with graphics processors.
+"""Runs whose bits are compared across vector widths, CPUs and GPUs.
 
-Free and heavy tops, driven ones, and tops in a bath, by every integrator: with events, statistics,
-noise, works, neighbours, steps of members' own, and float32.
+Free, heavy and driven tops, and tops in a bath, with every integrator: with events, statistics,
+noise, work, shadow trajectories, individual steps of members, and float32.
 """
 
 import hashlib
@@ -25,11 +25,11 @@ from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.scene.vector_distributions import Cone, GibbsMomentum, Sphere
 
-MEMBERS = 37  # of a run: no multiple of the members that are worked on side by side
+MEMBERS = 37  # of a run: not a multiple of any vector width
 
 
 class BitCase(NamedTuple):
-    """A run: its name, the word of its motion, its scene."""
+    """A run: its name, its kind of motion, its scene."""
 
     name: str
     motion: str
@@ -39,7 +39,7 @@ class BitCase(NamedTuple):
 def cases(
     integrators: Collection[str] | None = None, motions: Collection[str] | None = None
 ) -> list[BitCase]:
-    """The runs, by default by all integrators and of all motions."""
+    """Return the runs, by default with all integrators and of all motions."""
     found = list[BitCase]()
     for motion, scene in _motions().items():
         if motions is not None and motion not in motions:
@@ -66,7 +66,7 @@ def _case(motion: str, scene: Scene, name: str, **settings: Any) -> BitCase:
 
 
 def _motions() -> dict[str, Scene]:
-    """{word: scene}, without integrators."""
+    """Return {kind of motion: scene}, without integrators."""
     body = Body.from_moments(
         (uniform(1.0, 1.2), normal(1.4, 0.01), 2.0),
         mass=uniform(1.0, 2.0),
@@ -105,18 +105,18 @@ def _motions() -> dict[str, Scene]:
 
 
 def digest(scene: Scene, threads: int | None = 1, device: str | None = None) -> str:
-    """The sha256 of all variables of the result of a scene."""
+    """Return the sha256 of all variables of the result of a scene."""
     result = simulate(scene, threads=threads, device=device, checks=False)
-    # `drift_law` follows from sums that are compared
+    # `drift_law` follows from sums that are compared already
     names = sorted(str(name) for name in result.data_vars if name != "drift_law")
     parts = (np.ascontiguousarray(result[name].values) for name in names)
     return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
 
 
 def compare_devices(word: str) -> Iterator[tuple[str, bool]]:
-    """(name, whether a graphics processor gives the bits of this processor) of every case.
+    """Yield (name, whether the GPU gives the same bits as this CPU) for every case.
 
-    word : of the device, see `rigidmc.engine.cuda.devices`
+    word : the device, see `rigidmc.engine.cuda.devices`
     """
     for case in cases():
         here = digest(case.scene)
@@ -124,16 +124,16 @@ def compare_devices(word: str) -> Iterator[tuple[str, bool]]:
 
 
 def plain_steps(motion: str) -> Scene:
-    """The scene of a motion, its steps alone: it saves the energy, and watches nothing."""
+    """Return the scene of a motion for timing steps: it saves the energy and monitors nothing."""
     scene = _motions()[motion].with_run(dt=0.01, save=("energy",))
     return replace(scene, observables=())
 
 
 def speeds(word: str) -> Iterator[tuple[str, float, float]]:
-    """(name, steps of members a second, operations a second) of a graphics processor.
+    """Yield (name, member-steps per second, operations per second) of a GPU.
 
-    Plain steps: the members of a block are on the device, saves and copies are left out, and
-    nothing is watched, which would cost more than the steps. Free members have no attitude.
+    The members of a block stay on the GPU; saves and copies are excluded. Nothing is monitored,
+    because monitoring costs more than the steps. Free members have no attitude.
     """
     for motion, name in (("free", "rk4"), ("heavy", "rk4"), ("free", "rk8"), ("free", "exact")):
         scene = plain_steps(motion).with_run(integrator=name)

@@ -1,4 +1,4 @@
-"""The closed form of a scene beside its integration."""
+"""Compare the closed form of a scene with its integration."""
 
 from collections.abc import Iterator
 
@@ -22,15 +22,16 @@ Motions = list[tuple[NDArray[np.int_], FreeMotionType | NutationRange]]  # [(mem
 
 
 def compare(scene: Scene, at: float, members: int) -> list[str]:
-    """Lines of text: closed form and integration of a scene at a time [s], and their distance.
+    """Return lines of text: closed form and integration of a scene at a time [s], and their
+    difference.
 
-    members : how many of the first members are compared
+    members : number of members compared, from the first on
     """
     members = min(members, scene.run.members)
     case = closed_form(scene.model, make_sampler(scene.model, scene.run), scene.run.first, members)
     motion, good = case.motion(at), case.form != NONE
     if not good.any():
-        rule = f"none of the first {members:,} is a body with a start: no motion to compare"
+        rule = f"each of the first {members:,} has an impossible body or start: nothing to compare"
         raise OptionError(rule, at="members")
     motions, plural = case.kinds(), "s" * (members > 1)
     lines = [
@@ -42,26 +43,26 @@ def compare(scene: Scene, at: float, members: int) -> list[str]:
     ]
     if not at > 0:
         shown = np.argmax(good)
-        lines.append("integration  none: it starts at t = 0 and goes forward")
+        lines.append("integration  none: it runs forward from t = 0")
         return lines + _state(motion.omega[shown], motion.attitude[shown])
     run = scene.with_run(t_end=at, every=None, save=("omega", "attitude"), members=members)
     return lines + _beside(motion, simulate(run))
 
 
 def _kinds(motions: Motions, good: NDArray[np.bool_]) -> str:
-    """A line on the kinds of motion, the most frequent first."""
+    """Return a line with the kinds of motion, most frequent first."""
     names = np.concatenate([motion.kind for _, motion in motions])
     kinds, counts = np.unique(names, return_counts=True)
     if good.size == 1:
         return f"motion       {kinds[0]}"
     words = [f"{kinds[i]}: {counts[i]:,}" for i in np.argsort(-counts)]
     if not good.all():
-        words.append(f"no body or no start: {(~good).sum():,}")
+        words.append(f"impossible body or start: {(~good).sum():,}")
     return f"motion       {'; '.join(words)}"
 
 
 def _facts(motions: Motions, first: int) -> list[str]:
-    """Lines on periods and angles: of the first member that has them, and their range."""
+    """Return lines with periods and angles: of the first member with a value, and their range."""
     lines = []
     for members, motion in motions:
         with np.errstate(invalid="ignore"):
@@ -81,21 +82,21 @@ def _facts(motions: Motions, first: int) -> list[str]:
 def _numbers(
     motion: FreeMotionType | NutationRange,
 ) -> Iterator[tuple[str, NDArray[np.float64], str]]:
-    """(label, values, unit) of a free motion or of a nutation."""
+    """Yield (label, values, unit) of a free motion or of a nutation."""
     if isinstance(motion, FreeMotionType):
         yield "period", motion.period, "s"
         yield "flips every", motion.flip_interval, "s"
         yield "1 - m", motion.mc, ""
     else:
-        yield "nutation", motion.period, "s a period"
-        yield "precession", np.degrees(motion.precession), "deg a period"
+        yield "nutation", motion.period, "s per period"
+        yield "precession", np.degrees(motion.precession), "deg per period"
         yield "theta from", np.degrees(motion.high), "deg"
         yield "theta to", np.degrees(motion.low), "deg"
 
 
 def _steady(case: ClosedMotion, motions: Motions, first: int) -> Iterator[str]:
-    """Lines on the precessions without nutation, and the least spin of a sleeping top, of the first
-    Lagrange top; Goldstein, Classical Mechanics, section 5.7, and TdC (3.77)."""
+    """Yield lines for the first Lagrange top: its precessions without nutation, and the least spin
+    of a sleeping top; Goldstein, Classical Mechanics, section 5.7, and TdC (3.77)."""
     for (form, members, part), (_, motion) in zip(case.parts(), motions, strict=True):
         if isinstance(motion, FreeMotionType) or motion.kind[0] in (
             *_UP,
@@ -109,7 +110,7 @@ def _steady(case: ClosedMotion, motions: Motions, first: int) -> Iterator[str]:
         theta = float(np.arccos(np.clip(matrix(part.attitude[0])[2, form - 1], -1.0, 1.0)))
         slow, fast = steady_precession(moments, weight, spin, theta)
         if np.isinf(fast):
-            words = f"{slow:.6g} rad/s, and no fast one"
+            words = f"slow {slow:.6g} rad/s, no fast one"
         elif np.isfinite(slow):
             words = f"slow {slow:.6g}, fast {fast:.6g} rad/s"
         else:
@@ -118,11 +119,11 @@ def _steady(case: ClosedMotion, motions: Motions, first: int) -> Iterator[str]:
         degrees, member = np.degrees(theta), first + members[0]
         yield f"steady       {words}: precession of member {member} at {degrees:.6g} deg"
         least = 2.0 * np.sqrt(moments[0] * abs(weight)) / moments[2]
-        yield f"sleep        upright it sleeps above {least:.6g} rad/s; it has {spin:.6g}"
+        yield f"sleep        upright, it sleeps above {least:.6g} rad/s; its spin is {spin:.6g}"
 
 
 def _sleep(case: ClosedMotion, motions: Motions) -> Iterator[str]:
-    """A line on upright Lagrange tops: the spin above which they sleep, and how many do."""
+    """Yield a line for upright Lagrange tops: the spin above which they sleep, and their number."""
     counts, spins, fastest = {"stable": 0, "unstable": 0}, [], 0.0
     for (form, _, part), (_, motion) in zip(case.parts(), motions, strict=True):
         if isinstance(motion, FreeMotionType):
@@ -137,27 +138,25 @@ def _sleep(case: ClosedMotion, motions: Motions) -> Iterator[str]:
         fastest = max(fastest, growth.max(initial=0.0))
     if spins:
         words = ", ".join(f"{word} ({count:,})" for word, count in counts.items() if count)
-        grows = f", a tilt grows by up to {fastest:.6g} 1/s" if fastest else ""
+        grows = f"; a tilt grows at up to {fastest:.6g} 1/s" if fastest else ""
         above = " to ".join(dict.fromkeys(f"{spin:.6g}" for spin in (min(spins), max(spins))))
-        yield f"upright      {words}; stable from a spin of {above} rad/s on{grows}"
+        yield f"upright      {words}; stable above a spin of {above} rad/s{grows}"
 
 
 def _beside(motion: Motion, result: xr.Dataset) -> list[str]:
-    """Lines of text: a Motion beside the last state of a result."""
+    """Return lines of text that compare a Motion with the last state of a result."""
     members, integrator = result.sizes["member"], result.attrs["integrator"]
     last, status = result.isel(time=-1), result.status.values
     if integrator == "closed":
-        rule = "the closed form is not compared with itself; use exact, rk8 or srkn11"
+        rule = "cannot compare the closed form with itself; use exact, rk8 or srkn11"
         raise SceneError(rule, at="run.integrator", value=integrator)
     good = status == 0
     if not good.any():
         counts = {word: int((status == code).sum()) for word, code in STATUSES.items()}
         words = ", ".join(f"{count:,} {word}" for word, count in counts.items() if count)
         flagged = count_text(members, "member is", "members are")
-        rule = f"all {flagged} flagged ({words}): there is no integration"
-        raise SceneError(
-            f"{rule} to compare with; perhaps dt is too long", at="run.integrator", value=integrator
-        )
+        rule = f"all {flagged} flagged ({words}): no integration to compare"
+        raise SceneError(f"{rule}; perhaps dt is too long", at="run.integrator", value=integrator)
     shown = int(np.argmax(good))
     omega = last.omega.transpose("member", "axis").values
     attitude = last.attitude.transpose("member", "quat").values
@@ -179,7 +178,7 @@ def _beside(motion: Motion, result: xr.Dataset) -> list[str]:
     over = f"over {good.sum():,} member{'s' * bool(good.sum() > 1)}"
     for word, off, unit in (("omega", apart, "rad/s"), ("attitude", angle, "rad")):
         median, worst = f"{np.median(off):.2e} {unit}", f"{off.max():.2e} {unit}"
-        lines.append(f"{word:12s} apart by {median} (median), {worst} (worst) {over}")
+        lines.append(f"{word:12s} difference {median} (median), {worst} (worst) {over}")
     return lines
 
 

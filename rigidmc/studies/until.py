@@ -1,4 +1,4 @@
-"""An ensemble that grows until a number is known as accurately as asked."""
+"""Grow an ensemble until a measure has the requested accuracy."""
 
 import math
 import re
@@ -26,7 +26,7 @@ from rigidmc.scene.scene import Scene, takes_scene
 
 FIRST = 8192  # members of the first round
 MOST = 10_000_000
-SURE = 1.05  # more members than the spread asks for, which is known to a few per cent only
+SURE = 1.05  # margin on the number of members: the spread is known to a few per cent only
 _SIGN = re.compile(r"\s*(?:±|\+-|\+/-)\s*")
 _WIDTH = re.compile(r"((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(%?)")
 RULE = (
@@ -36,21 +36,22 @@ RULE = (
 
 
 class Goal(NamedTuple):
-    """A measure that is to be known to +- `half`, or to that share of itself if `relative`."""
+    """A measure with its target half-width `half`: absolute, or a fraction of the value if
+    `relative`."""
 
     measure: Measure
     half: float
     relative: bool
 
     def half_at(self, value: float) -> float:
-        """Half the width that is asked for, if the measure has a value."""
+        """Return the target half-width for a value of the measure."""
         return self.half * abs(value) if self.relative else self.half
 
 
 def goal(text: str, variables: Variables) -> Goal:
-    """The Goal of a text such as "p(flips >= 1) +- 0.001" or "mean(flip_wait) +- 1 %".
+    """Parse the Goal of a text such as "p(flips >= 1) +- 0.001" or "mean(flip_wait) +- 1 %".
 
-    variables : of a result;  raises OptionError if the text is no goal
+    variables : of a result;  raises OptionError if the text does not have this form
     """
     parts = _SIGN.split(text.strip())
     width = _WIDTH.fullmatch(parts[1]) if len(parts) == 2 else None
@@ -75,45 +76,45 @@ def simulate_until(
 ) -> tuple[xr.Dataset, Estimate]:
     """Grow an ensemble until the interval of a measure is narrow enough.
 
-    The ensemble grows without the saves of the scene, at some 100 bytes of memory a member. The
-    final ensemble is then run once with saves and output; it is the first members of the scene, to
-    the bit. The number of members that is still needed follows from the spread of those so far, to
-    a few per cent, so there are few rounds.
+    The ensemble grows without the saves of the scene and uses some 100 bytes of memory per member.
+    The final ensemble then runs once with saves and output; it equals the first members of the
+    scene, to the bit. The spread of the members so far predicts the number needed, to a few per
+    cent, so few rounds suffice.
 
     Parameters
     ----------
     scene : Scene or path_like
-        what is run; also its file, or the name of a shipped one
+        a scene, its file, or the name of a shipped scene
     until : str
-        such as "p(flips >= 1) +- 0.001", see `rigidmc.results.measures`
+        measure and half-width, such as "p(flips >= 1) +- 0.001"; see `rigidmc.results.measures`
     most : int, optional
-        members at most
+        largest number of members
     confidence : float, optional
-        of the interval
+        confidence level of the interval
     threads : int, optional
-        as of `simulate`
+        as in `simulate`
     progress : callable, optional
         a function of (members so far, the Estimate)
     output : path_like, optional
-        as of `simulate`
+        as in `simulate`
     force : bool, optional
-        as of `simulate`
+        as in `simulate`
     device : str, optional
-        as of `simulate`
+        as in `simulate`
     **options : object
-        as of `simulate`
+        as in `simulate`
 
     Returns
     -------
     result : xarray.Dataset
-        the final ensemble, as of `simulate`
+        the final ensemble, as from `simulate`
     interval : Estimate
-        the measure: value, low, high; `without`, the share of the members that have no value
+        the measure: value, low, high; `without`, the fraction of members without a value
 
     Raises
     ------
     OptionError
-        if by the first round the goal needs more than `most` members
+        if the first round shows that the goal needs more than `most` members
 
     Warns
     -----
@@ -128,7 +129,7 @@ def simulate_until(
     True
     """
     if options.get("members") is not None:
-        rule = "there are as many members as it takes, `most` at most: give that"
+        rule = "the goal decides the number of members; give their limit, `most`, instead"
         raise OptionError(rule, at="run.members", value=options["members"])
     most = read_count(most, "most")
     if output is not None:
@@ -143,7 +144,7 @@ def simulate_until(
     )
     if not is_goal_reached(until, interval):
         reached = f"{interval.value:.6g} +- {interval.half:.2g} by {count_text(size, 'member')}"
-        rule = f"{until} is not reached: {reached}, which are all that may be"
+        rule = f"{until} is not reached: {reached}, the most allowed"
         warnings.warn(rule, SceneWarning, stacklevel=2)
     ends = f"{interval.low:.10g} to {interval.high:.10g}{interval.lacking()}"
     result = simulate(
@@ -159,22 +160,21 @@ def simulate_until(
 
 
 def _refuse_no_sample(scene: Scene, until: str) -> None:
-    """SceneError for members whose spread gives no interval, or whose first ones are no sample."""
+    """Raise SceneError if the spread of members gives no interval, or the first members are not a
+    sample."""
     if scene.run.points != "independent":
         rule = (
             f"the spread of {scene.run.points} points gives no interval: see rigidmc.estimate_rqmc"
         )
-        raise SceneError(f"{rule}; use independent ones", at="run.points", value=scene.run.points)
+        raise SceneError(f"{rule}; use independent", at="run.points", value=scene.run.points)
     if not is_sample(scene.model):
-        rule = "has no interval that members make narrower: nothing in the scene is drawn"
+        rule = "more members do not narrow the interval: nothing in the scene is drawn"
         raise OptionError(rule, at="run.until", value=until)
-    refuse_indexed(
-        scene.model, "the first members have only the first of its numbers", tables=False
-    )
+    refuse_indexed(scene.model, "the first members have only its first values", tables=False)
 
 
 def _without_saves(scene: Scene) -> Scene:
-    """The scene that keeps final numbers of its members only."""
+    """Return the scene, saving only final values of its members."""
     at_times = make_recording(scene).names
     save = tuple(name for name in scene.run.save if name not in at_times)
     lean: Scene = scene.with_run(save=save)
@@ -191,7 +191,7 @@ def _grown(
     device: str | None,
     progress: Callable[[int, Estimate], object] | None,
 ) -> tuple[int, Estimate]:
-    """(members, Estimate) when the goal is reached, or at `most` members."""
+    """Return (members, Estimate) when the goal is reached, or at `most` members."""
     values, who = np.empty(0), np.empty(0, bool)
     known, size, first = 0, min(FIRST, most), scene.run.first
     while True:
@@ -208,7 +208,7 @@ def _grown(
         if is_goal_reached(until, interval):
             return size, interval
         if wanted.measure.kind == "quantile" and interval.low == interval.until:
-            rule = f"is later than {interval.until:g} s, until which members were followed"
+            rule = f"is later than {interval.until:g} s, the end of the run"
             raise OptionError(f"{rule}: give a longer t_end", at="run.until", value=until)
         if known == 0:
             _check_first(until, wanted, interval, size)
@@ -226,17 +226,17 @@ def _grown(
 
 
 def _check_first(until: str, wanted: Goal, interval: Estimate, size: int) -> None:
-    """OptionError if the first round shows that no number of members reaches the goal."""
+    """Raise OptionError if the first round shows that no number of members reaches the goal."""
     if np.isnan(interval.value):
         rule = f"none of the first {count_text(size, 'member')} has a {wanted.measure.result.name}"
         raise OptionError(rule, at="run.until", value=until)
     if wanted.half_at(interval.value) == 0.0:
-        rule = f"is 0 for the first {size:,} members: no number of them brings it to a share of 0"
-        raise OptionError(f"{rule}; give the width itself", at="run.until", value=until)
+        rule = f"is 0 for the first {size:,} members, so a relative width is 0"
+        raise OptionError(f"{rule}; give an absolute width", at="run.until", value=until)
 
 
 def is_goal_reached(until: str, interval: Interval) -> bool:
-    """Whether an Interval is as narrow as a text asks; not if an end of it is not known."""
+    """Return whether an Interval has the width of a text; False if an end is unknown."""
     if not math.isfinite(interval.half):
         return False
     width = _SIGN.split(until.strip())[1].strip()
@@ -248,7 +248,7 @@ def is_goal_reached(until: str, interval: Interval) -> bool:
 def members_for(
     measure: Measure, interval: Interval, count: int, half: float, confidence: float
 ) -> float:
-    """How many members bring an interval to +- `half`, by the interval of `count` of them."""
+    """Return the number of members needed for +- `half`, from the interval of `count` members."""
     if not (half > 0.0 and math.isfinite(interval.half)):
         return 4 * count
     if measure.kind != "p":
@@ -273,34 +273,35 @@ def estimate_rqmc(
     device: str | None = None,
     **options: Any,
 ) -> Interval:
-    """Estimate the mean of a measure by independent randomisations of its points.
+    """Estimate the mean of a measure from independent randomisations of its points.
 
-    For Sobol points and Latin hypercubes, whose members are not independent. Each randomisation has
-    `members` members and the next seed from the scene's on; Student's t over their values.
+    Use it for Sobol points and Latin hypercubes, whose members are not independent. Each
+    randomisation has `members` members and the next seed, starting with that of the scene. The
+    interval is Student's t over the values of the randomisations.
 
     Parameters
     ----------
     scene : Scene or path_like
-        what is run; also its file, or the name of a shipped one
+        a scene, its file, or the name of a shipped scene
     text : str
-        a measure, such as "p(flips >= 1)", see `rigidmc.results.measures`
+        a measure, such as "p(flips >= 1)"; see `rigidmc.results.measures`
     members : int
-        of each randomisation
+        members of each randomisation
     randomisations : int, optional
-        how many
+        their number
     confidence : float, optional
-        of the interval
+        confidence level of the interval
     threads : int, optional
-        as of `simulate`
+        as in `simulate`
     device : str, optional
-        as of `simulate`
+        as in `simulate`
     **options : object
-        as of `simulate`
+        as in `simulate`
 
     Returns
     -------
     Interval
-        of the mean: value, low, high
+        the mean: value, low, high
 
     Examples
     --------

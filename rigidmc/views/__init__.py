@@ -1,15 +1,15 @@
-"""Results, scenes and bodies shown: in words, in pictures, as a page to turn, and as `ds.rigid`.
+"""Views of results, scenes and bodies: text, pictures, an interactive page, and `ds.rigid`.
 
 Every view reads a Dataset or a scene and changes neither. Reading order: `accessor` (`ds.rigid` and
-notebooks), `descriptions` (scenes and bodies in words), `new_scene` (a first scene as text),
-`summary` and `states` (a result in words, and as states in space), `lazy` (functions of arrays that
-dask reads), `sample` (the members and times that pictures read), `ensemble` and `hemispheres` (the
-pictures of a result), `sphere` and `surfaces` (what they are drawn on), `closed_forms`, `gibbs`,
-`animation`, and `viewer` (a page that turns the body in a browser).
+notebooks), `descriptions` (text on scenes and bodies), `new_scene` (a first scene as text),
+`summary` (text on a result), `states` (quantities from saved states), `lazy` (functions of dask
+arrays), `sample` (the members and times that pictures read), `ensemble` and `hemispheres` (pictures
+of a result), `sphere` and `surfaces` (shapes to draw), `closed_forms`, `gibbs`, `animation`, and
+`viewer` (a page that turns the body in a browser).
 
-A new picture is a function of the Dataset and a line in PICTURES. Views know no study: those draw
-themselves in `rigidmc/studies/*/picture.py`. Importing rigidmc imports no xarray, which takes 0.4
-to 0.6 s (`python -X importtime -c "import xarray"`), and no matplotlib.
+A new picture is a function of the Dataset and a line in PICTURES. Views do not import studies; each
+study draws itself in `rigidmc/studies/*/picture.py`. Importing rigidmc imports neither xarray,
+which takes 0.4 to 0.6 s (`python -X importtime -c "import xarray"`), nor matplotlib.
 """
 
 import sys
@@ -20,7 +20,7 @@ from typing import Any
 
 from rigidmc.import_hook import Load, on_import
 
-# {name of the function: its module}; modules are imported when used, because they need matplotlib
+# {name of the function: its module}; imported at first use, because they need matplotlib
 PICTURES = {
     "summary": "rigidmc.views.ensemble",
     "momentum_sphere": "rigidmc.views.hemispheres",
@@ -32,7 +32,7 @@ PICTURES = {
 
 
 def picture(name: str) -> Callable[..., Any]:
-    """The function that draws one of PICTURES."""
+    """Return the function that draws one of PICTURES."""
     draw: Callable[..., Any] = getattr(import_module(PICTURES[name]), name)
     return draw
 
@@ -41,8 +41,8 @@ ACCESSOR = "rigidmc.views.accessor"
 
 
 def register() -> None:
-    """Register the accessor now if xarray is imported, otherwise as soon as it is; and tell a
-    notebook how to show scenes and bodies."""
+    """Register the accessor as soon as xarray is imported, and install the HTML formatters for
+    scenes and bodies in a notebook."""
     if "IPython" in sys.modules:
         shell = sys.modules["IPython"].get_ipython()
         if shell is not None:

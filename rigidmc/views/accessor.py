@@ -1,7 +1,7 @@
 """`ds.rigid`: the physics of a result, on its Dataset; and scenes and bodies as HTML in notebooks.
 
-`rigidmc.views.register` imports this module with xarray. Methods import what they need, so that it
-stays quick.
+`rigidmc.views.register` imports this module together with xarray. Methods import modules at first
+use, so that this import stays quick.
 """
 
 import html
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Pictures:
-    """The pictures of a result, each a method: ds.rigid.plot.momentum_sphere()."""
+    """Pictures of a result as methods, e.g. ds.rigid.plot.momentum_sphere()."""
 
     def __init__(self, result: "Rigid") -> None:
         self._result = result
@@ -43,7 +43,7 @@ class Rigid(ResultStates):
     Parameters
     ----------
     dataset : xarray.Dataset
-        a result of `simulate`, or one that was opened
+        a result of `simulate` or `rigidmc.open`
 
     Examples
     --------
@@ -60,19 +60,19 @@ class Rigid(ResultStates):
         return f"<pre>{escape(self.summary())}</pre>"
 
     def rerun(self, member: int, **options: Any) -> xr.Dataset:
-        """Integrate a member again and save more of it.
+        """Rerun one member and save more of it.
 
         Parameters
         ----------
         member : int
-            its index
+            index of the member
         **options : object
-            as of `rerun`
+            options of `rerun`
 
         Returns
         -------
         xarray.Dataset
-            as of `rerun`
+            the Dataset of `rerun`
 
         Examples
         --------
@@ -86,21 +86,21 @@ class Rigid(ResultStates):
         return result
 
     def export(self, path: str | PathLike[str], force: bool = False) -> None:
-        """Write the result in the format of a file's ending, completely or not at all.
+        """Write the result in the format given by the file extension, completely or not at all.
 
         Parameters
         ----------
         path : path_like
-            .nc, .zarr, or a table of one row per member: .csv or .parquet
+            .nc, .zarr, or a table with one row per member: .csv or .parquet
         force : bool, optional
-            replace a file that exists
+            replace an existing file
 
         Raises
         ------
         OptionError
-            for another ending, or for one whose package is not installed
+            for another extension, or if the package for this format is not installed
         OutputExists
-            for a file that exists
+            if the file exists
 
         Examples
         --------
@@ -115,19 +115,20 @@ class Rigid(ResultStates):
         write(self._dataset, path, force)
 
     def summary(self, of: str | Iterable[str] = ()) -> str:
-        r"""Tell a result in a few lines of text.
+        r"""Summarise a result in a few lines of text.
 
         Parameters
         ----------
         of : str or iterable of str, optional
-            measures to tell in their place, such as "p(flips >= 1)"
+            measures to report instead, such as "p(flips >= 1)"
 
         Returns
         -------
         str
-            the flagged members; of each number per member its mean with the confidence interval,
-            its median, the middle 90 %, and how many members have no value; of the time of an event
-            that has not come of all members, its median; or the measures with their intervals
+            the flagged members; for each quantity with one value per member, the mean with its
+            confidence interval, the median, the middle 90 %, and the number of members without a
+            value; for an event that has not occurred in all members, the median time; or the
+            measures with their intervals
 
         Examples
         --------
@@ -146,26 +147,27 @@ class Rigid(ResultStates):
         Parameters
         ----------
         of : str
-            such as "p(flips >= 1)" or "mean(flip_wait | flips >= 2)", see
+            a measure such as "p(flips >= 1)" or "mean(flip_wait | flips >= 2)", see
             `rigidmc.results.measures`
         by : str, optional
-            a result with one number per member; members for which it is the same are a group
+            a variable with one value per member; members with equal values form a group
         confidence : float, optional
-            of the intervals
+            confidence level of the intervals
 
         Returns
         -------
         Estimate or xarray.Dataset
-            value, low, high, and as attributes `without`, the fraction of the members without a
-            value, and `until`, the end of the run if the time of an event has not come of all
-            members: a quantile beyond it is inf. Of each group, with its `members` and `without`,
-            over `by`. The ends are nan if the members are not independent draws, as on a grid
+            value, low, high; and as attributes `without`, the fraction of the members without a
+            value, and `until`, the end of the run if the event has not occurred in all members: a
+            quantile beyond it is inf. With `by`, a Dataset over the groups, with the `members` and
+            `without` of each. low and high are nan if the members are not independent draws, as on
+            a grid
 
         Raises
         ------
         OptionError
-            if the result lacks the measure, for an unknown `by`, and for the mean of a time
-            that has not come of all members
+            if the result lacks the measure, for an unknown `by`, and for the mean time of an event
+            that has not occurred in all members
 
         Examples
         --------
@@ -183,7 +185,7 @@ class Rigid(ResultStates):
         return estimate_by(self._dataset, of, by, confidence)
 
     def view(self, output: Any = None, **options: Any) -> Any:
-        """Make one HTML page in which members turn, see `rigidmc.views.viewer.page.view`.
+        """Make an HTML page in which members turn, see `rigidmc.views.viewer.page.view`.
 
         Parameters
         ----------
@@ -195,7 +197,7 @@ class Rigid(ResultStates):
         Returns
         -------
         Page
-            which a notebook shows
+            the page, which a notebook displays
 
         Examples
         --------
@@ -209,11 +211,12 @@ class Rigid(ResultStates):
         return view(self._given, output, **options)
 
 
-LABEL = 13  # characters of a line before its text
+LABEL = 13  # characters of the label of a line
 
 
 def scene_html(scene: "Scene") -> str:
-    """Body, start, effects with their operations, what is conserved, steps and saves."""
+    """Describe a scene as HTML: body, start, effects with their operations, conserved quantities,
+    steps and saves."""
     from rigidmc.views.descriptions import outline
 
     title, *lines = outline(scene)
@@ -221,18 +224,20 @@ def scene_html(scene: "Scene") -> str:
 
 
 def body_html(body: "Body") -> str:
-    """Mass, centre, moments about principal axes, and which rotations are stable."""
+    """Describe a body as HTML: mass, centre of mass, principal moments, and the stability of
+    rotations."""
     from rigidmc.scene.quantities import is_shared
     from rigidmc.views.descriptions import body_lines, describe_body
 
     if not is_shared(*body.quantities()):
-        return _table("a body that differs from member to member", body_lines(body))
+        return _table("body, different for each member", body_lines(body))
     title, *lines = describe_body(body, "body")
     return _table(title, lines)
 
 
 def _table(title: str, lines: list[str]) -> str:
-    """Lines of a label and a text as rows; a line without label goes on with the row before."""
+    """Turn lines of label and text into table rows; a line without label continues the previous
+    row."""
     rows = list[list[str]]()
     for line in lines:
         label, text = line[:LABEL].strip(), line[LABEL:]
@@ -250,7 +255,7 @@ def _table(title: str, lines: list[str]) -> str:
 
 
 def install(shell: Any) -> None:
-    """Tell the shell of a notebook how to show scenes and bodies, without importing either now."""
+    """Install HTML formatters for scenes and bodies in a notebook, without importing either now."""
     formatter = shell.display_formatter.formatters["text/html"]
     formatter.for_type_by_name("rigidmc.scene.scene", "Scene", scene_html)
     formatter.for_type_by_name("rigidmc.scene.body", "Body", body_html)

@@ -1,4 +1,4 @@
-"""An animation: a rotating top beside the sphere on which its angular momentum moves."""
+"""Animations: a rotating top next to the sphere on which its angular momentum moves."""
 
 import contextlib
 import math
@@ -25,7 +25,7 @@ from rigidmc.scene.scene import scene_of
 from rigidmc.views.sample import fastest
 from rigidmc.views.surfaces import TONES, Surface, body_surface, cut, member_body
 
-ELEVATION, AZIMUTH = np.radians([20.0, -50.0])  # of the viewer, who is far away
+ELEVATION, AZIMUTH = np.radians([20.0, -50.0])  # of the distant viewer
 VIEWER = np.array(
     [
         np.cos(ELEVATION) * np.cos(AZIMUTH),
@@ -34,9 +34,9 @@ VIEWER = np.array(
     ]
 )
 LAMP = np.array([0.3, -0.5, 0.8]) / np.sqrt(0.98)  # direction of the light
-SMOOTH = 4  # saves per frame: the path on the sphere is drawn through all of them
-TRACE, TRACED = 400, COLOURS[4]  # saves in which the trace of axis 3 fades, and its colour
-LONGEST = 0.2  # edge of a triangle, of the body's size: faces are painted by their mean depth
+SMOOTH = 4  # saves per frame, all of them on the path on the sphere
+TRACE, TRACED = 400, COLOURS[4]  # saves until the trace of axis 3 fades, and its colour
+LONGEST = 0.2  # longest edge of a triangle relative to the body: faces are sorted by mean depth
 
 Draw = Callable[[int], None]
 
@@ -50,7 +50,7 @@ def check_writer(path: str) -> None:
     check_suffix(path, "animations")
     if not path.endswith(".gif") and not animation.writers.is_available("ffmpeg"):
         kind = path[-4:]
-        rule = f"{kind} is written by ffmpeg, which is not installed; .gif needs nothing more"
+        rule = f"{kind} requires ffmpeg, which is not installed; .gif does not"
         raise ValueError(f"{path}: {rule}")
 
 
@@ -63,14 +63,14 @@ def animate(
 ) -> None:
     """Write an animation of one member, completely or not at all.
 
-    ds : one member, with attitude and momentum at evenly spaced times; SMOOTH times are a frame
-    path : .gif (by pillow), .mp4 or .webm (by ffmpeg);  force : replace an existing file
-    progress : a function of (frames done, all)
+    ds : one member, with attitude and momentum at evenly spaced times, SMOOTH times per frame
+    path : .gif (with pillow), .mp4 or .webm (with ffmpeg);  force : replace an existing file
+    progress : a function of (finished frames, all frames)
 
-    Left: the body in space as the solid it was declared as, or as the ellipsoid of its moments, on
-    a stick from its fixed point, with the trace of axis 3, the vertical and the angular momentum.
+    Left: the body in space, as its declared solid or the ellipsoid of its moments, on a stick from
+    its fixed point, with the trace of axis 3, the vertical and the angular momentum.
     Right: the angular momentum in body axes on the momentum sphere, with its path so far.
-    Raises as `check_writer`, and OutputExists if the file exists and `force` is False.
+    Raises the errors of `check_writer`, and OutputExists if the file exists and `force` is False.
     """
     path = str(path)
     check_writer(path)
@@ -93,9 +93,9 @@ def animate(
 
 @contextlib.contextmanager
 def _finished(path: str, writer: animation.AbstractMovieWriter) -> Iterator[None]:
-    """Finish a writer; if ffmpeg fails, OSError names the file.
+    """Finish a writer; if ffmpeg fails, raise OSError with the name of the file.
 
-    `writer.saving` would report only the consequences of the error.
+    `writer.saving` reports only the consequences of the error.
     """
     try:
         try:
@@ -106,21 +106,21 @@ def _finished(path: str, writer: animation.AbstractMovieWriter) -> Iterator[None
             raise
         writer.finish()
     except (subprocess.CalledProcessError, BrokenPipeError) as error:
-        raise OSError(f"{path}: could not be written by ffmpeg: {error}") from None
+        raise OSError(f"{path}: ffmpeg could not write it: {error}") from None
 
 
 def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
-    """(figure, draw): draw(i) shows time i."""
+    """Return (figure, draw); draw(i) shows time i."""
     q = ds.attitude.transpose("time", "quat", "member").values[..., 0]
     l = ds.momentum.transpose("time", "axis", "member").values[..., 0]
     size = np.linalg.norm(l, axis=1)
-    # at rest L is 0 by anything
+    # at rest L = 0; dividing by 1 keeps it 0
     unit = l / np.where(size > 0.0, size, 1.0)[:, None]
     figure = Figure((9.6, 5.0))
     FigureCanvasAgg(figure)
     title = figure.suptitle("", fontsize=11, parse_math=False)
-    left = _axes(figure, 0.0, "the body in space")
-    right = _axes(figure, 0.5, "its angular momentum in body axes")
+    left = _axes(figure, 0.0, "body in space")
+    right = _axes(figure, 0.5, "angular momentum in body axes")
     body = scene_of(ds, allow_code=None).body
     parts = (
         _body(left, body_surface(ds, body), member_body(ds, body)[2], rotation.matrix(q)),
@@ -142,8 +142,7 @@ def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
 
 
 def between_frames(ds: xr.Dataset) -> str:
-    """What an animation of one member does not show: how far it turns between frames; "" if it
-    shows the motion."""
+    """Return a warning if a member turns too far between the frames of an animation; else ""."""
     times = ds.time.values[::SMOOTH]
     if times.size < 2:
         return ""
@@ -153,13 +152,13 @@ def between_frames(ds: xr.Dataset) -> str:
         return ""
     frames = math.ceil((times[-1] - times[0]) / found.every) + 1
     return (
-        f"the body {found.who()} between frames: it seems to turn otherwise;"
-        f" use frames <= {found.every:g} s apart, {frames:,} in all"
+        f"the body {found.who()} between frames, so the apparent motion is wrong;"
+        f" use frames <= {found.every:g} s apart, {frames:,} in total"
     )
 
 
 def _axes(figure: Figure, left: float, title: str) -> Any:
-    """Three-dimensional axes around the unit sphere, on one half of a figure."""
+    """Add three-dimensional axes around the unit sphere to one half of a figure."""
     axes: Any = figure.add_axes((left, 0.0, 0.5, 0.9), projection="3d")
     axes.set(xlim=(-1.0, 1.0), ylim=(-1.0, 1.0), zlim=(-1.0, 1.0), box_aspect=(1, 1, 1))
     axes.set_axis_off()
@@ -172,18 +171,18 @@ def _axes(figure: Figure, left: float, title: str) -> Any:
 def _body(
     axes: Any, surface: Surface, centre: NDArray[np.float64], turn: NDArray[np.float64]
 ) -> Draw:
-    """The body and its stick from the fixed point to the centre of mass.
+    """Draw the body and its stick from the fixed point to the centre of mass.
 
-    Surfaces are closed: faces that point away from the viewer are hidden, and left out.
+    Surfaces are closed, so faces that point away from the viewer are hidden and not drawn.
     turn : rotation matrices (times, 3, 3)
     """
     scale = 1.0 / np.abs(surface.corners).max()
     triangles, tones = cut(scale * surface.corners[surface.faces], surface.tones, LONGEST)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    # of a surface of size 1: a face without area has no normal
+    # for a surface of size 1; a face without area has normal 0
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
     colours = np.array([to_rgb(tone) for tone in TONES])[tones]
-    # edges in the colours of the faces leave no gaps between slender triangles
+    # edges in the colours of the faces close the gaps between slender triangles
     solid = Poly3DCollection(triangles, linewidths=0.8, joinstyle="round")
     axes.add_collection3d(solid)
     stick = axes.plot([], [], [], "-", color=INK, lw=2.0)[0]
@@ -200,7 +199,7 @@ def _body(
 
 
 def _trace(axes: Any, axis: NDArray[np.float64]) -> Draw:
-    """The fading trace of the body's axis 3, unit vectors (times, 3) in space."""
+    """Draw the fading trace of the body's axis 3, unit vectors (times, 3) in space."""
     line = Line3DCollection([], linewidths=1.2)
     axes.add_collection3d(line, autolim=False)
     words = "— trace of axis 3"
@@ -218,8 +217,8 @@ def _trace(axes: Any, axis: NDArray[np.float64]) -> Draw:
 def _momentum(
     axes: Any, turn: NDArray[np.float64], l: NDArray[np.float64], size: NDArray[np.float64]
 ) -> Draw:
-    """The vertical, and the angular momentum in space: l (times, 3), its size (times,)."""
-    # at rest L is 0 by anything
+    """Draw the vertical, and the angular momentum in space: l (times, 3), its size (times,)."""
+    # at rest L = 0; dividing by 1 keeps it 0
     toward = np.einsum("tij,tj->ti", turn, l) / np.where(size > 0.0, size, 1.0)[:, None]
     axes.plot([0, 0], [0, 0], [-1.25, 1.25], ":", color=GREY, lw=1.0)
     axes.text(0.0, 0.0, 1.3, "z", color=GREY, ha="center")
@@ -236,7 +235,7 @@ def _momentum(
 
 
 def _sphere(axes: Any, unit: NDArray[np.float64]) -> Draw:
-    """The momentum sphere with its axes and the path (times, 3) of unit vectors on it."""
+    """Draw the momentum sphere with its axes and the path (times, 3) of unit vectors on it."""
     a, b = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 25), np.linspace(0.0, np.pi, 13))
     x, y, z = np.sin(b) * np.cos(a), np.sin(b) * np.sin(a), np.cos(b)
     axes.plot_wireframe(x, y, z, color=LIGHT, lw=0.4)

@@ -1,6 +1,6 @@
 """Pictures of the closed forms of one top: its axis, effective potential and Euler angles.
 
-Each function draws into a new Figure or into the axes given; `free_summary` and `lagrange_summary`
+Each function draws into a new Figure or into given axes; `free_summary` and `lagrange_summary`
 combine them.
 """
 
@@ -25,12 +25,12 @@ from rigidmc.planning.turns import Drive, turning_rates
 from rigidmc.results.labels import units_text, with_units
 from rigidmc.views.sphere import CIRCLE, draw_curve, draw_polhodes, draw_sphere, screen
 
-NARROW = 0.02  # rad: the least width of a nutation that the scale of a picture follows
+NARROW = 0.02  # rad: smallest width of a nutation that sets the scale of a picture
 
-FINE = 0.5  # rad between two points of a curve: half a radian of a circle is a smooth line
-POINTS = 1600, 20_000  # of a curve, at least and at most
+FINE = 0.5  # rad between two points of a curve: a circle then looks smooth
+POINTS = 1600, 20_000  # minimum and maximum for a curve
 TIME = with_units("time", "s")
-UPRIGHT = 0.05  # of the largest sin theta: below it phi and psi run fast and in opposite ways
+UPRIGHT = 0.05  # relative to the largest sin theta: below it phi and psi run fast and opposite
 
 
 def axis_path(
@@ -41,7 +41,7 @@ def axis_path(
     axes: Axes | None = None,
     periods: int = 8,
 ) -> Figure:
-    """The path of a Lagrange top's axis on the unit sphere: loops, cusps or waves.
+    """Draw the path of a Lagrange top's axis on the unit sphere: loops, cusps or waves.
 
     Circles mark the turning angles.
     moments (3,) [kg m^2], weight k = m g l [N m], momentum (3,) [kg m^2/s] in principal axes,
@@ -80,19 +80,19 @@ def potential(
     attitude: ArrayLike,
     axes: Axes | None = None,
 ) -> Figure:
-    """The effective potential of theta, TdC (3.42), with the energy and the turning angles."""
+    """Draw the effective potential of theta, TdC (3.42), with energy and turning angles."""
     axes = axes if axes is not None else new_figure("", (6.0, 4.2)).add_subplot()
     nutation = analyse_lagrange_top(moments, weight, momentum, attitude)
     p_phi, p_psi = nutation.p_phi, nutation.p_psi
     high, low = float(nutation.high), float(nutation.low)
-    # the energy of the spin is constant: without it the scale shows the nutation
+    # the energy of the spin is constant; without it the nutation fills the scale
     spin = 0.5 * float(p_psi) ** 2 / np.asarray(moments)[2]
     margin = 0.35 * max(low - high, NARROW)
     theta = np.linspace(max(high - margin, 1e-6), min(low + margin, np.pi - 1e-6), 1001)
     u = effective_potential(moments, weight, p_phi, p_psi, theta) - spin
     energy, floor = float(nutation.energy) - spin, u.min()
     size = max(float(np.median(np.abs(u))), abs(energy))
-    # energies that are all 0 are drawn in joules
+    # if all energies are 0, the unit is 1 J
     unit = 10.0 ** np.floor(np.log10(size)) if size > 0.0 else 1.0
     u, energy, floor = u / unit, energy / unit, floor / unit
     axes.plot(np.degrees(theta), u, color=MEDIAN, linewidth=2.0, label="effective potential")
@@ -103,15 +103,15 @@ def potential(
     inside = (theta >= high) & (theta <= low)
     degrees = np.degrees(theta)
     axes.fill_between(degrees, u, energy, where=inside, color=PATH, alpha=0.15, linewidth=0)
-    # of energies in `unit`, that of the drawing; 1e-300 only keeps its ends apart
+    # height of the drawing in `unit`; 1e-300 only keeps its ends apart
     height = max(energy - floor, 1e-12 * max(abs(energy), 1e-300))
-    if low - high < NARROW:  # the energy is all but that of the floor: the well gives the scale
+    if low - high < NARROW:  # the energy is close to the floor: the well sets the scale
         height = max(height, 0.5 * (u[[0, -1]].min() - floor))
     axes.set(xlim=degrees[[0, -1]], ylim=(floor - 0.25 * height, energy + 1.1 * height))
     scale = f"{unit:.0e} {units_text('J')}" if unit != 1.0 else "J"
     axes.set(
         xlabel=with_units("theta", "deg"),
-        ylabel=with_units("energy less that of the spin", scale),
+        ylabel=with_units("energy minus spin energy", scale),
     )
     axes.ticklabel_format(useOffset=False)
     _finish(axes, "Effective potential of the nutation")
@@ -121,11 +121,11 @@ def potential(
 def euler_angles(
     attitude: NDArray[np.float64], t: NDArray[np.float64], axes: Axes | None = None
 ) -> Figure:
-    """Euler angles z-x-z of attitudes (n, 4) against t (n,).
+    """Draw Euler angles z-x-z of attitudes (n, 4) against t (n,).
 
-    theta, and phi and psi less their mean rates, which the legend shows. Near theta = 0 and pi
-    only phi + psi or phi - psi has a meaning: there phi and psi are left out, unless the body stays
-    there.
+    The curves are theta, and phi and psi minus their mean rates, which the legend shows. Near
+    theta = 0 and pi only phi + psi or phi - psi is well defined; the picture omits phi and psi
+    there, unless the body stays there.
     """
     axes = axes if axes is not None else new_figure("", (6.0, 4.6)).add_subplot()
     w, x, y, z = np.moveaxis(attitude, -1, 0)
@@ -158,7 +158,7 @@ def lagrange_summary(
     attitude: ArrayLike,
     title: str = "Lagrange top",
 ) -> Figure:
-    """Axis on the sphere, effective potential and Euler angles of one Lagrange top."""
+    """Draw axis on the sphere, effective potential and Euler angles of one Lagrange top."""
     figure, left, upper, lower = _three(title)
     axis_path(moments, weight, momentum, attitude, left)
     potential(moments, weight, momentum, attitude, upper)
@@ -174,7 +174,7 @@ def free_summary(
     t_end: float,
     title: str = "free top",
 ) -> Figure:
-    """Momentum sphere, angular velocity and Euler angles of one free body."""
+    """Draw momentum sphere, angular velocity and Euler angles of one free body."""
     figure, left, upper, lower = _three(title)
     draw_polhodes(moments, momentum, left)
     t = _resolved(moments, momentum, t_end)
@@ -190,11 +190,11 @@ def free_summary(
 
 
 def case_summary(case: ClosedMotion, title: str, t_end: float) -> Figure:
-    """The summary of the first member of a `rigidmc.planning.closed_form.ClosedMotion`."""
+    """Draw the summary of the first member of a `rigidmc.planning.closed_form.ClosedMotion`."""
     moments, momentum, attitude = case.moments[0], case.momentum[0], case.attitude[0]
     form = int(case.form[0])
     if form == NONE:
-        rule = "the first member has no body or no start: no motion to draw"
+        rule = "impossible body or start of the first member: no motion to draw"
         raise OptionError(rule, at="members")
     if form == 0:
         return free_summary(moments, momentum, attitude, t_end, title)
@@ -203,7 +203,7 @@ def case_summary(case: ClosedMotion, title: str, t_end: float) -> Figure:
 
 
 def _three(title: str) -> tuple[Figure, Axes, Axes, Axes]:
-    """(figure, left, upper right, lower right) with empty axes."""
+    """Return (figure, left, upper right, lower right) with empty axes."""
     figure = new_figure(title, (12.0, 6.6))
     grid = figure.add_gridspec(1, 2, width_ratios=[1.0, 1.15])
     right = grid[1].subgridspec(2, 1)
@@ -212,7 +212,7 @@ def _three(title: str) -> tuple[Figure, Axes, Axes, Axes]:
 
 
 def _finish(axes: Axes, title: str) -> None:
-    """A title, and a legend between it and the axes."""
+    """Add a title, and a legend between title and axes."""
     axes.set_title(title, fontsize=10, pad=24)
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize=9, frameon=False)
 
@@ -220,10 +220,10 @@ def _finish(axes: Axes, title: str) -> None:
 def _times(
     moments: ArrayLike, momentum: ArrayLike, nutation: NutationRange, periods: int
 ) -> NDArray[np.float64]:
-    """Times over some periods of the nutation.
+    """Return times over some periods of the nutation.
 
-    A top without a period has times over as many of its slow time 6/rate, a top at rest, which does
-    nothing at any time, over 1 s.
+    For a top without a period, the slow time 6/rate replaces the period. For a top at rest, the
+    times cover 1 s.
     """
     rate, period = float(nutation.rate), float(nutation.period)
     if not rate > 0.0:
@@ -232,8 +232,8 @@ def _times(
 
 
 def _resolved(moments: ArrayLike, momentum: ArrayLike, end: float) -> NDArray[np.float64]:
-    """Times to an end [s], between which a body turns by FINE at most; if they would be more than
-    POINTS[1], to as far as these reach."""
+    """Return times until `end` [s], between which a body turns by at most FINE; at most POINTS[1]
+    times, which may end earlier."""
     rates = turning_rates(
         np.asarray(moments, float)[:, None], np.asarray(momentum, float)[:, None], Drive(True)
     )

@@ -1,7 +1,7 @@
-"""Scenes and bodies in lines of text: `rigidmc show` and `rigidmc body`.
+"""Descriptions of scenes and bodies as text: `rigidmc show` and `rigidmc body`.
 
-A scene: its parts, what is compiled for it, and what a run of it would take. A body: mass, centre,
-tensor, principal axes, and which rotations are stable.
+For a scene: its parts, the kernels to compile, and the time, memory and disk of a run. For a body:
+mass, centre of mass, tensor, principal axes and the stability of rotations.
 """
 
 from typing import Any
@@ -37,7 +37,7 @@ from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 
 def describe_scene(scene: Scene, threads: int, device: str = "cpu") -> str:
-    """What a scene is, what is compiled for it, and what a run of it would take."""
+    """Describe a scene, the kernels to compile, and the time, memory and disk of a run."""
     run = prepare_scene(scene)
     lines = [
         *_physics(run.scene),
@@ -57,9 +57,9 @@ def describe_scene(scene: Scene, threads: int, device: str = "cpu") -> str:
 
 
 def outline(scene: Scene) -> list[str]:
-    """What a scene is, without what must be measured: its first line is the title."""
+    """Describe a scene without measuring; the first line is the title."""
     lines = _physics(scene)
-    if scene.run.integrator == "auto":  # chosen by measuring
+    if scene.run.integrator == "auto":  # the choice needs measurements
         return lines
     run = prepare_scene(scene)
     prices = [
@@ -73,7 +73,7 @@ def outline(scene: Scene) -> list[str]:
 
 
 def body_lines(body: Body) -> list[str]:
-    """Moments, mass, centre and principal axes."""
+    """Describe moments, mass, centre of mass and principal axes."""
     lines = [
         f"body         moments {_words(body.moments)} kg m², mass {_words(body.mass)} kg,"
         f" centre {_words(body.centre)} m"
@@ -85,14 +85,14 @@ def body_lines(body: Body) -> list[str]:
 
 
 def _physics(scene: Scene) -> list[str]:
-    """Title, source, body and start."""
+    """Describe title, source, body and start."""
     lines, start = [f"{scene.title}: {scene.summary}".rstrip(": ")], scene.start
     if scene.source:
         lines.append(f"source       {scene.source}")
     lines += body_lines(scene.body)
     name = "omega" if start.momentum is None else "momentum"
     spin = f"{name} {_words(getattr(start, name))} {units_text(OBSERVABLES[name].units)}"
-    named = {"uniform": "uniform on SO(3)", "ensemble": "of the momentum's ensemble"}
+    named = {"uniform": "uniform on SO(3)", "ensemble": "from the momentum's ensemble"}
     attitude = start.attitude
     attitude = named[attitude] if isinstance(attitude, str) else _words(attitude)
     lines.append(f"start        {spin}; attitude {attitude}")
@@ -102,28 +102,28 @@ def _physics(scene: Scene) -> list[str]:
 
 
 def _compiled(run: PreparedRun) -> list[str]:
-    """The integrator, the effects, and what they conserve."""
+    """Describe the integrator, the effects and the conserved quantities."""
     scene, facts = run.scene, run.plan.conserved
     effects = [
         f"{label}({', '.join(f'{k} = {_words(getattr(e, k))}' for k in user_parameters(e))})"
         for label, e in label_effects(scene.effects)
     ]
     words = ", ".join(effects) or "none (free body)"
-    attitude = "with" if run.plan.has_attitude else "no"
+    attitude = "with" if run.plan.has_attitude else "without"
     lines = [f"compiled     {scene.run.integrator}; effects: {words}; {attitude} attitude"]
     for effect in scene.effects:
         if type(effect) not in EFFECTS.values():
             why = why_scalar(effect)
-            how = f"not packed: {why}" if why else "packed: members side by side, as built-in ones"
+            how = f"not packed: {why}" if why else "packed: members side by side, as if built-in"
             operations = torque_operations(effect)
-            lines.append(f"own effect   {type(effect).__name__}: {operations}, {how}")
-    booked = ", but its work is booked" if facts["energy"] != facts["energy_drift"] else ""
+            lines.append(f"custom       {type(effect).__name__}: {operations}, {how}")
+    booked = ", but its work is recorded" if facts["energy"] != facts["energy_drift"] else ""
     lines.append(f"conserved    energy: {facts['energy']}{booked}; |L|^2: {facts['l2']}")
     return lines
 
 
 def _steps(prepared_run: PreparedRun) -> list[str]:
-    """What flags a member, the steps, and what is saved."""
+    """Describe the limits that flag a member, the steps and the saved variables."""
     layout, plan, units = prepared_run.layout, prepared_run.plan, prepared_run.units
     plan = plan if units is None else units.back(plan)
     scene, run, grid = layout.scene, layout.scene.run, plan.grid
@@ -132,58 +132,59 @@ def _steps(prepared_run: PreparedRun) -> list[str]:
     pieces = f" of {parts} parts each" if parts > 1 else ""
     end = f"t_end = {run.t_end:g} s, omega dt <= {plan.angle:.2g} rad"
     if plan.has_member_steps:
-        own = f"its own for each member, {plan.mean_steps:,.1f} in the mean of the pilot"
+        own = f"different for each member, {plan.mean_steps:,.1f} on average in the pilot"
         lines.append(f"steps        {f'{pieces.strip()}, ' if pieces else ''}{own}, {end}")
     else:
         less = ""
         if grid.is_shortened and plan.scheme:
-            less = f" (the last {grid.steps - grid.head:,}: {grid.last_dt:.6g} s)"
+            less = f" (last {grid.steps - grid.head:,}: {grid.last_dt:.6g} s)"
         lines.append(f"steps        {grid.steps:,}{pieces}, dt = {grid.dt:.6g} s{less}, {end}")
     if plan.dtype == "float32":
         lines.append(f"float32      {single_precision(plan)}")
     keep = [
         f"{word} of {name}" for name, word in layout.recording.retained.items() if word != "full"
     ]
-    less = f"; kept: {', '.join(keep)}, and all of flagged members" if keep else ""
+    less = f"; kept: {', '.join(keep)}, and everything of flagged members" if keep else ""
     saved = ", ".join(run.save) or "nothing"
-    lines.append(f"saves        {plan.times.size:,} times of {saved}{less}")
+    lines.append(f"saves        {saved} at {count_text(plan.times.size, 'time')}{less}")
     if (found := sparse_saves(scene.model, run)) is not None:
         name, one = found
         lines.append(
-            f"             {name} {one.who()} between saves: lines through them show another"
-            f" motion; use every <= {one.every:g} s"
+            f"             {name} {one.who()} between saves: lines through the saves misrepresent"
+            f" the motion; use every <= {one.every:g} s"
         )
     return lines
 
 
 def _room(run: PreparedRun, threads: int, device: str) -> list[str]:
-    """Members, blocks, memory and files."""
+    """Describe members, blocks, memory and files."""
     plan, settings = run.plan, run.scene.run
     size = block_of(plan, threads, device, False)
     memory, with_file, file = needs(run.layout, plan, plan.members, size, threads)
     free = free_memory()
-    has = f"; {in_words(free)} are free" if free is not None else ""
+    has = f"; {in_words(free)} free" if free is not None else ""
     packed = settings.compress or settings.digits is not None
     block, shard = shard_members(run)
     few = shorten_shards(run, block, shard, device=device)[1]
     shards = count_text(-(-plan.members // few), "shard")
     shards += f" of {count_text(few, 'member')} with -o RUN/"
     if few != shard:
-        shards += f", by their time; {-(-plan.members // shard):,} of {shard:,} with --shards"
+        shards += f", limited by time; {-(-plan.members // shard):,} of {shard:,} with --shards"
     return [
         f"members      {plan.members:,} in blocks of {size:,} on {count_text(threads, 'thread')}",
         f"memory       {in_words(memory)} as a Dataset in memory, {in_words(with_file)} with"
-        f" -o FILE, {in_words(BASE)} of it for interpreter and libraries{has}",
-        f"file         {in_words(file)}{' before it is compressed' if packed else ''}",
+        f" -o FILE, including {in_words(BASE)} for interpreter and libraries{has}",
+        f"file         {in_words(file)}{' before compression' if packed else ''}",
         f"directory    {shards}",
     ]
 
 
 def _cost(run: PreparedRun, threads: int, device: str) -> list[str]:
-    """What is to be compiled, the time of a step, and what observables and effects add to it."""
+    """Describe the kernels to compile, the time per step, and the cost of observables and
+    effects."""
     plan, recorded = run.plan, run.plan.recording
     program = make_program(plan, device, compiled=False)
-    assert program is not None  # closed forms are told apart before
+    assert program is not None  # the caller handles closed forms
     lines = [f"code         {to_compile(program)}"]
     cost = cost_per_step(run, device)
     total = cost * 1e-9 * moved_at_once(plan.members, threads, device) * plan.mean_steps
@@ -204,7 +205,7 @@ def _cost(run: PreparedRun, threads: int, device: str) -> list[str]:
     if watched:
         more = " and the ledger of work" if works else ""
         names = ", ".join(watched)
-        lines.append(f"watched      {names}{more}: {cost - quiet:.2f} ns of it")
+        lines.append(f"monitored    {names}{more}: {cost - quiet:.2f} ns of this cost")
     if effects:
         free, none, added, noise, predicted = prices(run)
         each = "".join(f", {label} {operations}" for label, operations in added.items())
@@ -212,44 +213,44 @@ def _cost(run: PreparedRun, threads: int, device: str) -> list[str]:
         each += f", ledger of work {cost - quiet:.2f} ns" if works and not watched else ""
         lines.append(
             f"price        {free:.2f} ns without effects ({none}){each}:"
-            f" {predicted:.2f} ns predicted, {quiet / predicted:.2f} of that measured"
+            f" {predicted:.2f} ns predicted, measured {quiet / predicted:.2f} times that"
         )
     return lines
 
 
 def to_compile(program: Program) -> str:
-    """What is still to be compiled of a program, and how long that takes, in words."""
+    """Describe the kernels of a program that are not in the cache, and their compile time."""
     missing = program.missing()
     if not missing:
         return "nothing to compile"
     pieces = list_kernels(program.label, missing)
     time = seconds_text(seconds(program.label, missing, program.effects, program.helper_share()))
-    return f"to be compiled, on first use: {pieces}: about {time} s (done now, to measure the cost)"
+    return f"to compile at first use: {pieces}: about {time} s (done now, to measure the cost)"
 
 
 def single_precision(plan: Plan) -> str:
-    """What float32 costs in accuracy, in words."""
+    """Describe the loss of accuracy with float32."""
     angle = plan.angle * plan.mean_steps
     # median of 64 heavy tops by rk4: 9.6e-7, 4.0e-6, 2.0e-5 after 16, 63, 250 rad at any step
     error = 6e-8 * angle
     words = (
-        f"rounding a body's numbers to 6e-8 misplaces it by {error:.1e} rad"
-        f" in a turn of {angle:.3g} rad, whatever the step"
+        f"rounding the state to 6e-8 turns the body by {error:.1e} rad after {angle:.3g} rad of"
+        " motion, at any step"
     )
     if not plan.compensated and not (plan.scheme and has_extra_state(plan.scheme.integrator)):
         # rk4 over 10 s without remainders: 7.2e-6 in 512 steps, 1.9e-3 in 131,072
         drift = 1.5e-8 * plan.mean_steps
         error = max(error, drift)
         words += (
-            "; sums cannot keep their remainders here: about 1.5e-8 more for each step,"
-            f" {drift:.1e} in all"
+            "; this integrator does not compensate sums: about 1.5e-8 more per step,"
+            f" {drift:.1e} in total"
         )
     digits = max(0.0, -np.log10(max(error, 6e-8)))
     return f"about {digits:.0f} digits at t_end in regular motion: {words}"
 
 
 def _limits(limits: Limits) -> str:
-    """What flags a member, in words."""
+    """Describe the limits that flag a member."""
     words = {
         "energy drifts by": (limits.energy, ""),
         "|L|^2 drifts by": (limits.l2, ""),
@@ -262,11 +263,11 @@ def _limits(limits: Limits) -> str:
         if limit < np.inf
     ]
     bounds = f"its {', '.join(parts)}, or " if parts else ""
-    return f"a member if {bounds}it turns non-finite"
+    return f"a member if {bounds}it becomes non-finite"
 
 
 def _words(value: Any) -> str:
-    """A quantity or a tuple of quantities in words."""
+    """Write a quantity or a tuple of quantities as text."""
     if isinstance(value, VectorDistribution):
         fields = {k: v for k, v in value.as_dict().items() if v is not None}
         words = [f"{k} = {v if isinstance(v, int) else _words(v)}" for k, v in fields.items()]
@@ -284,7 +285,7 @@ SAME = 1e-12  # relative difference below which moments count as equal
 
 
 def body_facts(body: Body) -> dict[str, Any]:
-    """The facts of a body of plain numbers, as lists and numbers (SI)."""
+    """Return the properties of a body of plain numbers, as lists and numbers (SI)."""
     moments = np.array(body.moments)
     order = np.argsort(moments, kind="stable")
     about_centre = inertia.about_centre(body.tensor, body.mass, body.centre)
@@ -303,7 +304,8 @@ def body_facts(body: Body) -> dict[str, Any]:
 
 
 def top_type(moments: NDArray[np.float64]) -> str:
-    """Spherical, symmetric (oblate or prolate) or asymmetric, and flat if I3 = I1 + I2."""
+    """Classify a body: spherical, symmetric (oblate or prolate) or asymmetric; flat if
+    I3 = I1 + I2."""
     low, middle, high = np.sort(moments)
     if high - low <= SAME * high:
         word = "spherical: all moments equal"
@@ -317,7 +319,7 @@ def top_type(moments: NDArray[np.float64]) -> str:
 
 
 def describe_body(body: Body, title: str) -> list[str]:
-    """Lines of text about a body."""
+    """Describe a body in lines of text."""
     known = body_facts(body)
     moments, axes, centre = (np.array(known[key]) for key in ("moments", "axes", "centre"))
     size = np.sqrt(moments.max() / known["mass"])  # m
@@ -341,40 +343,38 @@ def describe_body(body: Body, title: str) -> list[str]:
     if np.linalg.norm(centre) > SAME * size:
         principal = inertia.survives(axes.T, centre)
         words = ", ".join(str(k + 1) for k in range(3) if principal[k]) or "none"
-        lines.append(f"axes that are principal about the centre of mass too: {words}")
+        lines.append(f"axes that are also principal about the centre of mass: {words}")
     lines += _stability(moments, known)
     if not known["exists"]:
-        lines.append(f"note         such a body cannot exist: {inertia.TOO_FAR}")
+        lines.append(f"note         this body cannot exist: {inertia.TOO_FAR}")
     return lines
 
 
 def _stability(moments: NDArray[np.float64], known: dict[str, Any]) -> list[str]:
-    """Which rotations are stable without torque, and how fast a disturbance grows."""
+    """Describe the stability of torque-free rotations and the growth of a disturbance."""
     low, middle, high = known["order"]
     growth, shape = known["growth_per_turn_rate"], known["shape"]
     if growth > 1e-6:
         turns = np.log(10.0) / growth / (2.0 * np.pi)
         return [
-            f"rotations    without torque: about axes {low} and {high} stable, about axis {middle}"
-            f" unstable: a disturbance grows as exp({growth:.6g} omega t),",
-            f"             by ten every {turns:.3g} turns",
+            f"rotations    without torque: stable about axes {low} and {high}, unstable about axis"
+            f" {middle}: a disturbance grows as exp({growth:.6g} omega t),",
+            f"             tenfold every {turns:.3g} turns",
         ]
     if shape.startswith("spherical"):
-        return [
-            "rotations    without torque: about any axis steady, and a disturbance does not grow"
-        ]
+        return ["rotations    without torque: steady about any axis; a disturbance does not grow"]
     if shape.startswith("symmetric"):
         oblate = moments[middle - 1] - moments[low - 1] < moments[high - 1] - moments[middle - 1]
         return [
-            f"rotations    without torque: about axis {high if oblate else low} stable; about any"
-            " axis across it steady, but a disturbance moves on at a constant rate"
+            f"rotations    without torque: stable about axis {high if oblate else low}; steady"
+            " about any perpendicular axis, but a disturbance makes it drift at a constant rate"
         ]
     return [
-        f"rotations    without torque: two moments all but equal: the growth about axis {middle},"
-        f" {growth:.2g} omega, is slow"
+        f"rotations    without torque: two moments are nearly equal, so the growth about axis"
+        f" {middle} is slow: {growth:.2g} omega"
     ]
 
 
 def _row(values: NDArray[np.float64], size: float = 1.0) -> str:
-    """Numbers in words, those that are rounding of their size 0."""
+    """Write numbers as text; numbers below the rounding error of `size` become 0."""
     return ", ".join(f"{0.0 if abs(x) < 1e-15 * size else x:.10g}" for x in values)

@@ -1,9 +1,9 @@
 """Pictures of an ensemble, one function each.
 
-All take a Dataset of simulate(), and axes to draw into a figure of the caller. They read evenly
-spaced members and times, see `rigidmc.views.sample`; drifts are those of all members. Flagged
-members (status not 0) are left out, and the heading of a new figure counts them. ValueError if
-there is nothing to draw, with what to save.
+Every function takes a Dataset of simulate(), and optionally axes in a figure of the caller. It
+reads evenly spaced members and times, see `rigidmc.views.sample`; drifts are from all members.
+Pictures exclude flagged members (status not 0); the heading of a new figure counts them. If there
+is nothing to draw, ValueError names the variables to save.
 """
 
 from textwrap import fill
@@ -31,15 +31,15 @@ from rigidmc.views.sample import (
 )
 from rigidmc.views.sphere import central_axis
 
-# reversals per member above which only one member is drawn: of a few, the one with the widest swing
+# reversals per member above which the picture shows only one of the members, with the widest swing
 SWINGS = 25
 
 
 def summary(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
-    """The picture of a run: directions, the middle component against time, drifts.
+    """Draw the summary of a run: directions, middle component against time, drifts.
 
-    The axis in space is drawn only if the attitude was saved. With fewer than three saves, the
-    spread at the start and at the end replaces the time series.
+    The axis in space requires saved attitudes. With fewer than three saves, the spread at the start
+    and at the end replaces the time series.
     """
     spheres = [momentum_sphere, axis_sphere] if "attitude" in ds else [momentum_sphere]
     figure = figure or figure_of_result(ds, (13.0, 8.0) if len(spheres) > 1 else (10.0, 8.0))
@@ -58,15 +58,16 @@ def summary(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
 
 
 def middle_component(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
-    """Angular velocity about the axis of the middle moment against time: quantiles, some members.
+    """Draw angular velocity about the axis of the middle moment against time: quantiles and a few
+    members.
 
-    ds : with omega or momentum at three times or more
+    ds : result with omega or momentum at three or more times
     """
     part = thin_result(ds)
     omega, _ = omega_or_momentum(part, "omega")
     if len(omega) < 3:
         raise ValueError(
-            "middle_component needs omega at three times or more:"
+            "middle_component needs omega at three or more times:"
             ' run with every=... and save=("omega",)'
         )
     moments, t = part.moments.values, part.time.values
@@ -88,17 +89,18 @@ def middle_component(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     up = with_units(name, OBSERVABLES["omega"].units)
     axes.set(xlabel=axis_label(part.time), ylabel=up, xlim=(t[0], t[-1]))
     symmetric = central_axis(np.median(moments, axis=1)) != axis[0]
-    where = "across the symmetry axis" if symmetric else "about the axis of the middle moment"
+    where = "normal to the symmetry axis" if symmetric else "about the axis of the middle moment"
     add_title(axes, f"Angular velocity {where}", note_on(part, BODY), pad=20)
     legend_above(axes, 4)
     return figure_of(axes)
 
 
 def start_and_end(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
-    """Histograms of the components of the angular velocity at the start and at the end.
+    """Draw histograms of the components of the angular velocity at the start and at the end.
 
-    Each is scaled to its own peak.
-    ds : with omega or momentum; otherwise start_omega or start_momentum alone
+    Each histogram is scaled to its own peak.
+    ds : result with omega or momentum; otherwise the start alone, from start_omega or
+        start_momentum
     """
     part = thin_result(ds)
     omega, when = omega_or_momentum(part, "omega")
@@ -118,7 +120,7 @@ def start_and_end(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
             axes.stairs(height, edges, baseline=-row, label=None if row else name, **style)
     axes.set(
         xlabel=with_units(OBSERVABLES["omega"].long_name, OBSERVABLES["omega"].units),
-        ylabel="members, each row to its peak",
+        ylabel="members, rows scaled to their peaks",
         ylim=(-2.1, 1.0),
     )
     axes.set_yticks([0, -1, -2], [f"$\\omega_{i}$" for i in (1, 2, 3)])
@@ -128,10 +130,10 @@ def start_and_end(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
 
 
 def drift_histogram(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
-    """Histograms of energy_drift_max and l2_drift_max of all members, with median and worst.
+    """Draw histograms of energy_drift_max and l2_drift_max of all members, with median and worst.
 
-    The axes are logarithmic; the legend counts drifts of exactly 0. If physics does not conserve a
-    quantity (its attribute `conserved`), the title says why.
+    The axes are logarithmic; the legend counts drifts of exactly 0. If a quantity is not conserved
+    (attribute `conserved`), the title gives the reason.
     """
     axes = axes or figure_of_result(ds, (7.0, 4.2)).add_subplot()
     drifts = {"E - work" if "work" in ds else "E": ds.energy_drift_max, "$|L|^2$": ds.l2_drift_max}
@@ -172,7 +174,7 @@ def drift_histogram(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
 
 
 def _decades(values: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Edges of ten bins per decade around all positive values."""
+    """Return edges of ten bins per decade around all positive values."""
     exponents = np.concatenate([np.log10(v[v > 0.0]) for v in values])
     first, last = -17.0, -15.0
     if exponents.size:
@@ -182,7 +184,7 @@ def _decades(values: list[NDArray[np.float64]]) -> NDArray[np.float64]:
 
 
 def _drift_label(symbol: str, v: NDArray[np.float64]) -> str:
-    """The legend of a histogram of drifts."""
+    """Return the legend of a histogram of drifts."""
     zeros, median = int(np.count_nonzero(v == 0.0)), np.median(v) if v.size else 0.0
     label = f"{symbol}: median (¦) {median:.1e}, worst (▾) {v.max(initial=0.0):.1e}"
     return label + (f"; {count_text(zeros, 'member')} at 0" if zeros else "")

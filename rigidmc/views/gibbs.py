@@ -1,4 +1,4 @@
-"""A picture of a scene in a heat bath against the Gibbs distribution."""
+"""Picture of a scene in a heat bath, compared with the Gibbs distribution."""
 
 import numpy as np
 import xarray as xr
@@ -16,17 +16,18 @@ from rigidmc.results.labels import count_text, value_text
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene, scene_of
 
-THEORY = 200_000  # attitudes, uniform on SO(3), that sample the Gibbs distribution by weights
+THEORY = 200_000  # attitudes, uniform on SO(3), weighted to sample the Gibbs distribution
 
 
 def gibbs(ds: xr.Dataset, allow_code: bool = False) -> Figure:
-    """The last state of a scene in a bath against exp(-(T + V)/kT).
+    """Compare the last state of a scene in a bath with exp(-(T + V)/kT).
 
-    Momenta about the three axes are normal with <L_i^2> = I_i kT. The theoretical potential
-    energies V are those of 200,000 uniform attitudes with weights exp(-V/kT). Averages in the
-    titles have their standard errors; a run is off by another term of order dt^2.
+    In theory, momenta about the three axes are normal with <L_i^2> = I_i kT. The theoretical
+    distribution of the potential energy V comes from 200,000 uniform attitudes with weights
+    exp(-V/kT). Titles show averages with their standard errors; the error of a run has another term
+    of order dt^2.
 
-    ds : with momentum, and with attitude if effects have an energy
+    ds : result with momentum, and with attitude if effects have an energy
     Raises ValueError for scenes without a bath or with two, and for scenes whose body, kT or
     energies differ between members.
     """
@@ -47,7 +48,7 @@ def gibbs(ds: xr.Dataset, allow_code: bool = False) -> Figure:
     l = ds.momentum.isel(time=-1).transpose("axis", "member").values[:, good]
     moments = ds.moments.transpose("axis", "member").values[:, good]
     what = f"{count_text(good.sum(), 'member')} at t = {value_text(float(ds.time[-1]), ds.time)}"
-    title = f"{scene.title}: {what} against the Gibbs distribution"
+    title = f"{scene.title}: {what} and the Gibbs distribution"
     figure = new_figure(title, (11.0 if potentials else 6.0, 4.6))
     places = figure.subplots(1, 2 if potentials else 1, squeeze=False)[0]
     _momenta(places[0], l / np.sqrt(moments * kT))
@@ -58,7 +59,7 @@ def gibbs(ds: xr.Dataset, allow_code: bool = False) -> Figure:
 
 
 def _momenta(axes: Axes, x: NDArray[np.float64]) -> None:
-    """Histograms of reduced momenta (axis, member), which should be normal."""
+    """Draw histograms of reduced momenta (axis, member), which should be normal."""
     edges = np.linspace(-4.5, 4.5, 46)
     for row, (color, style) in enumerate(((CORE, "-"), (INK, "--"), (PATH, ":"))):
         height = np.histogram(x[row], edges, density=True)[0]
@@ -76,7 +77,7 @@ def _momenta(axes: Axes, x: NDArray[np.float64]) -> None:
 
 
 def _energies(axes: Axes, scene: Scene, q: NDArray[np.float64], kT: float) -> None:
-    """Histogram of the potential energy, and that of the Gibbs distribution."""
+    """Draw histograms of the potential energy in the run and in the Gibbs distribution."""
     block, _ = members_at_start(scene.model, scene.run, 0, 1)
     body, effects = physics(scene.effects, block)
     run = np.ravel(energies(effects, body, tuple(q))) / kT

@@ -1,4 +1,4 @@
-"""Pictures of directions: where momenta point in the body, and axes of bodies in space."""
+"""Pictures of directions: of momenta in the body, and of body axes in space."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -24,10 +24,10 @@ from rigidmc.views.sample import (
 )
 from rigidmc.views.sphere import central_axis, disc_density, lambert, polhodes
 
-COARSE = 0.8  # mean cosine of the angle between two steps of a path; below it a path is dots,
-# because lines would cut its corners
+COARSE = 0.8  # mean cosine of the angle between two steps of a path; below it a path becomes dots,
+# because lines would cut corners
 
-# Rims of a cap [deg]: seconds, minutes, degrees
+# Rims of a cap [deg]: whole seconds, minutes and degrees of arc
 CAPS = (
     *(angle / 3600 for angle in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30)),
     *(angle / 60 for angle in (1, 2, 5, 10, 20, 30)),
@@ -38,22 +38,22 @@ Vectors = NDArray[np.float64]  # (time, axis, member)
 
 
 def momentum_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
-    """Where the angular momentum points in the body: its density, and paths of a few members.
+    """Draw the direction of the angular momentum in the body: density, and paths of a few members.
 
-    Two hemispheres in Lambert's equal-area projection, seen along the axis of the middle moment
-    (for a symmetric body its symmetry axis), or one cap that contains all members. The density is
-    over all saves, or the last if there are only two. The path of a free body is its polhode, the
-    curve of constant energy and |L|^2 through its start; under torques the path joins the saves. If
-    all members are one asymmetric body, its separatrices 2 T I_mid = L^2 are drawn: great circles,
-    which are straight lines here.
+    The picture shows two hemispheres in Lambert's equal-area projection, seen along the axis of the
+    middle moment (for a symmetric body, the symmetry axis), or one cap that contains all members.
+    The density includes all saves, or only the last of two. The path of a free body is its polhode,
+    the curve of constant energy and |L|^2 through its start; under torques the path joins the
+    saves. If all members have the same asymmetric body, the picture shows its separatrices
+    2 T I_mid = L^2: great circles, which are straight lines in this projection.
 
-    ds : with omega or momentum; otherwise start_omega or start_momentum, as the title says
+    ds : result with omega or momentum; otherwise start_omega or start_momentum, as the title says
     """
     part = thin_result(ds)
     l, when = omega_or_momentum(part, "momentum")
     moments = part.moments.values
     body = np.median(moments, axis=1)
-    order = np.roll(np.arange(3), 2 - central_axis(body))  # axes to the right, up, to the reader
+    order = np.roll(np.arange(3), 2 - central_axis(body))  # axes right, up, toward the reader
     right, up, toward = body[order]
     with np.errstate(all="ignore"):
         slope = np.sqrt((toward / right - 1.0) / (1.0 - toward / up))
@@ -74,12 +74,12 @@ def momentum_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
 
 
 def axis_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
-    """Where axis 3 of the body points in space, from above (+z) and below: density and paths.
+    """Draw the direction of body axis 3 in space, from above (+z) and below: density and paths.
 
-    The third column of the rotation matrix, (2(xz + wy), 2(yz - wx), w^2 - x^2 - y^2 + z^2);
-    projection and times as in `momentum_sphere`.
+    Axis 3 is the third column of the rotation matrix, (2(xz + wy), 2(yz - wx),
+    w^2 - x^2 - y^2 + z^2); projection and times as in `momentum_sphere`.
 
-    ds : with attitude
+    ds : result with attitude
     """
     if "attitude" not in ds:
         raise ValueError(
@@ -100,9 +100,9 @@ def axis_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
 def _hemispheres(
     axes: Axes, v: Vectors, paths: Vectors, names: list[str], slopes: Sequence[float] = ()
 ) -> None:
-    """Density of v and lines along paths on two discs or one cap.
+    """Draw the density of v and lines along paths on two discs or one cap.
 
-    names : of the axes to the right, up and to the reader;  slopes : of separatrices
+    names : of the axes right, up and toward the reader;  slopes : of separatrices
     """
     with np.errstate(all="ignore"):
         v = v / np.linalg.norm(v, axis=1, keepdims=True)
@@ -136,8 +136,8 @@ def _hemispheres(
 
 
 def _visible(directions: NDArray[np.float64]) -> tuple[list[int], float]:
-    """(sides, angle of the rim [deg]) of two discs, or of the one cap that contains all directions
-    (right, up, toward)."""
+    """Return (sides, angle of the rim [deg]) of two discs, or of the cap that contains all
+    directions (right, up, toward)."""
     right, up, toward = directions
     if np.nanmin(toward) <= 0.0 <= np.nanmax(toward):
         return [1, -1], 90
@@ -147,7 +147,7 @@ def _visible(directions: NDArray[np.float64]) -> tuple[list[int], float]:
 
 
 def _angle(degrees: float) -> str:
-    """An angle in degrees, minutes or seconds of arc."""
+    """Write an angle in degrees, minutes or seconds of arc."""
     unit, sign = next(
         (u, s)
         for u, s in ((1, "°"), (60, "\N{PRIME}"), (3600, "\N{DOUBLE PRIME}"))
@@ -159,7 +159,7 @@ def _angle(degrees: float) -> str:
 def _disc(
     axes: Axes, shown: NDArray[Any], norm: LogNorm, centre: float, limit: float
 ) -> tuple[AxesImage, Circle]:
-    """The image of a density on a disc, and the rim of the disc."""
+    """Draw the image of a density on a disc, and the rim of the disc."""
     rim = Circle((centre, 0.0), limit, facecolor="none", edgecolor=INK, linewidth=0.8, zorder=4)
     axes.add_patch(rim)
     box = (centre - limit, centre + limit, -limit, limit)
@@ -171,7 +171,7 @@ def _disc(
 
 
 def _lines(axes: Axes, paths: Vectors, rim: Circle, side: int, slopes: Sequence[float]) -> None:
-    """Separatrices and the paths of single members on a disc."""
+    """Draw separatrices and the paths of single members on a disc."""
     centre, limit = rim.center[0], rim.radius
     for slope in slopes:
         x = np.array([-limit, limit]) / np.hypot(1.0, slope)
@@ -191,7 +191,7 @@ def _lines(axes: Axes, paths: Vectors, rim: Circle, side: int, slopes: Sequence[
 
 
 def _names(axes: Axes, names: list[str], rim: Circle, side: int, steep: bool) -> None:
-    """The ends of the axes around a disc and at its middle; steep : separatrices pass above it."""
+    """Label the axes around a disc and at its centre; steep : separatrices cross above it."""
     centre, limit = rim.center[0], rim.radius
     places = ((1, 0, side, 0), (-1, 0, -side, 0), (0, 1, 1, 1), (0, -1, -1, 1), (0, 0, side, 2))
     for x, y, sign, name in places:
@@ -209,7 +209,7 @@ def _names(axes: Axes, names: list[str], rim: Circle, side: int, steep: bool) ->
 
 
 def _legend(axes: Axes, note: str | None, two: bool) -> None:
-    """One entry per kind of line, with a note on the rim as its title."""
+    """Add a legend with one entry per kind of line, and a note on the rim as its title."""
     entries = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     if not entries and not note:
         return

@@ -1,4 +1,4 @@
-"""Functions of arrays, applied to what a result holds: lazily, where the result is read lazily."""
+"""Apply functions of arrays to the variables of a result: lazily if the result is lazy."""
 
 from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
@@ -16,13 +16,13 @@ def apply_lazily(
     out: Dims = (),
     sizes: Mapping[str, int] = MappingProxyType({}),
 ) -> xr.DataArray:
-    """A function of arrays, whose last dimensions are named, of DataArrays.
+    """Apply a function of arrays to DataArrays.
 
-    given : (DataArray, its last dimensions) each;  out : the last dimensions of the values
-    sizes : of those among them that are new
+    given : a (DataArray, its last dimensions) for each argument of the function
+    out : last dimensions of the result;  sizes : {dimension: size} of new dimensions
 
-    With dask what is lazy stays lazy, and is computed block by block when it is asked for; without
-    dask it is computed now.
+    With dask, lazy variables stay lazy, and dask computes them block by block on demand; without
+    dask, the function runs now.
     """
     arrays = [_lazy(array) for array, _ in given]
     made: xr.DataArray = xr.apply_ufunc(
@@ -41,7 +41,7 @@ def apply_lazily(
 
 
 def _lazy(array: xr.DataArray) -> xr.DataArray:
-    """What is not in memory as an array of dask, in blocks as the file has them."""
+    """Make an array that is not in memory a dask array, in the blocks of the file."""
     if array.chunks is not None or array.variable._in_memory or find_spec("dask") is None:
         return array
     return array.chunk({})

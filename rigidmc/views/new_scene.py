@@ -1,5 +1,5 @@
-"""A new scene file: a body, gravity and a spin become TOML with a comment on each line, and with a
-step and an end that suit the motion."""
+"""Write a new scene file: a body, gravity and a spin become TOML with a comment on each line, and
+with a step and an end that suit the motion."""
 
 import math
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from rigidmc.scene.scene import Scene
 from rigidmc.scene.toml.read import read_body, read_start
 from rigidmc.scene.toml.values import DataSources
 
-# one of each solid, of a size to be held in the hand [m, kg, kg/m3]
+# one example of each solid, hand-sized [m, kg, kg/m3]
 SIZES: dict[str, dict[str, Any]] = {
     "box": {"mass": 0.2, "size": [0.02, 0.05, 0.1]},
     "ball": {"mass": 0.2, "radius": 0.03},
@@ -35,25 +35,25 @@ SIZES: dict[str, dict[str, Any]] = {
     "ring": {"mass": 0.1, "radius": 0.05},
     "t_handle": {"density": 8500.0, "radius": 0.005, "bar": 0.08, "stem": 0.04},
 }
-TOP = {"cylinder": SIZES["cylinder"], "pivot": [0.0, 0.0, -0.04]}  # a disc on a pin of no mass
-STEP = 0.4  # rad in a step of rk8: 1e-8 after 10 s, see the table in README.md
-TURNS = 50  # from the start to the end, at least
-FINE = 1.0  # rad at most between two saves: half of what lines stand
-SAVES = 100, 2000  # at least, and at most: 1,000 members of 8 numbers then take 128 MB
+TOP = {"cylinder": SIZES["cylinder"], "pivot": [0.0, 0.0, -0.04]}  # a disc on a massless pin
+STEP = 0.4  # rad per step of rk8: 1e-8 after 10 s, see the table in README.md
+TURNS = 50  # minimum from the start to the end
+FINE = 1.0  # rad at most between two saves: half the limit for drawing lines
+SAVES = 100, 2000  # minimum and maximum: 1,000 members of 8 numbers then take 128 MB
 SOLID = "SI units: kg, m; `rigidmc body FILE` shows its moments and principal axes"
 WORDS = {  # the comment on a key
-    "title": "stands above pictures and in results",
+    "title": "heads pictures and results",
     "moments": "kg m2, principal moments about the fixed point",
     "mass": "kg",
-    "centre": "m, centre of mass, seen from the fixed point",
-    "pivot": "m, the fixed point, seen from the origin of the solid",
+    "centre": "m, centre of mass relative to the fixed point",
+    "pivot": "m, fixed point relative to the origin of the solid",
     "g": "m/s2, along -z",
     "omega": "rad/s, about the principal axes; normal = [mean, standard deviation]",
     "attitude": 'rad, Euler angles z-x-z (phi, theta, psi), or "uniform": any attitude',
     "integrator": "order 8; `rigidmc integrators` lists others",
-    "dt": f"s, step: no member moves by more than {STEP:g} rad in it",
-    "members": "tops that are integrated",
-    "seed": "of all random draws: another seed, another ensemble",
+    "dt": f"s, step: no member moves by more than {STEP:g} rad per step",
+    "members": "number of tops to integrate",
+    "seed": "of all random draws: another seed gives another ensemble",
     "every": "s between saves",
     "save": "`rigidmc observables` lists more",
     **dict.fromkeys(SIZES, SOLID),
@@ -62,10 +62,11 @@ NO_COLUMNS = DataSources(None, "")
 
 
 class FirstMotion(NamedTuple):
-    """How the members of a new scene start.
+    """Start of the members of a new scene, and gravity.
 
-    spin : (3,) about the principal axes [rad/s];  spread : of the spin, as a share of it
-    lean : of axis 3 from the vertical [rad], or "uniform", or None: the attitude plays no part
+    spin : (3,) about the principal axes [rad/s];  spread : of the spin, relative to it
+    lean : angle of axis 3 from the vertical [rad], or "uniform", or None if the attitude is
+        irrelevant
     gravity : [m/s2], 0 for none
     """
 
@@ -76,18 +77,19 @@ class FirstMotion(NamedTuple):
 
 
 def body_in(table: Mapping[str, Any]) -> Body:
-    """The body of a table [body] of plain numbers; SceneError."""
+    """Read the body of a table [body] of plain numbers; SceneError."""
     return read_body(dict(table), NO_COLUMNS)
 
 
 def default_gravity(body: Body) -> float:
-    """That of the Earth if the fixed point is not the centre of mass, else 0 [m/s2]."""
+    """Return the gravity of the Earth if the fixed point is not the centre of mass, else 0
+    [m/s2]."""
     return 9.81 if np.linalg.norm(body.centre) > 0.0 else 0.0
 
 
 def default_spin(body: Body, gravity: float) -> tuple[float, float, float]:
-    """Twice the spin about axis 3 at which an upright top sleeps, 2 sqrt(I m g l)/I3; without
-    gravity one turn a second about the middle axis, which flips [rad/s]."""
+    """Return twice the spin about axis 3 above which an upright top sleeps, 2 sqrt(I m g l)/I3;
+    without gravity, one turn per second about the middle axis, which flips [rad/s]."""
     moments = np.array(body.moments)
     if gravity:
         weight = body.mass * abs(gravity) * float(np.linalg.norm(body.centre))
@@ -105,9 +107,9 @@ def new_scene(
     members: int = 1000,
     t_end: float | None = None,
 ) -> str:
-    """The text of a scene of a body, gravity and a spin.
+    """Return the text of a scene with a body, gravity and a spin.
 
-    table : [body], as in a scene file;  t_end : [s], by default some tens of turns
+    table : [body], as in a scene file;  t_end : [s], by default tens of turns
 
     Raises OptionError if nothing moves, and SceneError if the scene cannot be run.
     """
@@ -125,7 +127,7 @@ def new_scene(
     }
     words = WORDS | {"t_end": f"s, end: {turns:.3g} turns of the spin"}
     if every == end:
-        words["every"] = "s between saves: the first and the last state; the motion needs many more"
+        words["every"] = "s between saves: first and last state only; to see the motion, save more"
     tables = {"[body]": table, "[effects.gravity]": {"g": motion.gravity}}
     tables |= {"[start]": _start(motion), "[run]": run}
     if not motion.gravity:
@@ -138,7 +140,7 @@ def new_scene(
 
 
 def _times(body: Body, motion: FirstMotion, t_end: float | None) -> tuple[float, float, float]:
-    """(t_end, every, dt) [s], round numbers; OptionError if nothing moves."""
+    """Return (t_end, every, dt) [s], round numbers; OptionError if nothing moves."""
     effects = (Gravity(motion.gravity),) if motion.gravity else ()
     scene = Scene(body, effects, read_start(_start(motion), NO_COLUMNS))
     at_rest = replace(scene, start=replace(scene.start, omega=(0.0, 0.0, 0.0)))
@@ -151,20 +153,20 @@ def _times(body: Body, motion: FirstMotion, t_end: float | None) -> tuple[float,
         raise OptionError(rule, at="spin", value=",".join(f"{w:g}" for w in motion.spin))
     end = _round(TURNS * 2.0 * math.pi / max(spin, swing)) if t_end is None else t_end
     every = _decimal(end / _saves(end, scene))
-    # a save is a whole, round number of steps
+    # the steps between two saves are a whole, round number
     return end, every, _decimal(every / _round(max(1.0, every * rate / STEP)))
 
 
 def _saves(end: float, scene: Scene) -> int:
-    """How many saves to an end [s] show all that turns in a scene, a round number and at least
-    SAVES[0]; 1, of the last state alone, if they would be more than SAVES[1]."""
+    """Return the number of saves until `end` [s] that resolves all rotations in a scene: a round
+    number, at least SAVES[0]. If it exceeds SAVES[1], return 1, for the last state only."""
     fastest = max(float(np.max(rate)) for rate in turning_at_start(scene.model, scene.run))
     wanted = _round(max(SAVES[0], end * fastest / FINE))
     return round(wanted) if wanted <= SAVES[1] else 1
 
 
 def _round(value: float) -> float:
-    """The next of 1, 2, 5, 10, ... times a power of ten."""
+    """Round up to 1, 2, 5 or 10 times a power of ten."""
     power = 10.0 ** math.floor(math.log10(value))
     return _decimal(next(k * power for k in (1, 2, 5, 10) if k * power >= value * (1.0 - 1e-9)))
 
@@ -174,9 +176,9 @@ def _decimal(value: float) -> float:
 
 
 def _start(motion: FirstMotion) -> dict[str, Any]:
-    """The table [start]."""
+    """Return the table [start]."""
     spread = _decimal(motion.spread * math.hypot(*motion.spin))
-    # a heavy top is spun about its own axis and let go; a free body flips only if it is disturbed
+    # a heavy top spins about its own axis when released; a free body flips only if disturbed
     spin = [
         {"normal": [w, spread]} if spread and (w or not motion.gravity) else w for w in motion.spin
     ]
@@ -187,7 +189,7 @@ def _start(motion: FirstMotion) -> dict[str, Any]:
 
 
 def _value(value: Any) -> str:
-    """A value as TOML on one line."""
+    """Write a value as TOML on one line."""
     if isinstance(value, Mapping):
         return f"{{ {', '.join(f'{key} = {_value(one)}' for key, one in value.items())} }}"
     if isinstance(value, (list, tuple)):
@@ -196,7 +198,7 @@ def _value(value: Any) -> str:
 
 
 def _lines(table: Mapping[str, Any], words: Mapping[str, str]) -> str:
-    """The lines of a table, its comments below one another."""
+    """Return the lines of a table, with aligned comments."""
     lines = {key: f"{key} = {_value(value)}" for key, value in table.items()}
     width = max(map(len, lines.values()))
     return "".join(f"{line:{width}s}   # {words[key]}\n" for key, line in lines.items())

@@ -1,8 +1,8 @@
-"""What pictures of a result read: a sample, its heading, and whether lines may join its points.
+"""Samples of results for pictures: thinning, headings, and whether lines may join the points.
 
-A sample has evenly spaced times and members and no flagged ones, so that a picture of a million
-members takes seconds. `note_on` says what a picture hides because saves are far apart, by the rule
-in `rigidmc.planning.turns`.
+A sample has evenly spaced times and members and no flagged members, so that a picture of a million
+members takes seconds. `note_on` warns if saves are too far apart for a picture to show the motion,
+by the rule in `rigidmc.planning.turns`.
 """
 
 from typing import Any
@@ -20,20 +20,20 @@ from rigidmc.planning.turns import ATTITUDE, AXIS, Drive, Sparse, drive, sparse,
 from rigidmc.results.labels import count_text
 from rigidmc.scene.scene import scene_of
 
-TIMES = 4000  # saves read at most: as many as a line on a picture can show
-# members read at most: MEMBERS, more up to POINTS vectors, fewer beyond VECTORS
+TIMES = 4000  # most saves to read: a line on a picture cannot show more
+# most members to read: MEMBERS, more up to POINTS vectors, fewer beyond VECTORS
 MEMBERS, POINTS, VECTORS = 20_000, 2_000_000, 8_000_000
 DRAWN = 4  # members drawn as lines: more are hard to follow
 
-SAVES = "rigidmc_saves"  # of the result, in the encoding of a sample
+SAVES = "rigidmc_saves"  # key for the saves of the result, in the encoding of a sample
 
 _STATES = ("omega", "momentum", "attitude", "start_omega", "start_momentum")
 
 
 def thin_result(ds: xr.Dataset) -> xr.Dataset:
-    """Evenly spaced members and times in memory, without flagged members.
+    """Load evenly spaced members and times, without flagged members.
 
-    The last time is among them. A sample of a sample is the sample itself.
+    The sample includes the last time. A sample of a sample is the sample itself.
     """
     times, members = ds.sizes.get("time", 1), ds.sizes["member"]
     read = min(times, TIMES)
@@ -44,7 +44,7 @@ def thin_result(ds: xr.Dataset) -> xr.Dataset:
         "time": slice((times - 1) % every, None, every),
         "member": slice(None, None, stride),
     }
-    # the momentum of rotors decides how fast omega turns, see `rigidmc.views.sample`
+    # the momentum of rotors affects the rate at which omega turns, see `drive_of`
     held = [name for name in map(str, ds.data_vars) if name.endswith("_momentum")]
     held = [name for name in held if name not in states and ds[name].dims == ("axis", "member")]
     names = [*states, *held, "moments", "status", "energy_drift_max", "l2_drift_max"]
@@ -55,7 +55,7 @@ def thin_result(ds: xr.Dataset) -> xr.Dataset:
         good = good & (abs(part[name]) < np.inf).all(others)
     if not good.any():
         raise ValueError(
-            f"nothing to draw: all of the {good.size:,} members looked at are flagged or not finite"
+            f"nothing to draw: all {good.size:,} members of the sample are flagged or not finite"
         )
     part = part if good.all() else part.isel(member=good.values)
     part.encoding[SAVES] = ds.encoding.get(SAVES) or _saves(ds)
@@ -63,15 +63,15 @@ def thin_result(ds: xr.Dataset) -> xr.Dataset:
 
 
 def _saves(ds: xr.Dataset) -> tuple[int, float]:
-    """How many saves a result has, and the longest time between two [s]."""
+    """Return the number of saves of a result, and the longest time between two [s]."""
     t = np.atleast_1d(ds.time.values)
     return t.size, float(np.diff(t).max(initial=0.0))
 
 
 def omega_or_momentum(part: xr.Dataset, name: str) -> tuple[NDArray[np.float64], str]:
-    """omega or momentum (time, axis, member) and its times in words.
+    """Return omega or momentum (time, axis, member), and a description of the times.
 
-    Either gives the other by L_i = I_i omega_i. If neither was saved, those of the start.
+    Either follows from the other by L_i = I_i omega_i. If neither was saved, use the start.
     """
     for prefix in ("", "start_"):
         for saved in ("omega", "momentum"):
@@ -80,15 +80,15 @@ def omega_or_momentum(part: xr.Dataset, name: str) -> tuple[NDArray[np.float64],
                 v = v if v.ndim == 3 else v[None]
                 moments = part.moments.transpose("axis", "member").values
                 v = v if saved == name else v * moments if name == "momentum" else v / moments
-                return v, "at the start (nothing later was saved)" if prefix else span(part)
+                return v, "at the start (later states were not saved)" if prefix else span(part)
     raise ValueError(
-        "nothing to draw: neither omega nor momentum, not even at the start:"
+        "nothing to draw: neither omega nor momentum was saved, not even at the start:"
         ' run with save=("omega",)'
     )
 
 
 def span(part: xr.Dataset, save: int | None = None) -> str:
-    """The times of a sample in words, or the time of one save."""
+    """Describe the times of a sample, or the time of one save."""
     t = part.time.values
     if save is None and t.size > 2:
         return f"t = {t[0]:,.7g} to {t[-1]:,.7g} s"
@@ -96,30 +96,32 @@ def span(part: xr.Dataset, save: int | None = None) -> str:
 
 
 def drawn_members(values: NDArray[Any]) -> NDArray[np.int_]:
-    """Indices of DRAWN members, evenly spaced over the last axis."""
+    """Return indices of DRAWN members, evenly spaced over the last axis."""
     return np.unique(np.linspace(0, values.shape[-1] - 1, DRAWN).round().astype(int))
 
 
 def figure_of_result(ds: xr.Dataset, size: tuple[float, float]) -> Figure:
-    """An empty figure headed by title, members, integrator, dt, seed, and the flagged members."""
+    """Return an empty figure with a heading: title, members, integrator, dt, seed, flagged
+    members."""
     flagged = np.count_nonzero(ds.status.values)
     facts = [count_text(ds.sizes["member"], "member"), ds.attrs.get("integrator", "")]
     facts += [f"dt = {ds.attrs['dt']:.6g} s"] if "dt" in ds.attrs else []
     facts += [f"seed {ds.attrs['seed']}"] if "seed" in ds.attrs else []
-    facts += [f"{flagged:,} flagged and left out"] if flagged else []
+    facts += [f"{flagged:,} flagged and excluded"] if flagged else []
     title = ds.attrs.get("title", "ensemble")
     return new_figure(f"{title}: {', '.join(filter(None, facts))}", size)
 
 
-STATES = 1_000_000  # whose rates are computed at a time
+STATES = 1_000_000  # states per batch when computing rates
 
 Floats = NDArray[np.float64]
 
 
 def note_on(part: xr.Dataset, kind: str) -> str:
-    """What a picture of a `thin_result` of a result, joined by lines, has to say; "" if nothing.
+    """Return a warning for a picture that joins the points of a `thin_result` by lines; "" if they
+    show the motion.
 
-    kind : what the picture shows, of `rigidmc.planning.turns`
+    kind : quantity in the picture, from `rigidmc.planning.turns`
     """
     if part.sizes.get("time", 1) < 3:
         return ""
@@ -132,22 +134,22 @@ def note_on(part: xr.Dataset, kind: str) -> str:
     if shown > 1.5 * saved and sparse(rates, saved, drawn_members(rates)) is None:
         end = (part.sizes["time"] - 1) * found.every
         return (
-            f"{part.sizes['time']:,} of {saves:,} saves are drawn, {shown:.3g} s apart:"
-            f" {found.who()} between them, which lines do not show;"
+            f"{part.sizes['time']:,} of {saves:,} saves drawn, {shown:.3g} s apart:"
+            f" {found.who()} between them, which lines cannot show;"
             f" draw {end:.2g} s or less of the run"
         )
     return _words(found, f"between saves {saved:.4g} s apart")
 
 
 def _words(found: Sparse, where: str) -> str:
-    return f"{found.who()} {where}: lines show another motion; use every <= {found.every:g} s"
+    return f"{found.who()} {where}: lines misrepresent the motion; use every <= {found.every:g} s"
 
 
 def fastest(part: xr.Dataset, kind: str) -> Floats:
-    """The largest rate of each member over the states of a result (member,) [rad/s].
+    """Return the largest rate of each member over the states of a result (member,) [rad/s].
 
-    Without momenta over time those of the start tell it, and how far the attitude turns between
-    saves, which is pi at most.
+    Without momenta over time, the rates follow from the momenta at the start and from the angle
+    between saved attitudes, which is pi at most.
     """
     l, _ = omega_or_momentum(part, "momentum")
     moments, by = part.moments.transpose("axis", "member").values, drive_of(part)
@@ -163,9 +165,9 @@ def fastest(part: xr.Dataset, kind: str) -> Floats:
 
 
 def angle_rates(ds: xr.Dataset, name: str) -> Floats:
-    """The largest rate of an angle of each member of a result (member,) [rad/s].
+    """Return the largest rate of an angle of each member of a result (member,) [rad/s].
 
-    phi and psi have their rates at the saves too, which have no bound near theta = 0 and pi:
+    For phi and psi it includes their rates at the saves, which diverge near theta = 0 and pi:
 
         phi' = (omega_1 sin psi + omega_2 cos psi)/sin theta,   psi' = omega_3 - phi' cos theta
     """
@@ -186,8 +188,9 @@ def angle_rates(ds: xr.Dataset, name: str) -> Floats:
 
 
 def drive_of(ds: xr.Dataset) -> Drive:
-    """The Drive of a result. Where the code of its effects may not be run, or there is no scene,
-    what is conserved tells whether there are torques; these may turn in the body with omega."""
+    """Return the Drive of a result. Without a scene, or without permission to run the code of its
+    effects, infer the presence of torques from the conserved quantities; torques may turn in the
+    body with omega."""
     try:
         scene = scene_of(ds)
         rotor = [
@@ -202,7 +205,8 @@ def drive_of(ds: xr.Dataset) -> Drive:
 
 
 def _turned(part: xr.Dataset) -> Floats:
-    """The largest angle between two attitudes (member,), over the time between them [rad/s]."""
+    """Return the largest ratio of the angle between two attitudes to the time between them
+    (member,) [rad/s]."""
     q = part.attitude.transpose("time", "quat", "member").values
     with np.errstate(all="ignore"):
         q = q / np.linalg.norm(q, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""The unit sphere of pictures: directions, their density, Lambert's map, and Poinsot's polhodes."""
+"""The unit sphere in pictures: directions, their density, Lambert's map, and Poinsot's polhodes."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,7 +13,7 @@ from rigidmc.arrays import floats
 from rigidmc.figures import GREY, HALO, INK, LIGHT, PATH, figure_of, new_figure
 from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
 
-# bins across a disc, averaged 3 x 3 (about 4 degrees): a thin ensemble shows beside a path over it
+# bins across a disc, averaged 3 x 3 (about 4 degrees): a thin ensemble stays visible under a path
 BINS, SMOOTH = 120, 3
 
 
@@ -21,7 +21,7 @@ Curve = NDArray[np.float64]  # (n, 3)
 
 
 def central_axis(moments: NDArray[np.float64]) -> int:
-    """The axis (0 to 2) of the middle moment; if two moments are equal, of the third."""
+    """Return the axis (0 to 2) of the middle moment; if two moments are equal, of the third."""
     low, middle, high = map(int, np.argsort(moments, kind="stable"))
     same = 1e-9 * moments[high]
     if moments[middle] - moments[low] <= same:
@@ -32,9 +32,9 @@ def central_axis(moments: NDArray[np.float64]) -> int:
 def polhodes(
     l: NDArray[np.float64], moments: NDArray[np.float64], points: int = 721
 ) -> NDArray[np.float64]:
-    """Closed curves (points, axis, member) through the directions l (axis, member).
+    """Return closed curves (points, axis, member) through the directions l (axis, member).
 
-    They circle the axis of the smallest or largest moment. With u = L/|L| and
+    The curves circle the axis of the smallest or largest moment. With u = L/|L| and
     c = sum u_i^2/I_i = 2 T/L^2, the distance rho from axis e at the angle phi from the middle axis
     m obeys  rho^2 (cos^2 phi/I_m + sin^2 phi/I_a - 1/I_e) = c - 1/I_e.
     """
@@ -54,10 +54,10 @@ def polhodes(
 
 
 def family(moments: NDArray[np.float64]) -> tuple[list[Curve], list[Curve]]:
-    """(curves, separatrices) on the unit sphere, each (n, 3): the polhodes of one body at eight or
-    sixteen energies, and the great circles 2 T I_mid = L^2 of an asymmetric body.
+    """Return (curves, separatrices) on the unit sphere, each (n, 3): the polhodes of one body at
+    eight or sixteen energies, and the great circles 2 T I_mid = L^2 of an asymmetric body.
 
-    The momentum of a symmetric body circles its axis; that of a spherical one stays where it is.
+    The momentum of a symmetric body circles its axis; the momentum of a spherical body is fixed.
     """
     low, middle, high = map(int, np.argsort(moments, kind="stable"))
     axes, turn = np.eye(3), np.linspace(0.0, 2.0 * np.pi, 361)[:, None]
@@ -93,9 +93,10 @@ def family(moments: NDArray[np.float64]) -> tuple[list[Curve], list[Curve]]:
 def lambert(
     right: NDArray[np.float64], up: NDArray[np.float64], toward: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Lambert's azimuthal equal-area projection of unit vectors, (2, ...).
+    """Project unit vectors by Lambert's azimuthal equal-area projection, (2, ...).
 
-    It maps a hemisphere onto a disc of radius sqrt(2); vectors far behind the rim become nan.
+    The projection maps a hemisphere onto a disc of radius sqrt(2); vectors far behind the rim
+    become nan.
     """
     scale: NDArray[np.float64] = np.sqrt(2.0 / (1.0 + np.where(toward > -0.5, toward, np.nan)))
     return np.stack([right, up]) * scale
@@ -104,15 +105,16 @@ def lambert(
 def disc_density(
     v: NDArray[np.float64], sides: Sequence[int], limit: float
 ) -> list[NDArray[np.float64]]:
-    """Density of unit vectors (time, axis, member) on discs, relative to an isotropic ensemble.
+    """Return the density of unit vectors (time, axis, member) on discs, relative to an isotropic
+    ensemble.
 
-    sides : 1 or -1 for each disc, the side from which it is seen;  limit : radius of the discs
+    sides : 1 or -1 for each disc, the side of the viewer;  limit : radius of the discs
     Empty bins are nan.
     """
     right, up, toward = np.moveaxis(v, 1, 0).reshape(3, -1)
     fine = (np.arange(8 * BINS) + 0.5) / (4 * BINS) - 1.0
     inside = np.hypot(fine, fine[:, None]) < 1.0
-    area = inside.reshape(BINS, 8, BINS, 8).mean(axis=(1, 3))  # share of a bin on the disc
+    area = inside.reshape(BINS, 8, BINS, 8).mean(axis=(1, 3))  # fraction of a bin on the disc
     isotropic = uniform_filter(area, SMOOTH, mode="constant") * (
         v[:, 0].size * (2.0 * limit / BINS) ** 2 / (4.0 * np.pi)
     )
@@ -130,14 +132,14 @@ def disc_density(
     return densities
 
 
-VIEW = np.array([0.80, 0.45, 0.40])  # towards the reader; along an axis a sphere would look flat
+VIEW = np.array([0.80, 0.45, 0.40])  # toward the reader; along an axis a sphere would look flat
 CIRCLE = np.linspace(0.0, 2.0 * np.pi, 361)
 
 Vectors = NDArray[np.float64]  # (..., 3)
 
 
 def screen(v: Vectors) -> tuple[Vectors, Vectors, Vectors]:
-    """(x, y, towards the reader) of vectors (..., 3), seen from VIEW with axis 3 upward."""
+    """Return (x, y, toward the reader) of vectors (..., 3), seen from VIEW with axis 3 upward."""
     toward = VIEW / np.linalg.norm(VIEW)
     right = np.cross((0.0, 0.0, 1.0), toward)
     right /= np.linalg.norm(right)
@@ -145,7 +147,7 @@ def screen(v: Vectors) -> tuple[Vectors, Vectors, Vectors]:
 
 
 def draw_sphere(axes: Axes, names: tuple[str, str, str]) -> None:
-    """A unit sphere with outline, equator and three named axes."""
+    """Draw a unit sphere with outline, equator and three named axes."""
     axes.set_aspect("equal")
     axes.set_axis_off()
     axes.plot(np.cos(CIRCLE), np.sin(CIRCLE), color=INK, linewidth=1.0)
@@ -168,7 +170,7 @@ def draw_sphere(axes: Axes, names: tuple[str, str, str]) -> None:
 
 
 def draw_curve(axes: Axes, v: Vectors, label: str | None = None, **style: Any) -> None:
-    """A curve (n, 3) on the sphere: in full in front, thin and dotted behind."""
+    """Draw a curve (n, 3) on the sphere: in full in front, thin and dotted behind."""
     x, y, z = screen(v)
     axes.plot(np.where(z >= 0.0, x, np.nan), np.where(z >= 0.0, y, np.nan), label=label, **style)
     behind = {**style, "linewidth": 0.6 * style["linewidth"], "linestyle": ":"}
@@ -176,11 +178,11 @@ def draw_curve(axes: Axes, v: Vectors, label: str | None = None, **style: Any) -
 
 
 def draw_polhodes(moments: ArrayLike, momentum: ArrayLike, axes: Axes | None = None) -> Figure:
-    """Poinsot's construction: the curves that the momentum of a free body may follow.
+    """Draw Poinsot's construction: the curves that the momentum of a free body may follow.
 
-    Energy ellipsoids cut the sphere |L| = const in polhodes, TdC Example 3.6: grey for other
-    energies, black for the separatrix 2 T I_mid = |L|^2, coloured through `momentum`, with its
-    start and its direction.
+    Energy ellipsoids cut the sphere |L| = const in polhodes, TdC Example 3.6. The polhode through
+    `momentum` is coloured and shows start and direction; other energies are grey, the separatrix
+    2 T I_mid = |L|^2 is black.
 
     moments (3,) [kg m^2], momentum (3,) [kg m^2/s] in principal axes
     """
@@ -204,7 +206,7 @@ def draw_polhodes(moments: ArrayLike, momentum: ArrayLike, axes: Axes | None = N
 
 
 def _this_body(axes: Axes, moments: Vectors, u: Vectors) -> None:
-    """The polhode through u (3,), its start, and an arrow along it."""
+    """Draw the polhode through u (3,), its start, and an arrow along it."""
     path = _polhode(moments, u)
     draw_curve(axes, path, color=PATH, linewidth=2.2, label="this body")
     x, y, z = screen(path)
@@ -218,12 +220,12 @@ def _this_body(axes: Axes, moments: Vectors, u: Vectors) -> None:
 
 
 def _polhode(moments: Vectors, u: Vectors) -> Vectors:
-    """Momenta (n, 3) over one period of the free motion from the momentum u (3,)."""
+    """Return momenta (n, 3) over one period of the free motion from the momentum u (3,)."""
     motion = analyse_free_top(moments, u)
     rate = float(motion.rate)
     period = float(motion.period)
     if not np.isfinite(period) or rate == 0.0:
-        # where nothing moves, 1 s is as good as any time
+        # if nothing moves, 1 s is as good as any time
         period = 40.0 / rate if rate > 0.0 else 1.0
     t = np.linspace(0.0, period, 721)
     path: Vectors = solve_free_top(moments, u, (1.0, 0.0, 0.0, 0.0), t).momentum

@@ -1,4 +1,4 @@
-"""What follows from the saved states of a result: momentum, angles, phase, energy, polhodes."""
+"""Quantities from the saved states of a result: momentum, angles, phase, energy, polhodes."""
 
 from typing import Any
 
@@ -11,30 +11,30 @@ from rigidmc.views.lazy import apply_lazily
 
 
 class ResultStates:
-    """The physics of the states that a result holds; methods import what they need."""
+    """Physics of the saved states of a result; methods import modules at first use."""
 
     def __init__(self, dataset: xr.Dataset) -> None:
         self._given = dataset
 
     @property
     def _dataset(self) -> xr.Dataset:
-        """The Dataset; ValueError for one of a map or a study, which keeps no members."""
+        """The Dataset; ValueError for a map or a study without members."""
         if "member" not in self._given.coords and "member" not in self._given.dims:
-            raise ValueError("a map or a study, not a result with members: it has only its scene")
+            raise ValueError("a map or a study, not a result with members: only scene() works")
         return self._given
 
     def scene(self, allow_code: bool = False) -> Any:
-        """The scene that the result was computed from.
+        """Return the scene of the result.
 
         Parameters
         ----------
         allow_code : bool, optional
-            whether to run the Python files from which it takes effects
+            whether to run the Python files that define its custom effects
 
         Returns
         -------
         Scene
-            the scene
+            the scene from which the result was computed
 
         Examples
         --------
@@ -47,30 +47,30 @@ class ResultStates:
         return scene_of(self._given, allow_code=allow_code)
 
     def _whole(self) -> xr.Dataset:
-        """The Dataset; ValueError if time or member was selected away."""
+        """Return the Dataset; ValueError if a selection removed time or member."""
         for dim in ("time", "member"):
             if dim not in self._dataset.dims:
                 raise ValueError(
-                    f"the dimension {dim} is gone: select with a list, as in ds.isel({dim}=[0])"
+                    f"dimension {dim} is missing: select with a list, as in ds.isel({dim}=[0])"
                 )
         return self._dataset
 
     def described(self, name: str) -> xr.DataArray:
-        """Resolve saved states in the axes in which the body was described.
+        """Transform saved states to the axes in which the body was described.
 
-        Results are in the principal axes, those of the member if the tensor is uncertain.
+        Results are in principal axes, which differ between members if the tensor is uncertain.
 
         Parameters
         ----------
         name : str
-            of a variable of the result: "omega", "momentum", "attitude", "start_omega", the fixed
-            vector of an effect, such as "rotor_momentum", and so on
+            variable of the result: "omega", "momentum", "attitude", "start_omega", the fixed vector
+            of an effect, such as "rotor_momentum", and so on
 
         Returns
         -------
         xarray.DataArray
-            vectors in the described axes, or attitudes of these; lazy if the result is, and dask is
-            there
+            vectors in the described axes, or attitudes of these axes; lazy if the result is lazy
+            and dask is installed
 
         Raises
         ------
@@ -93,7 +93,7 @@ class ResultStates:
         body = scene_of(ds, allow_code=None).body  # needs no physics
         given = ds.get(name)
         if given is None or not {"axis", "quat"} & {*given.dims} or name == "moments":
-            rule = "no vector in the body and no attitude of this result"
+            rule = "neither a vector in the body nor an attitude of this result"
             raise ValueError(f"{name}: {rule}")
         kind = "quat" if "quat" in given.dims else "axis"
         axes = quaternion(np.array(body.axes))
@@ -112,7 +112,7 @@ class ResultStates:
         return found.assign_coords(given.coords).assign_attrs({**given.attrs, "long_name": text})
 
     def momentum(self) -> xr.DataArray:
-        """Angular momentum in body axes, saved or from omega.
+        """Return the angular momentum in body axes, saved or computed from omega.
 
         Returns
         -------
@@ -145,7 +145,7 @@ class ResultStates:
         )
 
     def euler(self) -> xr.Dataset:
-        """Euler angles of the saved attitudes, TdC (3.36).
+        """Compute Euler angles of the saved attitudes, TdC (3.36).
 
         Returns
         -------
@@ -188,23 +188,23 @@ class ResultStates:
         return xr.Dataset(variables, {name: q[name] for name in ("time", "member")})
 
     def unwrapped(self, name: str) -> xr.DataArray:
-        """Follow an angle over the saves without jumps of 2 pi.
+        """Unwrap an angle over the saves: remove the jumps of 2 pi.
 
         Parameters
         ----------
         name : str
-            "phi" or "psi", of `euler`, or a saved variable in rad, such as "orbit_angles"
+            "phi" or "psi" of `euler`, or a saved variable in rad, such as "orbit_angles"
 
         Returns
         -------
         xarray.DataArray (time, ..., member) [rad]
-            the angle, whole turns included
+            the angle, including whole turns
 
         Raises
         ------
         ValueError
-            if it was not saved, and if a member turns by more than 2 rad between saves, so that
-            turns could be lost; the message names the `every` to use
+            if the angle was not saved, or if a member turns by more than 2 rad between saves, so
+            that turns could be lost; the message names the `every` to use
 
         Examples
         --------
@@ -219,27 +219,27 @@ class ResultStates:
         ds = self._whole()
         angles = self.euler()[name] if name in ("phi", "psi") else ds.get(name)
         if angles is None or angles.attrs.get("units") != "rad" or "time" not in angles.dims:
-            raise ValueError(f"{name}: neither phi or psi nor an angle [rad] saved at all times")
+            raise ValueError(f"{name}: expected phi, psi or an angle [rad] saved at all times")
         between = float(np.diff(ds.time.values).max(initial=0.0))
         found = sparse(angle_rates(ds, name), between, range(ds.sizes["member"]))
         if found is not None:
             raise ValueError(
-                f"{name}: {found.who()} between saves {between:.4g} s apart, so that turns may be"
-                f" lost: save with every <= {found.every:g} s, or rerun members with it"
+                f"{name}: {found.who()} between saves {between:.4g} s apart, so turns may be lost:"
+                f" use every <= {found.every:g} s in the run or in a rerun of members"
             )
         axis = angles.dims.index("time")
         return angles.copy(data=np.unwrap(angles.values, axis=axis))
 
     def phase(self) -> xr.DataArray:
-        """Phase of the free motion, as a share of its period 4 K(m)/lambda.
+        """Compute the phase of the free motion, as a fraction of its period 4 K(m)/lambda.
 
-        Under torques it is the phase of the free motion that would start there. See
+        Under torques, it is the phase of a free motion from the same state. See
         `rigidmc.mechanics.free_top.FreeMotionType`.
 
         Returns
         -------
         xarray.DataArray (time, member)
-            from 0 to 1
+            phase from 0 to 1
 
         Raises
         ------
@@ -261,11 +261,11 @@ class ResultStates:
             phase.transpose("time", "member").variable.data,
             {name: l[name] for name in ("time", "member")},
             ("time", "member"),
-            attrs={"units": "1", "long_name": "phase of the free motion, of its period"},
+            attrs={"units": "1", "long_name": "phase of the free motion, fraction of its period"},
         )
 
     def energy(self) -> xr.DataArray:
-        """Energy, saved or from saved states, TdC (3.16), (3.33).
+        """Return the energy, saved or computed from saved states, TdC (3.16), (3.33).
 
         With the potential energy V of the effects::
 
@@ -279,7 +279,7 @@ class ResultStates:
         Raises
         ------
         ValueError
-            if it needs an attitude that was not saved
+            if the energy depends on attitudes that were not saved
 
         Examples
         --------
@@ -296,16 +296,16 @@ class ResultStates:
         return energy.rename("energy").assign_attrs(units="J", long_name="energy")
 
     def _potential(self) -> NDArray[np.float64]:
-        """Potential energy of the effects (time, member) [J]."""
+        """Compute the potential energy of the effects (time, member) [J]."""
         from rigidmc.engine.formulas import energies
         from rigidmc.planning.initial import members_at_start
         from rigidmc.planning.steps import physics
 
         ds, scene = self._dataset, self.scene()
         if "attitude" not in ds:
-            raise ValueError("the energy of its effects needs the attitude, which was not saved")
+            raise ValueError("the energy of the effects needs the attitude, which was not saved")
         q = np.moveaxis(ds.attitude.transpose("time", "quat", "member").values, 1, 0)
-        # a selection may hold any members: stage each run of consecutive ones
+        # a selection may hold any members: stage each group of consecutive members
         gaps = np.flatnonzero(np.diff(ds.member.values) != 1) + 1
         parts = []
         for run in np.split(np.arange(ds.sizes["member"]), gaps):
@@ -316,9 +316,10 @@ class ResultStates:
         return np.concatenate(parts, axis=1)
 
     def drift(self) -> xr.DataArray:
-        """Drift of the energy since the first save, relative to its value there.
+        """Compute the relative drift of the energy since the first save.
 
-        If that is 0, relative to the largest energy in size.
+        The drift is relative to the energy at the first save; if that is 0, to the largest absolute
+        energy.
 
         Returns
         -------
@@ -340,14 +341,14 @@ class ResultStates:
         )
 
     def polhode(self, member: int, points: int = 400) -> xr.DataArray:
-        """The curve of constant energy and `|L|` through a member's start.
+        """Compute the curve of constant energy and `|L|` through a member's start.
 
-        The momentum of a free body stays on it.
+        The momentum of a free body stays on this curve.
 
         Parameters
         ----------
         member : int
-            its index
+            index of the member
         points : int, optional
             number of points
 

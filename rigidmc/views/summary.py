@@ -1,4 +1,4 @@
-"""A result in a few lines: flagged members, and each number per member with its interval."""
+"""Summarise a result in a few lines: flagged members, and statistics with their intervals."""
 
 from collections.abc import Iterable, Iterator
 
@@ -17,7 +17,7 @@ from rigidmc.results.labels import count_text, units_text
 from rigidmc.scene.drifts import one_way
 from rigidmc.scene.toml.read import scene_text
 
-# not summarised
+# not in the summary
 _PLAIN = (
     "status",
     "status_step",
@@ -32,14 +32,14 @@ _PLAIN = (
 def summary_text(
     dataset: xr.Dataset, confidence: float = 0.95, of: str | Iterable[str] = ()
 ) -> str:
-    """Lines of text on a result of `rigidmc.simulate`.
+    """Summarise a result of `rigidmc.simulate` as text.
 
-    of : measures, such as "p(flips >= 1)"; then the lines are about these, see
-        `rigidmc.results.measures`
+    of : measures to report instead, such as "p(flips >= 1)", see `rigidmc.results.measures`
 
-    The flagged members; of each number per member its mean with the confidence interval, its
-    median, the middle 90 %, and how many members have no value. Of the time of an event that has
-    not come of all members the median with its interval, where a time may be beyond the end.
+    The summary lists the flagged members. For each quantity with one value per member, it shows the
+    mean with its confidence interval, the median, the middle 90 %, and the number of members
+    without a value. For an event that has not occurred in all members, it shows the median time
+    with its interval; the median may be beyond the end.
     """
     settings = toml(scene_text(dataset))["run"]
     unknown = why_no_interval(dataset)
@@ -68,7 +68,7 @@ def summary_text(
 
 
 def _heading(dataset: xr.Dataset, planned: int) -> str:
-    """Title, members, end, integrator and step."""
+    """Return title, members, end, integrator and step."""
     attrs, count = dataset.attrs, dataset.sizes["member"]
     step = f"turn = {attrs.get('turn', float('nan')):.6g} rad"
     step = f"dt = {attrs['dt']:.6g} s" if "dt" in attrs else step
@@ -79,7 +79,7 @@ def _heading(dataset: xr.Dataset, planned: int) -> str:
 
 
 def _measured(dataset: xr.Dataset, text: str, confidence: float) -> str:
-    """A measure of the good members on a line; OptionError if the result lacks it."""
+    """Return a line on a measure of the good members; OptionError if the result lacks it."""
     try:
         return f"  {text}: {estimate(dataset, text, confidence).words(confidence)}"
     except OptionError as error:
@@ -88,7 +88,7 @@ def _measured(dataset: xr.Dataset, text: str, confidence: float) -> str:
 
 
 def _flagged(dataset: xr.Dataset) -> str:
-    """How many members are flagged, and why."""
+    """Return a line on the number of flagged members and the reasons."""
     status = dataset.status.values
     flags = [
         f"{int((status == code).sum()):,} {word}"
@@ -97,11 +97,11 @@ def _flagged(dataset: xr.Dataset) -> str:
     ]
     if not flags:
         return "  flagged: none"
-    return f"  flagged: {', '.join(flags)}; they are left out below"
+    return f"  flagged: {', '.join(flags)}; excluded below"
 
 
 def _numbers(dataset: xr.Dataset) -> Iterator[tuple[str, xr.DataArray]]:
-    """(label, values) of each number per member that a summary shows."""
+    """Yield (label, values) of each quantity per member for the summary."""
     for name, variable in dataset.data_vars.items():
         over = set(variable.dims)
         if {"time", "thinned_time"} & over or "member" not in over:
@@ -116,12 +116,12 @@ def _numbers(dataset: xr.Dataset) -> Iterator[tuple[str, xr.DataArray]]:
 
 
 def _are_left(times: NDArray[np.float64]) -> bool:
-    """Whether some times have not come."""
+    """Whether the event has not occurred in some members."""
     return bool(np.isnan(times).any())
 
 
 def _time(dataset: xr.Dataset, name: str, confidence: float | None) -> str:
-    """The time of an event that has not come of all members, on a line."""
+    """Return a line on the time of an event that has not occurred in all members."""
     times = censored.signed_times(dataset, name, dataset[name].values)
     there = times[~np.isnan(times)]
     none, count = int(censored.is_censored(there).sum()), there.size
@@ -145,14 +145,14 @@ def _time(dataset: xr.Dataset, name: str, confidence: float | None) -> str:
 def _line(
     label: str, variable: xr.DataArray, values: NDArray[np.float64], confidence: float | None
 ) -> str | None:
-    """One number of the good members on a line, None if it is not worth one.
+    """Return a line on one quantity of the good members, None if it is not worth a line.
 
     confidence : None if the spread of the members gives no interval
     """
     finite = values[np.isfinite(values)]
     units = units_text(variable.attrs.get("units", "1"))
     if not finite.size:
-        return f"  {label:24s} none of {count_text(values.size, 'member')} has a value"
+        return f"  {label:24s} no value in any of {count_text(values.size, 'member')}"
     if finite.size == values.size and is_constant(finite):
         if label.startswith("moments"):
             return None

@@ -11,18 +11,18 @@ from rigidmc.mechanics import inertia, rotation
 from rigidmc.scene.body import Body
 from rigidmc.scene.shape import ShapePart
 
-# light and dark of what faces along axes 1, 2 and 3 of a box; quarters of the sides (SIDE) and of
-# the caps (CAP) of a body of revolution alternate, so that its spin is seen
+# light and dark tones for the faces of a box along axes 1, 2 and 3; on a body of revolution, the
+# quarters of the sides (SIDE) and of the caps (CAP) alternate, so that its spin is visible
 TONES = ("#9ecae1", "#2f6fa8", "#fdae6b", "#b5651d", "#d9d9d9", "#7a7a7a", "#1a1a1a")
 SIDE, CAP, HOLE = 0, 4, 6
 AROUND = 48  # corners of a circle, a multiple of 4
-THIN = 0.03  # thickness of what has none, of its radius or longest edge
+THIN = 0.03  # drawn thickness of flat bodies, relative to radius or longest edge
 
 Floats = NDArray[np.float64]
 
 
 class Surface(NamedTuple):
-    """Triangles wound to face outward.
+    """Triangles with outward orientation.
 
     corners (n, 3) [m];  faces (m, 3) : indices of corners;  tones (m,) : indices of TONES
     """
@@ -33,17 +33,17 @@ class Surface(NamedTuple):
 
 
 def body_surface(ds: xr.Dataset, body: Body) -> Surface:
-    """The surface of the first member of a result, in its principal axes.
+    """Return the surface of the first member of a result, in its principal axes.
 
-    The shape of the body, if it has one; otherwise the ellipsoid of uniform density with the
-    member's mass, centre of mass and moments.
+    A body without a shape becomes the ellipsoid of uniform density with the member's mass, centre
+    of mass and moments.
     """
     surface, form = surface_of(body), form_of(ds, body)
     return surface._replace(corners=surface.corners @ form[:, :3].T + form[:, 3])
 
 
 def surface_of(body: Body) -> Surface:
-    """The shape of a body in its principal axes; the unit ball if it has none."""
+    """Return the shape of a body in its principal axes; the unit ball if it has none."""
     if not body.shape:
         return ball_surface(1.0)
     whole = _united([_part_surface(part) for part in body.shape])
@@ -51,14 +51,14 @@ def surface_of(body: Body) -> Surface:
 
 
 def surface_radius(surface: Surface) -> float:
-    """The largest distance of a corner from the origin."""
+    """Return the largest distance of a corner from the origin."""
     return float(np.linalg.norm(surface.corners, axis=1).max())
 
 
 def form_of(ds: xr.Dataset, body: Body) -> Floats:
-    """The (3, 4) by which the first member's body is made of `surface_of`: x -> F x + shift.
+    """Return the (3, 4) that maps `surface_of` to the first member's body: x -> F x + shift.
 
-    For a body without shape the unit ball becomes its ellipsoid.
+    For a body without a shape, it maps the unit ball to the ellipsoid.
     """
     if body.shape:
         return np.eye(3, 4)
@@ -66,7 +66,7 @@ def form_of(ds: xr.Dataset, body: Body) -> Floats:
 
 
 def member_body(ds: xr.Dataset, body: Body) -> tuple[Floats, float, Floats]:
-    """(moments (3,), mass, centre of mass (3,) in principal axes) of the first member."""
+    """Return (moments (3,), mass, centre of mass (3,) in principal axes) of the first member."""
     one = ds.isel(member=0)
     moments = np.asarray(one.moments.values, dtype=float)
     mass = one.mass.item() if "mass" in one else body.mass
@@ -75,29 +75,29 @@ def member_body(ds: xr.Dataset, body: Body) -> tuple[Floats, float, Floats]:
 
 
 def _ellipsoid(moments: Floats, mass: float, centre: Floats) -> Floats:
-    """The form (3, 4) of the uniform ellipsoid with some moments about the origin.
+    """Return the form (3, 4) of the uniform ellipsoid with given moments about the origin.
 
-    a_i^2 = 5 (I_j + I_k - I_i)/(2 M) with its principal moments about its centre.
+    a_i^2 = 5 (I_j + I_k - I_i)/(2 M) with the principal moments about its centre.
     """
     own, axes = np.linalg.eigh(inertia.about_centre(np.diag(moments), mass, centre))
     squares = 2.5 * (own.sum() - 2.0 * own) / mass
     semiaxes = np.sqrt(np.maximum(squares, 0.0))
     semiaxes = np.maximum(semiaxes, THIN * semiaxes.max())
-    # symmetric: so the tones of the ball keep their axes
+    # symmetric, so that the tones of the ball keep their axes
     return np.column_stack([(axes * semiaxes) @ axes.T, centre])
 
 
 def _part_surface(part: ShapePart) -> Surface:
-    """The surface of a part in the described axes of its body."""
+    """Return the surface of a part in the described axes of its body."""
     own = _MAKERS[part.solid](**part.sizes)
     tones = np.full_like(own.tones, HOLE) if part.hole else own.tones
-    size = 1.002 if part.hole else 1.0  # the mouth of a hole lies on the surface: in front of it
+    size = 1.002 if part.hole else 1.0  # moves the mouth of a hole in front of the surface
     corners = rotation.to_space(part.turned, size * own.corners) + np.array(part.at)
     return Surface(corners, own.faces, tones)
 
 
 def _united(parts: list[Surface]) -> Surface:
-    """Several surfaces as one."""
+    """Join several surfaces."""
     start = np.cumsum([0, *(len(part.corners) for part in parts)])
     faces = [part.faces + at for part, at in zip(parts, start[:-1], strict=True)]
     return Surface(
@@ -110,7 +110,7 @@ def _united(parts: list[Surface]) -> Surface:
 def cut(
     triangles: Floats, tones: NDArray[np.int_], longest: float
 ) -> tuple[Floats, NDArray[np.int_]]:
-    """The same triangles (n, 3, 3) and their tones, halved until no edge is longer than that."""
+    """Halve triangles (n, 3, 3) until no edge exceeds `longest`; return them and their tones."""
     while True:
         edges = np.linalg.norm(np.roll(triangles, -1, 1) - triangles, axis=2)
         long = edges.max(1) > longest
@@ -128,7 +128,8 @@ def cut(
 
 
 def revolve(*outline: tuple[float, float], around: int = AROUND) -> Surface:
-    """The surface of revolution about axis 3 of an outline of points (r, z), up its outer side.
+    """Return the surface of revolution about axis 3 of an outline of points (r, z), from the bottom
+    up along its outer side.
 
     around : corners of a circle, a multiple of 4
     """
@@ -151,7 +152,7 @@ def revolve(*outline: tuple[float, float], around: int = AROUND) -> Surface:
     faces = np.concatenate([face.reshape(-1, 3) for face, _ in pairs])
     tones = np.concatenate([tone.ravel() for _, tone in pairs])
     a, b, c = corners[faces].transpose(1, 0, 2)
-    whole = (a != b).any(-1) & (b != c).any(-1) & (c != a).any(-1)  # not those at the poles
+    whole = (a != b).any(-1) & (b != c).any(-1) & (c != a).any(-1)  # not degenerate at the poles
     return Surface(corners, faces[whole], tones[whole])
 
 
@@ -196,7 +197,7 @@ def _stretched(semiaxes: tuple[float, float, float]) -> Surface:
 
 
 def _t_handle(radius: float, bar: float, stem: float) -> Surface:
-    """A bar along axis 1 with a stem along +3 from its middle, about their centre of mass."""
+    """Return a bar along axis 1 with a stem along +3 from its middle, about the centre of mass."""
     top = 0.5 * stem * stem / (bar + stem)
     upright = _cylinder(radius, stem)
     lying = _cylinder(radius, bar)
@@ -209,9 +210,10 @@ def _t_handle(radius: float, bar: float, stem: float) -> Surface:
 
 
 def _particles(masses: tuple[float, ...], positions: tuple[tuple[float, ...], ...]) -> Surface:
-    """Balls whose volume is as their mass, the largest of a tenth of the body's size."""
+    """Return balls with volumes proportional to mass; the largest has a tenth of the body's
+    size."""
     m, x = np.array(masses), np.array(positions)
-    # 1e-300 m: particles that are all at the fixed point are drawn as nothing
+    # 1e-300 m: particles that are all at the fixed point are invisible
     largest = 0.1 * max(np.linalg.norm(x, axis=1).max(), 1e-300)
     radii = largest * np.cbrt(m / m.max())
     around = AROUND if m.size <= 20 else 12 if m.size <= 300 else 4

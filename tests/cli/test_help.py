@@ -40,7 +40,7 @@ def test_every_says_what_it_means_for_a_command():
         if any(p.name == "every" for p in command.params)
     }
     assert "the first and the last state" in texts["run"] and "first" not in texts["rerun"]
-    assert "that of the run" in texts["rerun"] and "one step" in texts["section"]
+    assert "as in the run" in texts["rerun"] and "one step" in texts["section"]
     ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=2, t_end=1.0, threads=1)
     assert ds.rigid.rerun(1).sizes["time"] == ds.sizes["time"] == 6
 

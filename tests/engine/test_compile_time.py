@@ -108,7 +108,7 @@ def test_the_message_names_what_is_compiled():
             "rk4",
             ["march", "begin_monitors", "monitor_steps", "begin_shadow", "renormalise_shadow"],
         )
-        == "rk4 + running observables + neighbour"
+        == "rk4 + running observables + shadow trajectory"
     )
     assert (
         summary("rk4", ["record", "begin_monitors", "monitor_steps", "refine_event"])
@@ -175,7 +175,7 @@ def scipy_scene():
 
 
 def test_a_scene_drawn_through_scipy_tells_its_version(tmp_path):
-    through = f"through scipy {scipy.__version__}: the bits are those of this version"
+    through = f"through scipy {scipy.__version__}: other versions may give other bits"
     scene = scipy_scene()
     assert rm.simulate(scene).attrs["drawn"] == through
     plain = rm.Scene(BODY, (), rm.Start(omega=(rm.normal(0.1, 0.1), 1.0, 0.0))).with_run(

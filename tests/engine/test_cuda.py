@@ -292,8 +292,8 @@ def test_machine_code_fuses_no_other_products(fake):
 @pytest.mark.parametrize(
     "fault, error, words",
     [
-        ({"devices": 0}, rm.NoDevice, "has no device"),
-        ({"memory": 2**14}, NoRoom, r"1 blocks of 32 members at once take .* GB are free"),
+        ({"devices": 0}, rm.NoDevice, "finds no GPU"),
+        ({"memory": 2**14}, NoRoom, r"1 blocks of 32 members at once need .* GB are free"),
         # another process took it
         ({"memory": 2**14, "shown": 2**30}, rm.NoDevice, "out of memory"),
         ({"fail_at": 1}, rm.NoDevice, "cuStreamSynchronize failed: CUDA_ERROR_LAUNCH_FAILED"),
@@ -310,7 +310,7 @@ def test_words_of_devices(fake, monkeypatch):
     fake(devices=2)
     found = {word: resolve_device(word) for word in ("auto", "cuda:1", "cpu", None)}
     assert found == {"auto": "cuda", "cuda:1": "cuda:1", "cpu": "cpu", None: "cpu"}
-    with pytest.raises(AttributeError, match=r"rigidmc\.device is gone: give device= to"):
+    with pytest.raises(AttributeError, match=r"rigidmc\.device was removed: give device= to"):
         rm.device("cuda")
     with pytest.raises(rm.NoDevice, match="cuda:2: the devices are cuda:0 to cuda:1"):
         rm.simulate(SCENE, device="cuda:2")
@@ -329,7 +329,7 @@ def test_without_the_driver(monkeypatch):
     missing = SimpleNamespace(cuInit=Mock(side_effect=RuntimeError("libcuda.so.1 is missing")))
     monkeypatch.setattr(cuda_device, "_library", lambda: missing)
     with pytest.raises(
-        rm.NoDevice, match=r"no driver of NVIDIA was found, or too old a one: libcuda\.so\.1"
+        rm.NoDevice, match=r"the NVIDIA driver is missing or too old: libcuda\.so\.1"
     ):
         rm.simulate(SCENE, device="cuda")
     monkeypatch.undo()
@@ -341,13 +341,13 @@ def test_without_the_driver(monkeypatch):
 def test_old_devices_are_refused(fake, monkeypatch):
     fake()
     monkeypatch.setattr(cuda_device, "TARGETS", ((9, 1),))
-    with pytest.raises(rm.NoDevice, match=r"compute capability 9\.0, and code is made for 9\.1"):
+    with pytest.raises(rm.NoDevice, match=r"compute capability 9\.0; code requires 9\.1"):
         rm.simulate(SCENE, device="cuda")
 
 
 def test_code_that_no_device_has_is_refused(fake):
     fake(compiled=False)
-    with pytest.raises(rm.OptionError, match="calls erf, which no device has"):
+    with pytest.raises(rm.OptionError, match="calls erf, which GPUs do not have"):
         rm.simulate(
             rm.Scene(SCENE.body, (Foreign(0.1),), SCENE.start).with_run(**ALONE), device="cuda"
         )
@@ -393,8 +393,8 @@ def test_doctor_compares_and_measures(fake, monkeypatch):
     monkeypatch.setattr(bits, "speeds", lambda word: [("free, rk4", 7.5e10, 7.5e10 * 196)])
     found = invoked("doctor", "--cuda-check")
     assert found.exit_code == 0
-    assert "same bits   free, rk4, 0.05" in found.output
-    assert "75.00 G steps/s, 44 % of the peak in float64  free, rk4" in found.output
+    assert "same bits       free, rk4, 0.05" in found.output
+    assert "75.00 G steps/s, 44 % of the float64 peak  free, rk4" in found.output
     monkeypatch.setattr(bits, "digest", lambda scene, device=None: object())
     assert invoked("doctor", "--cuda-check").exit_code == 4
 
@@ -460,8 +460,8 @@ def test_commands_take_a_device(fake, monkeypatch, tmp_path):
     monkeypatch.setattr(price, "DEVICE_BLOCK", 32)
     monkeypatch.setattr(price, "LONG", 0.01)
     shown = invoked("show", scene, "--device", "cuda:0").output
-    assert "ns per member-step on one device" in shown
-    assert "Fake 0, blocks of 128 threads, 256 of them at work on each multiprocessor" in shown
+    assert "ns per member-step on one GPU" in shown
+    assert "Fake 0, blocks of 128 threads, 256 resident per multiprocessor" in shown
 
     alike = "sensitivity", scene, "--of", "mean(nutation_max)", "--families", 16, "-o"
     for where, more in (("here", ()), ("there", ("--device", "cuda"))):

@@ -230,7 +230,7 @@ def test_a_bad_folder_gets_the_right_message(tmp_path):
     with pytest.raises(NoRoom, match="MB are needed"):
         outputs.refuse_unwritable(str(tmp_path), 10**18)
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(OutputExists, match="no file that could be replaced"):
+    with pytest.raises(OutputExists, match="not a file that can be replaced"):
         outputs.refuse_existing(tmp_path / "pipe", True)
     told = invoke("map", "intermediate_axis", "-o", tmp_path / "m.nc", "--resolution", 10**6)
     assert told.exit_code == 74 and "nothing was written" in told.stderr

@@ -103,7 +103,7 @@ def test_a_cavity_is_no_mass():
         ({"density": 1.0, "mass": 1.0}, "either density or mass"),
         ({"density": -1.0}, "must be positive"),
         ({"mass": 1.0, "scale": 0.0}, "scale = 0.0: must be positive"),
-        ({"mass": rm.uniform(1, 2)}, "plain numbers"),
+        ({"mass": rm.uniform(1, 2)}, "a plain number"),
     ],
 )
 def test_bad_options(options, rule):
@@ -122,7 +122,7 @@ def test_body_command_refuses_what_it_cannot_say(tmp_path):
     (tmp_path / "many.toml").write_text(text)
     for words, rule in (
         (["body", str(tmp_path / "many.toml")], "differs from member"),
-        (["body", "dzhanibekov", "--mass", "3"], "for meshes"),
+        (["body", "dzhanibekov", "--mass", "3"], "to meshes only"),
     ):
         shown = CliRunner().invoke(app, words)
         assert shown.exit_code == 3

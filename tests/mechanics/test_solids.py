@@ -111,7 +111,7 @@ def test_the_estimate_does_not_depend_on_the_unit_of_length(size):
     box = ("box", (0.0, size), (0.0, size), (0.0, size))
     smooth = Body.from_density(lambda x, y, z: np.exp(x / size) + 0 * y * z, box)
     assert smooth.mass == pytest.approx((np.e - 1) * size**3, rel=1e-13)  # measured 1.1e-14
-    with pytest.raises(SceneError, match=r"two rules differ by 4\.5e-02"):
+    with pytest.raises(SceneError, match=r"difference of two rules is 4\.5e-02"):
         Body.from_density(lambda x, y, z: np.exp(-10 * np.abs(x / size - 0.3)) + 0 * y * z, box)
 
 
@@ -127,12 +127,12 @@ def test_a_density_that_varies_moves_the_centre():
     [
         (lambda x, y, z: x - 0.1, ("box", (0, 1), (0, 1), (0, 1)), "not negative"),
         (lambda x, y, z: x * np.nan, ("box", (0, 1), (0, 1), (0, 1)), "must be finite"),
-        (lambda x, y, z: float(x), ("box", (0, 1), (0, 1), (0, 1)), "arrays of one shape"),
+        (lambda x, y, z: float(x), ("box", (0, 1), (0, 1), (0, 1)), "arrays have the shape"),
         (0.0, ("box", (0, 1), (0, 1), (0, 1)), "must be positive"),
         (
             1.0,
             ("box", (1, 0), (1, 0), (0, 1)),
-            "lower limit lies above",
+            "lower limit exceeds",
         ),  # reversed twice: the volume would be right
         (1.0, ("sphere", 1.0), "expected .*cylinder"),
         (1.0, ("box", (0, 1), (0, 1)), "expected .*cylinder"),
@@ -158,7 +158,7 @@ def test_bad_densities(density, region, rule):
             lambda: Body.solid("ellipsoid", mass=1.0, semiaxes=(1.0, -2.0, 3.0)),
             "semiaxes = -2.0: must be positive",
         ),
-        (lambda: Body.solid("ball", mass=rm.uniform(1, 2), radius=1.0), "plain numbers"),
+        (lambda: Body.solid("ball", mass=rm.uniform(1, 2), radius=1.0), "a plain number"),
         (lambda: Body.box(1.0, (1, 1, 1)).join(3), "only bodies"),
         (
             lambda: Body.box(1.0, (1, 1, 1)).join(Body.box(1.0, (1, 1, 1)), at=(1, 2)),

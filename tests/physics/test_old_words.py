@@ -100,7 +100,7 @@ def test_old_arguments(old, new):
     else:
         own = type("Own", (Step,), {"step": eval(f"lambda self, {old}, q, l: (q, l)")})
         some, named = (own(),), {}
-    with pytest.raises(rm.SceneError, match=rf"asks for '{old}'.*did you mean '{new}'"):
+    with pytest.raises(rm.SceneError, match=rf"unknown argument '{old}'.*did you mean '{new}'"):
         rm.prepare(rm.Scene(BODY), *some, **named, **RUN)
 
 
@@ -128,7 +128,7 @@ def test_old_names_of_bodies_and_starts(value, old):
 
 @pytest.mark.parametrize("old", parts._GONE)
 def test_what_a_scene_had(old):
-    with pytest.raises(AttributeError, match=f"Scene.{old} is gone: "):
+    with pytest.raises(AttributeError, match=f"Scene.{old} was removed: "):
         getattr(rm.Scene(BODY), old)
 
 

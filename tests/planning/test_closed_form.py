@@ -53,8 +53,8 @@ def test_free_scene_agrees_with_its_exact_integration():
 @pytest.mark.parametrize(
     ("spin", "attitude", "words"),
     [
-        (7.1, (1.0, 0.0, 0.0, 0.0), "stable (4); stable from a spin of 7.00357 rad/s on"),
-        (6.9, (1.0, 0.0, 0.0, 0.0), "unstable (4); stable from a spin of 7.00357 rad/s on, a tilt"),
+        (7.1, (1.0, 0.0, 0.0, 0.0), "stable (4); stable above a spin of 7.00357 rad/s"),
+        (6.9, (1.0, 0.0, 0.0, 0.0), "unstable (4); stable above a spin of 7.00357 rad/s; a tilt"),
         (6.9, (0.0, 1.0, 0.0, 0.0), None),  # it hangs
         (7.1, (0.8, 0.6, 0.0, 0.0), None),
     ],
@@ -116,7 +116,7 @@ def test_command_shows_both_and_their_difference():
     assert shown.exit_code == 0
     assert "free top, closed form at t = 30 s" in shown.stdout
     assert "flips every  8.6922446359" in shown.stdout
-    assert "apart by" in shown.stdout
+    assert "attitude     difference" in shown.stdout
 
 
 def test_command_refuses_with_one_line_and_code_3(tmp_path):
@@ -294,12 +294,12 @@ def test_command_with_flagged_members(tmp_path):
     file.write_text(BODIES)
     shown = run(str(file))
     assert shown.exit_code == 0
-    assert "no body or no start: 1" in shown.stdout
+    assert "impossible body or start: 1" in shown.stdout
     assert "member 1:" in shown.stdout  # the good member
     assert "over 1 member" in shown.stdout
     assert "nan" not in shown.stdout
     for settings, said in (
-        (("--members", "1"), "none of the first 1 is a body"),
+        (("--members", "1"), "each of the first 1 has an impossible body"),
         (("--plot", str(tmp_path / "a.png")), "no motion to draw"),
         (
             (
@@ -312,7 +312,7 @@ def test_command_with_flagged_members(tmp_path):
         ),
         (
             ("--set", "body.moments=[1.4,1.4,2]", "--integrator", "closed"),
-            "not compared with itself",
+            "cannot compare the closed form with itself",
         ),
     ):
         shown = run(str(file), *settings)
@@ -325,4 +325,4 @@ def test_before_the_start_there_is_the_closed_form_alone():
     scene = Scene(Body.from_moments((1.0, 2.0, 3.0)), start=Start(omega=(0.1, 1.0, 0.2))).with_run(
         members=1
     )
-    assert "none: it starts at t = 0" in "\n".join(compare(scene, -3.0, 1))
+    assert "none: it runs forward from t = 0" in "\n".join(compare(scene, -3.0, 1))

@@ -135,7 +135,7 @@ def test_dt_or_turn():
         rm.simulate(SCENE, dt=0.1, turn=0.3)
     with pytest.raises(rm.SceneError, match="give dt or turn, not both"):
         rm.Scene.loads(SCENE.dumps() + "turn = 0.2\n")
-    with pytest.warns(rm.SceneWarning, match="turn <= 1 would do"):
+    with pytest.warns(rm.SceneWarning, match="use turn <= 1"):
         rm.simulate(SCENE, turn=1.5, members=32, integrator="rk4")
     with pytest.raises(rm.SceneError, match=r"use turn <= 0\.5"):
         rm.simulate(SCENE, turn=1.5, members=32, integrator="midpoint")

@@ -103,7 +103,7 @@ class Wind(NamedTuple):
 
 def test_effects_without_units_are_not_rescaled():
     windy = rm.Scene(BODY, (Wind(0.1),), START)
-    with pytest.raises(rm.SceneError, match="Wind does not tell the unit of size"):
+    with pytest.raises(rm.SceneError, match="Wind does not declare the unit of size"):
         scale_scene(windy, mass=2.0)
     assert choose_units(windy) is None
 

@@ -89,9 +89,9 @@ def test_groups_are_the_members_with_the_same_number(result):
 
 
 def test_what_cannot_be_measured_is_told(result, monkeypatch):
-    with pytest.raises(OptionError, match=r"no such number of the members.*flips"):
+    with pytest.raises(OptionError, match=r"no such variable with one value per member.*flips"):
         result.rigid.measure("p(flips >= 1)", by="flip")
-    with pytest.raises(OptionError, match="the result has no such number"):
+    with pytest.raises(OptionError, match=r"no such variable with one value .*saves more"):
         result.rigid.measure("mean(megno)")
     monkeypatch.setattr(estimates, "MOST_GROUPS", 2)
     with pytest.raises(OptionError, match="at most 2 groups"):

@@ -114,7 +114,7 @@ def shown_texts():
 
 def test_no_picture_or_table_writes_a_unit_by_hand():
     """Else another way to write a unit would not reach it."""
-    known = "neither phi or psi nor an angle [rad] saved at all times"  # an error, no label
+    known = "expected phi, psi or an angle [rad] saved at all times"  # an error, no label
     texts = list(shown_texts())
     assert len(texts) > 1000 and UNIT.search("energy [J]") and UNIT.search("moment [kg m²]")
     assert [place for place, text in texts if UNIT.search(text) and known not in text] == []

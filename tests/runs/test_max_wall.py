@@ -109,7 +109,7 @@ def test_a_time_limit_holds_and_loses_nothing(kind, scene, tmp_path, clock, monk
     limit = clock.calls * (2 if kind == "rare" else 1) // 3
     clock.begin(limit)
     told = invoke(*words, "-o", f"{path}/", "--max-wall", "1h")
-    assert told.exit_code == 5 and "`rigidmc resume` goes on" in told.stdout, told.output
+    assert told.exit_code == 5 and "`rigidmc resume` continues" in told.stdout, told.output
     times = 1
     while told.exit_code == 5:
         seen = {name: one for name, one in sums(path).items() if name != "members"}

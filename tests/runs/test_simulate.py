@@ -63,7 +63,7 @@ def test_bits_do_not_depend_on_how_it_is_run(scene, tmp_path):
 
 @pytest.mark.parametrize("bad", [[], [3, 3], [4, 3], [-1, 2], [0.5, 1.0], [[1, 2]]])
 def test_indices_of_members_rise(bad):
-    with pytest.raises(rm.SceneError, match="indices of members that rise"):
+    with pytest.raises(rm.SceneError, match="increasing member indices"):
         rm.simulate(FREE, **{**SETTINGS, "members": np.array(bad)})
 
 

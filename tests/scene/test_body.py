@@ -155,7 +155,7 @@ def test_impossible_bodies():
         (lambda: rm.Body.from_moments((1, 2, 3), mass=0), "mass must be positive"),
         (lambda: rm.Body.from_tensor([[1, 0, 0], [0, 1, 0.5], [0, 0, 1]]), "symmetric"),
         (lambda: rm.Body.from_tensor(np.eye(2)), "3x3"),
-        (lambda: rm.Body.from_tensor([[rm.normal(1, 0.1), 0, 0]] * 3), "not laws or words"),
+        (lambda: rm.Body.from_tensor([[rm.normal(1, 0.1), 0, 0]] * 3), "not distributions or text"),
         (lambda: rm.Body.from_particles([1, 1], [(0, 0, 1)]), "shape"),
         (lambda: rm.Body.from_particles([0, 0], [(0, 0, 1), (1, 0, 0)]), "some mass positive"),
         (

@@ -154,7 +154,7 @@ REFUSED = {
     "bytes": (lambda x: bytes(x.astype(np.uint8)), "of bytes"),
     "memoryview": (memoryview, "of bytes"),
     "complex": (lambda x: x + 1j, "are complex"),
-    "truth values": (lambda x: x > 0.0, "truth values"),
+    "truth values": (lambda x: x > 0.0, "booleans"),
     "dates": (lambda x: x.astype("M8[s]"), "are dates"),
     "time differences": (lambda x: x.astype("m8[s]"), "time differences"),
     "columns with names": (named, "have names"),
@@ -233,7 +233,7 @@ def test_euler_angles_of_three_members_are_no_matrix():
     q = rm.Start(omega=(0, 0, 1), attitude=angles).sample_attitude(0, 0, 3)
     assert np.abs(q.T - rotation.from_euler(np.column_stack(angles))).max() == 0.0
     for matrix in (np.eye(3), Rotation.from_euler("x", 0.3).as_matrix()):
-        with pytest.raises(rm.SceneError, match="rows of a matrix or Euler angles"):
+        with pytest.raises(rm.SceneError, match="rows of a matrix or the Euler angles"):
             rm.Start(omega=(0, 0, 1), attitude=list(matrix))
         one = rm.Start(omega=(0, 0, 1), attitude=matrix.tolist())
         assert len(one.attitude) == 4
@@ -261,9 +261,9 @@ def test_members_of_a_run_are_indices():
         (np.ma.masked_array([1, 2, 3], [0, 1, 0]), "row 1 is masked"),
         (pd.Series([1, 2]), "x.to_numpy()"),
         ({1, 2}, "has no order"),
-        ([2, 1], "that rise"),
-        ([1.0, 2.0], "that rise"),
-        ([], "that rise"),
+        ([2, 1], "increasing member indices"),
+        ([1.0, 2.0], "increasing member indices"),
+        ([], "increasing member indices"),
     ):
         with pytest.raises(rm.SceneError, match=re.escape(word)):
             rm.simulate(scene, members=which)
@@ -272,7 +272,7 @@ def test_members_of_a_run_are_indices():
 
 
 def test_axes_are_a_right_handed_set():
-    for axes, word in ((2.0 * np.eye(3), "unit vectors"), (-np.eye(3), "left-handed")):
+    for axes, word in ((2.0 * np.eye(3), "orthonormal"), (-np.eye(3), "left-handed")):
         with pytest.raises(rm.SceneError, match=word):
             rm.Body((1, 2, 2.5), axes=axes)
 
@@ -294,7 +294,7 @@ omega = { table = "FILE", columns = ["w1", "w2", "w3"] }
 def test_a_column_that_is_named_twice_is_refused(tmp_path, header):
     (tmp_path / "t.csv").write_text(f"{header}\n1,2,3,4\n5,6,7,8\n")
     (tmp_path / "s.toml").write_text(TABLE.replace("FILE", "t.csv"))
-    with pytest.raises(rm.SceneError, match="the name of several columns"):
+    with pytest.raises(rm.SceneError, match="several columns have the name"):
         rm.Scene.load(tmp_path / "s.toml")
     for other in ("w1,w2,w3,x", "w1,w2,w3,", "x,w3,w2,w1"):  # others may be named alike
         (tmp_path / "t.csv").write_text(f"{other}\n1,2,3,4\n5,6,7,8\n")

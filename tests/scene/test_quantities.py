@@ -111,7 +111,7 @@ def test_a_quaternion_that_is_normalised_stays_to_the_bit():
         (lambda: rm.Start(omega=(0, 0, float("nan"))), "finite"),
         (lambda: rm.Start(omega=(0, True, 0)), "finite number"),
         (lambda: rm.Start(omega=np.array([[0, 0, 1], [0, np.inf, 1]])), "row 1"),
-        (lambda: rm.Start(omega=(0, 0, 1), attitude=(0, 0, 0, 0)), "norm 0"),
+        (lambda: rm.Start(omega=(0, 0, 1), attitude=(0, 0, 0, 0)), "nonzero"),
         (lambda: rm.Start(omega=(0, 0, 1), attitude="uniformly"), "did you mean 'uniform'"),
         (lambda: rm.Start(omega=(0, 0, 1), attitude=np.diag([1, 1, -1])), "mirror"),
         (lambda: rm.Start(omega=(0, 0, 1), attitude=np.diag([1, 1, 2])), "differs from 1 by 3"),
@@ -127,12 +127,12 @@ def test_a_quaternion_that_is_normalised_stays_to_the_bit():
         (lambda: rm.uniform(0, 1).between(2, 3), "no numbers between"),
         (lambda: rm.distribution("gamma", a=1.0).between(-2, -1), "no numbers between"),
         (lambda: rm.normal(0, 1).between(-1, 1).between(2, 3), "low < high"),
-        (lambda: rm.mixture((1.0, rm.normal(0, 1))), "two or more parts"),
+        (lambda: rm.mixture((1.0, rm.normal(0, 1))), "two or more components"),
         (lambda: rm.mixture((1.0, rm.normal(0, 1)), (0.0, rm.normal(0, 1))), "weight > 0"),
         (lambda: rm.mixture((1.0, rm.normal(0, 1)), (1.0, 3.0)), "and a distribution"),
         (
             lambda: rm.mixture((1, rm.normal(0, 1)), (1, rm.normal(2, 1))).between(0, 1),
-            "to the parts",
+            "truncate the components",
         ),
     ],
 )

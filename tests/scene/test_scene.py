@@ -62,14 +62,14 @@ BAD = {  # what is replaced, by what, and what the message must say
     "dt negative": ("members = 100", "dt = -0.1", ["[run]", "dt", "-0.1", "greater than 0"]),
     "dt nan": ("members = 100", "dt = nan", ["[run]", "dt", "finite"]),
     "members zero": ("members = 100", "members = 0", ["[run]", "members", "greater than 0"]),
-    "members fractional": ("members = 100", "members = 1.5", ["[run]", "members", "whole number"]),
+    "members fractional": ("members = 100", "members = 1.5", ["[run]", "members", "integer"]),
     "seed negative": (
         "members = 100",
         "seed = -1",
         ["[run]", "seed", "greater than or equal to 0"],
     ),
     "save unknown": ("members = 100", 'save = ["omga"]', ["[run]", "save", "did you mean 'omega'"]),
-    "quaternion zero": ('"uniform"', "[0, 0, 0, 0]", ["[start]", "attitude", "norm 0"]),
+    "quaternion zero": ('"uniform"', "[0, 0, 0, 0]", ["[start]", "attitude", "nonzero"]),
     "no rotation": (
         '"uniform"',
         "[[1, 0, 0], [0, 1, 0], [0, 0.1, 1]]",
@@ -243,7 +243,7 @@ def test_effects_have_one_order():
         ),
         (
             lambda b: rm.simulate(rm.Scene(b, start=rm.Start(omega=np.ones((4, 3)))), members=5),
-            "rows for 4 members only",
+            "rows for only 4 members",
         ),
         (lambda b: rm.simulate(rm.Scene(b), threads=0), "at least 1"),
         (lambda b: rm.simulate(rm.Scene(b), members=range(5, 5)), "range"),

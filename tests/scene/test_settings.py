@@ -92,5 +92,5 @@ def test_rows_are_the_members_unless_a_number_is_given():
     assert rm.simulate(scene.with_run(seed=1), **quick).sizes["member"] == 5
     assert rm.simulate(scene.with_run(first=2), **quick).member.values.tolist() == [2, 3, 4]
     assert rm.simulate(scene, first=2, **quick).member.values.tolist() == [2, 3, 4]
-    with pytest.raises(rm.SceneError, match="rows for 5 members only"):
+    with pytest.raises(rm.SceneError, match="rows for only 5 members"):
         rm.simulate(scene.with_run(members=9), **quick)

@@ -77,12 +77,12 @@ def test_bodies_without_a_known_part_have_no_shape():
         ('solid = "ball"\nradius = "big"', "finite"),
         ('solid = "ball"\nradius = 1.0\nheight = 2.0', "height"),
         ('solid = "ball"\nradius = 1.0\nat = [0.0, 1.0]', "at"),
-        ('solid = "ball"\nradius = 1.0\nturned = [0.0, 0.0, 0.0, 0.0]', "norm"),
+        ('solid = "ball"\nradius = 1.0\nturned = [0.0, 0.0, 0.0, 0.0]', "nonzero"),
         ('solid = "ball"\nradius = 1.0\nhole = 1', "true or false"),
         ('solid = "box"\nsize = [1.0, 2.0]', "3"),
         ("radius = 1.0", "solid"),
         ('solid = "mesh"\ncorners = [[0.0, 0.0, 0.0]]\nfaces = [[0, 1, 2]]', "corners"),
-        ('solid = "particles"\nmasses = [1.0]\npositions = [[0,0,0],[1,0,0]]', "masses"),
+        ('solid = "particles"\nmasses = [1.0]\npositions = [[0,0,0],[1,0,0]]', "each mass"),
     ],
 )
 def test_a_mistake_in_a_shape_is_named(table, words):

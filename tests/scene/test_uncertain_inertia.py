@@ -198,7 +198,7 @@ def test_what_is_no_law_of_a_body_is_told(table, words):
 
 def test_mass_and_centre_are_means_and_starts_are_no_tables():
     law = rm.UncertainInertia(TENSOR, covariance(0.05))
-    with pytest.raises(SceneError, match="plain number, the mean"):
+    with pytest.raises(SceneError, match="plain numbers, the mean"):
         rm.Body.from_tensor(law, mass=rm.normal(12.0, 1.0))
     start = rm.Start(omega=(np.array([1.0, 2.0]), 0.0, 0.0))
     with pytest.raises(SceneError, match="axes differ from member to member"):

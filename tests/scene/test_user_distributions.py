@@ -35,17 +35,17 @@ def sampling(sample):
 
 @pytest.mark.parametrize(("kind", "words"), [
     (other(variables=("speed",)), "Own.variables: is .'speed',., expected a tuple of some"),
-    (other(variables=("attitude",)), "Own.variables: is a law of attitude, not of omega"),
-    (sampling(lambda first, count: np.ones((2, count))), r"Own.sample: gives shape \(2, 5\)"),
-    (sampling(lambda first, count: [1.0, 2.0, 3.0]), "Own.sample: gives list, expected an array"),
+    (other(variables=("attitude",)), "Own.variables: is a distribution of attitude, not of omega"),
+    (sampling(lambda first, count: np.ones((2, count))), r"Own.sample: returns shape \(2, 5\)"),
+    (sampling(lambda first, count: [1.0, 2.0, 3.0]), "Own.sample: returns list, expected an array"),
     (sampling(lambda first, count: np.ones((3, count), int)), "not finite floats"),
     (sampling(lambda first, count: np.full((3, count), np.nan)), "not finite floats"),
     (sampling(lambda first, count: np.random.default_rng().random((3, count))),
-     "Own.sample: gives a member other numbers if others are drawn with it"),
+     "Own.sample: returns other numbers for a member if other members are"),
     (sampling(lambda first, count: np.random.default_rng(1).random((3, count))),
-     "Own.sample: gives a member other numbers if others are drawn with it"),
+     "Own.sample: returns other numbers for a member if other members are"),
     (sampling(lambda first, count: nothing), "Own.sample: raises NameError"),  # noqa: F821
-    (other(check=lambda self, where: None), "Own.check: gives NoneType, expected Own"),
+    (other(check=lambda self, where: None), "Own.check: returns NoneType, expected Own"),
     (type("Own", (OnLine,), {"__annotations__": {"more": Any}}), "expected a frozen dataclass"),
 ])  # fmt: skip
 def test_laws_that_could_not_be_drawn_from_are_refused(kind, words):

@@ -186,12 +186,12 @@ def test_what_an_adaptive_map_cannot_do_is_refused(tmp_path):
     with pytest.raises(OptionError, match="start a new run"):
         resume.extend(tmp_path / "map", 10_000)
     told = invoke("resume", tmp_path / "map", "--shards", "0:1")
-    assert told.exit_code == 3 and "all shards of an adaptive map" in told.stderr
+    assert told.exit_code == 3 and "the next shards of an adaptive map" in told.stderr
     new = "map", "sleeping_top", "-o", f"{tmp_path}/new/"
     for words, rule in (
         (("--adaptive", "--shards", "0:1"), "each level needs all"),
         (("--adaptive", "--shard-size", "1"), "each level needs all"),
-        (("--border", "0.5"), "goes with --adaptive"),
+        (("--border", "0.5"), "requires --adaptive"),
     ):
         told = invoke(*new, *words)
         assert told.exit_code == 3 and rule in told.stderr, told.stderr

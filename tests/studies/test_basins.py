@@ -86,7 +86,7 @@ def test_distances_are_compared_with_rounding():
     """The nearest neighbours in float32, and of a narrow law, have the start of their member."""
     single = rm.basins(PLANE, UP, 2000, dtype="float32")
     assert np.isfinite(single.uncertain.values).sum() == 9 == 12 - single.attrs["unresolved"]
-    assert "neighbours differ by rounding alone: 3" in "\n".join(table(single))
+    assert "perturbed starts differ by rounding alone: 3" in "\n".join(table(single))
     basins_and_shares(single)
     for width, many in ((1.0, 12), (1e-6, 12), (1e-9, 9), (1e-12, 4), (1e-16, 0)):
         start = rm.Start(omega=(0.0, 0.0, rm.uniform(1.0 - width, 1.0 + width)))
@@ -96,12 +96,12 @@ def test_distances_are_compared_with_rounding():
 
 
 def test_what_is_no_study_of_basins_is_refused():
-    with pytest.raises(OptionError, match="take p"):
+    with pytest.raises(OptionError, match="use p"):
         rm.basins(PLANE, "mean(omega_last[3])", 10)
     with pytest.raises(OptionError, match="neighbours"):
         rm.basins.of(rm.simulate(PLANE, members=4, save=("omega_last",)), UP)
     noisy = rm.Scene(PLANE.body, rm.Bath(1.0, 0.1), START)
-    with pytest.raises(SceneError, match="bath: noise takes neighbours anywhere"):
+    with pytest.raises(SceneError, match="bath: noise separates any two motions"):
         rm.basins(noisy, UP, 10)
     fixed = rm.Scene(PLANE.body, start=rm.Start(omega=(0.0, 0.0, 1.0)))
     with pytest.raises(SceneError, match="nothing in the scene is drawn"):

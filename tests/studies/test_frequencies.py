@@ -128,7 +128,7 @@ def test_a_change_takes_four_periods_of_each_half():
         found = rm.frequencies(FREE, "omega[2]", t_end=end, every=0.25, dt=0.25)
         assert np.isfinite(found.change.values).all() == known
         assert not known or found.change.values[0] < 1e-5  # measured 5e-9
-        assert known or "too short to tell a change: 1" in table(found)[-1]
+        assert known or "too short to measure a change: 1" in table(found)[-1]
 
 
 def test_chaos_changes_its_frequency_and_regular_motion_does_not():
@@ -174,7 +174,7 @@ def test_flagged_members_have_no_frequency():
     for name in ("frequency", "amplitude", "phase"):
         assert (np.isfinite(found[name].values) == known).all(), name
     assert np.isnan(found.change.values[bad]).all()
-    assert table(found)[-1].endswith(f"which have no frequencies: {bad.sum()}")
+    assert table(found)[-1].endswith(f"without frequencies: {bad.sum()}")
 
 
 def test_questions_without_an_answer():

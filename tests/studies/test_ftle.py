@@ -115,7 +115,7 @@ def test_the_ridge_of_a_pendulum_is_the_way_to_the_upright(tmp_path):
     resume(tmp_path / "run")
     again = rm.ftle.of(rm.open(tmp_path / "run"), unit=1.0)
     assert again.ftle.equals(whole.ftle) and again.start.equals(whole.start)
-    assert "8,000 starts, each with a neighbour for each of its numbers (2)" in "\n".join(
+    assert "8,000 starts, each with one shadow trajectory per uncertain parameter (2)" in "\n".join(
         table(again)
     )
     axes = ftle_field(again).axes[0]
@@ -180,7 +180,7 @@ def test_differences_are_compared_with_rounding():
         if known:
             assert np.abs(found.ftle.values - true).max() < 5e-4  # measured 4e-5
         else:
-            assert "differ by little more than rounding: 8; wider" in table(found)[1]
+            assert "differ by little more than rounding: 8; use wider" in table(found)[1]
 
 
 def test_what_has_no_tangents_is_refused():
@@ -189,7 +189,7 @@ def test_what_has_no_tangents_is_refused():
     with pytest.raises(OptionError, match="unit"):
         rm.ftle(PENDULUM, 4, unit=-1.0)
     grid = rm.Start(omega=(rm.uniform(0.0, 1.0), 0.0, rm.grid(0.0, 1.0, 4)))
-    with pytest.raises(SceneError, match="distributions in place of grids"):
+    with pytest.raises(SceneError, match="grids and tables by distributions"):
         rm.ftle(rm.Scene(PENDULUM.body, start=grid), 4, t_end=1.0)
     heavy = rm.Scene(PENDULUM.body, rm.Gravity(rm.uniform(1.0, 2.0)), START)
     with pytest.raises(SceneError, match=r"effects.gravity.g: is uncertain"):

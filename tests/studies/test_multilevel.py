@@ -237,7 +237,7 @@ def test_run_directory(tmp_path):
     directory = multilevel.work.create(
         "multilevel", multilevel.design(SCENE, text), None, tmp_path / "run"
     )
-    with pytest.raises(rm.RigidmcError, match="no task is done"):
+    with pytest.raises(rm.RigidmcError, match="no task is finished"):
         multilevel.of(directory.path)
     directory, done = tasks.resume_study(directory, threads=1, only=range(2))
     assert done["ok"] == 2
@@ -252,10 +252,10 @@ def test_run_directory(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"text": "p(energy_final > 0) +- 0.1"}, "corrections that become small"),
+        ({"text": "p(energy_final > 0) +- 0.1"}, "corrections that do not become small"),
         ({"text": "mean(energy_final | l2_final > 1) +- 0.1"}, "energy_final"),
         ({"text": "mean(energy_final)"}, "half the width"),
-        ({"turn": 0.1, "scene": SCENE.with_run(dt=None)}, "steps of one length"),
+        ({"turn": 0.1, "scene": SCENE.with_run(dt=None)}, "a fixed step"),
         ({"points": "sobol"}, "independent"),
         ({"integrator": "auto", "tolerance": 1e-3}, "name it"),
         ({"batch": 1}, "batch"),
@@ -267,7 +267,7 @@ def test_what_is_no_study_is_refused(settings, words):
 
 
 def test_flagged_pairs_are_refused():
-    with pytest.raises(rm.SceneError, match="flagged, whose steps are too long"):
+    with pytest.raises(rm.SceneError, match="flagged because their steps are too long"):
         rm.multilevel(SCENE, f"{MEASURE} +- 0.1", batch=512, turn_limit=1.0)
 
 
@@ -276,7 +276,7 @@ def test_table_and_picture():
     found = dataset(*known, driven(known, lambda level: 0.25**level)[0])
     lines = table(found)
     assert lines[1].startswith("  mean(energy_final) = ") and "order 2.00" in lines[-2]
-    assert "times as many" in lines[-1]
+    assert "times as much" in lines[-1]
     assert plain_members(found, 0.02).steps > 5
     figure = multilevel_levels(found)
     assert [axes.get_xlabel()[:5] for axes in figure.axes] == ["level", "level", "cost:"]

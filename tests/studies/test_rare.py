@@ -103,11 +103,11 @@ def test_nothing_found_is_no_zero():
         start=rm.Start(omega=(1.0, rm.normal(0.0, 0.0675), 0.0)),
     ).with_run(integrator="exact", dt=0.25, t_end=20.0)
     truth = 2.0 * norm.sf(12**-0.5 / 0.0675)  # it turns if |L_2| is above |L|/2 at the start
-    with pytest.warns(SceneWarning, match="no way to the event was found: all members score"):
+    with pytest.warns(SceneWarning, match="found no path to the event: all members score"):
         found = rare(scene, "p(flips >= 1)", 1e-9, 100, 4)
     assert float(found.p) == 0.0 and found.stuck.all()
     assert round(400.0 * float(found.p_high), 1) == 3.7 and truth < float(found.p_high)
-    assert "no way to the event" in table(found)[2]
+    assert "no path to the event" in table(found)[2]
     # all repetitions end at the target
     deep = rare(spun(), "p(omega_max[3] >= 7)", 1e-5, 100, 4)
     assert deep.below_target.all() and float(deep.p_high) == 1e-5
@@ -119,7 +119,7 @@ def test_nothing_found_is_no_zero():
     assert float(died.p_high) > 3.0 / 400.0 and "came no nearer" in table(died)[2]
     gone[0] = {**gone[0], "p": 1e-3}
     some = reduce(designed, request, gone, RareOptions())
-    assert "3 of 4 repetitions found no way" in table(some)[2]
+    assert "3 of 4 repetitions found no path" in table(some)[2]
 
 
 def test_splitting(monkeypatch):
@@ -167,7 +167,7 @@ def test_run_directory(tmp_path):
     now = rare(scene, of, 1e-6, 100, 3, threads=2)
     designed, request = rare.design(scene, of, 1e-6, 100, 3)
     directory = rare.work.create("rare", (designed, request), None, tmp_path / "run")
-    with pytest.raises(FileError, match="no task is done yet"):
+    with pytest.raises(FileError, match="no task is finished yet"):
         rare.of(directory.path)
     directory, done = tasks.resume_study(directory, threads=1, only=range(2))
     assert done["ok"] == 2 and rare.of(directory.path).sizes["repetition"] == 2
@@ -181,18 +181,18 @@ def test_run_directory(tmp_path):
     with open(shard, "r+b") as file:
         file.seek(2000)
         file.write(b"torn")
-    assert "is not what was written" in tasks.verify_study(directory.path)[0]
+    assert "was changed: its checksum" in tasks.verify_study(directory.path)[0]
 
 
 def test_what_is_no_event():
     for of, rule in (
-        ("mean(omega_max[3])", "is no event"),
-        ("p(omega_max[3] >= 1 | omega_min[3] >= 0)", "is no event"),
-        ("p(energy_drift_max >= 1)", "nothing that is watched"),
+        ("mean(omega_max[3])", "is not an event"),
+        ("p(omega_max[3] >= 1 | omega_min[3] >= 0)", "is not an event"),
+        ("p(energy_drift_max >= 1)", "is not monitored"),
     ):
         with pytest.raises(OptionError, match=rule):
             make_score(spun(), of)
-    with pytest.raises(OptionError, match="what only grows"):
+    with pytest.raises(OptionError, match="a quantity that only grows"):
         make_score(bathed(), "p(omega_mean[3] >= 1)")
     still = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=rm.Start(omega=(0.0, 0.0, 1.0)))
     with pytest.raises(OptionError, match="nothing is random"):
@@ -212,7 +212,7 @@ def test_table_and_picture():
 
 def test_members_without_room_are_refused():
     """129 states of each member, and a copy, of some 50 rows: 100 kB a member."""
-    with pytest.raises(NoRoom, match="take fewer members"):
+    with pytest.raises(NoRoom, match="use fewer members"):
         rare(bathed(), f"p(omega_max[3] >= {LEVEL:.17g})", 1e-9, 10**9, 2)
 
 

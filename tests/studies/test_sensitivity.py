@@ -114,8 +114,8 @@ def test_a_run_directory_tells_the_same_also_in_part(tmp_path):
     again = rm.sensitivity.of(rm.open(path), text)
     assert again["first"].equals(whole["first"]) and again.total_high.equals(whole.total_high)
     assert "10,000 families of 4 members" in "\n".join(table(again))
-    assert "noise of sampling" not in "\n".join(table(again.assign(total=again["first"] + 0.01)))
-    assert "noise of sampling" in "\n".join(table(again.assign(total=again["first"] - 0.01)))
+    assert "sampling noise" not in "\n".join(table(again.assign(total=again["first"] + 0.01)))
+    assert "sampling noise" in "\n".join(table(again.assign(total=again["first"] - 0.01)))
     assert sensitivity_bars(again).axes[0].get_xlabel().startswith(text)
 
 
@@ -140,7 +140,7 @@ def test_a_study_of_code_needs_the_code():
 
 
 def test_what_is_no_study_is_refused():
-    with pytest.raises(OptionError, match="take mean"):
+    with pytest.raises(OptionError, match="use mean"):
         rm.sensitivity(LINEAR, "median(omega_mean[3])", 10)
     plain = rm.simulate(LINEAR, members=4, save=("omega_mean",))
     with pytest.raises(OptionError, match="saltelli"):
@@ -207,7 +207,7 @@ def test_an_uncertain_tensor_is_one_number():
     # (dI/I)^2 is 0.0025 and (dL/L)^2 0.0004
     assert study.total.values[0] == pytest.approx((0.862, 0.138), abs=0.1)  # measured 0.002
     assert study.differing.values.tolist() == [300, 0] and np.isnan(study.total.values[1]).all()
-    assert "shares of a variance need 10" in "\n".join(table(study))
+    assert "indices require 10" in "\n".join(table(study))
     sensitivity_bars(study)
     never = rm.sensitivity(scene.with_run(save=("flips",)), "mean(flip_wait)", 20)
     assert "no family has a value" in table(never)[1] and int(never.families[0]) == 0

@@ -101,7 +101,7 @@ def test_a_map_in_a_file_is_read_back(whole, tmp_path):
     assert found.identical(whole) and is_map(tmp_path / "map.nc")
     rm.simulate(SCENE, members=4, t_end=1.0, output=tmp_path / "run.nc").close()
     assert not is_map(tmp_path / "run.nc")
-    with pytest.raises(FileError, match="no map that can be read"):
+    with pytest.raises(FileError, match="contains no readable map"):
         open_map(tmp_path / "run.nc")
     assert rm.open(tmp_path / "run.nc").sizes["member"] == 4
 
@@ -116,12 +116,12 @@ def asking(file, **other):
     [
         (lambda f: f.renameVariable("good", "bad"), "good"),
         (lambda f: f.renameVariable("p(flips>=1)_low", "low"), "flips>=1.*_low"),
-        (lambda f: f.setncattr("asked", "[]"), "no map that can be read"),
+        (lambda f: f.setncattr("asked", "[]"), "contains no readable map"),
         (lambda f: f.setncattr("scene", "[body]"), "start: is missing"),
         (lambda f: f.setncattr("seconds", "long"), "expected a number"),
         (lambda f: asking(f, columns=65), "expected .* numbers"),
-        (lambda f: asking(f, columns=10**9), "no map that can be read"),
-        (lambda f: asking(f, replicas=0), "no map that can be read"),
+        (lambda f: asking(f, columns=10**9), "contains no readable map"),
+        (lambda f: asking(f, replicas=0), "contains no readable map"),
         (lambda f: asking(f, of=["mean(tilt)"]), "tilt"),
         (lambda f: asking(f, x=["body.moments.1", 2.0, 1.0, False]), "low < high"),
     ],
@@ -136,18 +136,18 @@ def test_a_file_that_is_no_map_is_refused(whole, tmp_path, change, words):
 
 def test_directories_that_are_no_map_are_refused(tmp_path):
     started(tmp_path / "map")
-    with pytest.raises(FileError, match="no shard is there yet"):
+    with pytest.raises(FileError, match="no shard is finished yet"):
         rm.open(tmp_path / "map")
     facts = read_facts(str(tmp_path / "map" / "run.json"))
     facts["attributes"]["map"] = "{}"
     (tmp_path / "map" / "run.json").write_text(facts_text(facts))
-    with pytest.raises(FileError, match="no map that can be read"):
+    with pytest.raises(FileError, match="contains no readable map"):
         rm.open(tmp_path / "map")
     del facts["attributes"]["map"]
     (tmp_path / "map" / "run.json").write_text(facts_text(facts))
-    with pytest.raises(FileError, match="is the run of a scene, and no map"):
+    with pytest.raises(FileError, match="is the run of a scene, not a map"):
         open_map(tmp_path / "map")
-    with pytest.raises(FileError, match="no map that can be read"):
+    with pytest.raises(FileError, match="contains no readable map"):
         read_stored_request(json.dumps({"columns": 10**9}), "map")
     with pytest.raises(OptionError, match="at most"):
         members_of_pixels(tmp_path / "map", 10**12)
@@ -156,9 +156,9 @@ def test_directories_that_are_no_map_are_refused(tmp_path):
 def test_the_command_line_keeps_a_map_in_a_directory(tmp_path):
     path, words = tmp_path / "map", ("sleeping_top", "--resolution", 46, "--members", 2)
     told = invoke(*words, "-o", f"{path}/", "--shards", "0:1", "--shard-size", 0.01)
-    assert told.exit_code == 0 and "of other tasks are left" in told.stdout
+    assert told.exit_code == 0 and "of other jobs are missing" in told.stdout
     told = invoke(path, "--plot", tmp_path / "part.png")
-    assert told.exit_code == 5 and "% of the members are there" in told.stdout
+    assert told.exit_code == 5 and "% of the members are done" in told.stdout
     assert CliRunner().invoke(app, ["resume", str(path)]).exit_code == 0
     assert CliRunner().invoke(app, ["verify", str(path)]).exit_code == 0
     assert invoke(path, "-o", tmp_path / "one.nc").exit_code == 0
@@ -212,13 +212,13 @@ def test_parts_that_are_none_are_refused(whole, tmp_path):
         ((tmp_path / "map.nc", "--zoom", "0.4:0.9"), "LOW:HIGH,LOW:HIGH"),
         ((tmp_path / "map.nc", "--zoom", "0.9:0.4,0.8:1.2"), "low < high"),
         ((tmp_path / "map.nc", "--zoom", "0.4:0.9,0.8:1.2", "--members", 8), "is for a new map"),
-        ((tmp_path / "map.nc", "--zoom", "0.4:2.7,0.8:1.2"), "goes from 0.2 to 2.6"),
-        ((tmp_path / "map.nc", "--zoom", "0.4:0.9,0.4:1.2"), "goes from 0.5 to 1.5"),
-        (("sleeping_top", "--zoom", "0.4:0.9,0.8:1.2"), "a part of a map that exists"),
+        ((tmp_path / "map.nc", "--zoom", "0.4:2.7,0.8:1.2"), "ranges from 0.2 to 2.6"),
+        ((tmp_path / "map.nc", "--zoom", "0.4:0.9,0.4:1.2"), "ranges from 0.5 to 1.5"),
+        (("sleeping_top", "--zoom", "0.4:0.9,0.8:1.2"), "a part of an existing map"),
     ):
         told = invoke(*words)
         assert told.exit_code == 3 and rule in " ".join(told.stderr.split()), told.stderr
     with pytest.raises(OptionError, match=r"\(low, high\)"):
         rm.zoom_map(whole, 0.4, (0.8, 1.2))
-    with pytest.raises(FileError, match="no map that can be read"):
+    with pytest.raises(FileError, match="contains no readable map"):
         rm.zoom_map(whole.drop_attrs(), (0.4, 0.9), (0.8, 1.2))

@@ -236,7 +236,7 @@ def test_symmetric_tops_are_seen_along_their_symmetry_axis(free):
     assert texts[4].xy == (0.0, 0.0)
     assert (
         ensemble.middle_component(lagrange).axes[0].get_title()
-        == "Angular velocity across the symmetry axis"
+        == "Angular velocity normal to the symmetry axis"
     )
 
 
@@ -334,9 +334,9 @@ def test_summary_of_first_and_last_save_shows_the_spread(ends):
 def test_summary_without_states_shows_the_start_and_says_so(free):
     bare = free.drop_vars("omega")
     figure = draw(ensemble.summary(bare))
-    assert figure.axes[0].get_title().endswith("at the start (nothing later was saved)")
+    assert figure.axes[0].get_title().endswith("at the start (later states were not saved)")
     assert any(
-        axes.get_legend() and legend(axes) == ["at the start (nothing later was saved)"]
+        axes.get_legend() and legend(axes) == ["at the start (later states were not saved)"]
         for axes in figure.axes
     )
     for ds, picture, wanted in (
@@ -355,7 +355,7 @@ def test_a_flagged_member_is_left_out_and_counted(free):
     bad["omega"][2, 1, 6] = np.nan  # not flagged, and harmless
     good = free.drop_sel(member=[5, 6])
     figure = draw(ensemble.summary(bad))
-    assert figure.get_suptitle().endswith("1 flagged and left out")
+    assert figure.get_suptitle().endswith("1 flagged and excluded")
     assert np.array_equal(discs(figure), discs(ensemble.summary(good)), equal_nan=True)
     assert np.array_equal(
         *(ensemble.middle_component(ds).axes[0].lines[0].get_ydata() for ds in (bad, good))

@@ -76,7 +76,7 @@ def test_several_measures_and_python(result):
 
 @pytest.mark.parametrize(("text", "parts"), [
     ("p(flps >= 1)", ("p(flps >= 1)", "did you mean 'flips'", "known: energy_drift_max")),
-    ("mean(passages)", ("no such number", "--save NAME")),
+    ("mean(passages)", ("no such variable", "--save NAME")),
     ("flips > 1", ("expected p(NAME >= NUMBER)",)),
     ("mean(start_omega)", ("three components", "start_omega[3]")),
     ("quantile(flips, 2)", ("between 0 and 1",)),

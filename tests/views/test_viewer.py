@@ -206,7 +206,7 @@ def orbit_page(tmp_path_factory):
 
 def test_a_page_knows_the_local_vertical(orbit_page):
     text = orbit_page.read_text()
-    assert "t_end = 20000 s, shown to 80 s" in text
+    assert "t_end = 20000 s, shown up to 80 s" in text
     one = data_of(text)["members"][0]
     found = np.frombuffer(base64.b64decode(one["radius"]["i2"]), "<i2").reshape(-1, 2) / 32767
     angle = np.sqrt(7.75e-3) * np.linspace(0.0, one["end"], len(found))

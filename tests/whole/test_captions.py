@@ -124,7 +124,7 @@ def sleeping():
 
 
 def four_periods():
-    words, _ = gallery()["What parts the starts of a driven pendulum"]
+    words, _ = gallery()["The boundary between motions of a driven pendulum"]
     end = float(words.split("--t-end ")[1].split()[0])
     frequency = rm.Scene.load("driven_pendulum").effects[1].frequency
     assert abs(end * frequency / (2 * np.pi) - 4.0) < 1e-12
@@ -132,7 +132,7 @@ def four_periods():
 
 def rare():
     """A plain look: of 200,000 tops the event takes about two, so none to ten."""
-    words, _ = gallery()["What almost never happens"]
+    words, _ = gallery()["A rare event"]
     assert "p(nutation_max >= 0.75)" in words and "normal = [0.4, 0.05]" in words
     lean, spin = 0.75 - np.radians(3.0), 200.0  # it nods by less than 5.3 degrees
     assert (lean - 0.4) / 0.05 > 5.0 and spin  # beyond 5 sigma even so: at most 3e-7 by the lean
@@ -275,7 +275,7 @@ FACTS = {
     "A T-handle flips again and again": (["about its middle axis", "every few seconds"], handle),
     "Polhodes of a tossed racket": (["begin at axis 2", "separatrix"], racket),
     "A book tossed in all directions": (
-        ["Two thirds", "axis 3, through the pages", "one third axis 1, along the spine", "axis 2"],
+        ["two thirds", "axis 3, through the pages", "one third, axis 1, along the spine", "axis 2"],
         book,
     ),
     "A heavy top draws cusps": (["stands still at each cusp"], cusps),
@@ -295,31 +295,31 @@ FACTS = {
     ),
     "Toutatis tumbles": (["asteroid 4179", "about its long axis"], toutatis),
     "The wobble of the Earth": (["Twenty years", "0.2″"], chandler),
-    "Explorer 1 goes over to a flat spin": (["from axis 3, the long one"], explorer),
+    "Explorer 1 ends in a flat spin": (["from axis 3, the long one"], explorer),
     "Hyperion": (["chaotic"], hyperion),
     "Phobos": (["both librate"], phobos),
     "A dip needle": (["comes to rest along it"], needle),
-    "A rod on its head": (["70 times a second"], kapitza),
-    "A cylinder held at its edge": (["Two equal moments", "on the third axis"], cylinder),
+    "A rod upside down": (["70 times a second"], kapitza),
+    "A cylinder held at its edge": (["Two moments are equal", "on the third axis"], cylinder),
     "A satellite with a momentum wheel": (["enough momentum", "middle axis"], wheel),
-    "A satellite with two spins": (
-        ["an angle that theory tells"],
+    "A dual-spin satellite": (
+        ["an angle known from theory"],
         LIBRARY + "test_a_rotor_with_enough_momentum_holds_a_long_satellite",
     ),
     "A sleeping top wakes": (["Above 119 rad/s"], sleeping),
     "A rod in thermal equilibrium": (
-        ["law of Gibbs"],
+        ["Gibbs distribution"],
         "tests/physics/effects/test_bath.py::test_gibbs",
     ),
     "The intermediate axis": (["about their middle axis"], middle_axis),
     "The growth of a disturbance": (["lines are theory"], growth),
     "The wait for the first flip": (["divided by ten", "lines are theory"], wait),
-    "Which end of the major axis": (["ends of axis 3", "ever tighter about axis 1"], rings),
-    "Where a top sleeps": (["border in theory"], parabola),
+    "The two ends of the major axis": (["ends of axis 3", "ever tighter about axis 1"], rings),
+    "Where a top sleeps": (["theoretical border"], parabola),
     "Kapitza's pendulum": (["Mathieu's equation"], mathieu),
     "Chaos of a heavy top": (["nearly Kovalevskaya's"], nearly),
     "How much chaos, from Lagrange's top to Kovalevskaya's": (
-        ["Both sides are integrable", "below the energy of the upright top", "fades"],
+        ["edges are integrable", "below the energy of the upright top", "fades"],
         CHAOS + "test_integrable_tops_have_no_chaos_and_one_between_has"
         f" {CHAOS}test_chaos_rises_and_falls_with_energy {CHAOS}test_a_map_of_the_share",
     ),
@@ -344,17 +344,17 @@ FACTS = {
         ["95 %"],
         lean_and_spin,
     ),
-    "What almost never happens": (["p = 1e-5"], rare),
-    "Few members make short steps": (
+    "A rare event": (["p = 1e-5"], rare),
+    "Few members take short steps": (
         [],
         "tests/studies/test_multilevel.py::test_members_are_those_that_cost_least",
     ),
-    "A driven pendulum ends in one motion or the other": (
+    "A driven pendulum settles into one of two motions": (
         ["near the border"],
         "tests/studies/test_basins.py::test_a_driven_pendulum",
     ),
-    "What parts the starts of a driven pendulum": (["four periods"], four_periods),
-    "How far energy and momentum drift": (
+    "The boundary between motions of a driven pendulum": (["four periods"], four_periods),
+    "The drift of energy and momentum": (
         [],
         "tests/views/test_pictures.py::test_drift_histogram_marks_median_worst_and_zeros",
     ),

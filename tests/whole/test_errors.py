@@ -51,7 +51,7 @@ def test_table_and_key_follow_from_the_path(error, table, key, text):
 
 def test_a_mistake_in_a_part_names_its_file_and_line():
     scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), (Wind(3.0),), rm.Start(omega=(0.0, 1.0, 0.0)))
-    with pytest.raises(rm.PartError, match="asks for 'v'") as caught:
+    with pytest.raises(rm.PartError, match="unknown argument 'v'") as caught:
         rm.prepare(scene)
     error = caught.value
     assert isinstance(error, rm.SceneError) and error.at == "effects.Wind.torque"

@@ -479,15 +479,15 @@ def run_in(folder, *commands):
     ("[integrators.kutta38]\nmodule", "[integrators.kutta83]\nmodule",
      r"\[integrators.kutta83\] module = 'mine.py': has no class kutta83.*did you mean 'Kutta38'"),
     ('[observables.rises]\nmodule = "mine.py"', "[observables.rises]",
-     "rises: no such observable.*an observable of your own needs module"),
+     "rises: no such observable.*a custom observable needs module"),
     ("at = 2.0", "to = 2.0", r"\[observables.height\] to: no such key; known: at, module"),
     ('integrator = "kutta38"', 'integrator = "kutta39"', "no such integrator.*'kutta38'"),
     ("ring = {", "rings = {", "has no class rings.*did you mean 'Ring'"),
-    ('{ size = 0.5 }, module = "mine.py" }', "{ size = 0.5 } }", "a law of your own needs module"),
+    ('{ size = 0.5 }, module = "mine.py" }', "{ size = 0.5 } }", "custom distribution needs"),
     ('"rises", ', '"risen", ', r"save = 'risen': no such observable.*did you mean 'rises'"),
-    ("[observables.rises]", "[observables.kutta38]", "Kutta38.*or one of your own, with its param"),
-    ("[integrators.kutta38]", "[integrators.ring]", "Ring is no NamedTuple, as an integrator has"),
-    ("ring = { size", "fastest = { size", "Fastest is no law: a frozen dataclass"),
+    ("[observables.rises]", "[observables.kutta38]", "Kutta38.*or a custom observable, with"),
+    ("[integrators.kutta38]", "[integrators.ring]", "Ring is not a NamedTuple, as an integrator"),
+    ("ring = { size", "fastest = { size", "Fastest must be a frozen dataclass"),
 ])  # fmt: skip
 def test_mistakes_about_parts_of_ones_own_are_named(own, old, new, words):
     text = (own / "scene.toml").read_text()

@@ -17,7 +17,7 @@ from rigidmc.cli import app
 from rigidmc.studies import STUDIES
 
 ROOT = Path(__file__).parents[2]
-PAGES = [p for p in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in p.parts]
+PAGES = [p for p in sorted((ROOT / "docs").rglob("*.md")) if not {"_build", "paper"} & {*p.parts}]
 TEXT = "\n".join(path.read_text("utf-8") for path in (ROOT / "README.md", *PAGES))
 
 
@@ -84,5 +84,6 @@ def test_every_public_name_is_in_the_reference():
     text = (ROOT / "docs" / "reference" / "python.md").read_text("utf-8")
     listed = [n for names in re.findall(r"```\{names\} (.*)", text) for n in names.split()]
     assert listed.count("studies") == 1  # those of the registry
-    listed = [n for n in listed if n != "studies"] + list(STUDIES)
+    # names with a dot are not of `rigidmc` itself, and have a page all the same
+    listed = [n for n in listed if n != "studies" and "." not in n] + list(STUDIES)
     assert sorted(listed) == sorted(rigidmc.__all__)

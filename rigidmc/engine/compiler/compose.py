@@ -1,9 +1,9 @@
 """From a tuple of effects to one straight-line function.
 
 Physics is written as plain functions and as methods of NamedTuples. Here they become callable from
-compiled code: a plain function by itself, a method by the TYPE of its NamedTuple. Tuples of effects
-are unrolled by recursion on their type, so that compiled code holds what a scene lists and nothing
-else. No function is ever an argument, which Numba's disk cache could not know again.
+compiled code: a plain function by itself, a method by the TYPE of its NamedTuple. Recursion on
+their type unrolls tuples of effects, so compiled code holds only the effects of the scene. No
+function is ever an argument: Numba's disk cache could not recognise it.
 """
 
 import inspect
@@ -37,9 +37,9 @@ _done: set[str] = set()  # modules of the package
 
 
 def innermost_cause(error: Exception) -> str:
-    """The innermost cause of a failed compilation, with its file and line, on one line."""
+    """Return the innermost cause of a failed compilation, with its file and line, on one line."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    # Numba prints the chain of callers, the user's own function last.
+    # Numba prints the chain of callers, the user's function last.
     failed = [i + 1 for i, line in enumerate(lines) if "Failed in nopython mode" in line]
     inner = lines[failed[-1] :] if failed else lines
     place = next((line.rstrip(":") for line in inner if line.startswith("File ")), "")
@@ -49,10 +49,10 @@ def innermost_cause(error: Exception) -> str:
 
 
 def inline(function: Function) -> Function:
-    """Let compiled code call a plain Python function, inlined.
+    """Make a plain Python function callable, inlined, from compiled code.
 
-    Numba's `overload` would do, but it compiles a function once more for each kind of caller: a
-    third of all that is compiled.
+    Numba's `overload` would work, but it compiles a function once more for each kind of caller: a
+    third of all compilation.
     """
     if function not in _inlined and function not in INTRINSICS:
         _inlined.add(function)
@@ -72,9 +72,9 @@ def inline(function: Function) -> Function:
 
 
 class DispatchedFunction:
-    """A function of the user's own, compiled by Numba's dispatcher, which tells its listeners.
+    """A custom function, compiled by Numba's dispatcher, which notifies its listeners.
 
-    compiled : what the code calls, by the types of the arguments
+    compiled : the functions that the code calls, by the types of the arguments
     """
 
     def __init__(self, function: Function) -> None:
@@ -82,7 +82,7 @@ class DispatchedFunction:
         self.compiled: dict[tuple[Any, ...], Any] = {}
 
     def signature_of(self, context: Any, args: Any, kws: Any) -> Any:
-        """The signature for arguments of these types, for which it is compiled if it is not."""
+        """Return the signature for arguments of these types, and compile it if necessary."""
         dispatcher = types.Dispatcher(_dispatcher(self.function, (*args, *kws.items())))
         signature: Any = dispatcher.get_call_type(context, args, kws)
         self.compiled[signature.args] = dispatcher.get_overload(signature)
@@ -98,7 +98,7 @@ class InlinedFunction(DispatchedFunction):
         self.signatures: dict[tuple[Any, ...], Any] = {}
 
     def signature_of(self, context: Any, args: Any, kws: Any) -> Any:
-        """The signature for arguments of these types, for which it is compiled if it is not."""
+        """Return the signature for arguments of these types, and compile it if necessary."""
         folded = fold_arguments(
             self.parameters, args, kws, _given, _omitted, lambda *each: types.StarArgTuple(each[2])
         )
@@ -110,23 +110,23 @@ class InlinedFunction(DispatchedFunction):
 
 
 def _given(place: int, parameter: Any, kind: Any) -> Any:
-    """The type of an argument that is given."""
+    """Return the type of a given argument."""
     return kind
 
 
 def _omitted(place: int, parameter: Any, default: Any) -> Any:
-    """The type of an argument that is left out."""
+    """Return the type of an omitted argument."""
     return types.Omitted(default)
 
 
 @cache
 def _dispatcher(function: Function, types_of_arguments: tuple[Any, ...]) -> Any:
-    """A function as it is compiled for arguments of these types alone."""
+    """Return a dispatcher of a function for arguments of these types alone."""
     return njit(**INLINE)(function)
 
 
 def compile_method(call: Any) -> None:
-    """Let compiled code call a generic function of `rigidmc.physics.dynamics.methods`.
+    """Make a generic function of `rigidmc.physics.dynamics.methods` callable from compiled code.
 
     It calls the method of its first argument with the values that the method names, or the default.
     """
@@ -139,8 +139,7 @@ def compile_method(call: Any) -> None:
         method = getattr(part.instance_class, name, None)
         named = available if method is None else arguments(method)
         places = [available.index(argument) for argument in named]
-        # A method that the class lacks costs nothing: the default is inlined, and mostly does
-        # nothing.
+        # A missing method costs nothing: the default is inlined, and usually does nothing.
         function = default if method is None else inline(method)
         if method is not None:
             inline_names(method.__module__, method.__globals__)
@@ -160,24 +159,26 @@ def compile_method(call: Any) -> None:
         inspect.Parameter(word, inspect.Parameter.POSITIONAL_ONLY)
         for word in ("_context", "_part", *available)
     ]
-    # Numba would make a tuple of the arguments after a `*`: it gets their names instead.
+    # Numba would make a tuple of the arguments after a `*`, so this lists their names instead.
     cast(Any, resolve).__signature__ = inspect.Signature(words)
     intrinsic(call)(resolve)
 
 
 def inline_all(module: ModuleType) -> None:
-    """Let compiled code call every plain function of a module, and those that these may call.
+    """Make every plain function of a module callable from compiled code, and the ones these call.
 
-    The latter are the functions of all modules of the same package, of rigidmc, or of a user's
-    files, from which the module imports a function, or which it imports, and so on; modules of the
-    engine are left out, because each calls this for itself.
+    The search goes on through all modules of the same package, of rigidmc, or of a user's files
+    from which the module imports a function, or which it imports. It skips modules of the engine,
+    because each of them calls this for itself.
     """
     inline_names(module.__name__, vars(module))
 
 
 def inline_names(module: str, names: Mapping[str, Any]) -> None:
-    """As `inline_all`, for a module by its name and what it has; a user's may be known to nobody
-    else."""
+    """Do the same as `inline_all` for a module given by name and namespace.
+
+    No registry may list a user's module.
+    """
     package, pending, seen = module.partition(".")[0], [(module, names)], set(_done)
     # Generic functions are not plain: `compile_method` serves them.
     methods: list[Any] = list(METHODS)
@@ -199,7 +200,7 @@ def inline_names(module: str, names: Mapping[str, Any]) -> None:
                 value.__globals__
             ):
                 pending.append((home, value.__globals__))
-    if package == "rigidmc":  # a user's module, as of a notebook, may get more functions later
+    if package == "rigidmc":  # a user's module, such as a notebook, may get more functions later
         _done.update(seen)
 
 

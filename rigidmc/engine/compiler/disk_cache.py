@@ -1,10 +1,10 @@
-"""A private disk cache of compiled code, which any change of the sources makes stale.
+"""A private disk cache of compiled code, invalidated by any change of the sources.
 
-Its folder is named by a hash of all sources and compilers, each of its files by a hash of the types
-that a kernel is compiled for, with what identifies classes of the user's own
-(`rigidmc.engine.compiler.user_stamps`). Behind each kernel stands its checksum: a flipped bit in
-machine code would crash. The classes of Numba's disk cache do the rest; they are private parts of
-Numba, and without them every process compiles anew.
+Its folder is named by a hash of all sources and compilers. Each file is named by a hash of the
+types that a kernel is compiled for, and of the stamps of custom classes
+(`rigidmc.engine.compiler.user_stamps`). Each kernel is followed by its checksum: a flipped bit in
+machine code would crash. The classes of Numba's disk cache do the rest; they are private to Numba,
+and without them every process recompiles.
 """
 
 import contextlib
@@ -41,8 +41,8 @@ from rigidmc.files.processes import PACKAGE
 def with_cache(kernel: Any) -> Any:
     """Give a jitted kernel the private disk cache.
 
-    If the cache cannot be read or written, the kernel is compiled in every process, and one line of
-    the log says so.
+    If the cache cannot be read or written, every process compiles the kernel, and one line in the
+    log says so.
     """
     try:
         folder = kernel_folder()
@@ -57,13 +57,15 @@ def with_cache(kernel: Any) -> Any:
 
 
 def keeps_kernel(kernel: Any, signature: Any) -> bool:
-    """Whether the disk cache keeps a kernel, and another process can compile it: one of classes of
-    the package."""
+    """Return whether the disk cache stores a kernel so that another process can compile it.
+
+    This holds for kernels whose classes are all of the package.
+    """
     return hasattr(kernel._cache, "_cache_file") and of_package(signature)
 
 
 def is_cached(kernel: Any, signature: Any) -> bool:
-    """Whether the disk cache has a kernel for a signature, by the name of its file."""
+    """Return whether the disk cache has a kernel for a signature, by the name of its file."""
     if not hasattr(kernel._cache, "_cache_file") or homes_of(signature) is None:
         return False
     files = kernel._cache._cache_file
@@ -75,9 +77,9 @@ _texts: dict[tuple[Any, ...], str] = {}  # of this process
 
 
 def text_path(signatures: Sequence[Any], extra: str) -> str | None:
-    """The file of a text that follows from the types of kernels and from `extra`.
+    """Return the file of a text determined by the types of kernels and `extra`.
 
-    None if a class among the types has no stamp; OSError if there is no cache.
+    None if a class among the types has no stamp; raises OSError if there is no cache.
     """
     homes = [homes_of(signature) for signature in signatures]
     if None in homes:
@@ -87,7 +89,7 @@ def text_path(signatures: Sequence[Any], extra: str) -> str | None:
 
 
 def has_text(signatures: Sequence[Any], extra: str) -> bool:
-    """Whether the text of `cached_text` is in memory or in the disk cache."""
+    """Return whether the text of `cached_text` is in memory or in the disk cache."""
     if (*signatures, extra) in _texts:
         return True
     with contextlib.suppress(OSError):  # there is no cache
@@ -97,9 +99,9 @@ def has_text(signatures: Sequence[Any], extra: str) -> bool:
 
 
 def cached_text(signatures: Sequence[Any], extra: str, make: Callable[[], str]) -> str:
-    """The text that `make` makes, which follows from the types of kernels and from `extra`.
+    """Return the text from `make`, which is determined by the types of kernels and `extra`.
 
-    From memory, or from the disk cache, where its sha256 stands before it.
+    It comes from memory or from the disk cache, where its sha256 precedes it.
     """
     key = (*signatures, extra)
     if key not in _texts:
@@ -108,7 +110,7 @@ def cached_text(signatures: Sequence[Any], extra: str, make: Callable[[], str]) 
 
 
 def _from_disk(signatures: Sequence[Any], extra: str, make: Callable[[], str]) -> str:
-    """The text from the disk cache, or made and put there."""
+    """Return the text from the disk cache, or make it and store it there."""
     path = None
     try:
         path = text_path(signatures, extra)
@@ -129,29 +131,28 @@ def _from_disk(signatures: Sequence[Any], extra: str, make: Callable[[], str]) -
                 return text
             with open(f"{path}.{os.getpid()}", "w", encoding="ascii", opener=open_plain) as file:
                 file.write(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}")
-            # Written beside it and renamed: no other process reads half a file.
+            # Written to a temporary file and renamed: no process reads an incomplete file.
             os.replace(file.name, path)
     return text
 
 
 _SUM = hashlib.sha256().digest_size
-# Modules that a file may name: unpickling a name of another one could run anything.
+# Modules that a file may name: unpickling a name of another module could run anything.
 _KNOWN = re.compile(r"(numba|numpy|rigidmc|builtins|copyreg|collections)(\.|$)")
-# What code of a user's own may call: functions of LLVM, and of C if Python's math has them too.
-# Others are addresses of this process.
+# Functions that custom code may call: of LLVM, and of C if Python's math has them, too. Others are
+# addresses in this process.
 _CALLED = re.compile(rf"llvm\.|(numba_)?({'|'.join(dir(math))})f?$")
-_PRIVATE = 8, 9  # linkages of LLVM's that no other code sees: internal, private
+_PRIVATE = 8, 9  # LLVM linkages that no other code sees: internal, private
 
 
 class CacheFiles(caching.IndexDataCacheFile):
     """One file for each kernel, named by its key: processes that compile at once do not collide.
 
-    Behind what Numba writes stands its sha256: code with a flipped bit would crash, and is not
-    loaded.
+    Numba's data is followed by its sha256: code with a flipped bit would crash, and is not loaded.
     """
 
     def _name(self, key: Any) -> str:
-        homes = homes_of(key[0])  # the text of a type has no module
+        homes = homes_of(key[0])  # the text of a type does not name its module
         return hashlib.sha256(repr((key, homes)).encode()).hexdigest() + ".nbc"
 
     def save(self, key: Any, data: Any) -> None:
@@ -180,13 +181,15 @@ class CacheFiles(caching.IndexDataCacheFile):
 
 
 def _user_classes(signature: Any) -> list[type]:
-    """The classes of the user's own in a signature."""
+    """Return the custom classes in a signature."""
     return [cls for cls in classes_of(signature) if not cls.__module__.startswith("rigidmc.")]
 
 
 class _Pickler(NumbaPickler):
-    """Writes a class of the user's own by its place in the signature: its name is that of another
-    class in another process. Nothing else of the user's is written."""
+    """A pickler that writes a custom class as its place in the signature.
+
+    In another process its name may belong to another class. Nothing else of the user is written.
+    """
 
     def __init__(self, file: Any, own: list[type]) -> None:
         super().__init__(file, protocol=4)
@@ -197,7 +200,7 @@ class _Pickler(NumbaPickler):
 
 
 class _Unpickler(pickle.Unpickler):
-    """Reads what `_Pickler` writes."""
+    """An unpickler for the output of `_Pickler`."""
 
     def __init__(self, file: Any, own: list[type]) -> None:
         super().__init__(file)
@@ -214,18 +217,18 @@ class _Unpickler(pickle.Unpickler):
 
 
 def is_closed(code: Any) -> bool:
-    """Whether code stands by itself: one function, which calls known ones by their names and has no
-    address of this process.
+    """Return whether code stands by itself.
 
-    Numba names others, and its environments of functions, by a count in the process: the same name
-    is another function in the next process, and would be called for it.
+    It must be one function that calls known functions by name and contains no address of this
+    process. Numba names other functions, and the environments of functions, by a count in the
+    process. In the next process the same name is another function and would be called instead.
     """
     library, module = code.library, code.library._final_module
     text = str(module)
-    # "inttoptr (" is a constant address of this process; code that computes one has no bracket
+    # "inttoptr (" is a constant address in this process; a computed one has no bracket
     if library.has_dynamic_globals or code.reload_init or code.lifted or "inttoptr (" in text:
         return False
-    # All is inlined: a second function would be one of Numba's, linked by its name.
+    # All calls are inlined: a second function would be one of Numba's, linked by its name.
     defined = [entry.name for entry in module.functions if not entry.is_declaration]
     called = [entry.name for entry in module.functions if entry.is_declaration]
     if defined != [code.fndesc.llvm_func_name] or not all(map(_CALLED.match, called)):
@@ -240,7 +243,7 @@ def is_closed(code: Any) -> bool:
 
 
 def cache_class(folder: str) -> Any:
-    """The class of a cache, for a folder."""
+    """Return the class of a cache for a folder."""
 
     class Locator(caching._CacheLocator):
         get_cache_path = staticmethod(lambda: folder)
@@ -252,11 +255,11 @@ def cache_class(folder: str) -> Any:
         _locator_classes: list[Any] = [Locator]
 
         def reduce(self, cres: Any) -> Any:
-            # without the environments of functions, which no kernel uses
+            # without the environments of functions, which kernels do not use
             return *super().reduce(cres)[:-1], ()
 
     class Cache(caching.FunctionCache):
-        """Keeps what is compiled for types whose classes are known, see `user_stamps`."""
+        """A cache of code for types with known classes, see `user_stamps`."""
 
         _impl_class = Implementation
 
@@ -273,7 +276,7 @@ def cache_class(folder: str) -> Any:
 
 
 log = logging.getLogger("rigidmc")
-# LLVM computes functions of constants, such as sin(0.3), when it compiles
+# LLVM evaluates functions of constants, such as sin(0.3), at compile time
 _C_LIBRARY = " ".join(platform.libc_ver())
 _TOLD: set[str] = set()  # folders whose failure has been logged
 _STAMP = re.compile("[0-9a-f]{32}")
@@ -281,14 +284,14 @@ _MARK = "made-by-rigidmc"  # an empty file in each folder of kernels
 _KEEP_SECONDS = 30 * 86400  # kernels of other versions of the sources are deleted after a month
 
 
-@functools.cache  # sources that change later are not those that this process has loaded
+@functools.cache  # this process has loaded the sources as they are now; later changes do not count
 def source_stamp() -> str:
-    """Hash of all the package's sources, of the compilers, and of the libraries whose functions
-    they may compute with: NumPy and C's.
+    """Return a hash of the package's sources, of the compilers, and of NumPy and the C library.
 
-    A change of any makes every cached kernel stale.
+    Compilers may compute with functions of the two libraries. Any change makes every cached kernel
+    stale.
     """
-    # All that decides machine code but the CPU, which Numba's own key has.
+    # Everything that decides machine code except the CPU, which is in Numba's key.
     compilers = f"{sys.version} numba {numba.__version__} llvmlite {llvmlite.__version__}"
     libraries = f"numpy {np.__version__} {_C_LIBRARY}"
     digest = hashlib.sha256(f"{compilers} {libraries}".encode())
@@ -302,8 +305,8 @@ def source_stamp() -> str:
 
 
 def cache_folder() -> str:
-    """Where compiled kernels are kept: a folder of our own in RIGIDMC_CACHE_DIR, or else in the
-    user's cache folder."""
+    """Return the folder of compiled kernels: a subfolder of RIGIDMC_CACHE_DIR if that is set, else
+    one in the user's cache folder."""
     named = os.environ.get("RIGIDMC_CACHE_DIR")
     if named:
         return os.path.join(named, "rigidmc-kernels")
@@ -311,14 +314,14 @@ def cache_folder() -> str:
 
 
 def cache_home() -> str:
-    """The folder of the cache, made if there is none; OSError if it cannot be used."""
+    """Return the folder of the cache, created if missing; raise OSError if it is unusable."""
     if named := os.environ.get("RIGIDMC_CACHE_DIR"):
         make_private(named)
     return make_private(cache_folder())
 
 
 def kernel_folder() -> str:
-    """The folder of the kernels of these sources and compilers; OSError if it cannot be used."""
+    """Return the kernel folder of these sources and compilers; raise OSError if it is unusable."""
     folder = make_private(os.path.join(cache_home(), source_stamp()))
     with contextlib.suppress(FileExistsError):
         os.close(os.open(os.path.join(folder, _MARK), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
@@ -326,9 +329,9 @@ def kernel_folder() -> str:
 
 
 def make_private(folder: str) -> str:
-    """Make a folder that only this user can write to; OSError if that cannot be.
+    """Create a folder that only this user can write to; raise OSError if that is impossible.
 
-    A folder of others is not touched: what they planted there could lead anywhere.
+    A folder of other users is not touched: files planted there could lead anywhere.
     """
     os.makedirs(folder, mode=0o700, exist_ok=True)
     facts = os.stat(folder)
@@ -343,26 +346,28 @@ def make_private(folder: str) -> str:
 
 
 def delete_old(stamp: str) -> None:
-    """Delete the kernels of other versions of the sources after a month: folders that have the
-    name and the mark of such kernels, and nothing else."""
+    """Delete the kernels of other versions of the sources after a month.
+
+    This deletes only folders with the name and the mark of such kernels.
+    """
     for entry in os.scandir(cache_home()):
         with contextlib.suppress(OSError):  # another process deletes it
             facts = entry.stat(follow_symlinks=False)
             ours = _STAMP.fullmatch(entry.name) and stat.S_ISDIR(facts.st_mode)
             if ours and entry.name != stamp and time.time() - facts.st_mtime > _KEEP_SECONDS:
-                os.lstat(os.path.join(entry.path, _MARK))  # raises if it is not there
+                os.lstat(os.path.join(entry.path, _MARK))  # raises if it is missing
                 shutil.rmtree(entry.path, ignore_errors=True)
 
 
 def log_once(error: Exception) -> None:
-    """Log, once in a process, that the cache cannot be used."""
+    """Log, once per process, that the cache is unusable."""
     folder = cache_folder()
     if folder not in _TOLD:
         _TOLD.add(folder)
-        text = "kernels are compiled anew in every process, as their cache %s cannot be used: %s"
+        text = "cannot use the kernel cache %s, so every process recompiles kernels: %s"
         log.warning(text, folder, error)
 
 
 def of_package(signature: Any) -> bool:
-    """Whether all the NamedTuples of a signature are the package's."""
+    """Return whether all NamedTuples of a signature belong to the package."""
     return all(kind.__module__.startswith("rigidmc.") for kind in classes_of(signature))

@@ -1,10 +1,10 @@
-"""Which product is fused with a sum: settled here, so that no bit depends on a compiler's choice.
+"""The rule that fuses products with sums, fixed here so that no bit depends on a compiler's choice.
 
-A compiler that may fuse a*b + c*d chooses the product by what stands around it: by other saves,
-another width, another machine. Here one rule holds for all: in a sum or difference, the left
-operand becomes part of a fused multiply-add (`llvm.fma`) if it is a product made in the same
-function, else the right operand if it is one. Nothing else is fused. Everything else in a step is
-+, -, *, / and square roots, which IEEE 754 fixes.
+A compiler that may fuse a*b + c*d chooses the product by its surroundings: other saves, another
+width, another machine. Here one rule holds for all. In a sum or difference, the left operand
+becomes part of a fused multiply-add (`llvm.fma`) if it is a product made in the same function, else
+the right operand if it is one. Nothing else is fused. Everything else in a step is +, -, *, / and
+square roots, which IEEE 754 fixes.
 """
 
 from typing import Any
@@ -13,7 +13,7 @@ from llvmlite import ir
 
 
 def fuse(function: ir.Function) -> None:
-    """Replace sums of products by fused multiply-adds, throughout one function of LLVM's code."""
+    """Replace sums of products by fused multiply-adds, throughout one LLVM function."""
     for block in function.blocks:
         block.instructions[:] = [
             new
@@ -23,8 +23,8 @@ def fuse(function: ir.Function) -> None:
 
 
 def _fuse_sum(module: Any, block: Any, instruction: Any) -> list[Any]:
-    """The instructions that replace one: for a sum with a product the fused multiply-add, else
-    itself."""
+    """Return the instructions that replace one: for a sum with a product a fused multiply-add, else
+    the instruction itself."""
     if instruction.opname not in ("fadd", "fsub"):
         return [instruction]
     left, right = instruction.operands
@@ -41,7 +41,7 @@ def _fuse_sum(module: Any, block: Any, instruction: Any) -> list[Any]:
 
     one, two = factors
     vector = isinstance(ty, ir.VectorType)
-    if vector and not isinstance(one.type, ir.VectorType):  # a product that all members share
+    if vector and not isinstance(one.type, ir.VectorType):  # a product shared by all members
         one, two = (_broadcast(block, ty, x, added) for x in (one, two))
     if instruction.opname == "fsub":  # a b - y = fma(a, b, -y);  x - a b = fma(-a, b, x)
         if product is left:
@@ -56,11 +56,11 @@ def _fuse_sum(module: Any, block: Any, instruction: Any) -> list[Any]:
 
 
 def _factors(value: Any) -> Any:
-    """The two factors of a product made in this function, broadcast or not; else None."""
+    """Return the factors of a product made in this function, broadcast or not; else None."""
     operation = getattr(value, "opname", None)  # arguments and constants have none
     if operation == "fmul":
         return value.operands
-    # A product that all members share is made once and broadcast; for a plain number it is the same
+    # A product shared by all members is made once and broadcast; for a plain number it is the same
     # product.
     if (
         operation == "shufflevector"
@@ -71,7 +71,7 @@ def _factors(value: Any) -> Any:
 
 
 def _broadcast(block: Any, ty: Any, x: Any, added: list[Any]) -> Any:
-    """A vector whose numbers are all x; the instructions for it are added to `added`."""
+    """Return a vector whose numbers are all x; append its instructions to `added`."""
     undefined = ir.Constant(ty, ir.Undefined)
     first = ir.instructions.InsertElement(block, undefined, x, ir.Constant(ir.IntType(32), 0))
     zeros = ir.Constant(ir.VectorType(ir.IntType(32), ty.count), [0] * ty.count)
@@ -81,7 +81,7 @@ def _broadcast(block: Any, ty: Any, x: Any, added: list[Any]) -> Any:
 
 
 def _name(ty: Any) -> str:
-    """What LLVM calls a type of numbers in the names of its functions."""
+    """Return LLVM's name of a number type, as used in the names of its functions."""
     if isinstance(ty, ir.VectorType):
         return f"v{ty.count}{_name(ty.element)}"
     return "f64" if isinstance(ty, ir.DoubleType) else "f32"

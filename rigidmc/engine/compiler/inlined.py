@@ -1,7 +1,7 @@
-"""Functions of the package, compiled for the types that a kernel calls them with.
+"""Functions of the package, compiled for the argument types of a kernel's call.
 
-A function is compiled for 3 sets of types in a few scenes. Its bytecode is read once: what Numba
-makes of it before there are types is copied.
+In a few scenes a function is compiled for 3 sets of types. Its bytecode is read once: Numba's
+untyped form is copied.
 """
 
 import copy
@@ -24,8 +24,8 @@ from rigidmc.engine.compiler.pipeline import INLINE, Pipeline
 class _InlinePipeline(Pipeline):
     """The pipeline of an inlined function, with the state that Numba gives it.
 
-    It is a part of the compilation of a kernel, for which Numba has just read its settings and what
-    it is taught.
+    It is part of the compilation of a kernel, for which Numba has just read its settings and
+    extensions.
     """
 
     def __init__(self, arguments: tuple[Any, ...]) -> None:
@@ -42,7 +42,7 @@ class _InlinePipeline(Pipeline):
 
     def compile_extra(self, func: Any) -> Any:
         code = copy_code(_translate(func))
-        # Numba numbers what it compiles, by which it names it.
+        # Numba names each compiled function by a running number.
         identity = code.func_id = copy.copy(code.func_id)
         identity.unique_id = next(FunctionIdentity._unique_ids)
         identity.unique_name = f"{identity.func_qualname}${identity.unique_id}"
@@ -56,13 +56,13 @@ class _InlinePipeline(Pipeline):
 
 
 def compile_inlined(function: Any, arguments: tuple[Any, ...]) -> Any:
-    """What Numba makes of an inlined function of the package for arguments of these types."""
+    """Compile an inlined function of the package for arguments of these types."""
     return _InlinePipeline(arguments).compile_extra(function)
 
 
 @functools.cache
 def _flags_and_target() -> tuple[Any, Any]:
-    """Numba's flags and context for all inlined functions."""
+    """Return Numba's flags and context for all inlined functions."""
     options = njit(**INLINE)(compile_inlined).targetoptions
     cpu_target.options.parse_as_flags(flags := compiler.Flags(), options)
     return flags, compiler._make_subtarget(cpu_target.target_context, flags)
@@ -70,7 +70,7 @@ def _flags_and_target() -> tuple[Any, Any]:
 
 @functools.cache
 def _typed(passes: PassManager) -> PassManager:
-    """The passes after those of `_translate`."""
+    """Return the passes after those in `_translate`."""
     rest = copy.copy(passes)
     done = "TranslateByteCode", "FixupArgs", "LeanProcessing"
     rest.passes = [each for each in passes.passes if each[0].__name__ not in done]
@@ -79,7 +79,7 @@ def _typed(passes: PassManager) -> PassManager:
 
 @functools.cache
 def _translate(function: Any) -> Any:
-    """Numba's form of a function, before there are types."""
+    """Return Numba's form of a function, before types are known."""
     state = compiler.StateDict(func_id=FunctionIdentity.from_function(function))
     for each in (ExtractByteCode, TranslateByteCode):
         each().run_pass(state)
@@ -90,7 +90,7 @@ def _translate(function: Any) -> Any:
 
 
 def copy_code(code: Any) -> Any:
-    """A copy of Numba's form of a function, of which the passes may change each part."""
+    """Copy Numba's form of a function, including each part that passes may change."""
     scope = _copy_scope(next(iter(code.blocks.values())).scope)
     values: dict[int, Any] = {}  # {id of an expression: its copy}
 
@@ -115,7 +115,7 @@ def copy_code(code: Any) -> Any:
 
 
 def _copy_scope(scope: Any) -> Any:
-    """A copy of the scope of variables, in which new ones may be defined."""
+    """Copy the scope of variables, so that new ones may be defined."""
     made = copy.copy(scope)
     made.localvars = copy.copy(scope.localvars)
     made.localvars._con = dict(scope.localvars._con)

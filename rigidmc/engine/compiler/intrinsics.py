@@ -1,7 +1,7 @@
-"""Plain functions of the package that have code of their own in compiled code.
+"""Plain functions of the package with special code when compiled.
 
-They stand for what vectors have no operator for: a choice between two numbers by a mask, another
-precision, the bits of a number as a word. The function itself is what runs in Python.
+They serve where vectors have no operator: a choice between two numbers by a mask, another
+precision, the bits of a number as a word. In Python the function itself runs.
 """
 
 from collections.abc import Callable
@@ -24,15 +24,15 @@ from rigidmc.physics.dynamics.functions import as_float, as_given, as_word, doub
 from rigidmc.physics.dynamics.so3 import by_precision, logical_not, root, select, select_all
 
 Define = Callable[..., Any]
-INTRINSICS: set[Callable[..., Any]] = set()  # functions with code of their own
+INTRINSICS: set[Callable[..., Any]] = set()  # functions with special code
 
 
 def intrinsic(function: Callable[..., Any]) -> Callable[[Define], Define]:
-    """Decorator: give the compiler code of its own for a plain function.
+    """Return a decorator that registers compiler code for a plain function.
 
     It decorates define(typing_context, *types) -> (signature, generate), or None if the types do
-    not fit. An `overload` would do, but is a function more to compile, 10 to 20 ms each, wherever
-    it is called.
+    not fit. An `overload` would work, but adds a function to compile, 10 to 20 ms each, wherever it
+    is called.
     """
 
     def register(define: Define) -> Define:
@@ -44,7 +44,7 @@ def intrinsic(function: Callable[..., Any]) -> Callable[[Define], Define]:
 
 
 def register_template(template: Any) -> None:
-    """Let the compiler know a function by a template of its types."""
+    """Register a function with the compiler by a template of its types."""
     infer(template)
     infer_global(template.key, types.Function(template))
 
@@ -66,7 +66,7 @@ def _select(typing_context, condition, one, other):
     vectors = [t for t in (one, other) if isinstance(t, (VectorType, MaskType))]
     if any(t != vectors[0] for t in vectors):
         return None
-    # Plain numbers on both sides take their width from the mask.
+    # Plain numbers on both sides get their width from the mask.
     truths = isinstance(one, types.Boolean) and isinstance(other, types.Boolean)
     ty = (
         vectors[0]
@@ -124,7 +124,7 @@ def _by_precision(typing_context, x, double, single):
 
 
 def any_of(mask):
-    """Whether a condition holds for any of the members that are worked on: the one branch of
+    """Return whether a condition holds for any of the current members: the one branch in
     kernels."""
     return bool(mask)
 
@@ -139,7 +139,7 @@ def _any_of(typing_context, mask):
 
 
 def _reinterpret(ty: Any) -> Define:
-    """The definition of a function that takes the bits of numbers for those of another kind."""
+    """Return the definition of a function that reinterprets the bits of numbers as another type."""
 
     def define(typing_context, x):
         other = VectorType(ty, x.count) if isinstance(x, VectorType) else ty
@@ -155,7 +155,7 @@ intrinsic(as_word)(_reinterpret(types.uint64))
 
 
 def _convert(context: Any, builder: Any, x: Any, ty: VectorType, value: Any) -> Any:
-    """A number of type x as one of type `ty`."""
+    """Convert a number of type x to type `ty`."""
     if not isinstance(x, VectorType):
         return context.cast(builder, value, x, ty)
     if x.dtype == ty.dtype:
@@ -165,7 +165,7 @@ def _convert(context: Any, builder: Any, x: Any, ty: VectorType, value: Any) -> 
 
 
 def cast_like(x, other):
-    """x as a number, or as rows have it: as many at once as `other`, in its precision."""
+    """Return x as a number; compiled, as a vector with the width and precision of `other`."""
     return x
 
 
@@ -185,7 +185,7 @@ def _as_given(typing_context, x, other):
 
 
 def in_precision(values, other):
-    """A tuple of numbers, each as `cast_like` has it."""
+    """Apply `cast_like` to each number of a tuple."""
     return tuple(values)
 
 
@@ -215,5 +215,5 @@ def _double(typing_context, x):
 
 @numba_intrinsic
 def first_number(typing_context, x):
-    """The number of a vector of one number."""
+    """Return the number of a vector of one number."""
     return x.dtype(x), lambda context, builder, sig, args: first_of(builder, x, args[0])

@@ -1,12 +1,12 @@
-"""Kernels: functions compiled for the types of a scene's parts, and called by their addresses.
+"""Kernels: functions compiled for the types in a scene, and called by their addresses.
 
-Each kernel is compiled by itself, so that another observable or event compiles one kernel and no
-other. Nothing of Numba's is left at a call: a kernel is called from Python by ctypes, outside the
-global lock, and from `advance` by an address that it reads from its record.
+Each kernel is compiled separately, so another observable or event compiles only one kernel. Numba
+takes no part in a call: Python calls a kernel by ctypes, outside the global lock, and `advance`
+calls one by an address from its record.
 
-At the end the functions of `math` that users' effects may call are made known to the compiler: for
-vectors most are the straight code of `rigidmc.physics.dynamics.functions`, with the same bits on
-every machine; the rest take one member at a time.
+At the end, the functions of `math` that custom effects may call are registered with the compiler.
+For vectors most are the straight-line code of `rigidmc.physics.dynamics.functions`, with the same
+bits on every machine; the others run on one member at a time.
 """
 
 import ctypes
@@ -42,15 +42,15 @@ from rigidmc.physics.dynamics.so3 import arctan2, expm1
 config: Any = numba.config
 Function = Callable[..., Any]
 # Python's 1000 frames are too few: each plain function that a kernel calls, and each element of a
-# tuple, takes about 30.
+# tuple, needs about 30.
 DEEPEST_RECURSION = 5000
 WIDTH = 8  # float64 side by side in formulas: one vector of 512 bits, or two or four narrower ones
 # Before anything is compiled: LLVM fixes its target at the first compilation of a process.
 use_widest_vectors()
 _INT, _REAL, _PLAIN = types.int64, types.float64, Rows(types.float64, 0)
-# Letters as of a KernelKey; the rest are addresses.
+# Letters of a KernelKey; the others are addresses.
 _IN_C: dict[str, Any] = {"i": ctypes.c_int64, "k": ctypes.c_uint64, "f": ctypes.c_double}
-_by_types: dict[tuple[Any, ...], int] = {}  # addresses of kernels, by what they are compiled for
+_by_types: dict[tuple[Any, ...], int] = {}  # addresses of kernels, by function and types
 _addresses: dict[tuple[Any, ...], int] = {}  # the same, found without asking Numba for types
 _llvm_code: dict[tuple[Any, ...], tuple[str, str]] = {}
 # One kernel at a time: `_result` changes limits of the whole process.
@@ -61,7 +61,7 @@ _dispatchers: dict[Any, Any] = {}
 class CompiledFunction(NamedTuple):
     """A kernel in memory: the addresses of its code and of its numbers.
 
-    Uncompiled it is the function, its StaticTree, and the array of its numbers.
+    Uncompiled: the function, its StaticTree, and the array of its numbers.
     """
 
     address: Any
@@ -73,9 +73,9 @@ NO_FUNCTION = CompiledFunction(0, 0, 0)  # for a kernel that a scene does not us
 
 
 class KernelKey(NamedTuple):
-    """What a kernel is compiled for: function(tree, numbers, *arguments).
+    """The inputs of a kernel's compilation: function(tree, numbers, *arguments).
 
-    parts : NamedTuples, whose types the code follows from, and whose numbers it reads
+    parts : NamedTuples; their types decide the code, which reads their numbers
     dtype, lanes : precision of the run, and how many members are worked on side by side
     arguments : the types of the other arguments in letters: s for rows in the precision of the run,
         w for rows in float64, p for plain numbers in memory, n and u for integers and words in
@@ -91,12 +91,12 @@ class KernelKey(NamedTuple):
 
     @property
     def of_types(self) -> Any:
-        """The same for all numbers of `parts`."""
+        """The same key for all numbers of `parts`."""
         return (*self[:1], type_key(self.parts), *self[2:])
 
 
 def signature_of(key: KernelKey) -> Any:
-    """The types of the arguments of a kernel, and of its result."""
+    """Return the types of the arguments of a kernel, and of its result."""
     real = types.float64 if key.dtype == "float64" else types.float32
     types_of = {
         "s": Rows(real, key.lanes),
@@ -115,9 +115,9 @@ def signature_of(key: KernelKey) -> Any:
 
 
 def compile_kernel(key: KernelKey) -> tuple[CompiledFunction, NDArray[np.float64]]:
-    """(the compiled kernel of a key, its numbers).
+    """Return (the compiled kernel of a key, its numbers).
 
-    The array of the numbers has to live as long as the kernel is called.
+    The array of the numbers must live as long as the kernel is called.
     """
     numbers = np.array(tree_flatten(key.parts) or [0.0])
     if config.DISABLE_JIT:
@@ -129,7 +129,7 @@ def compile_kernel(key: KernelKey) -> tuple[CompiledFunction, NDArray[np.float64
 
 
 def is_compiled(key: KernelKey) -> bool:
-    """Whether the code of a kernel is in memory or in the disk cache."""
+    """Return whether the code of a kernel is in memory or in the disk cache."""
     if config.DISABLE_JIT or key.of_types in _addresses:
         return True
     signature = signature_of(key)
@@ -138,16 +138,16 @@ def is_compiled(key: KernelKey) -> bool:
 
 
 def is_cacheable(key: KernelKey) -> bool:
-    """Whether the disk cache keeps the code of a kernel: another process may compile it then."""
+    """Return whether the disk cache stores a kernel, so that another process may compile it."""
     return not config.DISABLE_JIT and disk_cache.keeps_kernel(
         _cached_dispatcher(key.function), signature_of(key)
     )
 
 
 def type_key(argument: Any) -> Any:
-    """A key that differs for nested NamedTuples and numbers whenever Numba's `typeof` differs.
+    """Return a key of nested NamedTuples and numbers that differs whenever Numba's `typeof` does.
 
-    It takes 9 us where `typeof` takes 90.
+    It costs 9 us; `typeof` costs 90.
     """
     if isinstance(argument, tuple):
         return (type(argument), *map(type_key, argument))
@@ -157,7 +157,7 @@ def type_key(argument: Any) -> Any:
 def call_kernel(kernel: CompiledFunction, letters: str, *arguments: Any) -> Any:
     """Call a kernel from Python, outside its global lock, with memory as arrays.
 
-    letters : as of a KernelKey; any but i, k and f stand for memory
+    letters : of a KernelKey; all except i, k and f stand for memory
     """
     if config.DISABLE_JIT:
         return kernel.address(kernel.tree, kernel.numbers, *arguments)
@@ -171,10 +171,10 @@ def call_kernel(kernel: CompiledFunction, letters: str, *arguments: Any) -> Any:
 
 @functools.cache
 def _in_python(address: int, letters: str) -> Any:
-    """A kernel as a function of Python.
+    """Return a kernel as a Python function.
 
-    By Numba's calling convention it takes an address for the result, one for an error, one that is
-    not used (`tree` has no memory), and the arguments.
+    By Numba's calling convention it takes an address for the result, one for an error, an unused
+    one (`tree` has no memory), and the arguments.
     """
     tree = (_IN_C.get(letter, ctypes.c_void_p) for letter in letters)
     return ctypes.CFUNCTYPE(
@@ -183,20 +183,20 @@ def _in_python(address: int, letters: str) -> Any:
 
 
 def dispatcher_of(function: Function) -> Any:
-    """Numba's dispatcher of a kernel's function, without a cache."""
+    """Return Numba's dispatcher of a kernel's function, without a cache."""
     options: Any = {**FLAGS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     return njit(**options)(function)
 
 
 def _cached_dispatcher(function: Function) -> Any:
-    """Numba's dispatcher of a kernel's function, with the disk cache."""
+    """Return Numba's dispatcher of a kernel's function, with the disk cache."""
     if function not in _dispatchers:
         _dispatchers[function] = disk_cache.with_cache(dispatcher_of(function))
     return _dispatchers[function]
 
 
 def _address(function: Function, signature: Any) -> int:
-    """The address of a kernel's code, which lives as long as its dispatcher in `_dispatchers`."""
+    """Return the address of a kernel's code, which lives as long as its dispatcher."""
     key = function, signature.args
     with _compiling:
         if key not in _by_types:
@@ -205,7 +205,7 @@ def _address(function: Function, signature: Any) -> int:
 
 
 def llvm_of(key: KernelKey) -> tuple[str, str]:
-    """(the name of a kernel's function in LLVM's code, this code); the disk cache has none."""
+    """Return (name of a kernel's LLVM function, its LLVM code); the disk cache has no such code."""
     known = key.of_types
     with _compiling:
         if known not in _llvm_code:
@@ -215,13 +215,13 @@ def llvm_of(key: KernelKey) -> tuple[str, str]:
 
 
 def _compile(dispatcher: Any, signature: Any) -> int:
-    """Compile a kernel, or load it from the disk cache; the address of its code."""
+    """Compile a kernel, or load it from the disk cache; return the address of its code."""
     result = _result(dispatcher, signature)
     return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
 
 
 def _result(dispatcher: Any, signature: Any) -> Any:
-    """What Numba makes of a kernel."""
+    """Return Numba's compilation result of a kernel."""
     deepest, collects = sys.getrecursionlimit(), gc.isenabled()
     sys.setrecursionlimit(max(deepest, DEEPEST_RECURSION))
     gc.disable()  # a sixth of the time, for 70 MB
@@ -235,7 +235,7 @@ def _result(dispatcher: Any, signature: Any) -> Any:
 
 
 def _loaded_or_compiled(dispatcher: Any, signature: Any) -> Any:
-    """As `dispatcher.compile`, without the clocks that it reads at each call of LLVM's."""
+    """Do the same as `dispatcher.compile`, without its timers around each LLVM call."""
     target, cache = dispatcher.targetctx, dispatcher._cache
     result = cache.load_overload(signature, target)
     if result is not None:
@@ -250,8 +250,9 @@ def _loaded_or_compiled(dispatcher: Any, signature: Any) -> Any:
 
 
 def call_address(kernel, arguments):
-    """Call a kernel with a tuple of arguments, arrays as `memory`; kernel : a CompiledFunction of a
-    record.
+    """Call a kernel with a tuple of arguments, arrays as `memory`.
+
+    kernel : a CompiledFunction in a record
     """
     return kernel.address(kernel.tree, kernel.numbers, *arguments)
 
@@ -310,7 +311,7 @@ _SCALAR_ONLY = (
 
 
 def _overload_scalar(known: Callable[..., Any]) -> None:
-    """Let compiled code call a function of `math` for a vector of one number."""
+    """Register a function of `math` for a vector of one number."""
 
     @overload(known, jit_options=INLINE)
     def one(x):
@@ -322,7 +323,7 @@ def _overload_scalar(known: Callable[..., Any]) -> None:
 
 
 def _overload_vector(known: Callable[..., Any], straight: Callable[..., Any], count: int) -> None:
-    """Let compiled code call `straight` for a function of `math` of so many arguments.
+    """Register `straight` for a function of `math` of `count` arguments.
 
     One of the arguments is a vector.
     """

@@ -1,8 +1,8 @@
-"""Numba's passes over a function, for functions of the package: without what these have no use for.
+"""Numba's passes over a function of the package, without the work that such functions do not need.
 
-Numba looks for the lifetime of each variable after each of five passes, and deletes variables when
-they end. Here no value counts references, so that no variable is deleted and nobody asks for a
-lifetime. Most functions have one block, in which there is no branch to prune and nothing to rename.
+Numba analyses the lifetime of each variable after each of five passes, and deletes variables when
+their lifetime ends. Here no value counts references, so no variable is deleted and no lifetime is
+needed. Most functions have one block, with no branch to prune and nothing to rename.
 """
 
 import functools
@@ -17,7 +17,7 @@ from numba.core.typed_passes import PreLowerStripPhis
 from numba.core.untyped_passes import DeadBranchPrune, GenericRewrites, IRProcessing, ReconstructSSA
 
 # Passes for closures, `with`, arrays, exceptions and Numba's other ways to inline, and checks and
-# texts for users of Numba. The package's functions use none of them.
+# texts for users of Numba. The package's functions need none of them.
 UNUSED_PASSES = {
     "WithLifting", "InlineClosureLikes", "RewriteDynamicRaises", "MakeFunctionToJitFunction",
     "InlineInlinables", "FindLiterallyCalls", "LiteralUnroll", "LiteralPropagationSubPipelinePass",
@@ -27,9 +27,9 @@ UNUSED_PASSES = {
 
 
 class LeanPasses(PassManager):
-    """Runs passes without events, and without checks of functions between them.
+    """A pass manager that runs passes without events, and without checks between them.
 
-    Whoever compiles holds Numba's lock already.
+    The caller of the compiler already holds Numba's lock.
     """
 
     def _runPass(self, index: int, pss: Any, internal_state: Any) -> None:
@@ -41,7 +41,7 @@ class LeanPasses(PassManager):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class LeanProcessing(IRProcessing):
-    """One way back in each loop."""
+    """Give each loop a single back edge."""
 
     _name = "rigidmc_lean_processing"
 
@@ -54,7 +54,7 @@ class LeanProcessing(IRProcessing):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class LeanPrune(DeadBranchPrune):
-    """Numba's own pruning of branches, where there is one."""
+    """Prune branches as Numba does, if there is one."""
 
     _name = "rigidmc_lean_prune"
 
@@ -64,7 +64,7 @@ class LeanPrune(DeadBranchPrune):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class LeanRewrites(GenericRewrites):
-    """Numba's own rewrites of a block, as of a constant index, without a comparison of all blocks
+    """Rewrite blocks as Numba does, for example constant indices, without comparing all blocks
     before and after."""
 
     _name = "rigidmc_lean_rewrites"
@@ -77,7 +77,7 @@ class LeanRewrites(GenericRewrites):
             while pending:
                 key = pending[-1]
                 if rewrite.match(function, function.blocks[key], typemap, calls):
-                    function.blocks[key] = rewrite.apply()  # and once more
+                    function.blocks[key] = rewrite.apply()  # then try again
                 else:
                     pending.pop()
         return True
@@ -85,7 +85,7 @@ class LeanRewrites(GenericRewrites):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class LeanSSA(ReconstructSSA):
-    """One assignment for each variable."""
+    """Assign each variable once."""
 
     _name = "rigidmc_lean_ssa"
 
@@ -103,7 +103,7 @@ class LeanSSA(ReconstructSSA):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class LeanStripPhis(PreLowerStripPhis):
-    """A variable that has one value or another is assigned in the blocks where it gets them."""
+    """Assign a variable with alternative values in the blocks where it gets them."""
 
     _name = "rigidmc_lean_strip_phis"
 
@@ -124,7 +124,7 @@ LEAN: dict[type, type] = {
 
 
 def _heard(tell: Any) -> Any:
-    """`tell` of Numba's events, for kinds of events that somebody listens to."""
+    """Return `tell` of Numba's events, called only for kinds of events that have a listener."""
 
     def told(kind: str, *arguments: Any, **words: Any) -> None:
         if event._registered.get(kind):
@@ -133,8 +133,8 @@ def _heard(tell: Any) -> Any:
     return told
 
 
-# Numba makes two events at each call of LLVM's, and inspects a function that generates code at each
-# call of it: a fourteenth of the time of a compilation.
+# Numba makes two events at each call of LLVM, and inspects a code-generating function at each call
+# of it: together a fourteenth of the compilation time.
 vars(event).update(start_event=_heard(event.start_event), end_event=_heard(event.end_event))
 if inspects := vars(base).get("_has_loc"):
     vars(base)["_has_loc"] = functools.cache(inspects)

@@ -1,7 +1,7 @@
 """Memory as a type of the compiler: rows of vectors. In Python, and uncompiled, rows are arrays.
 
-Numba's own arrays would carry shapes, strides and counts of references into each kernel. Rows are
-an address: which row holds what is known when a kernel is compiled
+Numba's own arrays would carry shapes, strides and reference counts into each kernel. Rows are an
+address: the contents of each row are known when a kernel is compiled
 (`rigidmc.engine.kernel.layout`).
 """
 
@@ -28,17 +28,17 @@ _WORD = ir.IntType(64)
 def allocate_aligned(
     count: int, dtype: DTypeLike, make: Callable[..., NDArray[Any]] = np.zeros
 ) -> NDArray[Any]:
-    """An array that begins on a cache line.
+    """Return an array that begins on a cache line.
 
-    Half of all arrays are 32 bytes off it, and every vector of 512 bits then takes two accesses.
+    Half of all arrays are 32 bytes off, and every 512-bit vector then needs two accesses.
     """
-    array = make(count + LINE // 4, dtype)  # a line more, of the smallest numbers: 4 bytes each
+    array = make(count + LINE // 4, dtype)  # a line more, for numbers of 4 bytes, the smallest
     offset = (-array.ctypes.data % LINE) // array.itemsize
     return array[offset : offset + count]
 
 
 class Rows(types.Type):
-    """Memory as vectors one after the other: rows[i] is a Vec, or a plain number if count is 0.
+    """Memory as consecutive vectors: rows[i] is a vector, or a plain number if count is 0.
 
     pitch : numbers from one row to the next, if rows are parts of longer rows
     """
@@ -57,19 +57,19 @@ register_default(Rows)(OpaqueModel)
 
 
 def _place(builder: Any, ty: Any, array: Any, index: Any, item: Any) -> Any:
-    """The address of array[index] of plain memory, as an address of LLVM's type `item`."""
+    """Return the address of array[index] in plain memory, as a pointer to LLVM's type `item`."""
     numbers = builder.bitcast(array, ELEMENT[ty.dtype.name].as_pointer())
     return builder.bitcast(builder.gep(numbers, [index]), item.as_pointer())
 
 
 def _align(ty: Any) -> int:
-    """Bytes that an address of numbers of this kind is a multiple of."""
-    # That of a number, not of a vector: parts of rows, and rows of a block, begin anywhere.
+    """Return the alignment of numbers of this type [bytes]."""
+    # Of a number, not of a vector: parts of rows, and rows of a block, may begin anywhere.
     return 4 if ty.dtype == types.float32 else 8
 
 
 def load_lanes(rows, array, index):
-    """array[index], array[index + 1], ... of a flat array, as many as a row has."""
+    """Return array[index], array[index + 1], ... of a flat array, one number per lane of a row."""
     return array[index]
 
 
@@ -102,9 +102,9 @@ def _store_lanes(typing_context, array, index, value):
 
 
 def memory(array, number):
-    """An array, in compiled code its address, as plain numbers of the type of `number`.
+    """Return an array, in compiled code its address, as plain numbers of the type of `number`.
 
-    References are not counted, which would cost more than the use of the numbers.
+    References are not counted: counting would cost more than the use of the numbers.
     """
     return array
 
@@ -118,7 +118,7 @@ def _memory(typing_context, address, number):
 
 
 def group_of(rows, marks, number):
-    """Part `number` of rows that are divided into as many parts as there are marks."""
+    """Return part `number` of rows that are divided into len(marks) parts."""
     return rows
 
 
@@ -135,7 +135,7 @@ def _group_of(typing_context, rows, marks, number):
 
 
 def _row(builder: Any, ty: Any, rows: Any, index: Any) -> Any:
-    """The address of rows[index]."""
+    """Return the address of rows[index]."""
     if not ty.count:
         return _place(builder, ty, rows, index, ELEMENT[ty.dtype.name])
     first = builder.mul(index, ir.Constant(_WORD, ty.pitch))
@@ -152,7 +152,7 @@ class _GetRow(AbstractTemplate):
 
 @lower_builtin(operator.getitem, Rows, types.Integer)
 def get_row(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    """LLVM's code of rows[index]."""
+    """Return LLVM code for rows[index]."""
     return builder.load(_row(builder, sig.args[0], *args), align=_align(sig.args[0]))
 
 
@@ -171,24 +171,24 @@ def _set_row(context, builder, sig, args):
 
 
 def three_at(rows, row):
-    """Three numbers from three rows."""
+    """Return three numbers from three rows."""
     return rows[row], rows[row + 1], rows[row + 2]
 
 
 def four_at(rows, row):
-    """Four numbers from four rows."""
+    """Return four numbers from four rows."""
     return rows[row], rows[row + 1], rows[row + 2], rows[row + 3]
 
 
 def tuple_at(marks, rows, row):
-    """As many numbers as there are marks, from as many rows."""
+    """Return len(marks) numbers from as many rows."""
     return tuple(rows[row + i] for i in range(len(marks)))
 
 
 def _following(count: int, *arguments: Any) -> tuple[Any, Callable[..., Any]]:
-    """(signature, code) of a function that reads `count` rows from row `arguments[-1]` on.
+    """Return (signature, code) of a function that reads `count` rows from row `arguments[-1]` on.
 
-    arguments : types; the last but one is that of the rows
+    arguments : types; the last but one is the type of the rows
     """
     rows = arguments[-2]
 
@@ -216,7 +216,7 @@ def _tuple_at(typing_context, marks, rows, row):
 
 
 def put_rows(values, rows, row):
-    """Write a tuple to rows, and return the row after them."""
+    """Write a tuple to rows, and return the row after it."""
     for i, value in enumerate(values):
         rows[row + i] = value
     return row + len(values)
@@ -240,7 +240,7 @@ def _put_rows(typing_context, values, rows, row):
 def store_rows(values, rows, array, at, pitch, past):
     """Write a tuple to a flat array, at `at`, at + pitch, ..., and return the index after it.
 
-    past : whether the stores go past the cache, which takes whole cache lines
+    past : whether the stores bypass the cache, which requires whole cache lines
     """
     for i, value in enumerate(values):
         store_lanes(array, at + i * pitch, value)
@@ -265,8 +265,8 @@ def _store_rows(typing_context, values, rows, array, at, pitch, past):
             to = (_place(builder, array, args[2], place, vector) for place in indices[:-1])
             return [builder.store(x, p, align=align) for x, p in zip(numbers, to, strict=True)]
 
-        # Rows of a result lie 2^15 bytes and more apart, which is one place for the cache: through
-        # it each value would push out others. LLVM asks for a node with the number 1.
+        # Rows of a result are 2^15 bytes or more apart and map to the same cache set: through the
+        # cache each value would evict others. LLVM requires a metadata node with the number 1.
         flag = builder.module.add_metadata([ir.Constant(ir.IntType(32), 1)])
         skips_cache = builder.icmp_signed("!=", args[5], ir.Constant(_WORD, 0))
         with builder.if_else(skips_cache) as (then, otherwise):

@@ -1,7 +1,7 @@
-"""What other packages teach Numba.
+"""Detection of Numba extensions by other packages.
 
-An `overload` of a user's changes the code of functions that do not name it, so that no stamp of
-`rigidmc.engine.compiler.user_stamps` contains it: while there is one, no own part is cached.
+An `overload` by a user changes the code of functions that do not name it, so no stamp of
+`rigidmc.engine.compiler.user_stamps` contains it. While there is one, no custom class is cached.
 """
 
 import contextlib
@@ -14,7 +14,7 @@ from numba.core.registry import cpu_target
 from numba.core.typing import templates
 from numba.core.typing.typeof import typeof_impl
 
-# Where what Numba comes with is from; "None" is code that Numba generates.
+# Modules of Numba's own extensions; "None" is code that Numba generates.
 _TEACHERS = {
     "builtins", "math", "numpy", "rigidmc", "numba", "operator", "_operator", "heapq", "random",
     "None",
@@ -24,14 +24,14 @@ _foreign: list[str] = []
 
 
 def extension() -> str:
-    """A module, neither Numba's nor of this package, that has taught Numba something; or ""."""
+    """Return a module, neither Numba's nor of this package, that has extended Numba; or ""."""
     typing, target = cpu_target.typing_context, cpu_target.target_context
     known: list[Any] = [templates.builtin_registry, imputils.builtin_registry]
     for registry in {id(r): r for r in [*known, *typing._registries, *target._registries]}.values():
         for name, entries in vars(registry).items():
             if isinstance(entries, list):
                 key = id(registry), name
-                # Lists of a registry only grow: what was seen before is not looked at again.
+                # Lists of a registry only grow: entries already checked are skipped.
                 for entry in entries[_scanned.get(key, 0) :]:
                     _foreign.extend(set(_teachers(name, entry)) - _TEACHERS)
                 _scanned[key] = len(entries)
@@ -40,17 +40,17 @@ def extension() -> str:
 
 
 def _teachers(name: str, entry: Any) -> Iterator[str]:
-    """The first words of the modules that an entry of a list of a registry comes from."""
-    if name == "globals":  # (what is known by a type, the type)
+    """Yield the top-level packages of the modules behind an entry of a registry's list."""
+    if name == "globals":  # (the object with a type, the type)
         teachers = [type(entry[1]), *getattr(entry[1], "templates", ())]
-    else:  # a template; or (code, what it is for, ...)
+    else:  # a template; or (code, the function it implements, ...)
         teachers = [entry[0] if isinstance(entry, tuple) else entry]
     for teacher in teachers:
         yield from _makers(teacher, 3)
 
 
 def _makers(thing: Any, depth: int) -> Iterator[str]:
-    """The first words of the modules of a function or class, and of the functions in it."""
+    """Yield the top-level packages of a function or class, and of the functions in it."""
     package = str(getattr(thing, "__module__", None)).partition(".")[0]
     by_function = isinstance(thing, type) and package == "abc"
     if not by_function:

@@ -1,10 +1,10 @@
-"""How everything is compiled: inlined into the kernel that calls it, and optimised there, once.
+"""The compilation pipeline: functions are inlined into their kernel and optimised there, once.
 
 Numba compiles, optimises and links each function by itself, and then the kernel again. Here an
-inlined function stops at LLVM's code (`InlineLibrary`), and a kernel collects what it calls
-(`KernelLibrary`). Of Numba's own passes those that the package's functions have no use for are left
-out, and signatures of calls are kept: the code is the same, and is there sooner. `fuse` is the last
-act of lowering, before anything is inlined.
+inlined function stops at LLVM code (`InlineLibrary`), and a kernel collects the functions it calls
+(`KernelLibrary`). Passes of Numba that the package's functions do not need are skipped, and
+signatures of calls are cached: the code is the same, and is ready sooner. `fuse` is the last step
+of lowering, before anything is inlined.
 """
 
 import contextlib
@@ -28,13 +28,12 @@ from rigidmc.engine.compiler.lean_passes import LEAN, UNUSED_PASSES, LeanPasses
 from rigidmc.engine.compiler.user_stamps import compare_globals, tag_of
 from rigidmc.engine.machine import vector_bits
 
-_POWERS = operator.pow, operator.ipow  # of a constant exponent they have code of its own
+_POWERS = operator.pow, operator.ipow  # with special code for a constant exponent
 _signatures: dict[Any, Any] = {}  # of calls, by the types of function and arguments
 
 
 def _signature(context: Any, function: Any, arguments: Any) -> Any:
-    """The signature of a call, found once: Numba looks it up two or three times in each
-    function."""
+    """Return the signature of a call, cached: Numba looks it up several times per function."""
     key = function._code, *[argument._code for argument in arguments]
     if key not in _signatures:
         _signatures[key] = context.resolve_function_type(function, tuple(arguments), {})
@@ -42,7 +41,7 @@ def _signature(context: Any, function: Any, arguments: Any) -> Any:
 
 
 class _Inference(TypeInferer):
-    """Finds the signature of a call once for all functions."""
+    """Type inference that resolves the signature of a call once for all functions."""
 
     def resolve_call(self, fnty: Any, pos_args: Any, kw_args: Any) -> Any:
         if type(fnty) is types.Function and not kw_args:
@@ -50,15 +49,15 @@ class _Inference(TypeInferer):
         return super().resolve_call(fnty, pos_args, kw_args)
 
     def propagate(self, raise_errors: bool = True) -> Any:
-        # In one block each type follows from those before: Numba goes through all twice to see that
-        # nothing changes.
+        # In one block each type follows from earlier ones: Numba would go through all twice to see
+        # that nothing changes.
         if len(self.blocks) > 1 or self.constraints.propagate(self):
             return super().propagate(raise_errors)
         return None
 
 
 class _Unfiltered(errors.WarningsFixer):  # type: ignore[misc, name-defined]
-    """Numba collects the warnings of each call; the package's calls have none."""
+    """A warnings filter that does nothing: Numba collects warnings per call, but here are none."""
 
     def catch_warnings(self, filename: Any = None, lineno: Any = None) -> Any:
         return self
@@ -72,7 +71,7 @@ class _Unfiltered(errors.WarningsFixer):  # type: ignore[misc, name-defined]
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class LeanInference(NopythonTypeInference):
-    """Numba's own inference of types, for functions without arrays and without warnings."""
+    """Numba's own inference of types, for functions without arrays or warnings."""
 
     _name = "rigidmc_lean_inference"
 
@@ -92,7 +91,7 @@ class LeanInference(NopythonTypeInference):
 
 
 class LeanLower(Lower):
-    """Numba's own lowering of a function, without texts of instructions for messages of errors.
+    """Numba's own lowering of a function, without texts of instructions for error messages.
 
     No variable is deleted, and there is no `try`.
     """
@@ -129,15 +128,15 @@ class LeanLower(Lower):
             super().lower_inst(inst)
 
     def emit_environment_object(self) -> None:
-        if not self.flags.forceinline:  # nobody calls an inlined function from Python
+        if not self.flags.forceinline:  # Python never calls an inlined function
             super().emit_environment_object()
 
     def alloca_lltype(self, name: str, lltype: Any, datamodel: Any = None) -> Any:
-        # Numba finds the size of each variable for a debugger.
+        # Numba computes the size of each variable for a debugger.
         return alloca_once(self.builder, lltype, name=name, zfill=False)
 
     def storevar(self, value: Any, name: str, argidx: int | None = None) -> None:
-        """Numba loads the old value first, whose references it would count."""
+        """Store a value; Numba would first load the old value, to count its references."""
         if name in self._singly_assigned_vars:
             self._blk_local_varmap[name] = value
         else:
@@ -145,7 +144,7 @@ class LeanLower(Lower):
             self.builder.store(value, self.getvar(name))
 
     def lower_call(self, resty: Any, expr: Any) -> Any:
-        """Numba makes three texts of each call, for who debugs it."""
+        """Lower a call; Numba would make three texts of each call for debugging."""
         signature, kind = self.fndesc.calltypes[expr], self.typeof(expr.func.name)
         result = signature.return_type
         if type(kind) is not types.Function or isinstance(result, types.Phantom) or expr.target:
@@ -157,7 +156,7 @@ class LeanLower(Lower):
         return self.context.cast(self.builder, value, result, resty)
 
     def lower_binop(self, resty: Any, expr: Any, op: Any) -> Any:
-        """Numba tries first whether a constant operand has code of its own: powers alone do."""
+        """Lower an operator; of constant operands, only exponents have special code."""
         if op in _POWERS:
             return super().lower_binop(resty, expr, op)
         signature, builder = self.fndesc.calltypes[expr], self.builder
@@ -166,19 +165,19 @@ class LeanLower(Lower):
             for x, kind in zip((expr.lhs, expr.rhs), signature.args, strict=True)
         ]
         typing = self.context.typing_context
-        kind = typing.resolve_value_type(op)  # since the inference it may know more types
+        kind = typing.resolve_value_type(op)  # it may know more types since the inference
         called = _signature(typing, kind, signature.args)
         result = self.context.get_function(kind, called)(builder, operands)
         return self.context.cast(builder, result, signature.return_type, resty)
 
 
 LINE = (
-    64  # bytes of a cache line and of the widest vectors: across two lines they take two accesses
+    64  # bytes of a cache line and of the widest vectors: across two lines they need two accesses
 )
 
 
 class Fusing:
-    """A lowering of a function, then `fuse`."""
+    """The lowering of a function, then `fuse`."""
 
     module: Any
 
@@ -187,13 +186,13 @@ class Fusing:
         for function in self.module.functions:
             fuse(function)
             if function.blocks:
-                # llvmlite writes alignstack only beside another attribute
+                # llvmlite writes alignstack only next to another attribute
                 function.attributes.add("nounwind")
                 function.attributes.alignstack = LINE
 
 
 class FusingLower(Fusing, Lower):
-    """Numba's own lowering of a user's function, then `fuse`."""
+    """Numba's own lowering of a custom function, then `fuse`."""
 
 
 class FusingLeanLower(Fusing, LeanLower):
@@ -203,7 +202,7 @@ class FusingLeanLower(Fusing, LeanLower):
 class InlineLibrary(JITCodeLibrary):
     """Code that is inlined wherever it is called.
 
-    By itself it is neither linked, nor optimised, nor made into machine code.
+    By itself it is not linked, optimised or compiled to machine code.
     """
 
     def __init__(self, codegen: Any, name: str) -> None:
@@ -211,13 +210,13 @@ class InlineLibrary(JITCodeLibrary):
         self._linking_libraries = []
 
     def add_ir_module(self, ir_module: Any) -> None:
-        # Numba links it into an empty module first.
+        # Numba would first link it into an empty module.
         self._final_module = llvm.parse_assembly(normalize_ir_text(str(ir_module)))
         self._final_module.name = ir_module.name
         self._final_module.verify()
 
     def finalize(self) -> None:
-        # Two kernels may have the same function, and one that is inlined everywhere is dropped.
+        # Two kernels may contain the same function, and one that is inlined everywhere is dropped.
         for function in self.get_defined_functions():
             function.linkage = "linkonce_odr"
         self._finalized = True
@@ -228,10 +227,10 @@ class InlineLibrary(JITCodeLibrary):
 
 @contextlib.contextmanager
 def in_written_order() -> Iterator[None]:
-    """Let machine code keep the order in which the physics is written, on 512-bit vectors.
+    """Keep machine code in the order in which the physics is written, for 512-bit vectors.
 
-    The bits are the same in any order. In the order of LLVM's scheduler numbers wait for their use
-    in memory, and splittings take longer.
+    The bits are the same in any order. In the order of LLVM's scheduler numbers wait in memory for
+    their use, and splittings are slower.
     """
     if vector_bits() < 512:
         yield
@@ -244,14 +243,14 @@ def in_written_order() -> Iterator[None]:
 
 
 class KernelLibrary(JITCodeLibrary):
-    """A kernel: all calls, and the calls in those, are inlined first; then it is optimised once."""
+    """A kernel: all calls are inlined recursively, then it is optimised once."""
 
     def _finalize_specific(self) -> None:
         with in_written_order():
             super()._finalize_specific()
 
     def get_asm_str(self) -> str:
-        """The machine code that runs, for tests to read."""
+        """Return the machine code that runs, for tests to read."""
         with in_written_order():
             return str(super().get_asm_str())
 
@@ -269,7 +268,7 @@ class KernelLibrary(JITCodeLibrary):
         passes.add_always_inliner_pass()
         passes.add_global_dead_code_eliminate_pass()
         passes.run(self._final_module, builder)
-        # The vectors are members: LLVM would only make others out of the numbers of one member.
+        # The vectors are members: LLVM could only build further ones from numbers of one member.
         passes, builder = self._codegen._module_pass_manager(
             loop_vectorize=False, slp_vectorize=False
         )
@@ -285,7 +284,7 @@ class FusingLowering(NativeLowering):
     def run_pass(self, state: Any) -> bool:
         context, name = state.targetctx, state.func_id.func_qualname
         if not state.flags.forceinline:
-            # Numba numbers the functions of a process: the name gets what identifies the types, see
+            # Numba numbers the functions of a process: the name also gets a tag of the types, see
             # `tag_of`.
             identity = state.func_ir.func_id
             identity.unique_id = f"{identity.unique_id}{tag_of(state.args)}"
@@ -296,7 +295,7 @@ class FusingLowering(NativeLowering):
         super().run_pass(state)
         result = state.cr
         module = result.fndesc.lookup_module()
-        # Numba wants an entry point; it is never called
+        # Numba requires an entry point; it is never called
         entry = make_function(module, name, "inlined", 0, result.env, (state.library,))
         context.insert_user_function(entry, result.fndesc, [state.library])
         state.cr = result._replace(cfunc=entry)
@@ -309,7 +308,7 @@ class FusingLowering(NativeLowering):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class OwnFusingLowering(FusingLowering):
-    """The lowering of a user's own function, whose globals are compared with its stamp."""
+    """The lowering of a custom function, which compares its globals with its stamp."""
 
     _name = "rigidmc_own_fusing_lowering"
 
@@ -330,15 +329,14 @@ class LeanFusingLowering(FusingLowering):
 
 
 def is_of_package(function: Any) -> bool:
-    """Whether a function is of the package, and no user's."""
+    """Return whether a function belongs to the package, not to a user."""
     return str(function.__module__).startswith("rigidmc.")
 
 
 class Pipeline(compiler.CompilerBase):
-    """Numba's own pipeline with `FusingLowering` in the place of its lowering.
+    """Numba's own pipeline, with `FusingLowering` in place of its lowering.
 
-    For functions of the package it leaves out what they do not need, see
-    `rigidmc.engine.compiler.lean_passes`.
+    For functions of the package it skips unneeded work, see `rigidmc.engine.compiler.lean_passes`.
     """
 
     def define_pipelines(self) -> list[Any]:
@@ -349,7 +347,7 @@ class Pipeline(compiler.CompilerBase):
 
 
 def _passes(state: Any, others: dict[type, type], needless: set[str]) -> Any:
-    """Numba's own passes, some replaced by others and some left out."""
+    """Return Numba's own passes, some replaced and some left out."""
     passes = compiler.DefaultPassBuilder.define_nopython_pipeline(state)
     passes.passes = [
         (others.get(pass_class, pass_class), description)
@@ -364,7 +362,7 @@ _lean: list[Any] = []
 
 
 def _lean_passes(state: Any) -> Any:
-    """The passes of all functions of the package."""
+    """Return the passes of all functions of the package."""
     if not _lean:
         others = {**LEAN, NativeLowering: LeanFusingLowering, NopythonTypeInference: LeanInference}
         passes = _passes(state, others, UNUSED_PASSES)
@@ -373,8 +371,8 @@ def _lean_passes(state: Any) -> Any:
     return _lean[0]
 
 
-# No flag of fast arithmetic: "nnan" or "ninf" would delete the check for non-finite members,
-# "contract" would let bits depend on what is compiled beside them, "nsz" would let the sign of a
-# zero. Without debugging information a product stays in its register, where `fuse` finds it.
+# No fast-math flag: "nnan" or "ninf" would delete the check for non-finite members, "contract"
+# would make bits depend on the code around them, "nsz" would change the sign of a zero. Without
+# debugging information a product stays in its register, where `fuse` finds it.
 FLAGS = {"error_model": "numpy", "debug": False, "pipeline_class": Pipeline}
 INLINE: Any = {**FLAGS, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}

@@ -1,9 +1,8 @@
 """Nested NamedTuples as arguments of compiled code: their types are compiled, their numbers read.
 
-A StaticTree has the types alone. The numbers come from flat memory (`tree_unpack`), where those of
-an integrator and its limits lie, or from rows (`tree_unflatten`), where each member has its own, as
-the parameters of effects. A kernel for one scene is thus called in the same way as that for any
-other.
+A StaticTree holds only the types. The numbers come from flat memory (`tree_unpack`) for an
+integrator and its limits, or from rows (`tree_unflatten`) where each member has its own, such as
+the parameters of effects. So kernels for all scenes are called in the same way.
 """
 
 from collections.abc import Callable, Iterator
@@ -26,9 +25,9 @@ _NamedTuple: Any = types.BaseNamedTuple
 
 
 class StaticTree:
-    """What a kernel is compiled for: NamedTuples, and tuples of them, without their numbers.
+    """The types a kernel is compiled for: NamedTuples, and tuples of them, without their numbers.
 
-    In compiled code it takes no memory: its type says all.
+    Compiled, it needs no memory: its type holds all information.
     """
 
     def __init__(self, *parts: Any) -> None:
@@ -59,14 +58,14 @@ def _typeof_tree(value: StaticTree, context: Any) -> StaticTreeType:
 
 
 def tree_flatten(part: Any) -> list[float]:
-    """The numbers of nested tuples, one after the other: what `tree_unpack` reads."""
+    """Return the numbers of nested tuples, one after the other, in the order of `tree_unpack`."""
     if isinstance(part, tuple):
         return [number for item in part for number in tree_flatten(item)]
     return [float(part)]
 
 
 def tree_unpack(tree, numbers):
-    """The parts of a StaticTree, with the numbers that `tree_flatten` wrote to flat memory."""
+    """Return the parts of a StaticTree, with the numbers that `tree_flatten` put in flat memory."""
     return tree.parts
 
 
@@ -76,7 +75,7 @@ def _tree_unpack(typing_context, tree, numbers):
 
 
 def tree_unflatten(part, rows, first):
-    """Nested tuples of the type of `part` with the numbers rows[first], rows[first + 1], ..."""
+    """Return nested tuples of the type of `part`, with numbers rows[first], rows[first + 1], ..."""
     indices = iter(range(first, first + tree_size(part)))
 
     def like(one):
@@ -93,10 +92,9 @@ def _tree_unflatten(typing_context, part, rows, first):
 
 
 def _read(part: Any, rows: Any, *arguments: Any) -> tuple[Any, Callable[..., Any]]:
-    """(signature, code) of an intrinsic that reads nested tuples like `part` from rows.
+    """Return (signature, code) of an intrinsic that reads nested tuples like `part` from rows.
 
-    arguments : the types of its arguments; if there are three, the last is the first row, else it
-        is 0
+    arguments : the types of its arguments; the third, if given, is the first row, else that is 0
     """
     word = types.intp
 
@@ -106,7 +104,7 @@ def _read(part: Any, rows: Any, *arguments: Any) -> tuple[Any, Callable[..., Any
         each = [kind_of(x) for x in one]
         if not isinstance(one, _NamedTuple):
             return types.Tuple(each)
-        # As Numba's own `typeof`: tuples of one type of number are another class of types.
+        # As in Numba's own `typeof`: tuples with one type of number are another class of types.
         if each and all(x == each[0] for x in each):
             return types.NamedUniTuple(each[0], len(each), one.instance_class)
         return types.NamedTuple(each, one.instance_class)
@@ -128,7 +126,7 @@ def _read(part: Any, rows: Any, *arguments: Any) -> tuple[Any, Callable[..., Any
 
 
 def tree_size(part):
-    """How many numbers nested tuples have, which is how many rows they take."""
+    """Return how many numbers nested tuples have, which is the number of rows they need."""
     return sum(map(tree_size, part)) if isinstance(part, tuple) else 1
 
 
@@ -141,12 +139,12 @@ def _tree_size(typing_context, part):
 
 
 def _size_of_type(kind: Any) -> int:
-    """How many numbers a type of nested tuples has."""
+    """Return how many numbers a type of nested tuples has."""
     return sum(map(_size_of_type, kind)) if isinstance(kind, _Tuple) else 1
 
 
 def noise_of(effect):
-    """The normal deviates among an effect's numbers, new ones for each step; () if it has none."""
+    """Return the normal deviates among an effect's numbers, new for each step; () if none."""
     return effect.noise if takes_noise(effect) else ()
 
 
@@ -163,7 +161,7 @@ def _noise_of(typing_context, effect):
 
 
 def with_noise(effect, deviates):
-    """An effect with other deviates."""
+    """Return an effect with other deviates."""
     return effect._replace(noise=deviates)
 
 

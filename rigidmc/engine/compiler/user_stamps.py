@@ -1,18 +1,18 @@
-"""The stamp of a user's own part: a hash of all that its compiled code follows from.
+"""The stamp of a custom class: a hash of all inputs of its compiled code.
 
-The disk cache keeps code by it. What is missing in a stamp would be stale physics, so it takes a
-short list of things and nothing else:
+The stamp identifies code in the disk cache. An input missing from a stamp could give stale physics,
+so a stamp accepts only a short list of things:
 
 - functions: bytecode, constants, defaults, closure, and every global that they read, recursively
 - plain numbers, strings, None, tuples and NamedTuples of these; numbers of NumPy
-- NamedTuples as classes: fields, defaults, and the methods that are compiled
+- NamedTuples as classes: fields, defaults, and the compiled methods
 - functions of `numba.njit` with plain options
-- what builtins, math, numpy and rigidmc have under its own name; their versions are in the name of
-  the folder of the cache
+- objects of builtins, math, numpy and rigidmc under their own names; the versions are in the name
+  of the cache folder
 
-Whatever reads something else has no stamp and is compiled in every process. So is a function whose
-globals have changed since it was first seen: Numba keeps in memory what it compiled from the old
-ones.
+A function that reads anything else has no stamp and is compiled in every process. The same holds
+for a function whose globals have changed since it was first seen: Numba keeps the code compiled
+from the old ones in memory.
 """
 
 import builtins
@@ -43,7 +43,7 @@ _OPTIONS = {
     "nopython", "nogil", "error_model", "fastmath", "inline", "boundscheck", "forceinline",
     "no_cpython_wrapper", "no_cfunc_wrapper",
 }  # fmt: skip
-# What Numba refuses as well, or takes from elsewhere than globals
+# Operations that Numba also rejects, or that read from elsewhere than globals
 _STRANGE = {
     "IMPORT_NAME", "IMPORT_FROM", "LOAD_NAME", "STORE_GLOBAL", "DELETE_GLOBAL", "LOAD_BUILD_CLASS",
     "LOAD_FROM_DICT_OR_GLOBALS", "LOAD_FROM_DICT_OR_DEREF", "LOAD_CLASSDEREF",
@@ -51,25 +51,25 @@ _STRANGE = {
 
 
 class Unknown(Exception):
-    """Something that no stamp can contain."""
+    """Raised for an object that no stamp can contain."""
 
 
 class _Other(NamedTuple):
-    """A function or class that another one reads, which has words of its own."""
+    """A function or class that another one reads, with words of its own."""
 
     thing: Any
 
 
 Words = Iterator[str | _Other]
 _lock = threading.RLock()
-_first: dict[int, tuple[Any, Any]] = {}  # {id: (the thing, what it read when it was first seen)}
-_changed: set[int] = set()  # ids of those that have read something else since
-# {id of a function of njit: (it, the types for which it was compiled, all after it was seen)}
+_first: dict[int, tuple[Any, Any]] = {}  # {id: (the object, what it read when first seen)}
+_changed: set[int] = set()  # ids of objects that have read something else since
+# {id of an njit function: (the function, types it was compiled for after it was first seen)}
 _compiled: dict[int, tuple[Any, set[Any]]] = {}
 
 
 def stamp_of(cls: type[Any]) -> str | None:
-    """The stamp of a class of the user's own; None if it has none, see `why_not_cached`."""
+    """Return the stamp of a custom class; None if it has none, see `why_not_cached`."""
     try:
         return _stamp(cls)
     except Unknown:
@@ -77,7 +77,7 @@ def stamp_of(cls: type[Any]) -> str | None:
 
 
 def why_not_cached(cls: type[Any]) -> str:
-    """Why a class has no stamp, "" if it has one."""
+    """Return why a class has no stamp, "" if it has one."""
     try:
         _stamp(cls)
     except Unknown as error:
@@ -86,7 +86,7 @@ def why_not_cached(cls: type[Any]) -> str:
 
 
 def classes_of(signature: Any) -> list[type]:
-    """All the NamedTuples of a signature, those within tuples included."""
+    """Return all NamedTuples of a signature, including nested ones."""
     classes, pending = [], list(getattr(signature, "args", signature))  # a signature, or its types
     while pending:
         cls = pending.pop()
@@ -98,8 +98,9 @@ def classes_of(signature: Any) -> list[type]:
 
 
 def homes_of(signature: Any) -> list[str] | None:
-    """What identifies the classes of a signature among others of the same names: a module of the
-    package, or a stamp. None if a class has no stamp.
+    """Return identifiers that distinguish the classes of a signature from namesakes.
+
+    Each is a module of the package, or a stamp. Return None if a class has no stamp.
 
     signature : of a compiled function, or its types
     """
@@ -114,22 +115,22 @@ def homes_of(signature: Any) -> list[str] | None:
 
 
 def tag_of(signature: Any) -> str:
-    """What the names of compiled functions end with.
+    """Return the suffix of the names of compiled functions.
 
-    Numba counts the functions of a process: by its number and types alone, code from the disk
-    would have the name of other code of this process, and one would be run for the other.
+    Numba counts the functions of a process. With only this number and the types in its name, code
+    from the disk could have the name of other code of this process, and run in its place.
     """
     return hashlib.sha256(repr(homes_of(signature)).encode()).hexdigest()[:16]
 
 
 def observe_user_code(thing: Any) -> None:
-    """See what a function or class of the user's reads, before it is compiled."""
+    """Record what a custom function or class reads, before it is compiled."""
     with _lock:
         _walk(thing)
 
 
 def compare_globals(function: Any, code: Any) -> None:
-    """See whether Numba reads of a function what its stamp has of it.
+    """Check that what Numba reads for a function agrees with its stamp.
 
     code : Numba's form of the function
     """
@@ -145,7 +146,7 @@ def compare_globals(function: Any, code: Any) -> None:
 
 
 class _Listener(event.Listener):
-    """Sees what every function of the user's reads, before Numba compiles it."""
+    """A listener that records what every custom function reads, before Numba compiles it."""
 
     def on_start(self, event: Any) -> None:
         if dispatcher := _user_dispatcher(event):
@@ -158,27 +159,27 @@ class _Listener(event.Listener):
 
 
 def _user_dispatcher(event: Any) -> Any:
-    """What compiles a function of the user's, None for others."""
+    """Return the dispatcher of a custom function, None for other functions."""
     dispatcher = event.data.get("dispatcher")
     function = getattr(dispatcher, "py_func", None)
     home = str(getattr(function, "__module__", "numba."))
     return None if home.startswith(("rigidmc.", "numba.")) else dispatcher
 
 
-# Numba compiles a user's njit functions at their first call, from wherever: what they read has to
-# be seen before that.
+# Numba compiles a user's njit functions at their first call, from anywhere: their inputs must be
+# recorded before that.
 event.register("numba:compile", _Listener())
 
 
 def _stamp(cls: type[Any]) -> str:
-    """The stamp of a class; raises Unknown."""
+    """Return the stamp of a class; raise Unknown if it has none."""
     with _lock:
         things, words, unknown = _walk(cls)
         if foreign := extension():
             raise Unknown(f"{foreign} extends Numba")
     if unknown:
         raise unknown[0]
-    # Functions are named by the order in which they are met, so that no address is in a stamp.
+    # Functions are named by the order in which they are met, so a stamp contains no address.
     places = {id(thing): place for place, thing in enumerate(things)}
     text = [
         [f"part {places[id(word.thing)]}" if isinstance(word, _Other) else word for word in each]
@@ -188,9 +189,9 @@ def _stamp(cls: type[Any]) -> str:
 
 
 def _walk(thing: Any) -> tuple[list[Any], list[list[str | _Other]], list[Unknown]]:
-    """(a thing and all that it reads, the words of each, what is unknown among them).
+    """Return (an object and all that it reads, the words of each, the unknown inputs).
 
-    It goes on behind what is unknown: each has to be seen before it is compiled.
+    The walk continues past unknown inputs: each object must be seen before it is compiled.
     """
     things, words, unknown = [thing], list[list[str | _Other]](), list[Unknown]()
     # By identity: two equal functions may read different globals.
@@ -217,7 +218,7 @@ def _walk(thing: Any) -> tuple[list[Any], list[list[str | _Other]], list[Unknown
 
 
 def _words_of(thing: Any) -> Words:
-    """What a function or a class follows from."""
+    """Yield the words of a function or a class."""
     if isinstance(thing, FunctionType):
         return _of_function(thing)
     return _of_njit(thing) if type(thing) is CPUDispatcher else _of_class(thing)
@@ -226,7 +227,7 @@ def _words_of(thing: Any) -> Words:
 def _of_class(cls: Any) -> Words:
     metaclass = type(cls)  # another one could have methods of its own
     if metaclass is not type or not _is_named_tuple(cls):
-        raise Unknown(f"{_label(cls)} is no NamedTuple")
+        raise Unknown(f"{_label(cls)} is not a NamedTuple")
     yield f"class {cls.__name__} {cls._fields}"
     for parameter in inspect.signature(cls).parameters.values():  # as Numba makes an instance
         yield f"{parameter.name} {parameter.kind} {parameter.default is parameter.empty}"
@@ -238,7 +239,7 @@ def _of_class(cls: Any) -> Words:
         method = inspect.getattr_static(cls, name, None)
         if method is not None:
             if not isinstance(method, FunctionType):
-                raise Unknown(f"{cls.__name__}.{name} is no plain function")
+                raise Unknown(f"{cls.__name__}.{name} is not a plain function")
             yield f"method {name}"
             yield from _of_value(method, f"{cls.__name__}.{name}")
 
@@ -253,7 +254,7 @@ def _of_njit(function: Any) -> Words:
         and all(key in _OPTIONS and type(value) in _PLAIN for key, value in options.items())
     )
     if not plain:
-        raise Unknown(f"{_label(function)} has options of njit that no stamp tells")
+        raise Unknown(f"{_label(function)} has njit options that prevent caching")
     if not {*function.overloads} <= _compiled.get(id(function), (None, set()))[1]:
         raise Unknown(f"{_label(function)} was compiled before")
     yield f"njit {sorted(options.items())}"
@@ -261,7 +262,7 @@ def _of_njit(function: Any) -> Words:
 
 
 def _of_function(function: FunctionType) -> Words:
-    if vars(function):  # as of `functools.wraps`, which hides another signature
+    if vars(function):  # as from `functools.wraps`, which hides another signature
         raise Unknown(f"{_label(function)} has attributes")
     if not linecache.getlines(function.__code__.co_filename, function.__globals__):
         raise Unknown(f"{_label(function)} has no source")
@@ -291,7 +292,7 @@ def _of_code(code: CodeType) -> Words:
 
 
 def _of_value(value: Any, what: str) -> Words:
-    """The words of a value, numbers by their bits; what : for messages, "f reads K"."""
+    """Yield the words of a value, numbers by their bits; what : for messages, "f reads K"."""
     cls = type(value)
     if cls in _PLAIN:
         yield f"{cls.__name__} {value!r}"
@@ -318,7 +319,7 @@ def _is_named_tuple(cls: Any) -> bool:
 
 
 def _library_name(value: Any) -> str:
-    """What a library has under its own name, by this name; "" for all else."""
+    """Return the name of a library's object that is found under its own name; "" for all else."""
     for call in METHODS:
         if value is call:
             return f"method {call.__name__} {call.available}"
@@ -337,8 +338,8 @@ def _library_name(value: Any) -> str:
 
 @functools.cache
 def _reads(code: CodeType) -> tuple[tuple[str, tuple[str, ...]], ...]:
-    """(global, the attributes that are taken of it at once) that a function reads, nested ones
-    included."""
+    """Return (global, attributes read from it at once) for all reads of a function, including
+    nested functions."""
     reads = list[tuple[str, tuple[str, ...]]]()
     steps = [step for step in dis.get_instructions(code) if step.opname != "EXTENDED_ARG"]
     for place, step in enumerate(steps):
@@ -356,12 +357,12 @@ def _reads(code: CodeType) -> tuple[tuple[str, tuple[str, ...]], ...]:
 
 
 def _globals_of(function: FunctionType) -> Iterator[tuple[str, list[str], Any]]:
-    """(global, attributes, value) of what a function reads; a module has to end in a value."""
+    """Yield (global, attributes, value) for all reads of a function; modules end in a value."""
     for name, path in _reads(function.__code__):
         names = function.__globals__ if name in function.__globals__ else vars(builtins)
         value, taken = names.get(name, _first), list[str]()
         if value is _first:
-            raise Unknown(f"{_label(function)} reads {name}, which is not there")
+            raise Unknown(f"{_label(function)} reads {name}, which is undefined")
         while isinstance(value, ModuleType):
             if len(taken) == len(path) or path[len(taken)] not in vars(value):
                 words = ".".join([name, *taken])
@@ -376,11 +377,11 @@ def _closure_of(function: FunctionType) -> Iterator[tuple[str, Any]]:
         try:
             yield name, cell.cell_contents
         except ValueError:
-            raise Unknown(f"{_label(function)} reads {name}, which is not there") from None
+            raise Unknown(f"{_label(function)} reads {name}, which is undefined") from None
 
 
 def _values(function: FunctionType) -> Iterator[Any]:
-    """The values of the names that a function reads, modules as they are."""
+    """Yield the values of the names that a function reads, including modules."""
     try:
         for name, _ in _reads(function.__code__):
             yield function.__globals__.get(name, getattr(builtins, name, None))

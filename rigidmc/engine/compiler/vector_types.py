@@ -1,11 +1,11 @@
 """Vectors of numbers as types of the compiler: float64xN, float32xN, uint64xN, and masks.
 
-A function that is written for one number is compiled for N of them by calling it with these types:
-nothing is left to an optimiser's insight. They have + - * /, comparisons, & | ^ << >>, abs, sqrt,
-min, max and copysign; plain numbers are broadcast. Functions with code of their own for them are in
+A function written for one number is compiled for N numbers by calling it with these types: nothing
+depends on an optimiser. They have + - * /, comparisons, & | ^ << >>, abs, sqrt, min, max and
+copysign; plain numbers are broadcast. Functions with special code for them are in
 `rigidmc.engine.compiler.intrinsics`. In Python, and uncompiled, a number is a float and a mask is a
-bool. A mask of one number is also a bool, and every function of the library takes a vector of one
-number: for a user's code that no vector can run.
+bool. For custom code that cannot run on vectors, a mask of one number is also a bool, and every
+library function accepts a vector of one number.
 """
 
 import math
@@ -44,7 +44,7 @@ class VectorType(types.Type):
         return isinstance(self.dtype, types.Float)
 
     def can_convert_from(self, typingctx: Any, other: Any) -> Conversion | None:
-        """Plain numbers are broadcast."""
+        """Accept plain numbers, which are broadcast."""
         return Conversion.safe if isinstance(other, _PLAIN) else None
 
 
@@ -56,17 +56,17 @@ class MaskType(types.Type):
         super().__init__(name=f"mask of {dtype}x{count}")
 
     def can_convert_from(self, typingctx: Any, other: Any) -> Conversion | None:
-        """Plain truth values are broadcast; a mask of other numbers is the same."""
+        """Accept plain truth values, which are broadcast, and masks of other numbers."""
         same = isinstance(other, MaskType) and other.count == self.count
         return Conversion.safe if same or isinstance(other, types.Boolean) else None
 
     def can_convert_to(self, typingctx: Any, other: Any) -> Conversion | None:
-        """A mask of one is a plain truth value."""
+        """Convert a mask of one to a plain truth value."""
         return Conversion.unsafe if self.count == 1 and isinstance(other, types.Boolean) else None
 
 
 def llvm_type(ty: "VectorType | MaskType") -> ir.VectorType:
-    """LLVM's type of a VectorType or MaskType."""
+    """Return LLVM's type of a VectorType or MaskType."""
     element = ELEMENT[ty.dtype.name] if isinstance(ty, VectorType) else ir.IntType(1)
     return ir.VectorType(element, ty.count)
 
@@ -80,9 +80,9 @@ for _kind in (VectorType, MaskType):
 
 
 def broadcast(builder: Any, ty: ir.VectorType, x: Any) -> Any:
-    """A vector of LLVM's type `ty` whose numbers are all x."""
+    """Return a vector of LLVM's type `ty` whose numbers are all x."""
     # LLVM's idiom for a broadcast: an undefined vector, its first element, and a shuffle with all
-    # 0. `fma` looks for it.
+    # 0. `fma` recognises it.
     undefined = ir.Constant(ty, ir.Undefined)
     first = builder.insert_element(undefined, x, ir.Constant(_INDEX, 0))
     zeros = ir.Constant(ir.VectorType(_INDEX, ty.count), [0] * ty.count)
@@ -112,11 +112,11 @@ def _from_mask(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -
     return builder.extract_element(value, ir.Constant(_INDEX, 0))
 
 
-Build = Callable[..., Any]  # build(builder, type, *values): LLVM's code of an operation
+Build = Callable[..., Any]  # build(builder, type, *values): LLVM code of an operation
 
 
 def _common(args: Any, ty: type, plain_types: tuple[type, ...]) -> Any:
-    """The type of two arguments, one of which may be plain; None if there is none."""
+    """Return the type of two arguments, one of which may be plain; None if there is none."""
     left, right = args
     if isinstance(left, ty) and (left == right or isinstance(right, plain_types)):
         return left
@@ -134,10 +134,10 @@ def _define(
     plain_types: tuple[type, ...] = _PLAIN,
     only: Callable[[Any], bool] | None = None,
 ) -> None:
-    """Give the compiler an operation on vectors or masks.
+    """Register an operation on vectors or masks with the compiler.
 
-    result : the type of the result from that of the arguments, by default the same
-    only : of which types it is defined, by default of all
+    result : function from the type of the arguments to the type of the result, by default the same
+    only : condition on the types for which it is defined, by default all
     """
 
     @infer_global(operation)
@@ -158,12 +158,12 @@ def _define(
 
 
 def _by(real: str, whole: str) -> Build:
-    """An operation that LLVM's builder calls `real` for floats and `whole` for words."""
+    """Return an operation that LLVM's builder calls `real` for floats and `whole` for words."""
     return lambda b, t, *values: getattr(b, real if t.real else whole)(*values)
 
 
 def of_llvm(name: str) -> Build:
-    """An operation that is an intrinsic function of LLVM."""
+    """Return an operation that is an LLVM intrinsic."""
 
     def build(b: Any, t: Any, *values: Any) -> Any:
         intrinsic_name = f"llvm.{name}.v{t.count}{'f64' if t.dtype.name == 'float64' else 'f32'}"
@@ -175,35 +175,35 @@ def of_llvm(name: str) -> Build:
 
 
 def _comparison(sign: str) -> Build:
-    """A comparison, of floats or of words."""
+    """Return a comparison of floats or words."""
 
     def build(b: Any, t: Any, x: Any, y: Any) -> Any:
         if not t.real:
             return b.icmp_unsigned(sign, x, y)
-        # != is true for nan and all others are false, as in Python; so `x != x` finds nan.
+        # != is true for nan and all others are false, as in Python; so `x != x` detects nan.
         return (b.fcmp_unordered if sign == "!=" else b.fcmp_ordered)(sign, x, y)
 
     return build
 
 
 def _mask_comparison(sign: str) -> Build:
-    """A comparison of masks."""
+    """Return a comparison of masks."""
     return lambda b, t, x, y: b.icmp_unsigned(sign, x, y)
 
 
 def _mask_of(ty: VectorType) -> MaskType:
-    """The type of a comparison."""
+    """Return the type of a comparison."""
     # Words choose between floats, so their masks count as those of float64.
     return MaskType(types.float64 if ty.dtype == types.uint64 else ty.dtype, ty.count)
 
 
 def invert(b: Any, t: MaskType, x: Any) -> Any:
-    """A mask with every truth value inverted."""
+    """Invert every truth value of a mask."""
     return b.xor(x, ir.Constant(llvm_type(t), [1] * t.count))
 
 
 def first_of(b: Any, t: Any, x: Any) -> Any:
-    """The first number of a vector, or the first truth value of a mask."""
+    """Return the first number of a vector, or the first truth value of a mask."""
     return b.extract_element(x, ir.Constant(_INDEX, 0))
 
 

@@ -1,10 +1,10 @@
-"""From kernels to the code of a GPU: a thread lives the life of one member.
+"""From kernels to GPU code: one thread takes one member through the run.
 
-The kernels of a program are compiled for one member, with `run_lanes` of
-`rigidmc.engine.kernel.block`, which calls them, and linked into one. LLVM makes PTX of it, which a
-driver takes. The operations are those of the CPU's code: a product and a sum are fused where
-`rigidmc.engine.compiler.fma` says so and nowhere else, and divisions and roots are those of
-IEEE 754. A member thus has the same bits.
+The kernels of a program are compiled for one member and linked with `run_lanes` of
+`rigidmc.engine.kernel.block`, which calls them, into one. LLVM turns it into PTX, which the driver
+loads. The operations are those of the CPU's code: a product and a sum are fused only where
+`rigidmc.engine.compiler.fma` says so, and divisions and roots follow IEEE 754. So a member has the
+same bits.
 """
 
 import re
@@ -23,14 +23,14 @@ from rigidmc.errors import OptionError
 
 TRIPLE = "nvptx64-nvidia-cuda"
 KERNEL = "members"
-# What a module says of the machine that it is for, and of the caller's stack.
+# Lines and attributes in a module that depend on the target machine or on the caller's stack.
 MACHINE = re.compile(r"^target .*\n|^source_filename.*\n| alignstack=\d+| alignstack\(\d+\)", re.M)
-# Intrinsic functions that LLVM has for a GPU, or for every target
+# Intrinsic functions that LLVM provides for a GPU, or for every target
 _HAS = re.compile(
     r"llvm\.(nvvm|fma|fabs|sqrt|copysign|floor|ceil|trunc|rint|round|min|max|mem|lifetime|assume"
     r"|experimental\.noalias|[us](add|sub|mul|min|max)|abs|ct|bswap|fsh|vector|fptosi\.sat)"
 )
-# The number of a thread among all of a launch, in PTX's words; elsewhere there is one thread.
+# The index of a thread in a launch, in PTX; on the host there is one thread.
 _THREAD = """
 declare i32 @llvm.nvvm.read.ptx.sreg.tid.x()
 declare i32 @llvm.nvvm.read.ptx.sreg.ntid.x()
@@ -53,7 +53,7 @@ define internal i64 @thread() alwaysinline {
 
 
 def run_member(kinds, numbers, frame, low):
-    """The life of one member of a block, see `rigidmc.engine.kernel.block.run_lanes`."""
+    """Take one member of a block through the steps, see `rigidmc.engine.kernel.block.run_lanes`."""
     return run_lanes(frame, low)
 
 
@@ -66,13 +66,15 @@ def link_kernel(
     workspace: Mapping[str, int],
     host: bool = False,
 ) -> llvm.ModuleRef:
-    """LLVM's code of members(frame, first, count), in which thread i < count takes the member at
-    place first + i.
+    """Return the LLVM code of members(frame, first, count).
 
-    keys : the kernels of a program for one member, by their names;  shape : of its members
-    workspace : bytes of the memory that a member works in, by the names of
+    In it thread i < count takes the member at place first + i.
+
+    keys : the kernels of a program for one member, by name
+    shape : of its members
+    workspace : bytes of working memory per member, by the names of
         `rigidmc.engine.kernel.arguments.Workspace`
-    host : for one thread of this CPU, which tests run
+    host : for one thread of this CPU, as tests run it
     """
     dtype = next(key for key in keys.values() if key).dtype
     kernels = {name: llvm_of(key) for name, key in keys.items() if key and name != "advance"}
@@ -83,9 +85,9 @@ def link_kernel(
     for _, text in (entry_code, *kernels.values()):
         module.link_in(llvm.parse_assembly(MACHINE.sub("", text)))
     for variable in module.global_variables:
-        variable.linkage = "internal"  # Numba's, which nothing uses
-    # The kernels stay functions: inlined, those that monitor leave `march` too few registers, and
-    # it would spill within its steps (strang in a bath 316 bytes).
+        variable.linkage = "internal"  # Numba's, unused
+    # The kernels stay separate functions. If inlined, monitoring kernels leave `march` too few
+    # registers, and it spills within its steps (strang in a bath 316 bytes).
     called = {function: name for name, function in names.items()}
     for function in module.functions:
         if function.is_declaration or function.name == KERNEL:
@@ -103,12 +105,12 @@ def _entry(
     workspace: Mapping[str, int],
     record: np.dtype[Any],
 ) -> str:
-    """The kernel: a thread has memory and a frame of its own, whose kernels and shape the compiler
-    knows.
+    """Return the kernel's code. A thread has its own memory and frame, in which kernels and shape
+    are constants.
     """
     fields: Any = record.fields
     # The frame of a thread gets addresses and shape as constants: LLVM then calls the kernels
-    # directly, and drops what a scene does not use.
+    # directly, and drops unused ones.
     constants = {name: f'ptrtoint (ptr @"{function}" to i64)' for name, function in names.items()}
     constants |= {name: str(number) for name, number in shape._asdict().items()}
     constants |= {name: f"%address.{name}" for name in workspace}
@@ -153,22 +155,22 @@ end:
 
 
 def optimise(module: llvm.ModuleRef, machine: llvm.TargetMachine) -> llvm.ModuleRef:
-    """A module, optimised for a machine."""
+    """Optimise a module for a machine."""
     module.triple = machine.triple
     module.data_layout = str(machine.target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=3)
-    # A thread has one member: there is nothing to vectorise.
+    # A thread has one member: nothing to vectorise.
     options.loop_vectorization = options.slp_vectorization = False
     builder = llvm.create_pass_builder(machine, options)
     first = llvm.create_new_module_pass_manager()
-    first.add_always_inliner_pass()  # `run_lanes`, and what it calls
+    first.add_always_inliner_pass()  # `run_lanes`, and the functions it calls
     first.run(module, builder)
     builder.getModulePassManager().run(module, builder)
     return module
 
 
 def machine_for(capability: tuple[int, int]) -> llvm.TargetMachine:
-    """Devices of a compute capability, as LLVM compiles for them."""
+    """Return LLVM's target machine for GPUs of a compute capability."""
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     target = llvm.Target.from_triple(TRIPLE)
@@ -176,19 +178,19 @@ def machine_for(capability: tuple[int, int]) -> llvm.TargetMachine:
 
 
 def ptx_of(module: llvm.ModuleRef, capability: tuple[int, int]) -> str:
-    """The PTX of a module for devices of a compute capability or a later one."""
+    """Return the PTX of a module for GPUs of a compute capability or a later one."""
     machine = machine_for(capability)
-    # llvmlite has no name for the calling convention of kernels: it is written into the text.
+    # llvmlite has no name for the calling convention of kernels, so it is written into the text.
     text = str(module).replace(f"define void @{KERNEL}(", f"define ptx_kernel void @{KERNEL}(")
     optimised = optimise(llvm.parse_assembly(text), machine)
     lacking = [f.name for f in optimised.functions if f.is_declaration and not _HAS.match(f.name)]
     if lacking:
         names = ", ".join(_plain(name) for name in lacking)
-        rule = f"calls {names}, which no device has: write it with the functions of rigidmc"
-        raise OptionError(f"code of your own {rule}", at="device", value="cuda")
+        rule = f"calls {names}, which GPUs do not have: use functions of rigidmc instead"
+        raise OptionError(f"custom code {rule}", at="device", value="cuda")
     return str(machine.emit_assembly(optimised))
 
 
 def _plain(name: str) -> str:
-    """What a function of LLVM is called in Python."""
+    """Return the Python name of an LLVM function."""
     return name.removeprefix("llvm.").partition(".")[0]

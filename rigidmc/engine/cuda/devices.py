@@ -1,7 +1,7 @@
-"""Where members move: on this CPU, or on GPUs; no bit of a result depends on it.
+"""Where members move: on this CPU or on GPUs; no bit of a result depends on it.
 
-First the words cpu, cuda, cuda:1 and auto, then the functions of CUDA's driver: devices, modules of
-code, and streams.
+First the words cpu, cuda, cuda:1 and auto, then the functions of the CUDA driver: devices, modules
+of code, and streams.
 """
 
 import ctypes
@@ -20,10 +20,10 @@ WORDS = ("cpu", "cuda", "auto")
 
 
 def resolve_device(word: str | None) -> str:
-    """The device of a word: "cpu", "cuda" or "cuda:1".
+    """Return the device of a word: "cpu", "cuda" or "cuda:1".
 
-    word : "cpu", "cuda" for all graphics processors, "cuda:1" for one, "auto" for all of them if
-        there are any that can be used, else "cpu"; None for "cpu"
+    word : "cpu", "cuda" for all GPUs, "cuda:1" for one, "auto" for all usable GPUs if there are
+        any, else "cpu"; None for "cpu"
 
     Raises OptionError for another word, NoDevice if there is no such device, or no driver.
     """
@@ -44,24 +44,27 @@ def resolve_device(word: str | None) -> str:
 
 
 def device_number(name: str) -> int | None:
-    """The number of the one device of a word, None for all."""
+    """Return the number of the one device of a word, None for all."""
     _, _, number = name.partition(":")
     return int(number) if number else None
 
 
 Array = NDArray[Any]
 BLOCKING = 4  # CU_CTX_SCHED_BLOCKING_SYNC
-THREADS = 128, 64, 256, 32  # threads of a block of PTX, the best first if as many are at work
-TARGETS = (7, 0), (8, 0), (9, 0)  # compute capabilities that code is made for; later ones take it
-# Fused multiply-adds in float64 of a multiprocessor in a cycle, by compute capability; others 2
+THREADS = 128, 64, 256, 32  # threads per block of PTX, best first if occupancy is equal
+TARGETS = (7, 0), (8, 0), (9, 0)  # compute capabilities of compiled code; later ones accept it
+# Fused multiply-adds in float64 per multiprocessor and cycle, by compute capability; others 2
 FUSED = {(7, 0): 32, (8, 0): 32, (9, 0): 64, (10, 0): 64}
 
 
 class Device(NamedTuple):
-    """A device, by its number.
+    """A GPU, by its number.
 
-    capability : of computing;  processors : how many;  clock : [Hz]
-    memory : bytes;  driver : the version of CUDA that the driver takes
+    capability : compute capability
+    processors : number of multiprocessors
+    clock : [Hz]
+    memory : bytes
+    driver : CUDA version that the driver supports
     """
 
     number: int
@@ -74,7 +77,7 @@ class Device(NamedTuple):
 
     @property
     def peak(self) -> float:
-        """Operations in float64 a second at most; a fused multiply-add is two.
+        """Largest number of float64 operations per second; a fused multiply-add counts as two.
 
         Source: CUDA C++ Programming Guide, throughput of native arithmetic instructions.
         """
@@ -82,7 +85,7 @@ class Device(NamedTuple):
 
 
 def _library() -> Any:
-    """The functions of the driver; NoDevice if they or the driver are not there."""
+    """Return the functions of the driver; raise NoDevice if they or the driver are missing."""
     try:
         from cuda.bindings import driver
     except ImportError:
@@ -93,14 +96,12 @@ def _library() -> Any:
 
 
 def call_driver(name: str, *arguments: Any) -> Any:
-    """What a function of the driver answers; NoDevice with its reason if it fails."""
+    """Call a function of the driver and return its answer; raise NoDevice with the reason."""
     driver = _library()
     try:
         error, *answer = getattr(driver, name)(*arguments)
-    except RuntimeError as missing:  # the driver's library, or a function of it, is not there
-        raise NoDevice(
-            f"cuda: no driver of NVIDIA was found, or too old a one: {missing}"
-        ) from None
+    except RuntimeError as missing:  # the driver's library, or a function in it, is missing
+        raise NoDevice(f"cuda: the NVIDIA driver is missing or too old: {missing}") from None
     if int(error) != 0:
         error_name = driver.cuGetErrorName(error)[1]
         reason = driver.cuGetErrorString(error)[1]
@@ -115,9 +116,9 @@ def _text(text: bytes | None) -> str:
 
 @cache
 def devices() -> tuple[Device, ...]:
-    """The devices of this machine; NoDevice if there are none that can be used."""
+    """Return the GPUs of this machine; raise NoDevice if there are none."""
     call_driver("cuInit", 0)
-    # Asked once a process: a device that is plugged in later is not seen.
+    # Queried once per process: a GPU added later is not seen.
     version = call_driver("cuDriverGetVersion")
     attributes = _library().CUdevice_attribute
     devices_here = []
@@ -143,40 +144,38 @@ def devices() -> tuple[Device, ...]:
             )
         )
     if not devices_here:
-        raise NoDevice("cuda: the driver has no device")
+        raise NoDevice("cuda: the driver finds no GPU")
     return tuple(devices_here)
 
 
 def select_devices(number: int | None) -> tuple[Device, ...]:
-    """The devices that a run is to use: the one of a number, or all that are not too old.
+    """Return the GPUs that a run should use: the one with a number, or all that are recent enough.
 
-    NoDevice if there is none.
+    Raises NoDevice if there is none.
     """
     every = devices()
     if number is not None and number >= len(every):
         raise NoDevice(f"cuda:{number}: the devices are cuda:0 to cuda:{len(every) - 1}")
     wanted = every if number is None else every[number : number + 1]
-    # PTX is made for a capability or a later one, so that an older device takes none.
+    # PTX is made for a capability or a later one, so an older GPU rejects it.
     usable = tuple(found for found in wanted if found.capability >= TARGETS[0])
     if not usable:
-        rule = "{}.{}, and code is made for {}.{} or later".format(
-            *wanted[0].capability, *TARGETS[0]
-        )
+        rule = "{}.{}; code requires {}.{} or later".format(*wanted[0].capability, *TARGETS[0])
         raise NoDevice(f"cuda:{wanted[0].number}: {wanted[0].name} has compute capability {rule}")
     return usable
 
 
 class Module:
-    """A program's code and numbers on a device, loaded.
+    """The code and numbers of a program, loaded on a GPU.
 
-    ptx, kernel : the code, and the name of the function that is launched
-    numbers : addresses of copies of arrays;  threads, resident : of a block of PTX, and how many a
-        multiprocessor has at work at once
+    ptx, kernel : the code, and the name of the function to launch
+    numbers : addresses of copies of arrays
+    threads, resident : threads per block of PTX, and threads resident per multiprocessor
     """
 
     def __init__(self, device: Device, ptx: str, kernel: str, arrays: Sequence[Array]) -> None:
         one = call_driver("cuDeviceGet", device.number)
-        with suppress(NoDevice):  # a thread that waits leaves its core to others
+        with suppress(NoDevice):  # a waiting thread leaves its core to others
             call_driver("cuDevicePrimaryCtxSetFlags", one, BLOCKING)
         self._context = call_driver("cuDevicePrimaryCtxRetain", one)
         with self.entered():
@@ -190,7 +189,7 @@ class Module:
 
     @contextmanager
     def entered(self) -> Iterator[None]:
-        """Let this thread use this device in the body of a `with`."""
+        """Make this device current for this thread in the body of a `with`."""
         call_driver("cuCtxPushCurrent", self._context)
         try:
             yield
@@ -204,45 +203,45 @@ class Module:
         return best, at_work[best]
 
     def __del__(self) -> None:
-        with suppress(Exception), self.entered():  # the driver may be gone at the end
+        with suppress(Exception), self.entered():  # the driver may be gone at exit
             for address in self._held:
                 call_driver("cuMemFree", address)
             call_driver("cuModuleUnload", self._handle)
 
 
 class CudaStream:
-    """A stream of a device, and the memory that its work takes."""
+    """A stream of a GPU, and the memory of its work."""
 
     def __init__(self, module: Module) -> None:
         self.module, self._held = module, list[Any]()
         self._pinned: tuple[Array, int] = (np.empty(0), 0)
         with module.entered():
-            self._handle = call_driver("cuStreamCreate", 1)  # which waits for no other
+            self._handle = call_driver("cuStreamCreate", 1)  # 1: it does not wait for the others
 
     def room(self, size: int) -> int:
-        """The address of so many bytes on the device, until `free`."""
+        """Allocate `size` bytes on the GPU until `free`, and return their address."""
         self._held.append(call_driver("cuMemAlloc", max(1, size)))
         return int(self._held[-1])
 
     def put(self, array: Array) -> int:
-        """The address of a copy of an array on the device, until `free`."""
+        """Copy an array to the GPU until `free`, and return the address of the copy."""
         address = self.room(array.nbytes)
         if array.nbytes:
             self.write(address, array)
         return address
 
     def write(self, address: int, array: Array) -> None:
-        """Copy an array to the device."""
+        """Copy an array to the GPU."""
         call_driver("cuMemcpyHtoDAsync", address, array.ctypes.data, array.nbytes, self._handle)
         self.wait()
 
     def read(self, array: Array, address: int) -> None:
-        """Copy from the device to an array."""
+        """Copy from the GPU to an array."""
         call_driver("cuMemcpyDtoHAsync", array.ctypes.data, address, array.nbytes, self._handle)
         self.wait()
 
     def pinned(self, count: int) -> Array:
-        """Memory of this machine for so many numbers, which a device writes to at full speed."""
+        """Return host memory for `count` numbers that a GPU writes to at full speed."""
         if self._pinned[0].size < count:
             self._unpin()
             address = int(call_driver("cuMemAllocHost", 8 * count))
@@ -251,20 +250,20 @@ class CudaStream:
         return self._pinned[0][:count]
 
     def launch(self, frame: int, members: int) -> None:
-        """Let a thread for each member take it through the steps of a frame on the device."""
+        """Launch one thread per member, which takes it through the steps of a frame on the GPU."""
         size = self.module.threads
         given = (frame, 0, members), (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
         grid = -(-members // size), 1, 1, size, 1, 1
         call_driver("cuLaunchKernel", self.module.kernel, *grid, 0, self._handle, given, 0)
 
     def wait(self) -> None:
-        """Until all that was asked of the device is done."""
+        """Wait until all work queued on the GPU is done."""
         call_driver("cuStreamSynchronize", self._handle)
 
     def free(self) -> None:
-        """Give back the memory of `room` and `put`."""
+        """Free the memory of `room` and `put`."""
         while self._held:
-            with suppress(NoDevice):  # a device that is lost has said so before
+            with suppress(NoDevice):  # a lost GPU has already raised an error
                 call_driver("cuMemFree", self._held.pop())
 
     def _unpin(self) -> None:
@@ -274,7 +273,7 @@ class CudaStream:
             call_driver("cuMemFreeHost", address)
 
     def __del__(self) -> None:
-        with suppress(Exception), self.module.entered():  # the driver may be gone at the end
+        with suppress(Exception), self.module.entered():  # the driver may be gone at exit
             self.free()
             self._unpin()
             call_driver("cuStreamDestroy", self._handle)

@@ -1,8 +1,8 @@
-"""Blocks of members on GPUs, a thread a member, see `rigidmc.engine.cuda.code`.
+"""Blocks of members on GPUs, one thread per member, see `rigidmc.engine.cuda.code`.
 
-A block stays on the device from the first step of a run to the last. Launches are short, so that
-progress is shown and a run can be stopped between them. Each worker thread has a stream of its own:
-while one copies saves, or makes the next block ready, another's members move.
+A block stays on the GPU from the first step of a run to the last. Launches are short, so progress
+is shown and a run can be stopped between them. Each worker thread has its own stream: while one
+copies saves or prepares the next block, another's members move.
 """
 
 import itertools
@@ -41,25 +41,25 @@ from rigidmc.engine.program import NO_NOISE, NO_SAVES, Program, fill_record
 from rigidmc.errors import NoDevice, NoRoom
 
 Array = NDArray[Any]
-# Seconds of a launch: heavy rk4 makes 71.5 G steps/s on an H100; 68.0 with 0.01 s, 72.1 with 0.2 s
+# Seconds per launch: heavy rk4 makes 71.5 G steps/s on an H100; 68.0 with 0.01 s, 72.1 with 0.2 s
 LAUNCH = 0.05
-# Steps of the first launch of a block; the time of each tells how many the next one makes, at most
-# so many times as many.
+# Steps of the first launch of a block, and the largest ratio of steps from one launch to the next.
+# The time of each launch decides the length of the next.
 FIRST, GROWTH = 16, 8.0
-SAVED = 64 * 2**20  # bytes of saved values of a block on the device, at most
+SAVED = 64 * 2**20  # most bytes of saved values of a block on the GPU
 
 
 class CudaProgram(Program):
-    """A Program whose members live on devices; `advance` and `through` as there.
+    """A Program whose members move on GPUs; `advance` and `through` as in Program.
 
-    number : of the device;  None for all of them, which take blocks in turn
+    number : of the GPU; None for all of them, which take blocks in turn
     """
 
     def __init__(self, *arguments: Any, number: int | None = None, **named: Any) -> None:
         if config.DISABLE_JIT:
-            raise NoDevice("cuda: runs compiled code only, and NUMBA_DISABLE_JIT is set")
+            raise NoDevice("cuda: requires compiled code, but NUMBA_DISABLE_JIT is set")
         self.devices = select_devices(number)
-        first = os.getpid() % len(self.devices)  # processes side by side begin with several
+        first = os.getpid() % len(self.devices)  # concurrent processes begin with different GPUs
         self._turn = itertools.cycle(self.devices[first:] + self.devices[:first])
         self._streams = threading.local()
         self._loading, self._modules = threading.Lock(), dict[Device, Module]()
@@ -68,11 +68,11 @@ class CudaProgram(Program):
         super().__init__(*arguments, **{**named, "lanes": 1})
 
     def missing(self) -> list[str]:
-        """["kernel"] if it is neither in memory nor in the disk cache."""
+        """Return ["kernel"] if it is neither in memory nor in the disk cache."""
         return [] if has_text(*self._key(self._capability)) else ["kernel"]
 
     def helper_share(self) -> list[str]:
-        """None: one process makes the one kernel."""
+        """Return an empty list: one process compiles the one kernel."""
         return []
 
     def _compile(self) -> None:
@@ -81,7 +81,7 @@ class CudaProgram(Program):
         self._frame = np.zeros(1, record_type(self.dtype))
 
     def ptx(self, capability: tuple[int, int]) -> str:
-        """The code of its kernel for devices of a compute capability or a later one."""
+        """Return the code of the kernel for GPUs of a compute capability or a later one."""
 
         def make() -> str:
             return ptx_of(link_kernel(self.kernel_keys, self.shape, self._sizes()), capability)
@@ -89,27 +89,27 @@ class CudaProgram(Program):
         return cached_text(*self._key(capability), make)
 
     def _key(self, capability: tuple[int, int]) -> tuple[list[Any], str]:
-        """(types of the kernels, what else the code follows from)."""
+        """Return (types of the kernels, the other inputs of the code)."""
         types = [signature_of(key) for key in self.kernel_keys.values() if key]
         return types, f"{self.shape} {self._sizes()} {capability}"
 
     def _sizes(self) -> dict[str, int]:
-        """{name in Room: bytes} of the memory that a member works in."""
+        """Return {name in Workspace: bytes} of the memory that a member works in."""
         return {
             name: count * np.dtype(kind).itemsize
             for name, (count, kind) in self.working_memory(self.rows).items()
         }
 
     def places(self, threads: int) -> tuple[str, str]:
-        """A device, and all of them with how many of their threads are at work at once."""
+        """Return words for one GPU, and for all of them with their resident threads."""
         stream, (first, *others) = self._stream(), self.devices
         each = f"{first.name} x {1 + len(others)}" if others else first.name
-        resident = f"{stream.module.resident} of them at work on each multiprocessor"
+        resident = f"{stream.module.resident} resident per multiprocessor"
         words = f"{each}, blocks of {stream.module.threads} threads, {resident}"
-        return "one device", words
+        return "one GPU", words
 
     def workers(self, threads: int, blocks: int, members: int, saves: int) -> int:
-        """As `Program.workers`; at least one for each device."""
+        """Do the same as `Program.workers`; return at least one thread per GPU."""
         threads = max(threads, len(self.devices))
         blocks = min(threads, blocks)  # at once
         count = self.shape.values * members
@@ -118,13 +118,13 @@ class CudaProgram(Program):
         with self._stream().module.entered():
             free, _ = call_driver("cuMemGetInfo")
         if need > free:
-            rule = f"take {need / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free"
-            ways = "take smaller blocks or fewer threads"
+            rule = f"need {need / 1e9:.3g} GB, but {free / 1e9:.3g} GB are free"
+            ways = "use smaller blocks or fewer threads"
             raise NoRoom(f"cuda: {blocks} blocks of {members:,} members at once {rule}; {ways}")
         return threads
 
     def _stream(self) -> CudaStream:
-        """The stream of this thread."""
+        """Return the stream of this thread."""
         if not hasattr(self._streams, "mine"):
             with self._loading:
                 device = next(self._turn)
@@ -135,7 +135,7 @@ class CudaProgram(Program):
         return stream
 
     def _load(self, device: Device) -> Module:
-        """The code on a device, and the numbers of the kernels and of the substeps."""
+        """Load the code and the numbers of the kernels and substeps on a GPU."""
         keys = [key for name, key in self.kernel_keys.items() if name != "advance"]
         numbers = [np.array(tree_flatten(key.parts if key else ()) or [0.0]) for key in keys]
         return Module(device, self._code, KERNEL, [*numbers, self.substeps])
@@ -147,7 +147,7 @@ class CudaProgram(Program):
         noise: NoiseKeys | None = None,
         saves: SaveTarget | None = None,
     ) -> None:
-        """As `Program.advance`."""
+        """Do the same as `Program.advance`."""
         noise = noise or NO_NOISE._replace(members=np.arange(block.shape[1]))
         for _ in self.through(block, steps, noise, saves or NO_SAVES):
             pass
@@ -155,7 +155,7 @@ class CudaProgram(Program):
     def through(
         self, block: Array, steps: StepRange, noise: NoiseKeys, saves: SaveTarget
     ) -> Generator[int, bool | None, None]:
-        """As `Program.through`."""
+        """Do the same as `Program.through`."""
         stream = self._stream()
         with stream.module.entered():
             try:
@@ -176,14 +176,14 @@ class CudaProgram(Program):
         max_saves = min(-(-steps.total // steps.stride), max(1, SAVED // (8 * count or 1)))
         frame, block_at = self._on_device(stream, block, noise)
         order, frame_at = stream.put(saves.order), stream.room(frame.nbytes)
-        values = stream.room(8 * count * (max_saves + 1))  # the start is a save more
+        values = stream.room(8 * count * (max_saves + 1))  # the start is an extra save
         first, length = steps.first, FIRST
         while first < steps.last:
             next_full = (first // steps.stride + max_saves) * steps.stride
             last = min(steps.last, first + length, next_full)
             slots = save_numbers(steps, first, last)
-            # Kernels count saves from the start of the run; the memory begins with the first of
-            # this launch.
+            # Kernels count saves from the start of the run; the memory begins with the first save
+            # of this launch.
             out = SaveTarget(values - 8 * count * slots.start, members if count else 0, 0, order)
             stream.write(frame_at, fill_record(frame, steps._replace(first=first, last=last), out))
             started = time.perf_counter()
@@ -199,7 +199,7 @@ class CudaProgram(Program):
         stream.read(block, block_at)
 
     def _on_device(self, stream: CudaStream, block: Array, noise: NoiseKeys) -> tuple[Any, int]:
-        """(the frame of a block that is now on the device, the address of the block there)."""
+        """Return (the frame of a block now on the GPU, the address of the block there)."""
         *kernels, substeps = stream.module.numbers
         block_at, (rows, members) = stream.put(block), block.shape
         workspace = Workspace(
@@ -220,7 +220,7 @@ class CudaProgram(Program):
     def _keep(
         self, stream: CudaStream, values: int, slots: range, saves: SaveTarget, members: int
     ) -> None:
-        """Bring the saves of a launch from the device to where they go."""
+        """Copy the saves of a launch from the GPU to their destination."""
         shape = len(slots), self.shape.values, members
         got = stream.pinned(math.prod(shape))
         stream.read(got, values)
@@ -231,7 +231,7 @@ class CudaProgram(Program):
 
 
 def save_numbers(steps: StepRange, first: int, last: int) -> range:
-    """The numbers of the saves that steps from `first` to `last` make."""
+    """Return the numbers of the saves that steps from `first` to `last` make."""
     begin = 0 if first == 0 else first // steps.stride + 1
     final = -(-steps.total // steps.stride) if last == steps.total else last // steps.stride
     return range(begin, final + 1)

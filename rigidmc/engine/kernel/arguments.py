@@ -1,7 +1,7 @@
-"""What the loop over members is called with, by name.
+"""The arguments of the loop over members, by name.
 
-The kernels of a program, the shape of its members, the steps to make, whose noise it is, where
-saves go, and the memory to work in. `advance` takes all of them as one record, the frame: a new
+They are the kernels of a program, the shape of its members, the steps to make, the noise keys, the
+target of saves, and the working memory. `advance` takes all of them as one record, the frame: a new
 argument is a new field here, and no signature changes.
 """
 
@@ -12,14 +12,14 @@ import numpy as np
 
 from rigidmc.engine.compiler.kernels import CompiledFunction
 
-Memory = Any  # an array, or its address on a device
+Memory = Any  # an array, or its address on a GPU
 
 
-NO_STEP = 2**62  # the number of a step that no run makes
+NO_STEP = 2**62  # a step number beyond every run
 
 
 class KernelTable(NamedTuple):
-    """The compiled kernels of a program, NO_FUNCTION for those that a scene does not use.
+    """The compiled kernels of a program, NO_FUNCTION for unused ones.
 
     gather, scatter, initialise, assess, record : `rigidmc.engine.kernel.member`
     march : `rigidmc.engine.kernel.march`
@@ -45,15 +45,16 @@ class KernelTable(NamedTuple):
 
 
 class KernelShape(NamedTuple):
-    """What the members of a program have, and in which rows.
+    """The sizes and rows of a program's members.
 
-    lanes : how many members are worked on side by side;  values : numbers of a save
-    work_row, works : the first row of the works in `state`, and how many works are saved
-    monitor_row, shadow_row : the first row of what is monitored in `work`, and of the shadow in
-        `state`
+    lanes : members worked on at the same time
+    values : numbers of a save
+    work_row, works : the first row of the works in `state`, and the number of saved works
+    monitor_row, shadow_row : the first row of monitors in `work`, and of the shadow in `state`
     monitors, shadow : whether steps are monitored, and whether there is a shadow trajectory
-    nodes : states of a step that are monitored, the last of them at its end
-    records : of events, two each;  tries : steps back to find the time of an event
+    nodes : monitored states per step, the last of them at its end
+    records : of events, two each
+    tries : steps back to find the time of an event
     is_random : whether effects are random
     changes_length, reweighs : whether the kernels `change_length` and `reweigh` begin the last
         interval
@@ -76,12 +77,12 @@ class KernelShape(NamedTuple):
 
 
 class StepRange(NamedTuple):
-    """From step `first` to step `last`, of `total`, and when to save.
+    """The steps from `first` to `last`, of `total`, and the times of saves.
 
     h : the step [s], with member steps the length of a round [s]
-    slots : places for steps in a round: as many as the member with the most steps makes
+    slots : places for steps in a round, the largest number of steps of any member
     stride : steps between saves; step `total` is always saved
-    member_steps : 1 if members have steps of their own, else 0
+    member_steps : 1 if members have their own steps, else 0
     head, last_h : the step after which h is `last_h`, see `rigidmc.engine.kernel.last_interval`
     """
 
@@ -97,8 +98,8 @@ class StepRange(NamedTuple):
 
 
 class NoiseKeys(NamedTuple):
-    """Whose noise: the two words of the seed, the stream of each random effect, and the indices of
-    the members of the block."""
+    """The keys of the noise: two words of the seed, the stream of each random effect, and the
+    indices of the members of the block."""
 
     key: Any
     second_key: Any
@@ -107,10 +108,10 @@ class NoiseKeys(NamedTuple):
 
 
 class SaveTarget(NamedTuple):
-    """Where saves go: out[(s*R + r)*columns + column + m], R = value rows in all.
+    """The target of saves: out[(s*R + r)*columns + column + m], R = number of value rows.
 
-    s, r, m : save, value row and member. If the members of a block are not in their order, the last
-        term is order[m]
+    s, r, m : save, value row and member. If the members of a block are reordered, the last term is
+        order[m]
     """
 
     out: Memory
@@ -122,11 +123,13 @@ class SaveTarget(NamedTuple):
 class Workspace(NamedTuple):
     """The addresses of all memory.
 
-    substeps, substep_rows : those of a StepScheme, and how many they are
+    substeps, substep_rows : of a StepScheme, and their number
     block, rows, width : the block, its rows and its members
-    state, shadow_state : two states;  work, spare_work : two times what is known of members
-    trace : the states before and after TRACE steps, and one more;  saved : a save
-    skips_cache : whether saves may go past the cache
+    state, shadow_state : two states
+    work, spare_work : two copies of the rows of `work`, see `rigidmc.engine.kernel.layout`
+    trace : the states before and after TRACE steps, and one more
+    saved : a save
+    skips_cache : whether saves may bypass the cache
     """
 
     substeps: Memory
@@ -145,9 +148,9 @@ class Workspace(NamedTuple):
 
 @cache
 def record_type(dtype: str) -> np.dtype[Any]:
-    """The type of the record of all of these, for a precision of the run: arrays by addresses.
+    """Return the record type of all these groups for a precision of the run; arrays as addresses.
 
-    Its field `real` is a number of that precision, which tells compiled code the type of states.
+    Its field `real` is a number of that precision, which gives compiled code the type of states.
     """
     kernel = np.dtype([("address", np.intp), ("numbers", np.intp)])
     others: dict[str, Any] = {

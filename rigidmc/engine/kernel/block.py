@@ -1,9 +1,9 @@
-"""A block of members on one thread, some members at a time side by side.
+"""A block of members on one thread, as many at a time as there are lanes.
 
-This file is the order of events in the life of members; what happens at each is in the kernels
-(`rigidmc.engine.kernel.member` and others). `advance` is compiled once for all scenes: it knows the
-kernels of a program by their addresses, and how many numbers lie side by side by a number. A GPU
-runs `run_lanes` for one member in each thread.
+This file is the order of events in the life of members; the kernels (`rigidmc.engine.kernel.member`
+and others) do the work. `advance` is compiled once for all scenes: it gets the kernels of a program
+by their addresses, and the number of lanes as a number. A GPU runs `run_lanes` for one member in
+each thread.
 
 frame : the record of all arguments, see `rigidmc.engine.kernel.arguments`
 """
@@ -33,11 +33,11 @@ from rigidmc.engine.kernel.layout import (  # fmt: skip
 from rigidmc.physics.dynamics.functions import as_float
 from rigidmc.physics.observables.chaos import RENORMALISE_EVERY
 
-# Steps between two assessments of drift and health: one takes as long as 3 steps of rk4 without
-# effects, 5 % of 64.
+# Steps between two assessments of drift and health: one assessment takes as long as 3 steps of rk4
+# without effects, 5 % of 64 steps.
 ASSESS_INTERVAL = 64
-# Steps that are made before they are monitored: those states of 16 members, 7 x 33
-# x 16 numbers, fit in a first-level cache of 32 kB.
+# Steps made before they are monitored: their states for 16 members, 7 x 33 x 16 numbers, fit in a
+# first-level cache of 32 kB.
 TRACE = 32
 
 
@@ -54,7 +54,7 @@ class BlockMemory(NamedTuple):
 
 
 def block_memory(frame):
-    """The BlockMemory of a frame."""
+    """Return the BlockMemory of a frame."""
     real = frame.real
     substeps, block = memory(frame.substeps, 1.0), memory(frame.block, 1.0)
     state, shadow = memory(frame.state, real), memory(frame.shadow_state, real)
@@ -68,7 +68,7 @@ def advance(tree, numbers, frame):
 
     The block (rows, n) is laid out as in `rigidmc.engine.kernel.layout` and changed in place; n is
     a multiple of LANES. Between calls it holds the state in stepping form, after step `total` the
-    true one.
+    true state.
     """
     for low in range(0, frame.width, frame.lanes):
         run_lanes(frame, low)
@@ -76,14 +76,14 @@ def advance(tree, numbers, frame):
 
 
 def run_lanes(frame, low):
-    """Take the members of a block from `low` on, as many as there are lanes, through the steps."""
+    """Take the members of a block from `low` on, one per lane, through the steps."""
     flat = block_memory(frame)
     gather_members(frame, low)
     if frame.first == 0:
         initialise_members(frame, low)
     elif frame.shadow != 0:
         exchange_shadow(frame, 0)
-    # Once all lanes are stopped or frozen no more steps are made, but they are saved to the end.
+    # Once all lanes are stopped or frozen, no more steps are made, but saves go on to the end.
     now, idle = frame.first, False
     while now < frame.last:
         # the first step of the round; without member steps there is one round
@@ -98,8 +98,8 @@ def run_lanes(frame, low):
             make_steps(frame, round_first, now - round_first, stop - round_first)
         now, slot = stop, stop - round_first
         is_saved = now == frame.total or now % frame.stride == 0
-        # None where only a call ends: no result depends on how a run is cut into calls.
-        # At the end of a round the slots begin again: it is assessed only where it is saved.
+        # No assessment where only a call ends: no result depends on how a run is cut into calls.
+        # At the end of a round the slots begin again: it is assessed only if it is saved.
         is_planned = slot % ASSESS_INTERVAL == 0 and (frame.member_steps == 0 or slot < frame.slots)
         if is_saved or is_planned:
             rounds = round_first // frame.slots * 1.0 if frame.member_steps != 0 else 0.0
@@ -131,8 +131,9 @@ def gather_members(frame, low):
 
 
 def begin_last_interval(frame, slot):
-    """Begin the last interval, whose steps have another length, after `slot` steps of the round
-    before.
+    """Begin the last interval, whose steps have another length.
+
+    slot : steps of the round before it
     """
     flat, lanes, work = block_memory(frame), frame.lanes, block_memory(frame).work
     own, h, round_start = frame.member_steps, frame.last_h, last_round_start(frame)
@@ -149,16 +150,17 @@ def begin_last_interval(frame, slot):
 
 
 def last_round_start(frame):
-    """When the round of the last interval began [s].
+    """Return when the round of the last interval began [s].
 
-    Without rounds, when steps of its length would have begun for step `head` to end where it does.
+    Without rounds: when steps of its length would have begun so that step `head` ends at its actual
+    time.
     """
     h = frame.h if frame.member_steps != 0 else frame.h - frame.last_h
     return frame.head // frame.slots * h
 
 
 def time_at(frame, now):
-    """The time at step `now`, the end of a round [s]."""
+    """Return the time at step `now`, the end of a round [s]."""
     if now <= frame.head:
         return now // frame.slots * frame.h
     # By products, not by adding h step by step: exact to rounding at any step.
@@ -167,14 +169,14 @@ def time_at(frame, now):
 
 
 def position(frame, now):
-    """The time at step `now` in steps of the first length."""
+    """Return the time at step `now`, in steps of the first length."""
     if now <= frame.head:
         return now * 1.0
     return frame.head + (now - frame.head) * (frame.last_h / frame.h)
 
 
 def initialise_members(frame, low):
-    """The start of the members: classified, monitored and saved."""
+    """Classify, monitor and save the start of the members."""
     flat = block_memory(frame)
     substeps, state, work = flat.substeps, flat.state, flat.work
     call_address(frame.initialise, (substeps, state, work))
@@ -189,7 +191,7 @@ def initialise_members(frame, low):
 
 
 def next_stop(frame, now, round_first):
-    """The next step at which members are assessed, saved, or left."""
+    """Return the next step at which members are assessed, saved or left."""
     next_check = round_first + ((now - round_first) // ASSESS_INTERVAL + 1) * ASSESS_INTERVAL
     stop = min_integer(frame.last, next_check)
     stop = min_integer(stop, (now // frame.stride + 1) * frame.stride)
@@ -197,17 +199,18 @@ def next_stop(frame, now, round_first):
 
 
 def min_integer(a, b):
-    """The smaller of two integers."""
-    # Numba takes 20 ms to compile `min` for each kind of number.
+    """Return the smaller of two integers."""
+    # Numba needs 20 ms to compile `min` for each kind of number.
     return a if a < b else b
 
 
 def assess_members(frame, rounds, slot, late, planned):
     """Assess the members after `slot` steps of a round, `rounds` of which are done.
 
-    late : 1 in the second half of the run, else 0;  planned : 1 if no save asked for it, or 0
+    late : 1 in the second half of the run, else 0
+    planned : 0 if only a save requested the assessment, else 1
 
-    True if all of them are stopped or frozen.
+    Return True if all members are stopped or frozen.
     """
     lanes, flat = frame.lanes, block_memory(frame)
     work, moving = flat.work, 0
@@ -220,11 +223,11 @@ def assess_members(frame, rounds, slot, late, planned):
 
 
 def exchange_shadow(frame, stores):
-    """Copy the shadows of the members from their rows, or, if `stores`, to their rows."""
+    """Copy the shadows of the members from their rows, or to their rows if `stores`."""
     at, flat = frame.shadow_row * frame.lanes, block_memory(frame)
     state, shadow = flat.state, flat.shadow
-    # A shadow has the body and the effects of its member: the whole state first, then 14 numbers of
-    # its own.
+    # A shadow has the body and effects of its member: first copy the whole state, then its own 14
+    # numbers.
     for i in range((BODY_AT + frame.rows - BODY) * frame.lanes if stores == 0 else 0):
         shadow[i] = state[i]
     for i in range(START * frame.lanes):
@@ -235,8 +238,9 @@ def exchange_shadow(frame, stores):
 
 
 def make_steps(frame, round_first, first, last):
-    """Make and monitor the steps from `first` to `last` of the round that began with step
-    `round_first`.
+    """Make and monitor the steps from `first` to `last` of a round.
+
+    round_first : the step with which the round began
     """
     now, flat = first, block_memory(frame)
     substeps, state, shadow, work = flat.substeps, flat.state, flat.shadow, flat.work
@@ -245,7 +249,7 @@ def make_steps(frame, round_first, first, last):
     while now < last:
         stop = last
         if frame.shadow != 0:
-            # Counted from the start of the run, so that calls and saves shift no renormalisation.
+            # Counted from the start of the run, so calls and saves shift no renormalisation.
             interval = renormalise_interval(round_first + now)
             stop = min_integer(stop, ((round_first + now) // interval + 1) * interval - round_first)
         if frame.monitors != 0:
@@ -255,8 +259,7 @@ def make_steps(frame, round_first, first, last):
         rounds = round_first // frame.slots if frame.member_steps != 0 else 0
         for which in range(1 + frame.shadow):
             moved_state = shadow if which != 0 else state
-            # Lanes make steps together: the states of members that are finished are saved from
-            # them.
+            # Lanes make steps together: the states of finished members are saved from them.
             idle = frame.member_steps != 0 and park_finished(frame, moved_state, now, 1)
             march_members(
                 frame, moved_state, work, frame.monitors if which == 0 else 0, rounds, now, stop
@@ -276,21 +279,22 @@ def make_steps(frame, round_first, first, last):
 
 
 def renormalise_interval(step):
-    """Steps between two renormalisations of the shadow after `step`.
+    """Return the steps between two renormalisations of the shadow after `step`.
 
-    At first an eighth of the steps made, as the distance is taken to grow at one rate between two.
+    At first this is an eighth of the steps made: between two renormalisations the distance is
+    assumed to grow at one rate.
     """
     return 1 if step < 16 else 2 if step < 32 else 4 if step < 64 else RENORMALISE_EVERY
 
 
 def last_renormalisation(step):
-    """The step of the last renormalisation before that at `step`."""
+    """Return the step of the last renormalisation before the one at `step`."""
     interval = renormalise_interval(step - 1)
     return (step - 1) // interval * interval
 
 
 def is_renormalised(step, total):
-    """Whether the shadow is renormalised after a step, as after the last, `total`."""
+    """Return whether the shadow is renormalised after a step; it is after the last, `total`."""
     return step == total or step % renormalise_interval(step - 1) == 0
 
 
@@ -305,7 +309,7 @@ def march_members(frame, state, work, is_traced, rounds, first, last):
 
 
 def max_member_steps(frame, last):
-    """The largest number of own steps in a round among the members, at most `last`."""
+    """Return the largest number of own steps in a round among the members, at most `last`."""
     largest, work = 0, block_memory(frame).work
     for k in range(frame.lanes):
         steps = work[MEMBER_STEPS * frame.lanes + k]
@@ -315,7 +319,7 @@ def max_member_steps(frame, last):
 
 
 def next_finish(frame, now, stop):
-    """The step at which the first of the members that still move has made all its steps."""
+    """Return the step at which the first of the members still moving has made all its steps."""
     work = block_memory(frame).work
     for k in range(frame.lanes):
         steps = work[MEMBER_STEPS * frame.lanes + k]
@@ -325,9 +329,11 @@ def next_finish(frame, now, stop):
 
 
 def park_finished(frame, state, now, stores):
-    """Copy the states of members that have made all their steps to behind the trace, or back.
+    """Copy the states of members that have made all their steps behind the trace, or back.
 
-    True if there are any.  stores : 0 to bring them back
+    stores : 0 to copy them back
+
+    Return True if there are any.
     """
     lanes, is_any_finished, parking = frame.lanes, False, 7 * (TRACE + 1) * frame.lanes
     flat = block_memory(frame)
@@ -345,14 +351,14 @@ def park_finished(frame, state, now, stores):
 
 
 def save_members(frame, low, now):
-    """Write what is saved of the members at step `now`.
+    """Write the saved values of the members at step `now`.
 
-    Members with steps of their own are sorted by steps: their values go to `saved` first.
+    Members with their own steps are sorted by steps: their values go to `saved` first.
     """
     if frame.columns != 0 and frame.values != 0:
         lanes, work, out = frame.lanes, block_memory(frame).work, memory(frame.out, 1.0)
         saved, order = memory(frame.saved, 1.0), memory(frame.order, lanes)
-        # The last save has a slot of its own, whatever the stride.
+        # The last save has its own slot, whatever the stride.
         last = (frame.total + frame.stride - 1) // frame.stride
         slot = last if now == frame.total else now // frame.stride
         base = slot * frame.values * frame.columns + frame.column
@@ -367,7 +373,7 @@ def save_members(frame, low, now):
 def scatter_members(frame, low):
     """Copy the rows of the members back to the block.
 
-    At the end of the run they have the last good state and the exact times of events.
+    At the end of the run they contain the last good state and the exact times of events.
     """
     done = 1 if frame.last == frame.total else 0
     if frame.shadow != 0:
@@ -384,7 +390,7 @@ def scatter_members(frame, low):
 
 
 def refine_events(frame):
-    """The exact times of the first and last of each event, by steps back from the recorded
+    """Find the exact times of the first and last of each event, by steps back from the recorded
     states."""
     lanes, flat, ratio = frame.lanes, block_memory(frame), 1.0
     substeps, work, spare_work = flat.substeps, flat.work, flat.spare_work
@@ -392,7 +398,7 @@ def refine_events(frame):
     if frame.total > frame.head:
         ratio = frame.h / frame.last_h
     long_until = time_at(frame, min_integer(frame.total, frame.head))
-    # Steps back need body, effects and the lengths of steps, and must not touch the members
+    # Steps back need body, effects and the lengths of steps, and must not change the members
     # themselves.
     for i in range(MEMBER_ROWS * lanes):
         spare_work[i] = work[i]
@@ -402,7 +408,7 @@ def refine_events(frame):
         count = 0.0
         for k in range(lanes):
             count += abs(work[(frame.monitor_row + record // 2 * EVENT_ROWS + COUNT) * lanes + k])
-        # A nan count is no event of a healthy member: it compares False.
+        # A nan count means that the member is not healthy; it compares False.
         tries = frame.tries if count > 0.0 else 0
         for steps_back in range(tries + 1):
             arguments = (

@@ -1,9 +1,9 @@
 """The state of a member within a step: dense output, by Hermite interpolation.
 
-Attitude and momentum are polynomials of degree 5 in the fraction x of the step that is done. They
-have the value, the first and the second derivative of the motion at both ends of the step. Over a
-turn of x [rad] the error of the attitude is (x/2)^6/46080 or less. No integrator has to provide
-this: derivatives follow from the torque at the ends.
+Attitude and momentum are polynomials of degree 5 in the completed fraction x of the step. They have
+the value, the first and the second derivative of the motion at both ends of the step. Over a turn
+of x [rad] the error of the attitude is (x/2)^6/46080 or less. This needs no support from the
+integrator: derivatives follow from the torque at the ends.
 Source: Hairer, Norsett & Wanner, Solving ODEs I (1993), II.6.
 """
 
@@ -23,13 +23,13 @@ from rigidmc.physics.dynamics.so3 import (
 )
 from rigidmc.physics.effects.sums import state_rates
 
-# Fraction of a step over which differences stand for derivatives along the motion. Their errors are
-# 1e-4 of the next derivative, which moves an interpolated attitude by 1e-7, and rounding by 1e-12.
+# Fraction of a step over which differences approximate derivatives along the motion. Their errors
+# are 1e-4 of the next derivative, which moves an interpolated attitude by 1e-7; rounding, by 1e-12.
 AHEAD = 1e-4
 
 
 class Endpoint(NamedTuple):
-    """One end of a step: state, and its changes in the time of a step at the rates there."""
+    """One end of a step: the state, and its changes over one step at the rates there."""
 
     q: Any
     l: Any
@@ -40,7 +40,8 @@ class Endpoint(NamedTuple):
 class Step(NamedTuple):
     """A step h of a member.
 
-    t, q, l : at its end;  p, m : attitude and momentum at its start
+    t, q, l : time, attitude and momentum at its end
+    p, m : attitude and momentum at its start
     """
 
     body: Any
@@ -54,31 +55,31 @@ class Step(NamedTuple):
 
 
 def start_of_step(step):
-    """The Endpoint at the start of a step."""
+    """Return the Endpoint at the start of a step."""
     t, rates = step.t - step.h, scaled(step.body, step.h)
     dq, dl = state_rates(rates, step.effects, step.body, t, step.h, step.p, step.m)
     return Endpoint(step.p, step.m, dq, dl)
 
 
 def end_of_step(step):
-    """The Endpoint at the end of a step."""
+    """Return the Endpoint at the end of a step."""
     rates = scaled(step.body, step.h)
     dq, dl = state_rates(rates, step.effects, step.body, step.t, step.h, step.q, step.l)
     return Endpoint(step.q, step.l, dq, dl)
 
 
 def ahead(corner):
-    """(q, L) after the fraction AHEAD of a step from an Endpoint."""
+    """Return (q, L) after the fraction AHEAD of a step from an Endpoint."""
     return axpy4(corner.q, AHEAD, corner.dq), axpy(corner.l, AHEAD, corner.dl)
 
 
 def time_within(step, x):
-    """The time after the fraction x of a step [s]."""
+    """Return the time after the fraction x of a step [s]."""
     return step.t - (1.0 - x) * step.h
 
 
 class Interpolant(NamedTuple):
-    """A Step, the Endpoints of it, and the second derivatives there, times h^2."""
+    """A Step, its Endpoints, and the second derivatives there, times h^2."""
 
     step: Any
     a: Any
@@ -88,14 +89,14 @@ class Interpolant(NamedTuple):
 
 
 def make_interpolant(step):
-    """The Interpolant of a Step."""
+    """Return the Interpolant of a Step."""
     a, b = start_of_step(step), end_of_step(step)
     first, last = second_derivative(step, step.t - step.h, a), second_derivative(step, step.t, b)
     return Interpolant(step, a, b, first, last)
 
 
 def second_derivative(step, t, corner):
-    """(q, L): their second derivatives at an Endpoint, times h^2."""
+    """Return the second derivatives of (q, L) at an Endpoint, times h^2."""
     q, l = ahead(corner)
     rates, later = scaled(step.body, step.h), t + AHEAD * step.h
     dq, dl = state_rates(rates, step.effects, step.body, later, step.h, q, l)
@@ -106,7 +107,7 @@ def second_derivative(step, t, corner):
 
 
 def interpolate(path, x):
-    """(q, L) after the fraction x of a step."""
+    """Return (q, L) after the fraction x of a step."""
     y = 1.0 - x
     xx, yy = x * x, y * y
     cube, rest = x * xx, y * yy
@@ -120,7 +121,7 @@ def interpolate(path, x):
     l = axpy(a.l, change, difference(b.l, a.l))
     l = axpy(axpy(l, first, a.dl), last, b.dl)
     l = axpy(axpy(l, second, path.first[1]), final, path.last[1])
-    # The polynomial leaves the unit sphere by its error; one Newton step takes it back.
+    # The polynomial leaves the unit sphere by its error; one Newton step corrects this.
     return touch_up(q), l
 
 

@@ -1,17 +1,17 @@
 """Events: whether one happened in a step, and when, to the order of the integrator.
 
-An event happens when its level passes through 0 while it is armed; the observable arms it, by
-default where the level is below 0, so that it happens as the level rises. Its EVENT_ROWS are part
-of what is known of a member, see `rigidmc.engine.kernel.layout`. At first only a bracket is
-recorded: the state at the end of the step, and two levels of opposite sign. After the last step,
-`refine_events` of `rigidmc.engine.kernel.block` makes single steps back from that state, whose
-length the Illinois method (regula falsi that halves the level at an end which stays) shortens until
-the level is 0. The time is thus as exact as the integrator.
+An event happens when its level passes through 0 while it is armed. The observable arms it, by
+default where the level is below 0, so that it happens as the level rises. Its EVENT_ROWS are among
+the rows of a member, see `rigidmc.engine.kernel.layout`. At first only a bracket is recorded: the
+state at the end of the step, and two levels of opposite sign. After the last step, `refine_events`
+of `rigidmc.engine.kernel.block` makes single steps back from that state. The Illinois method
+(regula falsi that halves the level at an end that stays) adjusts their length until the level is 0.
+So the time is as exact as the integrator.
 
-An event with a dwell time counts only once its level has stayed above 0 for so long. A dwell begins
+An event with a dwell time counts only once its level has stayed above 0 that long. A dwell begins
 where the level rises through 0 and ends where it falls through 0. Both times are found on the dense
-output, so that no length of a step decides whether a dwell counts. The row DWELL_START has the time
-at which the present dwell began, inf if there is none or if it counts already.
+output, so whether a dwell counts does not depend on the length of a step. The row DWELL_START has
+the time at which the present dwell began, inf if there is none or if it already counts.
 """
 
 import math
@@ -56,12 +56,12 @@ from rigidmc.physics.observables.protocol import (
 )
 
 # Steps back: three steps of the Illinois method together have order 3, and after five the error is
-# 1e-15 of a step where the level is smooth; three more are for levels that are not.
+# 1e-15 of a step for a smooth level; three more are for levels that are not smooth.
 TRIES = 8
 
 
 def event_record(rows, healthy):
-    """The Record of an event from its rows of a block; nan for members that are not healthy."""
+    """Return the EventRecord from rows of a block; nan for members that are not healthy."""
     count = np.where(healthy, rows[COUNT], np.nan)
     never = ~(count > 0.0)
     times = rows[TIMES], rows[TIMES + 1], rows[RECORDS]
@@ -75,7 +75,7 @@ def begin_events(events, body, effects, t, q, l, work, row):
         return 0
     now = level(events[0], body, effects, t, q, l)
     count, since = start_counts(dwell(events[0]), counts_at_start(events[0], now), t)
-    # `now != now` is False as a mask of this width: no step was made in which it was armed.
+    # `now != now` is False as a mask of this width: the event was armed in no earlier step.
     first = select(armed(events[0], body, q, l, now, now != now), now, 0.0)
     put_rows((first, count, t, t, since, t, t), work, row)
     noted = (t, 0.0, now, 0.0, now) + q + l
@@ -84,14 +84,14 @@ def begin_events(events, body, effects, t, q, l, work, row):
 
 
 def levels_at(events, work, row):
-    """The levels of events after the last step, from their rows."""
+    """Return the levels of events after the last step, from their rows."""
     if len(events) == 0:
         return ()
     return (work[row + LEVEL],) + levels_at(events[1:], work, row + EVENT_ROWS)
 
 
 def put_levels(levels, work, row):
-    """Write what `levels_at` reads."""
+    """Write the rows that `levels_at` reads."""
     if len(levels) == 0:
         return 0
     work[row + LEVEL] = levels[0]
@@ -99,7 +99,7 @@ def put_levels(levels, work, row):
 
 
 def levels_of(events, body, effects, t, q, l):
-    """The levels of events in a state."""
+    """Return the levels of events in a state."""
     if len(events) == 0:
         return ()
     first = level(events[0], body, effects, t, q, l)
@@ -107,22 +107,22 @@ def levels_of(events, body, effects, t, q, l):
 
 
 def has_happened(before, now):
-    """Whether an event happened between two levels."""
-    # 0 before marks an event that is not armed; 0 now counts as past.
+    """Return whether an event happened between two levels."""
+    # `before` is 0 for an unarmed event; `now` = 0 counts as passed.
     return (before * now <= 0.0) & (before != 0.0)
 
 
 def any_has_happened(before, now):
-    """Whether any event happened in a step."""
+    """Return whether any event happened in a step."""
     if len(now) == 1:
         return has_happened(before[0], now[0])
     return has_happened(before[0], now[0]) | any_has_happened(before[1:], now[1:])
 
 
 def rearm(events, moves, body, q, l, before, now):
-    """The levels now, 0 of events that are not armed and cannot happen in the next step.
+    """Return the levels now, 0 for unarmed events, which cannot happen in the next step.
 
-    For members that made no step they are those before.
+    Members that made no step keep the levels before.
     """
     if len(events) == 0:
         return ()
@@ -133,16 +133,16 @@ def rearm(events, moves, body, q, l, before, now):
 
 
 def is_stopped(events, work, row):
-    """1 if an event has stopped the member, else 0; at most one event of a scene stops members."""
+    """Return 1 if an event has stopped the member, else 0; at most one event stops members."""
     if len(events) == 0:
         return 0.0
     if len(is_terminal(events[0])) == 0:
         return is_stopped(events[1:], work, row + EVENT_ROWS)
-    return select(work[row + COUNT] > 0.0, 1.0, 0.0)  # at most one event stops members
+    return select(work[row + COUNT] > 0.0, 1.0, 0.0)
 
 
 def stopped_state(events, work, row, q, l):
-    """(q, L), or if an event has stopped the member the state at the end of that step."""
+    """Return (q, L); if an event has stopped the member, the state at the end of that step."""
     if len(events) == 0:
         return q, l
     if len(is_terminal(events[0])) == 0:
@@ -153,7 +153,7 @@ def stopped_state(events, work, row, q, l):
 
 
 def events_at_end(events, moves, step, before, work, row):
-    """The levels of events after a step of which only the end is monitored."""
+    """Return the levels of events after a step of which only the end is monitored."""
     if len(events) == 0:
         return ()
     now = levels_of(events, step.body, step.effects, step.t, step.q, step.l)
@@ -164,18 +164,18 @@ def events_at_end(events, moves, step, before, work, row):
 
 
 def step_starts(levels):
-    """For each level a whole step back, and nothing beyond it, as `record_events` takes it."""
+    """Return (whole step back, no widening) for each level, as `record_events` takes it."""
     if len(levels) == 0:
         return ()
     return ((1.0, 0.0),) + step_starts(levels[1:])
 
 
 def update_events(events, moves, step, befores, before, after, q, l, now, work, row):
-    """The levels of events after an interval that ends in (q, L), recorded if they happened.
+    """Return the levels of events after an interval that ends in (q, L), and record events in it.
 
-    The arguments are as of `record_events`.
+    Arguments as in `record_events`.
     """
-    # A branch for all lanes at once: in most steps nothing happens, and what records is long.
+    # A branch for all lanes at once: in most steps nothing happens, and recording is long code.
     if any_of(any_has_happened(before, now)):
         record_events(events, moves, step, befores, before, after, now, work, row)
     count_dwells(events, moves, step, after[0], now, work, row)
@@ -183,7 +183,7 @@ def update_events(events, moves, step, befores, before, after, q, l, now, work, 
 
 
 def count_dwells(events, moves, step, after, now, work, row):
-    """Count the events that have dwelled long enough by the end of an interval."""
+    """Count the events whose dwell is long enough by the end of an interval."""
     if len(events) == 0:
         return 0
     count_dwell(dwell(events[0]), moves, step, after, now[0], work, row)
@@ -191,15 +191,15 @@ def count_dwells(events, moves, step, after, now, work, row):
 
 
 def record_events(events, moves, step, befores, before, after, now, work, row):
-    """Record the events between two states of a step, of members that move.
+    """Record the events between two states of a step, for members that move.
 
-    step : its Step;  befores, after : (how far back from the step's end, as a fraction of the step;
-        how far beyond it the bracket is widened) of the two states; `befores` has a pair for each
-        event
+    step : the Step
+    befores, after : pairs for the two states: fraction of the step from the state to the step's
+        end, and how far the bracket extends beyond the state; `befores` has a pair for each event
     before, now : the levels in the states
 
-    A stopped member makes steps until the next assessment: it does not move, and nothing is
-    written.
+    A stopped member makes steps until the next assessment. It does not count as moving, and nothing
+    is written for it.
     """
     if len(events) == 0:
         return 0
@@ -211,24 +211,24 @@ def record_events(events, moves, step, befores, before, after, now, work, row):
 
 
 def record_event(event, hit, step, start_back, before, after, now, work, row):
-    """Record an event of the members that it hit; arguments as of `record_events`."""
+    """Record an event for the members in the mask `hit`; other arguments as in `record_events`."""
     return record_event_of(
         dwell(event), event, hit, step, start_back, before, after, now, work, row
     )
 
 
 def record_event_of(wait, event, hit, step, start_back, before, after, now, work, row):
-    """`record_event` of an event with a dwell time if there is a `wait`."""
+    """Compute `record_event`, for an event with a dwell time if there is a `wait`."""
     if len(wait) == 0:
         return record_crossing(hit, step, start_back, before, after, now, work, row)
     return record_dwell(wait, event, hit, step, start_back, before, after, now, work, row)
 
 
 def record_crossing(hit, step, start_back, before, after, now, work, row):
-    """`record_event` of an event that counts when its level passes through 0."""
+    """Compute `record_event` for an event that counts when its level passes through 0."""
     t, h, q, l = step.t, step.h, step.q, step.l
-    # By a straight line here: the exact time is found once, after the run, for the first and the
-    # last event alone.
+    # Linear interpolation here: the exact time is found once, after the run, only for the first and
+    # the last event.
     count, last = work[row + COUNT], work[row + TAU]
     rise = now - before
     # Both 0: the fraction of the step is 0, in any unit of the level.
@@ -251,21 +251,20 @@ def refine_event(
     tree, numbers, substeps, work, spare_state, spare_work, row, record, steps_back, long_until,
     ratio,
 ):  # fmt: skip
-    """One iteration for the exact time of an event: prepare a step back to where its level should
-    be 0.
+    """Make one iteration for the exact time of an event: prepare a step back to the level's zero.
 
-    record : 2 i for the first, 2 i + 1 for the last of event i;  steps_back : steps back made so
-        far
+    record : 2 i for the first, 2 i + 1 for the last of event i
+    steps_back : steps back made so far
     spare_state, spare_work : a state and its `work` for the step back; the rows CHECKED_STATE of
         `spare_work` keep the bracket and the length of the step
-    long_until, ratio : when the steps before the last interval end [s], and how many times as long
-        as its steps they are
+    long_until, ratio : when the steps before the last interval end [s], and their length relative
+        to its steps
     """
     integrator, effects, events = tree_unpack(tree, numbers)
     at = row + record // 2 * EVENT_ROWS + RECORDS + record % 2 * RECORD_ROWS
     body, present = body_and_effects(effects, work)
     t, last_h, bracket = work[at], work[STEP_LENGTH], four_at(work, at + 1)
-    # Whether a step was one of the last interval is known by when it ended.
+    # The end time of a step shows whether it belongs to the last interval.
     h = select(t < long_until + 0.5 * last_h, last_h * ratio, last_h)
     older, level_before = bracket[1], bracket[3]
     if steps_back > 0:
@@ -293,7 +292,7 @@ def refine_event(
 
 
 def level_at(events, index, body, effects, t, q, l):
-    """The level of one event, whose index is known when the code runs."""
+    """Return the level of one event, whose index is known only at run time."""
     if len(events) == 1:
         return level(events[0], body, effects, t, q, l)
     if index == 0:
@@ -301,22 +300,23 @@ def level_at(events, index, body, effects, t, q, l):
     return level_at(events[1:], index - 1, body, effects, t, q, l)
 
 
-# Levels that are tried on the dense output: the end of a dwell is then known to 1e-6 of a step, and
-# the dense output itself is off by more.
+# Levels tried on the dense output: the end of a dwell is then known to 1e-6 of a step, and the
+# error of the dense output is larger.
 DWELL_TRIES = 4
 
 
 def start_counts(wait, there, t):
-    """(count, DWELL_START) of an event that is `there` at the start."""
+    """Return (count, DWELL_START) of an event; there : whether it counts at the start."""
     if len(wait) == 0:
         return select(there, 1.0, 0.0), 0.0
     return 0.0, select(there, t, math.inf)
 
 
 def record_dwell(wait, event, hit, step, start_back, before, after, now, work, row):
-    """Record that a dwell begins or ends; one that ends counts if it has lasted.
+    """Record that a dwell begins or ends; a dwell that ends counts if it was long enough.
 
-    wait : see `dwell` of `rigidmc.physics.observables.protocol`;  the rest : as of `record_event`
+    wait : see `dwell` of `rigidmc.physics.observables.protocol`
+    other arguments : as in `record_event`
     """
     t = crossing_time(wait[1:], event, step, start_back[0], before, after[0], now)
     count_if_lasted(wait, hit & (before > 0.0), t, step, work, row)
@@ -326,9 +326,9 @@ def record_dwell(wait, event, hit, step, start_back, before, after, now, work, r
 
 
 def crossing_time(dense, event, step, start_back, before, after, now):
-    """The time at which the level passes through 0 between two states of a step.
+    """Return the time at which the level passes through 0 between two states of a step.
 
-    By a straight line if there is no dense output.
+    Linear interpolation if there is no dense output.
     """
     zero = 0.0 * now
     bracket = zero + (1.0 - start_back), before, zero + (1.0 - after), now
@@ -344,7 +344,7 @@ def crossing_time(dense, event, step, start_back, before, after, now):
 
 
 def count_dwell(wait, moves, step, after, now, work, row):
-    """Count a dwell as soon as it has lasted.
+    """Count a dwell as soon as it is long enough.
 
     after, now : the fraction of the step after the present state, and the level there
     """
@@ -354,7 +354,7 @@ def count_dwell(wait, moves, step, after, now, work, row):
 
 
 def count_if_lasted(wait, beyond, t, step, work, row):
-    """Count the dwell of members that are `beyond` until t, if it has lasted."""
+    """Count the dwell of members that are `beyond` until t, if it is long enough."""
     since, count = work[row + DWELL_START], work[row + COUNT]
     lasted = beyond & (t - since >= wait[0])
     first = lasted & (count == 0.0)
@@ -362,7 +362,7 @@ def count_if_lasted(wait, beyond, t, step, work, row):
     work[row + TAU] = select(lasted, since, work[row + TAU])
     work[row + FIRST_TAU] = select(first, since, work[row + FIRST_TAU])
     work[row + DWELL_START] = select(lasted, math.inf, since)
-    if any_of(first):  # where an event that stops members stops them
+    if any_of(first):  # the state in which an event may stop the member
         zero = 0.0 * t
         noted = (zero + step.t, zero, zero, zero, zero) + step.q + step.l
         write_if(first, noted, work, row + RECORDS)
@@ -375,21 +375,22 @@ def write_if(condition, values, work, row):
 
 
 def interpolate_root(bracket):
-    """Where the level is 0 by a straight line, within the bracket.
+    """Return where the level is 0 by linear interpolation, within the bracket.
 
     bracket = (fraction of the step, level there, fraction, level there)
     """
     low, below, high, above = bracket
     rise = above - below
-    # With equal levels the quotient is not used: 1 only keeps it finite.
+    # With equal levels the quotient is unused: 1 only keeps it finite.
     fraction = low - (high - low) * (below / select(rise == 0.0, 1.0, rise))
     return select(rise == 0.0, low, min(max(fraction, min(low, high)), max(low, high)))
 
 
 def shrink_bracket(bracket, fraction, here):
-    """The next bracket of the Illinois method, one end of it `fraction` with the level `here`.
+    """Return the next bracket of the Illinois method, one end at `fraction` with the level `here`.
 
-    An end that stays has its level halved: else one end would stay for ever, and the order be 1.
+    The level at an end that stays is halved. Otherwise that end would stay forever, and the order
+    would be 1.
     """
     low, below, high, above = bracket
     is_newer = here * above < 0.0  # the level is 0 between `fraction` and the newer end

@@ -1,9 +1,9 @@
-"""Extrema between two nodes of a step: of observables, and of events that come and go.
+"""Extrema between two nodes of a step: of observables, and of events there and back in one step.
 
-A number that has slopes of opposite sign at two nodes has an extremum between them. It is found in
-three stages, each for the members that the one before leaves: by a parabola, by a polynomial of
-degree 3, and on the dense output, from there by one step of Newton's method. A loop over all
-numbers makes another number cheap to compile.
+A number whose slopes at two nodes have opposite signs has an extremum between them. It is found in
+three stages, each for the members that the previous stage leaves: by a parabola, by a cubic
+polynomial, and on the dense output, with one Newton step from there. A loop over all numbers makes
+each further number cheap to compile.
 """
 
 import sys
@@ -28,21 +28,22 @@ from rigidmc.physics.dynamics.so3 import (
 from rigidmc.physics.observables.protocol import armed, extrema, extremum_limits, update
 from rigidmc.physics.observables.statistics import rest
 
-# How much lower than its estimate a smallest value may be, in units of the change of the slope: of
-# an estimate by a parabola, and by a polynomial of degree 3. Over 1.6 rad of a cosine the value is
-# 0.007 lower than the latter. Without PARABOLA_DOUBT extrema near the vertical were 0.026 rad off.
+# How far a minimum may lie below its estimate, in units of the change of the slope: for an estimate
+# by a parabola, and by a cubic. Over 1.6 rad of a cosine the minimum is 0.007 below the latter.
+# Without PARABOLA_DOUBT, extrema near the vertical were 0.026 rad off.
 PARABOLA_DOUBT, CUBIC_DOUBT = 0.02, 0.01
-# Levels at inner nodes are up to 3e-4 off, so that an event may lie a little beyond them: its
-# bracket is wider by this fraction of a step, times x (1 - x).
+# Levels at inner nodes are up to 3e-4 off, so an event may lie slightly beyond them: its bracket is
+# wider by this fraction of a step, times x (1 - x).
 WIDENING = 0.01
 NO_LIMIT = 1e300  # every number is below it
 
 
 class Extremum(NamedTuple):
-    """A number that may have an extremum between two nodes.
+    """A possible extremum of a number between two nodes.
 
-    mark : whether that may count;  sign : 1 for a smallest value, -1 for a largest
-    limit : what sign * value has to fall below to count
+    mark : whether it may count
+    sign : 1 for a minimum, -1 for a maximum
+    limit : it counts if sign * value falls below this
     """
 
     mark: Any
@@ -51,9 +52,10 @@ class Extremum(NamedTuple):
 
 
 class SubInterval(NamedTuple):
-    """What lies between two nodes of a step.
+    """The interval between two nodes of a step.
 
-    a, b : the fractions of the step done at the nodes;  t, q, l : time and state at the second
+    a, b : the completed fractions of the step at the nodes
+    t, q, l : time and state at the second node
     """
 
     a: Any
@@ -64,14 +66,14 @@ class SubInterval(NamedTuple):
 
 
 def numbers_at(events, running, step, t, q, l):
-    """The numbers of a Node, see `rigidmc.engine.kernel.monitoring.Node`."""
+    """Return the numbers of a Node, see `rigidmc.engine.kernel.monitoring.Node`."""
     body, effects = step.body, step.effects
     of_events = levels_of(events, body, effects, t, q, l)
     return concat(of_events, running_numbers(running, body, effects, t, q, l))
 
 
 def running_numbers(running, body, effects, t, q, l):
-    """What `extrema` gives of all running observables, one after the other."""
+    """Return the numbers of `extrema` for all running observables, one after the other."""
     if len(running) == 0:
         return ()
     first = extrema(running[0][0], body, effects, t, q, l)
@@ -79,7 +81,7 @@ def running_numbers(running, body, effects, t, q, l):
 
 
 def interval_starts(levels, interval):
-    """The start of a SubInterval for each event, as `record_events` takes it."""
+    """Return the start of a SubInterval for each event, as `record_events` takes it."""
     if len(levels) == 0:
         return ()
     zero = 0.0 * levels[0]
@@ -88,13 +90,12 @@ def interval_starts(levels, interval):
 
 
 def widening(x):
-    """Fraction of a step beyond a node where an event may lie; 0 at the ends of a step."""
+    """Return how far beyond a node an event may lie [steps]; 0 at the ends of a step."""
     return WIDENING * x * (1.0 - x)
 
 
 def event_extrema(events, moves, step, interval, levels, values, slopes, next_values, next_slopes):
-    """The Extremum of each event: its level may have one beyond 0, or one at which the event is
-    armed.
+    """Return the Extremum of each event: of its level beyond 0, or one at which the event arms.
 
     levels : at the first node, 0 if the event cannot happen
     values, slopes, next_values, next_slopes : levels and their slopes at the first node and at the
@@ -105,7 +106,7 @@ def event_extrema(events, moves, step, interval, levels, values, slopes, next_va
     sign = select(values[0] < 0.0, -1.0, 1.0)
     a, b = (sign * values[0], sign * slopes[0]), (sign * next_values[0], sign * next_slopes[0])
     peak = sign * tangent_bound(a, b, interval)
-    # A level that rises and falls again may arm its event on the way, below 0.
+    # A level that rises and falls again below 0 may arm its event on the way.
     arms = (a[1] > 0.0) & (b[1] < 0.0) & (levels[0] == 0.0)
     arms = arms & armed(events[0], step.body, interval.q, interval.l, peak, peak != peak)
     mark = ((b[0] > 0.0) & may_dip(a, b, interval) | arms) & moves
@@ -125,7 +126,7 @@ def event_extrema(events, moves, step, interval, levels, values, slopes, next_va
 
 
 def running_extrema(running, moves, interval, totals, values, slopes, next_values, next_slopes):
-    """The Extremum of each number of running observables, marked if it may change their state.
+    """Return the Extremum of each number of running observables, marked if it may change a state.
 
     values, slopes, next_values, next_slopes : the numbers and their slopes at the first node and at
         the second
@@ -142,7 +143,7 @@ def running_extrema(running, moves, interval, totals, values, slopes, next_value
 
 
 def observable_extrema(limits, moves, interval, values, slopes, next_values, next_slopes):
-    """`running_extrema` of one observable; limits : of `extremum_limits`."""
+    """Compute `running_extrema` of one observable; limits : from `extremum_limits`."""
     if len(limits) == 0:
         return ()
     is_minimum = slopes[0] < 0.0
@@ -156,13 +157,14 @@ def observable_extrema(limits, moves, interval, values, slopes, next_values, nex
 
 
 def may_dip(a, b, interval):
-    """Whether a number may fall below 0 between two nodes, by a parabola through one value and both
-    slopes.
+    """Return whether a number may fall below 0 between two nodes.
+
+    The estimate is a parabola through one value and both slopes.
 
     a, b : (value, slope) at the nodes
     """
     bend, width = 2.0 * (b[1] - a[1]), interval.b - interval.a
-    # The parabola's least value is value - slope^2 width / (2 bend): multiplied out, since bend may
+    # The parabola's minimum is value - slope^2 width / (2 bend): multiplied out, because bend may
     # be 0.
     margin = (0.5 * PARABOLA_DOUBT) * bend * bend
     dips = width * (a[1] * a[1] + margin) > bend * a[0]
@@ -171,7 +173,7 @@ def may_dip(a, b, interval):
 
 
 def tangent_bound(a, b, interval):
-    """A bound on the largest of a number between two nodes, by the tangents.
+    """Return an upper bound on a number between two nodes, from the tangents.
 
     a, b : (value, slope) at the nodes; the number rises from the first and falls to the second
     """
@@ -180,7 +182,7 @@ def tangent_bound(a, b, interval):
 
 
 def cubic_minimum(a, b, interval):
-    """(where, value): a number is smallest between two nodes, by a polynomial of degree 3.
+    """Return (place, value) of the minimum of a number between two nodes, by a cubic polynomial.
 
     a, b : (value, slope) at the nodes, one slope negative, the other positive
     Source: Nocedal & Wright, Numerical Optimization (2006), (3.59).
@@ -190,7 +192,7 @@ def cubic_minimum(a, b, interval):
     middle = a[1] + b[1] - 3.0 * rate
     discriminant = root(middle * middle - a[1] * b[1])
     divisor = b[1] - a[1] + 2.0 * discriminant
-    # Of a straight line `discriminant` keeps the unit; where all are 0, any divisor gives 0.
+    # For a straight line `discriminant` keeps the unit; where all are 0, any divisor gives 0.
     back = (b[1] + discriminant - middle) / select(divisor == 0.0, 1.0, divisor)
     y, curvature = 1.0 - back, 3.0 * rate - b[1] - 2.0 * a[1]
     value = a[0] + width * y * (a[1] + y * (curvature + y * (a[1] + b[1] - 2.0 * rate)))
@@ -200,14 +202,15 @@ def cubic_minimum(a, b, interval):
 def refine_extrema(
     events, running, extrema, step, interval, before, now, befores, levels, totals, work, row
 ):
-    """(befores, levels, totals) after the extrema of a SubInterval.
+    """Return (befores, levels, totals) after the extrema of a SubInterval.
 
-    extrema : the Extremum of each number;  before, now : Nodes
-    befores, levels : where events begin in the SubInterval, as `record_events` takes it
+    extrema : the Extremum of each number
+    before, now : Nodes
+    befores, levels : where events begin in the SubInterval, as `record_events` takes them
     """
     if len(extrema) == 0:
         return befores, levels, totals
-    # Branches for all lanes at once: each stage costs more than the one before, and few members
+    # Branches for all lanes at once: each stage costs more than the previous one, and few members
     # need it.
     if any_of(any_mark(extrema)):
         for k in range(len(extrema)):
@@ -229,14 +232,14 @@ def refine_extrema(
 
 
 def any_mark(extrema):
-    """Whether any of the extrema is marked."""
+    """Return whether any of the extrema is marked."""
     if len(extrema) == 1:
         return extrema[0].mark
     return extrema[0].mark | any_mark(extrema[1:])
 
 
 def item_at(values, k):
-    """values[k] of a tuple, where k is known only when the code runs."""
+    """Return values[k] of a tuple, where k is known only at run time."""
     if len(values) == 1:
         return values[0]
     if k == 0:
@@ -245,12 +248,12 @@ def item_at(values, k):
 
 
 def extremum_state(events, running, step, interval, k, sign, first_slope, last_slope, x):
-    """(fraction of the step, q, L) at the extremum of number k, near the fraction x of the step.
+    """Return (fraction of the step, q, L) at the extremum of number k, near the fraction x.
 
     first_slope, last_slope : its slopes at the nodes, times `sign`
 
-    One step of Newton's method from x; the second derivative there is that of a parabola through
-    the three slopes. The state moves along the motion at x.
+    One Newton step from x; the second derivative there comes from a parabola through the three
+    slopes. The state moves along the motion at x.
     """
     path = make_interpolant(step)
     (q, l), (p, m) = interpolate(path, x), interpolate(path, x + AHEAD)
@@ -269,7 +272,7 @@ def extremum_state(events, running, step, interval, k, sign, first_slope, last_s
 
 
 def update_running(running, k, found, step, x, q, l, totals):
-    """The states of running observables after an extremum of number k of theirs."""
+    """Return the states of running observables after an extremum of their number k."""
     if len(running) == 0:
         return ()
     observable, limits = running[0][0], extremum_limits(running[0][0], totals[0])
@@ -278,7 +281,7 @@ def update_running(running, k, found, step, x, q, l, totals):
 
 
 def update_one(limits, observable, k, found, step, x, q, l, totals):
-    """The state of one running observable, updated if number k is among its own."""
+    """Return the state of one running observable, updated if number k is among its own."""
     if len(limits) == 0:
         return totals
     if k >= 0 and k < len(limits):
@@ -288,9 +291,9 @@ def update_one(limits, observable, k, found, step, x, q, l, totals):
 
 
 def record_extremum(events, k, found, step, x, q, l, befores, levels, work, row):
-    """(befores, levels) of events after an extremum of the level of event k.
+    """Return (befores, levels) of events after an extremum of the level of event k.
 
-    The event is recorded if it has happened by then, and perhaps armed.
+    If the event has happened by then, it is recorded and may be rearmed.
     """
     if len(events) == 0:
         return (), ()

@@ -1,9 +1,9 @@
 """The last interval between saves, if it is shorter than the others: its steps have another length.
 
-Steps are numbered on; only the rows STEP_LENGTH and ROUND_START change, between two steps. What
-depends on the length changes with them: the state, if an integrator keeps it a substep further on,
-and sums over steps, which are means over time only if each step counts by its length. Kernels as
-those of `rigidmc.engine.kernel.member`.
+The count of steps goes on; only the rows STEP_LENGTH and ROUND_START change, between two steps. Two
+things depend on the length and change with it: the state, if an integrator keeps it one substep
+further on, and sums over steps, which are means over time only if each step counts by its length.
+The kernels are like those of `rigidmc.engine.kernel.member`.
 """
 
 import sys
@@ -33,9 +33,10 @@ from rigidmc.physics.observables.protocol import reweighed
 
 
 def change_length(tree, numbers, substeps, state, work, slot, round_start, h, member_steps):
-    """Bring a state after `slot` steps to stepping form for steps of another length.
+    """Convert a state after `slot` steps to stepping form for steps of another length.
 
-    round_start, h, member_steps : as of `rigidmc.engine.kernel.member.gather`, of the last interval
+    round_start, h, member_steps : as in `rigidmc.engine.kernel.member.gather`, for the last
+        interval
     """
     integrator, effects, compensated, work_flags = tree_unpack(tree, numbers)
     body, present = body_and_effects(effects, work)
@@ -48,7 +49,7 @@ def change_length(tree, numbers, substeps, state, work, slot, round_start, h, me
     q, l = from_stepping(integrator, body, present, t, opening_substep(substeps, old_h), q, l)
     new_h = member_length(work, h, member_steps)
     first_step = 0.0 if member_steps != 0 else slot  # each round begins with step 0
-    # The opening substep is undone with the old length and made with the new one.
+    # The opening substep is undone with the old length and redone with the new one.
     t = cast_like(round_start, work) + (first_step + substeps[3]) * new_h
     q, l = to_stepping(integrator, body, present, t, opening_substep(substeps, new_h), q, l)
     put_rows(in_precision(q + first_three(l), state), state, ATTITUDE)
@@ -58,14 +59,14 @@ def change_length(tree, numbers, substeps, state, work, slot, round_start, h, me
 
 
 def clear_remainders(compensated, state):
-    """Set the remainders of sums to 0, if they are kept: `state_in_double` has added them."""
+    """Set the remainders of sums to 0, if any: `state_in_double` has added them."""
     if len(compensated) > 0:
         put_rows((0.0,) * 7, state, EXTRA)
     return 0
 
 
 def member_length(work, h, member_steps):
-    """The length of a member's step: h, or its fraction of a round of length h."""
+    """Return the length of a member's step: h, or its fraction of a round of length h."""
     return h / work[MEMBER_STEPS] if member_steps != 0 else cast_like(h, work)
 
 
@@ -78,7 +79,7 @@ def reweigh(tree, numbers, work, row, longer):
 
 
 def reweigh_states(running, totals, longer):
-    """The states of running observables after `reweigh`."""
+    """Return the states of running observables after `reweigh`."""
     if len(running) == 0:
         return ()
     first = reweighed(running[0][0], totals[0], longer)

@@ -1,9 +1,9 @@
-"""Where numbers lie: the rows of a block, of a member's state, and of what is known of a member.
+"""Positions of numbers in memory: the rows of a block, of a state, and of a member's `work`.
 
-The one file with positions of numbers. A block is an array (rows, members), members a multiple of
-LANES. For a call, the rows of some members are copied side by side to two workspaces: `state`, in
-the precision of the run, for steps, and `work`, in float64, for assessments and monitors. To a
-kernel both are rows of one number, or of one vector of numbers.
+This is the only file with positions of numbers. A block is an array (rows, members), members a
+multiple of LANES. For a call, the rows of some members are copied side by side to two workspaces:
+`state`, in the precision of the run, for steps, and `work`, in float64, for assessments and
+monitors. To a kernel, each row of both is one number, or one vector of numbers.
 """
 
 import math
@@ -20,23 +20,23 @@ from rigidmc.physics.dynamics.methods import Flag
 from rigidmc.physics.dynamics.so3 import concat, first_three
 from rigidmc.physics.integrators.protocol import extra_state
 
-# Members of a block are a multiple of LANES, the most that are worked on side by side: two vectors
-# of 512 bits of float32. Bits of members do not depend on it, sizes of blocks do.
+# The number of members of a block is a multiple of LANES, the most that are worked on at the same
+# time: two vectors of 512 bits of float32. Bits of members do not depend on it, sizes of blocks do.
 LANES = 32
 # Members of a block of a run: their 30 to 40 rows are 1 MB, and a call on them takes 10 ms or more.
-# With 4096 all rows would compete for one place in the cache, and a block would begin and end in
-# 64 ns a member, not 47.
+# With 4096, all rows would compete for the same cache set: beginning and ending a block would take
+# 64 ns per member instead of 47.
 BLOCK = 4064
 
 
 class _RowCounter:
-    """Rows of memory, given out one after the other."""
+    """A counter that hands out consecutive rows of memory."""
 
     def __init__(self) -> None:
         self.end = 0
 
     def take(self, count: int) -> int:
-        """The first of the next `count` rows."""
+        """Return the first of the next `count` rows."""
         self.end += count
         return self.end - count
 
@@ -46,9 +46,9 @@ class _RowCounter:
 _block = _RowCounter()
 ATTITUDE = _block.take(4)  # a quaternion
 MOMENTUM = _block.take(3)
-EXTRA = _block.take(7)  # remainders of the sums of both, or what the integrator keeps instead
-# Of the start: energy, its scale, |L|^2, energies in play, L_z, largest |L|^2 that these allow; and
-# the largest kinetic energies since, at planned assessments and at all, see
+EXTRA = _block.take(7)  # remainders of the sums of both, or extra state of the integrator
+# At the start: energy, its scale, |L|^2, energies in play, L_z, the largest |L|^2 that these
+# energies allow. Since then: the largest kinetic energies at planned assessments and at all, see
 # `rigidmc.engine.kernel.member.largest_kinetic_energy`.
 START = _block.take(8)
 DRIFT = _block.take(2)  # largest drifts of energy and of |L|^2 so far
@@ -62,22 +62,22 @@ STEPS = _block.take(1)  # of the member in a round, see `rigidmc.engine.kernel.a
 BODY = _block.take(9)  # a MassProperties
 EFFECTS = _block.end
 
-# The first thing that went wrong. A member that is not ok on entry stays frozen from the start.
+# The first thing that went wrong. A member that is not ok initially stays frozen from the start.
 STATUSES = {
     "ok": 0, "non_finite": 1, "invalid_input": 2, "energy_drift": 3, "momentum_drift": 4,
     "step_too_large": 5, "off_unit_quaternion": 6,
 }  # fmt: skip
 
-# Rows of a state: those of a block up to START, then those from BODY on. What lies between is known
-# in float64 alone, in `work`.
+# Rows of a state: the rows of a block up to START, then those from BODY on. The rows between exist
+# only in float64, in `work`.
 BODY_AT, EFFECTS_AT = START, START + EFFECTS - BODY
 
-# Rows of `work`: what is known of a member; from KNOWN on, the rows of its block.
+# Rows of `work`: further numbers of a member; from MEMBER_ROWS on, the rows of its block.
 _work = _RowCounter()
 CHECKED_STATE = _work.take(7)  # the true state at the last assessment
 CHECKED_ENERGY = _work.take(2)  # energy and |L|^2 there
 IS_STOPPED = _work.take(1)  # whether an event has stopped the member
-STOPPED_STATE = _work.take(7)  # the state at the end of the step in which it did
+STOPPED_STATE = _work.take(7)  # the state at the end of the step in which the event stopped it
 MEMBER_STEPS = _work.take(1)  # its number of steps in a round
 ROUND_START = _work.take(1)  # when the round began
 STEP_LENGTH = _work.take(1)  # the length of its steps
@@ -90,18 +90,18 @@ LEVEL = _event.take(1)  # the level after the last step, 0 if the event cannot h
 COUNT = _event.take(1)  # how often it has happened
 TAU = _event.take(1)  # when it last happened, by linear interpolation
 FIRST_TAU = _event.take(1)  # when it first happened, by linear interpolation
-SQUARES = _event.take(1)  # sum of the squares of the times between
+SQUARES = _event.take(1)  # sum of the squares of the times between events
 TIMES = _event.take(2)  # when it first and last happened, exactly
-DWELL_START = SQUARES  # of an event that has to last, which needs no squares
-# A record: the time of the step's end; of the later end of the bracket how far back it is from
-# there, as a fraction of the step, and the level at it; of the earlier end the same; q and L at the
+DWELL_START = SQUARES  # of an event with a dwell time, which needs no squares
+# A record: the time of the step's end; for the later end of the bracket, its distance back from the
+# step's end, as a fraction of the step, and its level; the same for the earlier end; q and L at the
 # step's end.
 RECORD_ROWS = 12
 RECORDS = _event.take(2 * RECORD_ROWS)  # of the first and of the last
 EVENT_ROWS = _event.end
 
-# Rows of the shadow trajectory: its state and the remainders of its sums, as of a block up to
-# START, then what is known of it.
+# Rows of the shadow trajectory: its state and the remainders of its sums, laid out as in a block up
+# to START, then further numbers.
 _shadow = _RowCounter()
 _shadow.take(START)
 SUMS = _shadow.take(3)  # sums of ln growth, and over steps of (d'/d) s and of Y
@@ -110,19 +110,19 @@ SHADOW_ROWS = _shadow.end
 
 
 class RowMap(NamedTuple):
-    """First rows, in a block, of what a scene adds to the rows above; `end` is the number of
+    """First rows, in a block, of the rows that a scene adds to those above; `end` is the number of
     rows."""
 
     effects: int  # parameters of the effects
     works: int  # work of each effect
     good_works: int  # the same at the last good state
-    events: int  # EVENT rows for each event
-    running: int  # the marks of each running observable
+    events: int  # EVENT_ROWS rows for each event
+    running: int  # the state of each running observable
     shadow: int  # SHADOW_ROWS
     end: int
 
     def in_state(self, row: int) -> int:
-        """The row of a state that is a row of a block from BODY on."""
+        """Return the row of a state for a row of a block from BODY on."""
         return row - BODY + BODY_AT
 
 
@@ -133,17 +133,18 @@ def map_rows(
     marks: Sequence[int] = (),
     shadow: bool = False,
 ) -> RowMap:
-    """The RowMap of effects with so many parameters, of which so many works are kept.
+    """Return the RowMap for `parameters` parameters of effects and `works` saved works.
 
-    events : how many;  marks : state size of each running observable;  shadow : whether there is a
-        shadow trajectory
+    events : number of events
+    marks : state size of each running observable
+    shadow : whether there is a shadow trajectory
     """
     counts = parameters, works, works, EVENT_ROWS * events, sum(marks), SHADOW_ROWS * shadow
     return RowMap(*accumulate(counts, initial=EFFECTS))
 
 
 def monitor_rows(events: Sequence[Any], running: Sequence[Any], shadow: Flag) -> int:
-    """How many rows of a block the monitors take; arguments as of
+    """Return the number of rows of a block for the monitors; arguments as in
     `rigidmc.engine.program.Program`."""
     rows = map_rows(0, 0, len(events), [len(marks) for _, marks in running], len(shadow) > 0)
     return rows.end - rows.events
@@ -153,23 +154,25 @@ _BODY = MassProperties(*[0.0] * 9)
 
 
 def body_at(rows, row):
-    """The MassProperties from nine rows."""
+    """Return the MassProperties from nine rows."""
     return tree_unflatten(_BODY, rows, row)
 
 
 def body_and_effects(effects, work):
-    """The MassProperties and the effects with the numbers of the members, from their rows."""
+    """Return the MassProperties and the effects with the members' numbers, from their rows."""
     return body_at(work, MEMBER_ROWS + BODY), tree_unflatten(effects, work, MEMBER_ROWS + EFFECTS)
 
 
 def opening_substep(substeps, h):
-    """(drift, kick, gradient) of row 0 of a StepScheme for a step h: it turns (q, L) into stepping
-    form."""
+    """Return (drift, kick, gradient) of row 0 of a StepScheme for a step h.
+
+    This substep turns (q, L) into stepping form.
+    """
     return substeps[0] * h, substeps[1] * h, substeps[2] * h
 
 
 def state_at(state, compensated, extra, row):
-    """(q, L), L followed by the extra numbers; pairs (value, remainder) if sums keep remainders."""
+    """Return (q, L) with the extra numbers after L; pairs (value, remainder) if `compensated`."""
     if len(compensated) == 0:
         l = concat(three_at(state, MOMENTUM), tuple_at(extra, state, row))
         return four_at(state, ATTITUDE), l
@@ -180,7 +183,7 @@ def state_at(state, compensated, extra, row):
 
 
 def put_state(q, l, state, compensated, row):
-    """Write what `state_at` reads."""
+    """Write the rows that `state_at` reads."""
     if len(compensated) == 0:
         put_rows(q, state, ATTITUDE)
         put_rows(first_three(l), state, MOMENTUM)
@@ -194,9 +197,9 @@ def put_state(q, l, state, compensated, row):
 
 
 def extra_flags(keeps, work_flags):
-    """As many numbers as follow L in a state without remainders, from `extra_row` on.
+    """Return a tuple as long as the numbers after L in a state without remainders.
 
-    They are the extra numbers of the integrator's own state, else the works.
+    These are the extra state of the integrator, else the works, from `extra_row` on.
     """
     if len(keeps) == 0:
         return work_flags
@@ -204,7 +207,7 @@ def extra_flags(keeps, work_flags):
 
 
 def extra_row(keeps, work_row):
-    """The row of a state at which the extra numbers begin; work_row : the first row of the
+    """Return the row of a state at which the extra numbers begin; work_row : the first row of the
     works."""
     if len(keeps) == 0:
         return work_row
@@ -212,26 +215,26 @@ def extra_row(keeps, work_row):
 
 
 def momentum_at(integrator, state):
-    """L of a state, followed by what the integrator keeps."""
+    """Return L of a state, followed by the extra state of the integrator."""
     return concat(three_at(state, MOMENTUM), tuple_at(extra_state(integrator), state, EXTRA))
 
 
 def put_stepping(q, l, state):
-    """Write a state in the form that the integrator steps; the remainders of sums are 0."""
+    """Write a state in stepping form, with remainders of sums 0."""
     put_rows(q + first_three(l), state, ATTITUDE)
     put_rows(extra_numbers(0.0 * l[0], l[3:]), state, EXTRA)
     return 0
 
 
 def extra_numbers(zero, keeps):
-    """The seven numbers after q and L: what the integrator keeps, or no remainders."""
+    """Return the seven numbers after q and L: extra state of the integrator, or no remainders."""
     if len(keeps) == 0:
         return zero, zero, zero, zero, zero, zero, zero
     return keeps
 
 
 def whole_lanes(count: int) -> int:
-    """A number of members rounded up to whole lanes."""
+    """Round a number of members up to whole lanes."""
     return LANES * math.ceil(count / LANES)
 
 

@@ -1,11 +1,10 @@
 """The steps of members: their state goes from rows to registers, and back after the last step.
 
-`march` is the kernel in which nearly all time is spent, and the only one that knows neither what is
-saved nor what is monitored; the other kernels are in `rigidmc.engine.kernel.member`. The members
-that are worked on side by side may be divided into groups, whose steps are made one after the
-other: while those of one group wait for a result, the CPU works on another's. A tuple has one
-element for each group, and the functions recurse over it, so that compiled code has no loop and no
-index of groups.
+`march` is the kernel in which nearly all time is spent, and the only one without code for saves or
+monitors; the other kernels are in `rigidmc.engine.kernel.member`. The members in a vector may be
+divided into groups, whose steps are made one group after the other: while one group waits for a
+result, the CPU works on another. A tuple has one element for each group, and the functions recurse
+over it, so compiled code has no loop and no index of groups.
 """
 
 import sys
@@ -48,10 +47,10 @@ def march(
 ):  # fmt: skip
     """Make the steps from `first` to `last` of a round, each of `count` - 1 substeps.
 
-    trace, traced : where the state at the start and after each step goes, seven rows each, unless
+    trace, traced : target of the state at the start and after each step, seven rows each, unless
         traced is 0
     key, second_key, streams : the two words of the seed, and the stream of each random effect
-    rounds : the number of the round; with the number of the step it makes each step's noise its own
+    rounds : the number of the round; with the number of the step it makes each step's noise unique
     """
     parts = tree_unpack(tree, numbers)
     integrator, effects, attitude, compensated, work_flags, groups, several, paired = parts
@@ -63,8 +62,8 @@ def march(
     if traced != 0:
         trace_groups(groups, groups, 0, states, trace, 0)
     for s in range(first, last):
-        # Steps of a round count from 0, as members with steps of their own do not know others'
-        # rounds.
+        # Steps of a round count from 0: for members with their own steps, counts in the rounds
+        # before differ.
         number = (np.uint64(rounds) << np.uint64(32)) | np.uint64(s)
         drawn = draw_groups(fixed, (key, second_key), number, streams, paired)
         for i in range(1, row_count(several, count)):
@@ -77,10 +76,10 @@ def march(
 
 
 def row_count(several, rows):
-    """`rows`, the rows of a StepScheme; the constant 2 if a step has one substep.
+    """Return `rows`, the rows of a StepScheme, or the constant 2 if a step has one substep.
 
-    Row 0 opens, and row 1 is that substep: by the constant the loop over substeps vanishes, and the
-    state stays in registers: 6 % of a step of rk4 without effects.
+    Row 0 opens, and row 1 is that substep. With the constant the loop over substeps vanishes, and
+    the state stays in registers: 6 % of a step of rk4 without effects.
     """
     if len(several) == 0:
         return 2
@@ -88,16 +87,15 @@ def row_count(several, rows):
 
 
 def substep_at(i, substeps):
-    """(fractions, when) of substep i: its times and the time of its torque, in steps."""
+    """Return (fractions, when) of substep i: its times and the time of its torque, in steps."""
     return (substeps[4 * i], substeps[4 * i + 1], substeps[4 * i + 2]), substeps[4 * i + 3]
 
 
 def read_substep(several, the_substep, i, substeps):
-    """(fractions, when) of substep i; if there is one, `the_substep`, which was read before the
-    loop.
+    """Return (fractions, when) of substep i; of a single one, `the_substep`, read before the loop.
 
-    In the loop it would be read again after each write to the trace: LLVM cannot know that the
-    trace does not overlap it.
+    In the loop it would be reread after each write to the trace: LLVM cannot know that the trace
+    does not overlap it.
     """
     if len(several) == 0:
         return the_substep
@@ -105,11 +103,12 @@ def read_substep(several, the_substep, i, substeps):
 
 
 class StepConstants(NamedTuple):
-    """What stays the same for a group of members through the steps of a call.
+    """Constants of a group of members through the steps of a call.
 
-    round_start, length : when the round began, and the length of a step [s];  h : the length in the
-        precision of the run
-    index : the bits of the members' index;  constants : what the integrator precomputes
+    round_start, length : when the round began, and the length of a step [s]
+    h : the length in the precision of the run
+    index : the bits of the members' index
+    constants : precomputed by the integrator
     """
 
     body: Any
@@ -122,7 +121,7 @@ class StepConstants(NamedTuple):
 
 
 def make_constants(integrator, effects, substeps, states, groups, i, state, work):
-    """The StepConstants of each group."""
+    """Return the StepConstants of each group."""
     if len(states) == 0:
         return ()
     rows, member = group_of(state, groups, i), group_of(work, groups, i)
@@ -136,7 +135,7 @@ def make_constants(integrator, effects, substeps, states, groups, i, state, work
 
 
 def load_groups(left, groups, i, compensated, extra, row, state):
-    """(q, L) of each group, from the rows of the state; `left` counts the groups to come."""
+    """Return (q, L) of each group, from the rows of the state; `left` counts the groups to come."""
     if len(left) == 0:
         return ()
     first = state_at(group_of(state, groups, i), compensated, extra, row)
@@ -144,7 +143,7 @@ def load_groups(left, groups, i, compensated, extra, row, state):
 
 
 def draw_groups(fixed, key, number, streams, paired):
-    """The StepConstants of each group, the random effects with the deviates of a step.
+    """Return the StepConstants of each group, with the deviates of a step in the random effects.
 
     paired : ON if a step has the noise of two steps of half its length
     """
@@ -157,14 +156,15 @@ def draw_groups(fixed, key, number, streams, paired):
 
 
 def step_groups(integrator, attitude, fixed, when, fractions, states):
-    """(q, L) of each group after a substep.
+    """Return (q, L) of each group after a substep.
 
-    when : the time of the torque, in steps;  fractions : the times of the substep, in steps
+    when : the time of the torque, in steps
+    fractions : the times of the substep, in steps
     """
     if len(fixed) == 0:
         return ()
     group, (q, l), length, h = fixed[0], states[0], fixed[0].length, fixed[0].h
-    # In float64, then rounded once: in float32 a time of 1e5 s would have no digits for a step.
+    # In float64, then rounded once: a float32 time of 1e5 s would have no digits for a step.
     drift, kick, gradient = fractions
     drift, kick = cast_like(drift * length, h), cast_like(kick * length, h)
     substep = drift, kick, cast_like(gradient * length, h)
@@ -193,7 +193,7 @@ def store_groups(left, groups, i, states, compensated, row, state):
 
 
 def with_deviates(effects, key, member, number, streams, i, state, paired):
-    """The effects, the random ones with the deviates of a member for a step.
+    """Return the effects, with the deviates of a member for a step in the random ones.
 
     The deviates are a function of (seed, stream, member, step) and of nothing else.
     """
@@ -206,9 +206,9 @@ def with_deviates(effects, key, member, number, streams, i, state, paired):
 
 
 def draw_deviates(effect, noise, key, member, number, streams, i, state, paired):
-    """An effect with the deviates of a member for a step from stream i; as it is if not random."""
-    # Numba knows this length before it compiles the rest: what draws deviates takes long to
-    # compile, and effects without noise do not wait for it.
+    """Return an effect with a member's deviates for a step from stream i, if random."""
+    # Numba knows this length before it compiles the rest: code that draws deviates is slow to
+    # compile, and effects without noise need not wait for it.
     if len(noise) == 0:
         return effect
     three = normal_deviates(paired, key, as_word(member), number, streams[i])

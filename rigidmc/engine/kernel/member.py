@@ -1,15 +1,14 @@
 """The life of one member: gathered, initialised, assessed, saved, scattered.
 
 Between two assessments the member makes steps (`rigidmc.engine.kernel.march`). These functions are
-written for one number and compiled for vectors of them (`rigidmc.engine.compiler.vector_types`), so
-that several members live side by side; uncompiled they run on floats. `gather`, `scatter`,
+written for one number and compiled for vectors (`rigidmc.engine.compiler.vector_types`), so several
+members go through them side by side; uncompiled they run on floats. `gather`, `scatter`,
 `initialise`, `assess` and `record` are kernels: each is compiled by itself and called by
-`rigidmc.engine.kernel.block` through its address, so that another observable compiles `record`
-alone.
+`rigidmc.engine.kernel.block` through its address, so another observable recompiles only `record`.
 
 Arguments of all kernels:
 
-tree, numbers : what the kernel is compiled for, and the numbers of it, see
+tree, numbers : the types that the kernel is compiled for, and its numbers, see
     `rigidmc.engine.compiler.trees`
 substeps : rows of a StepScheme (`rigidmc.physics.integrators.protocol`), one after the other
 state, work : rows of the members, see `rigidmc.engine.kernel.layout`
@@ -82,14 +81,14 @@ from rigidmc.physics.effects.sums import (
 from rigidmc.physics.integrators.protocol import extra_state, from_stepping, to_stepping
 from rigidmc.physics.observables.protocol import value
 
-UNLIMITED = 1e300  # steps of a round, for members without a number of their own
+UNLIMITED = 1e300  # steps of a round, for members without their own number
 
 
 def gather(tree, numbers, block, rows, members, low, member_steps, h, round_time, state, work):
     """Copy the rows of the members from `low` on from a block (rows, members) to `state` and
     `work`.
 
-    member_steps : whether members have steps of their own, which then divide a round of length h
+    member_steps : whether members have their own steps, which then divide a round of length h
     round_time : when the round began [s]
     """
     for row in range(rows):
@@ -101,7 +100,7 @@ def gather(tree, numbers, block, rows, members, low, member_steps, h, round_time
             state[BODY_AT + row - BODY] = cast_like(x, state)
     own = member_steps != 0
     steps = load_lanes(work, block, STEPS * members + low) if own else cast_like(UNLIMITED, work)
-    # Without steps of its own a member never finishes its round: no branch for it in `march`.
+    # Without its own steps a member never finishes its round, so `march` needs no branch for it.
     work[MEMBER_STEPS] = steps
     work[STEP_LENGTH] = h / steps if own else cast_like(h, work)
     work[ROUND_START] = cast_like(round_time, work)
@@ -112,11 +111,11 @@ def gather(tree, numbers, block, rows, members, low, member_steps, h, round_time
 def scatter(
     tree, numbers, block, rows, members, low, works, work_row, shadow_row, done, state, work
 ):
-    """Copy the rows of the members from `low` on back to the block, after the run the last good
-    state.
+    """Copy the rows of the members from `low` on back to the block; finally the last good state.
 
-    works : how many, in the rows from `work_row` of the block on, followed by the last good ones
-    shadow_row : the first row of the shadow trajectory, after those of what is monitored
+    works : number of works, in the rows from `work_row` of the block on, followed by the last good
+        ones
+    shadow_row : the first row of the shadow trajectory, after the rows of monitors
     """
     for row in range(rows):
         place = row * members + low
@@ -137,17 +136,17 @@ def scatter(
 
 
 def initialise(tree, numbers, substeps, state, work):
-    """Write energy and momentum of the start, classify it, and bring it to stepping form."""
+    """Record energy and momentum of the start, classify it, and convert it to stepping form."""
     integrator, effects, limits, work_flags = tree_unpack(tree, numbers)
     body, present = body_and_effects(effects, work)
     q, l = four_at(work, MEMBER_ROWS + ATTITUDE), three_at(work, MEMBER_ROWS + MOMENTUM)
     h = work[STEP_LENGTH]
     kinetic, l2 = kinetic_energy(body, l), dot(l, l)
     energy = kinetic + total_energy(present, body, q)
-    # a user's potential may state no bound
+    # a custom potential may state no bound
     energy_in_play = maximum(kinetic + total_energy_scale(present, body), abs(energy))
-    # A total energy near 0, as of a pendulum on the separatrix, is no scale: below 1e-3 of the
-    # energies in play a drift is relative to these.
+    # A total energy near 0, as for a pendulum on the separatrix, is not a scale: below 1e-3 of the
+    # energies in play, a drift is relative to 1e-3 of these.
     energy_scale = maximum(abs(energy), 1e-3 * energy_in_play)
     max_l2 = 2.0 * energy_in_play / min(min(body.i1, body.i2), body.i3)
     start = energy, energy_scale, l2, energy_in_play, dot(vertical(q), l), max_l2
@@ -162,7 +161,7 @@ def initialise(tree, numbers, substeps, state, work):
     status = work[MEMBER_ROWS + STATUS]
     status = select(status == 0.0, fault, status)
     healthy = status == 0.0
-    # nan marks drifts that nobody measured, and inf the smallest of none.
+    # nan marks unmeasured drifts, and inf the minimum of no drifts.
     drift, smallest = select(healthy, 0.0, math.nan), select(healthy, math.inf, math.nan)
     put_rows((drift, drift, status, 0.0, select(healthy, -1.0, 0.0)), work, MEMBER_ROWS + DRIFT)
     put_rows((drift, drift, smallest, smallest), work, MEMBER_ROWS + EARLY_DRIFT)
@@ -180,11 +179,12 @@ def initialise(tree, numbers, substeps, state, work):
 def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
     """Assess the state after `slot` steps of a round, `rounds` of which are done.
 
-    late : 1 in the second half of the run, else 0;  planned : 1 if no save asked for it, else 0
+    late : 1 in the second half of the run, else 0
+    planned : 0 if only a save requested the assessment, else 1
 
-    This updates the drifts and the status. A member that is no longer ok goes back to its last good
-    state and stays there. If works are saved, the drift of the energy is what exceeds the work of
-    effects without an energy.
+    This updates the drifts and the status. A member that is no longer ok returns to its last good
+    state and stays there. If works are saved, the drift of the energy is the excess over the work
+    of effects without an energy.
     """
     integrator, effects, attitude, compensated, limits, work_flags = tree_unpack(tree, numbers)
     body, present = body_and_effects(effects, work)
@@ -205,8 +205,8 @@ def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
     put_rows(q + l + (energy, l2), work, CHECKED_STATE)
 
     kinetic = kinetic_energy(body, l)
-    # Saved drifts use the maximum over planned assessments (row 6) alone: with those of saves it
-    # would depend on how often something else is saved.
+    # Saved drifts use only the maximum over planned assessments (row 6): including saves, it would
+    # depend on how often something else is saved.
     untracked = has_untracked(work_flags)
     planned_kinetic = largest_kinetic_energy(untracked, work, 6, kinetic)
     max_kinetic = largest_kinetic_energy(untracked, work, 7, kinetic)
@@ -224,8 +224,8 @@ def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
     frozen = work[MEMBER_ROWS + STATUS] > 0.0
     last_good = tuple_at(work_flags, work, good_work_row)
     keep_good_works(frozen, last_good, works, work, good_work_row, state, work_row)
-    # The true state, in rows that hold the stepping form: whatever steps make of it, the next
-    # assessment puts it back, and nothing else reads it.
+    # The true state, in rows for the stepping form: whatever steps make of it, the next assessment
+    # resets it, and nothing else reads it.
     restore_good(frozen | stopped, good, state)
     return 0
 
@@ -233,7 +233,8 @@ def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
 def record(tree, numbers, work, out, at, width, t, skips_cache):
     """Write the values of all observables in the last good state to `out`, from `at` on.
 
-    width : from one value to the next;  skips_cache : as of `store_rows`
+    width : from one value to the next
+    skips_cache : as in `store_rows`
     """
     observables, effects, work_flags = tree_unpack(tree, numbers)
     body, present = body_and_effects(effects, work)
@@ -249,25 +250,27 @@ def record(tree, numbers, work, out, at, width, t, skips_cache):
 
 
 def next_attitude(attitude, new, q):
-    """The attitude after a step: the new one if the attitude is followed at all, else q."""
+    """Return the attitude after a step: the new one if the attitude is integrated, else q."""
     if len(attitude) == 0:
         return q
     return new
 
 
 def is_finite(q, l, energy, l2):
-    """Whether all numbers of a state are finite."""
+    """Return whether all numbers of a state are finite."""
     # 0 times inf or nan is nan, which equals nothing. LLVM may not fold this: FLAGS of the pipeline
     # promise neither nnan nor ninf.
     return 0.0 * (energy + l2 + q[0] + q[1] + q[2] + q[3]) == 0.0
 
 
 def largest_kinetic_energy(untracked, work, row, kinetic):
-    """The largest kinetic energy so far, if it counts among the energies in play, else 0.
+    """Return the largest kinetic energy so far if it counts among the energies in play, else 0.
 
-    It counts for bodies that start without any energy, and where works are corrected for.
+    It counts for bodies that start with no energies in play, and where drifts are corrected for
+    works.
 
-    untracked : ON if an effect has no energy;  row : 6 for planned assessments, 7 for all
+    untracked : ON if an effect has no energy
+    row : 6 for planned assessments, 7 for all
     """
     largest = maximum(work[MEMBER_ROWS + START + row], kinetic)
     if len(untracked) == 0:
@@ -276,12 +279,12 @@ def largest_kinetic_energy(untracked, work, row, kinetic):
 
 
 def start_values(work, work_flags, works, max_kinetic, l2):
-    """(E, 1/scale of E, |L|^2, 1/|L|^2) at the start, corrected by the works since.
+    """Return (E, 1/scale of E, |L|^2, 1/|L|^2) at the start, corrected by the works since.
 
-    max_kinetic : the scale of E is no less, see `largest_kinetic_energy`
-    l2 : |L|^2 now, with which a body that starts at rest is compared
+    max_kinetic : lower bound on the scale of E, see `largest_kinetic_energy`
+    l2 : |L|^2 now, which is the scale for a body that starts at rest
 
-    A drift is thus a pure number in every unit. 0 stands for 1/0: there is nothing to compare with.
+    A drift is thus a pure number in every unit. 0 stands for 1/0: there is no scale.
     """
     energy, energy_scale, first_l2 = three_at(work, MEMBER_ROWS + START)
     scale = inverse(maximum(energy_scale, max_kinetic))
@@ -292,10 +295,11 @@ def start_values(work, work_flags, works, max_kinetic, l2):
 def classify_state(
     limits, not_finite, work, work_flags, works, max_kinetic, q, l, omega, h, energy, l2
 ):
-    """The status of a state: 1 if it is not finite, else the first limit that it exceeds, or 0.
+    """Return the status of a state: 1 if it is not finite, else the limit that it exceeds, or 0.
 
-    limits : of `rigidmc.engine.program.Program`;  not_finite : 1 or 0
-    max_kinetic : of `largest_kinetic_energy`
+    limits : of `rigidmc.engine.program.Program`
+    not_finite : 1 or 0
+    max_kinetic : from `largest_kinetic_energy`
     """
     if len(limits) == 0:
         return not_finite
@@ -304,7 +308,7 @@ def classify_state(
     expected = work[MEMBER_ROWS + START] + untracked_work(work_flags, works)
     turn, rise = scale(h, omega), dot(vertical(q), l) - of_start[1]
     max_rise2 = limits[2] * limits[2] * maximum(of_start[2], l2)
-    # The later a line, the more its status says: a step too large explains a drift, and a
+    # Later lines win, because their status explains more: a step too large explains a drift, and a
     # quaternion off the unit sphere explains both. Squares are compared, to save roots.
     status = select(abs(l2 - first_l2) > limits[1] * first_l2, 4.0, 0.0)
     status = select(rise * rise > max_rise2, 4.0, status)
@@ -316,17 +320,17 @@ def classify_state(
 
 
 def update_status(fault, start, energy, l2, steps, q, l, work, late):
-    """Update drifts, status and last good state after an assessment; the last good state."""
+    """Update drifts, status and last good state after an assessment; return the last good state."""
     status = work[MEMBER_ROWS + STATUS]
     was_ok = status == 0.0
-    # The drift that flags a member counts too; one of a state that is not finite would be nan.
+    # The drift that flags a member counts, too; the drift of a non-finite state would be nan.
     counted = was_ok & (fault != 1.0)
     healthy, faulty = was_ok & (fault == 0.0), was_ok & (fault > 0.0)
     drifts = abs((energy - start[0]) * start[1]), abs((l2 - start[2]) * start[3])
     largest = work[MEMBER_ROWS + DRIFT], work[MEMBER_ROWS + DRIFT + 1]
     new = max(largest[0], drifts[0]), max(largest[1], drifts[1])
     put_rows(select_all(counted, new, largest), work, MEMBER_ROWS + DRIFT)
-    # Two halves tell a drift that grows from one that comes back, see `rigidmc.scene.drifts`.
+    # Two halves distinguish a drift that grows from one that returns, see `rigidmc.scene.drifts`.
     if late == 0.0:
         put_rows(select_all(counted, new, largest), work, MEMBER_ROWS + EARLY_DRIFT)
     else:
@@ -343,7 +347,7 @@ def update_status(fault, start, energy, l2, steps, q, l, work, late):
 
 
 def state_in_double(state, work, compensated):
-    """(q, L) of a state in float64, with the remainders of sums if they are kept."""
+    """Return (q, L) of a state in float64, with the remainders of sums if there are any."""
     q = in_precision(four_at(state, ATTITUDE), work)
     l = in_precision(three_at(state, MOMENTUM), work)
     if len(compensated) == 0:
@@ -362,7 +366,7 @@ def state_in_double(state, work, compensated):
 
 
 def restore_good(frozen, good, state):
-    """Put the state of a frozen member back to its last good one, with remainders of 0."""
+    """Reset the state of a frozen member to its last good one, with remainders of 0."""
     restored = select_all(frozen, in_precision(good, state), tree_unflatten(good, state, ATTITUDE))
     put_rows(restored, state, ATTITUDE)
     put_rows(select_all(frozen, (0.0,) * 7, tree_unflatten(good, state, EXTRA)), state, EXTRA)
@@ -370,7 +374,7 @@ def restore_good(frozen, good, state):
 
 
 def keep_good_works(frozen, good, works, work, row, state, at):
-    """Keep the works as the last good ones, or put these back if a member is frozen."""
+    """Record the works as the last good ones; for a frozen member, restore the last good ones."""
     put_rows(select_all(frozen, good, works), work, row)
     put_rows(
         select_all(frozen, in_precision(good, state), tree_unflatten(good, state, at)), state, at
@@ -381,7 +385,7 @@ def keep_good_works(frozen, good, works, work, row, state, at):
 def write_values(
     observables, body, effects, t, q, l, start, works, work, out, at, width, skips_cache
 ):
-    """Write the values of observables, one after the other; the place after them."""
+    """Write the values of observables, one after the other; return the place after them."""
     if len(observables) == 0:
         return at
     values = value(observables[0], body, effects, t, q, l, start, works)

@@ -1,15 +1,15 @@
-"""What is monitored over all steps and not saved: events, and running observables.
+"""Monitors over all steps, with nothing saved per step: events and running observables.
 
 Both have rows of `work` from `row` on: EVENT_ROWS for each event, see
-`rigidmc.engine.kernel.events`, then as many rows for each running observable as its state has
-numbers. They are float64, and so is all that is computed for them, whatever the precision of the
-steps: float32 has no room for a sum over 1e7 steps or for a time. Steps are made first, a few dozen
-at a time, and monitored afterwards, from their trace: no step depends on what is monitored.
+`rigidmc.engine.kernel.events`, then one row per number of the state of each running observable.
+These rows and all computations for them are float64, whatever the precision of the steps: float32
+is too short for a sum over 1e7 steps or for a time. Steps are made first, a few dozen at a time,
+and monitored afterwards, from their trace: no step depends on monitors.
 
 A step is monitored at its nodes: equally spaced states on the dense output
-(`rigidmc.engine.kernel.dense_output`), the last of them at the end of the step. Where a number that
-counts has an extremum between two nodes, the state there is monitored too, see
-`rigidmc.engine.kernel.extrema`. `begin_monitors` and `monitor_steps` are kernels as those of
+(`rigidmc.engine.kernel.dense_output`), the last of them at the end of the step. Where a monitored
+number has an extremum between two nodes, the state there is monitored, too, see
+`rigidmc.engine.kernel.extrema`. `begin_monitors` and `monitor_steps` are kernels like those of
 `rigidmc.engine.kernel.member`.
 
 In this file `running` are pairs (observable, `static_count` of the numbers of its state), and
@@ -74,7 +74,7 @@ from rigidmc.physics.observables.statistics import head, rest
 
 
 def begin_monitors(tree, numbers, substeps, state, work, row):
-    """Set the rows of what is monitored at the start."""
+    """Set the rows of monitors at the start."""
     effects, events, running = tree_unpack(tree, numbers)
     body, present = body_and_effects(effects, work)
     q, l = four_at(work, MEMBER_ROWS + GOOD_STATE), three_at(work, MEMBER_ROWS + GOOD_STATE + 4)
@@ -87,7 +87,7 @@ def begin_monitors(tree, numbers, substeps, state, work, row):
 def monitor_steps(tree, numbers, substeps, state, work, trace, row, first, last, nodes):
     """Monitor the steps from `first` to `last` of a round, whose states are in `trace`.
 
-    nodes : states of a step that are monitored, the last of them at its end
+    nodes : monitored states per step, the last of them at its end
     """
     integrator, effects, events, running, dense = tree_unpack(tree, numbers)
     body, present = body_and_effects(effects, work)
@@ -100,14 +100,14 @@ def monitor_steps(tree, numbers, substeps, state, work, trace, row, first, last,
         t, q, l = traced_state(
             integrator, body, present, substeps, state, work, trace, s + 1, first
         )
-        # Lanes go on together until the slowest member of a round has made its steps: the others'
-        # states lie still, and must not count twice.
+        # Lanes go on together until the slowest member of a round has made its steps. The states of
+        # the others do not change, and must not count twice.
         moves = (steps > s) & (is_stopped(events, work, row) <= 0.0)
         step = Step(body, present, t, h, q, l, p, m)
         levels, totals, node = monitor_step(
             dense, events, running, moves, step, nodes, levels, totals, node, work, row
         )
-    # In registers over all steps of the call, and written back once.
+    # Kept in registers over all steps of the call, and written back once.
     put_levels(levels, work, row)
     put_states(totals, work, running_row)
     write_stopped(events, state, work, row)
@@ -115,7 +115,7 @@ def monitor_steps(tree, numbers, substeps, state, work, trace, row, first, last,
 
 
 def traced_state(integrator, body, effects, substeps, state, work, trace, s, first):
-    """(t, q, L) after step s of a round, from the trace of the steps from `first` on."""
+    """Return (t, q, L) after step s of a round, from the trace of the steps from `first` on."""
     began, length = work[ROUND_START], work[STEP_LENGTH]
     substep = opening_substep(substeps, length)
     at, extra = 7 * (s - first), tuple_at(extra_state(integrator), state, EXTRA)
@@ -145,7 +145,7 @@ def begin_running(running, body, effects, t, q, l, work, row):
 
 
 def states_at(running, work, row):
-    """The states of running observables, from their rows."""
+    """Return the states of running observables, from their rows."""
     if len(running) == 0:
         return ()
     first = tree_unflatten(running[0][1], work, row)
@@ -153,14 +153,14 @@ def states_at(running, work, row):
 
 
 def put_states(totals, work, row):
-    """Write what `states_at` reads."""
+    """Write the rows that `states_at` reads."""
     if len(totals) == 0:
         return row
     return put_states(totals[1:], work, put_rows(totals[0], work, row))
 
 
 class Node(NamedTuple):
-    """What is known at a node.
+    """The numbers at a node, and their slopes.
 
     numbers : those whose extrema count: levels of events, then `extrema` of running observables
     slopes : their changes over a step at the present rates
@@ -171,7 +171,7 @@ class Node(NamedTuple):
 
 
 def node_at(dense, events, running, step):
-    """The Node at the end of a step, () if there is no dense output."""
+    """Return the Node at the end of a step, () if there is no dense output."""
     if len(dense) == 0:
         return ()
     ahead_state, late = ahead(end_of_step(step)), step.t + AHEAD * step.h
@@ -179,21 +179,21 @@ def node_at(dense, events, running, step):
 
 
 def make_node(events, running, step, t, late, state_here, ahead_state):
-    """The Node of a state at time t; late, ahead_state : time and state AHEAD of a step later."""
+    """Return the Node of a state at t; late, ahead_state : time and state AHEAD of a step later."""
     now = numbers_at(events, running, step, t, state_here[0], state_here[1])
     later = numbers_at(events, running, step, late, ahead_state[0], ahead_state[1])
     return Node(now, slopes_of(later, now))
 
 
 def slopes_of(later, now):
-    """The changes over a step at the rates between `now` and `later`, AHEAD of a step after it."""
+    """Return the changes over a step at the rates between `now` and `later` (AHEAD of a step)."""
     if len(now) == 0:
         return ()
     return ((later[0] - now[0]) * (1.0 / AHEAD),) + slopes_of(later[1:], now[1:])
 
 
 def monitor_step(dense, events, running, moves, step, nodes, levels, totals, node, work, row):
-    """(levels, totals, Node) at the end of a step, from those at its start.
+    """Return (levels, totals, Node) at the end of a step, from their values at its start.
 
     dense : its length is 0 if only the end of the step is monitored, 1 if there is no inner node
     """
@@ -213,7 +213,7 @@ def monitor_step(dense, events, running, moves, step, nodes, levels, totals, nod
 
 
 def monitor_nodes(dense, events, running, moves, step, nodes, levels, totals, node, work, row):
-    """(fraction of the step done, levels, totals, Node) at the last node within a step."""
+    """Return (completed fraction, levels, totals, Node) at the last node within a step."""
     if len(dense) == 1:
         return 0.0, levels, totals, node
     x, path = 0.0 * step.h, make_interpolant(step)
@@ -234,11 +234,11 @@ def monitor_nodes(dense, events, running, moves, step, nodes, levels, totals, no
 def monitor_interval(
     events, running, moves, step, interval, before, now, levels, totals, work, row
 ):
-    """(levels, totals) after a SubInterval; before, now : the Nodes at its ends.
+    """Return (levels, totals) after a SubInterval; before, now : the Nodes at its ends.
 
     Running observables are updated at extrema and in the middle, not at the end.
     """
-    # Means also take the middle: the trapezoidal rule then has two states or more a step.
+    # Means include the middle: the trapezoidal rule then has two states or more per step.
     totals = update_midway(any_averages(running), running, moves, step, interval, totals)
     moving = moves & (is_stopped(events, work, row) <= 0.0)
     of_events = event_extrema(
@@ -258,7 +258,7 @@ def monitor_interval(
 
 
 def update_interval_events(events, moves, step, interval, now, befores, levels, work, row):
-    """The levels of events at the end of a SubInterval, recorded if they happened in it."""
+    """Return the levels of events at the end of a SubInterval, and record events in it."""
     if len(events) == 0:
         return ()
     after, at_end = (1.0 - interval.b, widening(interval.b)), head(levels, now.numbers)
@@ -267,7 +267,7 @@ def update_interval_events(events, moves, step, interval, now, befores, levels, 
 
 
 def update_states(running, moves, step, t, q, l, totals):
-    """The states of running observables after a state of the members, changed if these move."""
+    """Return the states of running observables after a state, changed for members that move."""
     if len(running) == 0:
         return ()
     new = update(running[0][0], totals[0], step.body, step.effects, t, q, l)
@@ -276,7 +276,7 @@ def update_states(running, moves, step, t, q, l, totals):
 
 
 def update_averages(running, moves, step, t, q, l, totals):
-    """As `update_states`, for means over time alone."""
+    """Do the same as `update_states`, only for means over time."""
     if len(running) == 0:
         return ()
     first = update_average(
@@ -286,21 +286,21 @@ def update_averages(running, moves, step, t, q, l, totals):
 
 
 def update_average(averages, observable, moves, step, t, q, l, totals):
-    """The state of one running observable, updated if it is a mean."""
+    """Return the state of one running observable, updated if it is a mean."""
     if len(averages) == 0:
         return totals
     return select_all(moves, update(observable, totals, step.body, step.effects, t, q, l), totals)
 
 
 def any_averages(running):
-    """ON if any running observable is a mean over time."""
+    """Return ON if any running observable is a mean over time."""
     if len(running) == 0:
         return OFF
     return either(is_time_average(running[0][0]), any_averages(running[1:]))
 
 
 def update_midway(averages, running, moves, step, interval, totals):
-    """The totals of means over time after the middle of a SubInterval."""
+    """Return the totals of means over time after the middle of a SubInterval."""
     if len(averages) == 0:
         return totals
     middle = 0.0 * step.h + 0.5 * (interval.a + interval.b)

@@ -1,8 +1,8 @@
-"""Normal deviates without a branch or a library call, so that they run on vectors.
+"""Normal deviates without branches or library calls, so that they run on vectors.
 
 A member's noise in a step is a function of (seed, stream, member, step) and of nothing else:
-Philox4x64-10 of a counter, as numpy has it, then the transform of Box and Muller. The counter is
-[member + 1, step, stream, 1]; its last word keeps it apart from the draws of starts and parameters,
+Philox4x64-10 of a counter, as in numpy, then the Box-Muller transform. The counter is
+[member + 1, step, stream, 1]; its last word separates it from the draws of starts and parameters,
 where it is 0.
 Source: Salmon, Moraes, Dror & Shaw, SC11 (2011); Box & Muller, Ann. Math. Stat. 29 (1958) 610.
 """
@@ -26,18 +26,18 @@ _ROOT_HALF = 0.70710678118654752440
 
 
 def wide_product(a, b):
-    """(high, low) words of a b, by products of half words, which vectors have."""
+    """Return the (high, low) words of a b, by products of half words, which vectors support."""
     a0, a1, b0, b1 = a & _LOW, a >> _HALF, b & _LOW, b >> _HALF
     low = a0 * b0
     one = a1 * b0 + (low >> _HALF)  # no sum exceeds 64 bits
     two = a0 * b1 + (one & _LOW)
-    # The low word is put together, not written as a b: of that LLVM makes a scalar product of 128
-    # bits, 3 ns a member slower.
+    # The low word is assembled, not written as a b: LLVM would turn that into a scalar 128-bit
+    # product, 3 ns slower per member.
     return a1 * b1 + (one >> _HALF) + (two >> _HALF), (two << _HALF) | (low & _LOW)
 
 
 def philox_rounds(left, c, key):
-    """The four words after len(left) rounds of Philox."""
+    """Return the four words after len(left) rounds of Philox."""
     if len(left) == 0:
         return c
     high0, low0 = wide_product(_M0, c[0])
@@ -50,27 +50,27 @@ def philox_rounds(left, c, key):
 
 
 def philox(key, counter):
-    """Four random words of 64 bits: Philox4x64-10."""
+    """Return four random words of 64 bits: Philox4x64-10."""
     # A tuple of ten: the recursion unrolls the ten rounds, with no loop left in the kernel.
     return philox_rounds((0, 0, 0, 0, 0, 0, 0, 0, 0, 0), counter, key)
 
 
 def uniform_number(word):
-    """A number in (0, 1): the middle of one of 2^52 equal parts."""
+    """Return a number in (0, 1): the middle of one of 2^52 equal parts."""
     return (as_float((word >> _TWELVE) | _EXPONENT) - 1.0) + 1.1102230246251565e-16
 
 
 def with_sign(x, word):
-    """x with the sign of the top bit of a word."""
+    """Return x with the sign of the top bit of a word."""
     return as_float(as_word(x) | (word & _SIGN))
 
 
 def unit_circle(word):
-    """(x, y) uniform on the unit circle, from one word.
+    """Return (x, y) uniform on the unit circle, from one word.
 
     The upper 52 bits are an angle in (0, pi/4), the lowest 3 an octant.
     """
-    # No reduction of the angle: it lies in one octant, and bits of the word choose among eight.
+    # The angle needs no reduction: it lies in one octant, and bits of the word choose among eight.
     s, c = sincos_small(0.78539816339744830962 * uniform_number(word))
     swapped = (word & _ONE) == _ONE
     x = with_sign(select(swapped, s, c), word << np.uint64(62))
@@ -78,8 +78,8 @@ def unit_circle(word):
 
 
 def normals(words):
-    """Three independent normal deviates from four words, after Box and Muller."""
-    # The smallest uniform number is 2^-53, so that no deviate exceeds 8.6.
+    """Return three independent normal deviates from four words, after Box and Muller."""
+    # The smallest uniform number is 2^-53, so no deviate exceeds 8.6.
     a = math.sqrt(-2.0 * logarithm(uniform_number(words[0])))
     b = math.sqrt(-2.0 * logarithm(uniform_number(words[2])))
     x, y = unit_circle(words[1])
@@ -87,7 +87,7 @@ def normals(words):
 
 
 def normal_deviates(paired, key, member, number, stream):
-    """Three normal deviates of a member for the step `number`, which is less than 2^63.
+    """Return three normal deviates of a member for the step `number`, which is less than 2^63.
 
     paired : ON for a step that has the noise of two steps of half its length: the sums of the
         deviates of those steps, 2 number and 2 number + 1, over sqrt(2)

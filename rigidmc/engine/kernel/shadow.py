@@ -1,9 +1,9 @@
-"""A shadow trajectory of each member, which makes the same steps: how fast does it move away?
+"""A shadow trajectory for each member, which makes the same steps and measures their divergence.
 
-At each renormalisation the growth of its distance is added up and the shadow is brought back to
+At each renormalisation the growth of the distance is added up and the shadow is brought back to
 SHADOW_DISTANCE: every RENORMALISE_EVERY steps, at first more often, and after the last step. Its
-rows are those up to SHADOW_ROWS of `rigidmc.engine.kernel.layout`, from `row` of the member's state
-on; while steps are made its state is in `shadow`. Kernels as those of
+rows are the SHADOW_ROWS of `rigidmc.engine.kernel.layout`, from `row` of the member's state on.
+While steps are made, its state is in `shadow`. The kernels are like those of
 `rigidmc.engine.kernel.member`.
 """
 
@@ -65,19 +65,18 @@ def begin_shadow(tree, numbers, substeps, state, work, shadow, row, duration):
 
 
 def energy_measure(effects, body, lightest, q, l, duration):
-    """The energy [J] by which the momentum of a motion is measured.
+    """Return the energy scale of a motion, which weighs its momentum [J].
 
-    It is the largest of the kinetic energy at the start plus the bounds on the energies of the
-    effects, and, for effects without an energy, the largest torque on the body at the start, at
-    TORQUE_TRIALS times of the run, over 1 rad. A body that nothing moves is measured by 1 rad in
-    the run.
+    It is the larger of two: the kinetic energy at the start plus the bounds on the energies of the
+    effects, and the largest torque on the body in its initial state, at TORQUE_TRIALS times of the
+    run, times 1 rad. A body that nothing moves gets the energy of 1 rad in the run.
 
     lightest : 1/(largest moment)
     """
     energy, largest = kinetic_energy(body, l) + total_energy_scale(effects, body), 0.0 * lightest
     for k in range(TORQUE_TRIALS):
-        # Multiples of the golden section, modulo 1, spread over the run in step with no period of a
-        # torque.
+        # Multiples of the golden section, modulo 1, spread over the run out of step with every
+        # period of a torque.
         t = duration * (k * 0.6180339887498949 % 1.0)
         torque = total_torque(effects, body, cast_like(t, largest), q, l)
         largest = max(largest, dot(torque, torque))
@@ -88,10 +87,10 @@ def energy_measure(effects, body, lightest, q, l, duration):
 def renormalise_shadow(tree, numbers, substeps, state, work, shadow, row, slot, now, before):
     """Add up how far the shadow has moved away since the last renormalisation, and bring it back.
 
-    slot : steps made so far;  now, before : the times of this and of the last renormalisation, in
-        steps of the first length
+    slot : steps made so far
+    now, before : the times of this and of the last renormalisation, in steps of the first length
 
-    Between the two the distance is taken to grow at one rate: the integrals over that are exact.
+    Between the two the distance is assumed to grow at one rate: the integrals over it are exact.
     """
     integrator, effects = tree_unpack(tree, numbers)
     body, present = body_and_effects(effects, work)
@@ -125,13 +124,13 @@ def renormalise_shadow(tree, numbers, substeps, state, work, shadow, row, slot, 
 
 
 def opening_after(substeps, work, slot):
-    """(time of the torque, times of row 0) for a state after `slot` steps of a round."""
+    """Return (time of the torque, times of row 0) for a state after `slot` steps of a round."""
     h, done = work[STEP_LENGTH], min(work[MEMBER_STEPS], slot)
     return work[ROUND_START] + (done + substeps[3]) * h, opening_substep(substeps, h)
 
 
 def to_double(integrator, state, work):
-    """(q, L) of a state in float64, with what the integrator keeps."""
+    """Return (q, L) of a state in float64, with the extra state of the integrator."""
     q = in_precision(four_at(state, ATTITUDE), work)
     return q, in_precision(momentum_at(integrator, state), work)
 

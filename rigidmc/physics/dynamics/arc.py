@@ -1,7 +1,6 @@
-"""How far a free body goes in a time: Jacobi's elliptic functions without branches or a modulus.
+"""Progress of a free body over a time: Jacobi's elliptic functions without branches or a modulus.
 
-By their series for short times and by their addition theorem for longer ones; no inverse function
-is needed.
+Series for short times, the addition theorem for longer ones; no inverse function is needed.
 """
 
 from typing import NamedTuple
@@ -10,7 +9,7 @@ from rigidmc.physics.dynamics.methods import OFF, ON
 
 
 class EllipticArc(NamedTuple):
-    """How far the flow goes in a time h: S, g1 = 1 - f1 and g3 = 1 - f3, where S is like sn.
+    """The progress of the flow over a time h: S, g1 = 1 - f1 and g3 = 1 - f3, where S is like sn.
 
     S' = f1 f3,   f1' = -x S f3,   f3' = -y S f1
     """
@@ -21,12 +20,12 @@ class EllipticArc(NamedTuple):
 
 
 def elliptic_arc(h, x, y):
-    """The EllipticArc of a short time, by the series of S and f1^2 = 1 - x S^2, f3^2 = 1 - y S^2.
+    """Return the EllipticArc of a short time.
 
-    The series leaves out 0.0036 (h sqrt(max(x, y)))^12 of S or less, 4e-15 at 0.1
-    (tests/physics/dynamics/test_series.py).
+    Series of S and f1^2 = 1 - x S^2, f3^2 = 1 - y S^2. It omits 0.0036 (h sqrt(max(x, y)))^12 of S
+    or less, 4e-15 at 0.1 (tests/physics/dynamics/test_series.py).
     """
-    # pure numbers: x and y alone reach 1e92 for the moments of a molecule
+    # dimensionless: x and y by themselves reach 1e92 for the moments of a molecule
     hx, hy = h * h * x, h * h * y
     u, p = hx + hy, hx * hy
     uu = u * u
@@ -40,9 +39,9 @@ def elliptic_arc(h, x, y):
 
 
 def _less_than_root(z):
-    """1 - sqrt(1 - z) for |z| < 0.016, by its series, which is faster than a root.
+    """Return 1 - sqrt(1 - z) for |z| < 0.016, by its series, which is faster than a root.
 
-    The series leaves out 0.022 z^8 of it (tests/physics/dynamics/test_series.py).
+    The series omits a fraction 0.022 z^8 (tests/physics/dynamics/test_series.py).
     """
     # Horner's rule in two parts: a chain of fused multiply-adds, with no division.
     p = 21 / 512 + z * (33 / 1024 + z * (429 / 16384))
@@ -51,9 +50,9 @@ def _less_than_root(z):
 
 
 def _reciprocal(u, near):
-    """1/(1 - u) to rounding; near : OFF for any u, ON for |u| < 0.1.
+    """Return 1/(1 - u) to rounding; near : OFF for any u, ON for |u| < 0.1.
 
-    For small u by a series to u^3 and two Newton steps, which is faster than a division
+    For small u it takes a series to u^3 and two Newton steps, which is faster than a division
     (tests/physics/dynamics/test_series.py).
     """
     if len(near) == 0:
@@ -64,7 +63,7 @@ def _reciprocal(u, near):
 
 
 def double_arc(a, x, y, near=OFF):
-    """The EllipticArc of twice the time; near : ON for short times, see `_reciprocal`.
+    """Return the EllipticArc of twice the time; near : ON for short times, see `_reciprocal`.
 
     g = 1 - f of the doubled time comes from a factored form, so no digit cancels.
     """
@@ -77,13 +76,13 @@ def double_arc(a, x, y, near=OFF):
 
 
 def increment(body, a, p, l, near=OFF):
-    """L(t + h) - L(t) of a free body for the EllipticArc of h; p : P of `squares`.
+    """Return L(t + h) - L(t) of a free body for the EllipticArc of h; p : P of `squares`.
 
     near : ON if h is the time of an arc without doublings, or of one panel; see `_reciprocal`
 
     T and |L|^2 are conserved to rounding for any S in the range of `near`, and the errors do not
-    add up: the plain form L1' = (f1 L1 + f3 S a1 L2 L3)/D drifts linearly (9e-13 after 1e4 steps),
-    this one walks (3e-15; tests/physics/dynamics/test_free_flow.py).
+    accumulate: the plain form L1' = (f1 L1 + f3 S a1 L2 L3)/D drifts linearly (9e-13 after 1e4
+    steps), this one makes a random walk (3e-15; tests/physics/dynamics/test_free_flow.py).
     """
     f1, f3 = 1.0 - a.g1, 1.0 - a.g3
     u = p * (a.s * a.s)
@@ -96,7 +95,7 @@ def increment(body, a, p, l, near=OFF):
 
 
 def squares(body, l):
-    """(P, Q1, Q3) = (a1 a3 L2^2, -a2 a3 L1^2, -a1 a2 L3^2).
+    """Return (P, Q1, Q3) = (a1 a3 L2^2, -a2 a3 L1^2, -a1 a2 L3^2).
 
     All are >= 0 if axis 2 has the middle moment. x = P + Q3 and y = P + Q1 are constants of motion.
     """
@@ -108,7 +107,7 @@ def squares(body, l):
 
 
 def half_and_full(h, x, y, halvings):
-    """(arc of h/2, arc of h): the series at h/2^(1 + len(halvings)), then doublings."""
+    """Return (arc of h/2, arc of h): the series at h/2^(1 + len(halvings)), then doublings."""
     if len(halvings) == 0:
         half = elliptic_arc(0.5 * h, x, y)
         return half, double_arc(half, x, y, ON)
@@ -117,16 +116,16 @@ def half_and_full(h, x, y, halvings):
 
 
 def near_flag(halvings):
-    """`near` of an EllipticArc with these halvings: ON if there are none."""
+    """Return `near` for an EllipticArc with these halvings: ON if there are none."""
     if len(halvings) == 0:
         return ON
     return OFF
 
 
 def panel_arcs(half, whole, h, x, y, panels):
-    """(arc of half a panel, arc of a panel) of a time h cut into panels.
+    """Return (arc of half a panel, arc of a panel) for a time h cut into panels.
 
-    half, full : the arcs of h/2 and h
+    half, whole : the arcs of h/2 and h
     """
     if len(panels) == 1:
         return half, whole

@@ -30,7 +30,7 @@ class MassProperties(NamedTuple):
 
     @staticmethod
     def of(moments, static_moment):
-        """From principal moments (I1, I2, I3) and static moment.
+        """Return the constants for principal moments (I1, I2, I3) and a static moment.
 
         Numbers, or arrays with one entry per ensemble member.
         """
@@ -38,9 +38,9 @@ class MassProperties(NamedTuple):
 
 
 def mass_properties(moments, static_moment):
-    """The MassProperties of principal moments (I1, I2, I3) and a static moment."""
+    """Return the MassProperties for principal moments (I1, I2, I3) and a static moment."""
     one, two, three = moments
-    # two divisions each: the product I2 I3 of a nano body would underflow
+    # two divisions each: the product I2 I3 would underflow for a body of nanometres
     return MassProperties(
         1.0 / one,
         1.0 / two,
@@ -55,26 +55,27 @@ def mass_properties(moments, static_moment):
 
 
 def angular_velocity(body, l):
-    """omega_i = L_i/I_i [rad/s]."""
+    """Return omega_i = L_i/I_i [rad/s]."""
     return body.i1 * l[0], body.i2 * l[1], body.i3 * l[2]
 
 
 def kinetic_energy(body, l):
-    """T = 1/2 sum L_i^2/I_i [J], TdC (3.16)."""
+    """Return T = 1/2 sum L_i^2/I_i [J], TdC (3.16)."""
     return 0.5 * (body.i1 * l[0] * l[0] + body.i2 * l[1] * l[1] + body.i3 * l[2] * l[2])
 
 
 def free_rate(body, l):
-    """dL/dt = L x omega of a free body, TdC (3.35)."""
-    # By a_i = (I_j - I_k)/(I_j I_k): differences of omega_i L_j would cancel for nearly equal
-    # moments.
+    """Return dL/dt = L x omega for a free body, TdC (3.35)."""
+    # Coefficients a_i = (I_j - I_k)/(I_j I_k): differences of omega_i L_j would cancel for nearly
+    # equal moments.
     return body.a1 * l[1] * l[2], body.a2 * l[2] * l[0], body.a3 * l[0] * l[1]
 
 
 class Rates(NamedTuple):
-    """A body's coefficients over a time h.
+    """The coefficients of a body over a time h.
 
-    w1, w2, w3 : h/(2 I_i), for the attitude;  a1, a2, a3 : h a_i, for the momentum
+    w1, w2, w3 : h/(2 I_i), for the attitude
+    a1, a2, a3 : h a_i, for the momentum
     """
 
     w1: float
@@ -86,7 +87,7 @@ class Rates(NamedTuple):
 
 
 def scaled(body, h):
-    """The Rates of a body over h."""
+    """Return the Rates of a body over h."""
     return Rates(
         0.5 * h * body.i1,
         0.5 * h * body.i2,
@@ -98,20 +99,20 @@ def scaled(body, h):
 
 
 def double_rates(rates):
-    """The Rates over 2h, by additions."""
+    """Return the Rates over 2h, by additions."""
     r = rates
     return Rates(r.w1 + r.w1, r.w2 + r.w2, r.w3 + r.w3, r.a1 + r.a1, r.a2 + r.a2, r.a3 + r.a3)
 
 
 def half_rotation(rates, l):
-    """h omega/2, half the rotation vector of a time h."""
+    """Return h omega/2, half the rotation vector over a time h."""
     return rates.w1 * l[0], rates.w2 * l[1], rates.w3 * l[2]
 
 
 def add_free_change(rates, onto, l):
-    """onto + h L x omega: `onto` plus the free change of the momentum at l.
+    """Return onto + h L x omega: `onto` plus the free change of the momentum at l.
 
-    Numbers that follow the three components of `onto` stay as they are.
+    Numbers after the three components of `onto` do not change.
     """
     if len(onto) > 3:
         return add_free_change(rates, first_three(onto), l) + onto[3:]

@@ -3,11 +3,11 @@
 No modulus of elliptic functions is formed. The momentum follows from the addition theorem of
 Jacobi's elliptic functions (`rigidmc.physics.dynamics.arc`), the attitude from one phase
 (Celledoni, Fasso, Saefstroem & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084). One formula serves
-spheres, symmetric bodies, separatrices and near-degenerate bodies. The formulas want the middle
+spheres, symmetric bodies, separatrices and near-degenerate bodies. The formulas require the middle
 moment on axis 2; for other bodies `free_flow` relabels the axes cyclically, by selects.
 
-Two cheaper motions follow, by rotations: `symmetric_flow`, exact for two equal moments, and
-`split_flow`, of order 2 for any body.
+Two cheaper motions use rotations: `symmetric_flow`, exact for two equal moments, and `split_flow`,
+of order 2 for any body.
 """
 
 import math
@@ -35,14 +35,14 @@ from rigidmc.physics.dynamics.vectors import (
     select_all,
 )
 
-# |L|^2 [kg2 m4/s2] below which a body is at rest: squares under 2e-308 lose digits, and the unit
-# vector L/|L| with them. It is the end of float64, not of a unit: internal units keep momenta above
-# 1e-60, and in float32, where 1e-36 is that end, above 1e-6.
+# |L|^2 [kg2 m4/s2] below which a body counts as at rest: squares under 2e-308 lose digits, and with
+# them the unit vector L/|L|. This is the limit of float64, not of a unit: internal units keep
+# momenta above 1e-60, and in float32, whose limit is 1e-36, above 1e-6.
 _REST = 1e-306
 
 
 class MiddleAxes(NamedTuple):
-    """The coefficients of a body whose middle axis is axis 2."""
+    """The coefficients of a body whose middle moment is on axis 2."""
 
     i1: float
     i3: float
@@ -56,11 +56,14 @@ class FreeFlow(NamedTuple):
 
     The momentum is a unit vector u, and axis 2 has the middle moment.
 
-    size : |L|;  first, third : whether axis 1 or 3 of the body became axis 2;  twice_energy :
-        2T/|L|^2
+    size : |L|
+    first, third : whether axis 1 or 3 of the body became axis 2
+    twice_energy : 2T/|L|^2
     on_third, sign : the axis e_j about which L circles, 3 or 1, and the sign of L_j
-    inverse : 1/I_j;  x, y : P + Q3 and P + Q1, see `squares`;  time : |L| h
-    whole : the EllipticArc of h;  half, panel : those of half a panel and of a panel of h
+    inverse : 1/I_j
+    x, y : P + Q3 and P + Q1, see `squares`
+    time : |L| h
+    whole, half, panel : the EllipticArcs of h, of half a panel and of a panel
     """
 
     size: float
@@ -89,7 +92,7 @@ class PhaseFraction(NamedTuple):
 
 
 def _fraction(m, u, c, f):
-    """The PhaseFraction of a unit momentum, given c and f."""
+    """Return the PhaseFraction of a unit momentum, given c and f."""
     p, q1, q3 = squares(m.body, u)
     rate = m.sign * select(m.on_third, m.body.a3 * u[0], m.body.a1 * u[2]) * u[1]
     ff = f * f
@@ -98,30 +101,32 @@ def _fraction(m, u, c, f):
 
 
 def phase_fraction(m, u):
-    """The PhaseFraction of a unit momentum."""
+    """Return the PhaseFraction of a unit momentum."""
     c = m.sign * select(m.on_third, u[2], u[0])
     return _fraction(m, u, c, 1.0 / (1.0 + c))
 
 
 def slopes(a):
-    """(dg1/dx, dg3/dy) of an EllipticArc at constant S: g1 = 1 - sqrt(1 - x S^2), g3 with y
-    likewise."""
+    """Return (dg1/dx, dg3/dy) of an EllipticArc at constant S.
+
+    g1 = 1 - sqrt(1 - x S^2), and g3 likewise with y.
+    """
     half = 0.5 * a.s * a.s
     return half / (1.0 - a.g1), half / (1.0 - a.g3)
 
 
 def drift_of_invariants(m, u):
-    """(x, y) of a unit momentum less those of the start: the accumulated rounding errors."""
+    """Return (x, y) of a unit momentum less the start's values: the accumulated rounding errors."""
     p, q1, q3 = squares(m.body, u)
     return (p + q3) - m.x, (p + q1) - m.y
 
 
 def arc_for(m, a, slopes, u):
-    """The EllipticArc for a unit momentum that has strayed from x and y of the start.
+    """Return the EllipticArc for a unit momentum that has drifted from x and y of the start.
 
-    slopes : those of the arc, or () if x and y are those of u
+    slopes : of the arc, or () if x and y are those of u
 
-    With g1 and g3 of the start an increment conserves T and |L|^2 only for x and y of the start.
+    With g1 and g3 of the start, an increment conserves T and |L|^2 only for x and y of the start.
     Along a separatrix rounding errors grow as the motion does: by 1e-6 in 10,000 steps.
     """
     if len(slopes) == 0:
@@ -131,19 +136,19 @@ def arc_for(m, a, slopes, u):
 
 
 def return_factors(m):
-    """(1/4x, 1/4y) for `pull_back`; 0 if x or y is 0, in any unit."""
+    """Return (1/4x, 1/4y) for `pull_back`; 0 where x or y is 0, in any unit."""
     x, y = m.x > 0.0, m.y > 0.0
-    # Where x or y is 0 the quotient is not used: 1 keeps it finite.
+    # Where x or y is 0 the quotient is unused: 1 keeps it finite.
     return select(x, 0.25 / select(x, m.x, 1.0), 0.0), select(y, 0.25 / select(y, m.y, 1.0), 0.0)
 
 
 def pull_back(m, back, u, end):
-    """The end of a step from a unit momentum u that has strayed, moved half of the way back.
+    """Return the end of a step from a drifted unit momentum u, moved half of the way back.
 
-    Axes 1 and 2 of `end` are multiplied by 1 - dy/4y, axes 2 and 3 by 1 - dx/4x. So T and |L|^2 do
-    not walk: the error is 8e-16 after 1e5 steps of 60 hard and random bodies, and 1.1e-13 without
-    this (tests/physics/dynamics/test_free_flow.py). For a body with two equal moments x or y is 0,
-    and |L| cannot be had from it.
+    Axes 1 and 2 of `end` are multiplied by 1 - dy/4y, axes 2 and 3 by 1 - dx/4x. This stops a
+    random walk of T and |L|^2: the error is 8e-16 after 1e5 steps of 60 hard and random bodies, and
+    1.1e-13 without it (tests/physics/dynamics/test_free_flow.py). For a body with two equal moments
+    x or y is 0, and does not determine |L|.
     """
     dx, dy = drift_of_invariants(m, u)
     x, y = back[0] * dx, back[1] * dy
@@ -151,16 +156,17 @@ def pull_back(m, back, u, end):
 
 
 def integrate_phase(m, panels, u, at, slopes=()):
-    """(integral of v over the panels of a step from u, the Share at its end).
+    """Return (integral of v over the panels of a step from u, PhaseFraction at its end).
 
     The integral lacks the terms that `end_correction` adds.
 
-    at : the Share at u;  slopes : see `arc_for`
+    at : PhaseFraction at u
+    slopes : see `arc_for`
 
-    The rule of a panel is exact for polynomials of degree 7: v, v', v'' at both ends, where they
-    come free with the flow, and v in the middle; its error is h^9 v^(8)/(7! 8!). Over many panels
-    and steps each inner end counts twice and its v' cancels; so every panel here counts its end
-    twice and its start not at all.
+    The rule of a panel is exact for polynomials of degree 7. It uses v, v', v'' at both ends, which
+    the flow provides at no cost, and v in the middle; its error is h^9 v^(8)/(7! 8!). Over many
+    panels and steps each inner end counts twice and its v' cancels. So each panel here counts its
+    end twice and its start not at all.
     """
     if len(panels) == 0:
         return 0.0, at
@@ -180,9 +186,9 @@ def integrate_phase(m, panels, u, at, slopes=()):
 
 
 def end_correction(m, panels, start, end):
-    """The end terms of the integral that `integrate_phase` takes over any number of steps.
+    """Return the end terms of the integral in `integrate_phase` over any number of steps.
 
-    start, end : the Shares at the start of the first step and the end of the last one
+    start, end : PhaseFraction at the start of the first step and at the end of the last one
     """
     h = m.time * panels[0]
     return h * (
@@ -192,7 +198,7 @@ def end_correction(m, panels, start, end):
 
 
 def phase(m, time, integral):
-    """The angle about the axis e_j in a time, from the integral of v over it.
+    """Return the angle about the axis e_j over a time, from the integral of v.
 
     psi' = 2T (1 - v) + v/I_j: nothing cancels for needles, whose 1/I_j exceeds 2T by orders of
     magnitude
@@ -201,12 +207,12 @@ def phase(m, time, integral):
 
 
 def make_flow(body, halvings, panels, h, l):
-    """(FreeFlow, u) of a free body; halvings, panels : see `free_flow`."""
+    """Return (FreeFlow, u) of a free body; halvings, panels : see `free_flow`."""
     square = dot(l, l)
-    # the ends of float64 and float32, see _REST
+    # the limits of float64 and float32, see _REST
     moves = square > by_precision(square, _REST, 1e-36)
     size = select(moves, math.sqrt(square), 0.0)
-    # at rest any unit vector will do: nothing rotates
+    # at rest any unit vector works: nothing rotates
     u = select_all(moves, scale(1.0 / select(moves, size, 1.0), l), (0.0, 0.0, 1.0))
     twice_energy = dot(u, angular_velocity(body, u))
     first, third = middle_axis(body)
@@ -217,7 +223,7 @@ def make_flow(body, halvings, panels, h, l):
     p, q1, q3 = squares(axes, u)
     half, whole = half_and_full(time, p + q3, p + q1, halvings)
     on_third = q3 >= q1
-    # The sign is a constant of the motion. Computed at each step it could change where u_j is 0 to
+    # The sign is a constant of the motion. Computed at each step, it could change where u_j is 0 to
     # rounding, and would turn the body over.
     sign = select(select(on_third, u[2], u[0]) < 0.0, -1.0, 1.0)
     one, panel = panel_arcs(half, whole, time, p + q3, p + q1, panels)
@@ -241,19 +247,20 @@ def make_flow(body, halvings, panels, h, l):
 
 
 def momentum_change(m, halvings, u, slopes=()):
-    """The change of the unit momentum u in a step; slopes : see `arc_for`."""
+    """Return the change of the unit momentum u in a step; slopes : see `arc_for`."""
     p = m.body.a1 * m.body.a3 * u[1] * u[1]
     return increment(m.body, arc_for(m, m.whole, slopes, u), p, u, near_flag(halvings))
 
 
 def turn_between(m, u, change, angle, start, end):
-    """P(u)^-1 exp(angle e_j) P(u + change), the rotation of a body between two momenta.
+    """Return P(u)^-1 exp(angle e_j) P(u + change), the rotation of a body between two momenta.
 
-    angle : half of the phase;  start, end : the Shares of the two momenta
+    angle : half of the phase
+    start, end : PhaseFraction of the two momenta
 
     Written as |P(u)|^2 times a rotation about u plus a small term for the change, it keeps all
-    digits of the small rotation of a short step. The product of the three has a rounding error that
-    is the same in every step, so it would grow in proportion to the number of steps.
+    digits of the small rotation of a short step. The product of the three factors has a rounding
+    error that is the same in every step and would grow in proportion to the number of steps.
     """
     s, c = sincos(angle)
     s = s * m.sign
@@ -277,27 +284,26 @@ def turn_between(m, u, change, angle, start, end):
 
 
 def to_body_axes(m, v):
-    """The components of a vector on the axes of the body, from those of the FreeFlow."""
+    """Return the components of a vector on the axes of the body, from the axes of the FreeFlow."""
     return relabel(m.third, m.first, v)
 
 
 def free_flow(body, halvings, panels, h, l):
-    """(turn, change of L) of a free body in the time h: its attitude goes from q to q turn.
+    """Return (turn, change of L) of a free body over the time h; the attitude becomes q turn.
 
         psi = integral of (2T + |L| |L_j| / I_j) / (|L| + |L_j|) dt,
         turn = P(L0)* exp(psi e_j / 2) P(L1)
 
-    P(L) rotates L to the body axis e_j, that (1 or 3) about which L circles. |L|, T and the space
-    momentum are conserved to rounding at any h; the phase is exact for symmetric bodies, else of
-    order 8 in h.
+    P(L) rotates L to the body axis e_j, the axis (1 or 3) about which L circles. |L|, T and the
+    space momentum are conserved to rounding at any h; the phase is exact for symmetric bodies, else
+    of order 8 in h.
 
-    The momentum advances by h at once, however many panels there are: its bits do not depend on
+    The momentum advances over the whole h whatever the number of panels: its bits do not depend on
     whether the attitude is computed.
 
-    halvings : a tuple whose LENGTH says how often the argument of the series is halved
-    panels : n times 1/n, to cut h into n panels for the phase. The tuple holds 1/n, because 1/len()
-        would
-        be a float64 also in float32 kernels
+    halvings : a tuple whose LENGTH is the number of times the argument of the series is halved
+    panels : n times 1/n, to cut h into n panels for the phase. The tuple holds 1/n because 1/len()
+        would be a float64 also in float32 kernels
     """
     m, u = make_flow(body, halvings, panels, h, l)
     change, start = momentum_change(m, halvings, u), phase_fraction(m, u)
@@ -307,16 +313,16 @@ def free_flow(body, halvings, panels, h, l):
 
 
 def middle_axis(body):
-    """(first, third): whether axis 1 or axis 3 has the middle moment; if neither, axis 2 has it.
+    """Return (first, third): whether axis 1 or axis 3 has the middle moment; else axis 2 has it.
 
-    That is the case unless a1 a3 < 0. For a body symmetric about axis 2 either other axis will do.
+    Axis 2 has it unless a1 a3 < 0. For a body symmetric about axis 2 either other axis works.
     """
     elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
     return elsewhere & one_fits, elsewhere & logical_not(one_fits)
 
 
 def relabel(first, third, v):
-    """v with its axes shifted cyclically: axis 1 (if `first`) or 3 (if `third`) becomes axis 2.
+    """Shift the axes of v cyclically: axis 1 (if `first`) or 3 (if `third`) becomes axis 2.
 
     Swap `first` and `third` to go back.
     """
@@ -328,7 +334,7 @@ def relabel(first, third, v):
 
 
 def to_axis(on_third, sign, u):
-    """Quaternion of norm sqrt(2 (1 + c)) that rotates the unit vector u to sign e_j.
+    """Return the quaternion of norm sqrt(2 (1 + c)) that rotates the unit vector u to sign e_j.
 
     j = 3 if on_third, else 1;  c = sign u_j
     """
@@ -341,7 +347,7 @@ def to_axis(on_third, sign, u):
 
 
 def symmetric_flow(body, h, l):
-    """(turn, change of L) in the time h of a free body with moments A, A and C, C about an axis e.
+    """Return (turn, change of L) over h of a free body with moments A, A and C, C about an axis e.
 
         turn = exp(h L/A) exp(h (1/C - 1/A) L_e e)                          (TdC Example 3.5)
 
@@ -362,7 +368,7 @@ def symmetric_flow(body, h, l):
 
 
 def split_flow(body, h, l):
-    """(turn, change of L) in the time h of a free body, by a symmetric splitting of order 2.
+    """Return (turn, change of L) over h of a free body, by a symmetric splitting of order 2.
 
     Exact for bodies with two equal moments.
 

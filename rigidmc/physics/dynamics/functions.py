@@ -1,11 +1,11 @@
-"""Functions of analysis in straight code, with the same bits on every machine.
+"""Elementary functions in straight-line code, with the same bits on every machine.
 
 +, -, *, /, roots and bit operations are the same everywhere; library functions differ in the last
-digit. So these have no branch and no library call. Sine, cosine, arctangent and exp(x) - 1 work in
-the precision of their argument and are the base of the others, which compute in float64.
+digit. So these functions have no branch and no library call. Sine, cosine, arctangent and
+exp(x) - 1 work in the precision of their argument; the others build on them and compute in float64.
 
 Arguments are numbers or arrays, in compiled code also vectors of numbers. Errors in units of 1e-16,
-relative unless said otherwise: sin, cos 1.8 (absolute) for |x| < 1e6; exp, log 1.5; atan, asin,
+relative unless stated otherwise: sin, cos 1.8 (absolute) for |x| < 1e6; exp, log 1.5; atan, asin,
 acos 4; sinh 13; cosh 2.2; tanh 11; normal quantiles 9 (tests/physics/dynamics/test_functions.py).
 Integer powers are products. Other powers are exp(y log x), with an error larger by the factor |y
 log x|.
@@ -28,44 +28,44 @@ from rigidmc.physics.dynamics.vectors import (
     select,
 )
 
-# ln 2 in two parts; the low 21 bits of the high one are 0, so that e times it is exact.
+# ln 2 in two parts; the low 21 bits of the high part are 0, so its product with e is exact.
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 _MANTISSA, _EXPONENT = np.uint64(0x000FFFFFFFFFFFFF), np.uint64(0x3FF0000000000000)
 _SHIFT = np.uint64(52)
 
 
 def as_float(word):
-    """The float with the bits of a word."""
+    """Return the float with the bits of a word."""
     if isinstance(word, np.ndarray):
         return word.view(np.float64)
     return struct.unpack("<d", struct.pack("<Q", int(word)))[0]
 
 
 def as_word(number):
-    """The bits of a float as a word."""
+    """Return the bits of a float as a word."""
     if isinstance(number, np.ndarray):
         return np.ascontiguousarray(number, np.float64).view(np.uint64)
     return np.uint64(struct.unpack("<Q", struct.pack("<d", number))[0])
 
 
 def double(x):
-    """x in float64."""
+    """Return x in float64."""
     return x
 
 
 def as_given(result, x):
-    """A float64 result in the precision of x."""
+    """Return a float64 result in the precision of x."""
     return result
 
 
 def logarithm(x):
-    """ln x for a finite x > 0 that is not subnormal."""
+    """Compute ln x for a finite x > 0 that is not subnormal."""
     word = as_word(x)
     m = as_float((word & _MANTISSA) | _EXPONENT)
     # the bits of the exponent as the low bits of the float 2^52 + exponent
     e = as_float((word >> np.uint64(52)) | np.uint64(0x4330000000000000)) - 4503599627370496.0
     e = e - 1023.0
-    # m in (1/sqrt 2, sqrt 2]: s = f/(2 + f) is then 0.172 at most, and 7 terms are enough.
+    # m in (1/sqrt 2, sqrt 2]: s = f/(2 + f) is then at most 0.172, and 7 terms are enough.
     large = m > 1.4142135623730951
     m, e = select(large, 0.5 * m, m), select(large, e + 1.0, e)
     f = m - 1.0
@@ -84,36 +84,39 @@ def logarithm(x):
 
 
 def sine(x):
-    """sin x."""
+    """Compute sin x."""
     return sincos(x)[0]
 
 
 def cosine(x):
-    """cos x."""
+    """Compute cos x."""
     return sincos(x)[1]
 
 
 def tangent(x):
-    """tan x."""
+    """Compute tan x."""
     s, c = sincos(x)
     return s / c
 
 
 def arctangent(x):
-    """atan x."""
+    """Compute atan x."""
     return arctan2(x, 1.0 + 0.0 * x)
 
 
 def power_of_two(n):
-    """2^n for an integer from -1022 to 1023, the exponents of normal numbers (IEEE 754).
+    """Compute 2^n for an integer from -1022 to 1023, the exponents of normal numbers (IEEE 754).
 
-    The low bits of the float 2^52 + 1023 + n are shifted to the place of the exponent.
+    The low bits of the float 2^52 + 1023 + n are shifted to the position of the exponent.
     """
     return as_float(as_word(n + (4503599627370496.0 + 1023.0)) << _SHIFT)
 
 
 def exponential_of(x):
-    """exp x; inf above 709.79 and 0 below -745.2 (tests/physics/dynamics/test_functions.py)."""
+    """Compute exp x; inf above 709.79 and 0 below -745.2.
+
+    Tested in tests/physics/dynamics/test_functions.py.
+    """
     wide = minimum(maximum(double(x), -746.0), 710.0)
     n = nearest_integer(wide * 1.4426950408889634)
     r = (wide - n * _LN2_HIGH) - n * _LN2_LOW
@@ -124,80 +127,80 @@ def exponential_of(x):
     p = 1 / 720 + r * (1 / 5040 + r * p)
     p = 1 / 24 + r * (1 / 120 + r * p)
     e = 1.0 + (r + r * r * (0.5 + r * (1 / 6 + r * p)))
-    # 2^n in two factors, because 2^1024 and 2^-1074 are no normal numbers
+    # 2^n in two factors, because 2^1024 and 2^-1074 are not normal numbers
     half = nearest_integer(0.5 * n)
     result = e * power_of_two(half) * power_of_two(n - half)
     return as_given(select(double(x) != double(x), double(x), result), x)
 
 
 def logarithm_of(x):
-    """ln x; -inf at 0, nan below."""
+    """Compute ln x; -inf at 0, nan below."""
     wide = double(x)
     small = wide < 2.2250738585072014e-308  # subnormal: x 2^54 has an exponent that can be read
     result = logarithm(select(small, wide * 18014398509481984.0, wide))
-    # 54 ln 2: takes the factor 2^54 back.
+    # 54 ln 2: undoes the factor 2^54.
     result = result - select(small, 37.42994775023705, 0.0)
     result = select(wide == math.inf, wide, select(wide == 0.0, -math.inf, result))
     return as_given(select((wide < 0.0) | (wide != wide), math.nan, result), x)
 
 
 def logarithm_of_one_and(x):
-    """ln(1 + x), x > -1.
+    """Compute ln(1 + x) for x > -1.
 
-    ln(y)/(y - 1) for the rounded y = 1 + x, times x: rounding changes numerator and denominator
-    alike.
+    It is x ln(y)/(y - 1) with the rounded y = 1 + x: rounding changes numerator and denominator in
+    the same way.
     """
     y = 1.0 + x
     return select(y == 1.0, x, x * (logarithm_of(y) / select(y == 1.0, 1.0, y - 1.0)))
 
 
 def hyperbolic_tangent(x):
-    """tanh x."""
+    """Compute tanh x."""
     e = expm1(-2.0 * minimum(abs(x), 20.0))
     return select(x < 0.0, e / (e + 2.0), -e / (e + 2.0))
 
 
 def hyperbolic_sine(x):
-    """sinh x."""
+    """Compute sinh x."""
     e, small = exponential_of(abs(x)), expm1(minimum(abs(x), 1.0))
-    # From 1 on e^x - e^-x cancels by less than a digit; below, both parts come from exp(x) - 1.
+    # From 1 on, e^x - e^-x cancels by less than a digit; below, both parts come from exp(x) - 1.
     twice = select(abs(x) < 1.0, small + small / (1.0 + small), e - 1.0 / e)
     return select(x < 0.0, -0.5 * twice, 0.5 * twice)
 
 
 def hyperbolic_cosine(x):
-    """cosh x."""
+    """Compute cosh x."""
     e = exponential_of(abs(x))
     return 0.5 * (e + 1.0 / e)
 
 
 def arcsine(x):
-    """asin x."""
+    """Compute asin x."""
     return arctan2(x, root((1.0 - x) * (1.0 + x)))
 
 
 def arccosine(x):
-    """acos x."""
+    """Compute acos x."""
     return arctan2(root((1.0 - x) * (1.0 + x)), x)
 
 
 def power(x, y):
-    """x^y for x > 0; 0 for x = 0 and y > 0, nan for x < 0."""
+    """Compute x^y for x > 0; 0 for x = 0 and y > 0, nan for x < 0."""
     return select(x == 0.0, select(y > 0.0, 0.0 * x, math.inf), exponential_of(y * logarithm_of(x)))
 
 
 def hypotenuse(x, y):
-    """sqrt(x^2 + y^2) without overflow or underflow."""
+    """Compute sqrt(x^2 + y^2) without overflow or underflow."""
     large = maximum(abs(x), abs(y))
-    # of (0, 0): 0 by anything is 0, in any unit
+    # for (0, 0): the quotient is 0 whatever the divisor
     small = minimum(abs(x), abs(y)) / select(large == 0.0, 1.0, large)
     return large * root(1.0 + small * small)
 
 
 def whole_power(x, n):
-    """x^n for an integer n, by products."""
+    """Compute x^n for an integer n, by products."""
     result, base, left = 1.0 + 0.0 * x, x, abs(n)
-    # The exponent is a number of the program, not of a member: a loop is allowed.
+    # The exponent belongs to the program, not to a member: a loop is allowed.
     while left > 0:
         if left % 2 == 1:
             result = result * base
@@ -235,7 +238,7 @@ _FAR = (
 
 
 def _ratio(coefficients, x):
-    """Numerator over denominator, by Horner's rule, highest power first."""
+    """Return numerator over denominator, by Horner's rule, highest power first."""
     above, below = 0.0, 0.0
     for a, b in zip(*coefficients, strict=True):
         above, below = above * x + a, below * x + b
@@ -243,12 +246,12 @@ def _ratio(coefficients, x):
 
 
 def normal_quantile(u):
-    """The numbers x with probabilities u that a standard normal deviate is below x, 0 < u < 1.
+    """Return x with probability u that a standard normal deviate is below x, 0 < u < 1.
 
-    u : an array; in compiled code nothing asks for quantiles
+    u : an array; compiled code needs no quantiles
     """
     # AS 241: three ratios, which meet at |u - 1/2| = 0.425 and at sqrt(-ln u) = 5. The logarithms
-    # and two ratios of the tails are made only where they are, for 15 % of the numbers: 3.4 times
+    # and two ratios of the tails are computed only in the tails, for 15 % of the numbers: 3.4 times
     # as fast for 65,536.
     q = np.subtract(u, 0.5)
     quantiles = np.asarray(q * _ratio(_MIDDLE, 0.180625 - q * q))
@@ -270,7 +273,7 @@ _EIGHTH = 0.41421356237309503  # tan(pi/8)
 
 
 def sincos_small(r):
-    """(sin r, cos r) for |r| <= pi/4, by the polynomials of fdlibm's k_sin and k_cos."""
+    """Return (sin r, cos r) for |r| <= pi/4, by the polynomials of fdlibm's k_sin and k_cos."""
     z = r * r
     p = -2.50507602534068634195e-08 + z * 1.58969099521155010221e-10
     p = 2.75573137070700676789e-06 + z * p
@@ -288,7 +291,8 @@ def sincos_small(r):
 
 
 def sincos(x):
-    """(sin x, cos x), |error| <= 1.8e-16 for |x| < 1e6 (tests/physics/dynamics/test_functions.py).
+    """Return (sin x, cos x), with an error of at most 1.8e-16 for |x| < 1e6
+    (tests/physics/dynamics/test_functions.py).
 
     Cody-Waite reduction to [-pi/4, pi/4], then `sincos_small`.
     """
@@ -306,13 +310,13 @@ def sincos(x):
 
 
 def expm1(x):
-    """exp(x) - 1, relative error <= 1e-15 for x < 0, and 1.4e-14 for x < 20.
+    """Compute exp(x) - 1, relative error <= 1e-15 for x < 0, and 1.4e-14 for x < 20.
 
     Series of degree 9 at x/256, then e <- e (2 + e) eight times. The next term of the series is
     (x/256)^9/10! of x, and exp(x) is below rounding for x < -44. Errors: see
     tests/physics/dynamics/test_functions.py.
     """
-    # 1/256, a power of 2: the argument keeps all its digits, and eight doublings take it back.
+    # 1/256 is a power of 2: the argument keeps all its digits, and eight doublings undo the factor.
     y = maximum(x, -44.0) * 0.00390625
     p = 1 / 5040 + y * (1 / 40320 + y / 362880)
     p = 1 / 120 + y * (1 / 720 + y * p)
@@ -329,12 +333,12 @@ def expm1(x):
 
 
 def arctan2(y, x):
-    """atan2(y, x), |relative error| <= 3.1e-16 (tests/physics/dynamics/test_functions.py); 0 for
-    (0, 0)."""
+    """Compute atan2(y, x), with a relative error of at most 3.1e-16
+    (tests/physics/dynamics/test_functions.py); 0 for (0, 0)."""
     a, b = abs(y), abs(x)
-    # The octant: the series is only taken for arguments up to tan(pi/8) = 0.414.
+    # The octant: the series needs arguments only up to tan(pi/8) = 0.414.
     low, high = minimum(a, b), maximum(a, b)
-    # of (0, 0): 0 by anything is 0, in any unit
+    # for (0, 0): the quotient is 0 whatever the divisor
     high = select(high > 0.0, high, 1.0)
     far = low > _EIGHTH * high
     z = select(far, low - high, low) / select(far, high + low, high)

@@ -1,14 +1,13 @@
-"""Methods that take by name what they need: the convention of effects, integrators, observables.
+"""Methods that receive arguments by name: the convention of effects, integrators, observables.
 
-A class says what it depends on by the arguments of its methods: `torque(self, body, q)` depends on
-body and attitude, `torque(self, l)` on the angular momentum alone. Nothing is declared twice, so
-nothing can be declared wrongly.
+The arguments of a class's methods are its dependencies: `torque(self, body, q)` depends on body and
+attitude, `torque(self, l)` on the angular momentum alone. No separate declaration can disagree.
 
-What a kernel has or has not is a type, so that its code holds nothing else. A yes or no is a flag,
-ON or OFF; a number that unrolls code is the length of a tuple, `static_count`. Compiled code asks
-for both by `if len(x) == 0`, literally: Numba removes a branch on the length of an argument before
-it types the rest, but not one on a helper such as `is_off(x)`, whose other side would then have to
-make sense too.
+Options of a kernel are types, so its code holds nothing for absent ones. A yes or no is a flag, ON
+or OFF; a number that unrolls code is the length of a tuple, `static_count`. Compiled code tests
+both by a literal `if len(x) == 0`: Numba prunes a branch on the length of an argument before it
+types the rest, but not a branch on a helper such as `is_off(x)`, whose untaken side would then have
+to type-check, too.
 """
 
 import inspect
@@ -22,8 +21,8 @@ from typing import Any, NamedTuple, Protocol, TypeAlias, cast
 class Method(Protocol):
     """A generic function made by `method`.
 
-    default : the function of a class without such a method;  available : names of the arguments
-        after `part`
+    default : the function for a class without such a method
+    available : names of the arguments after `part`
     """
 
     __name__: str
@@ -34,13 +33,13 @@ class Method(Protocol):
 
 
 class On(NamedTuple):
-    """A flag of compiled code that is set. It is one number, as a record of numbers needs rows."""
+    """A set flag of compiled code. It holds one number because a record of numbers needs rows."""
 
     on: float = 0.0
 
 
 class Off(NamedTuple):
-    """A flag of compiled code that is not set."""
+    """A cleared flag of compiled code."""
 
 
 Flag: TypeAlias = On | Off
@@ -49,29 +48,29 @@ ON, OFF = On(), Off()
 
 
 def flag(condition: object) -> Flag:
-    """ON if a condition holds, else OFF."""
+    """Return ON if a condition holds, else OFF."""
     return ON if condition else OFF
 
 
 def static_count(count: int) -> Count:
-    """A number that compiled code knows by its type: a tuple of this length."""
+    """Return a number known to compiled code by its type: a tuple of this length."""
     return (0.0,) * count
 
 
-METHODS: list[Method] = []  # every one, for `rigidmc.engine.compiler.compose` to compile
+METHODS: list[Method] = []  # all of them, for `rigidmc.engine.compiler.compose` to compile
 
 
 # `inspect.signature` takes 6 us, and a scene asks hundreds of times.
 @lru_cache(maxsize=1024)
 def arguments(function: Callable[..., Any]) -> tuple[str, ...]:
-    """Names of a method's arguments after self."""
+    """Return the names of a method's arguments after self."""
     return tuple(inspect.signature(function).parameters)[1:]
 
 
 def method(default: Callable[..., Any]) -> Method:
-    """A generic function f(part, a, b, ...) that calls `part.f` with the arguments that it names.
+    """Return a generic function f(part, a, b, ...) that calls `part.f` with the arguments it names.
 
-    For a part whose class has no such method the body of `default` runs.
+    If the class of the part has no such method, the body of `default` runs.
     """
     name, available = default.__name__, arguments(default)
 
@@ -91,12 +90,12 @@ def method(default: Callable[..., Any]) -> Method:
 
 
 def word_of(cls: type) -> str:
-    """The word for a class in scene files: its name in snake_case, gravity_gradient or l2_drift."""
+    """Return the word for a class in scene files: its name in snake_case, as in l2_drift."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
 
 
 def number_words(words: Iterable[str]) -> list[str]:
-    """Words, each numbered from its second time on: ["rotor", "gravity", "rotor_2"]."""
+    """Number repeated words from their second use on: ["rotor", "gravity", "rotor_2"]."""
     count: Counter[str] = Counter()
     labels = []
     for word in words:
@@ -106,14 +105,14 @@ def number_words(words: Iterable[str]) -> list[str]:
 
 
 def implements(part: object, name: str) -> bool:
-    """Whether a class, or the class of an instance, has a method or property of this name."""
+    """Return whether a class, or an instance's class, has a method or property of this name."""
     return hasattr(part if isinstance(part, type) else type(part), name)
 
 
 def old_word(part: Any, words: Mapping[str, str]) -> tuple[str, str] | None:
-    """(old, new): the first method or fact of a class, or instance, that has another name now.
+    """Return (old, new) for the first method or fact with a former name in a class or instance.
 
-    words : {old: new};  a field of that name is a number, and no method
+    words : {old: new}; a field of that name is a parameter, not a method
     """
     fields = getattr(part, "_fields", ())
     had = (old for old in words if old not in fields and implements(part, old))
@@ -121,15 +120,15 @@ def old_word(part: Any, words: Mapping[str, str]) -> tuple[str, str] | None:
 
 
 def argument_names(part: Any, *methods: str) -> set[str]:
-    """All argument names of the given methods of a class or instance; a missing method has none."""
+    """Return all argument names of these methods of a class or instance, if it has them."""
     cls = part if isinstance(part, type) else type(part)
     return {a for m in methods if implements(cls, m) for a in arguments(getattr(cls, m))}
 
 
 class Traced:
-    """A stand-in for a number that shows whether code uses its value.
+    """A stand-in for a number that records whether code uses its value.
 
-    Arithmetic on it gives a Traced again. `notes` gets an entry as soon as code branches on it or
+    Arithmetic on it returns a Traced. `notes` gets an entry as soon as code branches on it or
     passes it to a library.
     """
 
@@ -146,7 +145,7 @@ class Traced:
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = _computed
     __truediv__ = __rtruediv__ = __pow__ = __rpow__ = __neg__ = __pos__ = __abs__ = _computed
     __lt__ = __le__ = __gt__ = __ge__ = _computed
-    __eq__ = __ne__ = _computed  # type: ignore[assignment]  # comparisons give a Traced, not a bool
+    __eq__ = __ne__ = _computed  # type: ignore[assignment]  # comparisons return a Traced
     __and__ = __or__ = __invert__ = __rand__ = __ror__ = _computed
     __float__ = _used
     __hash__ = None  # type: ignore[assignment]  # not hashable, as it equals nothing
@@ -156,12 +155,12 @@ class Traced:
 
 
 def depends(call: Method, part: Any, **values: Any) -> bool:
-    """Whether the result of call(part, ...) depends on a value that is None.
+    """Return whether the result of call(part, ...) depends on a value that is None.
 
-    call : made by `method`;  values : all its arguments, by name; a Traced stands in for each None,
-        also inside tuples
+    call : made by `method`
+    values : all its arguments, by name; a Traced stands in for each None, also inside tuples
 
-    Code that fails with a Traced is taken to depend on it.
+    Code that fails with a Traced counts as dependent.
     """
     notes: list[bool] = []
 
@@ -173,8 +172,8 @@ def depends(call: Method, part: Any, **values: Any) -> bool:
     given = [traced(values[name]) for name in call.available]  # KeyError for one that is left out
     try:
         result = call(part, *given)
-    except Exception:  # a user's code may do anything with its numbers
+    except Exception:  # custom code may do anything with its numbers
         return True
-    # What came through arithmetic alone is a Traced still.
+    # A value that went through arithmetic alone is still a Traced.
     numbers = result if isinstance(result, tuple) else (result,)
     return bool(notes) or any(isinstance(x, Traced) for x in numbers)

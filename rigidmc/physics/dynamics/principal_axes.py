@@ -1,6 +1,6 @@
 """Principal axes of a symmetric 3x3 tensor, without branches.
 
-Jacobi's rotations are accumulated in a unit quaternion.
+The Jacobi rotations accumulate in a unit quaternion.
 """
 
 import math
@@ -11,18 +11,18 @@ from rigidmc.physics.dynamics.vectors import cross, select, select_all
 
 
 def _annul(a, b, c, f, g, off):
-    """One rotation in the plane (1, 2) that makes `off` 0.
+    """Make one rotation in the plane (1, 2) that makes `off` 0.
 
-    The tensor is [[a, off, f], [off, b, g], [f, g, c]]. Returns (a, b, c, f, g, cos, sin): the new
+    The tensor is [[a, off, f], [off, b, g], [f, g, c]]. Return (a, b, c, f, g, cos, sin): the new
     elements, and cosine and sine of half the angle.
     """
     twice = 2.0 * off
     gap = b - a
-    # t = tan of the smaller of the two angles that make `off` 0; 0 if `off` is 0 already
-    # (the squares of small numbers underflow, hence `max`)
-    # Rutishauser's formula: t of the smaller angle, with no cancellation and no arctangent.
+    # t is the tangent of the smaller of the two angles that make `off` 0, by Rutishauser's formula:
+    # no cancellation, no arctangent. t is 0 if `off` is 0 already. The squares of small numbers
+    # underflow, hence `max`.
     size = abs(gap) + max(math.sqrt(gap * gap + twice * twice), abs(twice))
-    # where `off` is 0, t is 0 by anything
+    # where `off` is 0, t is 0 whatever the divisor
     t = twice / select(off == 0.0, 1.0, select(gap < 0.0, -size, size))
     cosine = 1.0 / math.sqrt(1.0 + t * t)
     sine = t * cosine
@@ -39,7 +39,7 @@ def _annul(a, b, c, f, g, off):
 
 
 def _sweep(state):
-    """One rotation in each of the three planes; state : (xx, yy, zz, yz, zx, xy, quaternion)."""
+    """Rotate once in each of the three planes; state : (xx, yy, zz, yz, zx, xy, quaternion)."""
     xx, yy, zz, yz, zx, xy, q = state
     xx, yy, zz, zx, yz, c, s = _annul(xx, yy, zz, zx, yz, xy)
     q = multiply(q, (c, 0.0, 0.0, s))
@@ -55,12 +55,12 @@ def _sweep_three(state):
 
 
 def _sort_two(swap, a, b):
-    """(a, b), or (b, a) if `swap`, of tuples (moment, x, y, z)."""
+    """Return (a, b), or (b, a) if `swap`, for tuples (moment, x, y, z)."""
     return select_all(swap, b, a), select_all(swap, a, b)
 
 
 def _fix_sign(v):
-    """The x, y, z of a tuple (moment, x, y, z), with the sign that makes the largest positive.
+    """Return x, y, z of a tuple (moment, x, y, z), signed so that the largest is positive.
 
     If several are largest, the first counts.
     """
@@ -71,7 +71,7 @@ def _fix_sign(v):
 
 
 def principal(xx, yy, zz, yz, zx, xy):
-    """(moments, first, second, third axis): 12 numbers.
+    """Return (moments, first, second, third axis): 12 numbers.
 
     The moments ascend, the axes are right-handed, and the largest component of each of the first
     two axes is positive. A tensor whose off-diagonal elements are below 4e-15 of its largest (the
@@ -90,7 +90,7 @@ def principal(xx, yy, zz, yz, zx, xy):
     first, second = _sort_two(first[0] > second[0], first, second)
     second, third = _sort_two(second[0] > third[0], second, third)
     first, second = _sort_two(first[0] > second[0], first, second)
-    # Axes are known but for a sign; a rule for it makes them the same on every machine.
+    # The sign of an axis is arbitrary; a rule makes it the same on every machine.
     e, f = _fix_sign(first), _fix_sign(second)
     g = cross(e, f)
     unit_axes = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
@@ -99,7 +99,7 @@ def principal(xx, yy, zz, yz, zx, xy):
 
 
 class Principal(NamedTuple):
-    """`principal` of the six elements of a tensor, as a formula of `rigidmc.engine.formulas`."""
+    """`principal` of the six elements of a tensor, as a formula for `rigidmc.engine.formulas`."""
 
     xx: float
     yy: float

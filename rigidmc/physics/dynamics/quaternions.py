@@ -1,11 +1,11 @@
-"""Quaternions and the rotations that unit quaternions stand for; sums that lose no digits.
+"""Quaternions, the rotations of unit quaternions, and sums that lose no digits.
 
 Conventions as in `rigidmc.physics.dynamics.so3`.
 
 Over many short steps each change of a state is small, and rounding it to the digits of the state
 loses most of it. A compensated state is therefore a pair (value, remainder), whose exact sum is the
-state. `add_compensated`, `add_compensated4` and `apply_rotation` take such a pair or the plain
-value, a 3-vector or a quaternion, and then round as usual.
+state. `add_compensated`, `add_compensated4` and `apply_rotation` accept such a pair, or a plain
+3-vector or quaternion, for which they round as usual.
 """
 
 import math
@@ -15,27 +15,27 @@ from rigidmc.physics.dynamics.vectors import add, cross, dot, scale, select
 
 
 def add4(a, b):
-    """a + b of quaternions."""
+    """Return a + b for quaternions."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
 
 
 def difference4(a, b):
-    """a - b of quaternions."""
+    """Return a - b for quaternions."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
 
 
 def scale4(s, a):
-    """s*a of a number and a quaternion."""
+    """Return s*a for a number and a quaternion."""
     return s * a[0], s * a[1], s * a[2], s * a[3]
 
 
 def axpy4(a, s, b):
-    """a + s*b of quaternions."""
+    """Return a + s*b for quaternions."""
     return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2], a[3] + s * b[3]
 
 
 def multiply(p, q):
-    """Hamilton product p q."""
+    """Return the Hamilton product p q."""
     return (
         p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
         p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
@@ -45,24 +45,24 @@ def multiply(p, q):
 
 
 def conjugate(q):
-    """The inverse of a unit quaternion."""
+    """Return the inverse of a unit quaternion."""
     return q[0], -q[1], -q[2], -q[3]
 
 
 def exponential(u):
-    """exp(u/2) as a unit quaternion: the rotation by |u| about u.
+    """Return exp(u/2) as a unit quaternion: the rotation by |u| about u.
 
-    Accurate to rounding for |u| < 1e6, 0 included.
+    Accurate to rounding for |u| < 1e6, including 0.
     """
     angle = math.sqrt(dot(u, u))
     s, c = sincos(0.5 * angle)
-    # Without rotation the limit 1/2; the quotient is then not used, and 1 keeps it finite.
+    # The limit for angle 0 is 1/2; the quotient is then unused, and the divisor 1 keeps it finite.
     r = select(angle > 0.0, s / select(angle > 0.0, angle, 1.0), 0.5)
     return c, r * u[0], r * u[1], r * u[2]
 
 
 def spin(p, w):
-    """p (0, w): the change of attitude over a time h if w = h omega/2."""
+    """Return p (0, w): the change of attitude over a time h if w = h omega/2."""
     return (
         -p[1] * w[0] - p[2] * w[1] - p[3] * w[2],
         p[0] * w[0] + p[2] * w[2] - p[3] * w[1],
@@ -72,9 +72,9 @@ def spin(p, w):
 
 
 def advance_attitude(q, p, w):
-    """q + p (0, w) by fused multiply-adds.
+    """Return q + p (0, w), by fused multiply-adds.
 
-    With w = h omega/2 this is q + h dq/dt, with the rate of the attitude p: dq/dt = 1/2 p (0,
+    With w = h omega/2 this is q + h dq/dt, with the rate at the attitude p: dq/dt = 1/2 p (0,
     omega).
     """
     return (
@@ -86,7 +86,7 @@ def advance_attitude(q, p, w):
 
 
 def vertical(q):
-    """The space z axis in body components: the third row of A.
+    """Return the space z axis in body components: the third row of A.
 
     (2 (xz - wy), 2 (yz + wx), w^2 - x^2 - y^2 + z^2)
     """
@@ -98,7 +98,7 @@ def vertical(q):
 
 
 def into_body(q, v):
-    """The body components A^T v of a vector v in space components."""
+    """Return the body components A^T v of a vector v in space components."""
     r, w = (q[1], q[2], q[3]), 2.0 * q[0]
     s = cross(r, v)
     t = cross(r, s)
@@ -106,13 +106,13 @@ def into_body(q, v):
 
 
 def normalised(q):
-    """q/|q|."""
+    """Return q/|q|."""
     r = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return r * q[0], r * q[1], r * q[2], r * q[3]
 
 
 def touch_up(q):
-    """q (3 - |q|^2)/2: a Newton step to |q| = 1.
+    """Return q (3 - |q|^2)/2: a Newton step to |q| = 1.
 
     Exact to rounding if |q|^2 is within 1e-8 of 1 (tests/physics/dynamics/test_series.py).
     """
@@ -121,7 +121,7 @@ def touch_up(q):
 
 
 def renormalise(q):
-    """q/|q| by two Newton steps, without root or division.
+    """Return q/|q| by two Newton steps, without root or division.
 
     Exact to rounding if |q| is within 1e-4 of 1; the error is 3.4e-12 at 1e-3
     (tests/physics/dynamics/test_series.py).
@@ -133,7 +133,7 @@ def renormalise(q):
 
 
 def inverse_near_three(q):
-    """1/|q| for a quaternion of norm about 3, by two Newton steps, without root or division.
+    """Return 1/|q| for a quaternion of norm about 3, by two Newton steps, with no root or division.
 
     Exact to rounding if | |q|/3 - 1 | < 1e-4 (tests/physics/dynamics/test_series.py).
     """
@@ -143,32 +143,32 @@ def inverse_near_three(q):
 
 
 def divide_by_three(q):
-    """q/|q| for a quaternion of norm about 3; see `inverse_near_three`."""
+    """Return q/|q| for a quaternion of norm about 3; see `inverse_near_three`."""
     return scale4(inverse_near_three(q), q)
 
 
 def value_of(x):
-    """The value of a state: of a pair (value, remainder) the value."""
+    """Return the value of a state: of a pair (value, remainder), its value."""
     if len(x) == 2:
         return x[0]
     return x
 
 
 def two_sum(a, b):
-    """(s, e): s is the rounded sum, and s + e = a + b exactly.
+    """Return (s, e): s is the rounded sum, and s + e = a + b exactly.
 
     Source: Knuth, The Art of Computer Programming 2, 4.2.2.
     """
     s = a + b
-    # Six additions and no branch on which operand is larger, as the fast variant has.
+    # Six additions; the fast variant branches on which operand is larger.
     c = s - a
     return s, (a - (s - c)) + (b - c)
 
 
 def add_compensated(l, dl):
-    """l + dl of 3-vectors.
+    """Return l + dl for 3-vectors.
 
-    Of a pair (value, remainder) the pair of the sum, which loses nothing of dl.
+    For a pair (value, remainder), return the pair of the sum, which loses nothing of dl.
     """
     if len(l) == 2:
         value, remainder = l
@@ -180,14 +180,14 @@ def add_compensated(l, dl):
 
 
 def add_compensated4(q, dq):
-    """q + dq of quaternions, brought back to |q| = 1; of a pair (value, remainder) the pair."""
+    """Return q + dq normalised; for a pair (value, remainder), the pair of the sum."""
     if len(q) == 2:
         value, remainder = q
         a, da = two_sum(value[0], dq[0] + remainder[0])
         b, db = two_sum(value[1], dq[1] + remainder[1])
         c, dc = two_sum(value[2], dq[2] + remainder[2])
         d, dd = two_sum(value[3], dq[3] + remainder[3])
-        # a change along q restores the norm and leaves the attitude as it is
+        # a change along q restores the norm and keeps the attitude
         r = 0.5 - 0.5 * (a * a + b * b + c * c + d * d)
         # 1/|q| - 1 to the second order in 1 - |q|^2.
         r = r + 1.5 * r * r
@@ -200,15 +200,16 @@ def add_compensated4(q, dq):
 
 
 def apply_rotation(q, rotation):
-    """q rotation of unit quaternions, the rotation in body axes; of a pair (value, remainder) the
-    pair.
+    """Return q rotation for unit quaternions, the rotation in body axes.
+
+    For a pair (value, remainder), return the pair.
     """
     if len(q) == 2:
         value, rest = q
-        # rotation - 1 without cancellation; -rotation is the same, so the scalar part can be >= 0
+        # rotation - 1 without cancellation; -rotation is the same turn, so the scalar can be >= 0
         sign = select(rotation[0] < 0.0, -1.0, 1.0)
         x, y, z = scale(sign, rotation[1:])
-        # 1 + cos of half an angle: pure
+        # 1 + cos of half an angle: a pure number
         change = -(x * x + y * y + z * z) / (1.0 + abs(rotation[0])), x, y, z
         return add_compensated4(q, add4(multiply(value, change), multiply(rest, change)))
     return touch_up(multiply(q, rotation))

@@ -1,4 +1,4 @@
-"""Vectors, rotations and elementary functions for kernels and users' effects, under one name.
+"""Vectors, rotations and elementary functions for kernels and custom effects, in one module.
 
 Attitudes are unit quaternions, scalar first. A = R(q) maps body components to space components; the
 columns of A are the body axes (TdC (3.1)-(3.5)). q and -q are the same attitude. The product

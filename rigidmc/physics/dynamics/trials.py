@@ -1,6 +1,6 @@
-"""Methods of a user's class, tried in Python before they are compiled.
+"""Trials in Python of the methods of custom classes, before they are compiled.
 
-What they ask for, whether a loop depends on numbers, and what they return.
+They check the arguments of each method, loops whose length depends on numbers, and results.
 """
 
 import ast
@@ -17,16 +17,16 @@ from rigidmc.errors import PartError, SceneError, nearest
 from rigidmc.physics.dynamics.methods import Method, arguments, implements, old_word
 
 RULE = (
-    "kernels take floats and small tuples in and out: no arrays, no lists, no calls but of math, "
+    "compiled code uses floats and small tuples: no arrays, no lists, no calls except of math, "
     "and no loop whose length depends on numbers"
 )
 _STATES = 8  # random states at which methods are tried
-# Arguments of methods in earlier versions; until 1.0.
+# Former names of arguments of methods, and their present names; until 1.0.
 OLD_ARGUMENTS = {"kept": "state", "part": "substep"}
 
 
 class State(NamedTuple):
-    """Where methods are tried."""
+    """A state in which methods are tried."""
 
     t: float
     q: tuple[float, ...]
@@ -34,7 +34,7 @@ class State(NamedTuple):
 
 
 def states() -> Iterator[State]:
-    """Random states, always the same."""
+    """Yield random states, always the same."""
     some = np.random.default_rng(1)
     for _ in range(_STATES):
         q, l = some.normal(size=4), some.normal(size=3)
@@ -46,71 +46,74 @@ def states() -> Iterator[State]:
 
 
 class Trial(NamedTuple):
-    """A user's class under trial: the table of the scene that names it, for messages, and an
-    instance whose numbers are floats, as compiled code has them."""
+    """A custom class under trial.
+
+    at : the table of the scene that names it, for messages
+    part : an instance whose numbers are floats, as in compiled code
+    """
 
     at: str
     part: Any
 
     def complaint(self, name: str, rule: str, line: int | None = None) -> PartError:
-        """The error about a method or a fact of the class, with its line if that is known."""
+        """Return the error about a method or a fact of the class, with its line if known."""
         kind = type(self.part)
-        # a class of a notebook has no file itself
+        # a class defined in a notebook has no file
         file = getattr(kind, name).__code__.co_filename if line else ""
         place = f"{file}, line {line}: {linecache.getline(file, line).strip()}: " if line else ""
         return PartError.of(kind, place + rule, self.at, name, line)
 
     def refuse_old(self, words: Mapping[str, str]) -> None:
-        """Raise SceneError for a method or a fact that has another name now; words : {old: new}."""
+        """Raise SceneError for a method or a fact with a former name; words : {old: new}."""
         if found := old_word(self.part, words):
             old, new = found
             raise self.complaint(old, f"is now called {new}")
 
     def read(self, *methods: Method) -> None:
-        """Raise SceneError for a method that asks for what there is not, or that has a loop whose
-        length depends on numbers."""
+        """Raise SceneError for a method with an unknown argument, or with a loop whose length
+        depends on numbers."""
         for method in methods:
             if implements(self.part, method.__name__):
                 self._check_arguments(method)
                 self._check_loops(method.__name__)
 
     def number(self, method: Method, values: Mapping[str, Any]) -> float:
-        """What a method returns, which has to be one finite number."""
+        """Return the result of a method, which must be one finite number."""
         value = self.called(method, values)
         self._check_list(method, value, "a number")
         if isinstance(value, tuple) or not _is_number(value):
-            raise self.complaint(method.__name__, f"gives {value!r}, expected a number")
+            raise self.complaint(method.__name__, f"returns {value!r}, expected a number")
         self._check_finite(method, value, (value,))
         return float(value)
 
     def numbers(
         self, method: Method, values: Mapping[str, Any], size: int | None = None
     ) -> tuple[Any, ...]:
-        """What a method returns, which has to be a tuple of so many finite numbers, or of any."""
+        """Return the result of a method: a tuple of `size` finite numbers, or of any number."""
         value = self.called(method, values)
         many = "numbers" if size is None else f"{size} number{'s' * (size != 1)}"
         expected = f"a tuple of {many}"
         self._check_list(method, value, expected)
         right = isinstance(value, tuple) and (size is None or len(value) == size)
         if not right or not all(map(_is_number, value)):
-            raise self.complaint(method.__name__, f"gives {value!r}, expected {expected}")
+            raise self.complaint(method.__name__, f"returns {value!r}, expected {expected}")
         self._check_finite(method, value, value)
         found: tuple[Any, ...] = value
         return found
 
     def called(self, method: Method, values: Mapping[str, Any]) -> Any:
-        """What a method, or the default for it, returns for values by name."""
+        """Return the result of a method, or of its default, for values by name."""
         function = getattr(type(self.part), method.__name__, None)
         if function is None:
             return method(self.part, *(values.get(name) for name in method.available))
         return self.run(method.__name__, *(values[name] for name in arguments(function)))
 
     def run(self, name: str, *values: Any) -> Any:
-        """What a method returns; SceneError with the line where it raises."""
+        """Return the result of a method; raise SceneError with the line if it raises."""
         function = getattr(type(self.part), name)
         try:
             return function(self.part, *values)
-        except Exception as error:  # the user's code may raise anything
+        except Exception as error:  # custom code may raise anything
             if isinstance(error, SceneError):
                 raise
             frames = traceback.extract_tb(error.__traceback__)
@@ -122,12 +125,12 @@ class Trial(NamedTuple):
         parts = value if isinstance(value, tuple) else (value,)
         wrong = [x for x in (value, *parts) if isinstance(x, (np.ndarray, list))]
         if wrong:
-            rule = f"gives {type(wrong[0]).__name__}, expected {expected}; {RULE}"
+            rule = f"returns {type(wrong[0]).__name__}, expected {expected}; {RULE}"
             raise self.complaint(method.__name__, rule)
 
     def _check_finite(self, method: Method, value: Any, parts: tuple[Any, ...]) -> None:
         if not np.isfinite(np.array(parts, dtype=float)).all():
-            raise self.complaint(method.__name__, f"gives {value!r}, which is not finite")
+            raise self.complaint(method.__name__, f"returns {value!r}, which is not finite")
 
     def _check_arguments(self, method: Method) -> None:
         for argument in arguments(getattr(type(self.part), method.__name__)):
@@ -135,11 +138,11 @@ class Trial(NamedTuple):
                 close = OLD_ARGUMENTS.get(argument) or nearest(argument, method.available)
                 hint = f" (did you mean '{close}'?)" if close else ""
                 known = ", ".join(method.available) or "nothing"
-                rule = f"asks for '{argument}'; it may name {known}{hint}"
+                rule = f"unknown argument '{argument}'; it may name {known}{hint}"
                 raise self.complaint(method.__name__, rule)
 
     def _check_loops(self, name: str) -> None:
-        """The members of a vector take a loop together: its length must not depend on numbers."""
+        """Reject a loop whose length depends on numbers: members of a vector loop together."""
         method = getattr(type(self.part), name)
         try:
             tree = ast.parse(textwrap.dedent(inspect.getsource(method)))

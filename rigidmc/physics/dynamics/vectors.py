@@ -1,50 +1,50 @@
-"""Algebra of 3-vectors, and choices, roots and rounding of a number, without a branch.
+"""Algebra of 3-vectors; choices, roots and rounding of numbers without a branch.
 
-A "number" is a float, in Python also an array of floats, and in a kernel also a vector that holds
-one number of each of several members. Conditions are then arrays or masks, and both sides of a
-choice are evaluated.
+A "number" is a float; in Python it may be an array of floats, and in a kernel a vector with one
+number from each of several members. Conditions are then arrays or masks, and both sides of a choice
+are evaluated.
 
-A momentum may be a longer tuple: behind its three components follow the works that the effects have
-done (`rigidmc.physics.effects.sums`). Sums and multiples apply to these further numbers too; a
-missing one is 0.
+A momentum may be a longer tuple: its three components, then the works that the effects have done
+(`rigidmc.physics.effects.sums`). Sums and multiples include these trailing numbers; a missing one
+is 0.
 """
 
 import numpy as np
 
 
 def dot(a, b):
-    """Scalar product of two 3-vectors."""
+    """Return the scalar product of two 3-vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a, b):
-    """Vector product of two 3-vectors."""
+    """Return the vector product of two 3-vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def first_three(a):
-    """The 3-vector at the start of a longer tuple."""
+    """Return the 3-vector at the start of a longer tuple."""
     if len(a) == 3:
         return a
     return a[0], a[1], a[2]
 
 
 def concat(a, b):
-    """The tuple `a` followed by `b`."""
+    """Return the tuple `a` followed by `b`."""
     if len(b) == 0:
         return a
     return a + b
 
 
 def scale_rest(s, a):
-    """s*a for a tuple of any length."""
+    """Return s*a for a tuple of any length."""
     if len(a) == 0:
         return ()
     return (s * a[0],) + scale_rest(s, a[1:])
 
 
 def rest_axpy(a, s, b):
-    """a + s*b for tuples of any lengths."""
+    """Return a + s*b for tuples of any lengths."""
     if len(b) == 0:
         return a
     if len(a) == 0:
@@ -53,7 +53,7 @@ def rest_axpy(a, s, b):
 
 
 def add(a, b):
-    """a + b of 3-vectors and of what follows them."""
+    """Return a + b for 3-vectors and their trailing numbers."""
     if len(a) > 3:
         return (a[0] + b[0], a[1] + b[1], a[2] + b[2]) + rest_axpy(a[3:], 1.0, b[3:])
     if len(b) > 3:
@@ -62,21 +62,21 @@ def add(a, b):
 
 
 def difference(a, b):
-    """a - b of 3-vectors and of what follows `a`."""
+    """Return a - b for 3-vectors and the trailing numbers of `a`."""
     if len(a) > 3:
         return (a[0] - b[0], a[1] - b[1], a[2] - b[2]) + rest_axpy(a[3:], -1.0, b[3:])
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 def scale(s, a):
-    """s*a of a number and a 3-vector with what follows it."""
+    """Return s*a for a number and a 3-vector with its trailing numbers."""
     if len(a) > 3:
         return (s * a[0], s * a[1], s * a[2]) + scale_rest(s, a[3:])
     return s * a[0], s * a[1], s * a[2]
 
 
 def axpy(a, s, b):
-    """a + s*b of 3-vectors and of what follows them."""
+    """Return a + s*b for 3-vectors and their trailing numbers."""
     if len(b) > 3:
         return (a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]) + rest_axpy(a[3:], s, b[3:])
     if len(a) > 3:
@@ -85,7 +85,7 @@ def axpy(a, s, b):
 
 
 def select(condition, a, b):
-    """`a if condition else b` with both evaluated: a blend, never a branch.
+    """Return `a if condition else b` with both evaluated: a blend, never a branch.
 
     Element by element for arrays.
     """
@@ -95,22 +95,22 @@ def select(condition, a, b):
 
 
 def select_all(condition, a, b):
-    """`select` of each number of two tuples."""
+    """Apply `select` to each number of two tuples."""
     return tuple(select(condition, x, y) for x, y in zip(a, b, strict=True))
 
 
 def logical_not(condition):
-    """`not condition`, also for a mask."""
+    """Return `not condition`, also for a mask."""
     return not condition
 
 
 def by_precision(x, double, single):
-    """One of two constants: `double`, or `single` if x is a float32 number."""
+    """Return one of two constants: `double`, or `single` if x is a float32 number."""
     return double
 
 
 def nearest_integer(x):
-    """The integer nearest to x as a float, |x| < 2^51 (2^22 in float32), without a library call.
+    """Return the integer nearest to x as a float, |x| < 2^51 (2^22 in float32), with no library.
 
     x + 1.5 * 2^52 is so large that it has no digits after the point.
     """
@@ -119,22 +119,22 @@ def nearest_integer(x):
 
 
 def root(x):
-    """The square root of a number, or of each number of an array."""
-    # Of numbers and arrays alike: `math.sqrt` takes no arrays. Compiled it is one instruction.
+    """Return the square root of a number, or of each number of an array."""
+    # `math.sqrt` does not accept arrays. Compiled, this is one instruction.
     return np.sqrt(x)
 
 
 def inverse(x):
-    """1/x, or 0 if x is 0: a fraction of nothing is none, in any unit."""
-    # Where x is 0 the quotient is not used: 1 keeps it finite, and free of warnings.
+    """Return 1/x, or 0 if x is 0: a fraction of 0 counts as 0, in any unit."""
+    # Where x is 0 the quotient is unused: 1 keeps it finite and free of warnings.
     return select(x > 0.0, 1.0 / select(x > 0.0, x, 1.0), 0.0)
 
 
 def maximum(a, b):
-    """The larger of two numbers, element by element for arrays."""
+    """Return the larger of two numbers, element by element for arrays."""
     return select(b > a, b, a)
 
 
 def minimum(a, b):
-    """The smaller of two numbers, element by element for arrays."""
+    """Return the smaller of two numbers, element by element for arrays."""
     return select(b < a, b, a)

@@ -1,11 +1,11 @@
-"""What acts on a body: gravity, springs, damping, ...
+"""Effects on a body: gravity, springs, damping, ...
 
-A new effect is one file in this folder and one line below. `rigidmc.physics.effects.protocol` says
-what an effect may have; docs/contributing.md has an example.
+A new effect is one file in this folder and one line below. `rigidmc.physics.effects.protocol`
+defines the methods and facts of an effect; docs/contributing.md has an example.
 """
 
-# One line for each effect, in canonical order: whatever order a scene lists them in, effects act in
-# this one. An effect's word in scene files is the name of its class in snake_case.
+# One line for each effect, in canonical order: effects act in this order, however a scene lists
+# them. An effect's word in scene files is the name of its class in snake_case.
 # isort: off
 from rigidmc.physics.effects.gravity import Gravity as Gravity
 from rigidmc.physics.effects.gravity_gradient import GravityGradient as GravityGradient
@@ -39,13 +39,13 @@ EFFECTS: dict[str, Any] = {word_of(cls): cls for cls in _KINDS}
 
 
 def name_of(effect: Effect | type[Effect]) -> str:
-    """The word for an effect or its class in a scene file; of a user's class its name."""
+    """Return the word for an effect or its class in a scene file; for a custom class, its name."""
     cls = effect if isinstance(effect, type) else type(effect)
     return next((name for name, known in EFFECTS.items() if known is cls), cls.__name__)
 
 
 def description(cls: type[Effect]) -> tuple[str, str, str]:
-    """(law, parameters with units, facts) of a class of effects, in words."""
+    """Return (law, parameters with units, facts) of a class of effects, in words."""
     parameters = []
     for field in user_parameters(cls):
         unit, size = facts(cls).units[field], shape(cls, field)
@@ -54,26 +54,28 @@ def description(cls: type[Effect]) -> tuple[str, str, str]:
     used = argument_names(cls, "torque", "energy", "kick")
     said = {
         "needs the attitude": "q" in used,
-        # a shared parameter may: the momentum of a wheel with a motor
+        # a shared parameter may depend on time: the momentum of a wheel with a motor
         "depends on time": "t" in used and not facts(cls).shared,
         "depends on L": "l" in used,
         "is random": facts(cls).is_random,
         "has an energy": implements(cls, "energy"),
-        "keeps L_z": facts(cls).conserves_lz,
+        "conserves L_z": facts(cls).conserves_lz,
     }
     law = (cls.__doc__ or "").splitlines()[0]
     return law, ", ".join(parameters), ", ".join(k for k, v in said.items() if v) or "constant"
 
 
 def label_effects(effects: Iterable[Any]) -> list[tuple[str, Any]]:
-    """[(label, effect)]: the word of the effect, numbered from the second of a class on."""
+    """Return [(label, effect)]: words, numbered from the second effect of a class on."""
     known = tuple(effects)
     return list(zip(number_words(map(name_of, known)), known, strict=True))
 
 
 def shared_parameters(effects: Iterable[Any]) -> dict[str, list[str]]:
-    """{parameter: those that it is the sum of}, as label_field, for each parameter that an effect
-    shares with another kind of effect that is there."""
+    """Return {parameter: the parameters it is the sum of}, each as label_field.
+
+    It lists each parameter that an effect shares with another kind of effect in the scene.
+    """
     known = label_effects(effects)
     found = {}
     for label, effect in known:
@@ -84,9 +86,8 @@ def shared_parameters(effects: Iterable[Any]) -> dict[str, list[str]]:
 
 
 def canonical(effects: Iterable[Any]) -> tuple[Any, ...]:
-    """The effects in canonical order; those of a user's own come last, as given."""
-    # Flows do not commute: one order for all, so that a result does not depend on the text of a
-    # scene.
+    """Return the effects in canonical order; custom effects come last, as given."""
+    # Flows do not commute: a fixed order makes a result independent of the order in the scene.
     order = list(EFFECTS.values())
     return tuple(
         sorted(effects, key=lambda e: order.index(type(e)) if type(e) in order else len(order))

@@ -17,13 +17,13 @@ from rigidmc.physics.effects.protocol import Number, Vector, effect
     isotropic=True,
 )
 class Bath(NamedTuple):
-    """Friction and noise of a bath of temperature T, which lead to Gibbs's law exp(-(T + V)/kT).
+    """Friction and noise of a bath of temperature T, which lead to the Gibbs law exp(-(T + V)/kT).
 
     Change of the momentum::
 
         dL = -gamma L dt + sqrt(2 gamma kT I) dW
 
-    Splittings of order 2 put it between two halves of the free motion (BAOAB). Its flow is exact:
+    Splittings of order 2 apply it between two halves of the free motion (BAOAB). Its flow is exact:
     L_i <- exp(-gamma h) L_i + sqrt(I_i kT (1 - exp(-2 gamma h))) n_i with normal deviates n_i.
     Averages have an error of order h^2.
     Source: Leimkuhler & Matthews, Appl. Math. Res. Express 2013, 34; Davidchack, Ouldridge &
@@ -32,11 +32,11 @@ class Bath(NamedTuple):
     Parameters
     ----------
     gamma : quantity [1/s]
-        rate at which the momentum is forgotten
+        rate of decay of the momentum
     kT : quantity [J]
         Boltzmann's constant times temperature
     noise : floats (3,), optional
-        the normal deviates of a step: the engine fills them in, a scene leaves them out
+        the normal deviates of a step; the engine fills them in, a scene leaves them out
 
     Examples
     --------
@@ -50,8 +50,8 @@ class Bath(NamedTuple):
     noise: Vector = (0.0, 0.0, 0.0)  # normal deviates; the engine draws new ones for each step
 
     def energy_scale(self, body):
-        # The spin of 4 standard deviations. Drifts prepared for it have errors of 5e-12 at
-        # 8 of them, where a member is flagged.
+        # The spin at 4 standard deviations. Drifts prepared for it have errors of 5e-12 at 8
+        # standard deviations, where a member is flagged.
         return 4.0 * self.kT
 
     def add_noise(self, body, h, l):

@@ -1,4 +1,4 @@
-"""Damping: isotropic, of each axis, by a matrix, quadratic, and dry friction."""
+"""Damping: isotropic, per axis, by a matrix, quadratic; and dry friction."""
 
 import math
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ class ViscousDamping(NamedTuple):
 
         tau = -rate L,   alone: L(t) = exp(-rate t) L(0)
 
-    A damped free body runs through its undamped motion, whose time is (1 - exp(-rate t))/rate.
+    A damped free body follows its undamped motion, at the time (1 - exp(-rate t))/rate.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class ViscousDamping(NamedTuple):
         return scale(-self.rate, l)
 
     def kick(self, h, l):
-        # l + (exp(-x) - 1) l, not exp(-x) l: for a small x the factor 1 - x would lose its digits.
+        # l + (exp(-x) - 1) l, not exp(-x) l: for small x the factor 1 - x would lose digits.
         return axpy(l, expm1(-self.rate * h), l)
 
 
@@ -54,7 +54,7 @@ class ViscousDamping(NamedTuple):
     is_damping=True,
 )
 class AxialDamping(NamedTuple):
-    """Viscous damping with a rate for each principal axis, as in a viscous fluid.
+    """Viscous damping with one rate per principal axis, as in a viscous fluid.
 
     Torque::
 
@@ -93,7 +93,7 @@ class AxialDamping(NamedTuple):
     kick_order=2,
 )
 class MatrixDamping(NamedTuple):
-    """Viscous damping by a full matrix, whose axes need not be the principal axes.
+    """Viscous damping by a full matrix; its axes may differ from the principal axes.
 
     Torque::
 
@@ -115,14 +115,15 @@ class MatrixDamping(NamedTuple):
     matrix: Vector
 
     def is_driving(self) -> Any:
-        """Whether some spin is driven: a principal minor of C is negative beyond rounding.
+        """Return whether the damping drives some spin: a principal minor of C is negative.
 
-        C in units of its trace; arrays of matrices pass through.
+        Minors of C in units of its trace count as negative beyond rounding. Arrays of matrices are
+        allowed.
         """
-        # Rounding of the minors is 1e-16 in units of the trace; 1e-14 lets a matrix that is
-        # singular by construction pass.
+        # Rounding of the minors is 1e-16 in units of the trace; 1e-14 accepts a matrix that is
+        # singular by construction.
         size = abs(self.matrix[0]) + abs(self.matrix[1]) + abs(self.matrix[2])
-        # a matrix without a diagonal: any unit will do, its own elements then decide
+        # with no diagonal, any unit works: the other elements decide
         x, y, z, yz, zx, xy = (m / (size + (size == 0)) for m in self.matrix)
         pairs = (x * y - xy * xy < -1e-14) | (y * z - yz * yz < -1e-14) | (z * x - zx * zx < -1e-14)
         whole = x * y * z + 2 * xy * yz * zx - x * yz * yz - y * zx * zx - z * xy * xy
@@ -152,7 +153,7 @@ class MatrixDamping(NamedTuple):
     kick_order=2,
 )
 class QuadraticDrag(NamedTuple):
-    """Drag that grows with the square of the spin, as in air.
+    """Drag proportional to the square of the spin, as in air.
 
     Torque::
 
@@ -200,9 +201,9 @@ class DryFriction(NamedTuple):
 
         tau = -friction omega / sqrt(|omega|^2 + rest^2)
 
-    Of constant size while `|omega|` is well above `rest`; below it viscous, with friction/rest. Dry
-    friction would hold a body against a small torque; here the body creeps, at most at `rest` under
-    a torque of 0.7 of the friction. Its kick is a rule of order 2.
+    Its size is constant while `|omega|` is well above `rest`; below it is viscous, friction/rest
+    times omega. Real dry friction would hold a body against a small torque; here the body creeps,
+    at `rest` or slower under a torque of 0.7 of the friction. Its kick is a rule of order 2.
 
     Parameters
     ----------
@@ -226,7 +227,7 @@ class DryFriction(NamedTuple):
 
     def kick(self, body, h, l):
         w = angular_velocity(body, l)
-        # A half step first, for the rate in the middle: that makes the rule one of order 2.
+        # A half step gives the rate in the middle, which makes the rule order 2.
         half = 0.5 * h * self.friction / root(dot(w, w) + self.rest * self.rest)
         w = angular_velocity(body, damp_flow(body, half, l))
         return damp_flow(body, h * self.friction / root(dot(w, w) + self.rest * self.rest), l)

@@ -25,35 +25,35 @@ _NONE = (0.0, 0.0, 0.0)
     kick_order=2,
 )
 class EnergyDissipation(NamedTuple):
-    """Internal dissipation: the energy falls, L keeps its size, the spin ends about the major axis.
+    """Internal dissipation: energy falls, |L| stays, the spin ends about the major axis.
 
     Torque and power::
 
         tau = loss G x (G x omega)/|G|,   dE/dt = -loss |G x omega|^2/|G|
 
-    G is the momentum of the whole: L, or L + H beside a `Rotor` that holds H. The direction of G in
-    space wanders by about `loss` rad in each turn; that of a real body with moving parts inside
-    stays: take `InternalDissipation` where the attitude matters. The kick is a rule of order 2 that
-    rotates G: the size of G stays to rounding.
+    G is the momentum of the whole: L, or L + H with a `Rotor` of momentum H. The direction of G in
+    space wanders by about `loss` rad per turn, unlike in a real body with moving parts inside: use
+    `InternalDissipation` where the attitude matters. The kick is a rule of order 2 that rotates G,
+    so |G| is constant to rounding.
 
-    A wobble about axis 3, with the spin w and a wheel along that axis, changes as exp(-t/T)::
+    A wobble about axis 3, with spin w and a wheel along that axis, changes as exp(-t/T)::
 
         1/T = (loss/2) (|G|/I_1 + |G|/I_2 - 2 w)
 
-    Without a wheel it dies away if I_3 is the largest moment, and a symmetric body with a quality
-    factor Q of its wobble has loss = 1/(2 Q). With one it dies away if `|G|/w` is larger than I_1
-    and I_2.
+    Without a wheel it decays if I_3 is the largest moment; a symmetric body whose wobble has a
+    quality factor Q has loss = 1/(2 Q). With a wheel it decays if `|G|/w` is larger than I_1 and
+    I_2.
     Source: the double bracket of Bloch, Krishnaprasad, Marsden & Ratiu, Commun. Math. Phys. 175
     (1996) 1, section 4; Hughes, Spacecraft Attitude Dynamics (1986), 7, for gyrostats.
 
     Parameters
     ----------
     loss : quantity
-        speed at which G drifts to the major axis, as a share of its free rate
+        speed at which G drifts to the major axis, as a fraction of its free rate
     wheel : quantities (3,) [kg m^2/s]
-        momentum of the rotors of the scene at t = 0: filled in, not given
+        momentum of the rotors of the scene at t = 0; the engine fills it in
     motor : quantities (3,) [N m]
-        torque of their motors: filled in, not given
+        torque of their motors; the engine fills it in
 
     Examples
     --------
@@ -73,14 +73,14 @@ class EnergyDissipation(NamedTuple):
         wheel = axpy(self.wheel, t, self.motor)
         g = add(l, wheel)
         by = -h * self.loss / _size(g)
-        # A half step first, for the rate in the middle: that makes the rule one of order 2.
+        # A half step gives the rate in the middle, which makes the rule order 2.
         half = rotate_flow(scale(0.5 * by, cross(g, angular_velocity(body, l))), g)
         slope = cross(half, angular_velocity(body, difference(half, wheel)))
         return difference(rotate_flow(scale(by, slope), g), wheel)
 
 
 def _size(v):
-    """|v|, or 1 if v is 0: what is divided by it is then 0 in any unit."""
+    """Return |v|, or 1 if v is 0: a quotient by it is then 0 in any unit."""
     square = dot(v, v)
-    # of any unit, see above
+    # 1 has no fixed unit, see above
     return root(select(square > 0.0, square, 1.0))

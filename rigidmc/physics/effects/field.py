@@ -23,7 +23,7 @@ class UniformField(NamedTuple):
 
         tau = dipole x A^T field,   E = -dipole . A^T field
 
-    A needle swings about the field with omega^2 = `|dipole| |field|/I`. For an electric dipole give
+    A needle swings about the field with omega^2 = `|dipole| |field|/I`. For an electric dipole use
     C m and V/m.
 
     Parameters
@@ -101,13 +101,13 @@ class RotatingField(NamedTuple):
 
 
 def field_at(field, rate, t):
-    """R_z(rate t) field."""
+    """Compute R_z(rate t) field."""
     s, c = sincos(rate * t)
     x, y, z = field
     return c * x - s * y, s * x + c * y, z
 
 
 def _sizes(a, b):
-    """A bound on |a . A b|: (a.a b.b)^(1/2), by operations that numbers and arrays have."""
-    # One root for two lengths.
+    """Return a bound on |a . A b|: (a.a b.b)^(1/2), for numbers and arrays."""
+    # One square root for two lengths.
     return root(dot(a, a) * dot(b, b))

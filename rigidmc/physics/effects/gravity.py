@@ -41,7 +41,7 @@ class Gravity(NamedTuple):
         return cross(vertical(q), (self.g * body.p1, self.g * body.p2, self.g * body.p3))
 
     def add_torque(self, body, q, by, onto):
-        # u_x/2 and u_y/2, and products that leave the loop over steps: 14 operations instead of 19
+        # u_x/2 and u_y/2, and products that leave the loop over steps: 14 operations, not 19
         x, y = q[1] * q[3] - q[0] * q[2], q[2] * q[3] + q[0] * q[1]
         z = q[0] * q[0] - q[1] * q[1] - q[2] * q[2] + q[3] * q[3]
         one, two, three = self.g * body.p1, self.g * body.p2, self.g * body.p3

@@ -1,4 +1,4 @@
-"""The torque of a central body on a body in orbit about it."""
+"""Gravity-gradient torque of a central body on an orbiting body."""
 
 import math
 from typing import NamedTuple
@@ -22,7 +22,7 @@ _TURN = 6.283185307179586
 class GravityGradient(NamedTuple):
     """Gravity gradient on a Kepler orbit in the plane z = 0, about the body's centre of mass.
 
-    The fixed point has to be the centre of mass: pivot = "centre" in [body], or
+    The fixed point must be the centre of mass: pivot = "centre" in [body], or
     `Body.with_pivot_at_centre`, moves it there.
 
     Torque::
@@ -31,8 +31,8 @@ class GravityGradient(NamedTuple):
         r = distance (1 - eccentricity cos E)
         E - eccentricity sin E = sqrt(mu/distance^3) t + anomaly
 
-    The pericentre lies along x. On a circular orbit of rate n a body whose long axis points to the
-    centre librates in the plane with n sqrt(3 (I2 - I1)/I3).
+    The pericentre lies along x. On a circular orbit of rate n, a body whose long axis points to the
+    centre librates in the plane at n sqrt(3 (I2 - I1)/I3).
     Source: Hughes, Spacecraft Attitude Dynamics (1986), 8.1; Goldreich & Peale, Astron. J. 71
     (1966) 425.
 
@@ -79,34 +79,37 @@ class GravityGradient(NamedTuple):
 
     def energy_scale(self, body):
         nearest = self.distance * (1.0 - self.eccentricity)
-        # Divided one after the other: the cube of 1e13 m overflows in float32.
+        # Three divisions: the cube of 1e13 m overflows in float32.
         c = _differences(body, 3.0 * self.mu / nearest / nearest / nearest)
         return 0.25 * (abs(c[0]) + abs(c[1]) + abs(c[2]))
 
 
 def place(orbit, t):
-    """(cosine, sine) of the true anomaly of a GravityGradient at t."""
+    """Return (cosine, sine) of the true anomaly of a GravityGradient at t."""
     _, x, y = _pull(orbit.mu, orbit.distance, orbit.eccentricity, orbit.anomaly, t)
     return x, y
 
 
 def _differences(body, size):
-    """size (I3 - I2), cyclic, by the coefficients of Euler's equations, so that nothing cancels."""
+    """Return size (I3 - I2), cyclic, from the coefficients of Euler's equations.
+
+    These avoid cancellation.
+    """
     d = -size * (1.0 / (body.i1 * body.i2 * body.i3))
     return d * body.i1 * body.a1, d * body.i2 * body.a2, d * body.i3 * body.a3
 
 
 def _pull(mu, distance, e, anomaly, t):
-    """(3 mu/r^3, cosine, sine of the true anomaly).
+    """Return (3 mu/r^3, cosine, sine of the true anomaly).
 
-    Kepler's equation E - e sin E = M by two steps of order 5, which begin at
+    Solve Kepler's equation E - e sin E = M by two steps of order 5 from
     E = M + e sin M / sqrt(1 - 2 e cos M + e^2). The error is at most 1e-4 after the first step and
     6e-16 after the second up to e = 0.9, and 4.1e-13 at e = 0.95
     (tests/physics/effects/test_gravity_gradient.py).
     """
     square = mu / distance / distance / distance  # the cube of 1e13 m overflows in float32
     m = math.sqrt(square) * t + anomaly
-    # Within half a turn of 0 the sine of it keeps its digits.
+    # Within half a turn of 0, the sine keeps its digits.
     m = m - _TURN * nearest_integer(m * (1.0 / _TURN))
     s, c = sincos(m)
     at = m + e * s / math.sqrt(1.0 + e * (e - 2.0 * c))
@@ -125,9 +128,9 @@ def _pull(mu, distance, e, anomaly, t):
 
 
 def _nearer(ahead, s, c):
-    """The correction of E = M + ahead towards E - e sin E = M; s = e sin E, c = e cos E.
+    """Return the correction of E = M + ahead towards E - e sin E = M.
 
-    The reversed series of order 5, with one division.
+    s = e sin E, c = e cos E. The reversed series of order 5, with one division.
     """
     r = 1.0 / (1.0 - c)
     x, a, b, g = (ahead - s) * r, 0.5 * s * r, (1.0 / 6.0) * c * r, (-1.0 / 24.0) * s * r

@@ -1,4 +1,4 @@
-"""Energy lost by parts that move inside the body, which keep the momentum of the whole."""
+"""Energy lost by moving parts inside the body, at constant total momentum."""
 
 import math
 from typing import NamedTuple
@@ -24,21 +24,20 @@ _NONE = (0.0, 0.0, 0.0)
     isotropic=True,
 )
 class InternalDissipation(NamedTuple):
-    """Internal dissipation that keeps the momentum in space, with its direction.
+    """Internal dissipation that conserves the momentum in space, direction included.
 
     L moves in the body as under `EnergyDissipation`, and the body turns so that L stays in space::
 
         dL/dt = L x Omega,   dA/dt = A hat(Omega),   Omega = omega + loss G x omega/|G|
 
-    with omega = I^-1 L and G = L, or L + H beside a `Rotor` that holds H. L is the momentum of the
-    body and of the parts that move inside it; relative to the body these hold
-    `-loss I (G x omega)/|G|`, which is why it does not turn with I^-1 L. `omega` in results is
-    I^-1 L, and Omega differs from it by `loss` of its size at most. The energy 1/2 L . I^-1 L
-    falls::
+    with omega = I^-1 L and G = L, or L + H with a `Rotor` of momentum H. L is the momentum of the
+    body and of its moving parts. Relative to the body these parts have the momentum
+    `-loss I (G x omega)/|G|`, so the body does not turn with I^-1 L. `omega` in results is I^-1 L;
+    Omega differs from it by at most `loss` of its size. The energy 1/2 L . I^-1 L falls::
 
         dE/dt = -loss |G x omega|^2/|G|
 
-    and a wobble changes as under `EnergyDissipation`. The integrators rk8 and cf4 take it.
+    and a wobble changes as under `EnergyDissipation`. Requires the integrator rk8 or cf4.
     Source: the energy sink of Hughes, Spacecraft Attitude Dynamics (1986), 7, by the double bracket
     of Bloch, Krishnaprasad, Marsden & Ratiu, Commun. Math. Phys. 175 (1996) 1, section 4;
     theory/gyrostat of the documentation derives the rate.
@@ -46,11 +45,11 @@ class InternalDissipation(NamedTuple):
     Parameters
     ----------
     loss : quantity
-        speed at which G drifts to the major axis, as a share of its free rate
+        speed at which G drifts to the major axis, as a fraction of its free rate
     wheel : quantities (3,) [kg m^2/s]
-        momentum of the rotors of the scene at t = 0: filled in, not given
+        momentum of the rotors of the scene at t = 0; the engine fills it in
     motor : quantities (3,) [N m]
-        torque of their motors: filled in, not given
+        torque of their motors; the engine fills it in
 
     Examples
     --------
@@ -72,5 +71,5 @@ class InternalDissipation(NamedTuple):
 
 
 def _more(loss, g, w):
-    """Omega - omega [rad/s]; 0 for a body at rest."""
+    """Return Omega - omega [rad/s]; 0 for a body at rest."""
     return scale(loss * inverse(root(dot(g, g))), cross(g, w))

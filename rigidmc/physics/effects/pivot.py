@@ -16,13 +16,13 @@ _ANY = (-math.inf, math.inf)
     example=((0.1, -0.05, 0.2), 3.0, 0.4),
 )
 class MovingPivot(NamedTuple):
-    """A shaken fixed point, at swing cos(frequency t + phase) in space; the body is seen from it.
+    """A shaken fixed point, at swing cos(frequency t + phase) in space, with the body in its frame.
 
     Torque::
 
         tau = frequency^2 cos(frequency t + phase) m r x A^T swing
 
-    A pendulum stands on its head if it is shaken vertically and fast enough: (swing frequency)^2 >
+    A pendulum stands upside down if it is shaken vertically and fast enough: (swing frequency)^2 >
     2 g l for a point mass at the distance l.
     Source: Kapitza, Usp. Fiz. Nauk 44 (1951) 7; Landau & Lifshitz, Mechanics, section 30,
     problem 1.
@@ -57,6 +57,6 @@ class MovingPivot(NamedTuple):
 
     def energy_scale(self, body):
         s = self.swing
-        # There is no potential: the largest torque, over 1 rad.
+        # No potential: use the largest torque times 1 rad.
         size = root(s[0] * s[0] + s[1] * s[1] + s[2] * s[2])
         return self.frequency * self.frequency * size * (abs(body.p1) + abs(body.p2) + abs(body.p3))

@@ -18,7 +18,7 @@ _ANY = (-math.inf, math.inf)
     conserves_lz=True,
 )
 class Potential(NamedTuple):
-    """A polynomial of the vertical u = A^T e_z as the body sees it.
+    """A polynomial in the vertical u = A^T e_z, in body components.
 
     Potential energy and torque::
 
@@ -75,7 +75,7 @@ class Potential(NamedTuple):
                 4.0 * k[2] * u[2] * u[2] * u[2],
             ),
         )
-        # The rate of change of dE/du while u changes by du.
+        # The rate of change of dE/du when u changes at the rate du.
         bend = symmetric_times(self.quadratic, du)
         bend = add(
             bend,

@@ -24,9 +24,9 @@ class Rotor(NamedTuple):
 
         tau = H x omega - motor,   H = momentum + motor t
 
-    L = I omega is the momentum of the body with the flywheel locked, L + H that of the whole. With
-    motor = 0 the energy of the body is conserved. The kick is a rotation in the coordinates
-    L_i/sqrt(I_i), which is exact for constant H, between two halves of the motor's kick.
+    L = I omega is the momentum of the body with the flywheel locked; L + H is the momentum of the
+    whole. With motor = 0 the energy of the body is conserved. The kick is a rotation in the
+    coordinates L_i/sqrt(I_i), exact for constant H, between two halves of the motor's kick.
     Source: Wittenburg, Dynamics of Systems of Rigid Bodies (1977), 4.6; Hughes, Spacecraft Attitude
     Dynamics (1986), 6.
 
@@ -50,7 +50,7 @@ class Rotor(NamedTuple):
 
     @property
     def conservative(self) -> bool:
-        # An array or a distribution may be anything: a motor may run in some member.
+        # An array or a distribution may include a running motor in some member.
         return all(isinstance(m, float) and m == 0.0 for m in self.motor)
 
     def torque(self, body, t, l):
@@ -62,11 +62,11 @@ class Rotor(NamedTuple):
         # with y_i = L_i sqrt(1/I_i):  dy/dt = g x y,  g_i = H_i / sqrt(I_j I_k)
         one, two, three = root(body.i1), root(body.i2), root(body.i3)
         wheel = axpy(self.momentum, t, self.motor)
-        # Half of the motor's kick before and half after the rotation: symmetric, so of order 2.
+        # Half of the motor's kick before and half after the rotation: symmetric, hence order 2.
         x, y, z = axpy(l, -0.5 * h, self.motor)
         x, y, z = rotate_flow(
             (h * two * three * wheel[0], h * three * one * wheel[1], h * one * two * wheel[2]),
             (one * x, two * y, three * z),
         )
-        # where 1/I1 is 0 so is x, and 0 by anything is 0
+        # where 1/I1 is 0, x is 0 and the quotient is 0 whatever the divisor
         return axpy((x / select(one > 0.0, one, 1.0), y / two, z / three), -0.5 * h, self.motor)

@@ -29,9 +29,9 @@ class Spring(NamedTuple):
     stiffness : quantity [N/m]
         of the spring
     at : quantities (3,) [m]
-        the point of the body to which it is fastened, principal axes
+        point of attachment on the body, principal axes
     to : quantities (3,) [m]
-        the point of space to which it is fastened, from the fixed point
+        point of attachment in space, from the fixed point
     length : quantity, optional [m]
         length of the relaxed spring
 
@@ -50,7 +50,7 @@ class Spring(NamedTuple):
     def torque(self, q):
         end = into_body(q, self.to)
         d = difference(self.at, end)
-        # 1e-300 m2: where d is 0 the direction is arbitrary, and `cross` is 0 there
+        # 1e-300 m2: where d is 0 the direction is arbitrary, and `cross` vanishes
         pull = self.stiffness * (1.0 - self.length / root(dot(d, d) + 1e-300))
         return scale(pull, cross(self.at, end))
 

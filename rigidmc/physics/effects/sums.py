@@ -1,12 +1,12 @@
-"""What all effects of a scene do together, and the work of each.
+"""Sums over all effects of a scene, and the work of each.
 
-The functions recurse over the tuple of effects, so that only those of a scene are compiled; the
+The functions recurse over the tuple of effects, so only the effects of a scene are compiled; the
 empty tuple costs nothing.
 
-A run that saves `work` carries one number for each effect behind the three components of L: how
-much energy the effect has given to the body. l is thus (x, y, z), or these and the works. In this
-file `works` are these numbers, and `untracked` has a flag for each effect, ON if no energy of its
-own accounts for its work.
+A run that saves `work` appends one number per effect to the three components of L: the energy that
+the effect has given to the body. So l is (x, y, z), or these followed by the works. In this file
+`works` are these numbers, and `untracked` has one flag per effect, ON if the effect has no
+potential energy that accounts for its work.
 """
 
 from rigidmc.physics.dynamics.euler import add_free_change, angular_velocity, half_rotation
@@ -36,17 +36,17 @@ from rigidmc.physics.effects.protocol import (
 
 
 def total_torque(effects, body, t, q, l):
-    """Sum of the torques [N m]."""
+    """Return the sum of the torques [N m]."""
     if len(effects) == 0:
         return 0.0, 0.0, 0.0
     if len(effects) == 1:
         return torque(effects[0], body, t, q, l)
-    # One effect is not added to 0: -0.0 + 0.0 is 0.0, and the addition stays in the code.
+    # One effect alone is not added to 0: -0.0 + 0.0 is 0.0, so the compiler keeps the addition.
     return add(torque(effects[0], body, t, q, l), total_torque(effects[1:], body, t, q, l))
 
 
 def total_torque_rate(effects, body, t, q, w):
-    """Sum of the rates of change of the torques."""
+    """Return the sum of the rates of change of the torques."""
     if len(effects) == 0:
         return 0.0, 0.0, 0.0
     if len(effects) == 1:
@@ -57,21 +57,21 @@ def total_torque_rate(effects, body, t, q, w):
 
 
 def total_energy(effects, body, q):
-    """Sum of the potential energies [J]."""
+    """Return the sum of the potential energies [J]."""
     if len(effects) == 0:
         return 0.0
     return energy(effects[0], body, q) + total_energy(effects[1:], body, q)
 
 
 def total_energy_scale(effects, body):
-    """Sum of the bounds on the potential energies [J]."""
+    """Return the sum of the bounds on the potential energies [J]."""
     if len(effects) == 0:
         return 0.0
     return energy_scale(effects[0], body) + total_energy_scale(effects[1:], body)
 
 
 def add_torques(effects, body, t, q, l, by, onto):
-    """onto + by * (sum of the torques), component by component."""
+    """Return onto + by * (sum of the torques), component by component."""
     if len(effects) == 0:
         return onto
     return add_torques(
@@ -80,7 +80,7 @@ def add_torques(effects, body, t, q, l, by, onto):
 
 
 def push(effects, body, t, h, q, l, change):
-    """change + h * (sum of the torques at t, q, L)."""
+    """Return change + h * (sum of the torques at t, q, L)."""
     if len(effects) == 0:
         return change
     if len(l) > 3:
@@ -93,7 +93,7 @@ def push(effects, body, t, h, q, l, change):
 
 
 def state_rates(rates, effects, body, t, h, q, l):
-    """(h dq/dt, h dL/dt) in a state; rates : Rates of the body over h."""
+    """Return (h dq/dt, h dL/dt) in a state; rates : Rates of the body over h."""
     half = add_slip(effects, body, t, h, q, l, half_rotation(rates, l))
     return spin(q, half), push(
         effects, body, t, h, q, l, add_free_change(rates, (0.0, 0.0, 0.0), l)
@@ -101,8 +101,9 @@ def state_rates(rates, effects, body, t, h, q, l):
 
 
 def pay_for_slip(effects, all_effects, body, t, h, q, l, works):
-    """Works after effects that add to the angular velocity have paid for what all torques do along
-    with it: 1/2 L . I^-1 L does not get that work.
+    """Subtract from the works of effects with `slip` the work of all torques along that slip.
+
+    1/2 L . I^-1 L does not receive that work.
     """
     if len(effects) == 0:
         return ()
@@ -112,14 +113,14 @@ def pay_for_slip(effects, all_effects, body, t, h, q, l, works):
 
 
 def less_work_along(slip_rate, all_effects, body, t, h, q, l, work):
-    """The work of an effect less that of all torques along its `slip`, () for none."""
+    """Return the work of an effect less that of all torques along its `slip`, () for none."""
     if len(slip_rate) == 0:
         return work
     return work - h * dot(total_torque(all_effects, body, t, q, l), slip_rate)
 
 
 def add_slip(effects, body, t, h, q, l, half):
-    """Half the rotation vector of a time h, with what effects add to the angular velocity."""
+    """Return half the rotation vector over a time h, with the `slip` of effects added."""
     if len(effects) == 0:
         return half
     new = add_one_slip(slip(effects[0], body, t, q, first_three(l)), h, half)
@@ -127,20 +128,20 @@ def add_slip(effects, body, t, h, q, l, half):
 
 
 def add_one_slip(slip_rate, h, half):
-    """`add_slip` of one effect; slip_rate : its angular velocity, () for none."""
+    """Compute `add_slip` for one effect; slip_rate : its angular velocity, () for none."""
     if len(slip_rate) == 0:
         return half
     return axpy(half, 0.5 * h, slip_rate)
 
 
 def kick_by_torques(effects, body, t, h, q, l):
-    """L after a kick over h by torques of attitude and time.
+    """Return L after a kick over h by torques that depend on attitude and time.
 
     q, l : values, or pairs (value, remainder)
     """
     if len(effects) == 0:
         return l
-    if len(l) > 3:  # the works by their exact flow too, which is linear in L
+    if len(l) > 3:  # the works also by their exact flow, which is linear in L
         before = first_three(l)
         after = add_torques(effects, body, t, value_of(q), before, (h, h, h), before)
         w = angular_velocity(body, scale(0.5, add(before, after)))
@@ -151,7 +152,7 @@ def kick_by_torques(effects, body, t, h, q, l):
 
 
 def kick_all(effects, body, t, h, q, l):
-    """L after the flows of the effects over h, one after the other, first to last."""
+    """Return L after the flows of the effects over h, one after the other, first to last."""
     if len(effects) == 0:
         return l
     if len(l) > 3:
@@ -164,7 +165,7 @@ def kick_all(effects, body, t, h, q, l):
 
 
 def kick_all_back(effects, body, t, h, q, l):
-    """The mirror image of `kick_all`, last to first, which makes a composition symmetric."""
+    """Mirror `kick_all`, last effect to first, which makes a composition symmetric."""
     if len(effects) == 0:
         return l
     if len(l) > 3:
@@ -176,10 +177,10 @@ def kick_all_back(effects, body, t, h, q, l):
 
 
 def shake_all(effects, body, h, l):
-    """L after the friction and noise of all effects over h."""
+    """Return L after the friction and noise of all effects over h."""
     if len(effects) == 0:
         return l
-    if len(l) > 3:  # the work of one is its change of the kinetic energy
+    if len(l) > 3:  # the work of one effect is its change of the kinetic energy
         before = first_three(l)
         after = add_noise(effects[0], body, h, before)
         middle = scale(0.5, add(before, after))
@@ -190,7 +191,7 @@ def shake_all(effects, body, h, l):
 
 
 def add_work(effects, body, t, h, q, l, w, works):
-    """The work of each effect, increased by h torque(t, q, L) . w; works = () counts as 0 each."""
+    """Return the work of each effect plus h torque(t, q, L) . w; works = () means all 0."""
     if len(effects) == 0:
         return ()
     done = h * dot(torque(effects[0], body, t, q, l), w)
@@ -200,16 +201,16 @@ def add_work(effects, body, t, h, q, l, w, works):
 
 
 def add_flow_work(effect, body, t, h, q, before, after, work):
-    """The work of one effect whose flow over h takes L from `before` to `after`.
+    """Return the work of one effect after its flow over h, which takes L from `before` to `after`.
 
-    By the torque at the middle of the two: order 2.
+    It uses the torque midway between the two: order 2.
     """
     middle = scale(0.5, add(before, after))
     return work + h * dot(torque(effect, body, t, q, middle), angular_velocity(body, middle))
 
 
 def corrected_by_work(start, untracked, works):
-    """The start's (E, 1/scale of E, ...), corrected by the works done since.
+    """Correct the start's (E, 1/scale of E, ...) by the works done since.
 
     E grows by the work of the effects without an energy; the scale grows by the sum of all |work|.
     """
@@ -222,35 +223,35 @@ def corrected_by_work(start, untracked, works):
 
 
 def has_untracked(untracked):
-    """ON if an effect has no energy of its own, else OFF."""
+    """Return ON if an effect has no potential energy, else OFF."""
     if len(untracked) == 0:
         return OFF
     return either(untracked[0], has_untracked(untracked[1:]))
 
 
 def either(first, second):
-    """The first of two flags if it is ON, else the second."""
+    """Return the first of two flags if it is ON, else the second."""
     if len(first) == 0:
         return second
     return first
 
 
 def untracked_work(untracked, works):
-    """The sum of the works of those effects that have no energy of their own."""
+    """Return the sum of the works of the effects without a potential energy."""
     if len(works) == 0:
         return 0.0
     return add_if_untracked(untracked[0], works[0], untracked_work(untracked[1:], works[1:]))
 
 
 def add_if_untracked(untracked, work, others):
-    """others + work, or others alone if the flag is OFF."""
+    """Return others + work, or others alone if the flag is OFF."""
     if len(untracked) == 0:
         return others
     return work + others
 
 
 def total_abs_work(works):
-    """The sum of all |work|."""
+    """Return the sum of all |work|."""
     if len(works) == 0:
         return 0.0
     return abs(works[0]) + total_abs_work(works[1:])

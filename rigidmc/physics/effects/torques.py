@@ -17,7 +17,7 @@ _ANY = (-math.inf, math.inf)
     example=((0.1, -0.2, 0.3),),
 )
 class BodyTorque(NamedTuple):
-    """A torque that is constant in the body, for example of a thruster.
+    """A torque that is constant in the body, for example from a thruster.
 
     The torque::
 

@@ -1,7 +1,7 @@
-"""How a step is made. A new integrator is one file in this folder and one name in `_FILES` below.
+"""Integrators. A new integrator is one file in this folder and one name in `_FILES` below.
 
-`rigidmc.physics.integrators.protocol` says what an integrator may have; docs/contributing.md tells
-how to add one.
+`rigidmc.physics.integrators.protocol` defines the facts and methods of an integrator;
+docs/contributing.md explains how to add one.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -31,7 +31,7 @@ __all__ = [
     "scheme_of",
 ]
 
-# Each file names its integrators in a dict INTEGRATORS. The order is that of lists and legends.
+# Each file has a dict INTEGRATORS of its integrators. Lists and legends use this order.
 _FILES = (
     "rk4",
     "rk8",
@@ -49,7 +49,7 @@ INTEGRATORS: dict[str, Integrator] = {
 
 
 def description(integrator: Integrator) -> str:
-    """What an integrator is and what it is for, with its source."""
+    """Return the description of an integrator: what it is for, and its source."""
     return integrator.text or integrator.__doc__ or ""
 
 
@@ -60,13 +60,13 @@ def refusal(
     works: bool = False,
     known: Mapping[str, Integrator] = INTEGRATORS,
 ) -> str | None:
-    """Why an integrator does not take these effects, with the nearest ones that do; else None.
+    """Return why an integrator does not accept these effects, and the nearest that do; else None.
 
-    compensated : whether sums are to keep their remainders
-    works : whether the works of the effects are to be kept
+    compensated : whether sums should keep their remainders
+    works : whether the works of the effects should be saved
     known : the integrators by name, those of a scene
 
-    Whether `closed` covers a body depends on its moments too, see `rigidmc.planning.closed_form`.
+    Whether `closed` covers a body also depends on its moments, see `rigidmc.planning.closed_form`.
     """
     why = _refusal(known[name], effects, compensated, works)
     if why is None:
@@ -76,13 +76,13 @@ def refusal(
         for other in integrators_for(effects, compensated, works, known)
         if not isinstance(known[other], ClosedForm)
     ]
-    # The nearest by order and family first: two names are enough.
+    # The nearest first, by order and then family: two names are enough.
     able.sort(key=lambda other: _distance(known[name], known[other]))
     return f"{why}; use {' or '.join(able[:2])}" if able else why
 
 
 def _distance(integrator: Integrator, other: Integrator) -> tuple[float, bool]:
-    """How far an integrator is from another one: by order, then by family."""
+    """Return the distance between two integrators: by order, then by family."""
     if integrator.order == other.order:
         distance = 0.0
     else:
@@ -96,7 +96,7 @@ def integrators_for(
     works: bool = False,
     integrators: Mapping[str, Integrator] = INTEGRATORS,
 ) -> list[str]:
-    """The names of the integrators that take these effects; for the options see `refusal`."""
+    """Return the names of the integrators that accept these effects; options as in `refusal`."""
     return [
         name
         for name, integrator in integrators.items()
@@ -107,10 +107,10 @@ def integrators_for(
 def keeps_remainders(
     integrator: Integrator, effects: Sequence[Any], dtype: str, compensated: bool = False
 ) -> bool:
-    """Whether sums keep their remainders: if asked for, and in float32 whenever the integrator can.
+    """Return whether sums keep their remainders: on request, and in float32 whenever possible.
 
-    A short step changes a state by few units in the last place, and many steps in a row round
-    alike. Without remainders an error in float32 grows about as fast as the number of steps or
+    A short step changes a state by few units in the last place, and many successive steps round the
+    same way. Without remainders an error in float32 grows about as fast as the number of steps or
     faster (rk4: 2e-4 after 10 s in 32,000 steps, 0.01 in 512,000). With them it does not grow
     (6e-7; tests/physics/integrators/test_precision.py).
     """
@@ -124,18 +124,18 @@ def _refusal(
 ) -> str | None:
     makes_steps = implements(integrator, "scheme") or implements(integrator, "step")
     if works and (compensated or integrator.gradient or not makes_steps):
-        by = "with compensated sums" if compensated else "by it"
-        return f"the work of effects is not kept {by}"
+        by = "with compensated sums" if compensated else "with it"
+        return f"the work of effects cannot be saved {by}"
     if compensated and not integrator.compensated:
-        return "it has no sums that could be compensated"
+        return "it has no sums to compensate"
     noisy = [e for e in effects if is_random(e)]
     if noisy and not (integrator.is_splitting and integrator.order == 2):
-        return f"{_names(noisy)} is random, which splittings of order 2 take"
+        return f"{_names(noisy)} is random and needs a splitting of order 2"
     if noisy and compensated:
         return f"its sums cannot be compensated with {_names(noisy)}, which acts on L as a whole"
     slipping = [e for e in effects if implements(e, "slip")]
     if slipping and not integrator.slips:
-        return f"it turns the body by I^-1 L alone, but {_names(slipping)} has parts that move"
+        return f"it turns the body by I^-1 L only, but {_names(slipping)} has moving parts"
     if not effects or integrator.accepts == "any torque":
         return None
     if integrator.accepts == "no torque":
@@ -143,25 +143,25 @@ def _refusal(
         return f"{what}, but the scene has {_names(effects)}"
     if isinstance(integrator, ClosedForm):
         unknown = [e for e in effects if name_of(e) not in ("gravity", "viscous_damping")]
-        return f"no closed form knows {_names(unknown)}" if unknown else None
+        return f"no closed form covers {_names(unknown)}" if unknown else None
     return _unsplit(integrator, effects, compensated)
 
 
 def _unsplit(integrator: Integrator, effects: Sequence[Any], compensated: bool) -> str | None:
-    """Why a splitting does not take these effects, else None."""
+    """Return why a splitting does not accept these effects, else None."""
     moving = [e for e in effects if depends_on_momentum(e)]
     if unable := [e for e in moving if not implements(e, "kick")]:
         why = f"the torque of {_names(unable)} depends on L and has no flow of its own (kick)"
         return f"it alternates free motion with kicks, but {why}"
     if moving and integrator.order > 2:
-        steps = "force gradients" if integrator.gradient else "its steps backwards and its order"
+        steps = "force gradients" if integrator.gradient else "its backward steps and its order"
         return f"{steps} are for torques of attitude and time, but {_names(moving)} depends on L"
     if moving and compensated:
         flow = f"{_names(moving)}, whose flow acts on L as a whole"
         return f"its sums cannot be compensated with {flow}"
     flat = [e for e in effects if not implements(e, "torque_rate")]
     if integrator.gradient and flat:
-        return f"it needs the rate of change of torques (torque_rate), which {_names(flat)} has not"
+        return f"it needs the rate of change of torques (torque_rate), which {_names(flat)} lacks"
     return None
 
 

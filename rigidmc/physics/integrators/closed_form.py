@@ -1,4 +1,4 @@
-"""The closed forms of free tops and Lagrange tops, in the place of an integrator."""
+"""The closed forms of free tops and Lagrange tops, used in place of an integrator."""
 
 from dataclasses import dataclass
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 class ClosedForm:
     """No steps: the closed form at every save. For free tops (damped or not) and Lagrange tops.
 
-    The error is that of rounding, however long the motion; the time between saves costs nothing.
-    Drifts are checked at the saves only.
+    The only error is rounding, however long the motion; the time between saves costs nothing.
+    Drifts are checked only at the saves.
     Source: TdC Examples 3.5 to 3.7; `rigidmc.mechanics` has the formulas and their sources.
     """
 

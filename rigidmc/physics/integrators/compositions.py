@@ -27,11 +27,11 @@ from rigidmc.physics.integrators.splitting import (
 class Composition:
     """A palindrome of drifts and kicks.
 
-    text : what it is for, with its source
+    text : description, with its source
     drifts, kicks : first half of the coefficients, the middle one included, in units of the step
     drift_first : whether a step begins with a drift
     gradient : coefficient of h^2 of the force gradient in the middle kick
-    split : whether the free motion is split into turns instead of exact
+    split : whether the free motion is split into rotations instead of exact
     """
 
     text: str
@@ -48,24 +48,24 @@ class Composition:
 
     @property
     def conserves(self) -> tuple[str, ...]:
-        """What it conserves of a free body to rounding."""
+        """Quantities of a free body that it conserves to rounding."""
         return ("|q|", "|L|^2", "L in space") if self.split else ("|q|", "|L|^2", "T", "L in space")
 
     @property
     def accepts(self) -> str:
-        """Which torques it takes."""
+        """Torques that it accepts."""
         if self.gradient:
             return "torques of attitude and time with a gradient"
         return "torques with an exact flow" if self.order == 2 else "torques of attitude and time"
 
     @property
     def evaluations(self) -> int:
-        """Torques a step; the last one of a step is the first of the next."""
+        """Torques per step; the last torque of a step is the first of the next."""
         drifts, kicks = self.sequence()
         return min(len(drifts), len(kicks))
 
     def sequence(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """(drifts, kicks) of the whole step; one of them is longer by one."""
+        """Return (drifts, kicks) of the whole step; one of them is longer by one."""
         longer, shorter = (
             (self.drifts, self.kicks) if self.drift_first else (self.kicks, self.drifts)
         )
@@ -76,8 +76,8 @@ class Composition:
         return (longer, shorter) if self.drift_first else (shorter, longer)
 
     def scheme(self, turns: TurnBounds, effects: Sequence[Any]) -> StepScheme:
-        """The StepScheme for steps that turn by `turns`."""
-        # Noise acts between two halves of the free motion, so the order of all else changes too.
+        """Return the StepScheme for steps that turn by `turns`."""
+        # Noise acts between two halves of the free motion, which changes the order of all parts.
         if any(is_random(e) for e in effects):
             return self._noisy(turns, effects)
         lead, parts = self._parts()
@@ -86,7 +86,7 @@ class Composition:
             n = 1 if self.split else substep_count(turns, 1.0)
             rows = [(1.0 / n, 0.5 * (k == 0), 0.5 * (k == n - 1), 0.0) for k in range(n)]
             return StepScheme(Kicks(drift), np.array([ONE_SUBSTEP[0], *rows]))
-        # Row 0 opens the state: the last kick of a step and the first of the next are then one.
+        # Row 0 opens the state, which merges the last kick of a step with the first of the next.
         rows = [(*lead, 0.0, lead[0])]
         times = accumulate((a for a, _ in parts), initial=lead[0])
         for i, ((a, b), time) in enumerate(zip(parts, times, strict=False)):
@@ -98,7 +98,7 @@ class Composition:
         return StepScheme(ForceGradient(drift) if self.gradient else splitting, np.array(rows))
 
     def _parts(self) -> tuple[tuple[float, float], list[tuple[float, float]]]:
-        """(opening, parts) as (drift, kick) each: what opens the first step ends all the others."""
+        """Return (opening, parts), each (drift, kick); a step ends with the opening of the next."""
         drifts, kicks = self.sequence()
         if not self.drift_first:
             return (0.0, kicks[0]), [
@@ -108,7 +108,7 @@ class Composition:
         return (drifts[0], kicks[0]), [*zip(drifts_after, [*kicks[1:], kicks[0]], strict=True)]
 
     def _noisy(self, turns: TurnBounds, effects: Sequence[Any]) -> StepScheme:
-        """BAOAB: half a kick, half a drift, flows and noise, half a drift, half a kick.
+        """Return BAOAB: half a kick, half a drift, flows and noise, half a drift, half a kick.
 
         The last half kick of a step and the first of the next are one kick.
         """
@@ -121,16 +121,16 @@ class Composition:
 
 
 def _with_rest(total: float, *given: float) -> tuple[float, ...]:
-    """Coefficients, with a last one by which they add up to `total`."""
+    """Return coefficients with a last one that makes the sum `total`."""
     return (*given, total - reduce(add, given))  # from Python 3.12 on, `sum` rounds differently
 
 
 def _with_middle(*given: float) -> tuple[float, ...]:
-    """The first half of a palindrome that adds up to 1, with its middle coefficient."""
+    """Return the first half of a palindrome with sum 1, middle coefficient included."""
     return (*given, 1.0 - 2.0 * reduce(add, given))
 
 
-# Suzuki's 1/(4 - 4^(1/3)): the sum of cubes of the five steps is 0, which takes order 3 away.
+# Suzuki's 1/(4 - 4^(1/3)): the sum of cubes of the five steps is 0, which cancels order 3.
 _THIRD = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
 
 INTEGRATORS = {
@@ -144,12 +144,12 @@ INTEGRATORS = {
         drifts=(1.0,),
     ),
     "rotations": Composition(
-        """As strang, with the free motion split into four rotations: order 2, cheap.
+        """Like strang, with the free motion split into four rotations: order 2, cheap.
 
-        For moderate accuracy over long times. One rotation about L takes the middle moment out,
+        For moderate accuracy over long times. One rotation about L removes the middle moment,
         which makes the splitting exact for bodies with two equal moments; the plain splitting into
-        rotations about three axes is not. The error of the energy stays bounded, but even of a free
-        body the energy is not conserved.
+        rotations about three axes is not. The error of the energy stays bounded, but the energy is
+        not conserved even for a free body.
         Source: McLachlan, Phys. Rev. Lett. 71 (1993) 3043; Reich, Physica D 76 (1994) 375; Fasso,
         J. Comput. Phys. 189 (2003) 527.""",
         order=2,

@@ -1,4 +1,4 @@
-"""The motion of a free body, whose equal steps have almost all computations in common."""
+"""The motion of a free body in equal steps, which share almost all computations."""
 
 import math
 from dataclasses import dataclass
@@ -45,17 +45,17 @@ class FreeSteps(NamedTuple):
     """The exact free motion in equal steps.
 
     The state between steps is the start and the progress since then: the unit momentum, and the
-    phase in periods with its remainder. The attitude is computed only when it is saved or checked.
-    A step adds an increment to the momentum and one to the phase: a third of the operations of
+    phase in periods with its remainder. The attitude is computed only for saves and checks. A step
+    adds one increment to the momentum and one to the phase: a third of the operations of
     `rigidmc.physics.dynamics.free_flow.free_flow`. Rounding of attitude, energy and |L| does not
-    add up; the error left is that of the constants, up to 2e-17 of L a step (16 tops, 2e6 steps of
-    0.05 s: 4e-11; tests/physics/integrators/test_precision.py).
+    accumulate; the remaining error comes from the constants, up to 2e-17 of L a step (16 tops, 2e6
+    steps of 0.05 s: 4e-11; tests/physics/integrators/test_precision.py).
     """
 
     drift: Exact
 
     def extra_state(self):
-        """The attitude and the momentum of the start."""
+        """Return the size of the start's attitude and momentum."""
         return _KEPT
 
     def precompute(self, body, substep, l):
@@ -66,12 +66,11 @@ class FreeSteps(NamedTuple):
         m, of_step, of_panel, shares = constants
         u = first_three(l)
         integral, _ = integrate_phase(m, self.drift.panels, u, phase_fraction(m, u), of_panel)
-        # The phase in turns, a compensated sum: all steps add nearly the same number, and would
-        # round alike.
+        # The phase in turns as a compensated sum: all steps add nearly the same number and would
+        # round the same way.
         turns, rest = two_sum(q[0], (0.25 / math.pi) * phase(m, m.time, integral) + q[1])
         end = add(u, momentum_change(m, self.drift.halvings, u, of_step))
-        # Whole turns are dropped: the attitude does not depend on them, and the fraction keeps its
-        # digits.
+        # Drop whole turns: the attitude does not depend on them, and the fraction keeps its digits.
         return (turns - nearest_integer(turns), rest, q[2], q[3]), pull_back(m, shares, u, end) + l[
             3:
         ]
@@ -95,10 +94,10 @@ class FreeSteps(NamedTuple):
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """The closed-form motion of a free body: any step, no error but rounding. Refuses torques.
+    """The closed-form motion of a free body: any step, no error but rounding. Rejects torques.
 
     Energy and |L|^2 stay constant to the last digit for any number of steps; with two equal
-    moments their rounding errors make a random walk. `compensated` matters for these bodies alone:
+    moments their rounding errors form a random walk. `compensated` matters only for these bodies:
     the steps of all others keep the remainder of the phase and return to T and |L|^2. Long steps
     are cut into pieces that turn by at most 1 rad; bodies with two equal moments need no cut.
     Source: Celledoni, Fasso, Saefstroem & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084; see
@@ -113,7 +112,7 @@ class FreeMotion:
     accepts = "no torque"
 
     def scheme(self, turns: TurnBounds) -> StepScheme:
-        """The StepScheme for steps that turn by `turns`."""
+        """Return the StepScheme for steps that turn by `turns`."""
         n, drift = substep_count(turns, 1.0), exact_drift(turns, 1.0)
         steps = Splitting(drift) if isinstance(drift, Symmetric) else FreeSteps(drift)
         # row 0, which opens a state, has the length of the others

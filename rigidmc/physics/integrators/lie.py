@@ -18,7 +18,7 @@ from rigidmc.physics.effects.sums import add_slip, push
 
 
 def _rotation_rate(u, w):
-    """du/dt of the rotation vector u in q = q0 exp(u), truncated for order 4.
+    """Return du/dt of the rotation vector u in q = q0 exp(u), truncated for order 4.
 
     w + u x w/2 + u x (u x w)/12
     """
@@ -30,7 +30,7 @@ def _rotation_rate(u, w):
 class RKMK4(NamedTuple):
     """Runge-Kutta-Munthe-Kaas of order 4: classical Runge-Kutta on rotation vector and L.
 
-    For any torque. At the same step the error is 0.45 to 0.50 of that of rk4 for heavy tops and
+    For any torque. At equal steps the error is 0.45 to 0.50 times that of rk4 for heavy tops and
     0.04 to 0.05 for free ones, at 3.6 and 2.6 times the cost (`python -m bench accuracy`). Energy
     and |L|^2 drift as h^5 t.
     Source: Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; truncated dexp^-1 as in Hairer, Lubich &
@@ -65,19 +65,19 @@ class RKMK4(NamedTuple):
 
 
 def _force(body, effects, t, q, l):
-    """dL/dt."""
+    """Return dL/dt."""
     return push(effects, body, t, 1.0, q, l, free_rate(body, l))
 
 
 def _turning(body, effects, t, q, l):
-    """The angular velocity of the body, with the `slip` of effects."""
+    """Return the angular velocity of the body, including the `slip` of effects."""
     return add_slip(effects, body, t, 2.0, q, l, angular_velocity(body, l))
 
 
 class CF4(NamedTuple):
     """Commutator-free Lie-group method of order 4: five exponentials; L by classical Runge-Kutta.
 
-    For any torque. At the same step the error is 0.84 to 0.90 of that of rkmk4 for heavy tops and
+    For any torque. At equal steps the error is 0.84 to 0.90 times that of rkmk4 for heavy tops and
     0.33 for free ones, at 1.1 times the cost (`python -m bench accuracy`). Energy and |L|^2 drift
     as h^5 t.
     Source: Celledoni, Marthinsen & Owren, Future Gener. Comput. Syst. 19 (2003) 341, the method
@@ -98,7 +98,7 @@ class CF4(NamedTuple):
         q, l = value_of(q), value_of(l)
         w1 = _turning(body, effects, t, q, l)
         dl1 = _force(body, effects, t, q, l)
-        # Stage 4 starts from stage 2: this exponential serves both, and the step takes five.
+        # Stage 4 starts from stage 2: this exponential serves both, so the step needs five.
         half = exponential(scale(0.5 * h, w1))
         q2, l2 = multiply(q, half), axpy(l, 0.5 * h, dl1)
         w2 = _turning(body, effects, t + 0.5 * h, q2, l2)
@@ -119,7 +119,7 @@ class CF4(NamedTuple):
 
 
 def _low_storage(body, effects, t, h, a, b, u, v, r, q, l, dl):
-    """One stage: u <- a u + h omega, r <- r exp(b u); v <- a v + h dL/dt, dl <- dl + b v."""
+    """Make one stage: u <- a u + h omega, r <- r exp(b u); v <- a v + h dL/dt, dl <- dl + b v."""
     now = add(l, dl)
     u = axpy(scale(a, u), h, angular_velocity(body, now))
     v = axpy(scale(a, v), h, _force(body, effects, t, multiply(q, r), now))
@@ -129,7 +129,7 @@ def _low_storage(body, effects, t, h, a, b, u, v, r, q, l, dl):
 class CK45(NamedTuple):
     """Commutator-free Lie-group method of order 4 in low storage: one exponential a stage.
 
-    For any torque. At the same step the error is 0.39 to 0.46 of that of rkmk4 for heavy tops and
+    For any torque. At equal steps the error is 0.39 to 0.46 times that of rkmk4 for heavy tops and
     0.21 to 0.22 for free ones, at 1.4 and 2.7 times the cost (`python -m bench accuracy`). Energy
     and |L|^2 drift as h^5 t.
     Source: Carpenter & Kennedy, NASA TM-109112 (1994), RK4(3)5[2N]; on groups Bazavov, arXiv
@@ -146,8 +146,8 @@ class CK45(NamedTuple):
 
     def step(self, body, effects, t, h, q, l):
         at, now = value_of(q), value_of(l)
-        # Rational coefficients of a method that keeps two registers: a, b of each stage, and c,
-        # where it lies in the step.
+        # Rational coefficients of a two-register method: a, b of each stage, and c, its time in
+        # units of the step.
         b = 1432997174477.0 / 9575080441755.0
         u, v = scale(h, angular_velocity(body, now)), scale(h, _force(body, effects, t, at, now))
         r, dl = exponential(scale(b, u)), scale(b, v)

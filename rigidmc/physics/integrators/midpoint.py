@@ -21,13 +21,13 @@ from rigidmc.physics.integrators.protocol import ONE_SUBSTEP, StepScheme, TurnBo
 
 
 def _iterate(half, effects, body, t, h, q, l, at, now):
-    """One fixed-point iteration for the middle (at, now) of a step from (q, L)."""
+    """Make one fixed-point iteration for the middle (at, now) of a step from (q, L)."""
     now = push(effects, body, t, h, at, now, add_free_change(half, l, now))
     return advance_attitude(q, at, half_rotation(half, now)), now
 
 
 def _iterate_four(half, effects, body, t, h, q, l, at, now):
-    """Four iterations."""
+    """Make four iterations."""
     at, now = _iterate(half, effects, body, t, h, q, l, at, now)
     at, now = _iterate(half, effects, body, t, h, q, l, at, now)
     at, now = _iterate(half, effects, body, t, h, q, l, at, now)
@@ -35,9 +35,9 @@ def _iterate_four(half, effects, body, t, h, q, l, at, now):
 
 
 def _solve_stage(count, half, effects, body, t, h, q, l, at, now):
-    """The middle of a step by iterations, eight for each element of `count`."""
-    # Each length of the tuple is a type, for which Numba compiles a function: so eight iterations,
-    # in two fours, for each element.
+    """Find the middle of a step by iterations, eight for each element of `count`."""
+    # Numba compiles one function per tuple length, so each element stands for eight iterations, in
+    # two calls of four.
     if len(count) == 0:
         return at, now
     at, now = _iterate_four(half, effects, body, t, h, q, l, at, now)
@@ -50,8 +50,8 @@ class Midpoint(NamedTuple):
 
     For any torque; the only integrator that conserves the energy of a heavy top exactly. It is not
     symplectic in these variables and does not conserve L_z. The number of iterations is fixed for a
-    run and solves the stage to rounding: 8 to 0.0135 rad a step, 32 to 0.5 rad, the largest step;
-    each asks for a torque, and the step for one more.
+    run and solves the stage to rounding: 8 up to 0.0135 rad a step, 32 up to 0.5 rad, the largest
+    step; each needs a torque, and the step one more.
     Source: Hairer, Lubich & Wanner, Geometric Numerical Integration (2006), IV.2.1.
     """
 
@@ -67,13 +67,13 @@ class Midpoint(NamedTuple):
 
     @property
     def evaluations(self) -> int:
-        """Torques a step: one for each iteration, and the last."""
+        """Torques per step: one for each iteration, and the last."""
         return 8 * len(self.eights) + 1
 
     def scheme(self, turns: TurnBounds) -> StepScheme:
-        """The StepScheme for steps that turn by `turns`."""
-        # Each iteration multiplies the error by |omega| h/2; it is to end at 1e-17. Of 8, 16 or 32
-        # iterations, so that few kernels are compiled.
+        """Return the StepScheme for steps that turn by `turns`."""
+        # Each iteration multiplies the error by |omega| h/2, down to 1e-17. The count is 8, 16 or
+        # 32, to compile few kernels.
         rate = max(0.55 * turns.spin, 1e-3)
         count = math.log(1e-17) / math.log(min(rate, 0.66)) / 8.0
         doublings = max(0, math.ceil(math.log2(count)))

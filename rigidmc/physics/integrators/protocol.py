@@ -1,8 +1,8 @@
-"""What an integrator is: its facts, with their defaults, and what the engine asks of its steps.
+"""The protocol of integrators: facts with defaults, and the methods that the engine calls.
 
-What a scene names is not always what is compiled. `scheme_of` makes a StepScheme of an integrator:
-the NamedTuple whose type is compiled, one for a whole family of methods, and the substeps of a
-step, which are numbers.
+The integrator that a scene names is not always the one that is compiled. `scheme_of` makes a
+StepScheme of an integrator: the NamedTuple whose type is compiled, one for a whole family of
+methods, and the substeps of a step, which are numbers.
 """
 
 from collections.abc import Sequence
@@ -16,35 +16,35 @@ from rigidmc.physics.dynamics.methods import argument_names, arguments, implemen
 
 
 class Integrator(Protocol):
-    """What a scene names as its integrator: facts, and how to get the program of a step.
+    """An integrator as a scene names it: facts, and a method that returns the program of a step.
 
-    Facts that each states::
+    Facts that each integrator states::
 
-        order : of the error in the step, inf if there is none but rounding
+        order : of the error in the step, inf if rounding is the only error
         evaluations : of the torque in a step
         is_reversible : whether steps of -h undo steps of h
-        conserves : what is conserved of a free body, of "|q|", "|L|^2", "T" and "L in space", to
-            rounding at any step; a step that normalises q restores |q|, and does not conserve it
+        conserves : quantities of a free body, of "|q|", "|L|^2", "T" and "L in space", conserved to
+            rounding at any step; a step that normalises q restores |q| but does not conserve it
         accepts : which torques, in words
         compensated : whether its sums can keep their remainders
 
-    Facts with a default, here::
+    Facts with a default here::
 
         is_splitting : whether it alternates free motion with kicks
-        slips : whether it turns the body by the `slip` of effects too
+        slips : whether it also turns the body by the `slip` of effects
         gradient : coefficient of the force gradient, of h^2
         max_turn : angle by which a step may turn a body [rad]; None: by less than pi
         min_spin, max_spin : angles per step [rad] between which `scheme` follows the spin
         text : docstring of one integrator, if its class makes several
 
     The program of a step is a NamedTuple with the methods below (`step`, ...). It is the integrator
-    itself, or comes from a method that names what it depends on::
+    itself, or comes from a method that names the arguments it depends on::
 
         scheme(self, [turns, effects]) -> StepScheme
-            turns : TurnBounds, by how much a step turns;  effects : of the scene
+            turns : TurnBounds, bounds on the turn in a step;  effects : of the scene
 
-    A program whose sums keep no remainders has `with_compensation(self)`, which gives one whose
-    sums do. A program with `extra_state` compensates its rounding itself, with or without
+    A program whose sums keep no remainders has `with_compensation(self)`, which returns one whose
+    sums do. A program with `extra_state` compensates its rounding by itself, with or without
     compensated sums.
     """
 
@@ -63,7 +63,7 @@ class Integrator(Protocol):
     text: str = ""
 
 
-# Methods and facts of earlier versions, and what they are called now; until 1.0.
+# Former names of methods and facts, and their present names; until 1.0.
 OLD_WORDS = {
     "opened": "to_stepping",
     "closed": "from_stepping",
@@ -85,10 +85,10 @@ _DEFAULTS = {
 
 
 def with_defaults(integrator: Any) -> Integrator:
-    """An integrator whose class has the default of each fact that it leaves out."""
+    """Add the default of each missing fact to the class of an integrator, and return it."""
     for name, value in _DEFAULTS.items():
         if not hasattr(integrator, name):
-            # On the class: instances are NamedTuples or frozen dataclasses, which take no
+            # Set on the class: instances are NamedTuples or frozen dataclasses, which accept no
             # attributes.
             setattr(type(integrator), name, value)
     complete: Integrator = integrator
@@ -97,28 +97,28 @@ def with_defaults(integrator: Any) -> Integrator:
 
 @method
 def interleaving(integrator):
-    """In how many groups the members of a vector make their steps, one group after the other.
+    """Return the number of groups in which members of a vector make their steps, group by group.
 
-    A stage waits for the stage before; with 2 groups the CPU works on the other meanwhile.
+    A stage waits for the stage before it; with 2 groups the CPU works on the other one meanwhile.
     """
     return 1
 
 
 @method
 def extra_state(integrator):
-    """What the state keeps behind L, beside remainders of sums: `static_count` of 7, or of 0."""
+    """Return the size of the state after L, besides remainders: `static_count` of 7, or of 0."""
     return ()
 
 
 @method
 def precompute(integrator, body, substep, l):
-    """What is the same in all steps of a member; l ends with what `extra_state` asks for."""
+    """Return constants of all steps of a member; l ends with the numbers of `extra_state`."""
     return ()
 
 
 @method
 def step(integrator, body, effects, t, h, substep, q, l, constants):
-    """(q, L) after one part of a step h.
+    """Return (q, L) after one part of a step h.
 
     t : time of the torque of this part [s]
     substep : (drift, kick, gradient), the times of the part [s, s, s^2]
@@ -128,42 +128,42 @@ def step(integrator, body, effects, t, h, substep, q, l, constants):
 
 @method
 def to_stepping(integrator, body, effects, t, substep, q, l):
-    """(q, L) in the form in which it is kept between steps: for splittings `substep` further on."""
+    """Return (q, L) in the form kept between steps: for splittings, `substep` further on."""
     return q, l
 
 
 @method
 def from_stepping(integrator, body, effects, t, substep, q, l):
-    """(q, L) from the form in which it is kept between steps; undoes `to_stepping`."""
+    """Return (q, L) from the form kept between steps; undoes `to_stepping`."""
     return q, l
 
 
 class PlainState(NamedTuple):
-    """Stands for every program that keeps (q, L) between steps as they are."""
+    """A stand-in for every program that keeps (q, L) unchanged between steps."""
 
 
 def has_extra_state(integrator: Any) -> bool:
-    """Whether a program keeps more of a state than (q, L), so that compensated sums add nothing."""
+    """Return whether a program keeps more state than (q, L), so compensated sums add nothing."""
     return implements(integrator, "extra_state")
 
 
 def stepping_form(integrator: Any) -> Any:
-    """What says in which form a program keeps (q, L) between steps: the program, or PlainState.
+    """Return the type that defines the form of (q, L) between steps: the program, or PlainState.
 
-    What is compiled for PlainState serves most integrators.
+    Code compiled for PlainState serves most integrators.
     """
     return integrator if changes_state_form(integrator) else PlainState()
 
 
 def changes_state_form(integrator: Any) -> bool:
-    """Whether a program keeps (q, L) between steps in a form of its own."""
+    """Return whether a program changes the form of (q, L) between steps."""
     return any(
         implements(integrator, verb) for verb in ("extra_state", "to_stepping", "from_stepping")
     )
 
 
 class TurnBounds(NamedTuple):
-    """By how much a step turns the fastest member of a scene [rad].
+    """Bounds on how far a step turns the fastest member of a scene [rad].
 
     free : lambda dt, the angle by which free motion turns L in the body
     spin : |omega| dt
@@ -176,12 +176,12 @@ class TurnBounds(NamedTuple):
 
 
 class StepScheme(NamedTuple):
-    """An integrator as the engine takes it.
+    """An integrator in the form that the engine uses.
 
     integrator : the NamedTuple whose type is compiled
     substeps : (1 + n, 4) rows of (drift, kick, gradient, time of the torque) in units of the step;
         row 0 opens the state, the n others are one step
-    name : by which a scene asks for it
+    name : its name in a scene
     """
 
     integrator: Any
@@ -195,7 +195,7 @@ ONE_SUBSTEP = ((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0))  # a step in one part
 def scheme_of(
     integrator: Any, turns: TurnBounds | None = None, effects: Sequence[Any] = ()
 ) -> StepScheme:
-    """The StepScheme of an integrator of INTEGRATORS for steps that turn by `turns`."""
+    """Return the StepScheme of an integrator of INTEGRATORS for steps that turn by `turns`."""
     if not implements(integrator, "scheme"):
         return StepScheme(integrator, np.array(ONE_SUBSTEP))
     known = {"turns": turns or TurnBounds(), "effects": effects}
@@ -206,5 +206,5 @@ def scheme_of(
 
 
 def follows_turns(integrator: Any) -> bool:
-    """Whether the scheme of an integrator depends on the angle by which a step turns a body."""
+    """Return whether the scheme of an integrator depends on the turn of a body in a step."""
     return "turns" in argument_names(integrator, "scheme")

@@ -37,11 +37,11 @@ _START = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
 
 def compensated_step(body, effects, t, h, state, momentum):
-    """A step by the changes at the stages alone.
+    """Make a step from the changes at the stages alone.
 
-    The stages themselves are rounded to the last digit of q, and so would be their changes.
+    Stages are rounded to the last digit of q, and so would be changes computed from stages.
     """
-    # Stages start from the value alone: the remainder is below the last digit of a stage.
+    # Stages start from the value without its remainder, which is below the last digit of a stage.
     start, rates = (value_of(state), value_of(momentum)), scaled(body, h)
     k1 = state_rates(rates, effects, body, t, h, start[0], start[1])
     y = linear_combination(start, (0.5,), (k1,))
@@ -50,7 +50,7 @@ def compensated_step(body, effects, t, h, state, momentum):
     k3 = state_rates(rates, effects, body, t + 0.5 * h, h, y[0], y[1])
     y = linear_combination(start, (1.0,), (k3,))
     k4 = state_rates(rates, effects, body, t + h, h, y[0], y[1])
-    # Changes are summed from 0: added to q stage by stage they would be rounded to its last digit.
+    # Changes are summed from 0: added to q stage by stage, they would be rounded to its last digit.
     dq, dl = linear_combination(
         _START, (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0), (k1, k2, k3, k4)
     )
@@ -62,7 +62,7 @@ class RK4(NamedTuple):
 
     For any torque; the cheapest step for moderate accuracy over short times. Energy and |L|^2 drift
     as h^5 t. Members that turn by more than 2 rad in a step are flagged, and some from 1 rad on,
-    for the drift of their energy. Without checks most stay finite up to 5 rad, and are wrong.
+    for the drift of their energy. Without checks most stay finite up to 5 rad but are wrong.
     Source: Kutta 1901; Hairer, Norsett & Wanner, Solving ODEs I, table II.1.2.
     """
 
@@ -73,18 +73,18 @@ class RK4(NamedTuple):
     accepts = "any torque"
     compensated = True
     # [rad] in a step: error of 0.03 rad after a revolution (median of 100 bodies; largest 0.17); at
-    # 4 rad in a step 0.4 and 3
+    # 4 rad in a step, 0.4 rad and 3 rad
     max_turn = 2.0
 
     def interleaving(self) -> int:
         return 2
 
     def scheme(self) -> StepScheme:
-        """The StepScheme of steps without remainders."""
+        """Return the StepScheme of steps without remainders."""
         return StepScheme(ScaledRK4(), np.array([(1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0)]))
 
     def step(self, body, effects, t, h, q, l):
-        # Rates are scaled by h/2 once, the stages x, y, z take fused multiply-adds, and the stages
+        # Rates are scaled by h/2 once, the stages x, y, z use fused multiply-adds, and the stages
         # themselves are summed: 3 q(t + h) = x + 2 y + z - q + (rate at z).
         if len(q) == 2:  # pairs (value, remainder)
             return compensated_step(body, effects, t, h, q, l)
@@ -96,7 +96,7 @@ class RK4(NamedTuple):
         wy = half_rotation(half, ly)
         z = advance_attitude(q, y, add(wy, wy))
         lz = push(effects, body, t + 0.5 * h, h, y, ly, add_free_change(double_rates(half), l, ly))
-        # l is summed by small differences, so that what it conserves is right to the last digit
+        # l is summed from small differences, so conserved quantities are right to the last digit
         dl = axpy(add(difference(lx, l), difference(lz, l)), 2.0, difference(ly, l))
         dl = push(effects, body, t + h, 0.5 * h, z, lz, add_free_change(half, dl, lz))
         l = axpy(l, 1.0 / 3.0, dl)
@@ -106,18 +106,18 @@ class RK4(NamedTuple):
 
 
 class ScaledRK4(NamedTuple):
-    """RK4 as it is compiled: it keeps w = h omega/4 instead of L, and 3 q of a free body.
+    """The compiled form of RK4: it keeps w = h omega/4 instead of L, and 3 q for a free body.
 
     A stage is q + x (0, w) in 12 multiply-adds, and 3 q(t + h) = x + 2 y + z - q + z (0, w), in
-    fewer operations than by q and L. The norm of a free body's q is computed beside the stages,
-    from the start of the step: the step is linear in q.
+    fewer operations than with q and L. The norm of a free body's q is computed in parallel with the
+    stages, from the start of the step: the step is linear in q.
     """
 
     def interleaving(self) -> int:
         return 2
 
     def with_compensation(self) -> RK4:
-        """The integrator of steps with remainders."""
+        """Return the integrator of steps with remainders."""
         return RK4()
 
     def to_stepping(self, body, effects, substep, q, l):
@@ -139,7 +139,7 @@ class ScaledRK4(NamedTuple):
         double = add(wy, wy)
         z = advance_attitude(q, y, double)
         wz = add_push(effects, body, t + 0.5 * h, h, 1.0, y, wy, add_twice_rate(k, l, wy, double))
-        # w is summed by small differences, so that what it conserves is right to the last digit
+        # w is summed from small differences, so conserved quantities are right to the last digit
         dw = axpy(add(difference(wx, l), difference(wz, l)), 2.0, difference(wy, l))
         dw = add_push(effects, body, t + h, h, 0.5, z, wz, add_rate(k, dw, wz))
         new = advance_attitude(axpy4(add4(difference4(x, q), z), 2.0, y), z, wz)
@@ -148,7 +148,7 @@ class ScaledRK4(NamedTuple):
 
 
 def works_after_step(works, effects, body, t, h, attitudes, rates):
-    """The works of the effects after a step with these stages; () if no works are kept."""
+    """Return the works of the effects after a step with these stages; () if none are saved."""
     if len(works) == 0:
         return ()
     one = add_stage_work(works, effects, body, t, h, h * (1.0 / 6.0), attitudes[0], rates[0])
@@ -162,23 +162,23 @@ def works_after_step(works, effects, body, t, h, attitudes, rates):
 
 
 def add_stage_work(works, effects, body, t, h, fraction, q, w):
-    """The works, increased by the power at a stage times `fraction` [s]."""
+    """Return the works, increased by the power at a stage times `fraction` [s]."""
     l = momentum(body, h, w)
     return add_work(effects, body, t, fraction, q, l, angular_velocity(body, l), works)
 
 
 def momentum(body, h, w):
-    """L of w = h omega/4."""
+    """Return L for w = h omega/4."""
     x, y, z = quarters(body, h)
-    # By reciprocals, which leave the loop over steps; divisions by x would stay in it.
+    # Multiply by reciprocals, which leave the loop over steps; divisions by x would stay in it.
     return (1.0 / x) * w[0], (1.0 / y) * w[1], (1.0 / z) * w[2]
 
 
 def quarters(body, h):
-    """h/4 times the reciprocal moments.
+    """Return h/4 times the reciprocal moments.
 
-    A step back to an event may have length 0, where w would lose L: then for 1e-30 s (1e-20 s in
-    float32), at which no body moves: internal units keep rates below 1e30/s, see
+    A step back to an event may have length 0, where w would lose L. The step then lasts 1e-30 s
+    (1e-20 s in float32), in which no body moves: internal units keep rates below 1e30/s, see
     `rigidmc.planning.units.RANGE`.
     """
     # seconds, see above
@@ -187,7 +187,7 @@ def quarters(body, h):
 
 
 def couplings(body):
-    """k with h/2 dw_i/dt = k_i w_j w_k of a free body: 2 (I_j - I_k)/I_i.
+    """Return k with h/2 dw_i/dt = k_i w_j w_k for a free body: 2 (I_j - I_k)/I_i.
 
     The order of the factors prevents overflow and underflow.
     """
@@ -200,7 +200,7 @@ def couplings(body):
 
 
 def add_rate(k, onto, w):
-    """onto + h/2 dw/dt of a free body."""
+    """Return onto + h/2 dw/dt for a free body."""
     return (
         onto[0] + k[0] * (w[1] * w[2]),
         onto[1] + k[1] * (w[2] * w[0]),
@@ -209,7 +209,7 @@ def add_rate(k, onto, w):
 
 
 def add_twice_rate(k, onto, w, double):
-    """onto + h dw/dt of a free body, double = 2 w."""
+    """Return onto + h dw/dt for a free body, double = 2 w."""
     return (
         onto[0] + k[0] * (double[1] * w[2]),
         onto[1] + k[1] * (double[2] * w[0]),
@@ -218,35 +218,35 @@ def add_twice_rate(k, onto, w, double):
 
 
 def add_push(effects, body, t, h, fraction, q, w, change):
-    """change + share h dw/dt by the torques at (t, q, L)."""
+    """Return change + fraction h dw/dt from the torques at (t, q, L)."""
     if len(effects) == 0:
         return change
     x, y, z = quarters(body, h)
-    # w = h omega/4, so that a torque counts with h/4 times the reciprocal moment.
+    # w = h omega/4, so a torque counts with h/4 times the reciprocal moment.
     by = (fraction * h * x, fraction * h * y, fraction * h * z)
     return add_torques(effects, body, t, q, momentum(body, h, w), by, change)
 
 
 def to_norm_three(effects, q):
-    """3 q of a free body, else q: torques need a unit quaternion."""
+    """Return 3 q for a free body, else q: torques need a unit quaternion."""
     if len(effects) == 0:
         return scale4(3.0, q)
     return q
 
 
 def from_norm_three(effects, q):
-    """The unit quaternion; undoes `to_norm_three`."""
+    """Return the unit quaternion; undoes `to_norm_three`."""
     if len(effects) == 0:
         return divide_by_three(q)
     return q
 
 
 def keep_norm(effects, q, new):
-    """`new`, the attitude after a step from q, with the norm that q has: 3 of a free body, else 1.
+    """Return `new`, the attitude after a step from q, with the norm of q: 3 if free, else 1.
 
-    Of a free body by one Newton step: the error of a step in the norm, about ``(turn/2)^6/144`` of
-    it, stays until the next step and does not add up. The direction of q does not depend on the
-    norm.
+    For a free body it takes one Newton step: the error of a step in the norm, about
+    ``(turn/2)^6/144`` of it, stays until the next step and does not accumulate. The direction of q
+    does not depend on the norm.
     """
     # 1/sqrt(n) near n = 9 by one Newton step is (1/3) (3/2 - n/18), and `new` is 3 times too large
     if len(effects) == 0:

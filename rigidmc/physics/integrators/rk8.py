@@ -6,8 +6,8 @@ from rigidmc.physics.dynamics.euler import scaled
 from rigidmc.physics.dynamics.so3 import add_compensated, add_compensated4, axpy, axpy4, value_of
 from rigidmc.physics.effects.sums import state_rates
 
-# Coefficients of the 12-stage method of DOP853, without the columns that are zero; `step` says
-# which stages a row belongs to.
+# Coefficients of the 12-stage method of DOP853, without the columns of zeros; `step` shows which
+# stages a row belongs to.
 _A2 = (0.05260015195876773,)
 _A3 = (0.0197250569845379, 0.0591751709536137)
 _A4 = (0.02958758547680685, 0.08876275643042054)
@@ -72,7 +72,7 @@ _B = (
 
 
 def linear_combination(y, a, k):
-    """(q, L) plus the changes k, each times its coefficient a."""
+    """Return (q, L) plus the changes k, each times its coefficient a."""
     if len(k) == 0:
         return y
     # Each row is a chain of fused multiply-adds that begins with y: no product stands alone.
@@ -82,8 +82,8 @@ def linear_combination(y, a, k):
 class RK8(NamedTuple):
     """Runge-Kutta of order 8 with 12 stages, on quaternion and L; the quaternion is normalised.
 
-    For any torque. The cheapest integrator for errors of 1e-4 and less, unless tops are fast or
-    integrated for long (`python -m bench accuracy`). Energy and |L|^2 drift as h^9 t.
+    For any torque. The cheapest integrator for errors of 1e-4 and less, except for fast tops and
+    long integrations (`python -m bench accuracy`). Energy and |L|^2 drift as h^9 t.
     Source: Dormand & Prince, in Hairer, Norsett & Wanner, Solving ODEs I (1993), II.5, the method
     of order 8 of DOP853.
     """
@@ -103,7 +103,7 @@ class RK8(NamedTuple):
         state, momentum = q, l
         q, l = value_of(q), value_of(l)
         start, rates = (q, l), scaled(body, h)
-        # Written out: 20 of the 78 coefficients are 0, and take no operation.
+        # Written out: 20 of the 78 coefficients are 0 and cost no operation.
         k1 = state_rates(rates, effects, body, t, h, q, l)
         y = linear_combination(start, _A2, (k1,))
         k2 = state_rates(rates, effects, body, t + 0.05260015195876773 * h, h, y[0], y[1])

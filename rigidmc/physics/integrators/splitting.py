@@ -3,10 +3,11 @@
 A kick depends on attitude and time alone and the kinetic energy is quadratic in L, so Runge-Kutta-
 Nystroem coefficients and force gradients are allowed. All compositions are palindromes: symmetric
 and, with the exact drift, symplectic to rounding. The error of the energy stays bounded, and under
-gravity L_z is conserved. The last kick (or drift) of a step and the first of the next are one:
-between steps the state is kept just after it, and a step back shows it.
+gravity L_z is conserved. The last kick (or drift) of a step and the first of the next are merged:
+between steps the state is kept just after the merged kick, and a partial step back gives the state
+of the step's end.
 
-The rows of `StepScheme.substeps` give the drifts and kicks in units of the step, so that all
+The rows of `StepScheme.substeps` list the drifts and kicks in units of the step, so all
 compositions (`rigidmc.physics.integrators.compositions`) share one compiled program for each type
 of drift: the free motion over a time h, exact or by rotations.
 """
@@ -42,28 +43,28 @@ from rigidmc.physics.integrators.protocol import TurnBounds
 
 
 def drift_state(drift, body, h, q, l):
-    """(q, L) after a drift over h."""
+    """Return (q, L) after a drift over h."""
     rotation, change = flow(drift, body, h, first_three(value_of(l)))
     return apply_rotation(q, rotation), add_compensated(l, without_radial_part(l, change))
 
 
 def without_radial_part(l, change):
-    """The change of L; if l is a pair (value, remainder), without its part along L.
+    """Return the change of L, without its part along L if l is a pair (value, remainder).
 
-    That part is 0 but for rounding: the constants of motion are rounded alike at every step, so
+    That part is 0 except for rounding: the constants of motion round the same way at every step, so
     |L| would grow in proportion to the number of steps. Without remainders the rounding of the
-    state hides that.
+    state hides that growth.
     """
     if len(l) > 2:
         return change
     middle = axpy(value_of(l), 0.5, change)
     square = dot(middle, middle)
-    # at rest L has no direction, and the part along it is 0 by anything
+    # at rest L has no direction: the part along it is 0, whatever the divisor
     return axpy(change, -dot(middle, change) / select(square > 0.0, square, 1.0), middle)
 
 
 class Splitting(NamedTuple):
-    """A part: drift, then kick.
+    """One part of a step: drift, then kick.
 
     leads : ON if a step begins with a drift, OFF if with a kick
     """
@@ -88,7 +89,7 @@ class Splitting(NamedTuple):
 
 
 class Kicks(NamedTuple):
-    """A part: kicks, drift, kicks in mirror image. For torques with a flow of L, as damping has."""
+    """One part: kicks, drift, mirrored kicks. For torques with a flow of L, as in damping."""
 
     drift: Any
 
@@ -99,7 +100,7 @@ class Kicks(NamedTuple):
 
 
 def repeat_drift(count, drift, body, h, q, l):
-    """(q, L) after one drift over h for each element of `count`."""
+    """Return (q, L) after one drift over h for each element of `count`."""
     if len(count) == 0:
         return q, l
     q, l = drift_state(drift, body, h, q, l)
@@ -109,7 +110,7 @@ def repeat_drift(count, drift, body, h, q, l):
 class Langevin(NamedTuple):
     """BAOAB: drifts over half a step, flows of L and noise over the step, drifts, a kick.
 
-    often : one element for each drift of half a step
+    often : one element for each drift within half a step
     pushes : for each effect ON if its torque depends on attitude and time alone
     flows : for each effect ON if it has its own flow of L
     """
@@ -136,10 +137,10 @@ class Langevin(NamedTuple):
 
 
 class ForceGradient(NamedTuple):
-    """A part: drift, then a kick by torque + gradient (D torque - torque x eta).
+    """One part: drift, then a kick by torque + gradient (D torque - torque x eta).
 
-    eta = I^-1 torque, and D is the rate of change along eta: that is the commutator
-    [kick, [kick, drift]], for any torque of attitude and time.
+    eta = I^-1 torque, and D is the rate of change along eta. This is the commutator
+    [kick, [kick, drift]], for any torque that depends on attitude and time.
     """
 
     drift: Any
@@ -147,7 +148,7 @@ class ForceGradient(NamedTuple):
     def step(self, body, effects, t, h, substep, q, l):
         q, l = drift_state(self.drift, body, substep[0], q, l)
         at = value_of(q)
-        # One evaluation serves kick and gradient: with the rate of change, chin4 takes two torques
+        # One evaluation serves kick and gradient: with the rate of change, chin4 needs two torques
         # a step.
         torque = total_torque(effects, body, t, at, value_of(l))
         eta = angular_velocity(body, torque)
@@ -169,14 +170,14 @@ SUBSTEP_TURN = 1.0  # [rad] longer drifts are cut: 8 panels compile in 2 s, and 
 
 @method
 def flow(drift, body, h, l):
-    """(r, change of L) of the free motion over h, which takes the attitude from q to q r."""
+    """Return (r, change of L) of the free motion over h, which takes the attitude from q to q r."""
     return (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
 
 class Exact(NamedTuple):
     """The free motion of any body.
 
-    The lengths of the tuples say how fine its quadrature is, see
+    The lengths of the tuples define how fine its quadrature is, see
     `rigidmc.physics.dynamics.free_flow`.
     """
 
@@ -202,23 +203,23 @@ class Split(NamedTuple):
 
 
 def exact_drift(turns: TurnBounds, largest: float) -> Symmetric | Exact:
-    """The exact drift for steps that turn by `turns`, at most PIECE_TURN at a time.
+    """Return the exact drift for steps that turn by `turns`, at most SUBSTEP_TURN at a time.
 
-    largest : the longest drift of a step, as a share of the step
+    largest : the longest drift of a step, as a fraction of the step
     """
     if turns.symmetric:
         return Symmetric()
     # 1e-300 rad: a free rate of 0 has no logarithm
     angle = max(min(turns.free * largest, SUBSTEP_TURN), 1e-300)
-    # 1e-9: an angle that is PANEL_TURN but for rounding takes no further doubling.
+    # 1e-9: an angle equal to PANEL_TURN except for rounding needs no further doubling.
     doublings = max(0, math.ceil(math.log2(angle / PANEL_TURN) - 1e-9))
     return Exact(static_count(doublings), (0.5**doublings,) * 2**doublings)
 
 
 def substep_count(turns: TurnBounds, drift: float) -> int:
-    """The number of substeps of a drift, so that none turns by more than SUBSTEP_TURN.
+    """Return the number of substeps of a drift that keeps each turn within SUBSTEP_TURN.
 
-    drift : length of the drift, as a share of the step
+    drift : length of the drift, as a fraction of the step
     """
     return (
         1 if turns.symmetric else max(1, math.ceil(abs(drift) * turns.free / SUBSTEP_TURN - 1e-9))

@@ -1,19 +1,20 @@
-"""What is saved or monitored. A new observable is one file here and one line below.
+"""Saved and monitored quantities. A new observable is one file here and one line below.
 
 Four kinds, see `rigidmc.physics.observables.protocol`:
 
 OBSERVABLES          recorded at save times; a class with `value`
-WITH_TABLE           recorded at save times, with numbers from a table [observables.NAME]
-WATCHED              over all steps, one result per member: events (`level`), running observables
-                     (`begin` and `update`), `megno`; over all members at save times: `histogram`
+WITH_TABLE           recorded at save times, with parameters from a table [observables.NAME]
+WATCHED              monitored over all steps, one result per member: events (`level`), running
+                     observables (`begin` and `update`), `megno`; or counted over all members at
+                     save times: `histogram`
 WATCHED_STATISTICS   omega_min, omega_max, omega_mean, omega_variance, omega_last and so on: of each
-                     of OBSERVABLES that asks for neither start nor works
+                     entry of OBSERVABLES whose `value` uses neither start nor works
 
-A scene may have observables of the user's own, "given" below: their words are names beside these.
+A scene may add custom observables, called `given` below. Their names extend these tables.
 """
 
-# One line for each observable, in the order in which lists and results have them. The word of an
-# observable is the name of its class in snake_case.
+# One line for each observable, in the order of lists and results. The word of an observable is the
+# name of its class in snake_case.
 # isort: off
 from rigidmc.physics.observables.state import Omega as Omega
 from rigidmc.physics.observables.state import Momentum as Momentum
@@ -54,7 +55,7 @@ _AT_SAVES = {word: kind for word, kind in _KINDS.items() if implements(kind, "va
 OBSERVABLES: dict[str, Any] = {w: kind for w, kind in _AT_SAVES.items() if not kind._fields}
 WITH_TABLE: dict[str, Any] = {w: kind for w, kind in _AT_SAVES.items() if kind._fields}
 WATCHED: dict[str, Any] = {word: kind for word, kind in _KINDS.items() if word not in _AT_SAVES}
-# Variables that the steps decide, whatever is saved and watched; the last two not of all results.
+# Variables that every run produces, whatever is saved. The last two are not in all results.
 OUTCOMES = (
     "energy_drift_max",
     "l2_drift_max",
@@ -69,7 +70,7 @@ Statistics = dict[str, tuple[str, Any]]  # {name: (name of the observable, stati
 
 
 def _statistics(kinds: Mapping[str, Any]) -> Statistics:
-    """The running statistics of observables at save times, {name: class or instance}."""
+    """Return the running statistics of observables at save times, {name: class or instance}."""
     return {
         f"{name}_{word}": (name, statistic)
         for name, kind in kinds.items()
@@ -80,14 +81,14 @@ def _statistics(kinds: Mapping[str, Any]) -> Statistics:
 
 WATCHED_STATISTICS: Statistics = _statistics(OBSERVABLES)
 KNOWN = (*OBSERVABLES, *WITH_TABLE, *WATCHED, *WATCHED_STATISTICS)
-# Classes of values that were found to be observables. Python 3.11 takes 10 to 80 us to compare one
-# with all kinds, and a scene asks for each name that it saves.
+# Classes already recognised as observables. On Python 3.11 one check against all kinds takes 10 to
+# 80 us, and a scene checks each name that it saves.
 _of_observables: set[type] = set()
 
 
 def is_observable(value: Any) -> bool:
-    """Whether a value is an observable of any kind, such as Flips(): an instance, not its class."""
-    if type(value) is tuple:  # of observables: it has no class of its own to look up
+    """Return whether a value is an observable of any kind, such as Flips(), not its class."""
+    if type(value) is tuple:  # a plain tuple of observables, not an observable
         return False
     if type(value) not in _of_observables:
         kinds = Observable, Event, Running, Neighbour, EnsembleObservable
@@ -98,18 +99,18 @@ def is_observable(value: Any) -> bool:
 
 
 def is_opaque(value: Any) -> bool:
-    """Whether a value stands for an observable of the user's own whose code is not run."""
+    """Return whether a value stands in for a custom observable whose code is not run."""
     return implements(value, "stand_in")
 
 
 def is_own(value: Any) -> bool:
-    """Whether an observable is of a class of the user's own."""
+    """Return whether an observable is custom: not of a shipped class."""
     shipped = (*OBSERVABLES.values(), *WITH_TABLE.values(), *WATCHED.values())
     return all(known is not type(value) for known in shipped)
 
 
 def word_of_observable(value: Any) -> str:
-    """The name of an observable; SceneError for anything else."""
+    """Return the name of an observable; raise SceneError for anything else."""
     if not is_observable(value):
         rule = "expected names of observables, or observables such as rigidmc.Flips()"
         raise SceneError(rule, at="run.save", value=value)
@@ -117,13 +118,13 @@ def word_of_observable(value: Any) -> str:
 
 
 def label_observables(given: Iterable[Any]) -> list[tuple[str, Any]]:
-    """[(label, observable)]: the name of each, numbered from the second of a name on."""
+    """Return [(label, observable)]: names, numbered from the second use of a name on."""
     known = tuple(given)
     return list(zip(number_words(map(word_of_observable, known)), known, strict=True))
 
 
 def own(given: Iterable[Any]) -> dict[str, Any]:
-    """{label: observable} of those given that can be recorded at save times."""
+    """Return {label: observable} of the given observables that can be recorded at save times."""
     return {
         label: one
         for label, one in label_observables(given)
@@ -132,24 +133,24 @@ def own(given: Iterable[Any]) -> dict[str, Any]:
 
 
 def find_observable(given: Iterable[Any], name: str) -> Any:
-    """The observable at save times of this name or label."""
+    """Return the observable at save times with this name or label."""
     if name in default_names(given):
         return {**OBSERVABLES, **WITH_TABLE}[name]()
     return dict(label_observables(given))[name]
 
 
 def default_names(given: Iterable[Any]) -> tuple[str, ...]:
-    """The names of shipped observables at save times of which none is given with its numbers."""
+    """Return names of shipped observables at save times, less those given with parameters."""
     return (*OBSERVABLES, *(name for name in WITH_TABLE if name not in own(given)))
 
 
 def statistics(given: Iterable[Any]) -> Statistics:
-    """WATCHED_STATISTICS, and those of what is given."""
+    """Return WATCHED_STATISTICS and the statistics of the given observables."""
     return {**WATCHED_STATISTICS, **_statistics(own(given))}
 
 
 def saveable_names(given: Iterable[Any]) -> tuple[str, ...]:
-    """All names that a scene may save."""
+    """Return all names that a scene may save."""
     opaque = [word_of_observable(one) for one in given if is_opaque(one)]
     perhaps = (f"{word}_{statistic}" for word in opaque for statistic in STATISTICS)
     words = (*map(word_of_observable, given), *dict(label_observables(given)))
@@ -158,8 +159,11 @@ def saveable_names(given: Iterable[Any]) -> tuple[str, ...]:
 
 
 def value_rows(observables: Mapping[str, Any], effects: int) -> dict[str, slice]:
-    """{observable: rows of its values} at one save, one after the other; {name: observable} of what
-    is recorded at save times, and the number of effects of the scene."""
+    """Return {observable: rows of its values at one save}, one after the other.
+
+    observables : {name: observable} recorded at save times
+    effects : number of effects of the scene
+    """
     rows, end = {}, 0
     for name, one in observables.items():
         rows[name] = slice(end, end := end + size(one.dims, effects))
@@ -167,7 +171,7 @@ def value_rows(observables: Mapping[str, Any], effects: int) -> dict[str, slice]
 
 
 def saved_observables(save: Iterable[str], given: Sequence[Any] = ()) -> tuple[str, ...]:
-    """The named observables that are recorded at save times, each by its label."""
+    """Return the labels of the named observables that are recorded at save times."""
     labels = own(given)
     names: dict[str, None] = {}
     for name in save:
@@ -178,8 +182,10 @@ def saved_observables(save: Iterable[str], given: Sequence[Any] = ()) -> tuple[s
 
 
 def recorded_observables(save: Sequence[str], given: Sequence[Any]) -> dict[str, Any]:
-    """{name: observable} of what a kernel records at save times: what is saved, then what only
-    histograms need."""
+    """Return {name: observable} of all that a kernel records at save times.
+
+    Saved observables come first, then observables that only histograms use.
+    """
     hidden = (
         one.name
         for _, one in monitored_observables(save, given)
@@ -192,10 +198,10 @@ def recorded_observables(save: Sequence[str], given: Sequence[Any]) -> dict[str,
 
 
 def monitored_observables(save: Sequence[str], given: Sequence[Any]) -> list[tuple[str, Any]]:
-    """[(label, observable)] of the observables over all steps.
+    """Return [(label, observable)] of the observables over all steps.
 
-    save : names; a name with numbers in `given` has those, a name without has its defaults
-    given : observables with their numbers; all of them are watched but those at save times
+    save : names; a name in `given` has the parameters given there, any other its defaults
+    given : observables with their parameters; all are monitored except those at save times
     """
     found: list[tuple[str, Any]] = []
     at_times = own(given)
@@ -214,9 +220,9 @@ def monitored_observables(save: Sequence[str], given: Sequence[Any]) -> list[tup
 
 
 def outputs(label: str, one: Any) -> Outputs:
-    """{variable: (units, long_name, dims)} of an observable over all steps.
+    """Return {variable: (units, long_name, dims)} of an observable over all steps.
 
-    label : as `monitored_observables` has it; the ends of variables are those of labels: passage_2,
+    label : from `monitored_observables`; variables get the suffix of the label: passage_2,
         passages_2
     """
     if type(one) in STATISTICS.values():
@@ -230,31 +236,31 @@ def outputs(label: str, one: Any) -> Outputs:
 
 
 def title(one: Any) -> str:
-    """The long_name of an observable at save times, with its numbers where {field} names them."""
+    """Return the long_name of an observable at save times, with its {field} values filled in."""
     text: str = one.long_name
     return text.format(**(one.label_fields() if implements(one, "label_fields") else one._asdict()))
 
 
 def bind(one: Any, effects: Sequence[Any]) -> Any:
-    """An observable, or the statistic of one, as it is compiled under the effects of a scene."""
+    """Return an observable, or its statistic, as compiled under the effects of a scene."""
     if type(one) in STATISTICS.values():
         return one._replace(of=bind(one.of, effects))
     return one.bind(effects) if implements(one, "bind") else one
 
 
 def dimensions(recorded: Mapping[str, Any], watched: Iterable[tuple[str, Any]]) -> tuple[str, ...]:
-    """The dimensions of what is recorded and watched; for both see the functions above."""
+    """Return the dimensions of the recorded and the monitored observables."""
     dims = [one.dims for one in recorded.values()]
     dims += [found[2] for pair in watched for found in outputs(*pair).values()]
     return tuple(dict.fromkeys(name for each in dims for name in each))
 
 
 def square_units(units: str) -> str:
-    """Units squared: "s-2" of "s-1", "kg2 m4 s-2" of "kg m2 s-1"."""
+    """Return units squared: "s-2" of "s-1", "kg2 m4 s-2" of "kg m2 s-1"."""
     return " ".join(map(_squared, units.split()))
 
 
 def _squared(unit: str) -> str:
-    """A unit squared: "s-2" of "s-1", "rad2" of "rad"."""
+    """Return one unit squared: "s-2" of "s-1", "rad2" of "rad"."""
     base = unit.rstrip("-0123456789")
     return f"{base}{2 * int(unit[len(base) :] or 1)}" if base else unit

@@ -1,4 +1,4 @@
-"""Angles of a body in space: of one direction from another, and roll, pitch and yaw on an orbit."""
+"""Angles of a body in space: from an axis to a direction; roll, pitch and yaw on an orbit."""
 
 import math
 from collections.abc import Sequence
@@ -26,20 +26,20 @@ POINTING = "observables.pointing_angle"
 class PointingAngle(NamedTuple):
     """The angle between a direction of the body and a direction in space.
 
-    With the direction of the body u, of length 1, and a vector d along that in space::
+    For a unit vector u of the body and a vector d along the direction in space::
 
         angle = atan2(|u x d|, u . d)
 
-    which is exact to rounding near 0 and pi too. It is 0 where d has no length. Its extremes over
-    the steps, `pointing_angle_max` and `pointing_angle_min`, are sought by the cosine, which is
-    smooth where the angle is not.
+    which is exact to rounding near 0 and pi, too. The angle is 0 where d vanishes. Its extremes
+    over the steps, `pointing_angle_max` and `pointing_angle_min`, are found from the cosine, which
+    is smooth where the angle is not.
 
     Parameters
     ----------
     axis : int or sequence of 3 floats
         1, 2, 3, or -1, -2, -3 for its other end; or a direction in the principal axes
     about : str or sequence of 3 floats, optional
-        the direction in space, as of `Passage`
+        the direction in space, see `Passage`
 
     Examples
     --------
@@ -55,7 +55,7 @@ class PointingAngle(NamedTuple):
     about: str | Sequence[float] = "vertical"
 
     def check(self) -> None:
-        """Raise SceneError for what is no direction."""
+        """Raise SceneError unless both directions are valid."""
         whole = type(self.axis) is int and abs(self.axis) in (1, 2, 3)
         if not whole and not is_vector(self.axis):
             rule = "expected 1, 2, 3, -1, -2 or -3, or a direction of three numbers"
@@ -63,12 +63,12 @@ class PointingAngle(NamedTuple):
         directions.check(self.about, f"{POINTING}.about")
 
     def label_fields(self) -> dict[str, Any]:
-        """Both directions."""
+        """Return the two directions as words."""
         axis = f"axis {self.axis}" if isinstance(self.axis, int) else f"body {_shown(self.axis)}"
         return {"axis": axis, "about": directions.words(self.about)}
 
     def bind(self, effects: Sequence[Any]) -> Self:
-        """The same as it is compiled: the axis a unit vector, the direction a Direction."""
+        """Return the compiled form: the axis as a unit vector, the direction as a Direction."""
         axis: Any = self.axis
         if isinstance(axis, int):
             axis = directions.unit(axis)
@@ -79,7 +79,7 @@ class PointingAngle(NamedTuple):
 
     def value(self, effects, t, q, l):
         d = direction_in_body(self.about, effects, t, q, l)
-        # By both products: the arccosine of u . d has half its digits near 0 and pi.
+        # Both products: the arccosine of u . d keeps only half its digits near 0 and pi.
         across = cross(self.axis, d)
         return (arctan2(root(dot(across, across)), dot(self.axis, d)),)
 
@@ -88,7 +88,7 @@ class PointingAngle(NamedTuple):
 
 
 def _shown(vector: Sequence[float]) -> str:
-    """A vector in a long_name."""
+    """Return a vector as text for a long_name."""
     return f"({', '.join(f'{x:g}' for x in vector)})"
 
 
@@ -99,24 +99,24 @@ ORBIT = "observables.orbit_angles"
     units="rad", long_name="roll, pitch and yaw of the axes {axes} on the orbit", dims=("angle",)
 )
 class OrbitAngles(NamedTuple):
-    """Roll, pitch and yaw of a body in the local frame of its orbit, that of a `GravityGradient`.
+    """Roll, pitch and yaw of a body in the local frame of the orbit of a `GravityGradient`.
 
-    The frame of the orbit has x along the track, y opposite to the normal of the orbit and z from
-    the body to the centre. From there the body is turned by yaw about z, by pitch about the new y
-    and by roll about the new x: the sequence 3-2-1. With C_ij = (axis i of the body) . (axis j of
-    the frame)::
+    The frame of the orbit has x along the track, y opposite to the orbit normal and z from the body
+    to the centre. From this frame the body turns by yaw about z, by pitch about the new y and by
+    roll about the new x: the sequence 3-2-1. With C_ij = (axis i of the body) . (axis j of the
+    frame)::
 
         roll = atan2(C23, C33),   pitch = atan2(-C13, sqrt(C23^2 + C33^2)),   yaw = atan2(C12, C11)
 
-    Roll and yaw lie between -pi and pi, pitch between -pi/2 and pi/2; at the ends of pitch only the
-    sum or the difference of the two others has a meaning.
+    Roll and yaw lie between -pi and pi, pitch between -pi/2 and pi/2. At either end of the range of
+    pitch, only the sum or the difference of roll and yaw is defined.
     Source: Wertz, Spacecraft Attitude Determination and Control (1978), appendix E.
 
     Parameters
     ----------
     axes : sequence of 3 ints, optional
-        the principal axes that lie along x, y and z where all angles are 0: 1, 2, 3, or with a sign
-        for the other end
+        the principal axes that lie along x, y and z when all angles are 0: 1, 2 or 3, negative for
+        the other end
 
     Examples
     --------
@@ -133,7 +133,7 @@ class OrbitAngles(NamedTuple):
     axes: Sequence[Any] = (1, 2, 3)
 
     def check(self) -> None:
-        """Raise SceneError for what are no right-handed axes."""
+        """Raise SceneError unless the axes are right-handed."""
         three = isinstance(self.axes, Sequence) and len(self.axes) == 3
         whole = three and all(type(i) is int and abs(i) in (1, 2, 3) for i in self.axes)
         # A left-handed frame has the determinant -1.
@@ -142,11 +142,11 @@ class OrbitAngles(NamedTuple):
             raise SceneError(rule, at=f"{ORBIT}.axes", value=self.axes)
 
     def label_fields(self) -> dict[str, Any]:
-        """The axes."""
+        """Return the axes as words."""
         return {"axes": ", ".join(map(str, self.axes))}
 
     def bind(self, effects: Sequence[Any]) -> Self:
-        """The same as it is compiled: unit vectors, then how many effects are before the orbit."""
+        """Return the compiled form: unit vectors, then the number of effects before the orbit's."""
         before = static_count(source("orbit", effects, f"{ORBIT}.axes"))
         return self._replace(axes=(*map(unit, self.axes), before))
 

@@ -1,4 +1,4 @@
-"""MEGNO and the largest Lyapunov exponent: how fast a neighbouring orbit moves away."""
+"""MEGNO and the largest Lyapunov exponent: how fast a nearby trajectory diverges."""
 
 from typing import NamedTuple
 
@@ -6,13 +6,14 @@ import numpy as np
 
 from rigidmc.physics.observables.protocol import Array, neighbour
 
-# Steps between two renormalisations of the shadow trajectory, which is then brought back to
-# SHADOW_DISTANCE: one takes as long as 3 steps of rk4.
+# Steps between two renormalisations, which bring the shadow trajectory back to SHADOW_DISTANCE. One
+# renormalisation takes as long as 3 steps of rk4.
 RENORMALISE_EVERY = 8
-# Distance of the shadow, relative to the size of the motion: the terms of second order are 1e-8,
+# Distance of the shadow trajectory, relative to the size of the motion: second-order terms are 1e-8
 # and so is rounding.
 SHADOW_DISTANCE = 1e-8
-# Times of the run at which the torque on the body at the start is tried for the size of the motion.
+# Number of times in the run at which the torque on the body in its initial state is evaluated, to
+# find the size of the motion.
 TORQUE_TRIALS = 32
 
 
@@ -33,24 +34,25 @@ class Megno(NamedTuple):
 
         Y(t) = 2/t int_0^t (d'/d) s ds    megno = 1/t int_0^t Y ds    lyapunov = ln(d(t)/d(0))/t
 
-    d(s) is the distance to a neighbour that makes the same steps, in attitude and momentum:
+    d(s) is the distance in attitude and momentum to a shadow trajectory, which makes the same
+    steps:
 
         d^2 = 4 |dq|^2 + |dL|^2/(2 I E)
 
-    with I the largest moment and E the energies in play: the kinetic energy at the start and the
-    largest of the potential ones, or the largest torque times 1 rad if that is more. megno is 2 for
-    regular motion and lambda t/2 for chaotic motion. The neighbour stands for the solution of the
-    variational equations: its distance is kept at 1e-8 of the motion, so that its direction is the
+    I is the largest moment. E is the energy scale: the kinetic energy at the start plus the largest
+    potential energies, or the largest torque times 1 rad if that is more. megno is 2 for regular
+    motion and lambda t/2 for chaotic motion. The shadow trajectory replaces the solution of the
+    variational equations: its distance is kept at 1e-8 of the motion, so its direction is the
     tangent to eight digits, whatever the effects and the integrator.
 
-    The integrals are sums over every 8 steps, at first over every step, and over what is left at
-    the end. The worst megno of six heavy tops after 1 to 100 steps of 0.1 s is 0.007 off
-    (tests/physics/observables/test_chaos.py).
+    The integrals are sums over every step at first, then over every 8 steps, and over the remaining
+    steps at the end. For six heavy tops after 1 to 100 steps of 0.1 s, megno is off by at most
+    0.007 (tests/physics/observables/test_chaos.py).
     Source: Cincotta & Simo, Astron. Astrophys. Suppl. 147 (2000) 205; Benettin, Galgani & Strelcyn,
     Phys. Rev. A 14 (1976) 2338.
     """
 
     def results(self, sums: Array, steps: float, h: Array) -> dict[str, Array]:
-        """The outputs from three sums: ln of growth, and over steps of (d'/d) s and of Y."""
+        """Return the outputs from three sums: ln of growth; over steps, of (d'/d) s and of Y."""
         with np.errstate(all="ignore"):
             return {"megno": sums[2] / steps, "lyapunov": sums[0] / (steps * h)}

@@ -1,4 +1,4 @@
-"""Directions in space that an axis of the body is compared with."""
+"""Directions in space for comparison with an axis of the body."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ RULE = (
 
 
 def check(about: Any, at: str) -> None:
-    """Raise SceneError for what is no direction."""
+    """Raise SceneError unless `about` is a direction."""
     if isinstance(about, str):
         if about not in WORDS:
             raise unknown("direction", WORDS, at=at, value=about)
@@ -29,13 +29,13 @@ def check(about: Any, at: str) -> None:
 
 
 def is_vector(value: Any) -> bool:
-    """Whether a value is three numbers that have a direction."""
+    """Return whether a value is three numbers that define a direction."""
     several = isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 3
     return several and all(map(_is_finite, value)) and any(value)
 
 
 def unit(axis: int) -> tuple[float, float, float]:
-    """The unit vector of an axis 1, 2 or 3 of the body, or of its other end -1, -2 or -3."""
+    """Return the unit vector of body axis 1, 2 or 3, or of its other end -1, -2 or -3."""
     one, two, three = (math.copysign(abs(axis) == i, axis) for i in (1, 2, 3))
     return one, two, three
 
@@ -45,13 +45,13 @@ def _is_finite(x: Any) -> bool:
 
 
 def source(about: str, effects: Sequence[Any], at: str) -> int:
-    """The place of the effect that has the orbit or the field; SceneError if there is none."""
+    """Return the index of the effect with the orbit or field; raise SceneError if missing."""
     field = about == "field"
     kinds = (UniformField, RotatingField) if field else (GravityGradient,)
     found = [i for i, one in enumerate(effects) if isinstance(one, kinds)]
     if not found:
         names = "uniform_field] or [effects.rotating_field" if field else "gravity_gradient"
-        rule = f"there is no {'field' if field else 'orbit'}: it needs [effects.{names}]"
+        rule = f"there is no {'field' if field else 'orbit'}: add [effects.{names}]"
         raise SceneError(rule, at=at, value=about)
     if field and len(found) > 1:
         raise SceneError("expected one field; the scene has several", at=at, value=about)
@@ -59,7 +59,7 @@ def source(about: str, effects: Sequence[Any], at: str) -> int:
 
 
 def words(about: Any) -> str:
-    """The direction in a long_name."""
+    """Return the direction as words for a long_name."""
     if isinstance(about, str):
         named = {"momentum": "angular momentum", "along_track": "direction along the track"}
         return named.get(about, about.replace("_", " "))
@@ -67,11 +67,12 @@ def words(about: Any) -> str:
 
 
 class Direction(NamedTuple):
-    """A direction as compiled code takes it; with all flags OFF the vertical.
+    """A direction in compiled form. All flags OFF mean the vertical.
 
-    momentum, orbit, field : ON for the angular momentum, for one of the orbit, for the field
-    which : how many effects are before the one that has the orbit or the field
-    other : ON for the direction along the track, and for a field that rotates
+    momentum, orbit, field : ON for the angular momentum, for a direction of the orbit, for the
+        field
+    which : number of effects before the one with the orbit or the field
+    other : ON for the direction along the track, and for a rotating field
     vector : (x, y, z) of a fixed unit vector in space, else ()
     """
 
@@ -84,7 +85,7 @@ class Direction(NamedTuple):
 
 
 def make_direction(about: Any, effects: Sequence[Any], at: str) -> Direction:
-    """The Direction that `about` means; SceneError without the orbit or the field it needs."""
+    """Return the Direction for `about`; raise SceneError if its orbit or field is missing."""
     if not isinstance(about, str):
         size = math.hypot(*about)
         return Direction(vector=tuple(x / size for x in about))
@@ -100,13 +101,13 @@ def make_direction(about: Any, effects: Sequence[Any], at: str) -> Direction:
 
 
 def direction_in_body(direction, effects, t, q, l):
-    """A vector along a Direction, in body components."""
+    """Return a vector along a Direction, in body components."""
     momentum, orbit, field, index, other, vector = direction
     return direction_by_flags(momentum, orbit, field, index, other, vector, effects, t, q, l)
 
 
 def direction_by_flags(momentum, orbit, field, index, other, vector, effects, t, q, l):
-    """`direction_in_body` of the Direction with these flags."""
+    """Compute `direction_in_body` for the Direction with these flags."""
     if len(momentum) > 0:
         return first_three(l)
     if len(orbit) > 0:
@@ -119,12 +120,12 @@ def direction_by_flags(momentum, orbit, field, index, other, vector, effects, t,
 
 
 def length(direction, v):
-    """The length of a vector along a Direction, 1 for all but momenta and fields."""
+    """Return the length of a vector along a Direction: 1 except for momenta and fields."""
     return length_of(direction.momentum, direction.field, v)
 
 
 def length_of(momentum, field, v):
-    """`length` of the Direction with these flags."""
+    """Compute `length` for the Direction with these flags."""
     if len(momentum) > 0:
         return math.sqrt(dot(v, v))
     if len(field) > 0:
@@ -133,10 +134,10 @@ def length_of(momentum, field, v):
 
 
 def on_orbit(effects, index, ahead, t):
-    """The unit vector from the central body outward, or that along the track.
+    """Return the unit vector from the central body outward, or the one along the track.
 
-    index : how many effects are before the one that has the orbit
-    ahead : ON for the direction along the track, at a right angle to the other
+    index : number of effects before the one with the orbit
+    ahead : ON for the direction along the track, perpendicular to the outward vector
     """
     cosine, sine = place_on(effects, index, t)
     if len(ahead) > 0:
@@ -145,17 +146,17 @@ def on_orbit(effects, index, ahead, t):
 
 
 def place_on(effects, index, t):
-    """(cosine, sine) of the true anomaly; index : as of `on_orbit`."""
+    """Return (cosine, sine) of the true anomaly; index : see `on_orbit`."""
     if len(index) > 0:
         return place_on(effects[1:], index[1:], t)
     return place(effects[0], t)
 
 
 def on_field(effects, index, turns, t):
-    """The field in space at time t, not of length 1.
+    """Return the field in space at time t, not normalised.
 
-    index : how many effects are before the one that has the field
-    turns : ON for a field that rotates
+    index : number of effects before the one with the field
+    turns : ON for a rotating field
     """
     if len(index) > 0:
         return on_field(effects[1:], index[1:], turns, t)

@@ -1,4 +1,4 @@
-"""Flips: how often a body turns over about its middle axis, when, and how long it waits between."""
+"""Flips: how often and when a body turns over about its middle axis, and the waits between."""
 
 import math
 from collections.abc import Sequence
@@ -12,21 +12,20 @@ from rigidmc.physics.dynamics.so3 import dot, select
 from rigidmc.physics.observables.protocol import Array, EventRecord, event
 
 TABLE = "observables.flips"
-ALIKE = 1e-12  # two moments that differ by less, relative to the larger, are equal but for rounding
+ALIKE = 1e-12  # moments with a smaller relative difference count as equal
 _OUTPUTS = {
     "flips": (
         "1",
-        "how often the body turned over about the {axis}, "
-        "after it had come within {within:.4g} rad of it",
+        "number of flips about the {axis}, each after L came within {within:.4g} rad of it",
         (),
     ),
-    "flip_first": ("s", "time of the first flip; nan where there is none", ()),
-    "flip_last": ("s", "time of the last flip; nan where there is none", ()),
-    "flip_wait": ("s", "mean time between flips; nan where there are fewer than two", ()),
+    "flip_first": ("s", "time of the first flip; nan if none", ()),
+    "flip_last": ("s", "time of the last flip; nan if none", ()),
+    "flip_wait": ("s", "mean time between flips; nan for fewer than two", ()),
     "flip_wait_deviation": (
         "s",
-        "standard deviation of the times between flips, each by a straight line within its step; "
-        "nan where there are fewer than two",
+        "standard deviation of the times between flips, each interpolated linearly in its step; "
+        "nan for fewer than two",
         (),
     ),
 }
@@ -34,7 +33,7 @@ _OUTPUTS = {
 
 @event(outputs=_OUTPUTS, event_times=("flip_first",))
 class Flips(NamedTuple):
-    """How often a body turns over about a principal axis, by default that of the middle moment.
+    """The number of times a body turns over about a principal axis, by default the middle one.
 
     A flip is a change of sign of the angular momentum about the axis after L has come within an
     angle of either end of the axis. A free top that starts there flips every 2 K(m)/lambda
@@ -42,14 +41,15 @@ class Flips(NamedTuple):
     another axis never flips. A body with two equal moments has no middle axis: unless `axis` names
     one, it never flips, however it precesses.
 
-    What comes and goes within a step counts too. With noise only the ends of steps are known.
+    A flip back and forth within one step counts, too. With noise, flips are detected only at the
+    ends of steps.
 
     Parameters
     ----------
     axis : int, optional
         1, 2 or 3; 0 for the axis of the middle moment of each body
     within : float, optional [rad]
-        that angle
+        L must come within this angle of either end of the axis before a flip
 
     Examples
     --------
@@ -74,17 +74,17 @@ class Flips(NamedTuple):
             raise SceneError(rule, at=f"{TABLE}.within", value=self.within)
 
     def bind(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "FlipLevel":
-        """The event for bodies of these moments (3, n); complete : whether these are all bodies."""
+        """Return the event for bodies of these moments (3, n); complete : if these are all."""
         axes, some_alike = [self.axis - 1], False
         if self.axis == 0:
-            # A stable order: two moments that are equal keep that of their axes, on every machine.
+            # A stable sort: equal moments keep the order of their axes, on every machine.
             order = np.argsort(moments, axis=0, kind="stable")
             low, middle, high = np.take_along_axis(moments, order, axis=0)
             different = (middle - low > ALIKE * middle) & (high - middle > ALIKE * high)
             if not np.any(different):
                 rule = (
-                    "no body of the scene has three different moments, so that none has a middle "
-                    "axis; give axis = 1, 2 or 3"
+                    "every body of the scene has two equal moments, and so no middle axis; give "
+                    "axis = 1, 2 or 3"
                 )
                 raise SceneError(rule, at=f"{TABLE}.axis", value=self.axis)
             axes = sorted({int(i) for i in order[1]}) if complete else [0, 1, 2]
@@ -93,12 +93,12 @@ class Flips(NamedTuple):
         return FlipLevel(one, two, three, math.cos(self.within) ** 2, flag(some_alike))
 
     def label_fields(self) -> dict[str, Any]:
-        """The axis and the angle."""
+        """Return the axis and the angle."""
         axis = f"axis {self.axis}" if self.axis else "axis of the middle moment"
         return {"axis": axis, "within": float(self.within)}
 
     def results(self, record: EventRecord) -> dict[str, Array]:
-        """The outputs."""
+        """Return the outputs."""
         with np.errstate(all="ignore"):
             waits = record.count - 1.0
             mean = (record.last - record.first) / waits
@@ -117,10 +117,10 @@ class Flips(NamedTuple):
 class FlipLevel(NamedTuple):
     """A component of L, as an event.
 
-    one, two, three : ON if the axis of some body is this one; if several are, the axis of the
-        middle moment counts
+    one, two, three : ON if this is the axis of some body; if several are ON, the axis of the middle
+        moment counts
     square : squared cosine of the angle within which the event arms
-    alike : ON if some bodies may have two equal moments, and then no flips
+    alike : ON if some bodies may have two equal moments; those never flip
     """
 
     one: Flag
@@ -141,23 +141,22 @@ class FlipLevel(NamedTuple):
 
 
 def armed_if_unequal(alike, body, near):
-    """`near` for a body of three different moments; False for others, if there may be some."""
+    """Return `near`, but False for bodies with two equal moments, if there may be any."""
     if len(alike) == 0:
         return near
-    one, two, three = body.i1, body.i2, body.i3  # the inverse moments, as different as these
+    one, two, three = body.i1, body.i2, body.i3  # inverse moments: equal where the moments are
     return near & differ(one, two) & differ(two, three) & differ(three, one)
 
 
 def differ(a, b):
-    """Whether two moments differ by more than rounding."""
+    """Return whether two moments differ by more than rounding."""
     return abs(a - b) > ALIKE * select(a > b, a, b)
 
 
 def component(marks, body, l):
-    """The component of L about the one marked axis, or about the axis of the middle moment."""
+    """Return the component of L about the one marked axis, or about the middle axis."""
     if len(marks[0]) + len(marks[1]) + len(marks[2]) > 1:
-        # By comparisons of the inverse moments, so that members of one vector may have different
-        # axes.
+        # Compare inverse moments member by member: members of one vector may have different axes.
         second = ((body.i1 >= body.i2) & (body.i2 >= body.i3)) | (
             (body.i1 <= body.i2) & (body.i2 <= body.i3)
         )
@@ -169,7 +168,7 @@ def component(marks, body, l):
 
 
 def first_if(condition, this, other):
-    """`this` if the mark is ON, else `other`."""
+    """Return `this` if the mark is ON, else `other`."""
     if len(condition) == 0:
         return other
     return this

@@ -1,4 +1,4 @@
-"""How a number is spread over the ensemble at every save, with no trajectory kept."""
+"""Distribution of an observable over the ensemble at every save time, with no stored trajectory."""
 
 import math
 import re
@@ -15,9 +15,9 @@ TABLE = "observables.histogram"
 
 @ensemble()
 class Histogram(NamedTuple):
-    """Counts of the members by an observable at every save time, in equal bins from low to high.
+    """The number of members in equal bins of an observable at every save time, from low to high.
 
-    Values beyond the bins are counted below and above them. Flagged members are left out. The
+    Two further bins count values below and above the range. Flagged members are left out. The
     observable itself is stored only if `save` names it.
 
     Parameters
@@ -44,7 +44,7 @@ class Histogram(NamedTuple):
     bins: int = 100
 
     def check(self) -> None:
-        """Raise SceneError for a text or a number that is not allowed."""
+        """Raise SceneError for an invalid name or number."""
         if not isinstance(self.of, str) or not re.fullmatch(r"[a-z0-9_]+(\[[1-4]\])?", self.of):
             rule = 'expected the name of an observable, as in "energy" or "omega[3]"'
             raise SceneError(rule, at=f"{TABLE}.of", value=self.of)
@@ -63,21 +63,21 @@ class Histogram(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The observable's name."""
+        """The name of the observable."""
         return self.of.split("[")[0]
 
     @property
     def component(self) -> int:
-        """Its component, from 0."""
+        """The component of the observable, from 0."""
         return int(self.of[-2]) - 1 if self.of.endswith("]") else 0
 
     def edges(self) -> Array:
-        """The ends of the bins (bins + 1)."""
+        """Return the edges of the bins (bins + 1)."""
         return np.linspace(self.low, self.high, self.bins + 1)
 
     def counts(self, values: Array) -> NDArray[np.intp]:
-        """Counts (times, bins + 2) of values (times, members): below, in each bin, above."""
+        """Count values (times, members) into (times, bins + 2): below, in each bin, above."""
         share = np.floor((values - self.low) * (self.bins / (self.high - self.low)))
-        # nan counts as below all bins: converted to an integer it would be the machine's choice.
+        # nan counts as below all bins: its conversion to an integer would depend on the machine.
         place = np.clip(np.nan_to_num(share, nan=-1.0), -1, self.bins).astype(np.intp) + 1
         return np.stack([np.bincount(row, minlength=self.bins + 2) for row in place])

@@ -1,4 +1,4 @@
-"""How the symmetry axis of a top moves: the range of its nutation, and how far it has precessed."""
+"""Motion of the symmetry axis of a top: the range of its nutation and the precession angle."""
 
 import math
 from typing import NamedTuple
@@ -20,11 +20,12 @@ from rigidmc.physics.observables.protocol import Array, running
 class Nutation(NamedTuple):
     """The smallest and largest angle theta between axis 3 of the body and the vertical.
 
-    They are those of the whole motion, TdC (3.36), also within steps: of 1,000 heavy tops to t = 25
-    by rk8 in steps of 1.6 rad 999 have both angles within 9e-4 rad, and one, whose motion rk8 has
-    lost by then, within 6e-3 rad. With noise they are those at the ends of steps.
+    They are the extremes of the whole motion, TdC (3.36), within steps as well. Of 1,000 heavy tops
+    to t = 25 by rk8 in steps of 1.6 rad, 999 have both angles within 9e-4 rad; one, whose motion
+    rk8 has lost by then, has them within 6e-3 rad. With noise they are the extremes at the ends of
+    steps.
 
-    The numbers are sin^2(theta/2): near 0 it has all its digits, where a cosine has half of them.
+    The running state is sin^2(theta/2): near 0 it keeps all its digits, a cosine only half of them.
     """
 
     def begin(self, q):
@@ -44,8 +45,8 @@ class Nutation(NamedTuple):
         return ((state[0], state[1]),)
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
-        """The outputs from the numbers (2, n)."""
-        # Rounding may leave the numbers beyond 0 and 1 by a digit.
+        """Return the outputs from the running state (2, n)."""
+        # Rounding may push the state one digit beyond 0 or 1.
         low, high = 2.0 * arcsine(np.sqrt(np.clip(state, 0.0, 1.0)))
         return {"nutation_min": low, "nutation_max": high}
 
@@ -57,13 +58,13 @@ class Nutation(NamedTuple):
 class Precession(NamedTuple):
     """The angle phi by which axis 3 of the body has turned about the vertical, TdC (3.36).
 
-    Whole turns are counted. Between two states that are watched the axis is taken to go the shorter
-    way round; where it passes near the vertical within a step, it is watched there too. Of 400
-    heavy tops to t = 25 s by rk8 in steps of 1.6 rad none is off by a turn
+    Whole turns are counted. Between two monitored states the axis is assumed to go the shorter way
+    round; where it passes near the vertical within a step, it is monitored there as well. Of 400
+    heavy tops to t = 25 s by rk8 in steps of 1.6 rad, none is off by a turn
     (tests/physics/observables/test_monitoring.py).
 
-    The numbers are the horizontal components (x, y) of the axis, how often it has crossed y = 0,
-    with the sign of its sense, and (x, y) at the start.
+    The running state holds the horizontal components (x, y) of the axis, the signed count of its
+    crossings of y = 0, and (x, y) at the start.
     """
 
     def begin(self, q):
@@ -72,8 +73,8 @@ class Precession(NamedTuple):
 
     def update(self, state, q):
         x, y = over_plane(q)
-        # The sense in which the axis crosses y = 0: that of the cross product of the two
-        # directions.
+        # The sign of the cross product of the two directions is the sense in which the axis
+        # crosses y = 0.
         way = select(state[0] * y - state[1] * x > 0.0, 1.0, -1.0)
         return x, y, state[2] + select((state[1] < 0.0) != (y < 0.0), way, 0.0), state[3], state[4]
 
@@ -85,19 +86,19 @@ class Precession(NamedTuple):
         return ((CLOSE, math.inf),)
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
-        """The outputs from the numbers (5, n)."""
+        """Return the outputs from the running state (5, n)."""
         x, y, halves, x0, y0 = state
         # half -1 is y < 0 of turn 0, half 0 is y >= 0 of it
         turns = 0.5 * (halves - (y0 < 0.0) + (y < 0.0))
-        # y + 0.0 turns -0.0 into 0.0, whose arctangent is the wanted one
+        # y + 0.0 turns -0.0 into 0.0, which gives the right arctangent
         return {"precession": 2.0 * math.pi * turns + arctan2(y + 0.0, x) - arctan2(y0 + 0.0, x0)}
 
 
-# Squared distance from the vertical within which axis 3 may pass it on either side between two
-# nodes, 0.8 rad apart, for all that these tell.
+# Squared distance from the vertical. Within it, states at two nodes, 0.8 rad apart, do not show on
+# which side of the vertical axis 3 passed.
 CLOSE = 0.1
 
 
 def over_plane(q):
-    """The horizontal components of axis 3 of the body, (A13, A23)."""
+    """Return the horizontal components of axis 3 of the body, (A13, A23)."""
     return 2.0 * (q[1] * q[3] + q[0] * q[2]), 2.0 * (q[2] * q[3] - q[0] * q[1])

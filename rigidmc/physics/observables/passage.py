@@ -20,19 +20,19 @@ _CONE = "the cone of {angle:g} rad about the {about}{start}"
 
 @event(
     outputs={
-        "passages": ("1", "how often {axis} {way} " + _CONE, ()),
-        "passage_first": ("s", "when {axis} first {way} " + _CONE + "; nan where it does not", ()),
-        "passage_last": ("s", "when {axis} last {way} " + _CONE + "; nan where it does not", ()),
+        "passages": ("1", "number of times {axis} {way} " + _CONE, ()),
+        "passage_first": ("s", "time when {axis} first {way} " + _CONE + "; nan if never", ()),
+        "passage_last": ("s", "time when {axis} last {way} " + _CONE + "; nan if never", ()),
     },
     event_times=("passage_first",),
 )
 class Passage(NamedTuple):
     """When a principal axis of the body leaves, or reaches, a cone about a direction.
 
-    A passage that comes and goes within a step counts too: of 3,810 passages of heavy tops by rk8
-    in steps of 1.6 rad none is missed (tests/physics/observables/test_monitoring.py). With noise
-    only the ends of steps are known. The level is a difference of cosines, which costs the time of
-    a narrow cone digits, as rounding/angle^2.
+    A passage there and back within one step counts, too: of 3,810 passages of heavy tops by rk8 in
+    steps of 1.6 rad, none is missed (tests/physics/observables/test_monitoring.py). With noise,
+    passages are detected only at the ends of steps. The level is a difference of cosines, so the
+    time of passage of a narrow cone loses digits, as rounding/angle^2.
 
     Parameters
     ----------
@@ -44,19 +44,19 @@ class Passage(NamedTuple):
         whether the axis "leaves" or "reaches" the cone
     about : str or sequence of 3 floats, optional
         axis of the cone: "vertical", the space z axis; "momentum", the angular momentum; a
-        direction in space such as (1, 0, 0); or, on the orbit of a `GravityGradient`,
-        "local_vertical", from the central body outward, "along_track", at a right angle to it in
-        the plane of the orbit, and "orbit_normal"; or "field", the direction of the field of
+        direction in space such as (1, 0, 0); on the orbit of a `GravityGradient`,
+        "local_vertical", from the central body outward, "along_track", perpendicular to it in the
+        plane of the orbit, or "orbit_normal"; or "field", the direction of the field of
         `UniformField` or `RotatingField` (a member whose field is 0 is beyond any cone)
     stop : bool, optional
-        whether the member stays as it is at the end of the step in which that happened
+        whether the member stops at the end of the step with the passage
     at_start : str, optional
-        whether a member that has passed at the start counts as passed at t = 0, "count", or only
-        once it has come back and passes again, "ignore"
+        a member that has already passed at the start counts as passed at t = 0 ("count"), or only
+        once it has come back and passes again ("ignore")
     hold : float, optional [s]
-        how long the axis has to stay where it has passed to: a shorter stay does not count, and
-        `stop` acts at the end of the step in which the time is over. The time of a passage is that
-        at which its stay began
+        shortest stay that counts: the axis must stay this long where it has passed to. `stop` acts
+        at the end of the step in which this time is over. The time of a passage is the beginning of
+        its stay
 
     Examples
     --------
@@ -75,7 +75,7 @@ class Passage(NamedTuple):
     hold: float = 0.0
 
     def check(self) -> None:
-        """Raise SceneError for an axis, an angle or a word that is not allowed."""
+        """Raise SceneError for an invalid axis, angle or word."""
         if isinstance(self.axis, bool) or self.axis not in (1, 2, 3, -1, -2, -3):
             rule = "expected 1, 2 or 3, or -1, -2, -3 for the other end of the axis"
             raise SceneError(rule, at=f"{TABLE}.axis", value=self.axis)
@@ -99,8 +99,8 @@ class Passage(NamedTuple):
             raise SceneError("expected true or false", at=f"{TABLE}.stop", value=self.stop)
 
     def bind(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "ConeLevel":
-        """The event, the same for all bodies; SceneError without the orbit or field it needs."""
-        # With noise a path has no derivative: there is no dense output.
+        """Return the event for all bodies; raise SceneError if its orbit or field is missing."""
+        # With noise a path has no derivative, so there is no dense output.
         smooth = not any(map(is_random, effects))
         outward = -1.0 if self.way == "leaves" else 1.0
         return ConeLevel(
@@ -114,18 +114,18 @@ class Passage(NamedTuple):
         )
 
     def label_fields(self) -> dict[str, Any]:
-        """The axis, the way, and the cone."""
+        """Return the axis, the way and the cone."""
         return {
             "axis": f"axis {self.axis}",
             "way": self.way,
             "angle": float(self.angle),
             "about": directions.words(self.about),
-            "start": ", starts beyond it left out" * (self.at_start == "ignore")
+            "start": ", starts beyond it ignored" * (self.at_start == "ignore")
             + f", and stays for {self.hold:g} s" * bool(self.hold),
         }
 
     def results(self, record: EventRecord) -> dict[str, Array]:
-        """The outputs."""
+        """Return the outputs."""
         first, last = record.first, record.last
         if self.hold:
             some = record.count > 0.0
@@ -138,8 +138,8 @@ class ConeLevel(NamedTuple):
 
         level = sign (e . d) - cosine |d|, which rises through 0 at the event
 
-    axis : ON for the axis, OFF for the others;  stop : see
-        `rigidmc.physics.observables.protocol.is_terminal`
+    axis : ON for the axis, OFF for the others
+    stop : see `rigidmc.physics.observables.protocol.is_terminal`
     ignored : ON if a start beyond the cone does not count
     hold : see `rigidmc.physics.observables.protocol.dwell`
     """
@@ -170,22 +170,22 @@ class ConeLevel(NamedTuple):
 
 
 def may_pass(hold, level):
-    """Whether an event may happen next: one that has to last may also end."""
+    """Return whether an event may happen next; an event with a hold time may also end."""
     if len(hold) > 0:
-        # True for all members, as a mask of their width; of `level != level` the opposite.
+        # True for all members, as a mask of the vector's width; `level != level` is False.
         return level == level
     return level < 0.0
 
 
 def counts(ignored, level):
-    """Whether a start with that level counts as passed."""
+    """Return whether a start with this level counts as passed."""
     if len(ignored) > 0:
         return level != level
     return level >= 0.0
 
 
 def along(marks, v):
-    """The marked component of a vector."""
+    """Return the marked component of a vector."""
     if len(marks[0]) > 0:
         return v[0]
     if len(marks[1]) > 0:

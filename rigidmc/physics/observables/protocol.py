@@ -1,15 +1,14 @@
-"""What is asked of the class of an observable: its facts, its methods, and the defaults of both.
+"""The protocol of observables: facts and methods that a class must have, and their defaults.
 
-A class is a NamedTuple with one of the decorators below, which states its facts, adds the defaults
-and refuses a class that lacks the rest. Its fields are the numbers of a table [observables.NAME] in
-a scene.
+A class is a NamedTuple with one of the decorators below. The decorator states the facts of the
+class, adds defaults and rejects a class that lacks a required member. The fields of the class are
+the parameters of a table [observables.NAME] in a scene.
 
-`value`, `monotone`, `begin`, `update`, `extrema`, `extremum_limits`, `is_time_average`,
-`reweighed`, `is_conserved`, `level`, `armed`, `counts_at_start`, `dwell` and `is_terminal` are
-called from compiled code. As the methods of effects, they name the arguments that they depend on
-and are given no others: body, effects, t, q, l, and `value` also start and works. They are plain
-arithmetic, see `rigidmc.physics.dynamics.methods`. All other methods are Python and take arrays,
-members last.
+Compiled code calls `value`, `monotone`, `begin`, `update`, `extrema`, `extremum_limits`,
+`is_time_average`, `reweighed`, `is_conserved`, `level`, `armed`, `counts_at_start`, `dwell` and
+`is_terminal`. Like the methods of effects, they name the arguments they depend on and receive no
+others: body, effects, t, q, l, and for `value` also start and works. They are plain arithmetic, see
+`rigidmc.physics.dynamics.methods`. All other methods are Python and take arrays, members last.
 """
 
 import inspect
@@ -28,7 +27,7 @@ Outputs = Mapping[str, tuple[str, str, Dims]]  # {variable: (units, long_name, d
 
 
 class Dimension(NamedTuple):
-    """A dimension of values: the label of each component, and what the dimension is."""
+    """A dimension of values: the label of each component, and a description."""
 
     labels: tuple[Any, ...]
     long_name: str
@@ -42,7 +41,7 @@ DIMENSIONS = {
 
 
 def size(dims: Dims, effects: int = 0) -> int:
-    """How many numbers values of these dimensions have. effects : length of "effect"."""
+    """Return the number of values with these dimensions. effects : length of "effect"."""
     return math.prod(effects if d == "effect" else len(DIMENSIONS[d].labels) for d in dims)
 
 
@@ -50,10 +49,10 @@ def size(dims: Dims, effects: int = 0) -> int:
 class Observable(Protocol):
     """Recorded at save times, by `value`.
 
-    units, long_name, dims : of the variable; dims is () for a number, else names of DIMENSIONS, or
-        ("effect",) for one number of each effect
-    conserved : "energy", "energy_drift", "l2" or "lz", if that law of
-        `rigidmc.scene.recording` keeps it constant; "" for none
+    units, long_name, dims : of the variable; dims is () for a scalar, else names of DIMENSIONS, or
+        ("effect",) for one number per effect
+    conserved : "energy", "energy_drift", "l2" or "lz", if that conservation law of
+        `rigidmc.scene.recording` keeps the observable constant; "" for none
     """
 
     units: str
@@ -66,11 +65,12 @@ class Observable(Protocol):
 class Monitored(Protocol):
     """Observed over all steps, with one result per member and no trajectory kept.
 
-    outputs : the variables of the result; {name} in a long_name stands for one of `label_fields`
-    stop : whether the member stops when the event has happened
-    event_times : names of the outputs that are times of events, each nan while its event has not
-        come: estimates take it for later than the end of the member. None for the first time of an
-        event, and for what a running observable gives in seconds; () if that is no such time
+    outputs : the variables of the result; {name} in a long_name stands for a value of
+        `label_fields`
+    stop : whether the member stops after the event
+    event_times : names of the outputs that are event times. Such an output is nan until its event
+        occurs; estimates then place the event later than the end of the member. None means the
+        first time of an event, and the outputs in seconds of a running observable; () means none
     """
 
     outputs: Outputs
@@ -78,20 +78,22 @@ class Monitored(Protocol):
     event_times: tuple[str, ...] | None
 
     def check(self) -> None:
-        """Raise SceneError if a number of the observable is not allowed."""
+        """Raise SceneError for an invalid parameter."""
 
     def label_fields(self) -> dict[str, Any]:
-        """The numbers as the long_names of `outputs` show them."""
+        """Return the parameters as the long_names of `outputs` show them."""
 
 
 class EventRecord(NamedTuple):
-    """What is known of an event at the end of a run, one number of each member.
+    """The record of an event at the end of a run, one number per member.
 
-    count : how often it happened, nan if the member is not healthy
-    first, last : when, to the order of the integrator [s]; nan if never
-    tau, first_tau : when last and first, by a straight line within the step [s]
-    squares : sum of the squares of the times between, by straight lines [s2]
-    seen : end of the step in which it first happened [s]; nan if never
+    count : number of events, nan if the member is not healthy
+    first, last : times of the first and the last event, to the order of the integrator [s]; nan if
+        never
+    tau, first_tau : times of the last and the first event, interpolated linearly within the step
+        [s]
+    squares : sum of the squared times between events, each interpolated linearly [s2]
+    seen : end of the step with the first event [s]; nan if never
     """
 
     count: Array  # type: ignore[assignment]  # a tuple has a method of this name
@@ -107,23 +109,23 @@ class EventRecord(NamedTuple):
 class Event(Monitored, Protocol):
     """An event: it happens when its `level` passes through 0 while it is `armed`.
 
-    `bind` gives the NamedTuple that has `level`, and perhaps `armed`, `counts_at_start` and
+    `bind` returns the NamedTuple with `level` and, optionally, `armed`, `counts_at_start` and
     `is_terminal`.
     """
 
     def bind(self, moments: Array, complete: bool, effects: Sequence[Any]) -> Any:
-        """The event for bodies of these moments (3, n) under these effects.
+        """Return the event for bodies of these moments (3, n) under these effects.
 
-        complete : whether these are all bodies
+        complete : whether these are all the bodies
         """
 
     def results(self, record: EventRecord) -> dict[str, Array]:
-        """The outputs."""
+        """Return the outputs."""
 
 
 @runtime_checkable
 class Running(Monitored, Protocol):
-    """A few numbers of each member, which `begin` sets and `update` changes after every step.
+    """A few running numbers per member; `begin` sets and `update` changes them after each step.
 
     state_size : how many numbers
     """
@@ -133,25 +135,27 @@ class Running(Monitored, Protocol):
     update: Callable[..., tuple[Any, ...]]
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
-        """The outputs from the numbers (state_size, n) after so many steps of each member.
+        """Return the outputs from the running state (state_size, n).
 
-        If the last steps are shorter, the steps before them count for more, see `reweighed`.
+        steps : number of steps of each member
+
+        If the last steps are shorter, the earlier steps have more weight, see `reweighed`.
         """
 
 
 @runtime_checkable
 class Neighbour(Monitored, Protocol):
-    """What a shadow trajectory shows, see `rigidmc.engine.kernel.shadow`."""
+    """Results of a shadow trajectory, see `rigidmc.engine.kernel.shadow`."""
 
     shadow: bool
 
     def results(self, state: Array, steps: float, h: Array) -> dict[str, Array]:
-        """The outputs from the sums (3, n) over a time of so many steps h [s]."""
+        """Return the outputs from the sums (3, n) over this number of steps of length h [s]."""
 
 
 @runtime_checkable
 class EnsembleObservable(Monitored, Protocol):
-    """Counts of all members at save times, from an observable of which no member is stored.
+    """Counts over all members at save times. The observable itself is not stored.
 
     name, component : of the observable
     """
@@ -163,28 +167,28 @@ class EnsembleObservable(Monitored, Protocol):
     def component(self) -> int: ...
 
     def edges(self) -> Array:
-        """The ends of the bins (bins + 1)."""
+        """Return the edges of the bins (bins + 1)."""
 
     def counts(self, values: Array) -> NDArray[np.intp]:
-        """Counts (times, bins + 2) of values (times, members): below, in each bin, above."""
+        """Count values (times, members) into (times, bins + 2): below, in each bin, above."""
 
 
 def _conserved(self):
-    """The flag of an observable that is conserved."""
+    """Return the flag of a conserved observable."""
     return ON
 
 
 def _no_check(self: Any) -> None:
-    """All numbers are allowed."""
+    """Accept all numbers."""
 
 
 def _no_fields(self: Any) -> dict[str, Any]:
-    """No word to fill in."""
+    """Return no words to fill in."""
     return {}
 
 
 def _as_it_stands(self: Any, moments: Array, complete: bool, effects: Sequence[Any]) -> Any:
-    """The class itself has `level`."""
+    """Return the observable itself, whose class has `level`."""
     return self
 
 
@@ -202,7 +206,7 @@ _DEFAULTS: dict[type, dict[str, Any]] = {
     Neighbour: _OVER_STEPS,
     EnsembleObservable: _OVER_STEPS,
 }
-# Methods and facts of earlier versions, and what they are called now; until 1.0.
+# Former names of methods and facts, and their present names; until 1.0.
 OLD_WORDS = {
     "turning": "extrema",
     "sought": "extremum_limits",
@@ -221,9 +225,9 @@ Kind = TypeVar("Kind", bound=type)
 
 
 def _decorator(protocol: type) -> Callable[..., Callable[[Kind], Kind]]:
-    """The decorator of classes for a protocol.
+    """Return the decorator of classes for a protocol.
 
-    It states facts of the class, `@observable(units="1", long_name="...", dims=())`, which become
+    The decorator states facts, `@observable(units="1", long_name="...", dims=())`, which become
     class attributes. Type checkers would take attributes in the body of a NamedTuple for fields.
     """
     known = {*_members(protocol), *_DEFAULTS[protocol], *_STATED}
@@ -252,8 +256,8 @@ def _decorator(protocol: type) -> Callable[..., Callable[[Kind], Kind]]:
 
 
 def _members(protocol: type) -> Sequence[str]:
-    """Names of the facts and methods that a protocol asks for."""
-    # Protocol itself has members that no class needs.
+    """Return the names of the facts and methods that a protocol requires."""
+    # The base class Protocol has members that no class needs.
     bases = [base for base in protocol.__mro__ if base.__module__ == __name__]
     names = [name for base in bases for name in (*inspect.get_annotations(base), *vars(base))]
     return [name for name in names if not name.startswith("_")]
@@ -268,96 +272,110 @@ ensemble = _decorator(EnsembleObservable)
 
 @method
 def value(observable, body, effects, t, q, l, start, works):
-    """Tuple of values at time t.
+    """Return a tuple of values at time t.
 
-    start = (E, 1/scale of E, |L|^2, 1/|L|^2) at t = 0;  works : of the effects so far [J]
+    start = (E, 1/scale of E, |L|^2, 1/|L|^2) at t = 0
+    works : work of each effect so far [J]
     """
     return (0.0,)
 
 
 @method
 def begin(running, body, effects, t, q, l):
-    """The numbers of a running observable at the start: a tuple of floats."""
+    """Return the running state at the start: a tuple of floats."""
     return (0.0,)
 
 
 @method
 def update(running, state, body, effects, t, q, l):
-    """The numbers after a step that ended at t; state : before it."""
+    """Return the running state after a step that ended at t; state : before the step."""
     return state
 
 
 @method
 def extrema(observable, body, effects, t, q, l):
-    """Numbers whose extrema within a step count: a tuple."""
+    """Return a tuple of the numbers whose extrema within a step count."""
     return ()
 
 
 @method
 def extremum_limits(observable, state):
-    """For each number of `extrema` (low, high): the running observable is updated at a smallest one
-    below `low`, and at a largest one above `high`."""
+    """Return (low, high) for each number of `extrema`.
+
+    The running observable is updated at a minimum below `low` and at a maximum above `high`.
+    """
     return ()
 
 
 @method
 def monotone(observable, values):
-    """Numbers that rise with each of the values of an observable and are smooth: extremes of the
-    values are sought by these."""
+    """Return smooth numbers, one for each value of an observable, that rise with it.
+
+    Extremes of the values are found from these numbers.
+    """
     return values
 
 
 @method
 def is_time_average(observable):
-    """ON if a running observable is a mean over time: means are updated at states within a step
-    too, which lie equally far apart."""
+    """Return ON if a running observable is a mean over time.
+
+    Means are also updated at equally spaced states within a step.
+    """
     return OFF
 
 
 @method
 def reweighed(running, state, longer):
-    """The numbers of a running observable if each step so far counts as `longer` steps to come: the
-    steps of a last interval may be shorter. Sums over steps times this are weighed by time; by
-    default nothing changes."""
+    """Return the running state if each step so far counts as `longer` future steps.
+
+    The steps of a last interval may be shorter. Sums over steps are multiplied by `longer`, which
+    weights them by time; by default the state is unchanged.
+    """
     return state
 
 
 @method
 def is_conserved(observable):
-    """ON if an observable is conserved: statistics of it are those of the ends of steps, because a
-    state within a step is known to fewer digits."""
+    """Return ON if an observable is conserved.
+
+    Its statistics use only the ends of steps: a state within a step has fewer digits.
+    """
     return OFF
 
 
 @method
 def level(event, body, effects, t, q, l):
-    """A number that passes through 0 when the event happens."""
+    """Return a number that passes through 0 when the event happens."""
     return 1.0
 
 
 @method
 def armed(event, body, q, l, level, armed):
-    """Whether the event may happen next, by default if its level is below 0.
+    """Return whether the event may happen next; by default, whether its level is below 0.
 
-    armed : whether it might have happened in the last step, and did not
+    armed : whether it could have happened in the last step but did not
     """
     return level < 0.0
 
 
 @method
 def counts_at_start(event, level):
-    """Whether the event counts as happened at the start, by default if its level is not below 0."""
+    """Return whether the event counts as happened at the start; by default, if level >= 0."""
     return level >= 0.0
 
 
 @method
 def dwell(event):
-    """() if an event counts when its level passes through 0. (T,) if it counts only once the level
-    has been above 0 for T seconds; with a second number also within steps, by dense output."""
+    """Return () if an event counts when its level passes through 0.
+
+    (T,) if it counts only after the level has been above 0 for T seconds. A second number applies
+    the rule within steps as well, by dense output.
+    """
     return ()
 
 
 @method
 def is_terminal(event):
-    """ON if the event stops the member: known when the event is compiled."""
+    """Return ON if the event stops the member; known when the event is compiled."""
     return OFF

@@ -1,6 +1,6 @@
-"""What a result has of observables: how much of each is kept, and which variables are event times.
+"""Observables in a result: how much of each is kept, and which variables are event times.
 
-The larger the ensemble, the less one wants of each member:
+The larger the ensemble, the less of each member is worth keeping:
 
 full       omega(time, axis, member), every save
 thinned    omega_thinned(thinned_time, ...), every `thin`-th save, and the last
@@ -8,12 +8,13 @@ summary    omega_min, omega_max, omega_mean and so on, see `rigidmc.physics.obse
 final      omega_final(axis, member), the last save
 none       nothing
 
-Of flagged members every save is kept, whatever is kept of the others: omega_flagged(time, axis,
-flagged), and flagged_member has their indices.
+Every save of flagged members is kept, whatever is kept of the others: omega_flagged(time, axis,
+flagged), with member indices in flagged_member.
 
-A member of which an event has not come by the end has no time of it, and a result has nan: the time
-is later than the end. The variable says so, `censored_at = "followed_until"`, where that variable
-has the end of each member: t_end, or earlier where the member is flagged or stops.
+If the event of a member has not occurred by the end of the member, its event time is nan: the event
+time is censored, later than the end. The variable has the attribute `censored_at =
+"followed_until"`, and the variable followed_until has the end of each member: t_end, or earlier if
+the member is flagged or stops.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -41,9 +42,9 @@ Values = dict[str, NDArray[Any]]
 
 
 def check_keep(keep: Keep, given: Sequence[Any] = ()) -> None:
-    """Raise SceneError if the setting `keep` names an unknown observable or an unknown word.
+    """Raise SceneError if the setting `keep` contains an unknown observable or word.
 
-    given : the observables of the scene, with their numbers
+    given : the observables of the scene, with their parameters
     """
     opaque = [label for label, one in label_observables(given) if is_opaque(one)]
     names, summed = (*OBSERVABLES, *own(given), *opaque), statistics(given)
@@ -62,9 +63,9 @@ def check_keep(keep: Keep, given: Sequence[Any] = ()) -> None:
 
 
 def save_words(keep: Keep, saved: Iterable[str], given: Sequence[Any] = ()) -> dict[str, str]:
-    """{name: word} of the saved observables.
+    """Return {name: word} of the saved observables.
 
-    If all are summarised, an observable that has no summary keeps its last save.
+    If all are summarised, an observable without a summary keeps its last save.
     """
     summed = statistics(given)
     words = {name: keep if isinstance(keep, str) else keep.get(name, "full") for name in saved}
@@ -75,7 +76,7 @@ def save_words(keep: Keep, saved: Iterable[str], given: Sequence[Any] = ()) -> d
 
 
 def summaries(kept: Mapping[str, str]) -> tuple[str, ...]:
-    """Names of the running statistics of the observables that are summarised."""
+    """Return the names of the running statistics of summarised observables."""
     return tuple(
         f"{name}_{statistic}"
         for name, word in kept.items()
@@ -85,7 +86,7 @@ def summaries(kept: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def thinned_indices(count: int, thin: int) -> NDArray[np.intp]:
-    """Indices of the saves that a thinned observable keeps, of `count` saves."""
+    """Return the indices of the saves that a thinned observable keeps, out of `count` saves."""
     return np.unique(np.append(np.arange(0, count, thin), count - 1))
 
 
@@ -95,13 +96,13 @@ _COUNT, _FIRST, _FIRST_TAU = 3.0, 5.0, 5.25
 
 
 def event_times(label: str, one: Any) -> dict[str, float]:
-    """{variable: lag} of the times of events among the outputs of an observable over all steps.
+    """Return {variable: lag} of the event times among the outputs of an observable over all steps.
 
-    lag : a time is known if it is so long before the end of the member [s]: that of an event that
-        has to last
+    lag : an event time is known if it is this long before the end of the member [s]; 0 except for
+        an event with a hold time
 
-    Those that the class states in `event_times`; without a statement the outputs of an event that
-    are its first time, and of a running observable those in seconds.
+    The class may list event times in `event_times`. Otherwise they are the first time of an event,
+    or the outputs in seconds of a running observable.
     """
     if type(one) in STATISTICS.values() or not isinstance(one, (Event, Running)):
         return {}
@@ -116,7 +117,7 @@ def event_times(label: str, one: Any) -> dict[str, float]:
 
 
 def roles_of(one: Event) -> list[str]:
-    """What each output of an event is: "count", "first", or "" for another."""
+    """Return the role of each output of an event: "count", "first", or "" for another."""
     numbers = _COUNT, _FIRST, 7.0, 7.25, _FIRST_TAU, 11.0, 5.5
     record = EventRecord(*(np.array([x]) for x in numbers))
     words = {_COUNT: "count", _FIRST: "first", _FIRST_TAU: "first"}
@@ -128,10 +129,10 @@ def _in_seconds(one: Running) -> list[str]:
 
 
 def is_event_time(name: str, attrs: Mapping[str, Any]) -> bool:
-    """Whether a variable of a result is the time of an event.
+    """Return whether a variable of a result is the time of an event.
 
-    attrs : of the variable; results of earlier versions do not say it, so there the shipped names
-        tell
+    attrs : of the variable; results of earlier versions lack the attribute, so the shipped names
+        decide
     """
     if CENSORED in attrs:
         return bool(attrs[CENSORED] == FOLLOWED)

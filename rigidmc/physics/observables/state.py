@@ -1,7 +1,7 @@
-"""What a body is doing: angular velocity, momentum, attitude, energy, and the work done on it.
+"""State of a body: angular velocity, momentum, attitude, energy, and the work done on it.
 
-The drifts of energy and |L|^2 compare with the start, corrected by the works of effects where these
-are saved.
+The drifts of energy and |L|^2 are relative to the start. They are corrected for the work of effects
+where it is saved.
 """
 
 from typing import NamedTuple
@@ -54,17 +54,18 @@ class L2(NamedTuple):
 
 @observable(
     units="1",
-    long_name="relative drift of energy, less work where it is booked",
+    long_name="relative drift of energy, less booked work",
     dims=(),
     conserved="energy_drift",
 )
 class EnergyDrift(NamedTuple):
-    """(E - E(0))/|E(0)|; if |E(0)| is under 1e-3 of the energies in play, relative to that part
+    """(E - E(0))/scale with scale |E(0)|, or 1e-3 of the energies in play if that is more
     (tests/physics/observables/test_observables.py).
 
-    Where work is booked, E(0) and the scale grow by it, and the scale is no less than the kinetic
-    energy of now and of every 64th step before; nor is that of a body that starts with no energy in
-    play, at rest under torques. `energy_drift_max` knows the kinetic energies at all saves.
+    Energies in play are the kinetic energy at the start and the largest potential energies. Where
+    work is booked, E(0) and the scale grow by it, and the scale is at least the kinetic energy now
+    and at every 64th step before. The same minimum applies to a body that starts at rest under
+    torques, with no energies in play. `energy_drift_max` uses the kinetic energies at all saves.
     """
 
     def value(self, body, effects, q, l, start):
@@ -83,10 +84,10 @@ class L2Drift(NamedTuple):
 class Work(NamedTuple):
     """The work of each effect since t = 0, W = integral of torque . omega dt, TdC (3.16), (3.34).
 
-    dE/dt is the power of the effects without an energy. Saving the work makes the kernel integrate
-    it beside L, to the order of the integrator (4 by srkn11), and book it: E - E(0) less the work
-    of the effects without an energy is then a drift like any other. The attribute `booked` of the
-    variable names those effects.
+    Effects without an energy change E by their power, dE/dt. If the work is saved, the kernel
+    integrates it along with L, to the order of the integrator (4 by srkn11), and books it: E - E(0)
+    less the work of the effects without an energy is then a drift like any other. The attribute
+    `booked` of the variable names those effects.
     """
 
     def value(self, works):

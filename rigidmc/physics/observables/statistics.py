@@ -1,9 +1,9 @@
 """Running statistics over the steps of a member: minimum, maximum, mean, variance, last value.
 
-Extremes are those of the motion between the steps too: of 400 heavy tops in steps of 1.6 rad the
-worst nutation is 2.6e-4 rad off (tests/physics/observables/test_monitoring.py). Means have the
-error of the trapezoidal rule on two states or more a step. What is conserved, such as the energy of
-a heavy top, is looked at where steps end.
+Extremes include the motion within steps: for 400 heavy tops in steps of 1.6 rad the worst nutation
+is 2.6e-4 rad off (tests/physics/observables/test_monitoring.py). Means have the error of the
+trapezoidal rule on two or more states per step. Conserved quantities, such as the energy of a heavy
+top, are evaluated at the ends of steps.
 """
 
 import math
@@ -19,67 +19,67 @@ _NO_START = (0.0, 0.0, 0.0, 0.0)
 
 
 def observe(of, body, effects, t, q, l):
-    """The values of an observable that asks for neither start nor works."""
+    """Return the values of an observable that uses neither start nor works."""
     return value(of, body, effects, t, q, l, _NO_START, ())
 
 
 def smaller(a, b):
-    """The smaller of each two numbers."""
+    """Return the smaller number of each pair."""
     if len(a) == 0:
         return ()
     return (select(b[0] < a[0], b[0], a[0]),) + smaller(a[1:], b[1:])
 
 
 def larger(a, b):
-    """The larger of each two numbers."""
+    """Return the larger number of each pair."""
     if len(a) == 0:
         return ()
     return (select(b[0] > a[0], b[0], a[0]),) + larger(a[1:], b[1:])
 
 
 def below(state):
-    """(x, inf) of each number: what is smaller is sought."""
+    """Return (x, inf) for each number: only smaller values are of interest."""
     if len(state) == 0:
         return ()
     return ((state[0], math.inf),) + below(state[1:])
 
 
 def above(state):
-    """(-inf, x) of each number: what is larger is sought."""
+    """Return (-inf, x) for each number: only larger values are of interest."""
     if len(state) == 0:
         return ()
     return ((-math.inf, state[0]),) + above(state[1:])
 
 
 def unless_steady(steady, values):
-    """The values, none of what is steady."""
+    """Return the values, or () if `steady` is ON."""
     if len(steady) > 0:
         return ()
     return values
 
 
 def extremal_numbers(of, values):
-    """Numbers with the extremes of an observable, none if it is steady."""
+    """Return numbers with the extremes of an observable; () if it is conserved."""
     return unless_steady(is_conserved(of), monotone(of, values))
 
 
 def negate(steady):
-    """ON for what is not steady."""
+    """Return OFF for ON and ON for OFF."""
     if len(steady) > 0:
         return OFF
     return ON
 
 
 def add_differences(sums, values, shifts):
-    """Sums to which values less their shifts are added."""
+    """Add values less their shifts to sums."""
     if len(sums) == 0:
         return ()
-    # Differences from the first value: of plain sums a small variance would lose its digits.
+    # Differences from the first value: a small variance would lose its digits in plain sums.
     return (sums[0] + (values[0] - shifts[0]),) + add_differences(sums[1:], values[1:], shifts[1:])
 
 
 def add_squares(sums, values, shifts):
-    """Sums to which the squares of values less their shifts are added."""
+    """Add the squares of values less their shifts to sums."""
     if len(sums) == 0:
         return ()
     off = values[0] - shifts[0]
@@ -87,15 +87,17 @@ def add_squares(sums, values, shifts):
 
 
 def offsets(values, shifts):
-    """The differences of values from shifts."""
+    """Return the values less their shifts."""
     if len(values) == 0:
         return ()
     return (values[0] - shifts[0],) + offsets(values[1:], shifts[1:])
 
 
 def weigh_sums(sums, ends, longer):
-    """Sums over steps times `longer`, by the trapezoidal rule: of the last value, which is `ends`,
-    half belongs to the steps to come."""
+    """Multiply sums over steps by `longer`, by the trapezoidal rule.
+
+    ends : the last values; half of each belongs to the next interval
+    """
     if len(sums) == 0:
         return ()
     # Half of the last value belongs to the next interval, whose steps have their own length.
@@ -104,48 +106,50 @@ def weigh_sums(sums, ends, longer):
 
 
 def zeros(values):
-    """As many zeros as values."""
+    """Return one zero per value."""
     if len(values) == 0:
         return ()
     return (0.0 * values[0],) + zeros(values[1:])
 
 
 def head(like, a):
-    """The first len(like) numbers of a tuple."""
+    """Return the first len(like) numbers of a tuple."""
     if len(like) == 0:
         return ()
     return (a[0],) + head(like[1:], a[1:])
 
 
 def take_third(a):
-    """A tuple with a third as many numbers."""
+    """Return a tuple with a third of the numbers."""
     if len(a) == 0:
         return ()
     return (a[0],) + take_third(a[3:])
 
 
 def take_fourth(a):
-    """A tuple with a fourth as many numbers."""
+    """Return a tuple with a fourth of the numbers."""
     if len(a) == 0:
         return ()
     return (a[0],) + take_fourth(a[4:])
 
 
 def rest(like, a):
-    """A tuple without its first len(like) numbers."""
+    """Return a tuple without its first len(like) numbers."""
     if len(like) == 0:
         return a
     return rest(like[1:], a[1:])
 
 
 def by_rows(of: Any, rows: int, state: Array) -> Array:
-    """The rows (rows * values, n) of a block as (rows, values, n), or as they are of a number."""
+    """Reshape a block (rows * values, n) to (rows, values, n); leave it if `of` is a scalar."""
     return state.reshape(rows, -1, state.shape[1]) if of.dims else state
 
 
 def counts_steps(one: Any) -> bool:
-    """Whether a running observable takes all steps for equally long: its results depend on their
-    number, and it has no `reweighed`."""
+    """Return whether a running observable treats all steps as equally long.
+
+    Its results then depend on the number of steps, and it has no `reweighed`.
+    """
     if implements(one, "reweighed"):
         return False
     # A result that depends on the number of steps differs between 3 and 5 of them.
@@ -155,13 +159,13 @@ def counts_steps(one: Any) -> bool:
 
 @running(word="smallest", squares=False)
 class Minimum(NamedTuple):
-    """The smallest of the values, at the start, after and within every step."""
+    """The smallest of the values: at the start, after each step and within steps."""
 
     of: Any
 
     @property
     def state_size(self) -> int:
-        """The smallest values."""
+        """One number per value: the smallest so far."""
         return size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
@@ -177,19 +181,19 @@ class Minimum(NamedTuple):
         return below(extremal_numbers(self.of, state))
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
-        """The smallest values."""
+        """Return the smallest values."""
         return {"min": by_rows(self.of, 1, state)[0]}
 
 
 @running(word="largest", squares=False)
 class Maximum(NamedTuple):
-    """The largest of the values, at the start, after and within every step."""
+    """The largest of the values: at the start, after each step and within steps."""
 
     of: Any
 
     @property
     def state_size(self) -> int:
-        """The largest values."""
+        """One number per value: the largest so far."""
         return size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
@@ -205,7 +209,7 @@ class Maximum(NamedTuple):
         return above(extremal_numbers(self.of, state))
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
-        """The largest values."""
+        """Return the largest values."""
         return {"max": by_rows(self.of, 1, state)[0]}
 
 
@@ -213,14 +217,14 @@ class Maximum(NamedTuple):
 class Mean(NamedTuple):
     """The mean over time by the trapezoidal rule.
 
-    The numbers are the first value, the sum of differences from it, and the last value.
+    The running state is the first value, the sum of differences from it, and the last value.
     """
 
     of: Any
 
     @property
     def state_size(self) -> int:
-        """Three numbers of each value."""
+        """Three numbers per value."""
         return 3 * size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
@@ -242,7 +246,7 @@ class Mean(NamedTuple):
         return shifts + weigh_sums(head(shifts, sums), offsets(last, shifts), longer) + last
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
-        """The mean; without steps it is the first value."""
+        """Return the mean; without steps, the first value."""
         first, total, last = by_rows(self.of, 3, state)
         with np.errstate(all="ignore"):
             return {"mean": first + (total - 0.5 * (last - first)) / np.maximum(steps, 1.0)}
@@ -252,15 +256,15 @@ class Mean(NamedTuple):
 class Variance(NamedTuple):
     """The variance over time by the trapezoidal rule.
 
-    The numbers are the first value, the sums of differences from it and of their squares, and the
-    last value.
+    The running state is the first value, the sums of differences from it and of their squares, and
+    the last value.
     """
 
     of: Any
 
     @property
     def state_size(self) -> int:
-        """Four numbers of each value."""
+        """Four numbers per value."""
         return 4 * size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
@@ -294,7 +298,7 @@ class Variance(NamedTuple):
         )
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
-        """The variance; without steps it is 0."""
+        """Return the variance; without steps, 0."""
         first, total, squares, last = by_rows(self.of, 4, state)
         with np.errstate(all="ignore"):
             steps = np.maximum(steps, 1.0)
@@ -306,13 +310,13 @@ class Variance(NamedTuple):
 
 @running(word="last", squares=False)
 class Last(NamedTuple):
-    """The values after the last step, which tell where a member has ended."""
+    """The values after the last step."""
 
     of: Any
 
     @property
     def state_size(self) -> int:
-        """The values."""
+        """One number per value."""
         return size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
@@ -322,7 +326,7 @@ class Last(NamedTuple):
         return observe(self.of, body, effects, t, q, l)
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
-        """The last values."""
+        """Return the last values."""
         return {"last": by_rows(self.of, 1, state)[0]}
 
 

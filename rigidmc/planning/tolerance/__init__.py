@@ -1,9 +1,11 @@
-"""The integrator and the step that keep a tolerance at the least cost.
+"""Choose the integrator and step that keep a tolerance at the least cost.
 
-A few hundred members, the pilot, are integrated in several ways; each way has an error, measured
-against a truth, and a cost, measured on this machine.
+A few hundred members, the pilot, are integrated by several candidates: an integrator, a precision
+and a step. Each candidate has an error, measured against a reference, and a cost, measured on this
+machine.
 
-Reading order: `pilot` (the members that every way follows), `truth` (a closed form, or what two
-integrators agree on), `deviation` (how far a way errs), `costs` (what its steps cost), `ladder`
-(which ways and steps are tried), `choose` (the cheapest way that keeps the tolerance).
+Reading order: `pilot` (the members that every candidate integrates), `truth` (the reference: a
+closed form, or the agreement of two integrators), `deviation` (errors of a candidate), `costs`
+(costs of its steps), `ladder` (the candidates to try), `choose` (the cheapest candidate that keeps
+the tolerance).
 """

@@ -1,8 +1,8 @@
-"""The integrator and step that give an accuracy at the least cost, for a scene and a machine:
-measured on a pilot, not guessed.
+"""Choose the integrator and step that reach an accuracy at the least cost, for a scene and a
+machine. Errors and costs are measured on a pilot.
 
-The kernels of a search, up to twenty, take 3 s each and Numba compiles one at a time: a second
-process compiles half of them ahead (`compile_ahead`).
+A search uses up to twenty kernels. Each takes 3 s to compile, and Numba compiles one at a time, so
+a second process compiles half of them ahead (`compile_ahead`).
 """
 
 import json
@@ -47,26 +47,28 @@ from rigidmc.scene.validation import named_integrators
 
 # members: the 99 % quantile is then below the second largest error with 96 % certainty
 PILOT = 512
-# Those that have been the cheapest for some scene and tolerance; the others are for comparison
+# Integrators that have been the cheapest for some scene and tolerance. The others serve comparison
 # (`rigidmc accuracy`), and each costs 3 s to compile.
 CONTENDERS = (
     "closed", "exact", "rk4", "rk8", "strang", "chin4", "srkn6", "srkn11", "aba864", "aba1064",
 )  # fmt: skip
-SINGLE_REACHES = 3e-7  # five roundings of float32: not tried below
-# least gain by half a step that counts as that of smooth torques, of order 4 and more; a kink has 2
-# to 4
+SINGLE_REACHES = 3e-7  # five roundings of float32: float32 is not tried for smaller tolerances
+# Least factor by which half the step reduces the error for smooth torques (order 4 and more); for a
+# kink the factor is 2 to 4
 SMOOTH = 16.0
-SAFETY = 0.8  # of the tolerance, that a pilot must keep
+SAFETY = 0.8  # fraction of the tolerance that the pilot's error must keep
 
 
 def choose_integrator(scene: Scene) -> tuple[Scene, "Choice | None"]:
-    """(scene with the integrator, precision and step that `choose` picks for its tolerance,
-    Choice); the scene itself and None unless its integrator is "auto"."""
+    """Return (scene, Choice) with the integrator, precision and step chosen for its tolerance.
+
+    If the integrator is not "auto", returns the scene itself and None.
+    """
     run = scene.run
     if run.integrator != "auto":
         return scene, None
     check_scene(scene, make_recording(scene))
-    # any that takes the scene stands for those to be tried
+    # any integrator that accepts the scene can represent the candidates
     slips = any(implements(effect, "slip") for effect in scene.effects)
     some = scene.with_run(integrator="rk8" if slips else "rk4")
     chosen = choose(some, run.tolerance)
@@ -76,11 +78,11 @@ def choose_integrator(scene: Scene) -> tuple[Scene, "Choice | None"]:
 
 
 class Choice(NamedTuple):
-    """What `--tolerance` picks: the way, how sure it is, and the alternatives.
+    """The choice for `--tolerance`: the candidate, its error, and the alternatives.
 
     predicted : error that 99 % of members stay below
-    checked : share of the members of a second pilot within the tolerance
-    runner_up : (Way, its cost in units of the cost of the chosen one), or None
+    checked : fraction of the members of a second pilot within the tolerance
+    runner_up : (Candidate, its cost relative to the chosen one), or None
     """
 
     way: Candidate
@@ -93,41 +95,41 @@ class Choice(NamedTuple):
     members: int
 
     def members_per_second(self, threads: int) -> float:
-        """Members to t_end per second on all threads."""
+        """Return members to t_end per second on all threads."""
         return 1e9 * threads / self.ns_per_member
 
     @property
     def short(self) -> str:
-        """A sentence that says so if the predicted error is above the tolerance although finer
-        steps were tried, else ""."""
+        """A warning if the predicted error exceeds the tolerance although finer steps were tried,
+        else ""."""
         if self.predicted <= self.tolerance:
             return ""
         return (
-            f"the error bound of 99 % of the members, {self.predicted:.2g}, is above the "
-            f"tolerance of {self.tolerance:g}; finer steps were tried"
+            f"the error bound for 99 % of members, {self.predicted:.2g}, exceeds the tolerance of "
+            f"{self.tolerance:g}; finer steps were tried"
         )
 
     def lines(self, count: int, seconds: float) -> list[str]:
-        """What was picked and why, and how long `count` members will take."""
+        """Describe the choice, its reasons, and the time that `count` members take."""
         way, other = self.way, self.runner_up
         lines = [
             f"for a tolerance of {self.tolerance:g}: {way.with_precision()} {way.step}, the "
-            "cheapest of those that reach it"
+            "cheapest that reaches it"
         ]
         if other is not None:
             second = f"{other[0].with_precision()} {other[0].step}"
-            lines.append(f"  next best {second}, {other[1]:.2g} times the cost")
+            lines.append(f"  next best: {second}, at {other[1]:.2g} times the cost")
         lines.append(
-            f"  error of 99 % of the members below {self.predicted:.1e}; on a second pilot of "
-            f"{count_text(self.members, 'member')} {100 * self.checked:.1f} % keep the tolerance"
+            f"  99 % of members have errors below {self.predicted:.1e}; on a second pilot of "
+            f"{count_text(self.members, 'member')}, {100 * self.checked:.1f} % keep the tolerance"
         )
         lines += [f"  note: {self.short}"] * bool(self.short)
-        lines.append(f"  against the {self.truth}")
+        lines.append(f"  reference: {self.truth}")
         lines.append(f"  about {seconds:.2g} s for {count_text(count, 'member')}")
         return lines
 
     def attributes(self) -> dict[str, Any]:
-        """What a result tells of the choice; nothing of it is a time of this machine."""
+        """Return the choice as attributes of a result, without any timing of this machine."""
         way, other = self.way, self.runner_up
         attributes: dict[str, Any] = {
             "tolerance": self.tolerance,
@@ -147,15 +149,15 @@ def choose(
     integrators: Iterable[str] | None = None,
     members: int = PILOT,
 ) -> Choice:
-    """The cheapest way to keep the error of 99 % of all members below `tolerance`.
+    """Choose the cheapest candidate that keeps the error of 99 % of members below `tolerance`.
 
-    The error is that of momentum, relative to its size, and of attitude [rad].
+    The error is that of momentum, relative to its size, and that of attitude [rad].
 
-    Raises SceneError if none reaches it, with the best that can be had and why.
+    Raises SceneError if no candidate reaches it, with the best accuracy and the reason.
     """
     if not (isinstance(tolerance, float) and 0.0 < tolerance < 1.0):
         rule = (
-            "expected an error between 0 and 1: of the momentum's size, and of the attitude in rad"
+            "expected an error between 0 and 1: relative for the momentum, in rad for the attitude"
         )
         raise SceneError(rule, at="run.tolerance", value=tolerance)
     check_quiet(scene)
@@ -164,18 +166,18 @@ def choose(
     true, costs = make_reference(first), Costs(first)
     known = upper_quantile(true.error)
     if known > tolerance:
-        why = f"the truth itself is known to {known:.1e} only ({true.source})"
+        why = f"the reference itself is known only to {known:.1e} ({true.source})"
         raise _unreachable(scene, tolerance, first, known, why)
     contenders = integrators or (*CONTENDERS, *named_integrators(scene.integrators))
     ways, nearest = _ways(costs, true, tolerance, contenders)
     if not ways:
-        raise _unreachable(scene, tolerance, first, nearest, "no integrator comes nearer")
+        raise _unreachable(scene, tolerance, first, nearest, "no integrator does better")
     ways.sort(key=costs.per_member)
     second = pilot(scene, members, first.first + first.members)._replace(
         member_steps=first.member_steps
     )
     check = _Check(costs, true, second, tolerance)
-    spare = None  # keeps the tolerance on the second pilot, but with too few members to be sure
+    spare = None  # keeps the tolerance on the second pilot, but too few members confirm it
     for way in ways:
         for _ in range(4):
             apart, source = check.of(way)
@@ -199,14 +201,14 @@ def choose(
 
 
 def _limit(integrator: str, tolerance: float) -> float:
-    """The error that an integrator may have on the first pilot."""
+    """Return the largest error that an integrator may have on the first pilot."""
     return tolerance if integrator == "closed" else SAFETY * tolerance
 
 
 def _ways(
     costs: Costs, true: Reference, tolerance: float, integrators: Iterable[str]
 ) -> tuple[list[Candidate], float]:
-    """(the cheapest Candidate of each integrator that keeps the tolerance, the smallest error)."""
+    """Return (cheapest Candidate of each integrator that keeps the tolerance, smallest error)."""
     dtype = "float64" if tolerance < SINGLE_REACHES else None
     tried = candidates(costs.pilot, true, integrators, dtype)
     compile_ahead(costs.pilot, tried)
@@ -227,7 +229,8 @@ def _ways(
 
 
 class _Check:
-    """Ways checked on a second pilot: a closed form by an integration, and the other way round."""
+    """Check of candidates on a second pilot: closed forms by an integration, integrators by the
+    reference of that pilot."""
 
     def __init__(self, costs: Costs, true: Reference, second: Pilot, tolerance: float) -> None:
         self.true, self.second, self.tolerance = true, second, tolerance
@@ -237,13 +240,13 @@ class _Check:
         self._truths: dict[bool, Reference] = {}
 
     def of(self, way: Candidate) -> tuple[Array, str]:
-        """(errors of the members, source of the truth)."""
+        """Return (errors of the members, source of the reference)."""
         closed = way.integrator == "closed"
         other = self._truth(closed)
         apart = self._apart(way, other)
         if closed:
             check_agreement(apart, other.error, self.true, other.source)
-            # the integration's own error does not count against the closed form
+            # the integration's own error must not count against the closed form
             apart = np.maximum(apart - other.error, 0.0)
             return apart, f"{self.true.source}; the second pilot by {other.source}"
         return apart, self.true.source
@@ -258,7 +261,7 @@ class _Check:
         return self._truths[closed]
 
     def _apart(self, way: Candidate, other: Reference) -> Array:
-        steps: Any = self.faster * way.steps  # whole unless members have steps of their own
+        steps: Any = self.faster * way.steps  # an integer unless members have their own steps
         checked = measure_candidate(Costs(self.second), other, way.integrator, way.dtype, steps)
         if checked is None:  # the step is too long for a member of the second pilot
             return np.full(self.second.members, np.inf)
@@ -266,8 +269,8 @@ class _Check:
 
 
 def _refined(costs: Costs, true: Reference, ways: list[Candidate], limit: float) -> Candidate:
-    """A cheaper way between the last that failed and the first that kept the limit, by the slope
-    between them, tried twice."""
+    """Find a cheaper candidate between the last that failed and the first that kept the limit, in
+    two attempts, using the slope between them."""
     base, good = costs.pilot.base, ways[-1]
     bad = ways[-2] if len(ways) > 1 else None
     for _ in range(2):
@@ -290,26 +293,26 @@ def check_quiet(scene: Scene) -> None:
     noisy = [name_of(e) for e in scene.effects if is_random(e)]
     if noisy:
         rule = (
-            f"{', '.join(noisy)} is random: no path is right, and what can be measured is the "
-            "error of averages, by halving dt"
+            f"{', '.join(noisy)} is random, so no single path is exact; halve dt to measure the "
+            "error of averages instead"
         )
         raise SceneError(rule, at=f"effects.{noisy[0]}")
 
 
 def check_pilot(scene: Scene, pilot: Pilot) -> None:
-    """Raise SceneError if members of the pilot are no bodies."""
+    """Raise SceneError if members of the pilot have impossible bodies."""
     bad = int(np.count_nonzero(pilot.block[layout.STATUS, : pilot.members]))
     if bad:
         rule = (
-            f"{bad} of {count_text(pilot.members, 'member')} of the pilot are no bodies:"
-            " mend the scene before asking for accuracy"
+            f"{bad} of {count_text(pilot.members, 'member')} of the pilot have impossible bodies:"
+            " fix the scene before requesting an accuracy"
         )
         raise SceneError(rule, at="body.moments")
 
 
 def _gain(pilot: Pilot, growth: float) -> float:
-    """By how much half the step divides the error of rk8; inf where rounding, which grows with the
-    motion, hides it."""
+    """Return the factor by which half the step reduces the error of rk8; inf where rounding, which
+    grows with the motion, hides it."""
     if not pilot.scene.effects:
         return math.inf
     steps = 2 * first_steps(pilot)
@@ -328,9 +331,9 @@ def _unreachable(
         names = ", ".join(name_of(effect) for effect in scene.effects)
         rule = (
             f"out of reach: the best is {nearest:.1e}, and half the step divides the error of rk8"
-            f" by {gain:.2g}, where it is 256 for smooth torques. One of {names} has a kink or a"
-            " jump: round it off over a width that some steps resolve, as `rest` of dry_friction"
-            " does, or give an integrator and a step in place of a tolerance"
+            f" by {gain:.2g}, but by 256 for smooth torques. One of {names} has a kink or a jump:"
+            " round it off over a width that some steps resolve, as `rest` of dry_friction does, or"
+            " give an integrator and a step instead of a tolerance"
         )
         return SceneError(rule, at="run.tolerance", value=tolerance)
     reason = (
@@ -340,7 +343,7 @@ def _unreachable(
     reason += ", exponentially: chaos or a separatrix" if np.mean(rate > 0.0) > 0.01 else ""
     rule = (
         f"out of reach of double precision here: the best is {nearest:.1e}. "
-        f"{reason[0].upper()}{reason[1:]}. Ask for less, or for a shorter t_end"
+        f"{reason[0].upper()}{reason[1:]}. Request less accuracy, or a shorter t_end"
     )
     return SceneError(rule, at="run.tolerance", value=tolerance)
 
@@ -351,8 +354,8 @@ Precision = tuple[str, str]  # integrator and dtype
 def compile_ahead(pilot: Pilot, candidates: Sequence[Precision]) -> None:
     """Compile the kernels of some candidates for a pilot.
 
-    If a kernel is not in the cache, a second process compiles from the end of the list and leaves
-    its kernels there.
+    If a kernel is not in the cache, a second process compiles from the end of the list and stores
+    its kernels in the cache.
     """
     helper = None
     try:
@@ -382,11 +385,11 @@ def _compile(pilot: Pilot, integrator: str, dtype: str) -> None:
 
 
 def _helper(pilot: Pilot, candidates: Sequence[Precision]) -> subprocess.Popen[str] | None:
-    """The second process; None if the scene cannot be written as text."""
+    """Start the second process; return None if the scene cannot be written as text."""
     try:
         text = pilot.scene.dumps()
         Scene.loads(text)
-    except (SceneError, ValueError):  # rows of arrays, effects of the user's own
+    except (SceneError, ValueError):  # rows of arrays, custom effects
         return None
     task = json.dumps({"scene": text, "own": pilot.member_steps, "candidates": candidates})
     helper = start_helper(__name__, answers=False)
@@ -397,7 +400,7 @@ def _helper(pilot: Pilot, candidates: Sequence[Precision]) -> subprocess.Popen[s
 
 
 def main() -> None:
-    """The second process: compile the candidates that standard input names, the last one first."""
+    """Compile, as the second process, the candidates listed on standard input, last one first."""
     task = json.load(sys.stdin)
     members = pilot(Scene.loads(task["scene"]), 32)._replace(member_steps=task["own"])
     for candidate in reversed(task["candidates"]):

@@ -1,6 +1,4 @@
-"""What steps, starts and saves of a way cost on this machine, measured on one thread; and what
-effects and observables add to a step, measured, and as their operations say.
-"""
+"""Measure the costs of a candidate's steps, starts and saves on one thread of this machine."""
 
 import math
 import time
@@ -28,9 +26,9 @@ from rigidmc.scene.recording import make_recording
 class Candidate(NamedTuple):
     """One way of integrating a pilot.
 
-    steps : of the fastest member of the pilot;  mean_steps, dt : mean over its members;  turn : of
-        steps of their own [rad], None if all have the same;  errors : {quantity: (members,)};  ns :
-        time per member and step on one thread [ns]
+    steps : of the fastest member of the pilot;  mean_steps, dt : mean over its members
+    turn : of per-member steps [rad], None if all members have the same steps
+    errors : {quantity: (members,)};  ns : time per member and step on one thread [ns]
     """
 
     integrator: str
@@ -54,16 +52,16 @@ class Candidate(NamedTuple):
             return "at every save"
         if self.turn is None:
             return f"at dt = {self.dt:.4g} s ({self.steps:,} steps)"
-        steps = f"{self.mean_steps:,.1f} steps in the mean, {self.steps:,} of the fastest member"
+        steps = f"{self.mean_steps:,.1f} steps on average, {self.steps:,} of the fastest member"
         return f"at turn = {self.turn:.4g} rad ({steps})"
 
     def with_precision(self) -> str:
-        """The integrator, and its precision if that is not double."""
+        """Name the integrator, and its precision unless that is double."""
         return self.integrator + (" in float32" if self.dtype == "float32" else "")
 
 
 class Costs:
-    """Nanoseconds per member of a pilot on one thread, measured once for each compiled program."""
+    """Times in ns per member of a pilot on one thread, measured once for each compiled program."""
 
     def __init__(self, pilot: Pilot) -> None:
         self.pilot, run = pilot, pilot.scene.run
@@ -71,7 +69,8 @@ class Costs:
         self.saves = 1 if run.every is None else max(1, math.ceil(run.t_end / run.every))
 
     def step(self, integrator: str, steps: int, dtype: str) -> float:
-        """Per member and step, without saves; of `closed` per member and save."""
+        """Measure the time per member and step, without saves; of `closed`, per member and
+        save."""
         if integrator == "closed":
             return self._once("closed", self._closed)
         scene = self.pilot.stepped(steps)[0].with_run(integrator=integrator)
@@ -84,7 +83,7 @@ class Costs:
         )
 
     def start(self) -> float:
-        """Per member, to draw its start."""
+        """Measure the time to draw the start of a member."""
 
         def draw() -> float:
             model, sampler = self.pilot.scene.model, self.pilot.sampler
@@ -97,7 +96,7 @@ class Costs:
         return self._once("start", lambda: min(draw() for _ in range(3)))
 
     def save(self) -> float:
-        """Per member and save."""
+        """Measure the time per member and save."""
 
         def record() -> float:
             scene = self.pilot.scene.with_run(integrator="rk4")
@@ -140,10 +139,11 @@ class Costs:
         stride: int | None = None,
         compensated: bool = False,
     ) -> float:
-        """Per member and step; `stride` : steps between saves, None for the last only.
+        """Measure the time per member and step; `stride` : steps between saves, None for the last
+        only.
 
-        The steps are short, whatever the form's are: members that a long step of an explicit
-        method throws off are frozen, and then a step seems to take next to no time.
+        The steps are short, whatever steps the scheme has: a member that a long step of an explicit
+        method throws off is frozen, and then a step seems to take almost no time.
         """
         h = 1e-6 * self.pilot.scene.run.t_end / self.pilot.base
         effects = blank(self.pilot.scene.effects)
@@ -163,7 +163,7 @@ class Costs:
             run = StepRange(span, slots, stride or steps, steps, own, 0, steps)
             program.advance(moved, run, saves=saves)
             took = time.perf_counter() - began
-            if spent >= 0.0:  # the first may have compiled
+            if spent >= 0.0:  # the first call may have compiled
                 best = min(best, took / (steps * block.shape[1]))
             spent = max(spent, 0.0) + (took if spent >= 0.0 else 0.0)
             if stride is None and took < 0.003:
@@ -171,10 +171,10 @@ class Costs:
         return 1e9 * best
 
     def per_member(self, way: Candidate) -> float:
-        """One member to t_end, with its saves [ns]."""
+        """Return the time of one member to t_end, with its saves [ns]."""
         saves = 0.0 if way.integrator == "closed" else self.saves * self.save()
         return way.ns * way.mean_steps + saves + self.start()
 
     def members_per_second(self, way: Candidate, threads: int) -> float:
-        """Members to t_end per second on all threads."""
+        """Return members to t_end per second on all threads."""
         return 1e9 * threads / self.per_member(way)

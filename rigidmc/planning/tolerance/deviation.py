@@ -1,6 +1,4 @@
-"""How far the states of a pilot are from others and from what its members conserve, and how fast
-disturbances of a motion grow.
-"""
+"""Errors and drifts of a pilot's states, and the growth of disturbances of its motion."""
 
 from typing import Any
 
@@ -27,13 +25,13 @@ QUANTITIES = ("state", "momentum", "attitude", "energy", "l2", "lz")
 
 
 def relative(change: Array, size: Array) -> Array:
-    """A change by a size of the same unit: 0 if nothing has changed, inf if the size alone is 0."""
+    """Divide a change by a size of the same unit: 0 for no change, inf if only the size is 0."""
     with np.errstate(all="ignore"):
         return np.where(change == 0.0, 0.0, change / size)
 
 
 def _sizes(body: Any, effects: Any, l: Any) -> tuple[Array, Array]:
-    """(energies in play [J], |L|) of members; at rest the largest |L| that these energies allow."""
+    """Return (energies in play [J], |L|); at rest, |L| is the largest that the energies allow."""
     play = kinetic_energy(body, l) + total_energy_scale(effects, body)
     size = np.sqrt(dot(l, l))
     widest = np.sqrt(2.0 * play / np.min([body.i1, body.i2, body.i3], axis=0))
@@ -41,7 +39,7 @@ def _sizes(body: Any, effects: Any, l: Any) -> tuple[Array, Array]:
 
 
 def errors(pilot: Pilot, states: PilotStates, true: PilotStates) -> dict[str, Array]:
-    """{quantity: largest error over the checks of each member}.
+    """Return {quantity: largest error over the checks of each member}.
 
     momentum : relative to its size;  attitude : [rad];  state : the larger of these two
     energy : relative to the energies in play;  l2, lz : of |L|^2 and L_z, relative to the size
@@ -78,10 +76,11 @@ def errors(pilot: Pilot, states: PilotStates, true: PilotStates) -> dict[str, Ar
 def drift_along(
     pilot: Pilot, integrator: str, steps: int, at: ArrayLike, dt: float, looks: int = 4096
 ) -> dict[str, Array]:
-    """{quantity: largest drift so far of the worst member, after each number of steps in `at`} for
+    """Return {quantity: largest drift so far of the worst member, after each step in `at`} for
     energy, |L|^2 and L_z.
 
-    Every one of the first `looks` steps is looked at, and as many evenly spaced ones of all.
+    The drift is evaluated at each of the first `looks` steps, and at equally many evenly spaced
+    steps of the whole run.
     """
     at = [int(n) for n in np.atleast_1d(at)]
     body, effects = physics(pilot.scene.effects, pilot.block[:, : pilot.members])
@@ -111,7 +110,7 @@ def drift_along(
 
 
 def _conserved(body: Any, effects: tuple[Any, ...], q: Any, l: Any) -> dict[str, Array]:
-    """{quantity: values} of what a top may conserve."""
+    """Return {quantity: values} for quantities that a top may conserve."""
     return {
         "energy": kinetic_energy(body, l) + energies(effects, body, q),
         "l2": dot(l, l),
@@ -120,29 +119,29 @@ def _conserved(body: Any, effects: tuple[Any, ...], q: Any, l: Any) -> dict[str,
 
 
 def upper_quantile(values: ArrayLike, share: float = 0.99, sure: float = 0.95) -> float:
-    """The smallest element of a sample that exceeds the quantile of its distribution with
-    probability `sure`; the largest element if none does."""
-    from scipy.special import bdtr  # a quarter of a second, which only a chosen step waits for
+    """Return the smallest element of a sample that exceeds the quantile of its distribution with
+    probability `sure`, or the largest element if none does."""
+    from scipy.special import bdtr  # takes 0.25 s, needed only when a tolerance chooses the step
 
     ordered = np.sort(np.asarray(values))
     n = len(ordered)
-    # The quantile of the binomial distribution: to import `scipy.stats` takes .4 s more.
+    # The quantile of the binomial distribution; importing `scipy.stats` takes 0.4 s more.
     rank = int(np.searchsorted(bdtr(np.arange(n + 1), n, share), sure)) + 1
     return float(ordered[min(n, rank) - 1])
 
 
-DISTURBANCE = 1e-11  # of the size of the state
+DISTURBANCE = 1e-11  # relative to the size of the state
 
 
 def measure_growth(pilot: Pilot) -> tuple[Array, Array]:
-    """(factor, rate): how much a disturbance along the way has grown at t_end, and at what rate
-    [1/s], for each member.
+    """Return (factor, rate) for each member: the growth of a disturbance at t_end, and its
+    exponential rate [1/s].
 
     The state is disturbed by 1e-11 of its size at the start and every t_end/2, as rounding disturbs
-    it at every step (near a separatrix a disturbance at the turn weighs more than one at the
-    start), and followed to 4 t_end. The rate is 0 if growth is a power of time, as in regular
-    motion: free and Lagrange tops grow as t^2 at most, t^3 with disturbances all along, which is 8
-    in twice the time.
+    it at every step, and followed to 4 t_end. (Near a separatrix, a disturbance at the turn matters
+    more than one at the start.) The rate is 0 if growth is a power of time, as in regular motion:
+    free and Lagrange tops grow at most as t^2, or as t^3 with disturbances all along, which is a
+    factor of 8 in twice the time.
     """
     end = pilot.scene.run.t_end
     apart = _distances(pilot)
@@ -153,15 +152,18 @@ def measure_growth(pilot: Pilot) -> tuple[Array, Array]:
         exponential = np.log(np.maximum(ratio, 1.0)) / (0.5 * end * i)
         small = apart[2 * i - 1] < 0.1
         rate = np.where(small, np.where(ratio > 32.0, exponential, 0.0), rate)
-    # as large as the motion before the first look: no power of time makes 1e10 of a disturbance
+    # as large as the motion at the first save: no power of time amplifies a disturbance by 1e10
     early = np.log(np.maximum(apart[1] / DISTURBANCE, 1.0)) / end
     rate = np.where((rate == 0.0) & (apart[1] >= 0.1), early, rate)
     return np.maximum(apart[1] / DISTURBANCE, 1.0), rate
 
 
 def _distances(pilot: Pilot) -> Array:
-    """How far disturbed states are from undisturbed ones after every t_end/2, (8, n): the root mean
-    square over four directions, because one alone may miss the direction that grows."""
+    """Return the distances of disturbed from undisturbed states after every t_end/2, (8, n).
+
+    Each is the root mean square over four directions, because a single direction may miss the
+    growing one.
+    """
     end = pilot.scene.run.t_end
     long = pilot._replace(
         member_steps=False,

@@ -1,5 +1,5 @@
-"""Ways of integrating a pilot: an integrator, a precision and a step, what it costs on this machine
-and how far it errs."""
+"""Candidates for integrating a pilot: an integrator, a precision and a step, with their cost on
+this machine and their error."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -16,7 +16,7 @@ from rigidmc.planning.tolerance.pilot import MOST_STEPS, Pilot, first_steps, int
 from rigidmc.planning.tolerance.truth import Reference, closed_pilot_states
 from rigidmc.scene.recording import make_recording
 
-SINGLE = ("rk4", "exact", "strang")  # tried in float32 too
+SINGLE = ("rk4", "exact", "strang")  # also tried in float32
 
 
 def candidates(
@@ -25,9 +25,9 @@ def candidates(
     integrators: Iterable[str] | None = None,
     dtype: str | None = None,
 ) -> list[tuple[str, str]]:
-    """[(integrator, dtype)] that the scene of a pilot can be run with.
+    """Return [(integrator, dtype)] that can run the scene of a pilot.
 
-    A free body needs no splitting, which would be the exact motion at more cost.
+    A free body needs no splitting, which is the exact motion at more cost.
     """
     scene, kinds = pilot.scene, pilot.scene.known_integrators()
     able = [
@@ -37,7 +37,7 @@ def candidates(
         )
         if name != "closed" or true.source.startswith("closed")
     ]
-    # closed forms make no steps, and no code of the user's own takes arrays
+    # closed forms make no steps, and custom observables do not accept arrays
     own = any(map(is_own, make_recording(scene).recorded.values()))
     if pilot.monitors.each_step or own:
         able = [name for name in able if name != "closed"]
@@ -45,7 +45,7 @@ def candidates(
         able = [name for name in integrators if name in able]
     if not scene.effects:
         able = [name for name in able if not kinds[name].is_splitting or name == "rotations"]
-    # first what needs no compiling: it bounds what others may cost
+    # first the candidates that need no compiling: they bound the cost of the others
     able.sort(key=lambda name: name != "closed")
     both = [
         (name, real)
@@ -59,7 +59,7 @@ def candidates(
 def measure_candidate(
     costs: Costs, true: Reference, integrator: str, dtype: str, steps: int
 ) -> Candidate | None:
-    """The Candidate of an integrator in `steps` steps; None if it refuses the step."""
+    """Measure an integrator in `steps` steps; return None if it refuses the step."""
     pilot = costs.pilot
     if integrator == "closed":
         return _measure_closed(costs, true, dtype)
@@ -74,7 +74,7 @@ def measure_candidate(
 
 
 def _measure_closed(costs: Costs, true: Reference, dtype: str) -> Candidate:
-    """The Candidate of the closed form. If it is the truth itself, its error is that of
+    """Measure the closed form. If it is the reference itself, its error is the effect of
     rounding."""
     pilot, saves = costs.pilot, costs.saves
     apart = errors(pilot, closed_pilot_states(pilot), true.states)
@@ -96,11 +96,12 @@ def ladder(
     most: int = MOST_STEPS,
     too_dear: Callable[[Candidate], bool] | None = None,
 ) -> list[Candidate]:
-    """Ways of one integrator from long steps to short ones, until the error falls below `finest` or
-    falls no more, or until too_dear(way).
+    """Measure candidates of one integrator from long steps to short ones.
 
-    If steps are watched, none turns by more than `max_monitored_step`: the error at the end does
-    not tell how short steps must be for events and extremes.
+    Stops once the error falls below `finest` or stops falling, or once too_dear(way) is true.
+
+    If steps are monitored, none turns by more than `max_monitored_step`, because the error at the
+    end does not show how short steps must be for events and extremes.
     """
     if integrator == "closed":
         return [_measure_closed(costs, true, dtype)]
@@ -125,10 +126,10 @@ def ladder(
 
 
 def _first_multiple(pilot: Pilot, integrator: str) -> float:
-    """How many times the pilot's base the longest steps are that are tried."""
+    """Return the longest steps to try, as a multiple of the pilot's base."""
     multiple = max(1.0, first_steps(pilot) / pilot.base / 24.0)
     if pilot.scene.known_integrators()[integrator].order == math.inf:
-        # one step between checks, or pieces of each member's own
+        # one step between checks, or rounds of each member's own steps
         scene = pilot.stepped(pilot.base)[0].with_run(integrator=integrator)
         whole = pilot.scheme(scene, pilot.scene.run.t_end)
         in_pieces = pilot.member_steps and len(whole.substeps) > 2

@@ -1,4 +1,4 @@
-"""Pilots: a few hundred members of a scene that integrators follow, to see how far they err."""
+"""Pilots: a few hundred members of a scene that candidates integrate, to measure their errors."""
 
 import math
 from collections.abc import Callable
@@ -33,26 +33,26 @@ from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
 from rigidmc.threads import Task, threads_of
 
-CHECKPOINTS = 8  # times at which states are compared, evenly among those that the scene saves
+CHECKPOINTS = 8  # times at which states are compared, evenly spaced among the scene's saves
 ROUNDING = 1.1e-16
 OBSERVED = (OBSERVABLES["attitude"](), OBSERVABLES["momentum"]())
 MOST_STEPS = 1_000_000
-# from this ratio of the fastest member's rate to the mean on, members have steps of their own
+# members have their own steps if the fastest rate is at least this multiple of the mean
 SPREAD = 1.25
 
 
 class Pilot(NamedTuple):
     """Members of a scene at their start.
 
-    scene : with coarser grids, in the units of integration;  sampler : what it is drawn from
-    monitors : of the scene;  bounds : the block of members whose motion bounds that of all
+    scene : with coarser grids, in the units of integration;  sampler : source of its draws
+    monitors : of the scene;  bounds : a block of members whose motion bounds all others
     block : rows for the kernel, whole lanes;  first, members : the range of members
     has_attitude : whether the attitude is part of the state
-    base, stride : steps must be a multiple of `base`, and `stride` of it lie between two checks
+    base, stride : steps are a multiple of `base`, with `stride` of these units between two checks
     times : of the checks [s];  rates : of the members [rad/s], see
         `rigidmc.planning.steps.rate_bounds`
-    member_steps : whether members have steps of their own, because their rates differ much; not if
-        torques spin members up, because their rates soon change
+    member_steps : whether members have their own steps, because their rates differ much; false if
+        torques spin members up, because the rates soon change
     """
 
     scene: Scene
@@ -70,12 +70,13 @@ class Pilot(NamedTuple):
     member_steps: bool
 
     def turn(self, steps: int) -> float:
-        """How far the fastest member moves in each of `steps` steps [rad]: the bound for all
-        members if they have steps of their own."""
+        """Return how far the fastest member moves in each of `steps` steps [rad]; with per-member
+        steps, this bounds all members."""
         return float(self.scene.run.t_end * float(self.rates.max()) / steps)
 
     def stepped(self, steps: int) -> tuple[Scene, Array]:
-        """The scene and the block for `steps` steps; of the fastest member if each has its own."""
+        """Return the scene and block for `steps` steps, of the fastest member if each has its
+        own."""
         if not self.member_steps:
             return self.scene.with_run(dt=self.scene.run.t_end / steps), self.block
         scene, block = self.scene.with_run(turn=self.turn(steps)), self.block.copy()
@@ -86,19 +87,19 @@ class Pilot(NamedTuple):
         return scene, block
 
     def scheme(self, scene: Scene, h: float) -> StepScheme:
-        """How the integrator that a scene of the pilot names makes steps of h [s]; SceneError if
-        they are too long for it."""
+        """Return how the scene's integrator makes steps of h [s]; SceneError if these are too
+        long for it."""
         return make_scheme(scene.integrator, scene.model, scene.run, self.bounds, h)[0]
 
     def mean_steps(self, steps: int) -> float:
-        """The mean number of steps of all members, in `steps` steps of the fastest."""
+        """Return the mean number of steps of all members for `steps` steps of the fastest."""
         if not self.member_steps:
             return steps
         return self.base * float(np.mean(self.stepped(steps)[1][layout.STEPS, : self.members]))
 
 
 class PilotStates(NamedTuple):
-    """Where members are at the checks: q (times, 4, n) and L (times, 3, n), and status (n,)."""
+    """States of members at the checks: q (times, 4, n) and L (times, 3, n), and status (n,)."""
 
     q: Array
     l: Array
@@ -106,8 +107,10 @@ class PilotStates(NamedTuple):
 
 
 def pilot(scene: Scene, members: int, first: int | None = None) -> Pilot:
-    """`members` members of a scene, from index `first` on; fewer if the scene has no more rows, one
-    if all are alike."""
+    """Build a pilot of `members` members of a scene, from index `first` on.
+
+    It has fewer members if the scene has too few rows, and one if all are alike.
+    """
     recorded = make_recording(scene)
     check_scene(scene, recorded)
     monitors = make_monitors(scene.model, recorded, scene.run.seed)
@@ -148,10 +151,10 @@ def integrate_pilot(
     nudge: float = 0.0,
     seed: int = 0,
 ) -> PilotStates:
-    """The PilotStates of a pilot by an integrator in `steps` steps, a multiple of the pilot's base.
+    """Integrate a pilot in `steps` steps, a multiple of its base.
 
-    nudge : move the state by so much of its size in a random direction, which `seed` decides, at
-        the start and at every check but the last
+    nudge : move the state by this fraction of its size in a random direction, set by `seed`, at the
+        start and at every check but the last
     """
     scene, block = pilot.stepped(steps)
     scene = scene.with_run(integrator=integrator)
@@ -178,7 +181,7 @@ def states_along(
     compensated: bool = False,
     disturb: Callable[[Array], None] | None = None,
 ) -> PilotStates:
-    """The PilotStates of a pilot after every `run.stride` of `run.total` slots, and at the end.
+    """Return the states of a pilot after every `run.stride` of `run.total` slots, and at the end.
 
     disturb : called with each part of the block at the start and after every stride but the last
     """
@@ -210,7 +213,7 @@ def states_along(
 
 
 def perturb(block: Array, size: float, has_attitude: bool, chance: np.random.Generator) -> None:
-    """Move the states of a block by `size` of their own size in random directions."""
+    """Move the states of a block by `size`, relative to their size, in random directions."""
     l = block[layout.MOMENTUM : layout.EXTRA]
     direction = chance.normal(size=l.shape)
     l += size * direction * np.linalg.norm(l, axis=0) / np.linalg.norm(direction, axis=0)
@@ -221,7 +224,7 @@ def perturb(block: Array, size: float, has_attitude: bool, chance: np.random.Gen
 
 
 def first_steps(pilot: Pilot) -> int:
-    """Steps of a quarter of a radian at the start's spin, at least 40; a multiple of the base."""
+    """Return steps of 0.25 rad at the start's spin, at least 40, as a multiple of the base."""
     inverse = pilot.block[layout.BODY : layout.BODY + 3]
     momentum = pilot.block[layout.MOMENTUM : layout.EXTRA]
     omega: NDArray[np.float64] = np.sqrt(((inverse * momentum) ** 2).sum(0))

@@ -1,4 +1,4 @@
-"""What members are measured against: a closed form, or what two integrators agree on."""
+"""The reference for errors: a closed form, or the agreement of two integrators."""
 
 import time
 from collections.abc import Callable
@@ -23,12 +23,11 @@ from rigidmc.planning.tolerance.pilot import (
 )
 from rigidmc.scene.amounts import count_text
 
-AGREED = 1e-12  # two methods that agree to this are taken for the truth
+AGREED = 1e-12  # two methods that agree to this are accepted as a reference
 
 
 class Reference(NamedTuple):
-    """The states that others are measured against, where they come from, and how well they are
-    known: error (n,) of each member."""
+    """The reference states, their source, and their uncertainty: error (n,) of each member."""
 
     states: PilotStates
     source: str
@@ -36,8 +35,11 @@ class Reference(NamedTuple):
 
 
 def make_reference(pilot: Pilot, say: Callable[[str], object] | None = None) -> Reference:
-    """The Reference of a pilot: its closed form, which rk8 confirms, else two methods that agree;
-    SceneError if nothing agrees. say : is told how far two methods are"""
+    """Compute the Reference of a pilot: its closed form, if rk8 confirms it, else two methods that
+    agree; SceneError if none agree.
+
+    say : called with a progress report on the agreement of the two methods
+    """
     try:
         case = closed_form(pilot.scene.model, pilot.sampler, pilot.first, pilot.members)
     except SceneError as error:
@@ -50,9 +52,9 @@ def make_reference(pilot: Pilot, say: Callable[[str], object] | None = None) -> 
 def integrate_reference(
     pilot: Pilot, agreed: float = AGREED, say: Callable[[str], object] | None = None
 ) -> Reference:
-    """The Reference of a pilot by rk8 and another method in more and more steps, until they agree
-    to `agreed` or come no nearer."""
-    # if rounding does not matter, kernels without remainders serve, which are compiled anyway
+    """Integrate a pilot by rk8 and another method with ever more steps, until they agree to
+    `agreed` or stop converging."""
+    # if rounding does not matter, kernels without remainders suffice, which are compiled anyway
     compensated = agreed < 10.0 * AGREED
     able = integrators_for(pilot.scene.effects, compensated=compensated)
     other = next(name for name in ("exact", "srkn11", "cf4") if name in able)
@@ -74,15 +76,15 @@ def integrate_reference(
         if say is not None:
             wait = 2.0 * (time.perf_counter() - began)
             text = f"rk8 and {other} in {steps:,} steps agree to {worst:.1e}"
-            say(f"{text}; twice as many take about {wait:.0f} s")
+            say(f"{text}; twice as many steps take about {wait:.0f} s")
         last, steps = (worst, apart, ends, steps), 2 * steps
     if last is not None and last[0] < worst:
         worst, apart, ends, steps = last
     if not np.isfinite(worst):
         bad = int(np.count_nonzero(~np.isfinite(apart)))
         rule = (
-            f"{bad} of {count_text(pilot.members, 'member')} end non-finite with rk8 and {other}"
-            f" at {steps:,} steps: no truth to compare with"
+            f"{bad} of {count_text(pilot.members, 'member')} become non-finite with rk8 and {other}"
+            f" in {steps:,} steps: no reference to compare with"
         )
         raise SceneError(rule, at="pilot")
     sums = " (sums compensated)" if compensated else ""
@@ -91,8 +93,7 @@ def integrate_reference(
 
 
 def _closed_truth(pilot: Pilot, case: ClosedMotion) -> Reference:
-    """The Reference of a closed form; its error is estimated from the effect of rounding the
-    start."""
+    """Compute the Reference of a closed form; its error is estimated by perturbing the start."""
     states = _motion(pilot, case)
     size, block = 1e-10, pilot.block[:, : pilot.members].copy()
     perturb(block, size, pilot.has_attitude, np.random.default_rng(0))
@@ -104,7 +105,7 @@ def _closed_truth(pilot: Pilot, case: ClosedMotion) -> Reference:
 
 
 def _confirmed(pilot: Pilot, true: Reference) -> Reference:
-    """The Reference of a closed form if rk8 agrees. Halving the steps tells the error of rk8."""
+    """Confirm a closed form by rk8, whose error is estimated by halving the steps."""
     steps = 2 * first_steps(pilot)
     coarse, fine = integrate_pilot(pilot, "rk8", steps), integrate_pilot(pilot, "rk8", 2 * steps)
     check_agreement(
@@ -119,11 +120,11 @@ def _confirmed(pilot: Pilot, true: Reference) -> Reference:
 def check_agreement(differences: Array, expected: Array, true: Reference, other: str) -> None:
     """Raise SceneError if closed form and integration differ by more than their errors explain.
 
-    differences : how far they differ, for each member;  expected : error of the integration;  true
-        : Reference of the closed form;  other : name of the integration
+    differences : distance between the two, for each member;  expected : error of the integration
+    true : Reference of the closed form;  other : name of the integration
     """
-    # Rounding in every step, which may grow on the way, has up to 4,000 times the effect of
-    # rounding the start (dzhanibekov, 1,440 steps). Two such motions may by chance differ by only a
+    # Rounding in every step may grow with time and have up to 4,000 times the effect of rounding
+    # the start (dzhanibekov, 1,440 steps). By chance, two such motions may differ by only a
     # thirtieth of their error.
     limit = 10.0 * expected + 1e4 * true.error + 1e-11
     wrong = ~(differences <= limit)
@@ -141,7 +142,7 @@ def check_agreement(differences: Array, expected: Array, true: Reference, other:
 
 
 def closed_pilot_states(pilot: Pilot) -> PilotStates:
-    """The PilotStates of a pilot by its closed form."""
+    """Compute the states of a pilot by its closed form."""
     return _motion(pilot, closed_form(pilot.scene.model, pilot.sampler, pilot.first, pilot.members))
 
 

@@ -1,15 +1,15 @@
-"""Long runs: a directory that grows shard by shard and loses nothing when its process is killed.
+"""Long runs: a directory that grows shard by shard and loses nothing if its process is killed.
 
-run.json and scene.toml say what the run is and never change; each shard is a netCDF file with the
-members of one range, a pure function of the run and its number. So a shard may be computed on any
-machine, in any order, twice, or again after a repair, and has the same bits.
+run.json and scene.toml define the run and never change. Each shard is a netCDF file with the
+members of one range, a pure function of the run and the shard number. So any machine may compute
+any shard, in any order, twice, or again after a repair, with the same bits.
 
-Reading order: `create` (a new directory), `load` (one that exists, checked, as a `PreparedRun`),
+Reading order: `create` (a new directory), `load` (an existing one, checked, as a `PreparedRun`),
 `shards` (computed and written in order), `checkpoints` (states of unfinished shards), `resume`
-(after a kill, and more members), `cluster` (on the workers of dask), `gather` (verify, repair,
-merge, consolidate), `dataset` (all shards as one Dataset), `tasks` (directories of studies, which
-have tasks in place of members).
+(after a kill, and with more members), `cluster` (on the workers of dask), `gather` (verify, repair,
+merge, consolidate), `dataset` (all shards as one Dataset), `tasks` (directories of studies, with
+tasks instead of members).
 
-What must never change: run.json of earlier versions is read; no complete shard is changed; one
-process writes a directory at a time, which a lock ensures.
+Invariants: run.json of earlier versions can be read; a complete shard never changes; a lock lets
+only one process write a directory at a time.
 """

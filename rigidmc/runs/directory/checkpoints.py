@@ -1,10 +1,10 @@
-"""What a run directory has of its unfinished shards: the states of blocks that are on their way,
-and the results of those that are done.
+"""Checkpoints of unfinished shards in a run directory: the states of blocks in progress, and the
+results of finished blocks.
 
-Both are written every EVERY seconds, and when a run is called off, so that a kill loses half a
-minute of each thread. No result depends on them: a block goes on from a state to the same bits, and
-what is damaged, or of another run or version, is ignored. They are deleted when their shard is
-written.
+Both are written every EVERY seconds, and when a run is stopped, so that a kill loses half a minute
+of each thread. Results do not depend on them: a block continues from a state to the same bits.
+Checkpoints that are damaged, or of another run or version, are ignored. A shard's checkpoints are
+deleted when the shard is written.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ from rigidmc.results.sinks import MemorySink
 from rigidmc.runs.blocks import BlockJob
 
 EVERY = 20.0  # seconds between two checkpoints of a block or of a shard
-COSTS = 20.0  # times that a checkpoint takes are spent on the run before the next
+COSTS = 20.0  # least time of the run between checkpoints, in units of a checkpoint's own time
 _NAMES = re.compile(r"([0-9]{8})(-[0-9]{1,16})?")  # a shard, and the place of a block in it
 
 
@@ -46,17 +46,17 @@ class Checkpoints:
         self._due, self._size = dict[str, float](), layout.block
 
     def is_due(self, job: BlockJob) -> bool:
-        """Whether the state of a block is to be kept again."""
+        """Return whether the state of a block is due to be stored again."""
         return self._is_due(self._block(job))
 
     def keep(self, job: BlockJob) -> None:
-        """Keep the state of a block after `job.done` steps, and what it has saved by then."""
+        """Store the state of a block after `job.done` steps, and its values saved so far."""
         done = np.array(job.done)
         state = {"done": done, "block": job.block, "out": job.out[: _saved(job, job.done)]}
         self._write(self._block(job), self._key_of(job), state)
 
     def resumed(self, job: BlockJob) -> BlockJob:
-        """A block where its checkpoint left it; the block itself if there is none."""
+        """Return a block continued from its checkpoint, or the block itself if there is none."""
         name = self._block(job)
         self._due.setdefault(name, time.monotonic() + EVERY)
         most = job.block.nbytes + job.out.nbytes
@@ -74,9 +74,9 @@ class Checkpoints:
     def keep_shard(
         self, i: int, shard: MemorySink, there: Collection[int], called_off: bool
     ) -> None:
-        """Keep the results of the blocks of a shard that are done, if that is due.
+        """Store the results of a shard's finished blocks, if that is due.
 
-        there : places of the first members of these
+        there : places of the first members of these blocks
         """
         name = f"{i:08d}"
         if there and (called_off or self._is_due(name)):
@@ -84,7 +84,7 @@ class Checkpoints:
             self._write(name, self._key_of_shard(shard), {"blocks": blocks, **shard.part()})
 
     def fill(self, i: int, shard: MemorySink) -> set[int]:
-        """Give a shard the results of the blocks that were done; the places of these."""
+        """Load the results of finished blocks into a shard; return the places of these blocks."""
         name = f"{i:08d}"
         self._due.setdefault(name, time.monotonic() + EVERY)
         found = self._read(name, self._key_of_shard(shard), shard.largest())
@@ -108,7 +108,7 @@ class Checkpoints:
                         os.unlink(entry.path)
 
     def end(self) -> None:
-        """Delete the folder if there is nothing left in it."""
+        """Delete the folder if it is empty."""
         with contextlib.suppress(OSError):
             os.rmdir(self._folder)
 
@@ -130,12 +130,12 @@ class Checkpoints:
 
 
 def _saved(job: BlockJob, done: int) -> int:
-    """How many numbers a block has saved after `done` steps."""
+    """Return how many values a block has saved after `done` steps."""
     return (done // job.stride + 1) * (job.out.size // (-(-job.total // job.stride) + 1))
 
 
 def _fits(job: BlockJob, found: Mapping[str, NDArray[Any]]) -> bool:
-    """Whether arrays are a state of a block: compiled code trusts them."""
+    """Return whether arrays are a valid state of a block, because compiled code trusts them."""
     done = found.get("done", np.array(0))
     if found.keys() != {"done", "block", "out"} or done.shape != () or done.dtype.kind != "i":
         return False

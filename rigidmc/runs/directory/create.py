@@ -1,4 +1,4 @@
-"""A new run directory for a scene: scene.toml, columns.nc and run.json, and no shard yet."""
+"""Create a run directory for a scene: scene.toml, columns.nc and run.json, without shards yet."""
 
 import contextlib
 import errno
@@ -58,10 +58,10 @@ from rigidmc.scene.user_parts.registry import user_parts_of
 
 
 class MemberSelection(NamedTuple):
-    """Members that a run begins with; `rigidmc.runs.directory.resume.add_members` adds more.
+    """The members with which a run starts; `rigidmc.runs.directory.resume.add_members` adds more.
 
     members : their indices, in whole shards of `shard` members, a multiple of LANES
-    level : of these members, which is noted in run.json for who finds the next
+    level : level of these members, stored in run.json for the search that chooses the next
     """
 
     members: NDArray[np.int64]
@@ -80,17 +80,17 @@ def create(
     limit: float | None = None,
     device: str | None = None,
 ) -> RunDirectory:
-    """Make a run directory for a scene.
+    """Create a run directory for a scene.
 
-    size : approximate bytes of a shard, which has at least one block of members, by default SHARD
-    limit : seconds of one thread for a shard, by a rate that is measured: by default TIME, and none
-        if `size` is given or a range of shards, so that each machine makes the same shards. The
-        bits of members depend on neither
+    size : approximate bytes of a shard, which has at least one block of members; default SHARD
+    limit : seconds of one thread for a shard, using a measured rate; default TIME, but no limit if
+        `size` or a range of shards is given, so that each machine makes the same shards. The bits
+        of members depend on neither
     only : the range of shards that will be computed
-    threads : how many will compute, which decides how much memory is needed
-    about : more attributes of the result
-    chosen : the members that the run has, if it has chosen ones
-    device : where the rate is measured, as of `simulate`
+    threads : number of threads that will compute, which determines the memory needed
+    about : additional attributes of the result
+    chosen : the members of the run, if a study chooses them
+    device : where the rate is measured, as in `simulate`
 
     Raises OutputExists if the folder contains anything, OptionError if the run has no shard in
     `only`, NoRoom if memory or disk is too small.
@@ -125,11 +125,11 @@ def create(
 
 
 def _limit(size: float | None, limit: float | None, only: range | None) -> float:
-    """The seconds of a shard, inf for any; OptionError."""
+    """Return the time limit of a shard [s], inf for none; OptionError if `only` excludes it."""
     if limit is None:
         return TIME if size is None and only is None else math.inf
     if only is not None:
-        rule = "every task of a job array would measure a rate of its own: give --shard-size"
+        rule = "every task of a job array would measure its own rate: give --shard-size"
         raise OptionError(rule, at="shard_time", value=limit)
     return read_seconds(limit, "shard_time")
 
@@ -142,7 +142,7 @@ def write_run_files(
     about: Mapping[str, str],
     chosen: MemberSelection | None,
 ) -> RunDirectory:
-    """Write the files of a new run at a free place; about, chosen : as of `create`."""
+    """Write the files of a new run at a free place; about, chosen : as in `create`."""
     facts = _facts(run, shard, block, about)
     if chosen is not None:
         facts |= {"first": 0, **selection_facts(chosen.members), "growing": chosen.level}
@@ -154,7 +154,7 @@ def write_run_files(
 
 
 def _facts(run: PreparedRun, shard: int, block: int, about: Mapping[str, str]) -> dict[str, Any]:
-    """The facts of run.json, with the hashes of scene and columns still empty."""
+    """Return the facts for run.json, with the hashes of scene and columns still empty."""
     scene = run.scene
     versions, machine = this_machine(*["scipy"] * bool(drawn_through(scene.model, scene.run)))
     sources = [file for part in user_parts_of(scene) for file in sources_of(type(part))]
@@ -164,7 +164,7 @@ def _facts(run: PreparedRun, shard: int, block: int, about: Mapping[str, str]) -
         "columns": "",
         "code": {file: hash_of_file(file) for file in sources},
         "attributes": {
-            # a run opens without the user's code, which alone tells these
+            # a run opens without the user's code, the only other source of these
             **(_told(run.layout) if sources else {}),
             **({} if run.choice is None else run.choice.attributes()),
             **about,
@@ -180,13 +180,13 @@ def _facts(run: PreparedRun, shard: int, block: int, about: Mapping[str, str]) -
 
 
 def _told(layout: ResultLayout) -> dict[str, Any]:
-    """The attributes of a result but for its scene, which scene.toml has."""
+    """Return the attributes of a result except its scene, which scene.toml has."""
     told = layout.attributes()
     return {name: value for name, value in told.items() if name != "scene"}
 
 
 def _write(folder: str, run: PreparedRun, facts: dict[str, Any]) -> None:
-    """Write the files of a new run; run.json comes last and has the hashes of the others."""
+    """Write the files of a new run; run.json comes last, with the hashes of the others."""
     scene, text = run.scene, run.layout.text()
     write_bytes(os.path.join(folder, "scene.toml"), text.encode())
     if (count := count_rows(*scene.model.quantities())) is not None:
@@ -198,7 +198,7 @@ def _write(folder: str, run: PreparedRun, facts: dict[str, Any]) -> None:
 
 
 def _columns(scene: Scene, count: int) -> Arrays:
-    """{name: rows} of the quantities with one row per member, by their names in scene.toml."""
+    """Return {name: rows} of quantities with one row per member, by their names in scene.toml."""
 
     def stored(value: Any) -> list[str]:
         if isinstance(value, dict):
@@ -219,15 +219,15 @@ def _columns(scene: Scene, count: int) -> Arrays:
 
 @contextlib.contextmanager
 def new_directory(path: str) -> Iterator[str]:
-    """A folder for a new run, with an empty folder of shards. It is made beside its place and moved
-    there when it is whole, so a killed process leaves nothing under that name.
+    """Create a folder for a new run, with an empty folder of shards. It is built next to its place
+    and moved there when complete, so a killed process leaves nothing under that name.
 
     Raises OutputExists if something appeared at that place.
     """
     with folder_beside(path) as folder:
         os.mkdir(os.path.join(folder, "shards"))
         yield folder
-        if os.name == "nt":  # Windows puts a folder in the place of no other, not even an empty one
+        if os.name == "nt":  # Windows cannot move a folder onto another one, even an empty one
             with contextlib.suppress(OSError):
                 os.rmdir(path)
         try:
@@ -240,32 +240,32 @@ def new_directory(path: str) -> Iterator[str]:
 
 
 def free_place(path: Path) -> str:
-    """The path of a new run directory; OutputExists if anything is there, OSError if the folder
-    cannot be used."""
+    """Return the path of a new run directory; OutputExists if anything is there, OSError if the
+    folder cannot be used."""
     path = place_of(path)
     refuse_unnamed(path)
     if not is_free(path):
         hint = ""
         if os.path.isfile(os.path.join(path, "run.json")):
-            hint = "; `rigidmc resume` goes on with it"
+            hint = "; `rigidmc resume` continues it"
         raise OutputExists(f"{path} exists; nothing was written{hint}")
     refuse_unusable(path)
     return path
 
 
 def place_of(path: Path) -> str:
-    """The path of a new run directory; a link to a folder stands for that folder."""
+    """Return the path of a new run directory; a link to a folder is resolved to that folder."""
     path = os.path.normpath(os.fspath(path))
     return os.path.realpath(path) if os.path.islink(path) else path
 
 
 def is_free(path: str) -> bool:
-    """Whether a new run directory may take this path: nothing is there, or an empty folder."""
+    """Return whether a new run directory may use this path: it is free, or an empty folder."""
     return not os.path.lexists(path) or (os.path.isdir(path) and not os.listdir(path))
 
 
 def refuse_unusable(path: str) -> None:
-    """Raise OSError if the folder of a new run directory is not writable or has no locks."""
+    """Raise OSError if the folder of a new run directory is not writable or lacks file locks."""
     folder = os.path.dirname(os.path.abspath(path))
     refuse_unwritable(folder)
     refuse_lockless(folder)
@@ -275,12 +275,12 @@ def refuse_many(count: int, what: str = "shards") -> None:
     """Raise OptionError if a run would have too many shards, each of which may be a task."""
     if count > MOST:
         cure = "make them larger" if what == "shards" else "take fewer"
-        rule = f"{count:,} {what} are too many, {MOST:,} is the most of a run: {cure}"
+        rule = f"{count:,} {what} are too many, a run has at most {MOST:,}: {cure}"
         raise OptionError(rule, at="shard_size" if what == "shards" else "output")
 
 
 def refuse_shards_beyond(only: range | None, count: int) -> None:
-    """Raise OptionError if a range does not begin among the `count` shards of a run."""
+    """Raise OptionError if a range does not start among the `count` shards of a run."""
     if only is None:
         return
     if not isinstance(only, range) or only.step != 1 or not only or not 0 <= only[0] < count:

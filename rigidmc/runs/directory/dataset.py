@@ -1,4 +1,4 @@
-"""A run directory as one Dataset, which dask reads from the shards."""
+"""Open a run directory as one Dataset, which dask reads from the shards."""
 
 import hashlib
 import os
@@ -22,12 +22,12 @@ from rigidmc.scene.amounts import count_text
 
 
 def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
-    """A run as one Dataset of the members that exist. No shard is opened now; values are read when
-    they are asked for.
+    """Open a run as one Dataset of the members that exist. Shards are opened only when their values
+    are needed.
 
     Needs dask, which comes with rigidmc[cluster]; without it `consolidate` makes one file.
-    Histograms are sums over the shards. Without `allow_code` a run with parts of a user's own opens
-    too: its layout is then that of its first shard, and no code is run.
+    Histograms are sums over the shards. Without `allow_code`, a run with custom code opens too: its
+    layout is then that of its first shard, and no code runs.
     """
     try:
         import dask.array  # noqa: F401
@@ -40,12 +40,12 @@ def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
     directory.refuse_strays()
     shards = _Chunks(directory)
     if not shards.paths:
-        raise FileError("no shard is there yet: resume it first", at="run", value=directory.path)
+        raise FileError("no shard exists yet: resume it first", at="run", value=directory.path)
     if len(shards.paths) < directory.count:
         there = sum(len(members) for members in shards.members)
         warnings.warn(
             f"{directory.path}: {there:,} of {count_text(directory.facts['members'], 'member')}"
-            " are there",
+            " exist",
             SceneWarning,
             stacklevel=3,
         )
@@ -92,8 +92,8 @@ def _of_run(layout: ResultLayout, members: NDArray[np.int64]) -> _Layout:
 
 
 def _of_shard(directory: RunDirectory, path: str) -> _Layout:
-    """The layout of a run whose code is not run, from one of its shards."""
-    scene = scene_of_run(directory, None)  # which checks it
+    """Read the layout of a run from one of its shards, without running its code."""
+    scene = scene_of_run(directory, None)  # this also checks the scene
     names = ("members", "first") if directory.chosen is None else ()
     text = text_of_run(directory, **{name: int(directory.facts[name]) for name in names})
     with open_undecoded(path) as shard:
@@ -113,7 +113,7 @@ _Chunked = tuple[tuple[str, ...], Any, dict[str, Any]]  # dims, array, attrs
 
 
 class _Chunks:
-    """The shards that exist as the chunks of dask arrays.
+    """The existing shards as chunks of dask arrays.
 
     paths, members : of each shard, in the order of their members
     """
@@ -127,11 +127,11 @@ class _Chunks:
             "flagged": [flagged_count(path) for path in self.paths],
         }
         self._mark = directory.mark
-        # the names of shards tell contents, so arrays of other contents have other labels in dask
+        # shard names encode contents, so arrays with other contents get other labels in dask
         self._contents = hashlib.sha256("\n".join(self.paths).encode()).hexdigest()[:16]
 
     def joined(self, name: str, variable: Variable, lengths: Mapping[Any, Any]) -> _Chunked:
-        """(dims, array, attrs) of a variable by members or flagged members, joined over shards."""
+        """Return (dims, array, attrs) of a variable over members or flagged members, joined."""
         import dask.array as da
 
         dims, dtype, attrs = variable
@@ -147,7 +147,7 @@ class _Chunks:
         return dims, da.Array(graph, label, sizes, np.dtype(dtype)), attrs
 
     def summed(self, name: str, variable: Variable, lengths: Mapping[Any, Any]) -> _Chunked:
-        """(dims, array, attrs) of a variable that is summed over the shards."""
+        """Return (dims, array, attrs) of a variable that is summed over the shards."""
         import dask.array as da
 
         dims, dtype, attrs = variable
@@ -162,28 +162,28 @@ class _Chunks:
         return dims, stacked.sum(0, dtype=dtype), attrs
 
     def _shard(self, j: int, name: str) -> tuple[str, str, str, int]:
-        """The first arguments of `_read`."""
+        """Return the first arguments of `_read`."""
         return self.paths[j], self._mark, name, int(self.members[j][0])
 
 
 def _read(
     path: str, mark: str, name: str, first: int, shape: list[int], dtype: str
 ) -> NDArray[Any]:
-    """A variable of a shard, whose mark, first member, shape and type are checked."""
+    """Read a variable of a shard, and check its mark, first member, shape and type."""
     try:
         values = read(path, "member", name, mark=mark, newer=NEWER)
     except OSError as error:  # the file is gone
-        rule = f"cannot be read: {error}; `rigidmc verify` tells more"
+        rule = f"cannot be read: {error}; see `rigidmc verify`"
         raise FileError(rule, at=name, file=path) from None
     except FileError as error:
         # a chunk with a wrong checksum, a file that is not netCDF, or a shard of another run
-        error.rule = f"cannot be read: {error.rule}; `rigidmc verify` tells more"
+        error.rule = f"cannot be read: {error.rule}; see `rigidmc verify`"
         raise
     array = values[name]
-    # ravel: a hostile shard may have one number for all members
+    # ravel: a malicious shard may have one number for all members
     members_agree = values["member"].ravel()[:1].tolist() == [first]
     if not members_agree or (array.shape, array.dtype) != (tuple(shape), np.dtype(dtype)):
-        rule = "has the members of another shard; `rigidmc verify` tells more"
+        rule = "has the members of another shard; see `rigidmc verify`"
         raise FileError(rule, at=name, file=path)
     return array
 
@@ -191,5 +191,5 @@ def _read(
 def _read_one(
     path: str, mark: str, name: str, first: int, shape: list[int], dtype: str
 ) -> NDArray[Any]:
-    """A variable of a shard, as one of a stack."""
+    """Read a variable of a shard as one element of a stack."""
     return _read(path, mark, name, first, shape, dtype)[None]

@@ -1,5 +1,5 @@
-"""The shards of a run directory gathered: checked, repaired, merged with those of other parts, and
-made one file."""
+"""Gather the shards of a run directory: verify, repair, merge with the shards of other directories,
+and write one file."""
 
 import os
 import random
@@ -38,18 +38,18 @@ from rigidmc.scene.scene import Scene
 def verify(
     path: Path, spot: int = 3, allow_code: bool = False, threads: int | None = None
 ) -> list[str]:
-    """What is wrong with a run, in words; [] if nothing is.
+    """Return the faults of a run, in words, or [] if there are none.
 
     Checks the checksum of every shard, the number of flagged members in its name, and the scene.
-    Of `spot` random shards, three members are computed again, to the bit: the first, the last and
-    a random one. Without any, parts of a user's own need no `allow_code`.
+    For `spot` random shards, three members are recomputed, to the bit: the first, the last and a
+    random one. Without recomputing, custom code needs no `allow_code`.
     """
     spot = read_count(spot, "spot", 0)
     directory = RunDirectory(path)
     scene = scene_of_run(directory, allow_code if spot or allow_code else None)
     shards, strays = directory.listed()
     bad = {i: fault for i, shard in shards.items() if (fault := fault_of(directory, i, shard))}
-    faults = [*bad.values(), *(f"{path}: is no shard of this run" for path in strays)]
+    faults = [*bad.values(), *(f"{path}: is not a shard of this run" for path in strays)]
     sound = sorted(set(shards) - set(bad))
     for i in sorted(random.sample(sound, min(spot, len(sound)))):
         members = directory.members(i)
@@ -62,7 +62,7 @@ def verify(
 
 
 def _unlike(scene: Scene, path: str, member: int, threads: int | None) -> str:
-    """Which values of a member differ if it is computed again, in words; "" if none do."""
+    """Describe which values of a member differ when recomputed; "" if none do."""
     stored = read(path)
     at = (stored["member"] == member).argmax()
     with tempfile.TemporaryDirectory() as folder:
@@ -82,12 +82,12 @@ def _unlike(scene: Scene, path: str, member: int, threads: int | None) -> str:
     if not wrong:
         return ""
     cure = "delete the file and resume, if this is the machine that computed it"
-    return f"{path}: member {member} differs if it is computed again: {', '.join(wrong)}; {cure}"
+    return f"{path}: member {member} differs when recomputed: {', '.join(wrong)}; {cure}"
 
 
 def repair(path: Path) -> int:
-    """Delete shards that are damaged, misnamed or of another run, and files that are no shards; how
-    many there were. The next resume computes the missing shards."""
+    """Delete shards that are damaged, misnamed or of another run, and files that are not shards;
+    return how many were deleted. The next resume computes the missing shards."""
     directory = RunDirectory(path)
     with directory.locked():
         shards, strays = directory.listed()
@@ -100,12 +100,11 @@ def repair(path: Path) -> int:
 
 
 def merge(path: Path, others: Sequence[Path]) -> tuple[RunDirectory, int]:
-    """Copy the shards of other directories of the same run, such as those of a job array;
-    (RunDirectory, how many were copied).
+    """Copy the shards of other directories of the same run, such as those of a job array.
 
-    A `path` that does not exist becomes such a directory. Raises FileError if a directory is of
-    another run, or has a shard that is damaged or differs from the one in `path`. What was copied
-    before stays, and is not copied again.
+    Returns (RunDirectory, number of copied shards). If `path` does not exist, it becomes a
+    directory of this run. Raises FileError if a directory is of another run, or has a shard that is
+    damaged or differs from the one in `path`. Shards copied before stay, and are not copied again.
     """
     if isinstance(others, (str, os.PathLike)) or not others:
         raise OptionError("expected a list of run directories", at="others", value=others)
@@ -129,14 +128,14 @@ def merge(path: Path, others: Sequence[Path]) -> tuple[RunDirectory, int]:
 
 
 def _copy_shards(source: RunDirectory, target: RunDirectory) -> int:
-    """Copy the shards that a run directory lacks; how many. The names of shards tell contents."""
+    """Copy shards that a run directory lacks; return how many. Shard names encode contents."""
     copied, have = 0, target.shards()
     for i, shard in source.shards().items():
         if i in have:
             if os.path.basename(have[i]) != os.path.basename(shard):
                 rule = (
-                    f"has another shard {i} than {target.path};"
-                    " `rigidmc verify` tells which is right"
+                    f"has a different shard {i} than {target.path};"
+                    " `rigidmc verify` reports which one is right"
                 )
                 raise FileError(rule, at="run", value=source.path)
             continue
@@ -166,8 +165,8 @@ def _refuse_unlike(one: RunDirectory, other: RunDirectory) -> None:
 def consolidate(
     path: Path, output: Path, force: bool = False, allow_code: bool = False
 ) -> xr.Dataset:
-    """Write a whole run as one file, equal to that of a run to a file; FileError if shards are
-    missing."""
+    """Write a complete run as one file, equal to the file of a run with `output`; FileError if
+    shards are missing."""
     directory, output = RunDirectory(path), os.fspath(output)
     refuse_existing(output, force, "netCDF files")
     run = load_run(directory, allow_code)
@@ -190,14 +189,14 @@ def consolidate(
 
 
 def _write_shards(writer: Writer, directory: RunDirectory, layout: ResultLayout) -> None:
-    """Write the shards of a whole run, and what is summed or joined over them."""
+    """Write the shards of a complete run, and the variables summed or joined over them."""
     shards, by_member = directory.shards(), [*layout.by_member, *layout.at_saves]
     summed, of_flagged = layout.of_ensemble, layout.of_flagged
     sums, pieces = dict[str, np.ndarray](), list[Arrays]()
     for i in range(directory.count):
         places = directory.places(i)
         if fault := fault_of(directory, i, shards[i]):
-            rule = f"{fault}; `rigidmc resume --repair` computes it again"
+            rule = f"{fault}; `rigidmc resume --repair` recomputes it"
             raise FileError(rule, at="run", value=directory.path)
         of_members = read(shards[i], *by_member, newer=NEWER)
         writer.write(places.start, len(places), of_members)

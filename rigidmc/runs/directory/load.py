@@ -1,4 +1,4 @@
-"""A run directory opened again: its scene and its plan, checked against those of its start."""
+"""Open a run directory: its scene and its plan, checked against the hashes from its start."""
 
 import hashlib
 import os
@@ -17,11 +17,11 @@ from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import block_of_shard
 from rigidmc.scene.scene import Scene, loads
 
-STUDY = "study"  # the attribute that tells which study, and what it asks: its name, then JSON
+STUDY = "study"  # the attribute with the name of a study, then its request as JSON
 
 
 def load_run(directory: RunDirectory, allow_code: bool = False) -> PreparedRun:
-    """The prepared run of a directory; FileError for a scene that was changed."""
+    """Return the prepared run of a directory; FileError if its scene was changed."""
     refuse_study(directory)
     run = prepare_scene(scene_of_run(directory, allow_code))
     return run if directory.chosen is None else run.with_members(directory.chosen)
@@ -30,7 +30,7 @@ def load_run(directory: RunDirectory, allow_code: bool = False) -> PreparedRun:
 def block_of_run(
     directory: RunDirectory, run: PreparedRun, device: str = "cpu", block: int | None = None
 ) -> int:
-    """Members of a block: by default those of run.json, on graphics processors all of a shard.
+    """Return the members of a block: by default as in run.json, on GPUs a whole shard if it fits.
 
     Raises SceneError for a block that does not divide the members of a shard.
     """
@@ -39,26 +39,25 @@ def block_of_run(
         on_device = device != "cpu"
         block = block_of_shard(run.plan, facts["shard"]) if on_device else int(facts["block"])
     if facts["shard"] % block:
-        rule = f"has to divide the {facts['shard']:,} members of a shard"
+        rule = f"must divide the {facts['shard']:,} members of a shard"
         raise SceneError(rule, at="run.block", value=block)
     return block
 
 
 def refuse_study(directory: RunDirectory) -> None:
-    """FileError for a run whose shards are tasks of a study, see `rigidmc.runs.directory.tasks`."""
+    """Raise FileError for a run whose shards are tasks of a study, see
+    `rigidmc.runs.directory.tasks`."""
     if STUDY in directory.facts["attributes"]:
         name = directory.facts["attributes"][STUDY].partition(" ")[0]
-        rule = (
-            f"has no members but the tasks of a study: `rigidmc {name} {directory.path}` tells it"
-        )
+        rule = f"has tasks of a study, not members: `rigidmc {name} {directory.path}` reports it"
         raise FileError(rule, at="run", file=directory.path)
 
 
 def scene_of_run(directory: RunDirectory, allow_code: bool | None = False) -> Scene:
-    """The scene of a run; FileError if scene.toml or a Python file of the user has changed since
-    the run was started.
+    """Return the scene of a run; FileError if scene.toml or a Python file of the user has changed
+    since the run was started.
 
-    allow_code : as for `rigidmc.scene.scene.loads`
+    allow_code : as in `rigidmc.scene.scene.loads`
     """
     facts = directory.facts
     if allow_code:
@@ -73,26 +72,26 @@ def scene_of_run(directory: RunDirectory, allow_code: bool | None = False) -> Sc
             raise FileError(rule, at="code", value=", ".join(changed), file=directory.path)
     scene = scene_in(directory.path, facts, allow_code)
     known = hash_of(scene)
-    if allow_code is None:  # what stands in for code has no file that its text could name
+    if allow_code is None:  # placeholders for code have no file that the text could name
         text = text_of_run(directory, members=1, first=0)
         known = hashlib.sha256(text.encode()).hexdigest()
     if known != facts["scene"]:
-        rule = "is not the scene that the run was started with and its shards were computed from"
+        rule = "is not the scene with which the run was started and its shards were computed"
         raise FileError(rule, at="scene.toml", file=directory.path)
-    if not facts.get("chosen"):  # scene.toml has the members before the run was extended
+    if not facts.get("chosen"):  # scene.toml has the number of members before the run was extended
         scene = scene.with_run(members=facts["members"], first=facts["first"])
     return scene
 
 
 def text_of_run(directory: RunDirectory, **settings: int) -> str:
-    """The text of the scene of a run with other settings of [run], without a look at its parts."""
+    """Return the text of a run's scene with other settings of [run], without checking its parts."""
     tables = toml(text_of(os.path.join(directory.path, "scene.toml"), links=False))
     tables["run"] = {**tables.get("run", {}), **settings}
     return tomli_w.dumps(tables)
 
 
 def scene_in(folder: str, facts: dict[str, Any], allow_code: bool | None) -> Scene:
-    """The scene in a folder, with its rows from columns.nc; `facts` are those of run.json."""
+    """Read the scene in a folder, with its rows from columns.nc; `facts` are those of run.json."""
     stored: Callable[[str], Any] | None = None
     if facts["columns"]:
         file = os.path.join(folder, "columns.nc")
@@ -106,9 +105,9 @@ def scene_in(folder: str, facts: dict[str, Any], allow_code: bool | None) -> Sce
 
 
 def check_versions(directory: RunDirectory, accept: bool) -> None:
-    """Raise FileError if this machine has other versions than the run was started with.
+    """Raise FileError if versions on this machine differ from those at the start of the run.
 
-    accept : go on nevertheless
+    accept : continue anyway
     """
     known = directory.facts["versions"]
     versions, _ = this_machine(*["scipy"] * ("scipy" in known))
@@ -122,6 +121,6 @@ def check_versions(directory: RunDirectory, accept: bool) -> None:
     if other and not accept:
         rule = (
             f"was started with other versions: {'; '.join(other)}. The bits of new members may "
-            "differ from those of old ones; --accept goes on nevertheless"
+            "differ from those of old ones; --accept continues anyway"
         )
         raise FileError(rule, at="run", value=directory.path)

@@ -1,4 +1,4 @@
-"""Runs that survive: resumed after whatever ended them, and extended by more members."""
+"""Resume runs after any interruption, and extend them by more members."""
 
 import os
 import time
@@ -41,20 +41,20 @@ def resume(
     cluster: str | None = None,
     device: str | None = None,
 ) -> tuple[RunDirectory, dict[str, int]]:
-    """Compute the missing shards of a run; (RunDirectory, {status: members} of what was computed).
+    """Compute the missing shards of a run; return (RunDirectory, {status: members computed}).
 
-    accept : go on even if versions differ from those of the start, which may change last bits;
-        another type of processor makes the same bits
-    max_wall : time limit ("3h", or seconds), after which what is unfinished is kept: the next
-        resume goes on there. On a cluster no shard begins that would end later
+    accept : continue even if versions differ from those at the start, which may change last bits;
+        another type of CPU gives the same bits
+    max_wall : time limit ("3h", or seconds), after which unfinished work is stored and the next
+        resume continues from there. On a cluster, no shard starts that would end later
     only : a range of shards, as in a job array whose directories are merged; it may end beyond the
         last shard
-    block : members computed at once; no result depends on it
+    block : members computed at once; results do not depend on it
     cluster : "tcp://host:8786" of a dask scheduler, or "local:4" for four processes on this
         machine, see `rigidmc.runs.directory.cluster`
-    device : where members move, as of `simulate`; that of the workers of a cluster
+    device : where members move, on this machine or on the workers of a cluster; as in `simulate`
 
-    Raises FileError for a directory that is no run, is damaged or was changed, OutputExists if
+    Raises FileError if the directory is not a run, is damaged or was changed, OutputExists if
     another process writes to it, NoRoom if memory or disk is too small.
     """
     directory = path if isinstance(path, RunDirectory) else RunDirectory(path)
@@ -97,7 +97,7 @@ def resume(
 
 
 def missing_of(directory: RunDirectory, only: range | None) -> NDArray[np.int64]:
-    """The numbers of the missing shards, or of those in a range."""
+    """Return the numbers of the missing shards, or of the missing ones in a range."""
     return directory.missing() if only is None else directory.missing_in(only)
 
 
@@ -109,8 +109,8 @@ def _refuse_hopeless(
     threads: int,
     cluster: str | None,
 ) -> None:
-    """Raise NoRoom if some shards of a run need more memory or disk than is free here. Workers on
-    other computers have their own memory, so nothing is refused for them."""
+    """Raise NoRoom if shards of a run need more memory or disk than is free here. Workers on other
+    computers have their own memory, so nothing is refused for them."""
     if cluster is not None:
         if not cluster.startswith("local:"):
             return
@@ -124,7 +124,7 @@ def _refuse_hopeless(
 
 
 def keep_journal(directory: RunDirectory, compute: Callable[[], dict[str, int]]) -> dict[str, int]:
-    """Call a function that computes shards, and note in the journal how it ended."""
+    """Call a function that computes shards, and record in the journal how it ended."""
     started = time.monotonic()
     try:
         flagged = compute()
@@ -144,10 +144,10 @@ def keep_journal(directory: RunDirectory, compute: Callable[[], dict[str, int]])
 
 
 def add_members(directory: RunDirectory, members: NDArray[np.int64], level: int) -> RunDirectory:
-    """Give a run of chosen members more of them, by their indices; at level 0 it is whole.
+    """Add members, by their indices, to a run of chosen members; level 0 completes the run.
 
-    All shards must be whole before. The longer list of members is on disk before run.json tells
-    that there are more, and holds the old one.
+    All existing shards must be complete. The longer list of members, which includes the old one, is
+    on disk before run.json refers to it.
     """
     facts, chosen = directory.facts, directory.chosen
     assert chosen is not None and (not members.size or facts["members"] % facts["shard"] == 0)
@@ -165,30 +165,30 @@ def add_members(directory: RunDirectory, members: NDArray[np.int64], level: int)
 def extend(
     path: Path, members: int, accept: bool = False, allow_code: bool = False
 ) -> RunDirectory:
-    """Give a run more members; the RunDirectory, to be resumed.
+    """Add members to a run and return its RunDirectory, ready for `resume`.
 
     Existing shards stay, except the last one if it is shorter than the others.
-    accept, allow_code : as of `resume`. Whatever is wrong is raised before anything changes.
+    accept, allow_code : as in `resume`. Any error is raised before anything changes.
     """
     directory = RunDirectory(path)
     refuse_study(directory)
     facts, members = directory.facts, read_count(members, "members")
     check_versions(directory, accept)
     if directory.chosen is not None:
-        rule = "the members were chosen by what others of them say: start a new run"
+        rule = "a study chose the members by the results of others: start a new run"
         raise OptionError(rule, at="run.members", value=members)
     if members <= facts["members"]:
         raise OptionError(
-            f"the run has {facts['members']:,} already", at="run.members", value=members
+            f"the run already has {facts['members']:,}", at="run.members", value=members
         )
     if facts["first"] + members > 2**53:
-        rule = "are more than 2^53, and could not be told apart"
+        rule = "exceed 2^53, beyond which indices are not exact integers"
         raise OptionError(rule, at="run.members", value=members)
     directory.refuse_strays()
     refuse_many(-(-members // facts["shard"]))
     scene = scene_of_run(directory, allow_code)
     if scene.run.points == "latin_hypercube":
-        rule = "a Latin hypercube has as many members as strata: start a new run"
+        rule = "a Latin hypercube has one member per stratum: start a new run"
         raise OptionError(rule, at="run.members", value=members)
     if (most := count_rows(*scene.model.quantities())) is not None and members + facts[
         "first"
@@ -206,7 +206,7 @@ def extend(
         def delete_short_shard() -> None:
             if facts["members"] % facts["shard"] and last is not None:
                 os.unlink(last)
-                make_durable(os.path.dirname(last))  # before run.json says that it is longer
+                make_durable(os.path.dirname(last))  # before run.json states the longer run
 
         text = facts_text({**facts, "members": members})
         write_bytes(name, text.encode(), force=True, before=delete_short_shard)

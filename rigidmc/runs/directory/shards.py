@@ -1,5 +1,5 @@
-"""The shards of a run directory: computed from its scene, and written in the order of their members
-by one thread."""
+"""Compute the shards of a run directory from its scene; one thread writes each in the order of its
+members."""
 
 import math
 import os
@@ -27,15 +27,15 @@ from rigidmc.threads import Task, Threads, drop, ending, is_late
 
 SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
 TIME = 120.0  # seconds of one thread for a shard
-SLOW = 1e-6  # seconds of a member-step that takes long: of the package's own few take as much
-MANY = 10**5  # shards that a run has at most because of TIME
+SLOW = 1e-6  # seconds of a slow member-step; few shipped methods take as long
+MANY = 10**5  # largest number of shards that TIME may cause
 
 Numbers = Sequence[int] | NDArray[np.int64]  # of shards
 
 
 def shard_members(run: PreparedRun, size: float = SHARD) -> tuple[int, int]:
-    """(members of a block, members of a shard) of a run with shards of about `size` bytes; neither
-    depends on the number of threads or on the machine."""
+    """Return (members of a block, members of a shard) of a run, for shards of about `size` bytes;
+    neither depends on the number of threads or on the machine."""
     block = min(BLOCK, members_within(run.plan, SLAB))
     return block, block * max(1, int(size / sum(run.layout.bytes_of_a_member()) / block))
 
@@ -43,18 +43,18 @@ def shard_members(run: PreparedRun, size: float = SHARD) -> tuple[int, int]:
 def shorten_shards(
     run: PreparedRun, block: int, shard: int, limit: float = TIME, device: str = "cpu"
 ) -> tuple[int, int]:
-    """(members of a block, members of a shard) so that one thread needs `limit` seconds for a shard
-    at most, by the rate that is measured here.
+    """Return (members of a block, members of a shard), so that one thread needs at most `limit`
+    seconds for a shard at the rate measured here.
 
-    A shard has a power of 2 times the members of a block, or of LANES, so that a rate that is a
-    little different does not change it. Short runs are not measured.
+    A shard has a power of 2 times the members of a block, or of LANES, so that small changes of the
+    rate do not change it. Short runs are not measured.
     """
     plan = run.plan
     if plan.scheme is None or min(shard, plan.members) * plan.mean_steps * SLOW < limit:
         return block, shard
     each = 1e-9 * cost_per_step(run, device) * plan.mean_steps
     most = max(limit / each, plan.members / MANY)
-    if device != "cpu":  # which needs as long for a member as for so many
+    if device != "cpu":  # a GPU needs as long for one member as for a wave of them
         most = max(most, WAVE)
     if most >= min(shard, plan.members):
         return block, shard
@@ -64,8 +64,8 @@ def shorten_shards(
 
 
 def memory_of_shards(run: PreparedRun, shard: int, block: int, threads: int) -> int:
-    """Bytes of the shards that are in memory at once: shards being filled, of which one may be
-    on its way to a checkpoint, one queued, and one being written, which is held twice.
+    """Return the bytes of shards in memory at once: shards being filled (one may be on its way to a
+    checkpoint), one queued, and one being written, which is held twice.
 
     shard : members of a shard
     """
@@ -74,10 +74,10 @@ def memory_of_shards(run: PreparedRun, shard: int, block: int, threads: int) -> 
 
 
 def fault_of(directory: RunDirectory, i: int, path: str) -> str:
-    """What is wrong with shard i, in words, "" if nothing is: its checksum, its run, its members,
-    or how many of them are flagged."""
+    """Describe the fault of shard i in its checksum, run, members, or number of flagged members;
+    "" if there is none."""
     if is_damaged(path):
-        return f"{path}: is not what was written: its sum is not that of its name"
+        return f"{path}: was changed: its checksum differs from the one in its name"
     members = directory.members(i)
     try:
         shard = read(path, "member", "status", mark=directory.mark)
@@ -108,10 +108,10 @@ def compute_shards(
     progress: Progress = False,
     stop: float | None = None,
 ) -> dict[str, int]:
-    """Compute the shards of these numbers, from where they were left; {status: members}, of those
-    that were finished now.
+    """Compute the shards with these numbers, from where they were left; return {status: members} of
+    shards finished now.
 
-    stop : time limit on the clock of time.monotonic(): what is unfinished then is kept
+    stop : time limit on the clock of time.monotonic(); work unfinished by then is stored
     """
     plan = run.plan
     size = directory.facts["shard"] // block  # blocks of a shard
@@ -123,7 +123,7 @@ def compute_shards(
     try:
         with ending(stop):
             if is_late():
-                say("the time limit was over before the first step")
+                say("the time limit ended before the first step")
             flagged = compute(
                 plan,
                 run.layout,
@@ -145,9 +145,9 @@ def compute_shards(
 
 
 class ShardSink:
-    """Collects blocks to shards of a run directory, which one thread writes.
+    """A sink that collects blocks to shards of a run directory; one thread writes them.
 
-    The files do not depend on threads, blocks or their order. Only the kept values of a block wait
+    The files do not depend on threads, blocks or their order. Only the saved values of a block wait
     for the disk; its memory serves the next block at once.
 
     directory : RunDirectory, whose lock this process holds;  layout : of the whole run
@@ -155,10 +155,10 @@ class ShardSink:
 
     def __init__(self, directory: RunDirectory, layout: ResultLayout) -> None:
         self.directory, self.layout = directory, layout
-        # one place: if the disk is slow, the computing threads wait and memory does not grow
+        # one place: if the disk is slow, the computing threads wait and memory stays bounded
         self._queue = SimpleQueue[tuple[int, MemorySink] | None]()
         self._open: dict[int, MemorySink] = {}  # shards that are being filled
-        self._there: dict[int, set[int]] = {}  # the places of their blocks that are there
+        self._there: dict[int, set[int]] = {}  # the places of their finished blocks
         self.keeper = Checkpoints(directory, layout)
         self.keeper.drop(directory.shards().keys())  # of shards that were written before a kill
         self._dropped = False
@@ -166,19 +166,19 @@ class ShardSink:
         self._thread.begin(self._writing)
 
     def reserve(self, low: int, count: int) -> Place:
-        """The place for the values of `count` members."""
+        """Return the place for the values of `count` members."""
         return make_buffer(self.layout, count)
 
     def has(self, place: int) -> bool:
-        """Whether the results of the block at a place are there, which a checkpoint may have."""
+        """Return whether the results of the block at a place exist, perhaps in a checkpoint."""
         return place in self._opened(self._shard_of(place))
 
     def resumed(self, job: BlockJob) -> BlockJob:
-        """A block where its checkpoint left it."""
+        """Return a block continued from its checkpoint."""
         return self.keeper.resumed(job)
 
     def take(self, job: BlockJob, results: Arrays) -> None:
-        """Add a finished block to its shard; a whole shard goes to the writing thread."""
+        """Add a finished block to its shard; a complete shard goes to the writing thread."""
         i = self._shard_of(job.first)
         there, places = self._opened(i), self.directory.places(i)
         self._open[i].take(job, results)
@@ -194,7 +194,7 @@ class ShardSink:
         return int((place - facts["first"]) // facts["shard"])
 
     def _opened(self, i: int) -> set[int]:
-        """The places of the blocks of shard i that are there."""
+        """Return the places of the finished blocks of shard i."""
         if i not in self._open:
             places, block = self.directory.places(i), self.directory.facts["block"]
             place = {"first": places.start, "members": len(places), "block": block}
@@ -203,13 +203,13 @@ class ShardSink:
         return self._there[i]
 
     def _keep(self) -> None:
-        """Keep what there is of shards that are not whole."""
+        """Store the finished blocks of incomplete shards."""
         for i, there in self._there.items():
             self.keeper.keep_shard(i, self._open[i], there, True)
 
     def _put(self, item: tuple[int, MemorySink] | None) -> None:
         """Hand a shard to the writing thread. An error of that thread is raised here, because the
-        queue would stay full for ever."""
+        queue would stay full forever."""
         while not self._writing.done:
             if self._queue.empty():
                 self._queue.put(item)
@@ -218,7 +218,7 @@ class ShardSink:
         self._writing.result()
 
     def finish(self) -> None:
-        """Wait until all shards are written; what is there of others is kept."""
+        """Wait until all complete shards are written; store the finished blocks of others."""
         self._keep()
         self._put(None)
         self._writing.wait()
@@ -226,7 +226,7 @@ class ShardSink:
         self.keeper.end()
 
     def discard(self) -> None:
-        """Drop the whole shards that are not written yet, and keep what there is of others."""
+        """Drop complete shards that are not yet written; store the finished blocks of others."""
         self._dropped = True
         self._queue.put(None)
         drop([self._writing])
@@ -237,19 +237,17 @@ class ShardSink:
     def _work(self) -> None:
         while (item := self._queue.get()) is not None and not self._dropped:
             self._write(*item)
-            del item  # frees the memory of this shard before the wait for the next
+            del item  # frees the memory of this shard before waiting for the next
 
     def _write(self, i: int, shard: MemorySink) -> None:
-        """Write a shard at once and in one order: its bytes do not depend on the order of blocks,
-        and it takes half the time."""
+        """Write a shard in one pass and a fixed order: its bytes do not depend on the order of
+        blocks, and writing takes half the time."""
         values, flagged = shard.values(), int(np.count_nonzero(shard.arrays["status"]))
 
         def named(file: str) -> str:
             path = self.directory.shard_path(i, flagged, file)
             if os.path.isdir(path) and not os.path.islink(path):
-                raise FileError(
-                    "a folder has its name; take it away", at="shard", value=i, file=path
-                )
+                raise FileError("a folder has its name; remove it", at="shard", value=i, file=path)
             return path
 
         path, attrs = self.directory.temporary(i), {"run": self.directory.mark}

@@ -1,5 +1,5 @@
-"""Run directories whose shards are the tasks of a study: numbers that are a function of scene,
-request and number of the task alone. Tasks stand in run.json in place of members."""
+"""Run directories whose shards are tasks of a study: results that depend only on the scene, the
+request and the task number. run.json lists tasks instead of members."""
 
 import json
 import os
@@ -30,17 +30,18 @@ from rigidmc.scene.amounts import read_count, read_seconds
 from rigidmc.scene.scene import Scene
 from rigidmc.threads import Late, ending, is_late
 
-Request = Mapping[str, Any]  # what a study asks, as JSON has it
-TaskArrays = dict[str, NDArray[Any]]  # the numbers of a task
-Task = Callable[[Sequence[int], int], list[TaskArrays]]  # (numbers of tasks, threads)
+Request = Mapping[str, Any]  # the request of a study, as in JSON
+TaskArrays = dict[str, NDArray[Any]]  # the results of a task
+Task = Callable[[Sequence[int], int], list[TaskArrays]]  # (task numbers, threads)
 
 
 def create_tasks(
     scene: Scene, path: Path, name: str, request: Request, tasks: Sequence[int], level: int
 ) -> RunDirectory:
-    """Make a run directory for a study.
+    """Create a run directory for a study.
 
-    name : of the study;  tasks : the first ones;  level : 0 if these are all, see `MemberSelection`
+    name : of the study;  tasks : the first ones;  level : 0 if there are no more, see
+        `MemberSelection`
     Raises OutputExists if the folder contains anything.
     """
     place = free_place(path)
@@ -51,7 +52,7 @@ def create_tasks(
 
 
 def study_of(directory: RunDirectory) -> tuple[str, dict[str, Any]] | None:
-    """(name of the study, what it asks) of a run directory; None if it has members."""
+    """Return (name of the study, its request) of a run directory; None if it has members."""
     text = str(directory.facts["attributes"].get(STUDY, ""))
     if not text:
         return None
@@ -69,10 +70,10 @@ def compute_tasks(
     stop: float | None = None,
     together: int = 1,
 ) -> dict[str, int]:
-    """Compute the shards of these numbers and write them; {status: tasks}.
+    """Compute the shards with these numbers and write them; return {status: tasks}.
 
-    stop : time limit on the clock of time.monotonic(), at which tasks are called off
-    together : how many are computed at once
+    stop : time limit on the clock of time.monotonic(), at which tasks are stopped
+    together : number of tasks computed at once
     """
     done = 0
     with reporter(progress, len(numbers), 1) as report, ending(stop), suppress(Late):
@@ -90,7 +91,7 @@ def compute_tasks(
 
 
 def _write(directory: RunDirectory, i: int, number: int, found: TaskArrays) -> None:
-    """Write the numbers of a task as shard i."""
+    """Write the results of a task as shard i."""
 
     def named(file: str) -> str:
         return directory.shard_path(i, 0, file)
@@ -113,10 +114,10 @@ def resume_tasks(
     together: int = 1,
     device: str | None = None,
 ) -> dict[str, int]:
-    """Compute the missing tasks of a study; {status: tasks}. Arguments as of
-    `rigidmc.runs.directory.resume.resume`.
+    """Compute the missing tasks of a study; return {status: tasks}.
 
-    work : what a worker of a cluster does;  together : as of `compute_tasks`
+    Arguments as in `rigidmc.runs.directory.resume.resume`.
+    work : function that a worker of a cluster calls;  together : as in `compute_tasks`
     """
     began = time.monotonic()
     check_versions(directory, accept)
@@ -139,23 +140,23 @@ def resume_tasks(
 
 
 def read_tasks(directory: RunDirectory) -> dict[int, TaskArrays]:
-    """{number: numbers} of the tasks that are done; FileError for shards of another run."""
+    """Return {number: results} of finished tasks; FileError for shards of another run."""
     directory.refuse_strays()
     found: dict[int, TaskArrays] = {}
     for i, shard in sorted(directory.shards().items()):
         values = read(shard, mark=directory.mark)
         number = int(directory.members(i)[0])
         if values.get("member", np.empty(0)).tolist() != [number]:
-            rule = "has another task; `rigidmc verify` tells more"
+            rule = "has another task; see `rigidmc verify`"
             raise FileError(rule, at="shard", value=i, file=shard)
         found[number] = {k: v for k, v in values.items() if k not in ("member", "status")}
     return found
 
 
 def compare_task(directory: RunDirectory, i: int, task: Task, threads: int) -> str:
-    """Which numbers of task i differ if it is computed again, in words; "" if none do."""
+    """Describe which results of task i differ when recomputed; "" if none do."""
     path = directory.shards()[i]
     stored, (again,) = read(path), task([int(directory.members(i)[0])], threads)
     wrong = [name for name, x in again.items() if stored[name].tobytes() != x.tobytes()]
-    differs = f"differs if it is computed again: {', '.join(wrong)}"
+    differs = f"differs when recomputed: {', '.join(wrong)}"
     return f"{os.path.basename(path)}: {differs}" if wrong else ""

@@ -15,47 +15,48 @@ A scene file is TOML; SI units, angles in rad:
   ellipsoid = { mass, semiaxes = [a, b, c] },
   t_handle = { density, radius, bar, stem }
   mass, centre = [x, y, z]   kg, m; with moments or tensor
-  pivot = [x, y, z]          the point of the body held fixed instead
+  pivot = [x, y, z]          the fixed point of the body, if not the origin
 
 [effects.gravity]
   g                          m/s2
-[effects.NAME]               one of `rigidmc effects`, with its parameters;
-                             [[effects.NAME]] for several of a kind
+[effects.NAME]               an effect of `rigidmc effects`, with its
+                             parameters; [[effects.NAME]] for several
 
 [start]
   omega or momentum          rad/s or kg m2/s, in principal axes
   attitude                   "uniform", quaternion [w, x, y, z], 3x3 matrix,
                              or Euler angles z-x-z [phi, theta, psi]
-[observables.NAME]           what is watched at every step and has numbers of
-                             its own, see `rigidmc observables`
+[observables.NAME]           an observable with parameters, monitored at
+                             every step, see `rigidmc observables`
 [run]
   integrator, dt, t_end, members, seed, every, save
   tolerance = 1e-8           instead of integrator and dt: chooses both
-  turn                       rad, instead of dt: each member steps by so much
-                             of its own motion
-  dtype                      "float64" or "float32": the numbers of the steps
-  compensated                true: keep the remainders of all sums
-  times are seconds or text, as "1h30m" and "250 ms"; counts also 1e6
+  turn                       rad, instead of dt: each step covers this angle
+                             of the member's own motion
+  dtype                      "float64" or "float32": precision of the steps
+  compensated                true: compensated summation
+  times: seconds, or text such as "1h30m", "250 ms"; counts: also 1e6
 
-Any number of body, effects and start may be a distribution:
+Each number in body, effects and start may be a distribution:
   { normal = [mean, sd] },  { uniform = [low, high] },
-  or one of scipy.stats:  { gamma = { a = 2.0, scale = 0.1 } }
+  or any of scipy.stats:  { gamma = { a = 2.0, scale = 0.1 } }
   or { grid = [low, high, count], stride = 1, log = false },
   or { table = "starts.csv", column = "w1" }  (or a netCDF file)
-Vectors as a whole:
+Vector distributions:
   omega, momentum  = { cone = { axis = 2, size = 1.0, angle = 0.01 } },
                      { sphere = 1.0 }, { table = FILE, columns = [...] },
                      { correlated = { mean = [...], covariance = 3x3 } }
-  momentum         = { shell = { energy = 2.0 } }, { gibbs = kT }; with
-                     attitude = "ensemble" the whole micro-, canonical one
+  momentum         = { shell = { energy = 2.0 } }, { gibbs = kT }: with
+                     attitude = "ensemble" the microcanonical and the
+                     canonical ensemble
   attitude         = { fisher = { attitude, kappa } },
                      { pointing = { direction, kappa } }
-  moments          = { second_moments = [a, b, c] }: always a body,
-                     { correlated = ... }: inertia that was measured
+  moments          = { second_moments = [a, b, c] }: only possible bodies,
+                     { correlated = ... }: measured inertia
 [run]
-  points                     "independent", "sobol", "latin_hypercube",
-                             "antithetic", "saltelli", "neighbours",
-                             "tangents": what distributions are drawn by
+  points                     how distributions are sampled: "independent",
+                             "sobol", "latin_hypercube", "antithetic",
+                             "saltelli", "neighbours", "tangents"
 """
 
 import os
@@ -68,13 +69,13 @@ _FOLDER = resources.files("rigidmc.scene.library")
 
 
 def shipped_names() -> list[str]:
-    """The names of the shipped scenes."""
+    """Return the names of the shipped scenes."""
     return sorted(p.name[:-5] for p in _FOLDER.iterdir() if p.name.endswith(".toml"))
 
 
 def read_source(source: str) -> str:
-    """The TOML text of a scene file or of a shipped scene; FileNotFoundError with the nearest name
-    if there is neither, NoSuchScene if it is no name of a file."""
+    """Return the TOML text of a scene file or a shipped scene; FileNotFoundError with the nearest
+    name if neither exists, NoSuchScene if `source` is not a file name."""
     if source in shipped_names():
         return _FOLDER.joinpath(f"{source}.toml").read_text("utf-8")
     if os.path.exists(source):
@@ -87,9 +88,8 @@ def read_source(source: str) -> str:
     close = nearest(name, beside) or nearest(name.removesuffix(".toml"), names)
     close = os.path.join(folder, close) if close in beside else close
     hint = f" (did you mean '{close}'?)" if close else ""
-    # a word like a file's name means a file, which is missing; any other is a wrong word
+    # with a suffix or a folder it names a missing file; otherwise it is a wrong scene name
     is_name = not os.path.splitext(source)[1] and os.path.basename(source) == source
     raise (NoSuchScene if is_name else FileNotFoundError)(
-        f"{source}: no such file, and no shipped scene of that name{hint};"
-        f" shipped: {', '.join(names)}"
+        f"{source}: no file and no shipped scene has this name{hint}; shipped: {', '.join(names)}"
     )

@@ -1,6 +1,6 @@
-"""Scene files as the parts of scenes: body, effects, observables, start. They execute nothing.
+"""Reading of scene files: body, effects, observables, start. They execute nothing.
 
-A result carries its scene as such a text, and the rows that the text refers to (`stored_rows`).
+A result contains the text of its scene, and the rows to which the text refers (`stored_rows`).
 """
 
 import inspect
@@ -37,7 +37,7 @@ Settings = Sequence[tuple[str, str]]  # (dotted key, value as TOML or as a plain
 
 
 class _File(Table):
-    """The tables of a scene file. Body, effects and start check what is inside their tables."""
+    """Tables of a scene file. Body, effects and start check the contents of their tables."""
 
     title: str = ""
     summary: str = ""
@@ -51,13 +51,13 @@ class _File(Table):
 
 
 def locate_source(source: str | os.PathLike[str]) -> str:
-    """The path of a scene file, the name of a shipped scene, or the path of a result (.nc, .zarr),
-    of the source that a user names; FileError for a folder that is no run directory."""
+    """Return for a user's source the path of its scene file, the name of a shipped scene, or the
+    path of a result (.nc, .zarr); FileError for a folder that is not a run directory."""
     source = os.fspath(source)
     if not os.path.isdir(source) or is_zarr(source):
         return source
     if not os.path.isfile(os.path.join(source, "scene.toml")):
-        raise FileError("is a folder, and no run directory", at="scene", file=source)
+        raise FileError("is a folder, not a run directory", at="scene", file=source)
     return os.path.join(source, "scene.toml")
 
 
@@ -69,7 +69,7 @@ def read_parts(
     title: str,
     allow_code: bool | None,
 ) -> dict[str, Any]:
-    """The fields of the scene in a TOML text, for the arguments see `rigidmc.scene.scene.loads`."""
+    """Return the fields of the scene in a TOML text; see `rigidmc.scene.scene.loads`."""
     data = toml(text)
     for key, value in settings:
         _set(data, key, value)
@@ -91,10 +91,10 @@ def read_parts(
 
 
 def _run(table: dict[str, Any], overridden: set[str], of_result: bool) -> Run:
-    """The settings of the table [run]. overridden : keys whose values do not come from the file"""
+    """Return the settings of the table [run]. overridden : keys set from outside the file"""
     settings = {k: tuple(v) if isinstance(v, list) else v for k, v in table.items()}
     if of_result and settings.get("integrator", "auto") != "auto":
-        # results of version 0.1 have the tolerance for which their integrator was chosen
+        # results of version 0.1 store the tolerance for which their integrator was chosen
         settings.pop("tolerance", None)
     known = {k: v for k, v in settings.items() if k not in overridden}
     run = check_table(Run, known, "run", table)
@@ -102,7 +102,7 @@ def _run(table: dict[str, Any], overridden: set[str], of_result: bool) -> Run:
 
 
 def _put(components: list[Any], dotted: str, value: Any) -> None:
-    """The component that the last word of a key names, as start.omega.3; SceneError."""
+    """Set the component named by the last word of a key, such as start.omega.3; SceneError."""
     word = dotted.split(".")[-1]
     if not word.isdigit() or not 1 <= int(word) <= len(components):
         rule = f"expected a component from 1 to {len(components)}"
@@ -111,8 +111,8 @@ def _put(components: list[Any], dotted: str, value: Any) -> None:
 
 
 def _value(text: Any) -> Any:
-    """The value that a text stands for: TOML, also with numbers as .5 and 1., or a plain word; in
-    Python other values stand for themselves."""
+    """Return the value of a text: TOML, with numbers such as .5 and 1. allowed, or a plain word.
+    Other Python values are returned unchanged."""
     tried = [text]
     if isinstance(text, str) and not {'"', "'"} & {*text}:
         whole = re.sub(r"(?<![\w.])\.(?=\d)", "0.", text)
@@ -127,8 +127,8 @@ def _value(text: Any) -> Any:
 
 
 def _set(data: dict[str, Any], dotted: str, value: str) -> None:
-    """data[a][b] = value for the key a.b, or a component for a.b.3; the value is TOML, or else a
-    plain word."""
+    """Set data[a][b] = value for the key a.b, or a component for a.b.3; the value is TOML, or else
+    a plain word."""
     *tables, key = dotted.split(".")
     given = _value(value)
     for table in tables:
@@ -140,16 +140,16 @@ def _set(data: dict[str, Any], dotted: str, value: str) -> None:
             raise SceneError(f"'{table}' is not a table", at=dotted, table="", value=value)
     data[key] = given
     if tables[-1:] == ["body"] and key in (*BODIES, "mass", "centre"):
-        # another body than the one that has this shape
+        # the shape belongs to the original body
         for other in {"shape", *(BODIES if key in BODIES else ())} - {key}:
             data.pop(other, None)
 
 
-# tables of effects, and of observables: one kernel is compiled for all of them, 100 springs take
-# a minute
+# most tables of effects, and of observables: one kernel contains all of them, and compiling 100
+# springs takes a minute
 MOST = 100
 
-# ways to give a body by plain numbers: {key: (keys of its own table, maker)}
+# bodies given by plain numbers: {key: (keys of its own table, maker)}
 SHAPES: dict[str, tuple[tuple[str, ...], Callable[..., Body]]] = {
     **{
         name: (tuple(inspect.signature(make).parameters), partial(Body.solid, name))
@@ -161,11 +161,11 @@ BODIES = ("moments", "tensor", *SHAPES)  # a body has exactly one of these keys
 
 
 def read_body(table: dict[str, Any], stored: DataSources) -> Body:
-    """The body of the table [body]."""
+    """Return the body of the table [body]."""
     check_keys(table, (*BODIES, "mass", "centre", "axes", "pivot", "shape"), "body")
     keys = [key for key in BODIES if key in table]
     if len(keys) != 1:
-        rule = f"give exactly one of these, not {len(keys)}"
+        rule = f"give exactly one of these keys, not {len(keys)}"
         raise SceneError(rule, at=f"body.{' | '.join(BODIES)}")
     key = keys[0]
     if key in SHAPES:
@@ -194,18 +194,18 @@ def read_body(table: dict[str, Any], stored: DataSources) -> Body:
 
 
 def _shaped(table: dict[str, Any], key: str) -> Body:
-    """A solid, or a body of particles, from its own table within [body]."""
+    """Return a solid, or a body of particles, from its own table within [body]."""
     keys, make = SHAPES[key]
     for extra in ("mass", "centre"):
         if extra in table:
-            rule = f"a {key} has its mass and centre inside its own table: {', '.join(keys)}"
+            rule = f"the table of a {key} defines its mass and centre: {', '.join(keys)}"
             raise SceneError(rule, at=f"body.{extra}", value=table[extra])
     check_keys(table[key], keys, f"body.{key}", required=keys)
     return make(**{k: check_plain(table[key][k], f"body.{key}.{k}") for k in keys})
 
 
 def read_start(table: dict[str, Any], stored: DataSources) -> Start:
-    """The start of the table [start]."""
+    """Return the start of the table [start]."""
     check_keys(table, ("omega", "momentum", "attitude"), "start")
     return Start(
         **{key: read_quantity(value, f"start.{key}", stored) for key, value in table.items()}
@@ -213,7 +213,7 @@ def read_start(table: dict[str, Any], stored: DataSources) -> Start:
 
 
 def read_effects(tables: dict[str, Any], stored: DataSources) -> tuple[Effect, ...]:
-    """The effects of the tables [effects.NAME]."""
+    """Return the effects of the tables [effects.NAME]."""
     effects = []
     for name, table in _each(tables, "effects"):
         kind, at = _kind("effects", name, table, EFFECTS, stored.code), f"effects.{name}"
@@ -229,7 +229,7 @@ def read_effects(tables: dict[str, Any], stored: DataSources) -> tuple[Effect, .
 
 
 def read_observables(tables: dict[str, Any], code: Code) -> tuple[Any, ...]:
-    """The observables of the tables [observables.NAME]; code : see
+    """Return the observables of the tables [observables.NAME]; code : see
     `rigidmc.scene.user_parts.registry`."""
     return tuple(
         _built("observables", name, table, {**WITH_TABLE, **WATCHED}, code)
@@ -238,77 +238,76 @@ def read_observables(tables: dict[str, Any], code: Code) -> tuple[Any, ...]:
 
 
 def read_integrators(tables: dict[str, Any], code: Code) -> tuple[Any, ...]:
-    """The integrators of the user's own, of the tables [integrators.NAME]."""
+    """Return the custom integrators of the tables [integrators.NAME]."""
     return tuple(
         _built("integrators", name, table, {}, code) for name, table in _each(tables, "integrators")
     )
 
 
 def _built(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code) -> Any:
-    """What a table [kind.NAME] of plain numbers makes."""
+    """Return the object that a table [kind.NAME] of plain numbers describes."""
     made = _kind(kind, name, table, shipped, code)
     more = () if name in shipped else ("module",)
     required = [field for field in made._fields if field not in made._field_defaults]
     check_keys(table, (*made._fields, *more), f"{kind}.{name}", required)
-    # compiled code takes tuples
+    # compiled code needs tuples
     return made(**{key: _tuple(value) for key, value in table.items() if key not in more})
 
 
 def _tuple(value: Any) -> Any:
-    """A value with tuples in the place of lists."""
+    """Convert lists to tuples."""
     return tuple(map(_tuple, value)) if isinstance(value, list) else value
 
 
 def _each(tables: dict[str, Any], at: str) -> Iterator[tuple[str, Any]]:
-    """(name, table) of [effects.spring], or of each [[effects.spring]]; SceneError for too many."""
+    """Return pairs (name, table) of each [effects.spring] or [[effects.spring]]; SceneError for too
+    many."""
     every = [
         (name, one)
         for name, table in tables.items()
         for one in (table if isinstance(table, list) else [table])
     ]
     if len(every) > MOST:
-        rule = f"has more than {MOST} tables, the limit for one kernel"
+        rule = f"has more than {MOST} tables, the limit of a kernel"
         raise SceneError(rule, at=at)
     return iter(every)
 
 
 def _kind(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code) -> Any:
-    """The class of a table [kind.NAME], by its word or from the Python file that defines it."""
+    """Return the class of a table [kind.NAME], by its name or from its Python file."""
     if name in shipped:
         return shipped[name]
-    one = {"effects": "effect", "observables": "observable over all steps"}.get(kind, "integrator")
+    one = {"effects": "effect", "observables": "observable with a table"}.get(kind, "integrator")
     if not isinstance(table, dict) or "module" not in table:
         error = unknown(one, shipped or INTEGRATORS, at=kind, key=name)
-        error.rule += f'; an {one.split()[0]} of your own needs module = "file.py"'
+        error.rule += f'; a custom {one.split()[0]} needs module = "file.py"'
         raise error
     at = f"{kind}.{name}"
     found = load_user_class(name, table["module"], at, code)
     if found is None:
         return make_stand_in(kind, name, table)
     if not implements(found, "_fields"):
-        rule = f"{found.__name__} is no NamedTuple, as an {one.split()[0]} has to be"
+        rule = f"{found.__name__} is not a NamedTuple, as an {one.split()[0]} must be"
         raise PartError(rule, at=f"{at}.module", value=table["module"], source=source_of(found))
     return found
 
 
-ROWS = (
-    10_000_000  # below this many members a selection is spread out to all indices: 80 MB a column
-)
+ROWS = 10_000_000  # up to this many indices, a selection is expanded to all of them: 80 MB a column
 
 
 def scene_text(dataset: xr.Dataset) -> str:
-    """The TOML text of the scene of a result; FileError if the Dataset is no result."""
+    """Return the TOML text of the scene of a result; FileError if the Dataset is not a result."""
     text = dataset.attrs.get("scene")
     if not isinstance(text, str):
-        rule = "not a result of rigidmc: it has no attribute 'scene' with the text of one"
+        rule = "not a result of rigidmc: it has no attribute 'scene' with the text of a scene"
         raise FileError(rule, at="scene", file=dataset.encoding.get("source"))
     return text
 
 
 def stored_rows(dataset: xr.Dataset) -> Callable[[str], NDArray[Any] | None]:
-    """A function that gives the rows (..., members) of a variable of a result, None if it has none.
+    """Return a function that returns the rows (..., members) of a variable of a result, or None.
 
-    The members may be any selection, in any order: members between them have no rows and need none.
+    The members may be any selection, in any order: members that are not selected need no rows.
     """
 
     def stored(name: str) -> NDArray[Any] | None:
@@ -316,12 +315,12 @@ def stored_rows(dataset: xr.Dataset) -> Callable[[str], NDArray[Any] | None]:
             return None
         members, rows = _members(dataset), dataset[name].values
         if rows.dtype.kind not in "iuf" or "scale_factor" in dataset[name].attrs:
-            rule = "has no rows of plain numbers"
+            rule = "does not contain rows of plain numbers"
             raise FileError(rule, at=name)
         count = int(members.max()) + 1
         if count > max(ROWS, 100 * members.size):
             rule = (
-                f"has the rows of {count_text(members.size, 'member')} only, up to member"
+                f"has the rows of only {count_text(members.size, 'member')}, up to member"
                 f" {count - 1:,}: open the whole result"
             )
             raise FileError(rule, at="member")
@@ -333,9 +332,9 @@ def stored_rows(dataset: xr.Dataset) -> Callable[[str], NDArray[Any] | None]:
 
 
 def _members(dataset: xr.Dataset) -> NDArray[Any]:
-    """The indices of the members; FileError if a result cannot have them."""
+    """Return the indices of the members; FileError if a result cannot have them."""
     if "member" not in dataset.variables or dataset.sizes["member"] < 1:
-        raise FileError("a result has at least one", at="member")
+        raise FileError("a result must have at least one member", at="member")
     members = dataset["member"].values
     if members.ndim != 1 or members.dtype.kind not in "iu" or members.min() < 0:
         raise FileError("expected indices of members", at="member")
@@ -344,11 +343,12 @@ def _members(dataset: xr.Dataset) -> NDArray[Any]:
 
 
 def refuse_twice(members: NDArray[Any]) -> None:
-    """FileError if a result has a member more than once, as two results put together have."""
+    """Raise FileError if a result has a member more than once, as a concatenation of results
+    does."""
     known, times = np.unique(members, return_counts=True)
     if (times > 1).any():
         rule = (
-            f"has member {known[times > 1][0]} more than once: these are members of several runs"
-            " put together; take the result of one run"
+            f"has member {known[times > 1][0]} more than once: this is a concatenation of several"
+            " runs; use the result of one run"
         )
         raise FileError(rule, at="member")

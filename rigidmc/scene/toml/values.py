@@ -1,5 +1,5 @@
-"""Values of scene files as quantities, and back: numbers, lists, distributions, grids, vectors
-drawn as a whole, and columns of CSV and netCDF files, one row per member.
+"""Conversion of values in scene files to quantities, and back: numbers, lists, distributions,
+grids, vector distributions, and columns of CSV and netCDF files, with one row per member.
 """
 
 import os
@@ -32,11 +32,11 @@ from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 
 class DataSources(NamedTuple):
-    """Where the columns come from to which a file refers.
+    """Sources of the columns to which a scene file refers.
 
-    of_result : a function that gives the rows of a name in a result; None if there is no result
-    folder : folder of the tables
-    code : whose Python files may be run, see `rigidmc.scene.user_parts.registry`
+    of_result : function that returns the rows of a name in a result; None without a result
+    folder : folder of the data files
+    code : Python files that may be run, see `rigidmc.scene.user_parts.registry`
     """
 
     of_result: Callable[[str], np.ndarray | None] | None
@@ -45,7 +45,7 @@ class DataSources(NamedTuple):
 
 
 def check_plain(value: Any, at: str) -> Any:
-    """A number or lists of numbers, unchanged; SceneError for anything else."""
+    """Return a number or lists of numbers unchanged; SceneError for anything else."""
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -56,8 +56,8 @@ def check_plain(value: Any, at: str) -> Any:
 
 
 def check_keys(table: Any, allowed: Iterable[str], at: str, required: Iterable[str] = ()) -> None:
-    """SceneError for a value that is no table, for a key that is not allowed, and for a required
-    key that is missing."""
+    """Raise SceneError for a value that is not a table, a key that is not allowed, and a missing
+    required key."""
     if not isinstance(table, dict):
         rule = f"expected a table with the keys {', '.join(allowed)}"
         raise SceneError(rule, at=at, table="", value=table)
@@ -70,9 +70,9 @@ def check_keys(table: Any, allowed: Iterable[str], at: str, required: Iterable[s
 
 
 def read_quantity(value: Any, at: str, stored: DataSources) -> Any:
-    """A value of a scene file as a quantity.
+    """Return a value of a scene file as a quantity.
 
-    Numbers, lists, { distribution = parameters }, the same with between = [low, high],
+    Accepts numbers, lists, { distribution = parameters }, the same with between = [low, high],
     { mixture = [{ weight = w, distribution = parameters }, ...] }, { grid = [low, high, count] },
     { distribution = table }, { table = file, columns = names } and { stored = name, axis = i }
     """
@@ -113,17 +113,17 @@ def read_quantity(value: Any, at: str, stored: DataSources) -> Any:
 
 
 def _own_law(value: dict[str, Any], at: str, stored: DataSources) -> VectorDistribution:
-    """A distribution of the user's own, { my_law = { ... }, module = "file.py" }; SceneError."""
+    """Return a custom distribution, { my_law = { ... }, module = "file.py" }; SceneError."""
     names = [name for name in value if name != "module"]
     if len(names) != 1:
-        rule = 'expected one law of your own, { my_law = { ... }, module = "file.py" }'
+        rule = 'expected one custom distribution, { my_law = { ... }, module = "file.py" }'
         raise SceneError(rule, at=at, value=value)
     name, parameters = names[0], value[names[0]]
     kind = load_user_class(name, value["module"], at, stored.code)
     if kind is None:
         kind = make_distribution_stand_in(name, parameters, at)
     if not issubclass(kind, VectorDistribution):
-        rule = f"{kind.__name__} is no law: a frozen dataclass, a subclass of VectorDistribution"
+        rule = f"{kind.__name__} must be a frozen dataclass and a subclass of VectorDistribution"
         raise PartError(rule, at=at, source=source_of(kind))
     law = make_distribution(name, parameters, at, lambda x: read_quantity(x, at, stored), kind)
     assert law is not None
@@ -131,7 +131,7 @@ def _own_law(value: dict[str, Any], at: str, stored: DataSources) -> VectorDistr
 
 
 def _truncated(value: dict[str, Any], at: str, stored: DataSources) -> Distribution:
-    """A distribution with bounds; SceneError."""
+    """Return a truncated distribution; SceneError."""
     bounds, inner = value["between"], {k: v for k, v in value.items() if k != "between"}
     law = read_quantity(inner, at, stored) if inner else None
     if not isinstance(law, Distribution) or not isinstance(bounds, list) or len(bounds) != 2:
@@ -141,7 +141,7 @@ def _truncated(value: dict[str, Any], at: str, stored: DataSources) -> Distribut
 
 
 def _mixture(value: dict[str, Any], at: str, stored: DataSources) -> Distribution:
-    """A mixture of distributions; SceneError."""
+    """Return a mixture of distributions; SceneError."""
     check_keys(value, ("mixture",), at)
     parts = value["mixture"]
     if not isinstance(parts, list) or not all(isinstance(p, dict) and "weight" in p for p in parts):
@@ -155,15 +155,15 @@ def _mixture(value: dict[str, Any], at: str, stored: DataSources) -> Distributio
 
 
 def _no_such_law(name: str, value: Any, at: str) -> SceneError:
-    """The error about a word that names no distribution of this key."""
+    """Return the error for an unknown distribution of this key."""
     known, key = distributions_of(at), at.rpartition(".")[2]
     elsewhere = next((kind.variables for kind in VECTOR_DISTRIBUTIONS if kind.name == name), None)
-    rule = f"no law or distribution '{name}'"
+    rule = f"no distribution '{name}'"
     if elsewhere is not None:
-        rule = f"'{name}' is a law of {' and '.join(elsewhere)}"
+        rule = f"'{name}' is a distribution of {' and '.join(elsewhere)}"
     rule += (
-        f"; laws of {key}: {', '.join(known)}; distributions: normal, uniform and the continuous"
-        ' ones of scipy.stats; a law of your own needs module = "file.py"'
+        f"; distributions of {key}: {', '.join(known)}; of one number: normal, uniform and the"
+        ' continuous ones of scipy.stats; a custom distribution needs module = "file.py"'
     )
     return SceneError(
         rule,
@@ -174,7 +174,7 @@ def _no_such_law(name: str, value: Any, at: str) -> SceneError:
 
 
 def _columns_of(value: dict[str, Any], at: str, folder: str) -> Any:
-    """The column or columns of a file that a value refers to; SceneError."""
+    """Return the column or columns of a file to which a value refers; SceneError."""
     single = "column" in value
     check_keys(value, ("table", "column" if single else "columns"), at)
     names = [value["column"]] if single else value.get("columns")
@@ -194,7 +194,7 @@ def _rows_of(
     at: str,
     of_result: Callable[[str], np.ndarray | None] | None,
 ) -> np.ndarray:
-    """The rows of a result to which { stored = name, axis = i } refers; SceneError."""
+    """Return the rows of a result to which { stored = name, axis = i } refers; SceneError."""
     if of_result is None:
         rule = "refers to the rows of a result file; load that file instead"
         raise SceneError(rule, at=at, value=value)
@@ -222,7 +222,7 @@ def _named(
     *arguments: Any,
     **words: Any,
 ) -> Quantity:
-    """make(...), with an error that names the key."""
+    """Call make(...); its error names the key."""
     try:
         return make(*arguments, **words)
     except RigidmcError as error:
@@ -230,9 +230,9 @@ def _named(
 
 
 def as_toml(value: Any, name: str, axis: int | None = None) -> Any:
-    """A quantity, a distribution, or a tuple of quantities as it is written in a scene file.
+    """Return a quantity, a distribution, or a tuple of quantities as written in a scene file.
 
-    name, axis : of the rows in a result, to which an array becomes a reference
+    name, axis : of the rows in a result; an array becomes a reference to them
     """
     if isinstance(value, VectorDistribution):
         fields = {k: as_toml(v, name) for k, v in value.as_dict().items() if v is not None}
@@ -253,11 +253,11 @@ _MOST = 6  # components of a variable
 
 
 def read_column(folder: str, file: str, name: str, at: str) -> NDArray[np.float64]:
-    """A column of a file as an array; SceneError that names the file and its columns.
+    """Return a column of a file as an array; SceneError that names the file and its columns.
 
     CSV : comma-separated, with the names of the columns in the first line
     netCDF : a variable with one dimension, or `name[i]` of a variable with the dimensions axis or
-        quat and member; without these names the members are last, and more than 6
+        quat and member; without these names, the last dimension is the member, of length > 6
     """
     path = os.path.join(folder or "", file)
     if not file.endswith(SUFFIXES):
@@ -278,12 +278,12 @@ def read_column(folder: str, file: str, name: str, at: str) -> NDArray[np.float6
         wrong.rule += (
             "; columns are separated by commas"
             if file.endswith(".csv")
-            else "; columns are variables with one number per member, and NAME[1], NAME[2], ... of"
+            else "; columns are variables with one number per member, and NAME[1], NAME[2], ... for"
             " variables with the dimensions (axis, member)"
         )
         raise wrong
     if columns[name] is None:
-        rule = f"{name} is the name of several columns: give each of them a name of its own"
+        rule = f"several columns have the name {name}: give each its own name"
         raise SceneError(rule, at=at, value=file)
     values = np.ascontiguousarray(columns[name], float)
     bad = np.flatnonzero(~np.isfinite(values))
@@ -294,29 +294,29 @@ def read_column(folder: str, file: str, name: str, at: str) -> NDArray[np.float6
 
 
 def _csv(path: str) -> dict[str, Any]:
-    """{name: values} of the columns of a CSV file, None for a name of several; ValueError."""
+    """Return {name: values} of the columns of a CSV file, None for a repeated name; ValueError."""
     try:
         names, rows = read_number_table(path)
     except UnicodeDecodeError:
-        raise ValueError("is not text in UTF-8") from None
+        raise ValueError("is not UTF-8 text") from None
     except RigidmcError:
         raise
     except ValueError as error:
         why = str(error).splitlines()[-1].strip()
         raise ValueError(f"not a table of numbers: {why}") from None
     if not rows.size:
-        raise ValueError("has no rows below its first line, which names the columns")
+        raise ValueError("has no rows below its first line, the names of the columns")
     if rows.shape[1] != len(names):
         raise ValueError(
-            f"its first line names {len(names)} columns ({', '.join(names[:20])}), its rows have"
-            f" {rows.shape[1]}; columns are separated by commas"
+            f"its first line names {len(names)} columns ({', '.join(names[:20])}), but its rows"
+            f" have {rows.shape[1]}; columns are separated by commas"
         )
     counts, pairs = Counter(names), zip(names, rows.T, strict=True)
     return {name: None if counts[name] > 1 else values for name, values in pairs}
 
 
 def _netcdf(path: str) -> dict[str, Any]:
-    """{name: values} of the columns of a netCDF file; ValueError."""
+    """Return {name: values} of the columns of a netCDF file; ValueError."""
     import xarray as xr
 
     refuse_unreadable(path)
@@ -336,14 +336,14 @@ def _netcdf(path: str) -> dict[str, Any]:
 
 
 def _components(variable: Any) -> Any:
-    """The rows of a variable of two dimensions, one for each component; none if it has no
-    components, or does not say which dimension they are along."""
+    """Return the rows of a two-dimensional variable, one per component; () if it has no components,
+    or if their dimension is ambiguous."""
     if variable.ndim != 2:
         return ()
     first, last = (name in ("axis", "quat") for name in variable.dims)
     first, last = first or variable.dims[1] == "member", last or variable.dims[0] == "member"
     rows = variable.values.T if last and not first else variable.values
     named = first != last
-    # without names the members are last, unless both dimensions are short enough for components
+    # without names, the members are last; ambiguous if both dimensions are short
     short = len(rows) <= _MOST and (named or rows.shape[1] > _MOST)
     return rows if short else ()

@@ -1,4 +1,4 @@
-"""A scene as TOML text, from which `rigidmc.scene.toml.read.loads` makes the same scene again."""
+"""Writing of a scene as TOML text, from which `rigidmc.scene.scene.loads` makes the same scene."""
 
 from typing import Any
 
@@ -16,10 +16,10 @@ from rigidmc.scene.user_parts.registry import module_of
 
 
 def dumps(scene: Parts, run: Run | None = None) -> str:
-    """The scene as TOML text; arrays with one row per member become references to the variables of
-    the result.
+    """Return the scene as TOML text; arrays with one row per member become references to variables
+    of the result.
 
-    run : settings that replace the ones in the scene
+    run : settings that replace those in the scene
     """
     texts = {"title": scene.title, "summary": scene.summary, "source": scene.source}
     tables: dict[str, Any] = {key: text for key, text in texts.items() if text != ""}
@@ -77,7 +77,7 @@ def _run(run: Run) -> dict[str, Any]:
 
 
 def _grouped(pairs: list[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
-    """{name: table}, or {name: [table, ...]} if there are several of one name."""
+    """Return {name: table}, or {name: [table, ...]} for several tables of one name."""
     tables: dict[str, list[dict[str, Any]]] = {}
     for name, table in pairs:
         tables.setdefault(name, []).append(table)

@@ -1,6 +1,7 @@
-"""A user's effect, checked before it is compiled.
+"""Check of a custom effect before compilation.
 
-What its methods ask for, what they return, and whether the torque is that of the energy.
+It checks the arguments and return values of its methods, and that the torque follows from the
+energy.
 """
 
 from typing import Any
@@ -33,7 +34,7 @@ BODY = MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3))
 
 
 def check_user_effect(effect: Any) -> None:
-    """Raise SceneError, with class, line and rule, for a user's effect that no kernel could use."""
+    """Raise SceneError, with class, line and rule, for a custom effect that no kernel can use."""
     kind = type(effect)
     if kind in EFFECTS.values():
         return
@@ -41,11 +42,11 @@ def check_user_effect(effect: Any) -> None:
     trial.refuse_old(OLD_WORDS)
     trial.read(*_VECTORS, *_SCALARS)
     if implements(kind, "add_noise") and not takes_noise(kind) and shape(kind, "noise") == 3:
-        rule = "the field `noise` is drawn for effects that are random: @effect(is_random=True)"
+        rule = "only random effects can have the field `noise`: use @effect(is_random=True)"
         raise trial.complaint("noise", rule)
     if is_random(kind) and not (takes_noise(kind) and shape(kind, "noise") == 3):
         rule = (
-            "is random, so that it needs a field for the normal deviates of a step: noise: Vector ="
+            "is random, and so needs a field for the normal deviates of a step: noise: Vector ="
             ' (0.0, 0.0, 0.0), with shapes={"noise": 3} and hidden=("noise",) in @effect(...)'
         )
         raise trial.complaint("add_noise", rule)
@@ -60,7 +61,7 @@ def check_user_effect(effect: Any) -> None:
 
 
 def trial_effect(effect: Any) -> Any:
-    """An effect with plain numbers, with which methods are tried."""
+    """Return an effect with plain numbers, for trying its methods."""
     return from_numbers(type(effect), [_number(value) for _, _, value in numbers(effect)])
 
 
@@ -69,7 +70,7 @@ def _given(kind: type, methods: tuple[Method, ...]) -> list[Method]:
 
 
 def _number(value: Any) -> float:
-    """A number that stands for a parameter: its first value, or 0.1 for a distribution."""
+    """Return a trial value of a parameter: its first value, or 0.1 for a distribution."""
     return float(np.ravel(value)[0]) if isinstance(value, (float, np.ndarray)) else 0.1
 
 
@@ -78,7 +79,7 @@ def _values(state: State) -> dict[str, Any]:
 
 
 def _check_gradient(trial: Trial, state: State, step: float = 1e-5) -> None:
-    """The torque has to be minus the change of the energy as the body turns."""
+    """Check that the torque is minus the change of the energy as the body turns."""
     given, slopes = np.array(trial.called(torque, _values(state))), []
     for axis in np.eye(3):
         turned = (
@@ -91,12 +92,12 @@ def _check_gradient(trial: Trial, state: State, step: float = 1e-5) -> None:
     if not np.abs(given + slopes).max() > 1e-6 * size:
         return
     opposite = np.abs(given - slopes).max() <= 1e-6 * size
-    hint = ", but the opposite of it" if opposite else ""
+    hint = ", but its opposite" if opposite else ""
     found, wanted = (", ".join(f"{x:.6g}" for x in v) for v in (given, [-s for s in slopes]))
     at = ", ".join(f"{x:.4g}" for x in state.q)
     raise trial.complaint(
         "torque",
-        f"({found}) is not that of its energy, ({wanted}){hint}, "
-        f"at the attitude {at}; it has to be minus the change of energy as the body turns about "
+        f"({found}) does not follow from its energy, which gives ({wanted}){hint}, "
+        f"at the attitude {at}; it must be minus the change of energy as the body turns about "
         "its axes",
     )

@@ -1,6 +1,6 @@
-"""A user's integrator, checked before it is compiled.
+"""Check of a custom integrator before compilation.
 
-Its facts, what its methods ask for and return, and whether a step has the order that it claims.
+It checks the properties, the arguments and return values of the methods, and the order of a step.
 """
 
 import math
@@ -29,11 +29,11 @@ from rigidmc.physics.integrators.protocol import (
 )
 
 _BODY = MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3))
-_STEP = 0.2  # [s], by which a body turns by about 0.4 rad
-_SLACK = 0.6  # of the measured order; of the shipped ones it is off by 0.3 at most
-OLD_MAKERS = "form", "prepared"  # `scheme` in earlier versions: refused with the new word later
-_SMALL = 1e-9  # beyond what a step of 0.2 s rounds: 1e-15
-_KEPT: dict[str, Callable[[Any, Any], Any]] = {  # what `conserves` may name, of a free body
+_STEP = 0.2  # [s], in which a body turns by about 0.4 rad
+_SLACK = 0.6  # allowed error of the measured order; at most 0.3 for the shipped integrators
+OLD_MAKERS = "form", "prepared"  # `scheme` in earlier versions: refused later, with the new name
+_SMALL = 1e-9  # far above the rounding of a step of 0.2 s: 1e-15
+_KEPT: dict[str, Callable[[Any, Any], Any]] = {  # names allowed in `conserves`, for a free body
     "|q|": lambda q, l: sum(x * x for x in q),
     "|L|^2": lambda q, l: dot(l, l),
     "T": lambda q, l: kinetic_energy(_BODY, l),
@@ -41,7 +41,7 @@ _KEPT: dict[str, Callable[[Any, Any], Any]] = {  # what `conserves` may name, of
 }
 _FACTS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "order": (lambda x: _is_real(x) and x >= 1, "a number of 1 or more"),
-    "evaluations": (lambda x: isinstance(x, int) and x >= 0, "torques a step, a whole number"),
+    "evaluations": (lambda x: isinstance(x, int) and x >= 0, "torques per step, an integer"),
     "is_reversible": (lambda x: isinstance(x, bool), "True or False"),
     "conserves": (
         lambda x: isinstance(x, tuple) and set(x) <= _KEPT.keys(),
@@ -53,7 +53,7 @@ _FACTS: dict[str, tuple[Callable[[Any], bool], str]] = {
 
 
 class _Counted(NamedTuple):
-    """An effect that counts how often its torque is asked for."""
+    """An effect that counts the evaluations of its torque."""
 
     times: Any
 
@@ -63,13 +63,13 @@ class _Counted(NamedTuple):
 
 
 def is_integrator(value: Any) -> bool:
-    """Whether a value is an integrator: a NamedTuple, not its class, with a way to make steps."""
+    """Return whether a value is an integrator: an instance of a NamedTuple that makes steps."""
     ways = any(implements(value, way) for way in ("step", "scheme", *OLD_MAKERS))
     return ways and isinstance(value, tuple)
 
 
 def known_facts(value: Any, word: str) -> Integrator:
-    """A user's integrator with the defaults of the facts that it leaves out; SceneError.
+    """Return a custom integrator with defaults for the properties that it omits; SceneError.
 
     word : its name in a scene
     """
@@ -84,7 +84,7 @@ def known_facts(value: Any, word: str) -> Integrator:
     for fact, (right, expected) in _FACTS.items():
         if not implements(value, fact):
             raise PartError.of(value, f"is missing: {expected}", at, fact)
-        free = fact == "accepts" and implements(value, "is_splitting")  # in other words
+        free = fact == "accepts" and implements(value, "is_splitting")  # an equivalent property
         if not free and not right(getattr(value, fact)):
             rule = f"is {getattr(value, fact)!r}, expected {expected}"
             raise PartError.of(value, rule, at, fact)
@@ -92,9 +92,9 @@ def known_facts(value: Any, word: str) -> Integrator:
 
 
 def check_user_integrator(one: Any, word: str) -> None:
-    """Raise SceneError, with class, line and rule, for a user's integrator that no kernel could
-    use, or that is not what its facts say."""
-    if not implements(one, "step"):  # its steps are made by a scheme
+    """Raise SceneError, with class, line and rule, for a custom integrator that no kernel can use,
+    or that contradicts its properties."""
+    if not implements(one, "step"):  # a scheme makes its steps
         return
     trial = Trial(f"integrators.{word}", one)
     trial.read(interleaving, extra_state, precompute, to_stepping, step, from_stepping)
@@ -106,13 +106,13 @@ def check_user_integrator(one: Any, word: str) -> None:
         asked: list[int] = []
         _step(trial, (_Counted(asked),), some[0], _STEP)
         if len(asked) != one.evaluations:
-            rule = f"is {one.evaluations}, but a step asks for {len(asked)} torques"
+            rule = f"is {one.evaluations}, but a step evaluates {len(asked)} torques"
             raise trial.complaint("evaluations", rule)
     _check_order(trial, some)
 
 
 def _check_kept(trial: Trial, some: list[State]) -> None:
-    """What the facts say of a free body has to hold in a step."""
+    """Check that a step of a free body has the stated properties."""
     for state in some:
         after = _step(trial, (), state, _STEP)
         for name in trial.part.conserves:
@@ -127,7 +127,7 @@ def _check_kept(trial: Trial, some: list[State]) -> None:
 
 
 def _check_order(trial: Trial, some: list[State]) -> None:
-    """The error of a step has to fall as h^(order + 1)."""
+    """Check that the error of a step falls as h^(order + 1)."""
     effects = (Gravity(1.0),) if trial.part.accepts == "any torque" else ()
     truth = trial._replace(part=INTEGRATORS["rk8"])
     errors = []
@@ -139,7 +139,7 @@ def _check_order(trial: Trial, some: list[State]) -> None:
                 true = _step(truth, effects, true, h / 8.0)
             error += _apart(true, _step(trial, effects, state, h))
         errors.append(error)
-    if errors[1] < 1e-12 or not errors[0] > 0.0:  # as exact as the truth
+    if errors[1] < 1e-12 or not errors[0] > 0.0:  # as exact as the reference
         return
     order = math.log2(errors[0] / errors[1]) - 1.0
     if order < trial.part.order - _SLACK:
@@ -148,7 +148,7 @@ def _check_order(trial: Trial, some: list[State]) -> None:
 
 
 def _step(trial: Trial, effects: tuple[Any, ...], state: State, h: float) -> State:
-    """The state after a step; SceneError unless that is a quaternion and a vector."""
+    """Return the state after a step; SceneError unless it is a quaternion and a vector."""
     one, substep, t = trial.part, (h, h, 0.0), state.t
     values: dict[str, Any] = {"body": _BODY, "effects": effects, "t": t, "h": h, "substep": substep}
     q, l = state.q, state.l + tuple(extra_state(one))
@@ -157,16 +157,16 @@ def _step(trial: Trial, effects: tuple[Any, ...], state: State, h: float) -> Sta
     found = trial.called(step, values)
     pair = isinstance(found, tuple) and [len(x) for x in found if isinstance(x, tuple)]
     if pair != [len(q), len(l)]:
-        rule = f"gives {found!r}, expected (q, L): tuples of {len(q)} and {len(l)} numbers"
+        rule = f"returns {found!r}, expected (q, L): tuples of {len(q)} and {len(l)} numbers"
         raise trial.complaint("step", rule)
     q, l = from_stepping(one, _BODY, effects, t + h, (0.0, 0.0, 0.0), *found)
     if not np.isfinite(np.array(q + l[:3], dtype=float)).all():
-        raise trial.complaint("step", f"gives {found!r}, which is not finite")
+        raise trial.complaint("step", f"returns {found!r}, which is not finite")
     return State(t + h, q, l[:3])
 
 
 def _apart(one: State, other: State) -> float:
-    """The largest difference of two states."""
+    """Return the largest difference of two states."""
     return float(np.abs(np.subtract(one.q + one.l, other.q + other.l)).max())
 
 

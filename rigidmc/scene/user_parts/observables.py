@@ -1,6 +1,6 @@
-"""A user's observable, checked before it is compiled.
+"""Check of a custom observable before compilation.
 
-Its facts, what its methods ask for, what they return, and whether its results are those it states.
+It checks the properties, the arguments and return values of the methods, and the stated results.
 """
 
 from collections.abc import Iterable, Mapping
@@ -34,12 +34,12 @@ from rigidmc.physics.observables.protocol import (
 from rigidmc.scene.user_parts.effects import BODY
 
 _START = 1.0, 1.0, 1.0, 1.0
-_MEMBERS = 3  # for which results are tried
+_MEMBERS = 3  # number of members in a trial of results
 
 
 def check_user_observable(one: Any, effects: tuple[Any, ...]) -> None:
-    """Raise SceneError, with class, line and rule, for a user's observable that no kernel could
-    use. effects : those of the scene, as compiled code has them"""
+    """Raise SceneError, with class, line and rule, for a custom observable that no kernel can use.
+    effects : effects of the scene, in the form of compiled code"""
     if not is_own(one):
         return
     trial = Trial(f"observables.{word_of_observable(one)}", one)
@@ -52,29 +52,29 @@ def check_user_observable(one: Any, effects: tuple[Any, ...]) -> None:
     _check_outputs(trial, one.outputs)
     _check_event_times(trial, one.event_times, one.outputs)
     if isinstance(one, Event):
-        # what is compiled depends on the moments only for shipped events
+        # compiled code depends on the moments only for shipped events
         compiled = trial.run("bind", np.ones((3, 1)), True, effects)
         _check_event(trial._replace(part=as_floats(trial, compiled)), effects)
         found = trial.run("results", EventRecord(*[np.ones(_MEMBERS)] * len(EventRecord._fields)))
     elif isinstance(one, Running):
         whole = isinstance(one.state_size, int) and one.state_size > 0
-        _check_fact(trial, "state_size", whole, "a whole number of 1 or more")
+        _check_fact(trial, "state_size", whole, "an integer of 1 or more")
         _check_running(trial._replace(part=as_floats(trial, one)), effects, one.state_size)
         found = trial.run("results", np.ones((one.state_size, _MEMBERS)), np.ones(_MEMBERS))
     else:
-        raise trial.complaint("outputs", "expected an observable, an event, or a running one")
+        raise trial.complaint("outputs", "expected an observable, event or running observable")
     _check_results(trial, one.outputs, found)
 
 
 def as_floats(trial: Trial, part: Any) -> Any:
-    """A NamedTuple with the numbers that compiled code sees, which are floats; SceneError."""
+    """Return a NamedTuple with floats, the numbers of compiled code; SceneError."""
 
     def plain(name: str, value: Any) -> Any:
         if isinstance(value, tuple):
             parts = [plain(name, x) for x in value]
             return type(value)(*parts) if implements(value, "_fields") else tuple(parts)
         if not isinstance(value, (bool, int, float, np.number)):
-            rule = f"is {value!r}: {RULE}; `bind` can give an event of numbers alone"
+            rule = f"is {value!r}: {RULE}; `bind` can return an event with only numbers"
             raise trial.complaint(name, rule)
         return float(value)
 
@@ -113,7 +113,7 @@ def _check_event_times(trial: Trial, stated: Any, outputs: Mapping[str, Any]) ->
 def _check_recorded(trial: Trial, effects: Any) -> None:
     trial.read(value)
     if "works" in argument_names(trial.part, "value"):
-        raise trial.complaint("value", "asks for works, which only the observable work is given")
+        raise trial.complaint("value", "uses works, which only the observable work receives")
     for state in states():
         some = {"body": BODY, "effects": effects, **state._asdict(), "start": _START, "works": ()}
         trial.numbers(value, some, size(trial.part.dims))
@@ -121,7 +121,7 @@ def _check_recorded(trial: Trial, effects: Any) -> None:
 
 def _check_event(trial: Trial, effects: Any) -> None:
     if not implements(trial.part, "level"):
-        rule = "is missing: an event has a level, which passes through 0 when it happens"
+        rule = "is missing: an event needs a level, which passes through 0 when it happens"
         raise trial.complaint("level", rule)
     trial.read(level, armed, counts_at_start, is_terminal)
     for state in states():
@@ -143,20 +143,20 @@ def _check_running(trial: Trial, effects: Any, size_of_state: int) -> None:
         pairs = trial.called(extremum_limits, {"state": numbers})
         pair = isinstance(pairs, tuple) and all(isinstance(p, tuple) and len(p) == 2 for p in pairs)
         if not pair or len(pairs) != count:
-            rule = f"gives {pairs!r}, expected (low, high) for each number of extrema: {count}"
+            rule = f"returns {pairs!r}, expected (low, high) for each number of extrema: {count}"
             raise trial.complaint("extremum_limits", rule)
     trial.numbers(is_time_average, {})
     trial.numbers(reweighed, {"state": numbers, "longer": 1.5}, size_of_state)
 
 
 def _check_results(trial: Trial, outputs: Mapping[str, Any], found: Any) -> None:
-    """The results have to be those of `outputs`, in its order, with one number per member."""
+    """Check that the results match `outputs`, in its order, with one number per member."""
     names: Iterable[str] = found if isinstance(found, Mapping) else ()
     if list(names) != list(outputs):
         given = ", ".join(names) or type(found).__name__
-        raise trial.complaint("results", f"gives {given}, expected {', '.join(outputs)}")
+        raise trial.complaint("results", f"returns {given}, expected {', '.join(outputs)}")
     for name, (_, _, dims) in outputs.items():
         shape = (*(len(DIMENSIONS[d].labels) for d in dims), _MEMBERS)
         if np.shape(found[name]) != shape:
-            rule = f"gives {name} of shape {np.shape(found[name])}, expected {shape}"
+            rule = f"returns {name} with shape {np.shape(found[name])}, expected {shape}"
             raise trial.complaint("results", f"{rule} for {_MEMBERS} members")

@@ -1,6 +1,6 @@
-"""Parts of a user's own in a scene: their classes from Python files, and what stands in for them.
+"""Custom effects, observables, integrators and distributions: their classes, and placeholders.
 
-A table names its class by its own name, as in [effects.Wind], and the file by module = "wind.py".
+A table gives the class by its own name, as in [effects.Wind], and the file by module = "wind.py".
 """
 
 from collections import namedtuple
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rigidmc.scene.parts import Parts
 
 Code = str | bool | None
-# What opening a result asks of a part whose code is not run: nothing of it is compiled.
+# attributes needed to open a result without running the code of a class: none of it is compiled
 _FACTS: dict[str, dict[str, Any]] = {
     "effects": {"torque": lambda self: 0.0, "energy": lambda self: 0.0},
     "observables": {"check": lambda self: None, "units": "", "long_name": "", "dims": ()},
@@ -36,11 +36,11 @@ _FACTS: dict[str, dict[str, Any]] = {
 
 
 def load_user_class(name: str, module: Any, at: str, code: Code) -> type[Any] | None:
-    """The class of a part from the Python file that defines it; SceneError.
+    """Return a class from the Python file that defines it; SceneError.
 
     at : the table, such as effects.Wind
-    code : folder of the Python files that may be run; False if none may be run; None if stand-ins
-        without physics stand for their classes, which are then None
+    code : folder of the Python files that may be run; False if none may be run; None to return None
+        for the class, which a placeholder without physics then replaces
     """
     if not isinstance(module, str):
         raise SceneError("expected the name of a Python file", at=f"{at}.module", value=module)
@@ -48,7 +48,7 @@ def load_user_class(name: str, module: Any, at: str, code: Code) -> type[Any] | 
         return None
     if not isinstance(code, str):
         rule = (
-            "is code, and scene files execute nothing; look at it, then allow it with --allow-code"
+            "is code, and scene files execute nothing; inspect it, then allow it with --allow-code"
             " (in Python allow_code=True)"
         )
         raise SceneError(rule, at=f"{at}.module", value=module)
@@ -56,8 +56,8 @@ def load_user_class(name: str, module: Any, at: str, code: Code) -> type[Any] | 
 
 
 def make_stand_in(kind: str, name: str, table: dict[str, Any]) -> type[Any]:
-    """A class with the parameters of a table [kind.name] and without physics, in place of code that
-    is not run."""
+    """Make a placeholder for a class whose code is not run: the parameters of a table [kind.name],
+    without physics."""
     fields = [key for key in table if key != "module"]
     make: Any = namedtuple  # its fields are known at run time
     try:
@@ -73,9 +73,9 @@ def make_stand_in(kind: str, name: str, table: dict[str, Any]) -> type[Any]:
 
 
 def make_distribution_stand_in(name: str, table: Any, at: str) -> type[VectorDistribution]:
-    """The same for a distribution of a key such as start.omega."""
+    """Make a placeholder for a distribution of a key such as start.omega."""
     if not isinstance(table, dict) or not all(map(str.isidentifier, (name, *table))):
-        raise SceneError("expected the parameters of a law", at=at, value=table)
+        raise SceneError("expected the parameters of a distribution", at=at, value=table)
     key = at.rpartition(".")[2]
     facts = {"variables": (key,), "check": lambda self, at: self, "stand_in": True}
     made: type[VectorDistribution] = make_dataclass(
@@ -85,8 +85,7 @@ def make_distribution_stand_in(name: str, table: Any, at: str) -> type[VectorDis
 
 
 def user_parts_of(scene: "Parts") -> Iterator[Any]:
-    """The effects, observables, integrators and distributions of a scene that are of the user's
-    own."""
+    """Yield the custom effects, observables, integrators and distributions of a scene."""
     yield from (e for e in scene.effects if type(e) not in EFFECTS.values())
     yield from filter(is_own, scene.observables)
     yield from scene.integrators
@@ -98,6 +97,6 @@ def user_parts_of(scene: "Parts") -> Iterator[Any]:
 
 
 def module_of(part: Any) -> dict[str, str]:
-    """{"module": file} of a part of the user's own; {} if it is in no file."""
+    """Return {"module": file} of a custom class's instance; {} if the class has no file."""
     file = source_of(type(part))
     return {} if file is None else {"module": file}

@@ -1,7 +1,7 @@
-"""Vectors drawn as a whole. A new distribution is one file with a subclass of
-`protocol.VectorDistribution`, and one line below."""
+"""Distributions of vectors. To add one, write a file with a subclass of
+`protocol.VectorDistribution`, and add a line below."""
 
-# One line for each distribution, in the order in which messages name them.
+# one line for each distribution, in the order of messages
 # isort: off
 from rigidmc.scene.vector_distributions.vectors import Cone as Cone
 from rigidmc.scene.vector_distributions.vectors import Sphere as Sphere
@@ -30,14 +30,13 @@ VECTOR_DISTRIBUTIONS: list[type[VectorDistribution]] = [
 
 
 def distributions_of(at: str) -> dict[str, type[VectorDistribution]]:
-    """{word: distribution} of the distributions that a key of a scene takes, such as "omega" or
-    "start.omega"."""
+    """Return {name: distribution} for a key of a scene, such as "omega" or "start.omega"."""
     key = at.rpartition(".")[2]
     return {kind.name: kind for kind in VECTOR_DISTRIBUTIONS if key in kind.variables}
 
 
 def check_distribution(distribution: VectorDistribution, at: str) -> VectorDistribution:
-    """A distribution with its parameters checked; SceneError."""
+    """Return a distribution with checked parameters; SceneError."""
     kinds = distributions_of(at)
     if type(distribution) not in VECTOR_DISTRIBUTIONS:
         return check_user_distribution(distribution, at)
@@ -54,11 +53,11 @@ def make_distribution(
     parse: Callable[[Any], Any],
     own: type[VectorDistribution] | None = None,
 ) -> VectorDistribution | None:
-    """The distribution of a table in a scene file; None if the word names no distribution of the
-    key `at`.
+    """Make the distribution of a table in a scene file; None if the key `at` has no distribution
+    with the name `word`.
 
-    parse : function that turns a value of the file into a quantity
-    own : the class, if it is one of the user's own
+    parse : function that converts a value of the file to a quantity
+    own : the class of a custom distribution
     """
     kind = own or distributions_of(at).get(word)
     if kind is None:

@@ -1,4 +1,4 @@
-"""Distributions of the attitude: about a mean attitude, and about a direction of space."""
+"""Distributions of the attitude: about a mean attitude, and about a direction in space."""
 
 import math
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class Fisher(VectorDistribution):
 
         density ~ exp(kappa tr(M^T R)) = exp(kappa (1 + 2 cos angle))
 
-    For large kappa each of the three small angles is normal with variance 1/(2 kappa).
+    For large kappa, each of the three small angles is normal with variance 1/(2 kappa).
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Fisher(VectorDistribution):
 
 @dataclass(frozen=True)
 class Pointing(VectorDistribution):
-    """Attitudes whose axis 3 lies about a direction of space: the von Mises-Fisher distribution.
+    """Attitudes with axis 3 about a direction in space: the von Mises-Fisher distribution.
 
     Density (Mardia & Jupp, Directional Statistics, 9.3.2)::
 
@@ -132,8 +132,8 @@ class Pointing(VectorDistribution):
 
 @lru_cache(maxsize=64)
 def _rotation_angles(kappa: float) -> tuple[Array, Array]:
-    """(distribution function, angle) of Fisher's distribution at 20,001 angles, dense where the
-    density is large.
+    """Return (distribution function, angle) of Fisher's distribution at 20,001 angles, dense where
+    the density is large.
 
         density ~ (1 - cos angle) exp(2 kappa cos angle)
     """

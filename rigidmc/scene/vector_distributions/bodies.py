@@ -1,4 +1,4 @@
-"""Distributions of the principal moments of inertia, and of the whole inertia of a body."""
+"""Distributions of the principal moments of inertia, and of the inertia tensor of a body."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class SecondMoments(VectorDistribution):
 
         I1 = b + c,  I2 = c + a,  I3 = a + b
 
-    A body exists for any positive a, b, c.
+    A body with these moments exists for any positive a, b, c.
 
     Parameters
     ----------
@@ -62,37 +62,37 @@ class SecondMoments(VectorDistribution):
 
 @dataclass(frozen=True)
 class UncertainInertia(VectorDistribution):
-    """An inertia tensor, and perhaps centre of mass and mass, of which a covariance is known.
+    """An inertia tensor, optionally with centre of mass and mass, with a given covariance.
 
-    The log-Cholesky numbers of the body are normal (`rigidmc.mechanics.log_cholesky`), with the
-    covariance that the given one becomes by their rates of change: every draw is a body. Where
-    moments of a compact body are known to 5 %, means are off by 0.01 deviations or less, deviations
-    by 2 % and correlations by 0.03. The small moment of a slender body spreads more, because it is
-    at least the difference of the other two: with moments of (10, 56, 60) known to 2 % its
-    deviation is too large by 1 % if the errors of the large two are correlated by 0.9, and by half
-    if they are independent (`tests/scene/test_uncertain_inertia.py`). Draw some,
-    `body.sample(0, 0, 10000)`, and compare.
+    The log-Cholesky numbers of the body are normal (`rigidmc.mechanics.log_cholesky`); the given
+    covariance, propagated to first order, is their covariance. Every draw is therefore a possible
+    body. For a compact body with moments known to 5 %, the drawn means are off by at most 0.01
+    standard deviations, the standard deviations by 2 % and the correlations by 0.03. The small
+    moment of a slender body spreads more, because it is at least the difference of the other two:
+    for moments (10, 56, 60) known to 2 %, its standard deviation is too large by 1 % if the errors
+    of the large two have the correlation 0.9, and by half if they are independent
+    (`tests/scene/test_uncertain_inertia.py`). Draw a sample, `body.sample(0, 0, 10000)`, and
+    compare.
     Source: Rucker & Wensing, IEEE Robotics and Automation Letters 7 (2022) 2771.
 
-    The principal axes differ from member to member, and each is named after the axis of the mean
-    tensor that it lies nearest to. A start, and the vectors of effects that are fixed in the body,
-    are given in the principal axes of the mean tensor and turned into those of the member;
-    distributions of ensembles, damping rates and direction potentials stay with the axes of the
-    member. Results are in the axes of the member: `principal_axes` has its attitude, and
-    `ds.rigid.described("omega")` turns back.
+    The principal axes differ between members; each is labelled after the nearest axis of the mean
+    tensor. Give the start, and the body-fixed vectors of effects, in the principal axes of the mean
+    tensor; they are transformed to the axes of each member. Equilibrium ensembles, damping rates
+    and direction potentials refer to the axes of the member. Results are in the axes of the member:
+    `principal_axes` has its attitude, and `ds.rigid.described("omega")` transforms back.
 
     Parameters
     ----------
     mean : array_like (3, 3) [kg m^2]
         inertia tensor about the fixed point
     covariance : array_like (6, 6), (9, 9) or (10, 10)
-        of its elements xx, yy, zz, yz, zx, xy [kg m^2]; then of the components of the centre of
-        mass [m]; then of the mass [kg], whose means are `centre` and `mass` of the body. A product
-        is an element of the tensor: I_xy = -int x y dm. Zeros stand for what is known exactly
+        covariance of the elements xx, yy, zz, yz, zx, xy [kg m^2]; then of the components of the
+        centre of mass [m] and of the mass [kg], whose means are `centre` and `mass` of the body. A
+        product of inertia is an element of the tensor: I_xy = -int x y dm. Zeros mark exact values
     centre : array_like (3,), optional [m]
-        mean centre of mass from the origin of the tensor, of a body that turns about its centre of
-        mass, as a satellite does: each draw's tensor I about the origin becomes
-        I - m (c^2 1 - c c^T), with its own m and c. `Body.with_pivot_at_centre` makes such a
+        mean centre of mass from the origin of the tensor, for a body that rotates about its centre
+        of mass, such as a satellite: the tensor I of each draw about the origin becomes
+        I - m (c^2 1 - c c^T), with the m and c of the draw. `Body.with_pivot_at_centre` makes this
         distribution
 
     Examples
@@ -119,9 +119,9 @@ class UncertainInertia(VectorDistribution):
         return UncertainInertia(mean, covariance, centre)
 
     def mean_tensor(self, mass: float) -> Array:
-        """The mean tensor (3, 3) about the point about which the body turns.
+        """Return the mean tensor (3, 3) about the fixed point of the body.
 
-        mass : its mean
+        mass : mean mass
         """
         if self.centre is None:
             return np.array(self.mean)
@@ -130,7 +130,7 @@ class UncertainInertia(VectorDistribution):
         return tensor
 
     def resized(self, mass: float, length: float) -> "UncertainInertia":
-        """The same distribution in units in which masses and lengths have these factors."""
+        """Return the distribution in units that multiply masses and lengths by these factors."""
         inertia = mass * length * length
         by = ((inertia,) * 6 + (length,) * 3 + (mass,))[: len(self.covariance)]
         return UncertainInertia(
@@ -151,10 +151,10 @@ class UncertainInertia(VectorDistribution):
         mass: float,
         centre: Sequence[float],
     ) -> Array:
-        """Parameters (10, count) of the members, see `rigidmc.mechanics.log_cholesky`.
+        """Return parameters (10, count) of the members, see `rigidmc.mechanics.log_cholesky`.
 
-        mass, centre : their means. If the body turns about its centre of mass, the parameters are
-            those about it, and the centre is 0
+        mass, centre : means. If the body rotates about its centre of mass, the returned tensor is
+            about the centre of mass, and the returned centre is 0
         """
         turns = self.centre is not None
         normal = (Distribution("normal", (0.0, 1.0)),) * len(self.covariance)
@@ -174,8 +174,8 @@ class UncertainInertia(VectorDistribution):
 
 
 def _about_centre(six: Any, centre: Any, mass: Any) -> tuple[Any, ...]:
-    """xx, yy, zz, yz, zx, xy of I - m (c^2 1 - c c^T), TdC (3.28), number by number: bits depend on
-    no library."""
+    """Return xx, yy, zz, yz, zx, xy of I - m (c^2 1 - c c^T), TdC (3.28), element by element, so
+    that no bit depends on a library."""
     xx, yy, zz, yz, zx, xy = six
     x, y, z = centre
     return (
@@ -192,20 +192,20 @@ def _about_centre(six: Any, centre: Any, mass: Any) -> tuple[Any, ...]:
 def _spread(
     distribution: UncertainInertia, mass: float, centre: tuple[float, ...]
 ) -> tuple[Any, Any]:
-    """(log-Cholesky numbers of the mean body, how each standard normal deviate changes them);
-    SceneError if there is no such body."""
+    """Return (log-Cholesky numbers of the mean body, their change per standard normal deviate);
+    SceneError if the mean body cannot exist."""
     parameters = (*elements(distribution.mean), *centre, mass)
     try:
         middle = numbers_of(parameters)
     except (ValueError, ZeroDivisionError):
-        rule = "no body has this tensor, mass and centre of mass, or it is flat"
+        rule = "no body can have this tensor, mass and centre of mass, or the body is flat"
         raise SceneError(
             rule, at="body.tensor", value=[list(row) for row in distribution.mean]
         ) from None
     columns = zip(*cholesky_factor(distribution.covariance), strict=True)
     rest = [0.0] * (len(parameters) - len(distribution.covariance))
     ways = [rates_of(parameters, [*column, *rest]) for column in columns]
-    # the parameters bend by half of this, which moves their mean
+    # half of this second difference, the curvature of the parameters, shifts their mean
     around = [
         [m + sign * w for m, w in zip(middle, way, strict=True)]
         for way in ways

@@ -1,4 +1,4 @@
-"""The ensembles of statistical mechanics: a shell of given energy, and thermal equilibrium."""
+"""Ensembles of statistical mechanics: an energy shell, and thermal equilibrium."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -20,14 +20,14 @@ from rigidmc.scene.vector_distributions.protocol import (
 )
 from rigidmc.scene.vector_distributions.vectors import directions, uniform_attitudes
 
-# uniform attitudes tried for each member: if one in a hundred is accepted, none of 1e17 members
-# is left without
+# uniform attitudes tried for each member: at an acceptance of 1 %, fewer than one in 1e17 members
+# gets none
 TRIES = 4096
 
 
 @dataclass(frozen=True)
 class Shell(EquilibriumEnsemble):
-    """The angular momentum of a given energy.
+    """Angular momentum of a given energy.
 
     On the energy shell::
 
@@ -40,8 +40,8 @@ class Shell(EquilibriumEnsemble):
     energy : quantity [J]
         E
     direction : array_like (3,), optional
-        direction of L in the body; without one L is uniform on the shell (microcanonical
-        ensemble), L = sqrt(2 (E - V) I) n with n uniform on the sphere
+        direction of L in the body; by default L is uniform on the shell (microcanonical ensemble),
+        L = sqrt(2 (E - V) I) n with n uniform on the sphere
 
     Examples
     --------
@@ -63,8 +63,8 @@ class Shell(EquilibriumEnsemble):
         return Shell(energy, fixed_vector(self.direction, f"{at}.direction", 3))
 
     def acceptance(self, seed: int, first: int, count: int, facts: MemberFacts) -> Density:
-        """sqrt(E - V(q)), the part of the shell that an attitude leaves to momenta, divided by its
-        bound."""
+        """Return sqrt(E - V(q)) divided by its bound: the volume of momenta on the shell at each
+        attitude, relative."""
         (energy,) = draw((self.energy,), seed, "start.momentum.energy", first, count)
         with np.errstate(all="ignore"):
             most = np.where(energy + facts.bound > 0.0, energy + facts.bound, np.nan)
@@ -91,7 +91,7 @@ class Shell(EquilibriumEnsemble):
 
 @dataclass(frozen=True)
 class GibbsMomentum(EquilibriumEnsemble):
-    """The angular momentum in thermal equilibrium: density exp(-T/kT).
+    """Angular momentum in thermal equilibrium, with density exp(-T/kT) for the kinetic energy T.
 
     L_i is normal with variance I_i kT.
 
@@ -116,7 +116,7 @@ class GibbsMomentum(EquilibriumEnsemble):
         return GibbsMomentum(number(self.kT, f"{at}.kT", least=0.0))
 
     def acceptance(self, seed: int, first: int, count: int, facts: MemberFacts) -> Density:
-        """exp(-V(q)/kT), divided by its bound."""
+        """Return exp(-V(q)/kT) divided by its bound."""
         (kT,) = draw((self.kT,), seed, "start.momentum.kT", first, count)
         return lambda q: exponential_of(-(facts.potential(q) + facts.bound) / kT)
 
@@ -131,10 +131,10 @@ class GibbsMomentum(EquilibriumEnsemble):
 
 
 def attitudes_of_ensemble(share: Density, seed: Source, first: int, count: int) -> Array:
-    """Unit quaternions (4, count) of density proportional to share(q) <= 1, by rejection: the first
-    uniform attitude of a member that is accepted; nan if none of TRIES is."""
+    """Draw unit quaternions (4, count) with density proportional to share(q) <= 1, by rejection:
+    each member gets its first accepted uniform attitude; nan if none of TRIES is accepted."""
     if not is_seed(seed):
-        rule = "attitudes of an ensemble are drawn by rejection, which takes independent points"
+        rule = "attitudes of an ensemble are drawn by rejection, which needs independent points"
         raise SceneError(rule, at="run.points")
     q, left = np.full((4, count), np.nan), np.ones(count, bool)
     for i in range(TRIES):

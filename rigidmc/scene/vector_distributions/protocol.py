@@ -1,5 +1,5 @@
-"""What the package asks of a distribution of vectors, the checks of parameters that they share, and
-the trial of a user's own: shapes, and that no draw depends on which members are drawn with it.
+"""Interface of vector distributions, common checks of their parameters, and the trial of custom
+distributions: shapes, and that no draw depends on the members drawn with it.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ Density = Callable[[Array], Array]  # of attitudes (4, n)
 
 
 class MemberFacts(NamedTuple):
-    """What a distribution may depend on.
+    """Facts about members on which a distribution may depend.
 
     moments : principal moments (3, n) [kg m^2]
     potential : function of attitudes (4, n) that returns potential energies (n,) [J]
@@ -36,15 +36,15 @@ class MemberFacts(NamedTuple):
 
 @dataclass(frozen=True)
 class VectorDistribution:
-    """A vector drawn as a whole. Its fields are numbers, distributions and grids.
+    """A distribution of a vector. Its fields are numbers, distributions and grids.
 
-    What its class states::
+    Class attributes::
 
-        name : in a scene file, by default that of the class in snake_case, as in
+        name : name in a scene file, by default the class name in snake_case, as in
             omega = { cone = { axis = 2, size = 1.0, angle = 0.01 } }
-        variables : the keys of a scene that take it, of omega, momentum, moments and attitude
+        variables : keys of a scene that accept it, from omega, momentum, moments and attitude
         scaling : {field: power}, how a field scales with the vector; "energy" for a field in joules
-        uses_scipy : whether scipy computes it, whose versions may round differently
+        uses_scipy : whether it uses scipy, whose versions may round differently
     """
 
     name: ClassVar[str]
@@ -58,9 +58,9 @@ class VectorDistribution:
             cls.name = word_of(cls)
 
     def check(self, at: str) -> Self:
-        """The distribution with its parameters checked; SceneError below the path `at`.
+        """Return the distribution with checked parameters; SceneError below the path `at`.
 
-        By default each is a number, a distribution or a grid, or several of them.
+        By default each parameter is a number, a distribution or a grid, or several of them.
         """
         parts = {
             name: numbers(value, f"{at}.{name}", len(value))
@@ -73,42 +73,43 @@ class VectorDistribution:
     def sample(
         self, sampler: Source, name: str, first: int, count: int, facts: MemberFacts | None
     ) -> Array:
-        """Vectors (3, count), or quaternions (4, count), of members first ... first + count - 1.
+        """Draw vectors (3, count) or quaternions (4, count), members first ... first + count - 1.
 
-        sampler : what the numbers are drawn from, a seed or points
-        name : of the random stream
+        sampler : source of numbers, a seed or points
+        name : name of the random stream
         facts : MemberFacts of the members; None for distributions of moments and attitudes
         """
         raise NotImplementedError
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """The names of the fields."""
+        """Return the names of the fields."""
         return tuple(field.name for field in fields(cls))
 
     @classmethod
     def required(cls) -> tuple[str, ...]:
-        """The names of the fields that have no default."""
+        """Return the names of the fields without a default."""
         return tuple(field.name for field in fields(cls) if field.default is MISSING)
 
     def as_dict(self) -> dict[str, Any]:
-        """{field: value}."""
+        """Return {field: value}."""
         return {name: getattr(self, name) for name in self.names()}
 
 
 class EquilibriumEnsemble(VectorDistribution):
-    """A distribution of the momentum that is part of a statistical ensemble, and tells its
-    attitudes too."""
+    """A distribution of the momentum that is part of a statistical ensemble, and also determines
+    the attitudes."""
 
     direction: Any = None
 
     def acceptance(self, seed: int, first: int, count: int, facts: MemberFacts) -> Density:
-        """The density of attitudes, divided by its bound."""
+        """Return the density of attitudes, divided by its bound."""
         raise NotImplementedError
 
 
 def flat_parameters(distribution: VectorDistribution) -> tuple[Any, ...]:
-    """All parameters of a distribution, distributions and grids among them, in one flat tuple."""
+    """Return all parameters of a distribution, including distributions and grids, as a flat
+    tuple."""
     flat: list[Any] = []
     for value in distribution.as_dict().values():
         several = isinstance(value, (tuple, list))
@@ -117,9 +118,10 @@ def flat_parameters(distribution: VectorDistribution) -> tuple[Any, ...]:
 
 
 def number(value: Any, at: str, least: float = -np.inf) -> Any:
-    """A number, a distribution or a grid whose values are at least `least`; SceneError.
+    """Check a number, a distribution or a grid with values of at least `least`; SceneError.
 
-    Of a distribution the 1e-9 quantile counts. A normal distribution is taken as meant.
+    The smallest value of a distribution is its 1e-9 quantile; for a normal distribution it counts
+    as 0.
     """
     value = quantity(value, at)
     if isinstance(value, np.ndarray):
@@ -129,12 +131,12 @@ def number(value: Any, at: str, least: float = -np.inf) -> Any:
     else:
         low = value if isinstance(value, float) else value.low
     if low < least:
-        raise SceneError(f"has to be {least:g} or more", at=at, value=low)
+        raise SceneError(f"must be {least:g} or more", at=at, value=low)
     return value
 
 
 def numbers(values: Any, at: str, size: int) -> tuple[Any, ...]:
-    """`size` numbers, distributions or grids; SceneError."""
+    """Check `size` numbers, distributions or grids; SceneError."""
     values = as_plain_arrays(values, at)
     if isinstance(values, str) or not hasattr(values, "__len__") or len(values) != size:
         raise SceneError(f"expected {size} numbers", at=at, value=values)
@@ -142,8 +144,8 @@ def numbers(values: Any, at: str, size: int) -> tuple[Any, ...]:
 
 
 def check_semidefinite(value: Any, at: str, sizes: Sequence[int]) -> tuple[Any, ...]:
-    """A symmetric matrix without negative eigenvalues, of one of these sizes, as a tuple of rows;
-    SceneError."""
+    """Return a symmetric matrix without negative eigenvalues, with one of these sizes, as a tuple
+    of rows; SceneError."""
     wanted = " or ".join(f"{size}x{size}" for size in sizes)
     rule = f"expected a symmetric matrix of {wanted} finite numbers without negative eigenvalues"
     array = floats(value, at, rule=rule)
@@ -153,7 +155,7 @@ def check_semidefinite(value: Any, at: str, sizes: Sequence[int]) -> tuple[Any, 
     scale = np.outer(scale, scale)
     if (np.abs(array - array.T) > 1e-9 * scale).any():
         raise SceneError(rule, at=at, value=array.tolist())
-    # what is divided by 1 is not taken
+    # the quotient by 1 is not selected
     ones = np.where(scale > 0.0, array / np.where(scale > 0.0, scale, 1.0), 0.0)
     if np.linalg.eigvalsh(ones).min() < -1e-9 or (array[scale == 0.0] != 0.0).any():
         raise SceneError(rule, at=at, value=array.tolist())
@@ -161,7 +163,7 @@ def check_semidefinite(value: Any, at: str, sizes: Sequence[int]) -> tuple[Any, 
 
 
 def fixed_vector(values: Any, at: str, size: int) -> tuple[float, ...]:
-    """A vector of `size` plain numbers that has a direction; SceneError."""
+    """Return a nonzero vector of `size` plain numbers; SceneError."""
     vector = numbers(values, at, size)
     if not all(isinstance(x, float) for x in vector):
         raise SceneError("expected plain numbers", at=at)
@@ -171,7 +173,7 @@ def fixed_vector(values: Any, at: str, size: int) -> tuple[float, ...]:
 
 
 def concentration(value: Any, at: str) -> float:
-    """The concentration kappa of a distribution of directions; SceneError."""
+    """Return the concentration kappa of a distribution of directions; SceneError."""
     kappa = number(value, at)
     if not isinstance(kappa, float) or not 0.0 <= kappa <= 1e12:
         shown = value if isinstance(value, (int, float)) else None
@@ -180,7 +182,7 @@ def concentration(value: Any, at: str) -> float:
 
 
 KEYS = ("omega", "momentum", "moments", "attitude")
-OLD_WORDS = {  # facts and methods of earlier versions, and what they are called now; until 1.0
+OLD_WORDS = {  # {earlier name: current name} of properties and methods, until 1.0
     "by_scipy": "uses_scipy",
     "checked": "check",
     "of": "variables",
@@ -188,11 +190,12 @@ OLD_WORDS = {  # facts and methods of earlier versions, and what they are called
     "sized": "scaling",
     "word": "name",
 }
-TRIED, LATER = 5, 2  # members that are drawn, and the first of those that are drawn again
+TRIED, LATER = 5, 2  # number of members drawn, and the first one drawn a second time
 
 
 def check_user_distribution(distribution: VectorDistribution, at: str) -> VectorDistribution:
-    """A user's distribution with its parameters checked; PartError with class, method and rule."""
+    """Return a custom distribution with checked parameters; PartError with class, method and
+    rule."""
     kind, key = type(distribution), at.rpartition(".")[2]
 
     def wrong(name: str, rule: str) -> PartError:
@@ -209,7 +212,7 @@ def check_user_distribution(distribution: VectorDistribution, at: str) -> Vector
     if not isinstance(of, tuple) or not of or not set(of) <= set(KEYS):
         raise wrong("variables", f"is {of!r}, expected a tuple of some of {', '.join(KEYS)}")
     if key not in of:
-        raise wrong("variables", f"is a law of {' and '.join(of)}, not of {key}")
+        raise wrong("variables", f"is a distribution of {' and '.join(of)}, not of {key}")
     try:
         checked = distribution.check(f"{at}.{distribution.name}")
     except RigidmcError:
@@ -217,7 +220,7 @@ def check_user_distribution(distribution: VectorDistribution, at: str) -> Vector
     except Exception as error:  # the user's code may raise anything
         raise wrong("check", f"raises {type(error).__name__}: {error}") from None
     if type(checked) is not kind:
-        raise wrong("check", f"gives {type(checked).__name__}, expected {kind.__name__}")
+        raise wrong("check", f"returns {type(checked).__name__}, expected {kind.__name__}")
     _check_draws(checked, key, wrong)
     return checked
 
@@ -239,15 +242,15 @@ def _check_draws(distribution: VectorDistribution, key: str, wrong: Any) -> None
     drawn = draw(0, TRIED)
     if not isinstance(drawn, np.ndarray) or drawn.shape != (size, TRIED):
         found = f"shape {drawn.shape}" if isinstance(drawn, np.ndarray) else type(drawn).__name__
-        raise wrong("sample", f"gives {found}, expected an array ({size}, {TRIED})")
+        raise wrong("sample", f"returns {found}, expected an array ({size}, {TRIED})")
     if drawn.dtype.kind != "f" or not np.isfinite(drawn).all():
-        raise wrong("sample", "gives numbers that are not finite floats")
+        raise wrong("sample", "returns numbers that are not finite floats")
     if size == 4 and np.abs((drawn**2).sum(0) - 1.0).max() > 1e-9:
-        raise wrong("sample", "gives quaternions that are not of norm 1")
+        raise wrong("sample", "returns quaternions whose norm is not 1")
     later = draw(LATER, TRIED - LATER)
     if not np.array_equal(later, drawn[:, LATER:]) or not np.array_equal(draw(0, TRIED), drawn):
         rule = (
-            "gives a member other numbers if others are drawn with it: take random numbers from"
-            " sample(quantities, source, name, first, count) alone"
+            "returns other numbers for a member if other members are drawn with it: draw random"
+            " numbers only with sample(quantities, source, name, first, count)"
         )
         raise wrong("sample", rule)

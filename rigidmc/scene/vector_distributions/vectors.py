@@ -1,5 +1,5 @@
-"""Distributions of any vector: cones, spheres and correlated normal vectors; and uniform directions
-and attitudes, from which they are made.
+"""Distributions of any vector: cones, spheres and correlated normal vectors; and the uniform
+directions and attitudes that they use.
 """
 
 import math
@@ -38,11 +38,11 @@ class Cone(VectorDistribution):
     axis : int
         1, 2, 3, or -1, -2, -3 for the other end of the axis
     size : quantity [rad/s or kg m^2/s]
-        of the vector, an angular velocity or an angular momentum
+        length of the vector, an angular velocity or an angular momentum
     angle : quantity [rad]
-        from the axis
+        angle from the axis
     azimuth : quantity, optional [rad]
-        angle about the axis, from the next axis on; by default uniform
+        angle about the axis, from the next axis; by default uniform
 
     Examples
     --------
@@ -87,12 +87,12 @@ class Cone(VectorDistribution):
 class Sphere(VectorDistribution):
     """A vector of given size in a uniform random direction.
 
-    For `momentum` it is the momentum sphere `|L|` = size.
+    For `momentum` this is the momentum sphere `|L|` = size.
 
     Parameters
     ----------
     size : quantity [rad/s or kg m^2/s]
-        of the vector, an angular velocity or an angular momentum
+        length of the vector, an angular velocity or an angular momentum
 
     Examples
     --------
@@ -126,15 +126,15 @@ class Correlated(VectorDistribution):
 
         v = mean + C z,  C C^T = covariance, C lower triangular (Cholesky)
 
-    For moments: a measured inertia with its covariance. A member whose moments no body can have is
-    flagged invalid_input, and a note counts these members.
+    For moments, these are measured moments with their covariance. Members with impossible moments
+    are flagged invalid_input, and a note counts them.
 
     Parameters
     ----------
     mean : array_like (3,) [rad/s, kg m^2/s or kg m^2]
-        of the vector, or of the moments
+        mean of the vector, or of the moments
     covariance : array_like (3, 3) [square of that unit]
-        symmetric and positive definite
+        covariance, symmetric and positive definite
 
     Examples
     --------
@@ -166,7 +166,7 @@ class Correlated(VectorDistribution):
 
 
 def lower_factor(c: Any) -> tuple[tuple[float, ...], ...]:
-    """The rows of the lower Cholesky factor of a symmetric 3x3 matrix."""
+    """Return the rows of the lower Cholesky factor of a symmetric 3x3 matrix."""
     a = math.sqrt(c[0][0])
     b, d = c[1][0] / a, c[2][0] / a
     e = math.sqrt(c[1][1] - b * b)
@@ -175,7 +175,7 @@ def lower_factor(c: Any) -> tuple[tuple[float, ...], ...]:
 
 
 def _covariance(value: Any, at: str) -> tuple[tuple[float, ...], ...]:
-    """A symmetric positive definite 3x3 matrix as a tuple of rows; SceneError."""
+    """Return a symmetric positive definite 3x3 matrix as a tuple of rows; SceneError."""
     rule = "expected a symmetric matrix of 3x3 finite numbers"
     matrix = floats(value, at, rule=rule)
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
@@ -183,13 +183,13 @@ def _covariance(value: Any, at: str) -> tuple[tuple[float, ...], ...]:
     if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
         raise SceneError(rule, at=at, value=matrix.tolist())
     if np.linalg.eigvalsh(matrix).min() <= 0.0:
-        rule = "expected a positive definite matrix: all variances are positive"
+        rule = "expected a positive definite matrix: all variances must be positive"
         raise SceneError(rule, at=at, value=matrix.tolist())
     return tuple(map(tuple, matrix.tolist()))
 
 
 def uniform_attitudes(u: Array, v: Array, w: Array) -> Array:
-    """Unit quaternions (4, n), uniform on SO(3), from numbers (n,) uniform in (0, 1).
+    """Return unit quaternions (4, n), uniform on SO(3), from numbers (n,) uniform in (0, 1).
 
     Source: Shoemake, Graphics Gems III (1992) 124.
     """
@@ -199,8 +199,8 @@ def uniform_attitudes(u: Array, v: Array, w: Array) -> Array:
 
 
 def directions(sampler: Source, name: str, first: int, count: int) -> Array:
-    """Unit vectors (3, n), uniform on the sphere: the cosine of the polar angle and the azimuth are
-    uniform."""
+    """Draw unit vectors (3, n), uniform on the sphere: the cosine of the polar angle and the
+    azimuth are uniform."""
     laws = (uniform(-1.0, 1.0), uniform(0.0, 2.0 * math.pi))
     z, phi = draw(laws, sampler, f"{name}.direction", first, count)
     r, (y, x) = np.sqrt((1.0 - z) * (1.0 + z)), sincos(phi)

@@ -1,4 +1,4 @@
-"""Drift of constants of the motion over very many steps, and the law by which it grows."""
+"""Drift of constants of the motion over very many steps, and its growth law."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -35,15 +35,16 @@ def long_drift(
     members: int = 64,
     say: Callable[[str], object] = lambda line: None,
 ) -> xr.Dataset:
-    """Drift of energy, |L|^2 and L_z over very many steps: a Dataset over `integrator` and `step`.
+    """Measure the drift of energy, |L|^2 and L_z over very many steps; return a Dataset over
+    `integrator` and `step`.
 
-    integrators : names or integrators, default those of LONG and of the scene that take it
-    dt : step [s], default the scene's;  members : the first of the scene
+    integrators : names or integrators; by default LONG and the scene's own, if they fit
+    dt : step [s], by default the scene's;  members : number of members, from the scene's first on
     `step` : powers of two up to `steps`
 
     Variables: energy_drift, l2_drift, lz_drift, the largest drift so far of the worst member,
-    relative to the sizes in play; energy_law, l2_law, lz_law, the law by which each grows with the
-    steps ("bounded", "sqrt" or "linear"), and energy_power, ..., the fitted exponent.
+    relative to the scale of each quantity; energy_law, l2_law, lz_law, its growth law in the number
+    of steps ("bounded", "sqrt" or "linear"); and energy_power, ..., the fitted exponent.
     Raises SceneError as `accuracy`.
     """
     scene, given = scene.with_integrators(integrators or ())
@@ -89,10 +90,10 @@ def long_drift(
 
 
 def growth_law(steps: NDArray[np.int_], drift: NDArray[np.float64]) -> tuple[str, float]:
-    """(law, power): drift ~ steps^power, fitted over the later half of the decades.
+    """Return (law, power): drift ~ steps^power, fitted over the later half of the decades.
 
-    "bounded" below 0.2 or if the drift stays below 20 roundings, "sqrt" below 0.75, "linear" below
-    1.5, else "faster than linear"; "failed" if the drift is not finite.
+    The law is "bounded" for a power below 0.2 or a drift below 20 roundings, "sqrt" below 0.75,
+    "linear" below 1.5, else "faster than linear"; "failed" if the drift is not finite.
     """
     later = steps >= np.sqrt(steps[0] * steps[-1])
     values = np.maximum(drift[later], ROUNDING)
@@ -105,7 +106,7 @@ def growth_law(steps: NDArray[np.int_], drift: NDArray[np.float64]) -> tuple[str
 
 
 def long_table(study: xr.Dataset) -> list[str]:
-    """Lines of text: the final drift and its law for each integrator and conserved quantity."""
+    """Return lines of text: final drift and growth law, by integrator and conserved quantity."""
     a = study.attrs
     steps = f"{study.step.values[-1]:,} steps of {a['dt']:.6g} s"
     lines = [f"drift over {steps}, worst of {count_text(a['members'], 'member')}"]

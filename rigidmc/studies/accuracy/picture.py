@@ -1,4 +1,4 @@
-"""Pictures of an accuracy study: work against precision, and the drift over many steps."""
+"""Pictures of an accuracy study: work-precision diagram, and drift over many steps."""
 
 from textwrap import fill
 from typing import Any
@@ -16,21 +16,21 @@ from rigidmc.studies.accuracy.work_precision import horizon_text
 
 
 def accuracy_picture(study: xr.Dataset) -> Figure:
-    """The picture that suits a study."""
+    """Draw the picture that suits a study."""
     return (long_drift if "step" in study.dims else work_precision)(study)
 
 
 def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:
-    """Members per second against the error that 99 % of members stay below.
+    """Draw members per second against the upper bound of the error of 99 % of the members.
 
-    One line per integrator, of slope 1/order; it bends up where it meets rounding. The wide grey
-    line is the cheapest way to each error, with its steps.
+    Each integrator has one line, of slope 1/order; it bends up where it meets rounding. The wide
+    grey line shows the cheapest integrator and step for each error.
 
     study : the Dataset of `rigidmc.accuracy`
     """
     to = f"{study.attrs['t_end']:g} s"
     members = count_text(study.attrs["members"], "member")
-    title = f"{study.attrs['title']}: what accuracy costs, {members} to {to}"
+    title = f"{study.attrs['title']}: cost of accuracy, {members} to {to}"
     figure = figure or new_figure(title, (11.0, 7.2))
     axes = figure.add_subplot()
     error = study.error_state_upper.values
@@ -38,8 +38,8 @@ def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     _frontier(axes, study.isel(row=shown))
     for name in dict.fromkeys(study.integrator.values):
         _work_precision_lines(axes, study.isel(row=shown & (study.integrator.values == name)), name)
-    what = f"error of momentum [of its size] and {with_units('attitude', 'rad')}"
-    axes.set(xscale="log", yscale="log", xlabel=f"{what}, that 99 % of the members stay below")
+    what = f"error of momentum [relative] and {with_units('attitude', 'rad')}"
+    axes.set(xscale="log", yscale="log", xlabel=f"{what}, upper bound for 99 % of the members")
     axes.set_ylabel(
         f"members to t_end per second on {count_text(study.attrs['threads'], 'thread')}"
     )
@@ -49,7 +49,7 @@ def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     if known > error[shown].min() / 30.0:
         axes.axvline(known, color=GREY, lw=0.8, ls=":")
         axes.annotate(
-            "the truth is known\nto here",
+            "error of\nthe truth",
             (known, 0.02),
             xycoords=("data", "axes fraction"),
             fontsize=8,
@@ -68,7 +68,7 @@ def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:
 
 
 def _work_precision_lines(axes: Axes, rows: xr.Dataset, name: str) -> None:
-    """The lines of one integrator, in float64 and float32."""
+    """Draw the lines of one integrator, in float64 and float32."""
     style = style_of(name)
     for kind, fill_color in (("float64", style.color), ("float32", "white")):
         part = rows.isel(row=rows["dtype"].values == kind)
@@ -87,7 +87,7 @@ def _work_precision_lines(axes: Axes, rows: xr.Dataset, name: str) -> None:
 
 
 def _frontier(axes: Axes, rows: xr.Dataset) -> None:
-    """The cheapest way to each error as a staircase, with name and step at its corners."""
+    """Draw the cheapest choice for each error as a staircase, with name and step at its corners."""
     error, speed = rows.error_state_upper.values, rows.members_per_second.values
     corners: list[int] = []
     for i in np.argsort(error):
@@ -107,13 +107,13 @@ def _frontier(axes: Axes, rows: xr.Dataset) -> None:
         what = name if row["dtype"].values == "float64" else f"{name} f32"
         here = np.log10(error[i]) / width, np.log10(speed[i]) / height
         free = all(abs(here[0] - x) > 0.16 or abs(here[1] - y) > 0.035 for x, y in labelled)
-        if what != last and free:  # labels must not hide each other
+        if what != last and free:  # avoid overlapping labels
             labelled.append(here)
             step = f"{dt:.2g} s" if np.isnan(turn) else f"{turn:.2g} rad"
             axes.annotate(
                 what if name == "closed" else f"{what}, {step}",
                 (error[i], speed[i]),
-                xytext=(3, 9),  # at the upper right of the frontier no line passes
+                xytext=(3, 9),  # no line passes at the upper right of the frontier
                 textcoords="offset points",
                 fontsize=8,
                 color=INK,
@@ -123,14 +123,15 @@ def _frontier(axes: Axes, rows: xr.Dataset) -> None:
 
 
 def long_drift(study: xr.Dataset, figure: Figure | None = None) -> Figure:
-    """Drift of energy, |L|^2 and L_z against steps, with the law that fits each integrator.
+    """Draw the drift of energy, |L|^2 and L_z against steps, with the growth law of each
+    integrator.
 
     study : the Dataset of `rigidmc.studies.accuracy.drift.long_drift`
     """
     words = {
-        "energy": "energy, of the energies in play",
-        "l2": "|L|$^2$, of its size",
-        "lz": "L$_z$, of |L|",
+        "energy": "energy / energies involved",
+        "l2": "|L|$^2$, relative",
+        "lz": "L$_z$ / |L|",
     }
     shown = [name for name in words if study.attrs[f"{name}_conserved"] == "yes"]
     steps = f"{study.step.values[-1]:,} steps of {study.attrs['dt']:.3g} s"

@@ -1,4 +1,4 @@
-"""Work against precision: every integrator that takes a scene, over a ladder of steps."""
+"""Work against precision: every integrator that supports a scene, with a ladder of steps."""
 
 import math
 import time
@@ -25,15 +25,15 @@ from rigidmc.scene.amounts import read_count, two_digits
 from rigidmc.scene.scene import Scene
 from rigidmc.version import VERSION
 
-FINEST = 1e-13  # the end of a ladder: below it is rounding
-DEAREST = 40.0  # a ladder also ends at so many times the cost of the cheapest way to that error
+FINEST = 1e-13  # the error at which a ladder ends: smaller errors are rounding
+DEAREST = 40.0  # a ladder also ends at this multiple of the cost of the cheapest rival
 WORDS = {
     "state": "larger of the errors of momentum and attitude",
-    "momentum": "error of the angular momentum, of its size",
+    "momentum": "relative error of the angular momentum",
     "attitude": "error of the attitude [rad]",
-    "energy": "error of the energy, of the energies in play",
-    "l2": "error of |L|^2, of its size",
-    "lz": "error of L_z, of |L|",
+    "energy": "error of the energy, relative to the energies involved",
+    "l2": "relative error of |L|^2",
+    "lz": "error of L_z, relative to |L|",
 }
 
 Statistic = Callable[[NDArray[np.float64]], Any]
@@ -47,16 +47,16 @@ def work_precision(
     threads: int | None,
     say: Callable[[str], object],
 ) -> xr.Dataset:
-    """The errors and times of integrators, precisions and steps, and the cheapest of them for each
-    tolerance: `rigidmc.accuracy`.
+    """Measure the errors and times of integrators, precisions and steps, and find the cheapest for
+    each tolerance, see `rigidmc.accuracy`.
 
-    say : called with a line on what is done
+    say : called with a line of text for each stage
     """
     if integrators is not None:
         scene, integrators = scene.with_integrators(integrators)
     known = scene.known_integrators()
     for name in integrators or ():
-        if name not in known:  # before the truth, which takes seconds
+        if name not in known:  # check before computing the truth, which takes seconds
             raise unknown("integrator", known, at="integrators", value=name, error=OptionError)
         if why := refusal(name, scene.effects, known=known):
             raise OptionError(why, at="integrators", value=name)
@@ -66,7 +66,7 @@ def work_precision(
     first = pilot(scene, members)
     check_pilot(scene, first)
     count = count_text(first.members, "member")
-    say(f"first the truth for {count}, then each integrator in many steps")
+    say(f"first the truth for {count}, then each integrator with a range of steps")
     true, costs = make_reference(first, say), Costs(first)
     say(f"truth: {true.source}, known to {upper_quantile(true.error):.1e}")
     ways = _ways(scene, first, true, costs, integrators, say)
@@ -92,14 +92,14 @@ def _ways(
     integrators: Sequence[str] | None,
     say: Callable[[str], object],
 ) -> list[Candidate]:
-    """A ladder of steps for each integrator and precision that takes the scene."""
+    """Return a ladder of steps for each integrator and precision that supports the scene."""
     ways: list[Candidate] = []
 
     def too_dear(way: Candidate) -> bool:
         rivals = [costs.per_member(w) for w in ways if w.upper <= way.upper]
         return bool(rivals) and costs.per_member(way) > DEAREST * min(rivals)
 
-    # high orders first: they limit what the others may cost
+    # high orders first: they set the cost limit of the others
     known = scene.known_integrators()
     pairs = sorted(candidates(first, true, integrators), key=lambda c: -known[c[0]].order)
     compile_ahead(first, pairs)
@@ -122,7 +122,7 @@ def _ways(
 def _dataset(
     ways: list[Candidate], costs: Costs, tolerances: Sequence[float], threads: int
 ) -> xr.Dataset:
-    """The Dataset of a study without its attributes."""
+    """Return the Dataset of a study without its attributes."""
     variables = _costs(ways, costs, threads) | _errors(ways)
     upper, cost = variables["error_state_upper"][1], variables["ns_per_member"][1]
     variables["cheapest"] = _cheapest(upper, cost, tolerances)
@@ -130,14 +130,14 @@ def _dataset(
 
 
 def _costs(ways: list[Candidate], costs: Costs, threads: int) -> dict[str, Any]:
-    """The variables that say what each way is and what it costs."""
+    """Return the variables that identify each candidate, and its cost."""
     table: dict[str, tuple[list[Any], dict[str, str]]] = {
         "integrator": ([w.integrator for w in ways], {}),
         "dtype": ([w.dtype for w in ways], {}),
         "steps": ([float(w.mean_steps) for w in ways], {}),
         "turn": (
             [np.nan if w.turn is None else w.turn for w in ways],
-            {"units": "rad", "long_name": "rotation of each member in its own step"},
+            {"units": "rad", "long_name": "rotation of each member per step"},
         ),
         "dt": ([w.dt for w in ways], {"units": "s", "long_name": "step, mean over members"}),
         "ns_per_member_step": (
@@ -148,7 +148,7 @@ def _costs(ways: list[Candidate], costs: Costs, threads: int) -> dict[str, Any]:
             [costs.per_member(w) for w in ways],
             {
                 "units": "ns",
-                "long_name": "time of a member to t_end on one thread, start and saves included",
+                "long_name": "time of a member to t_end on one thread, with start and saves",
             },
         ),
         "members_per_second": (
@@ -164,7 +164,7 @@ def _costs(ways: list[Candidate], costs: Costs, threads: int) -> dict[str, Any]:
 
 
 def _errors(ways: list[Candidate]) -> dict[str, Any]:
-    """The variables of the errors, by quantity and statistic."""
+    """Return the variables of the errors, by quantity and statistic."""
     statistics: dict[str, Statistic] = {
         "median": np.median,
         "p99": lambda errors: np.quantile(errors, 0.99),
@@ -183,7 +183,7 @@ def _errors(ways: list[Candidate]) -> dict[str, Any]:
 
 
 def _finite_or_inf(statistic: Statistic, errors: NDArray[np.float64]) -> float:
-    """A statistic; inf between inf and inf, nan if no error is known."""
+    """Return a statistic of errors; inf if it falls on infinite errors, nan if none is known."""
     if np.isnan(errors).all():
         return math.nan
     return float(np.nan_to_num(statistic(errors), nan=np.inf, posinf=np.inf))
@@ -192,26 +192,26 @@ def _finite_or_inf(statistic: Statistic, errors: NDArray[np.float64]) -> float:
 def _cheapest(
     upper: NDArray[np.float64], cost: NDArray[np.float64], tolerances: Sequence[float]
 ) -> Any:
-    """The variable `cheapest`."""
+    """Return the variable `cheapest`."""
     rows = [
         min((i for i in range(len(cost)) if upper[i] <= t), key=lambda i: cost[i], default=-1)
         for t in tolerances
     ]
-    words = "row that reaches the tolerance at the least cost, -1: none"
+    words = "row that reaches the tolerance at the least cost; -1 if none"
     return "tolerance", np.array(rows), {"long_name": words}
 
 
 def _horizon(
     t_end: float, factor: NDArray[np.float64], rate: NDArray[np.float64]
 ) -> dict[str, float]:
-    """Growth of a disturbance, and when rounding alone has grown to 1 rad [s].
+    """Return the growth of a disturbance, and the time at which rounding alone has grown to 1 rad
+    [s]: in half of the members (median), and in the first 1 % of them (p01).
 
-    That is in half of the members (median), and in the first 1 % of them (p01).
     factor : growth by t_end;  rate : its exponential rate [1/s], 0 if regular
     """
     with np.errstate(divide="ignore"):
         left = np.log(1.0 / (ROUNDING * factor))
-        # what is divided by 1 is not taken
+        # the 1.0 avoids division by zero; the last line discards these values
         chaotic = t_end + left / np.where(rate > 0.0, rate, 1.0)
         times = np.where(rate > 0.0, chaotic, t_end / (ROUNDING * factor))
     return {
@@ -224,7 +224,7 @@ def _horizon(
 
 
 def ladder_table(study: xr.Dataset) -> list[str]:
-    """Lines of text: the cheapest way to each tolerance, and its gain over rk4."""
+    """Return lines of text: the cheapest choice for each tolerance, and its gain over rk4."""
     a, names, upper = study.attrs, study.integrator.values, study.error_state_upper.values
     members = f"{count_text(a['members'], 'member')} to {a['t_end']:g} s"
     lines = [f"truth: {a['truth']}, known to {a['truth_error']:.1e}; {members}"]
@@ -247,7 +247,7 @@ def ladder_table(study: xr.Dataset) -> list[str]:
 
 
 def _gain(study: xr.Dataset, row: int, tolerance: float) -> str:
-    """How much cheaper than rk4 a row is, in words; nothing if rk4 was not tried."""
+    """Return a text with the gain of a row over rk4; "" if rk4 was not tried."""
     names, cost = study.integrator.values, study.ns_per_member.values
     if names[row] == "rk4" or "rk4" not in names:
         return ""
@@ -258,19 +258,20 @@ def _gain(study: xr.Dataset, row: int, tolerance: float) -> str:
 
 
 def horizon_text(study: xr.Dataset) -> str:
-    """A line on how far any double-precision result reaches."""
+    """Return a line about the time up to which any double-precision result is meaningful."""
     a = study.attrs
     first, median = a["horizon_p01"], a["horizon_median"]
     growth = (
-        f"a disturbance along the way grows {a['growth_median']:.0e} times by {a['t_end']:g} s"
-        f" in the median, {a['growth_p99']:.0e} in the worst 1 %"
+        f"by {a['t_end']:g} s a disturbance grows by a factor of {a['growth_median']:.0e} in the"
+        f" median, {a['growth_p99']:.0e} in the worst 1 %"
     )
     if a["chaotic_share"] > 0.005:
         share = f"{100 * a['chaotic_share']:.0f} % of the members"
         return (
-            f"{growth}, in {share} exponentially (chaos or a separatrix): rounding alone makes"
-            f" 1 % of them meaningless beyond t = {first:.3g} s, half of them beyond {median:.3g} s"
+            f"{growth}; in {share} it grows exponentially (chaos or a separatrix): rounding alone"
+            f" makes 1 % of the members meaningless after t = {first:.3g} s, half of them after"
+            f" {median:.3g} s"
         )
     # 1e-300 s: 0 has no logarithm
     exponent = math.floor(math.log10(max(first, 1e-300)))
-    return f"{growth}, nowhere exponentially: no horizon within 1e{exponent} s"
+    return f"{growth}; in no member exponentially: no horizon within 1e{exponent} s"

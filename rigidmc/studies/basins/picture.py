@@ -1,4 +1,4 @@
-"""The picture of a study of basins: where starts end, and how many end otherwise nearby."""
+"""The picture of a study of basins: the end of each start, and the uncertain fraction."""
 
 from textwrap import fill
 
@@ -11,17 +11,17 @@ from rigidmc.figures import CORE, INK, LIGHT, MARKERS, MEDIAN, PATH, legend_abov
 from rigidmc.results.labels import with_units
 from rigidmc.studies.basins.study import basin_names, fitted_line
 
-BASINS = (MEDIAN, "#fdd49e", PATH, CORE, "#777777", "#2a9d6f")  # dark and light by turns
+BASINS = (MEDIAN, "#fdd49e", PATH, CORE, "#777777", "#2a9d6f")  # dark and light in turn
 
 
 def basins_and_shares(study: xr.Dataset, figure: Figure | None = None) -> Figure:
-    """The share of uncertain starts by their distance, with the line whose slope is alpha; of a
-    scene with two uncertain numbers also the basins in their plane.
+    """Draw the uncertain fraction against the distance, with the line of slope alpha; for a scene
+    with two uncertain parameters, also the basins in their plane.
 
     study : the Dataset of `rigidmc.basins`
     """
     plane = study.sizes["number"] == 2 and bool(np.isfinite(study.start.values).any(axis=0).all())
-    title = f"{study.attrs['title']}: where starts end, and how surely"
+    title = f"{study.attrs['title']}: basins and uncertain fraction"
     figure = figure or new_figure(title, (11.5, 5.2) if plane else (6.6, 5.2))
     panels = figure.subplots(1, 1 + plane, squeeze=False)[0]
     if plane:
@@ -31,7 +31,7 @@ def basins_and_shares(study: xr.Dataset, figure: Figure | None = None) -> Figure
 
 
 def _plane(axes: Axes, study: xr.Dataset) -> None:
-    """The starts, coloured by where they end."""
+    """Draw the starts, coloured by the basin in which they end."""
     basin, start = study.basin.values, study.start.values
     size = float(np.clip(60000.0 / max(1, basin.size), 1.0, 40.0))  # [pt2] of 130,000
     for i, (one, text) in enumerate(basin_names(study).items()):
@@ -47,24 +47,24 @@ def _plane(axes: Axes, study: xr.Dataset) -> None:
 
 
 def _shares(axes: Axes, study: xr.Dataset) -> None:
-    """The shares of uncertain starts against their distance."""
+    """Draw the uncertain fraction against the distance."""
     there = study.uncertain.values > 0.0
     distance, share = study.distance.values[there], study.uncertain.values[there]
     ends = [np.abs(study[f"uncertain_{end}"].values[there] - share) for end in ("low", "high")]
     axes.errorbar(
         distance, share, yerr=ends, fmt=MARKERS[0], ms=5.0, color=MEDIAN, ecolor=INK, lw=1.0,
-        capsize=2.0, label="share of starts",
+        capsize=2.0, label="fraction of starts",
     )  # fmt: skip
     alpha = float(study.alpha)
     if np.isfinite(alpha):
         half = 0.5 * float(study.alpha_high - study.alpha_low)
         words = rf"$\epsilon^\alpha$, $\alpha$ = {alpha:.3f} $\pm$ {half:.3f}"
         axes.plot(distance, fitted_line(study)[there], color=PATH, lw=1.6, label=words)
-    axes.axhline(study.attrs["largest"], color=INK, ls="--", lw=1.0, label="of independent ends")
+    axes.axhline(study.attrs["largest"], color=INK, ls="--", lw=1.0, label="independent ends")
     axes.set(xscale="log", yscale="log")
     axes.set_ylim(top=1.2 * study.attrs["largest"])
     axes.set_xlabel(r"distance $\epsilon$ between two starts, in probability")
-    axes.set_ylabel("share that ends otherwise")
+    axes.set_ylabel("uncertain fraction")
     axes.grid(True, which="both", lw=0.3, color=LIGHT)
     axes.set_axisbelow(True)
     legend_above(axes, 3)

@@ -1,39 +1,38 @@
-"""Tell how often members end otherwise if their start changes a little, and the dimension of
-the boundary between basins of attraction.
+"""Measure how often a small change of the start changes the end of a member, and the dimension
+of the boundary between basins of attraction.
 
-A start is uncertain at a distance epsilon if its neighbour there ends otherwise. The share f of
-uncertain starts falls as a power of the distance, and in the space of the d numbers that a
-member draws the boundary has the (box) dimension D::
+A start is uncertain at a distance epsilon if a start perturbed by epsilon ends in another basin.
+The fraction f of uncertain starts falls as a power of the distance. In the space of the d
+parameters that a member draws, the boundary has the (box) dimension D::
 
     f ~ epsilon^alpha,   D = d - alpha
 
-alpha is 1 for a smooth boundary; for a fractal one it is smaller, and a better known start
-hardly helps. Distances are those of probabilities, which for a uniform law are shares of its
-range, along one number after the other, see `rigidmc.scene.sampling.NeighbourFamilies`. alpha is
-the slope of a line through the logarithms. Source: McDonald, Grebogi, Ott & Yorke, Physica D 17
-(1985) 125.
+alpha is 1 for a smooth boundary. It is smaller for a fractal boundary: there a more accurate start
+hardly helps. Distances are measured in probability (for a uniform distribution, as fractions of
+its range), along one parameter after the other, see `rigidmc.scene.sampling.NeighbourFamilies`.
+alpha is the slope of a line through the logarithms. Source: McDonald, Grebogi, Ott & Yorke,
+Physica D 17 (1985) 125.
 
 {parameters}
 
 Returns
 -------
 xarray.Dataset
-    over distance: `uncertain`, the share of starts, with its interval, nan where a neighbour is
-    nearer than rounding; `alpha` and `dimension`
-    with theirs, nan if less than three distances have more than 10 uncertain starts; over
-    family `basin` (measure i adds 2^i if it holds, -1 for what is left out), and over number
-    too `start`
+    over distance: `uncertain`, the uncertain fraction of starts, with its interval, nan where a
+    perturbation is below rounding; `alpha` and `dimension` with their intervals, nan if fewer than
+    three distances have more than 10 uncertain starts; over family `basin` (measure i adds 2^i if
+    it holds, -1 for families left out); over family and number (a parameter) `start`
 
 Raises
 ------
 OptionError
-    for a measure that is no p(...)
+    for a measure that is not a p(...)
 SceneError
     if nothing in the scene is drawn, or if an effect is random
 
 Examples
 --------
-Spun one way or the other: the boundary is a point of the line, of dimension 0.
+A disc spins one way or the other: the boundary is a point on the line, of dimension 0.
 
 >>> start = rm.Start(omega=(0.0, 0.0, rm.uniform(-1.0, 2.0)))
 >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
@@ -78,26 +77,26 @@ from rigidmc.studies.framework.options import (
 from rigidmc.studies.framework.study import Study
 
 Array = NDArray[np.float64]
-SAMPLE = 64  # families for each number, by which distances are compared with rounding
-RESOLVED = 8.0  # resolutions: a distance is then known to an eighth
-LEAST = 10  # uncertain families that make a share worth a place in the fit
+SAMPLE = 64  # families for each parameter, to compare distances with rounding
+RESOLVED = 8.0  # least distance, in units of the resolution: it is then known to an eighth
+LEAST = 10  # a fraction counts in the fit above this number of uncertain families
 
 
 class BasinOptions(Options):
-    """What `basins` may be asked."""
+    """The options of `basins`."""
 
     of: Words = option(
         REQUIRED,
-        'what tells the basins apart: "p(omega_last[3] >= 0)"; may be repeated',
-        more="with several such measures a member ends otherwise if one of them tells otherwise",
+        'measure that distinguishes the basins, such as "p(omega_last[3] >= 0)"; may be repeated',
+        more="with several measures, two members end in different basins if any measure differs",
         metavar="MEASURE",
     )
-    families: int = option(4096, "how many starts; each has 12 neighbours", is_new=True)
-    confidence: float = confidence_option("of the intervals")
+    families: int = option(4096, "number of starts; each is perturbed 12 times", is_new=True)
+    confidence: float = confidence_option("confidence level of the intervals")
 
 
 def scene_of_neighbours(scene: Scene, options: BasinOptions, settings: Mapping[str, Any]) -> Scene:
-    """The scene with the members of the study; raises for what has no basins."""
+    """Return the scene with the members of the study; raises for a scene without basins."""
     refuse_noise(scene)
     scene = drawn_families(scene, options.of, "neighbours", options.families)
     for text in options.of:
@@ -106,12 +105,12 @@ def scene_of_neighbours(scene: Scene, options: BasinOptions, settings: Mapping[s
 
 
 def exponent(uncertain: NDArray[np.bool_], largest: float, confidence: float = 0.95) -> Interval:
-    """alpha with its interval, from whether families are uncertain at each of DISTANCES.
+    """Return alpha with its interval, from the families that are uncertain at each of DISTANCES.
 
-    uncertain : (distances, families);  largest : the share if ends were independent of starts
+    uncertain : (distances, families);  largest : the fraction if ends did not depend on starts
 
-    The interval is that of the shares to first order in their errors, which are not independent:
-    those of all distances are of the same families.
+    The interval follows to first order from the errors of the fractions, which are correlated:
+    all distances use the same families.
     """
     count = uncertain.shape[1]
     share = uncertain.sum(axis=1) / max(1, count)
@@ -130,31 +129,32 @@ def exponent(uncertain: NDArray[np.bool_], largest: float, confidence: float = 0
 
 
 def _weights(share: Array, count: int, largest: float) -> Array:
-    """The weights of the distances in the fit, smooth in the shares.
+    """Return the weights of the distances in the fit, smooth in the fractions `share`.
 
-    Least variance asks for share/(1 - share), where the largest shares decide; its root gives the
-    small ones their say, since the shares of a fractal waver about the line. They fade where a
-    distance mixes everything, and below 2 LEAST uncertain families.
+    Least variance requires share/(1 - share), which the largest fractions dominate. Its root gives
+    small fractions more weight, since the fractions of a fractal oscillate about the line. Weights
+    vanish where a fraction reaches `largest`, and fall to 0 between 2 LEAST and LEAST uncertain
+    families.
     """
     many = np.clip(share * count / LEAST - 1.0, 0.0, 1.0)
-    # shares are pure: 1e-300 stands for 0
+    # fractions are dimensionless: 1e-300 stands for 0
     far = np.maximum(1.0 - share / max(largest, 1e-300), 0.0) ** 2
-    odds: Array = share / np.maximum(1.0 - share, 1e-300)  # pure, as above
+    odds: Array = share / np.maximum(1.0 - share, 1e-300)  # dimensionless, as above
     weights: Array = np.sqrt(odds) * far * many
     return weights
 
 
 def _slope(share: Array, count: int, largest: float) -> float:
-    """The slope of the line through the logarithms of shares and distances."""
+    """Return the slope of the line through the logarithms of fractions and distances."""
     weight, logs = _weights(share, count, largest), np.log(DISTANCES)
     apart = weight * (logs - (weight * logs).sum() / weight.sum())
-    # a share is pure; 0, which has no weight, has no logarithm either
+    # a fraction of 0 has no weight; 1e-300 avoids its logarithm
     return float((apart * np.log(np.maximum(share, 1e-300))).sum() / (apart * logs).sum())
 
 
 def fitted_line(study: xr.Dataset) -> Array:
-    """The line of a study, whose slope is alpha, at its distances."""
-    share = np.nan_to_num(study.uncertain.values)  # nan where rounding decides
+    """Return the fitted line of a study, with slope alpha, at its distances."""
+    share = np.nan_to_num(study.uncertain.values)  # nan at unresolved distances
     count = int((study.basin.values >= 0).sum())
     weight, logs = _weights(share, count, study.attrs["largest"]), np.log(study.distance.values)
     # as in `_slope`
@@ -166,17 +166,17 @@ def fitted_line(study: xr.Dataset) -> Array:
 
 
 def is_resolved(scene: Scene) -> NDArray[np.bool_]:
-    """Whether neighbours at each of DISTANCES differ from their member by more than rounding, in 95
-    of 100 families of a scene: RESOLVED times the resolution of what these are made from.
+    """Return for each of DISTANCES whether perturbed starts differ from their member by more than
+    rounding, RESOLVED times the resolution of the scene, in 95 of 100 families.
 
-    An end beyond says nothing of the distance: in float32 the nearest neighbours have the same
-    start, and none would ever be uncertain.
+    At an unresolved distance the end is meaningless: in float32 the nearest perturbed starts equal
+    the start, and none would be uncertain.
     """
     size, groups_of = NeighbourFamilies.size, len(uncertain_numbers(scene.model)[0])
     _, start = members_at_start(scene.model, scene.run, 0, SAMPLE * groups_of * size)
     apart = np.zeros((SAMPLE * groups_of, size))
     for name, values in start.items():
-        if name == "start_euler":  # start_attitude has it
+        if name == "start_euler":  # start_attitude contains it
             continue
         families = np.atleast_2d(values).reshape(-1, *apart.shape)
         length = np.sqrt((families[..., 0] ** 2).sum(axis=0))
@@ -188,24 +188,25 @@ def is_resolved(scene: Scene) -> NDArray[np.bool_]:
 
 
 def _share_of(text: str, variables: Variables, may_save_more: bool = True) -> Measure:
-    """The Measure of a text; OptionError unless it has two answers."""
+    """Return the Measure of a text; OptionError unless it has two answers."""
     asked = measure(text, variables, may_save_more)
     if asked.kind != "p":
-        rule = 'does not tell two basins apart: take p(NAME >= NUMBER), as "p(omega_last[3] >= 0)"'
+        rule = "does not distinguish two basins: use p(NAME >= NUMBER)"
+        rule += ', as in "p(omega_last[3] >= 0)"'
         raise OptionError(rule, at="of", value=text)
     return asked
 
 
 def _ends(part: xr.Dataset, measures: Sequence[Measure]) -> Array:
-    """Where members end (n,): 2^i for each measure i that holds; nan for those that are flagged or
-    have no value."""
+    """Return the basins of members (n,): the sum of 2^i over the measures i that hold; nan for
+    members that are flagged or have no value."""
     ends: Array = np.sum([one.numbers(part) * 2.0**i for i, one in enumerate(measures)], axis=0)
     return ends
 
 
 def reduce(batches: Batches, options: BasinOptions) -> xr.Dataset:
-    """The Dataset of the study of members. Families of which some members are not there, in a run
-    that has not ended, are left out."""
+    """Return the Dataset of the study of members. Incomplete families of an unfinished run are left
+    out."""
     scene, confidence = batches.scene, options.confidence
     known, may_save_more = batches.variables, batches.stored is None
     measures = [_share_of(text, known, may_save_more) for text in options.of]
@@ -233,15 +234,15 @@ def reduce(batches: Batches, options: BasinOptions) -> xr.Dataset:
     shares = Interval(*(np.where(told, x, np.nan) for x in found))
     variables: dict[str, Any] = {}
     for key, text, dims, found in (
-        ("uncertain", "share of starts that end otherwise nearby", ("distance",), shares),
-        ("alpha", "exponent of the share", (), alpha),
+        ("uncertain", "uncertain fraction of starts", ("distance",), shares),
+        ("alpha", "exponent of the uncertain fraction", (), alpha),
         ("dimension", "dimension of the boundary", (), Interval(*(d - x for x in _turned(alpha)))),
     ):
         for end, value in zip(("", "_low", "_high"), found, strict=True):
             variables[key + end] = dims, value, {"long_name": text, "units": "1"}
     basin = np.where(there, families[:, 0], -1.0).astype(int)
-    variables["basin"] = "family", basin, {"long_name": "where the first member ends"}
-    about = {"long_name": "number of the first member"}
+    variables["basin"] = "family", basin, {"long_name": "basin in which the first member ends"}
+    about = {"long_name": "parameter of the first member"}
     variables["start"] = ("family", "number"), start, about
     distance = ("distance", np.array(DISTANCES), {"long_name": "distance in probability"})
     coordinates = {"distance": distance, "number": names, "units": ("number", units)}
@@ -260,12 +261,12 @@ def reduce(batches: Batches, options: BasinOptions) -> xr.Dataset:
 
 
 def _turned(found: Interval) -> Interval:
-    """The interval of a number whose sign is turned afterwards: its ends change places."""
+    """Swap the ends of an interval, before its sign changes."""
     return Interval(found.value, found.high, found.low)
 
 
 def basin_names(study: xr.Dataset) -> dict[int, str]:
-    """{basin: what the measures tell of it}, of the basins in which a start has ended."""
+    """Return {basin: the conditions that define it} for the basins in which a start ends."""
     texts = [of.strip().removeprefix("p(").removesuffix(")") for of in np.atleast_1d(study.of)]
     return {
         int(one): ", ".join(
@@ -277,10 +278,10 @@ def basin_names(study: xr.Dataset) -> dict[int, str]:
 
 
 def table(study: xr.Dataset) -> list[str]:
-    """The study in lines of text."""
+    """Return the study as lines of text."""
     basin = study.basin.values
     counts = int((basin >= 0).sum())
-    lines = [f"{study.attrs['title']}: {count_text(counts, 'start')}, each with 12 neighbours"]
+    lines = [f"{study.attrs['title']}: {count_text(counts, 'start')}, each perturbed 12 times"]
     for one, text in basin_names(study).items():
         lines.append(f"  {(basin == one).sum() / counts:7.1%} end with {text}")
     lines.append(f"  {'distance':>10s}  uncertain")
@@ -300,10 +301,10 @@ def table(study: xr.Dataset) -> list[str]:
         ]
     if rounded := study.attrs["unresolved"]:
         lines.append(
-            f"  distances left out, at which neighbours differ by rounding alone: {rounded}"
+            f"  distances left out because perturbed starts differ by rounding alone: {rounded}"
         )
     if left := study.attrs["left_out"]:
-        why = "with a member that is flagged, has no value or is not there"
+        why = "with a member that is flagged, has no value or is missing"
         lines.append(f"  families left out, {why}: {left:,}")
     return lines
 
@@ -316,8 +317,8 @@ basins = Study(
     table=table,
     picture="basins_and_shares",
     settings=TUNING,
-    scene_text="what is run, until members have come to an attractor; its distributions are the"
-    " space",
+    scene_text="a scene, its file, or the name of a shipped scene, with t_end long enough to reach"
+    " an attractor; its distributions span the space",
     example=Example(
         "damped_dzhanibekov",
         {"of": "p(omega_last[1] >= 0)", "families": 16},

@@ -1,3 +1,3 @@
-"""What studies are made of: `study` has the record and makes its function, `options` what may be
-asked, `members`, `tasks` and `direct` the three kinds of work. Commands are made in
-`rigidmc.cli.studies`."""
+"""Building blocks of studies: `study` defines the record and builds its function; `options`, the
+options; `members`, `tasks` and `direct`, the three kinds of work. `rigidmc.cli.studies` builds the
+commands."""

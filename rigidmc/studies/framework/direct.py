@@ -1,5 +1,4 @@
-"""The work of a study that is computed at once: it has no members or tasks that a run directory
-could hold."""
+"""The work of a study that is computed at once, without members or tasks for a run directory."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -15,8 +14,8 @@ class Direct(NamedTuple):
     """The work of a study that measures this machine or this code, and has no run directory.
 
     run : (scene with the settings, options, threads, progress) -> the Dataset
-    progress : what True and a function are for, for the docstring
-    needs_scene : whether there is no study without a scene; else `run` takes None
+    progress : docstring text of the keyword `progress`: the meanings of True and of a function
+    needs_scene : whether the study requires a scene; if not, `run` may get None
     """
 
     run: Callable[[Any, Any, int | None, Any], xr.Dataset]
@@ -25,29 +24,29 @@ class Direct(NamedTuple):
 
     @property
     def sources(self) -> str:
-        """What its command takes."""
+        """Argument of its command."""
         return "SCENE" if self.needs_scene else "[SCENE]"
 
     @property
     def keywords(self) -> dict[str, tuple[str, str]]:
         """{keyword of its function: (type, text)}."""
-        threads = "how many; by default one for each core"
+        threads = "number of threads; by default one for each core"
         return {"threads": ("int", threads), "progress": ("bool or callable", self.progress)}
 
     def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Scene:
-        """The scene as it is."""
+        """Return the scene unchanged."""
         return scene
 
     def compute(
         self, scene: Scene | None, options: Any, threads: int | None, device: str | None,
         progress: Any,
     ) -> xr.Dataset:  # fmt: skip
-        """The study, computed now on the processor."""
+        """Compute the study now, on the CPU."""
         with announce(progress):
             return self.run(scene, options, threads, progress)
 
     def stored(
         self, name: str, result: Any, options: Any, threads: int | None, allow_code: bool
     ) -> xr.Dataset:
-        """OptionError: nothing of such a study is stored."""
-        raise OptionError(f"{name} is a study of a scene alone", at="result", value=result)
+        """Raise OptionError: nothing of this study is stored."""
+        raise OptionError(f"{name} studies scenes, not results", at="result", value=result)

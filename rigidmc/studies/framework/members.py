@@ -1,6 +1,6 @@
-"""Members of a study, some at a time, so that memory does not grow with their number.
+"""Compute the members of a study in batches, so that memory does not grow with their number.
 
-Members that come in families, by a design of `rigidmc.scene.sampling`.
+Some studies draw members in families, by a design of `rigidmc.scene.sampling`.
 """
 
 import math
@@ -41,13 +41,13 @@ def compute_batches(
     reduce: Callable[[xr.Dataset], object] = lambda part: None,
     device: str | None = None,
 ) -> Iterator[xr.Dataset]:
-    """The results of the members of a scene, `size` at a time; notes are given once.
+    """Yield the results of the members of a scene, `size` at a time; give notes once.
 
-    progress : a function of (members done, all); or True for what the study will cost, and a bar
-    reduce : what is done with a result, for its price
+    progress : a function of (members done, all); or True for the cost of the study and a bar
+    reduce : the evaluation of a result, for its cost
     """
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
-        # those of all members, not of a part
+        # the strata of all members, not of a batch
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
     with announce(progress):
         told = scene.run.integrator == "auto"
@@ -70,14 +70,15 @@ def compute_batches(
 
 
 def _ranges(scene: Scene, size: int) -> Iterator[range]:
-    """The members of a scene, `size` at a time."""
+    """Yield the members of a scene, `size` at a time."""
     first, stop = scene.run.first, scene.run.first + scene.run.members
     for low in range(first, stop, size):
         yield range(low, min(low + size, stop))
 
 
 def _chosen(scene: Scene) -> Scene:
-    """The scene with what its tolerance chooses, once for all parts; gives its notes."""
+    """Return the scene with the integrator and step that its tolerance chooses, once for all
+    batches; give its notes."""
     run = prepare_scene(scene)
     assert run.choice is not None
     for note in (*run.notes, run.choice.short):
@@ -87,24 +88,24 @@ def _chosen(scene: Scene) -> Scene:
 
 
 def split_result(result: xr.Dataset, size: int) -> Iterator[xr.Dataset]:
-    """A result, `size` members at a time."""
+    """Yield a result, `size` members at a time."""
     for low in range(0, result.sizes["member"], size):
         yield result.isel(member=slice(low, low + size))
 
 
 def saves_of(scene: Scene) -> int:
-    """How many saves a run of a scene has, to one."""
+    """Return the number of saves of a run of a scene, to within one."""
     run = scene.run
     return math.ceil(run.t_end / (run.every or run.dt)) + 1
 
 
 class Batches(NamedTuple):
-    """The members of a study as results, some at a time: what `reduce` takes.
+    """The members of a study as results, in batches; the argument of `reduce`.
 
     scene : with these members
-    results : of the members, one after the other, in their order
+    results : of the members, in their order
     stored : the result that they are part of, None if they are computed
-    threads : for what `reduce` computes itself
+    threads : for the computations of `reduce` itself
     """
 
     scene: Scene
@@ -114,20 +115,20 @@ class Batches(NamedTuple):
 
     @property
     def variables(self) -> Variables:
-        """What measures may name."""
+        """Variables that measures may name."""
         return variables_of(self.scene) if self.stored is None else self.stored.data_vars
 
 
 class Members(NamedTuple):
-    """The work of a study whose numbers come from the members of one scene.
+    """The work of a study that evaluates the members of one scene.
 
     scene : (scene with the settings, options, settings) -> the scene with the members of
-        the study; raises for what it cannot study
+        the study; raises for a scene that cannot be studied
     reduce : (batches, options) -> the Dataset
-    batch : how many members are computed at once, or a function of how many saves they have
-    points : of their scene, "" for any
-    needs : what a result has to have
-    check : (scene, result, options), raises for another result that cannot be studied
+    batch : number of members computed at once, or a function of their number of saves
+    points : required kind of points, "" for any
+    needs : variables that a result must have
+    check : (scene, result, options), raises for other results that cannot be studied
     """
 
     scene: Callable[[Scene, Any, Mapping[str, Any]], Scene]
@@ -139,7 +140,7 @@ class Members(NamedTuple):
 
     @property
     def sources(self) -> str:
-        """What its command takes."""
+        """Argument of its command."""
         return "SCENE|FILE|RUN/"
 
     @property
@@ -148,14 +149,14 @@ class Members(NamedTuple):
         return keywords_of("members")
 
     def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Scene:
-        """The scene with the members of the study."""
+        """Return the scene with the members of the study."""
         return self.scene(scene, options, settings)
 
     def compute(
         self, scene: Scene, options: Any, threads: int | None, device: str | None,
         progress: Progress,
     ) -> xr.Dataset:  # fmt: skip
-        """The study of a scene that `scene` made, whose members are computed now."""
+        """Compute the members of a scene made by `scene`, and the study of them."""
         size = self.batch if isinstance(self.batch, int) else self.batch(saves_of(scene))
         priced = self.priced(scene, options, threads)
         results = compute_batches(scene, size, threads, progress, priced, device)
@@ -164,7 +165,7 @@ class Members(NamedTuple):
     def priced(
         self, scene: Scene, options: Any, threads: int | None
     ) -> Callable[[xr.Dataset], object]:
-        """What is done with the first members of a scene to know what all will cost."""
+        """Return the evaluation of the first members, from which the cost of all is estimated."""
 
         def reduced(result: xr.Dataset) -> xr.Dataset:
             few = scene.with_run(members=result.sizes["member"])
@@ -175,7 +176,7 @@ class Members(NamedTuple):
     def create(
         self, name: str, scene: Scene, options: Any, path: Path, **ways: Any
     ) -> RunDirectory:
-        """Make a run directory of the members, and say what they will cost.
+        """Create a run directory of the members, and report their cost.
 
         ways : of `rigidmc.runs.directory.create.create`
         """
@@ -188,7 +189,7 @@ class Members(NamedTuple):
         self, scene: Scene, options: Any, threads: int | None, folder: str | None = None,
         device: str | None = None,
     ) -> str:  # fmt: skip
-        """What the study will cost, in words.
+        """Return the estimated cost of the study as text.
 
         folder : the run directory, if the members are stored
         """
@@ -197,7 +198,7 @@ class Members(NamedTuple):
     def stored(
         self, name: str, result: xr.Dataset, options: Any, threads: int | None, allow_code: bool
     ) -> xr.Dataset:
-        """The study of a result; OptionError for one that cannot be studied.
+        """Return the study of a result; OptionError if it cannot be studied.
 
         name : of the study
         """
@@ -217,42 +218,42 @@ class Members(NamedTuple):
 
 
 Array = NDArray[np.float64]
-# the settings of a run that a study of families leaves to the user
+# the run settings that a study of families leaves to the user
 TUNING = ("integrator", "dt", "turn", "t_end", "tolerance", "seed", "dtype", "compensated")
-KEPT = 64  # bytes of a member that a study keeps at least: a few numbers, and copies of them
+KEPT = 64  # least memory of a member in a study [bytes]: a few numbers, and copies of them
 _ANGLES = {"phi": 0, "theta": 1, "psi": 2}
 
 
 def family_size(scene: Scene) -> int:
-    """How many members a family of a scene has."""
+    """Return the number of members in a family of a scene."""
     return cast(FamilyDesign, make_sampler(scene.model, scene.run)).size
 
 
 def drawn_families(scene: Scene, texts: Sequence[str], design: str, families: int) -> Scene:
-    """The scene with so many families of members, all of them drawn by a design, that saves what
-    measures ask for; NoRoom for too many.
+    """Return the scene with `families` families of members, drawn by a design, that saves the
+    variables of the measures; NoRoom for too many families.
 
     design : the name of the points
     """
     scene = save_for_measures(scene.with_run(points=design), texts)
     save = tuple(name for name in scene.run.save if name not in OBSERVABLES)
     of_family = family_size(scene)
-    refuse_count(families, "families", KEPT * of_family, "take fewer families")
+    refuse_count(families, "families", KEPT * of_family, "use fewer families")
     drawn: Scene = scene.with_run(save=save, members=families * of_family, first=0)
     return drawn
 
 
 def refuse_noise(scene: Scene) -> None:
-    """SceneError for random effects, which take neighbours anywhere."""
+    """Raise SceneError for random effects: noise separates any two motions."""
     for label, effect in label_effects(scene.effects):
         if is_random(effect):
-            rule = "noise takes neighbours anywhere: this is a study of scenes without"
+            rule = "noise separates any two motions: this study requires a scene without noise"
             raise SceneError(rule, at=f"effects.{label}")
 
 
 def start_numbers(part: xr.Dataset, name: str) -> tuple[Array, str]:
-    """(a number of the start of members (n,), its units); nan for a distribution of several
-    numbers."""
+    """Return (a parameter of the start of members (n,), its units); nan for a distribution of a
+    vector."""
     table, first, *rest = name.split(".")
     key = first if table == "body" else f"start_{first}"
     if table == "effects":

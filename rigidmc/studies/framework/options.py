@@ -1,4 +1,4 @@
-"""The options of a study, defined once: arguments of its function and options of its command."""
+"""The options of a study, defined once for the arguments of its function and for its command."""
 
 import inspect
 import math
@@ -12,33 +12,33 @@ from typing import Any, NamedTuple, Self, dataclass_transform, get_args, get_typ
 from rigidmc.errors import OptionError
 from rigidmc.scene.amounts import read_count, read_seconds, words_of
 
-REQUIRED: Any = inspect.Parameter.empty  # the default of an option that has to be given
-# types of an option: given several times; one list such as rk4,rk8 of names, or of what they name;
-# a list of numbers; a time [s], also as a text such as 1h30m
+REQUIRED: Any = inspect.Parameter.empty  # default of an option that must be given
+# types of an option: given several times; a list of names such as rk4,rk8, or of named objects;
+# a list of numbers; a time [s], also as text such as 1h30m
 Words = tuple[str, ...]
 Names = tuple[Any, ...]
 Numbers = tuple[float, ...]
 
 
 class Time(float):
-    """The type of an option that is a time."""
+    """Type of an option that is a time."""
 
 
 @dataclass(frozen=True)
 class Option:
-    """What is known of an option; `option` makes it, `options_of` adds name and type.
+    """The record of an option; `option` creates it, `options_of` adds name and type.
 
     text : a noun phrase without a full stop, for help page and docstring
-    more : what the docstring adds to it
+    more : addition to `text` in the docstring
     unit : of a number
     above, below : open bounds of a number;  least, most : of a count
-    rule : what is allowed, for errors
-    metavar : what the help page shows for the value
-    is_new : whether it is about members, and refused beside members that exist
-    missing : what a new study lacks without it: of an option that a study on disk has
+    rule : allowed values, for errors
+    metavar : placeholder of the value on the help page
+    is_new : whether it defines members, and is refused for existing members
+    missing : error message of a new study without it; a study on disk has it already
     in_command, in_function : whether the command and the function have it
-    reader : (value, name) -> the value as it is used, if its type does not tell
-    kind : what it is in the docstring, if its type does not tell
+    reader : (value, name) -> the value to use, if the type alone does not determine it
+    kind : type in the docstring, if it differs from `type`
     """
 
     text: str
@@ -61,7 +61,7 @@ class Option:
     default: Any = REQUIRED
 
     def read(self, value: Any) -> Any:
-        """The value as it is used; OptionError for one that it cannot have."""
+        """Return the value to use; OptionError for a value that is not allowed."""
         if value is None and self.default is None:
             return None
         if self.reader is not None:
@@ -106,22 +106,22 @@ class Option:
             raise OptionError(rule, at=self.name, value=value) from None
 
     def documented(self) -> str:
-        """Its lines under Parameters of a numpydoc docstring."""
+        """Return its lines under Parameters of a numpydoc docstring."""
         head = f"{self.name} : {self.kind or _DOCUMENTED[self.type]}"
         unit = f" [{self.unit}]" if self.unit else ""
         more = f"; {self.more}" if self.more else ""
-        # --long is its neighbour `long`; options with a hyphen are of the command alone
+        # --long becomes `long`, another parameter; only the command has options with a hyphen
         text = re.sub(r"--(\w+)(?![\w-])", r"`\1`", self.text)
         text = re.sub(r"(\|\w+\|\S*)", r"``\1``", text)  # |L|^2 would be a substitution
         return parameter(head + ", optional" * self.is_optional, f"{text}{unit}{more}")
 
     @property
     def is_optional(self) -> bool:
-        """Whether the function of a study may be called without it."""
+        """Whether the function of a study can be called without it."""
         return self.default is not REQUIRED and not self.missing
 
 
-_DOCUMENTED = {  # {type: what it is in a docstring}
+_DOCUMENTED = {  # {type: its name in a docstring}
     int: "int",
     float: "float",
     Time: "float",
@@ -134,7 +134,7 @@ _DOCUMENTED = {  # {type: what it is in a docstring}
 
 
 def parameter(head: str, text: str) -> str:
-    """A parameter in a numpydoc docstring: what it is, and its text below."""
+    """Return a parameter of a numpydoc docstring: `head`, and its text below."""
     indent = "    "
     return "\n".join([
         head,
@@ -144,9 +144,9 @@ def parameter(head: str, text: str) -> str:
 
 
 def option(default: Any, text: str, like: Option = Option(""), **more: Any) -> Any:
-    """A field of `Options`: its default and its text, and what else an Option has.
+    """Return a field of `Options`, from its default, its text, and other fields of an Option.
 
-    like : an option that has the rest
+    like : an option from which the other fields are copied
     """
     of_field = MISSING if default is REQUIRED else default
     made = replace(like, text=text, default=default, **more)
@@ -154,17 +154,17 @@ def option(default: Any, text: str, like: Option = Option(""), **more: Any) -> A
 
 
 def confidence_option(text: str, **more: Any) -> Any:
-    """The field of the confidence of intervals, refused before anything is computed."""
+    """Return the field of the confidence of intervals; bad values are refused before computing."""
     rule = "expected a number between 0 and 1"
     return option(0.95, text, above=0.0, below=1.0, rule=rule, in_command=False, **more)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(option, confidence_option))
 class Options:
-    """The options of a study, checked: a subclass has a field made by `option` for each.
+    """The checked options of a study: a subclass has one field for each, made by `option`.
 
-    A field is an int (a count), a float, a bool, a str, Time, Words, Names, Numbers, or one of
-    these or None; or something else, with a `type` on the command line and a `reader`.
+    A field is an int (a count), a float, a bool, a str, Time, Words, Names or Numbers, or one of
+    these or None. Other types need a `type` on the command line and a `reader`.
     """
 
     def __init_subclass__(cls) -> None:
@@ -172,32 +172,35 @@ class Options:
 
     @classmethod
     def read(cls, values: Mapping[str, Any]) -> Self:
-        """The options of some values by name, the others at their defaults; OptionError."""
+        """Return the options from values by name, with defaults for the others; OptionError."""
         given = {one.name: one.read(values.get(one.name, one.default)) for one in options_of(cls)}
         return cls(**given)
 
 
 class NoOptions(Options):
-    """No option at all."""
+    """A study without options."""
 
 
 def keywords_of(counted: str) -> dict[str, tuple[str, str]]:
-    """{keyword: (type, text)} of the function of a study of what is counted: members or tasks."""
+    """Return {keyword: (type, text)} for the function of a study.
+
+    counted : unit of progress, "members" or "tasks"
+    """
     return {
-        "threads": ("int", "as of `simulate`; no bit depends on it"),
-        "device": ("str", "where members move, as of `simulate`"),
+        "threads": ("int", "as in `simulate`; the result does not depend on it, to the bit"),
+        "device": ("str", "CPU or GPU that computes the members, as in `simulate`"),
         "progress": (
             "bool or callable",
-            "True for what the study will cost, told before the first step, and a bar; or a"
+            "True to report the cost of the study before the first step, and show a bar; or a"
             f" function of ({counted} done, all)",
         ),
     }
 
 
 class Example(NamedTuple):
-    """A study that takes a second, for the tests over all of them.
+    """A study that takes a second, for the tests over all studies.
 
-    scene : the name of a shipped one
+    scene : the name of a shipped scene
     options : of the study
     settings : of the run
     """
@@ -208,7 +211,7 @@ class Example(NamedTuple):
 
 
 def options_of(cls: type[Options]) -> list[Option]:
-    """The options of a class, in the order of its fields, with their names and types."""
+    """Return the options of a class with names and types, in the order of its fields."""
     hints = get_type_hints(cls)
     found = []
     for one in fields(cls):  # type: ignore[arg-type]  # a subclass is a dataclass

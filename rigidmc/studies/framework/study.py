@@ -1,4 +1,4 @@
-"""The record of a study, and what is made of it: a function with its signature and docstring."""
+"""The record of a study, which is also its function, with signature and docstring."""
 
 import inspect
 from collections.abc import Callable, Mapping
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-KEYWORDS = "threads", "device", "progress"  # of a function, if its work has them
+KEYWORDS = "threads", "device", "progress"  # keywords of the function, if its work has them
 
 
 class StudyWork(Protocol):
-    """What computes a study: `Members`, `Tasks`, `Direct`, or one of its own.
+    """The computation of a study: `Members`, `Tasks`, `Direct`, or a custom one.
 
-    sources : what its command takes
+    sources : argument of its command
     keywords : {keyword of its function: (type, text)}
     """
 
@@ -43,25 +43,26 @@ class StudyWork(Protocol):
     def keywords(self) -> dict[str, tuple[str, str]]: ...
 
     def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Any:
-        """What `compute` takes, of a scene with its settings; raises for what cannot be studied."""
+        """Return the argument of `compute` for a scene with its settings; raises for a scene that
+        cannot be studied."""
 
     def compute(
         self, design: Any, options: Any, threads: int | None, device: str | None, progress: Any, /
     ) -> xr.Dataset:
-        """The study, computed now."""
+        """Compute the study now."""
 
     def stored(
         self, name: str, result: Any, options: Any, threads: int | None, allow_code: bool
     ) -> xr.Dataset:
-        """The study of what was computed before."""
+        """Return the study of a stored result."""
 
 
 class OutputFile(NamedTuple):
-    """A file that the command of a study writes beside its Dataset and its picture.
+    """A file that the command of a study writes in addition to its Dataset and its picture.
 
-    kind : what such files are called, in the plural
-    text : of the option, a phrase without a full stop
-    write : (dataset, path, force) -> whether the study has such a file
+    kind : name of these files, in the plural
+    text : help of the option, a phrase without a full stop
+    write : (dataset, path, force) -> whether the study has this file
     """
 
     kind: str
@@ -71,21 +72,22 @@ class OutputFile(NamedTuple):
 
 @dataclass(frozen=True)
 class Study:
-    """A question about a scene: a value that is called, as the function of its name.
+    """A question about a scene; callable, as the function of its name.
 
-    name : of function and folder, and of the command without `command`
-    text : the docstring of the function, with a line `{parameters}` in place of its parameters
-    options : what may be asked
-    work : what computes: members of one scene, tasks, or a function at once
-    table : Dataset -> lines of text, or what else rich prints
-    picture : the function in `picture.py` of the folder, of a Dataset and `picture_options`
-    example : a small one, for the tests over all studies
-    settings : of a run, that the command has; None for all
-    settings_help : {setting: what it means for this study}, where that is not its meaning for a run
-    scene_text, settings_text : what the docstring says of these parameters
-    source : what beside a scene the command takes
-    outcome : Dataset -> "done", "flagged" or "incomplete", of which the command makes exit codes
-    files : {option of the command: what else it writes}
+    name : of the function and the folder; also of the command, unless `command` is given
+    text : docstring of the function, with a line `{parameters}` in place of its parameters
+    options : the class of its options
+    work : its computation: members of one scene, tasks, or a single function
+    table : Dataset -> lines of text, or other objects that rich prints
+    picture : name of the function in the folder's `picture.py`; it takes a Dataset and
+        `picture_options`
+    example : a small study, for the tests over all studies
+    settings : run settings of the command; None for all
+    settings_help : {setting: its meaning in this study}, where it differs from that in a run
+    scene_text, settings_text : docstring texts of these parameters
+    source : argument of the command other than a scene
+    outcome : Dataset -> "done", "flagged" or "incomplete"; the command turns it into an exit code
+    files : {option of the command: the additional file it writes}
     """
 
     name: str
@@ -99,9 +101,9 @@ class Study:
     picture_options: type[Options] = NoOptions
     settings: tuple[str, ...] | None = None
     settings_help: Mapping[str, str] = field(default_factory=dict)
-    scene_text: str = "what is run; also its file, or the name of a shipped one"
-    settings_text: str = "of `simulate`"
-    source: str = "the result of a study that exists"
+    scene_text: str = "a scene, its file, or the name of a shipped scene"
+    settings_text: str = "run settings, as in `simulate`"
+    source: str = "the result of an existing study"
     outcome: Callable[[xr.Dataset], str] = lambda dataset: "done"
     files: Mapping[str, OutputFile] = field(default_factory=dict)
 
@@ -114,11 +116,11 @@ class Study:
             "__doc__": inspect.cleandoc(self.text).replace("{parameters}", self._parameters()),
             "__signature__": self._signature(),
         }
-        for name, value in facts.items():  # what `help`, `inspect` and Sphinx read of a function
+        for name, value in facts.items():  # attributes that `help`, `inspect` and Sphinx read
             object.__setattr__(self, name, value)
 
     def __call__(self, *arguments: Any, **keywords: Any) -> xr.Dataset:
-        """The study of a scene, as its own docstring has it."""
+        """Compute the study of a scene, as described in the docstring of the study."""
         given = self._bound(arguments, keywords)
         threads, device, progress = (given.pop(name, None) for name in KEYWORDS)
         design, options = self._designed(given)
@@ -126,12 +128,12 @@ class Study:
 
     @property
     def needs_scene(self) -> bool:
-        """Whether there is no such study without a scene."""
+        """Whether the study requires a scene."""
         return not isinstance(self.work, Direct) or self.work.needs_scene
 
     def design(self, *arguments: Any, **keywords: Any) -> Any:
-        """The scene with the members of the study; of tasks (scene, request). Arguments as
-        of the study itself."""
+        """Return the scene with the members of the study; for tasks, (scene, request). It
+        takes the arguments of the study."""
         return self._designed(self._bound(arguments, keywords))[0]
 
     def of(
@@ -142,14 +144,14 @@ class Study:
         threads: int | None = None,
         **options: Any,
     ) -> xr.Dataset:
-        """The study of a result of members that exist, also of a run that has not ended; of tasks
-        that of the path of a run directory.
+        """Return the study of an existing result, even of an unfinished run; for tasks, `result`
+        is the path of a run directory.
 
-        arguments, options : as of the study, without what new members need
-        allow_code : whether to run the Python files of a user's own parts
+        arguments, options : as in the study, without the options that define new members
+        allow_code : whether to run the Python files of custom effects, observables, ...
 
         Raises OptionError for a result that cannot be studied, SceneError for code that is not
-        allowed, and as the study.
+        allowed, and the errors of the study.
         """
         known = [one.name for one in self._arguments() if not one.is_new]
         self._refuse_unknown(options, known)
@@ -157,13 +159,13 @@ class Study:
         return self.work.stored(self.name, result, asked, threads, allow_code)
 
     def draw(self, dataset: xr.Dataset, **options: Any) -> "Figure":
-        """The picture of a study."""
+        """Draw the picture of a study."""
         module = import_module(f"rigidmc.studies.{self.name}.picture")
         figure: Figure = getattr(module, self.picture)(dataset, **options)
         return figure
 
     def _designed(self, given: dict[str, Any]) -> tuple[Any, Options]:
-        """(what `design` returns, the options) of bound arguments."""
+        """Return (result of `design`, options) for bound arguments."""
         names = {one.name for one in self._arguments()}
         asked = {k: v for k, v in given.items() if k in names}
         scene = given.get("scene")
@@ -175,23 +177,23 @@ class Study:
     def designed(
         self, scene: Scene | None, options: Mapping[str, Any], settings: Mapping[str, Any]
     ) -> tuple[Any, Options]:
-        """(what `design` returns, the options) of values by name."""
+        """Return (result of `design`, options) for values by name."""
         for one in options_of(self.options):
             if one.missing and options.get(one.name) is None:
                 raise OptionError(one.missing, at=one.name)
         read = self.options.read(options)
         if scene is None:
             for key, value in settings.items():
-                raise OptionError("is for a scene, and none is given", at=key, value=value)
+                raise OptionError("requires a scene, and none is given", at=key, value=value)
             return None, read
         return self.work.design(scene.with_run(**settings), read, settings), read
 
     def _arguments(self) -> list[Option]:
-        """The options that the function has."""
+        """Return the options that the function has."""
         return [one for one in options_of(self.options) if one.in_function]
 
     def _bound(self, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> dict[str, Any]:
-        """The arguments of a call by name; TypeError for those that there are not."""
+        """Return the arguments of a call by name; TypeError for unknown ones."""
         signature = inspect.signature(self)
         given: dict[str, Any] = dict(signature.bind(*arguments, **keywords).arguments)
         settings: dict[str, Any] = given.pop("settings", {})
@@ -217,7 +219,7 @@ class Study:
         return inspect.Signature(made, return_annotation=xr.Dataset)
 
     def _parameters(self) -> str:
-        """The section Parameters of the docstring."""
+        """Return the section Parameters of the docstring."""
         optional = "" if self.needs_scene else ", optional"
         return "\n".join([
             "Parameters",

@@ -1,5 +1,5 @@
-"""The work of a study that is made of tasks: computed now, or in a run directory, which loses
-nothing."""
+"""The work of a study that consists of tasks: computed now, or in a run directory, where a stop
+loses no finished task."""
 
 import random
 import time
@@ -38,24 +38,24 @@ from rigidmc.scene.scene import Scene
 from rigidmc.studies import STUDIES, load_study
 from rigidmc.studies.framework.options import keywords_of
 
-Design = tuple[Scene, dict[str, Any]]  # what the tasks of a study have in common, with the request
+Design = tuple[Scene, dict[str, Any]]  # scene and request, common to all tasks of a study
 
 
 class Tasks(NamedTuple):
-    """The work of a study that is made of tasks, each of which is a shard of its run directory.
+    """The work of a study that consists of tasks; each task is a shard of its run directory.
 
-    start : (scene with the settings, options) -> the scene of the tasks, and what they are asked as
-        numbers and words; raises for what it cannot study
-    next : (scene, request, {number: what was found} of the tasks so far) -> the numbers of the next
-        tasks, [] at the end; none is done at the beginning
-    compute_some : (scene, request, numbers of tasks, threads, device) -> what each finds, a pure
-        function of all but threads, device and the other tasks
-    cost : (scene, request, numbers of tasks) -> the member-steps that they take
-    reduce : (scene, request, {number: what was found}, options) -> the Dataset
-    is_growing : whether what tasks say decides which are next
-    together : how many tasks are computed at once
-    notes : scene of the tasks -> what to warn of before the first
-    doubts : Dataset -> what to warn of after the last
+    start : (scene with the settings, options) -> (scene of the tasks, request: their options as
+        numbers and words); raises for a scene that cannot be studied
+    next : (scene, request, {number: result} of the finished tasks) -> numbers of the next tasks,
+        [] at the end; at the beginning no task is finished
+    compute_some : (scene, request, numbers of tasks, threads, device) -> result of each task; it
+        does not depend on threads, device and the other tasks
+    cost : (scene, request, numbers of tasks) -> their member-steps
+    reduce : (scene, request, {number: result}, options) -> the Dataset
+    is_growing : whether the results of tasks decide the next tasks
+    together : number of tasks computed at once
+    notes : scene of the tasks -> warnings before the first task
+    doubts : Dataset -> warnings after the last task
     """
 
     start: Callable[[Scene, Any], Design]
@@ -70,7 +70,7 @@ class Tasks(NamedTuple):
 
     @property
     def sources(self) -> str:
-        """What its command takes."""
+        """Argument of its command."""
         return "SCENE|RUN/"
 
     @property
@@ -79,14 +79,14 @@ class Tasks(NamedTuple):
         return keywords_of("tasks")
 
     def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Design:
-        """The scene of the tasks and what they are asked."""
+        """Return the scene of the tasks and their request."""
         return self.start(scene, options)
 
     def compute(
         self, design: Design, options: Any, threads: int | None, device: str | None,
         progress: Progress,
     ) -> xr.Dataset:  # fmt: skip
-        """The study, whose tasks are computed now."""
+        """Compute the tasks, and the study of them."""
         threads = threads_available() if threads is None else read_count(threads, "threads")
         for note in self.notes(design[0]):
             warnings.warn(note, SceneWarning, stacklevel=3)
@@ -99,7 +99,7 @@ class Tasks(NamedTuple):
     def stored(
         self, name: str, path: Path, options: Any, threads: int | None, allow_code: bool
     ) -> xr.Dataset:
-        """The study of the tasks that are done in a run directory; FileError.
+        """Return the study of the finished tasks of a run directory; FileError.
 
         name : of the study
         """
@@ -108,14 +108,14 @@ class Tasks(NamedTuple):
     def create(
         self, name: str, design: Design, options: Any, path: Path, **ways: Any
     ) -> RunDirectory:
-        """Make a run directory; see `rigidmc.runs.directory.tasks.create_tasks`.
+        """Create a run directory; see `rigidmc.runs.directory.tasks.create_tasks`.
 
-        ways : size and longest time of a shard of members, which tasks do not have
+        ways : size and longest time of a shard; refused, since they apply to members only
         """
         size, limit = ways.get("size"), ways.get("limit")
         for key, value in (("size", size and size / 1e6), ("time", limit)):
             if value is not None:
-                rule = "is for members; here a shard is a task of the study"
+                rule = "applies to members; here a shard is a task of the study"
                 raise OptionError(rule, at=f"shard_{key}", value=value)
         scene, request = design
         first = self.next(scene, request, {})
@@ -125,7 +125,7 @@ class Tasks(NamedTuple):
         self, scene: Scene, request: Request, numbers: Sequence[int], threads: int,
         device: str | None = None,
     ) -> str:  # fmt: skip
-        """What tasks will cost, in words, by steps that are measured now."""
+        """Return the estimated cost of tasks as text, from the time of steps measured now."""
         steps, device = self.cost(scene, request, numbers), resolve_device(device)
         took = 1e-9 * steps * cost_per_step(prepare_scene(scene), device) / movers(threads, device)
         return (
@@ -143,9 +143,9 @@ def compute_all(
     progress: Progress = False,
     device: str | None = None,
 ) -> dict[int, TaskArrays]:
-    """{number: what was found} of all tasks of a study, computed now.
+    """Compute all tasks of a study now; return {number: result}.
 
-    progress : as of `simulate`, with tasks in place of member-steps; True also for what they cost
+    progress : as in `simulate`, counting tasks in place of member-steps; True also reports the cost
     """
     found: dict[int, TaskArrays] = {}
     with announce(progress):
@@ -163,13 +163,14 @@ def compute_all(
 
 
 def tasks_of(directory: RunDirectory) -> tuple[str, Tasks, dict[str, Any]] | None:
-    """(name, work, request) of the study of a run directory; None if it has members; FileError."""
+    """Return (name, work, request) of the study of a run directory; None if it stores members;
+    FileError."""
     study = study_of(directory)
     if study is None:
         return None
     name, request = study
     if name not in STUDIES or not isinstance(work := load_study(name).work, Tasks):
-        rule = f"is no study of this version; known: {', '.join(STUDIES)}"
+        rule = f"is not a study of this version; known: {', '.join(STUDIES)}"
         raise FileError(rule, at="study", value=name, file=directory.path)
     return name, work, request
 
@@ -182,10 +183,10 @@ def resume_study(
     device: str | None = None,
     **options: Any,
 ) -> tuple[RunDirectory, dict[str, int]]:
-    """Compute the tasks of a study until what is there asks for no more; (RunDirectory, {status:
-    tasks} of what was computed). Options as of `rigidmc.runs.directory.resume.resume`.
+    """Compute the tasks of a study until no more are needed; return (RunDirectory, {status:
+    number of tasks} of the computed tasks). Options as in `rigidmc.runs.directory.resume.resume`.
 
-    Raises OptionError for a range of tasks of which more are to come.
+    Raises OptionError for a range of tasks if further tasks are still unknown.
     """
     tasks, request = _known(directory)
     scene = scene_of_run(directory, allow_code)
@@ -212,7 +213,7 @@ def resume_study(
             return directory, flagged
         more = np.asarray(tasks.next(scene, request, read_tasks(directory)), np.int64)
         if more.size and only is not None:
-            rule = "all tasks must be there before the next are known: leave it out"
+            rule = "the next tasks depend on all of these: resume without a range of shards"
             raise OptionError(rule, at="shards", value=f"{only.start}:{only.stop}")
         directory = add_members(directory, more, int(more.size > 0))
         if not more.size or (left is not None and left <= 0.0):
@@ -223,7 +224,7 @@ def _tell(
     tasks: Tasks, scene: Scene, request: Request, directory: RunDirectory, only: range | None,
     threads: int | None, device: str | None,
 ) -> None:  # fmt: skip
-    """Say what the missing tasks will cost."""
+    """Report the cost of the missing tasks."""
     numbers = [int(directory.members(int(i))[0]) for i in missing_of(directory, only)]
     if numbers:
         say(tasks.price(scene, request, numbers, threads or threads_available(), device))
@@ -232,23 +233,23 @@ def _tell(
 def load_tasks(
     path: Path, name: str, allow_code: bool = False
 ) -> tuple[Scene, Any, dict[int, TaskArrays]]:
-    """(scene, request, {number: numbers}) of the tasks of a study in a run directory that are done.
+    """Return (scene, request, {number: result}) of the finished tasks of a run directory.
 
-    name : which study it has to be;  raises FileError for anything else, and if none is done
+    name : the expected study;  raises FileError for anything else, and if no task is finished
     """
     directory = RunDirectory(path)
     study = tasks_of(directory)
     if study is None or study[0] != name:
-        rule = f"is no run of `rigidmc {name} SCENE -o RUN/`"
+        rule = f"is not a run of `rigidmc {name} SCENE -o RUN/`"
         raise FileError(rule, at="run", file=directory.path)
     done = read_tasks(directory)
     if not done:
-        raise FileError("no task is done yet: resume it first", at="run", value=directory.path)
+        raise FileError("no task is finished yet: resume it first", at="run", value=directory.path)
     return scene_of_run(directory, allow_code), study[2], done
 
 
 def work(path: str, i: int, allow_code: bool, accept: bool, device: str | None) -> dict[str, int]:
-    """Compute one task of a run directory: what a worker of a cluster does."""
+    """Compute one task of a run directory, as a worker on a cluster."""
     directory = RunDirectory(path)
     check_versions(directory, accept)
     tasks, request = _known(directory)
@@ -264,8 +265,8 @@ def work(path: str, i: int, allow_code: bool, accept: bool, device: str | None) 
 def verify_study(
     path: Path, spot: int = 3, allow_code: bool = False, threads: int | None = None
 ) -> list[str]:
-    """As `rigidmc.runs.directory.gather.verify`, also of a study, of which tasks are computed
-    again."""
+    """Verify a run directory, as `rigidmc.runs.directory.gather.verify`; for a study, recompute
+    `spot` random tasks and compare them."""
     directory = RunDirectory(path)
     study = tasks_of(directory)
     if study is None:
@@ -286,7 +287,7 @@ def verify_study(
 
 
 def _known(directory: RunDirectory) -> tuple[Tasks, dict[str, Any]]:
-    """(work, request) of the study of a run directory that has one."""
+    """Return (work, request) of the study of a run directory that has one."""
     study = tasks_of(directory)
     assert study is not None
     return study[1:]

@@ -9,24 +9,25 @@ from rigidmc.errors import OptionError, nearest
 from rigidmc.figures import LIGHT, VALUES, figure_of, new_figure
 from rigidmc.results.labels import label_of
 
-LOWEST = 1e-14  # change that is drawn as none: rounding
+LOWEST = 1e-14  # changes below it are rounding, and drawn as this
 FREQUENCY = "frequency[1]"
 
 
 def frequency_map(
     study: xr.Dataset, x: str | None = None, y: str | None = None, figure: Figure | None = None
 ) -> Figure:
-    """Members in the plane of two of their numbers, coloured by how much their frequency changes.
+    """Draw members in the plane of two quantities, coloured by the change of their frequency.
 
     study : the Dataset of `rigidmc.frequencies`
-    x, y : such as "start_omega[3]", "frequency[2]" or "amplitude[1]"; by default the number of the
-        start that differs most between members, and the first frequency
+    x, y : such as "start_omega[3]", "frequency[2]" or "amplitude[1]"; by default the parameter of
+        the start that differs most between members, and the first frequency
 
-    Dark members are regular, bright ones chaotic. Raises OptionError for what the study has not.
+    Dark members are regular, bright ones chaotic. Raises OptionError for a quantity that the study
+    does not have.
     """
     known = _known(study)
     spread = {
-        # numbers that are all 0 do not differ, by anything
+        # avoid division by zero for values that are all 0
         name: np.ptp(v) / (np.abs(v).max() or 1.0)
         for name, v in known.items()
         if name.startswith("start_")
@@ -34,7 +35,7 @@ def frequency_map(
     names = x or max(spread, key=lambda name: spread[name], default=FREQUENCY), y or FREQUENCY
     for name in names:
         if name not in known:
-            rule = f"the study has no such number of its members; known: {', '.join(known)}"
+            rule = f"is not a quantity of the study; known: {', '.join(known)}"
             raise OptionError(rule, at="x and y", value=name, nearest=nearest(name, known))
     good = study.status.values == 0
     title = f"{study.attrs['title']}: frequencies of {study.attrs['of']}"
@@ -53,12 +54,12 @@ def frequency_map(
     axes.grid(True, lw=0.3, color=LIGHT)
     axes.set_axisbelow(True)
     bar = figure.colorbar(dots, ax=axes, extend="min")
-    bar.set_label("change of the first frequency, half to half, log10")
+    bar.set_label("log10 of the change of the first frequency between halves")
     return figure_of(axes)
 
 
 def _known(study: xr.Dataset) -> dict[str, NDArray[np.float64]]:
-    """{name: values} of all numbers of the members."""
+    """Return {name: values} of all quantities of the members."""
     found: dict[str, NDArray[np.float64]] = {}
     for name, one in study.data_vars.items():
         if name in ("status", "change", "why") or one.ndim > 2:

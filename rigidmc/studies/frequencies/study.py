@@ -1,12 +1,12 @@
-"""Tell of which frequencies the motion of each member is made.
+"""Compute the frequencies in the motion of each member.
 
-The signal x(t) of a member, its saves less their mean, is written as a sum of oscillations::
+The signal x(t) of a member, its saves minus their mean, is decomposed into oscillations::
 
     x(t) = sum_k a_k cos(nu_k t + phase_k)
 
-nu_1 is where ``|<x, exp(i nu t)>|`` is largest under the window (1 + cos)^3, to rounding; its
-oscillation is taken away, and the next is sought. A regular motion keeps its frequencies, a
-chaotic one does not: `change` compares nu_1 of both halves of the time.
+nu_1 is the maximum of ``|<x, exp(i nu t)>|`` under the window (1 + cos)^3, to rounding. This
+oscillation is subtracted, and the search continues with the rest. A regular motion keeps its
+frequencies, a chaotic one does not: `change` compares nu_1 in both halves of the time.
 Source: Laskar, Icarus 88 (1990) 266; Physica D 67 (1993) 257.
 
 {parameters}
@@ -16,19 +16,19 @@ Returns
 xarray.Dataset
     over term and member: `frequency` [rad/s], `amplitude` and `phase` [rad]; over member
     `change`, the relative change of the first frequency from one half of the time to the other,
-    the start, and `status`. All are nan for flagged members, and for what a window of that
-    length does not resolve; `why`, over term and member, tells the reason: nothing but rounding
-    is left; fewer than 4 periods (of `change`, in each half); less than half a period between
-    saves, or nearly; another line nearer than 4 periods of the time
+    the start, and `status`. All are nan for flagged members, and for oscillations that a window of
+    that length does not resolve. `why`, over term and member, gives the reason: only rounding is
+    left; fewer than 4 periods (for `change`, in each half); a period of fewer than two saves, or
+    nearly; another line that differs by fewer than 4 periods over the time
 
 Raises
 ------
 OptionError
-    for what is not known at save times, or with fewer than 64 saves
+    for a quantity that is not saved at times, or with fewer than 64 saves
 
 Examples
 --------
-A disc that is thrown wobbles at (I3/I1 - 1) omega3:
+A thrown disc wobbles at (I3/I1 - 1) omega3:
 
 >>> start = rm.Start(omega=(0.1, 0.0, 2.0))
 >>> scene = rm.Scene(rm.Body((1.0, 1.0, 1.8)), start=start)
@@ -57,42 +57,42 @@ from rigidmc.studies.framework.options import REQUIRED, Example, Options, option
 from rigidmc.studies.framework.study import Study
 
 Array = NDArray[np.float64]
-POWER = 3  # of the window: a line at a distance of n samples of the spectrum is n^-8 off
-NOTHING = 1e-12  # of the signal: what is left is rounding
-WIDTH = POWER + 1.0  # of a line, in periods of the whole time, to the first zero of the window
-DOUBLE = 0.5  # of a line: one as strong within its width is another line, not its artefact
+POWER = 3  # of the window: another line, n samples of the spectrum away, causes an error n^-8
+NOTHING = 1e-12  # of the signal: a smaller rest is rounding
+WIDTH = POWER + 1.0  # of a line, in periods over the time, to the first zero of the window
+DOUBLE = 0.5  # of a line: a stronger one within its width is a second line, not its artefact
 WHY = ("resolved", "nothing", "slow", "fast", "close", "flagged")
 WORDS = {  # reasons of WHY that a table shows
     "nothing": "is constant to rounding",
     "slow": f"has fewer than {WIDTH:g} periods in the time",
-    "fast": "is folded, or nearly: saves have to be less than half a period apart",
-    "close": f"is one of two that are nearer than {WIDTH:g} periods of the time",
+    "fast": "is aliased, or nearly: saves must be less than half a period apart",
+    "close": f"differs from another by fewer than {WIDTH:g} periods over the time",
 }
-LEAST = 64  # saves of which a spectrum is made
-NUMBERS = 2**23  # of exponentials at once: 128 MB
+LEAST = 64  # saves needed for a spectrum
+NUMBERS = 2**23  # exponentials computed at once: 128 MB
 
 
 class FrequencyOptions(Options):
-    """What `frequencies` may be asked."""
+    """The options of `frequencies`."""
 
     of: str = option(
         REQUIRED,
-        'what oscillates, such as "omega[1]"',
-        more="an observable at save times, or a component of it",
+        'quantity that oscillates, such as "omega[1]"',
+        more="an observable at save times, or a component of one",
         metavar="NAME",
     )
-    terms: int = option(3, "how many oscillations; by default 3")
+    terms: int = option(3, "number of oscillations; by default 3")
 
 
 class FrequencyMapOptions(Options):
     """The axes of the frequency map."""
 
-    x: str | None = option(None, 'of the picture, such as "start_omega[3]"', metavar="NAME")
-    y: str | None = option(None, "the same; by default the frequency", metavar="NAME")
+    x: str | None = option(None, 'horizontal axis, such as "start_omega[3]"', metavar="NAME")
+    y: str | None = option(None, "vertical axis; by default the frequency", metavar="NAME")
 
 
 def scene_of_signals(scene: Scene, options: FrequencyOptions, settings: Mapping[str, Any]) -> Scene:
-    """The scene with the members of the study: it saves what oscillates."""
+    """Return the scene with the members of the study: it saves the oscillating quantity."""
     refuse_count(scene.run.members, "members with frequencies", 8 * (3 * options.terms + 8))
     found = component_of(scene, options.of, "of")
     saving: Scene = scene.with_run(save=(found.name,), keep="full")
@@ -100,7 +100,7 @@ def scene_of_signals(scene: Scene, options: FrequencyOptions, settings: Mapping[
 
 
 def check_source(scene: Scene, result: xr.Dataset, options: FrequencyOptions) -> None:
-    """OptionError for a result that has not what oscillates."""
+    """Raise OptionError for a result without the oscillating quantity."""
     of = options.of
     name = component_of(scene, of, "of").name
     if name not in result or "time" not in result[name].dims:
@@ -109,17 +109,17 @@ def check_source(scene: Scene, result: xr.Dataset, options: FrequencyOptions) ->
 
 
 def batch_of(saves: int) -> int:
-    """How many members are analysed at once."""
+    """Return the number of members analysed at once."""
     return max(1, NUMBERS // saves)
 
 
 def reduce(batches: Batches, options: FrequencyOptions) -> xr.Dataset:
-    """The Dataset of the study of members."""
+    """Return the Dataset of the study of members."""
     scene, of, terms = batches.scene, options.of, options.terms
     asked, found = component_of(scene, of, "of"), []
     for part in batches.results:
         if part.sizes["time"] < LEAST:
-            rule = f"a spectrum needs {LEAST} saves or more, and there are {part.sizes['time']}"
+            rule = f"a spectrum requires {LEAST} saves or more; the run has {part.sizes['time']}"
             raise OptionError(rule, at="run.every", value=scene.run.every)
         signal = np.where(part.status.values == 0, asked.values(part), np.nan)
         found.append(_studied(part, signal, terms, resolution_of(scene)))
@@ -131,9 +131,9 @@ def reduce(batches: Batches, options: FrequencyOptions) -> xr.Dataset:
 
 
 def _studied(part: xr.Dataset, signal: Array, terms: int, resolved: float) -> xr.Dataset:
-    """The study of signals (time, member), of a relative resolution."""
+    """Return the study of signals (time, member) with a relative resolution."""
     times = part.time.values
-    # the last save may lie nearer to the one before: a spectrum is of evenly spaced ones
+    # a spectrum needs evenly spaced saves; the last interval may be shorter
     if times[-1] - times[-2] < (times[1] - times[0]) * (1.0 - 1e-6):
         times, signal = times[:-1], signal[:-1]
     found = oscillations(signal, times, terms, resolved)
@@ -159,7 +159,7 @@ def _studied(part: xr.Dataset, signal: Array, terms: int, resolved: float) -> xr
     }
     about = {"flag_values": list(range(len(WHY))), "flag_meanings": " ".join(WHY)}
     why = np.where(np.isnan(signal).any(axis=0), WHY.index("flagged"), found.why).astype("i1")
-    variables["why"] = ("term", "member"), why, {"long_name": "why there is none", **about}
+    variables["why"] = ("term", "member"), why, {"long_name": "why it is not resolved", **about}
     text = "relative change of the first frequency between both halves of the time"
     variables["change"] = "member", change, {"long_name": text, "units": "1"}
     starts = [str(n) for n in part.data_vars if str(n).startswith("start_") or n == "status"]
@@ -170,9 +170,9 @@ def _studied(part: xr.Dataset, signal: Array, terms: int, resolved: float) -> xr
 
 class Oscillations(NamedTuple):
     """Frequencies [rad/s], amplitudes and phases of signals, each (terms, n), in the order found;
-    nan for what the window cannot resolve.
+    nan for unresolved oscillations.
 
-    why : the place in WHY of the reason;  sought : the frequencies with those that are not resolved
+    why : index in WHY of the reason;  sought : the frequencies, including unresolved ones
     """
 
     frequency: Array
@@ -185,12 +185,12 @@ class Oscillations(NamedTuple):
 def oscillations(
     signal: Array, times: Array, terms: int, resolved: float | None = None
 ) -> Oscillations:
-    """The Oscillations of signals.
+    """Return the Oscillations of signals.
 
-    A line of a signal of length T is as wide as WIDTH 2 pi/T: one nearer to 0, where the mean and
-    its own mirror image are, or to the highest frequency of the saves, has errors of up to its own
-    size. Of two that are nearer to each other the weaker is an artefact of the stronger, and if it
-    is nearly as strong, neither is known.
+    A line of a signal of length T has the width WIDTH 2 pi/T. A line nearer than this to 0, where
+    the mean and its own mirror image are, or to the highest frequency of the saves, has errors of
+    up to its own size. If two lines are nearer to each other, the weaker is an artefact of the
+    stronger; if it has more than DOUBLE of the strength, neither is known.
 
     signal : (saves, n);  times : evenly spaced [s];  resolved : the relative resolution of signals
     """
@@ -214,7 +214,7 @@ def oscillations(
 
 
 def _unresolved(frequency: Array, size: Array, step: float, saves: int) -> NDArray[np.int64]:
-    """The places in WHY of the reasons why oscillations (terms, n) are not resolved."""
+    """Return the indices in WHY of the reasons why oscillations (terms, n) are not resolved."""
     width = WIDTH * 2.0 * np.pi / ((saves - 1) * step)
     why = np.zeros(frequency.shape, np.int64)
     with np.errstate(invalid="ignore"):
@@ -230,19 +230,20 @@ def _unresolved(frequency: Array, size: Array, step: float, saves: int) -> NDArr
 
 
 def window(count: int) -> Array:
-    """(1 + cos)^POWER over `count` saves, of mean 1."""
+    """Return (1 + cos)^POWER over `count` saves, normalised to a mean of 1."""
     shape = (1.0 + np.cos(np.linspace(-np.pi, np.pi, count))) ** POWER
     whole: Array = shape / shape.mean()
     return whole
 
 
 def _strongest(signal: Array, step: float) -> Array:
-    """The frequencies (n,) at which the spectra of weighted signals (saves, n) are largest."""
+    """Return the frequencies (n,) at which the spectra of weighted signals (saves, n) are
+    largest."""
     saves, members = signal.shape
     spectrum = np.abs(np.fft.rfft(np.nan_to_num(signal), 2 * saves, axis=0))
     at = np.clip(spectrum[1:-1].argmax(axis=0) + 1, 1, saves - 1)
     apart = np.pi / (saves * step)
-    moments = np.arange(saves) - 0.5 * (saves - 1)  # the middle, where the phase turns least
+    moments = np.arange(saves) - 0.5 * (saves - 1)  # from the middle, where the phase varies least
 
     def slope(frequency: Array, which: Array) -> Array:
         waves = np.exp(-1j * np.outer(moments * step, frequency))
@@ -259,7 +260,7 @@ def _strongest(signal: Array, step: float) -> Array:
 
 
 def _waves(found: Sequence[Array], times: Array, count: int) -> Array:
-    """1, then cos and sin of each frequency, (1 + 2 terms, saves, n); 0 for those that are nan."""
+    """Return 1, then cos and sin of each frequency, (1 + 2 terms, saves, n); 0 where it is nan."""
     rows = [np.ones((times.size, count))]
     for frequency in found:
         angles = times[:, None] * frequency
@@ -268,7 +269,7 @@ def _waves(found: Sequence[Array], times: Array, count: int) -> Array:
 
 
 def _fitted(waves: Array, signal: Array, weight: Array) -> tuple[Array, Array]:
-    """(shares of the waves (waves, n), what is left of the signal): least squares with a weight."""
+    """Return (coefficients of the waves (waves, n), rest of the signal): weighted least squares."""
     weighted = waves * weight
     products = np.einsum("itn,jtn->nij", weighted, waves)
     right = np.einsum("itn,tn->ni", weighted, np.nan_to_num(signal))
@@ -278,7 +279,7 @@ def _fitted(waves: Array, signal: Array, weight: Array) -> tuple[Array, Array]:
 
 
 def table(study: xr.Dataset) -> list[str]:
-    """The study in lines of text."""
+    """Return the study as lines of text."""
     good = study.status.values == 0
     lines = [f"{study.attrs['title']}: {study.attrs['of']} of {count_text(good.sum(), 'member')}"]
     if not good.any():
@@ -297,11 +298,11 @@ def table(study: xr.Dataset) -> list[str]:
     change = change[np.isfinite(change)]
     if change.size:
         shares = [f"{(change > 10.0**-k).mean():.1%} by more than 1e-{k}" for k in (3, 6, 9)]
-        lines.append(f"  nu_1 changes from half to half: {', '.join(shares)}")
+        lines.append(f"  nu_1 changes between halves: {', '.join(shares)}")
     if unknown := int(good.sum()) - change.size:
-        lines.append(f"  members whose halves are too short to tell a change: {unknown:,}")
+        lines.append(f"  members whose halves are too short to measure a change: {unknown:,}")
     if not good.all():
-        lines.append(f"  flagged members, which have no frequencies: {(~good).sum():,}")
+        lines.append(f"  flagged members, without frequencies: {(~good).sum():,}")
     return lines
 
 
@@ -313,7 +314,7 @@ frequencies = Study(
     table=table,
     picture="frequency_map",
     picture_options=FrequencyMapOptions,
-    settings_text="of `simulate`; saves have to be less than half a period apart",
-    source="a result that has what is asked",
+    settings_text="run settings, as in `simulate`; saves must be less than half a period apart",
+    source="a result with this quantity",
     example=Example("dzhanibekov", {"of": "omega[1]"}, {"members": 40, "t_end": 80.0}),
 )

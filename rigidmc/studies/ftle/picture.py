@@ -1,4 +1,4 @@
-"""The picture of finite-time Lyapunov exponents: the field over two numbers of the start."""
+"""The picture of finite-time Lyapunov exponents: the field over two parameters of the start."""
 
 import math
 from typing import Any
@@ -14,31 +14,32 @@ from rigidmc.figures import VALUES, figure_of, new_figure
 from rigidmc.results.labels import with_units
 
 Array = NDArray[np.float64]
-PIXELS = 500  # a side at most
+PIXELS = 500  # most pixels per side
 
 
 def ftle_field(
     study: xr.Dataset, x: str | None = None, y: str | None = None, figure: Figure | None = None
 ) -> Figure:
-    """The field over two numbers of the start, bright where a change grows most: lines of light are
-    stable manifolds. A pixel has the value of the start nearest to it. A scene with one number has
-    a curve, one of three and more has dots.
+    """Draw the field over two parameters of the start, bright where a change grows most: bright
+    lines are stable manifolds. A pixel has the value of the nearest start. With one parameter the
+    picture is a curve; with three or more it has dots in place of pixels.
 
     study : the Dataset of `rigidmc.ftle`
-    x, y : names of numbers, such as "start.omega.1"; by default the first two
+    x, y : names of parameters, such as "start.omega.1"; by default the first two
 
-    Raises OptionError for what the study has not.
+    Raises OptionError for a parameter that the study does not have.
     """
     known = [str(n) for n in study.number.values if study.start.sel(number=n).notnull().any()]
     names = [n for n in (x or "".join(known[:1]), y or "".join(known[1:2])) if n]
     for name in names:
         if name not in known:
-            rule = f"the study has no such number of a start; known: {', '.join(known)}"
+            rule = f"is not an uncertain parameter of the start; known: {', '.join(known)}"
             raise OptionError(rule, at="x and y", value=name, nearest=nearest(name, known))
     if not names:
-        raise OptionError("the start is a law of several numbers at once", at="x and y")
+        rule = "the start has only vector distributions, so it has no parameter for an axis"
+        raise OptionError(rule, at="x and y")
     time = f"{study.attrs['t_end']:g} s"
-    title = f"{study.attrs['title']}: how much a change of the start has grown after {time}"
+    title = f"{study.attrs['title']}: growth of a change of the start after {time}"
     figure = figure or new_figure(title, (8.2, 6.2))
     axes, values = figure.add_subplot(), study.ftle.values
     order = np.argsort(values)[: int(np.isfinite(values).sum())]
@@ -67,10 +68,10 @@ def ftle_field(
 
 
 def _nearest(places: list[Array]) -> tuple[list[Array], NDArray[np.intp]]:
-    """(edges of pixels across and up, the start nearest to each), of starts all over a plane."""
+    """Return (pixel edges across and up, start nearest to each pixel), for starts in a plane."""
     side = int(np.clip(math.sqrt(2.0 * places[0].size), 16, PIXELS))
     edges = [np.linspace(x.min(), x.max(), side + 1) for x in places]
-    # a side of no length is drawn as one
+    # avoid division by zero for a side without length
     long = [max(float(np.ptp(x)), 1e-300) for x in places]
     centres = [0.5 * (e[1:] + e[:-1]) / w for e, w in zip(edges, long, strict=True)]
     grid = np.stack(np.meshgrid(*centres), axis=-1)

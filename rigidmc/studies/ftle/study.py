@@ -1,14 +1,15 @@
-"""Tell how much a small change of each start has grown at the end: the field of finite-time
-Lyapunov exponents, whose ridges are the stable manifolds of what is unstable.
+"""Compute how much a small change of each start has grown at the end: the field of finite-time
+Lyapunov exponents, whose ridges are the stable manifolds of unstable motions.
 
-With the flow Phi over the time T and all changes x of the d numbers that a start draws::
+With the flow Phi over the time T and all changes x of the d parameters that a start draws::
 
     ftle = 1/T ln max |D Phi x|/|x|,   |x|^2 = angle^2 + unit^2 |change of omega|^2
 
 The maximum is the root of the largest eigenvalue of the Cauchy-Green tensor of the changes at
-the end relative to that of the changes at the start. They are the differences to d neighbours,
-see `rigidmc.scene.sampling.TangentFamilies`: of six numbers they span all changes of attitude and
-angular velocity, of fewer a part. Another unit changes ftle by a term of size 1/T.
+the end, relative to that of the changes at the start. The changes are the differences from d shadow
+trajectories, see `rigidmc.scene.sampling.TangentFamilies`: with six parameters they span all
+changes of attitude and angular velocity, with fewer a subspace. A different unit changes ftle by a
+term of size 1/T.
 Source: Haller, Physica D 149 (2001) 248; Shadden, Lekien & Marsden, Physica D 212 (2005) 271.
 
 {parameters}
@@ -17,17 +18,17 @@ Returns
 -------
 xarray.Dataset
     over family: `ftle` [1/s], nan where a member is flagged, the changes are not independent,
-    or a neighbour is nearer than rounding; and `start`, over number
+    or a shadow trajectory is nearer than rounding; and `start`, over number (a parameter)
 
 Raises
 ------
 SceneError
-    if nothing or more than six numbers are drawn, if other numbers than those of the start are,
+    if nothing or more than six parameters are drawn, if parameters outside the start are drawn,
     or if an effect is random
 
 Examples
 --------
-The angular velocity about the axis of a disc stays, and the angle grows by t:
+The angular velocity about the axis of a disc is constant, and its change times t adds to the angle:
 
 >>> start = rm.Start(omega=(0.0, 0.0, rm.uniform(1.0, 2.0)))
 >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
@@ -62,26 +63,27 @@ from rigidmc.studies.framework.options import Example, Options, option
 from rigidmc.studies.framework.study import Study
 
 Array = NDArray[np.float64]
-FAR = 0.1  # rad: neighbours that end farther apart tell no tangent
-RESOLVED = 30.0  # resolutions: growth is then known to 3 %
+FAR = 0.1  # rad: shadow trajectories that end farther apart are no longer tangent
+RESOLVED = 30.0  # least difference, in units of the resolution: growth is then known to 3 %
 CURE = (
-    "wider distributions, float64 or a shorter time have neighbours that can be told apart; an"
-    " exponent does not depend on the width"
+    "use wider distributions (the exponents do not depend on the width), float64 or a shorter time"
 )
-ALIKE = 1e-8  # of the squares of two displacements: directions that differ by rounding alone
+ALIKE = 1e-8  # least eigenvalue of the start directions; below it they differ by rounding alone
 STATE = "attitude_last", "omega_last"
 
 
 class FtleOptions(Options):
-    """What `ftle` may be asked."""
+    """The options of `ftle`."""
 
     families: int = option(
-        16384, "how many starts; each has a neighbour for every number", is_new=True
+        16384,
+        "number of starts; each has one shadow trajectory per uncertain parameter",
+        is_new=True,
     )
     unit: float | None = option(
         None,
-        "time by which changes of angular velocity are multiplied to be angles",
-        more="by default 1 over the root mean square of angular velocities at start and end",
+        "time that turns changes of angular velocity into angles, by multiplication",
+        more="by default 1 / (root mean square of the angular velocities at start and end)",
         unit="s",
         above=0.0,
         rule="expected a time above 0 s",
@@ -90,29 +92,29 @@ class FtleOptions(Options):
 
 
 class FtlePlaneOptions(Options):
-    """The numbers of a start over which the field is drawn."""
+    """The parameters of a start on the axes of the field."""
 
-    x: str | None = option(None, 'of the picture, such as "start.omega.1"', metavar="KEY")
-    y: str | None = option(None, "the same, for the other axis", metavar="KEY")
+    x: str | None = option(None, 'horizontal axis, such as "start.omega.1"', metavar="KEY")
+    y: str | None = option(None, 'vertical axis, such as "start.omega.2"', metavar="KEY")
 
 
 def scene_of_tangents(scene: Scene, options: FtleOptions, settings: Mapping[str, Any]) -> Scene:
-    """The scene with the members of the study; SceneError for one that has no tangents."""
+    """Return the scene with the members of the study; SceneError if it has no tangents."""
     refuse_noise(scene)
     scene = drawn_families(scene, STATE, "tangents", options.families)
     names, dimensions = uncertain_numbers(scene.model)
     for name in names:
         if not name.startswith("start."):
-            rule = "is uncertain, and no number of the start: give it one value"
+            rule = "is uncertain but not a parameter of the start: give it one value"
             raise SceneError(rule, at=name, table="")
     if len(dimensions) > 6:
-        rule = f"{len(dimensions)} numbers are drawn, and a state has six: give some one value"
+        rule = f"{len(dimensions)} parameters are drawn, and a state has six: give some one value"
         raise SceneError(rule, at=f"start.{scene.start.spin_name}")
     return scene
 
 
 def exponents(start: Array, end: Array, unit: float, time: float) -> tuple[Array, Array]:
-    """(ftle [1/s], how far the farthest neighbour is at the end) of families.
+    """Return (ftle [1/s], largest distance of a shadow trajectory at the end) of families.
 
     start, end : (families, 1 + d, 7) attitudes and angular velocities of the members
     """
@@ -134,10 +136,10 @@ def exponents(start: Array, end: Array, unit: float, time: float) -> tuple[Array
 
 
 def is_resolved(start: Array, end: Array, unit: float, eps: float) -> NDArray[np.bool_]:
-    """Whether the differences of families are more than rounding: all at the start, and the largest
-    at the end, RESOLVED times the resolution of their states.
+    """Return whether the differences in families exceed rounding: all differences at the start, and
+    the largest at the end, must be RESOLVED times the resolution of the states.
 
-    eps : the relative resolution of these;  others as of `exponents`
+    eps : the relative resolution of the states;  others as in `exponents`
     """
     sure = np.ones(start.shape[0], bool)
     for states, least in ((start, np.min), (end, np.max)):
@@ -149,8 +151,8 @@ def is_resolved(start: Array, end: Array, unit: float, eps: float) -> NDArray[np
 
 
 def _changes(states: Array, unit: float) -> Array:
-    """(families, d, 7): angles and angles of angular velocity between neighbours and their member,
-    of states (families, 1 + d, 7)."""
+    """Return differences (families, d, 7) between shadow trajectories and their member: angles, and
+    changes of angular velocity times `unit`. The states are (families, 1 + d, 7)."""
     own, others = states[:, :1], states[:, 1:]
     same = np.where((own[..., :4] * others[..., :4]).sum(-1, keepdims=True) < 0.0, -1.0, 1.0)
     turned = 2.0 * (same * others[..., :4] - own[..., :4])
@@ -158,7 +160,7 @@ def _changes(states: Array, unit: float) -> Array:
 
 
 def _states(part: xr.Dataset) -> tuple[Array, Array]:
-    """(start, end) of members, (n, 7) each; the end is nan for flagged members."""
+    """Return (start, end) of members, (n, 7) each; the end is nan for flagged members."""
     spin = part["start_omega"] if "start_omega" in part else part["start_momentum"] / part.moments
     end = np.concatenate([part[name].transpose(..., "member").values for name in STATE])
     start = [x.transpose(..., "member").values for x in (part["start_attitude"], spin)]
@@ -166,7 +168,7 @@ def _states(part: xr.Dataset) -> tuple[Array, Array]:
 
 
 def reduce(batches: Batches, options: FtleOptions) -> xr.Dataset:
-    """The Dataset of the study of members."""
+    """Return the Dataset of the study of members."""
     scene, unit = batches.scene, options.unit
     names, many = uncertain_numbers(scene.model)[0], family_size(scene)
     count = -(-(scene.run.first + scene.run.members) // many)
@@ -182,7 +184,7 @@ def reduce(batches: Batches, options: FtleOptions) -> xr.Dataset:
     if unit is None:
         with np.errstate(all="ignore"):
             square = float(np.nanmean((states[..., 4:] ** 2).sum(axis=-1)))
-        # seconds: if nothing turns, no unit of angular velocities counts
+        # 1 s if nothing rotates: the unit then has no effect
         unit = 1.0 / math.sqrt(square) if square > 0.0 else 1.0
     start, end = states.reshape(2, count, many, 7)
     found, apart = exponents(start, end, unit, scene.run.t_end)
@@ -191,7 +193,7 @@ def reduce(batches: Batches, options: FtleOptions) -> xr.Dataset:
     about = {"long_name": "finite-time Lyapunov exponent", "units": "s-1"}
     variables: dict[str, Any] = {
         "ftle": ("family", found, about),
-        "start": (("family", "number"), numbers, {"long_name": "number of the first member"}),
+        "start": (("family", "number"), numbers, {"long_name": "parameter of the first member"}),
     }
     attrs = {
         "title": scene.title,
@@ -207,12 +209,11 @@ def reduce(batches: Batches, options: FtleOptions) -> xr.Dataset:
 
 
 def table(study: xr.Dataset) -> list[str]:
-    """The study in lines of text."""
+    """Return the study as lines of text."""
     a, good = study.attrs, study.ftle.values[np.isfinite(study.ftle.values)]
     lines = [
-        f"{a['title']}: {count_text(good.size, 'start')}, each with a neighbour for each of its"
-        f" numbers ({a['numbers']}), to t = {a['t_end']:g} s; angular velocities times"
-        f" {a['unit']:.4g} s"
+        f"{a['title']}: {count_text(good.size, 'start')}, each with one shadow trajectory per"
+        f" uncertain parameter ({a['numbers']}), to t = {a['t_end']:g} s; unit = {a['unit']:.4g} s"
     ]
     if good.size:
         ends = np.quantile(good, [0.0, 0.05, 0.5, 0.95, 1.0])
@@ -220,25 +221,23 @@ def table(study: xr.Dataset) -> list[str]:
             f"  {word:28s} {value_text(value, study.ftle, 4):>14s},"
             f" growth by {math.exp(value * a['t_end']):.3g}"
             for word, value in zip(
-                ("least", "5 % are below", "half are below", "95 % are below", "largest"),
+                ("smallest", "5 % are below", "half are below", "95 % are below", "largest"),
                 ends,
                 strict=True,
             )
         ]
     if far := a["far"]:
         lines.append(
-            f"  starts whose neighbours end more than {FAR} rad apart, where the growth may be"
-            f" more: {far:,}"
+            f"  starts whose shadow trajectories end more than {FAR} rad apart; their growth may be"
+            f" larger: {far:,}"
         )
     if rounded := a["unresolved"]:
         lines.append(
-            f"  starts left out, whose neighbours differ by little more than rounding: {rounded:,};"
-            f" {CURE}"
+            "  starts left out because their shadow trajectories differ by little more than"
+            f" rounding: {rounded:,}; {CURE}"
         )
     if left := a["left_out"]:
-        lines.append(
-            f"  starts left out, with a flagged member or changes that are alike: {left:,}"
-        )
+        lines.append(f"  starts left out with a flagged member or dependent changes: {left:,}")
     return lines
 
 
@@ -251,6 +250,7 @@ ftle = Study(
     picture="ftle_field",
     picture_options=FtlePlaneOptions,
     settings=TUNING,
-    scene_text="what is run; the numbers of its start that are distributions are those that change",
+    scene_text="a scene, its file, or the name of a shipped scene; the parameters of its start that"
+    " are distributions change",
     example=Example("dzhanibekov", {"families": 12}, {"t_end": 6.0}),
 )

@@ -1,16 +1,17 @@
-"""The levels of a multilevel study: pairs of paths with the same start and noise, and how many of
-each.
+"""The levels of a multilevel study: pairs of paths with the same start and noise, and the number of
+pairs at each level.
 
-Nearly all members make few long steps; few members make many, and show by how much shorter steps
-change the mean. Members are added to levels, and levels to the study, until its goal is reached.
+Nearly all members make few long steps. Few members make many short steps; they show how much
+shorter steps change the mean. The study adds members to levels, and levels, until it reaches its
+goal.
 
 Level l makes n 2^l steps. Its members have the indices from l 2^40 on, so that no two levels share
-a draw and the variances of their means add up. From level 1 on a member also goes half as many
-steps, each with the noise of two fine ones, see `rigidmc.engine.kernel.noise.normal_deviates`. The
-paths of a free body in a bath and of the same body with steps twice as long then differ by a
-multiple of the step, and the variance of what they show by its square. Weights that follow the
-friction, exp(-gamma h) : 1 in place of 1 : 1, would take out only the part of that which friction
-causes, not that of the torques.
+a draw and the variances of their means add up. From level 1 on, a member also follows a coarse path
+of half as many steps, each with the noise of two fine steps, see
+`rigidmc.engine.kernel.noise.normal_deviates`. For a free body in a bath, the difference of the two
+paths is proportional to the step, and the variance of a correction to its square. Weights that
+follow the friction, exp(-gamma h) : 1 in place of 1 : 1, would remove only the part of the
+difference due to friction, not that due to the torques.
 """
 
 import math
@@ -33,14 +34,14 @@ from rigidmc.studies.multilevel.corrections import (
 )
 from rigidmc.studies.until import Goal
 
-APART = 2**40  # members between the first ones of two levels
-TASKS = 2**32  # numbers of tasks between those of two levels
-CHUNK = 2**17  # members at once: a call takes as long as 4000 members of few steps
+APART = 2**40  # distance between the first members of successive levels
+TASKS = 2**32  # distance between the first task numbers of successive levels
+CHUNK = 2**17  # members at once: a call costs as much as 4000 members of few steps
 Sums = Mapping[str, NDArray[Any]]
 
 
 class LevelSetup(NamedTuple):
-    """What the tasks of a study have in common.
+    """The setup common to all tasks of a study.
 
     steps : of the first level;  batch : members of a task
     """
@@ -52,9 +53,10 @@ class LevelSetup(NamedTuple):
 
 
 class MultilevelGoal(NamedTuple):
-    """What a study is asked.
+    """The goal of a study.
 
-    text, goal : the measure and its width;  order : of the step;  most : cost at most, in steps
+    text, goal : the measure and its width;  order : of the integrator;  most : largest cost, in
+    steps
     """
 
     text: str
@@ -65,25 +67,25 @@ class MultilevelGoal(NamedTuple):
 
 
 def task_number(level: int, batch: int) -> int:
-    """The number of the task that is one batch of a level."""
+    """Return the number of the task for a batch of a level."""
     return level * TASKS + batch
 
 
 def sums(
     request: LevelSetup, numbers: Sequence[int], threads: int, device: str | None = None
 ) -> list[dict[str, NDArray[Any]]]:
-    """The sums of tasks, each of which depends on request and number alone, to the bit.
+    """Return the sums of tasks; each depends on request and number alone, to the bit.
 
-    members : that count;  flagged : paths that are flagged, or pairs of which one is
-    without : members that are well and have no value
-    mean, squares : of the corrections, and the sum of their squared distances from it
+    members : counted;  flagged : flagged paths, or pairs with a flagged path
+    without : members that are ok and have no value
+    mean, squares : of the corrections, and the sum of their squared deviations from it
     """
     parts = _together(numbers, max(1, CHUNK // request.batch))
     return [one for part in parts for one in _batches(request, *part, threads, device)]
 
 
 def _together(numbers: Sequence[int], most: int) -> Iterator[tuple[int, int, int]]:
-    """(level, first batch, batches) of numbers that follow each other, `most` at most."""
+    """Yield (level, first batch, batches) for consecutive numbers, at most `most` each."""
     count = 0
     for i, number in enumerate(numbers):
         count += 1
@@ -96,7 +98,7 @@ def _together(numbers: Sequence[int], most: int) -> Iterator[tuple[int, int, int
 def _batches(
     request: LevelSetup, level: int, first: int, count: int, threads: int, device: str | None
 ) -> list[dict[str, NDArray[Any]]]:
-    """The sums of `count` batches of a level from batch `first` on."""
+    """Return the sums of `count` batches of a level from batch `first` on."""
     size = request.batch
     values, good = np.zeros(count * size), np.ones(count * size, bool)
     low = level * APART + first * size
@@ -111,14 +113,14 @@ def _batches(
 
 
 def paths(request: LevelSetup, level: int) -> tuple[PreparedRun, ...]:
-    """The runs of a level: of its fine paths, and from level 1 on of the coarse ones."""
+    """Return the runs of a level: its fine paths and, from level 1 on, its coarse paths."""
     each = (request.steps << level, request.steps << level >> 1)[: 1 + (level > 0)]
     scene, end = request.scene, request.scene.run.t_end
     return tuple(prepare_scene(scene.with_run(dt=end / steps, members=CHUNK)) for steps in each)
 
 
 def _summed(values: NDArray[np.float64], good: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
-    """The sums of the members of a batch."""
+    """Return the sums of the members of a batch."""
     there = good & np.isfinite(values)
     kept = values[there]
     mean = kept.mean() if kept.size else 0.0
@@ -131,17 +133,17 @@ def _summed(values: NDArray[np.float64], good: NDArray[np.bool_]) -> dict[str, N
     }
 
 
-LEVELS = 3  # at first: two corrections tell the order
+LEVELS = 3  # at first: two corrections give the order
 MOST_LEVELS = 12
-FLAGGED = 1e-3  # share of flagged pairs beyond which the first step is too long
+FLAGGED = 1e-3  # fraction of flagged pairs above which the first step is too long
 
 
 class MultilevelState(NamedTuple):
-    """How far a study is.
+    """The progress of a study.
 
-    levels : as of the last whole round;  rounds : (cost, half the width) after each
-    found : the estimate, None before the first round has ended
-    next : the numbers of the tasks that are next, [] at the end;  line : about these
+    levels : after the last complete round;  rounds : (cost, half-width) after each
+    found : the estimate, None before the end of the first round
+    next : numbers of the next tasks, [] at the end;  line : text about these
     short : why the study ends before its goal, or ""
     """
 
@@ -156,7 +158,7 @@ class MultilevelState(NamedTuple):
 def state_after(
     request: LevelSetup, target: MultilevelGoal, sums: Mapping[int, Sums]
 ) -> MultilevelState:
-    """How far a study is by the sums of its tasks, on which it depends alone."""
+    """Return the progress of a study, a function of the sums of its tasks alone."""
     levels: list[Level] = []
     rounds: list[tuple[float, float]] = []
     found, line, wanted = None, "", [float(request.batch)] * LEVELS
@@ -186,7 +188,7 @@ def state_after(
 
 
 def _cost(levels: Sequence[Level]) -> float:
-    """In steps."""
+    """Return the cost of levels, in steps."""
     return sum(one.cost for one in levels)
 
 
@@ -195,17 +197,17 @@ def _level(request: LevelSetup, number: int) -> Level:
 
 
 def _taken(level: Level) -> float:
-    """The members that a level has taken, also those that do not count."""
+    """Return the number of members of a level, including flagged ones."""
     return level.members + level.flagged
 
 
 def _wanted(
     request: LevelSetup, target: MultilevelGoal, levels: Sequence[Level], half: float
 ) -> list[float]:
-    """Members of each level for a goal, whole batches."""
+    """Return the members that each level needs for a goal, in whole batches."""
     if not half > 0.0:
-        rule = "is 0 by the first members: no number of them brings it to a share of 0"
-        raise OptionError(f"{rule}; give the width itself", at="run.until", value=target.text)
+        rule = "is 0 for the first members, so a relative width is 0; give an absolute width"
+        raise OptionError(rule, at="run.until", value=target.text)
     needed = members_of_levels(levels, target.order, SAMPLING * half, target.confidence)
     size = request.batch
     return [
@@ -214,13 +216,13 @@ def _wanted(
 
 
 def _tasks(request: LevelSetup, level: Level, wanted: float) -> list[int]:
-    """The numbers of the tasks that a level lacks of as many members as are wanted."""
+    """Return the numbers of the tasks that a level lacks for the wanted members."""
     batches = range(int(_taken(level)) // request.batch, int(wanted) // request.batch)
     return [task_number(level.number, batch) for batch in batches]
 
 
 def _filled(request: LevelSetup, level: Level, more: Sequence[Sums]) -> Level:
-    """The level with the members of more tasks."""
+    """Return the level with the members of more tasks added."""
     for one in more:
         if one["without"] > 0.0:
             name = request.measure.result.name
@@ -230,37 +232,37 @@ def _filled(request: LevelSetup, level: Level, more: Sequence[Sums]) -> Level:
         level = level.with_more(*(float(one[name]) for name in names))
     if level.flagged > FLAGGED * _taken(level):
         rule = f"{level.flagged:,.0f} of {_taken(level):,.0f} members of level {level.number} are"
-        rule += " flagged, whose steps are too long: begin with shorter ones"
+        rule += " flagged because their steps are too long: use a shorter dt"
         raise SceneError(rule, at="run.dt", value=request.scene.run.dt)
     return level
 
 
 def _plan(found: MultilevelEstimate, wanted: Sequence[float]) -> str:
-    """A line about what has been found and what is next."""
+    """Return a line about the estimate so far and the next members."""
     members = " + ".join(f"{n:,.0f}" for n in wanted)
     ends = f"{found.value:.6g} +- {found.sampling:.2g} by sampling, {found.bias:.2g} by the step"
-    return f"{ends}; the levels get {members} members"
+    return f"{ends}; next: {members} members by level"
 
 
 def _too_dear(
     request: LevelSetup, target: MultilevelGoal, found: MultilevelEstimate, wanted: Sequence[float]
 ) -> str:
-    """Why a goal costs more than may be spent, or ""."""
+    """Return why a goal exceeds the cost limit, or ""."""
     cost = sum(n * _level(request, i).price for i, n in enumerate(wanted))
     if cost <= target.most:
         return ""
     by = f"({found.value:.4g} +- {found.half:.2g} so far)"
-    return f"needs about {cost:.2g} steps of members {by}, more than the limit of {target.most:.2g}"
+    return f"needs about {cost:.2g} member-steps {by}, more than the limit of {target.most:.2g}"
 
 
 def _refuse_slow(
     target: MultilevelGoal, found: MultilevelEstimate, levels: Sequence[Level]
 ) -> None:
-    """OptionError for a measure whose error falls so slowly that no level will do."""
+    """Raise OptionError for a measure whose error falls too slowly with the level."""
     if len(levels) > LEVELS and found.order < 0.5 * target.order:
         rule = (
-            f"its error falls with the order {found.order:.2g} in the step, in place of"
-            f" {target.order:g}: extremes and events between steps do so. Take NAME_final or"
+            f"its error falls with order {found.order:.2g} in the step instead of"
+            f" {target.order:g}, as for extremes and events between steps. Use NAME_final or"
             " NAME_mean, or a shorter first step"
         )
         raise OptionError(rule, at="run.until", value=target.text)

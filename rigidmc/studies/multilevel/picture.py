@@ -13,8 +13,8 @@ from rigidmc.studies.multilevel.study import plain_members, read_levels
 
 
 def multilevel_levels(study: xr.Dataset, figure: Figure | None = None) -> Figure:
-    """Mean and variance of the corrections by level, with the slopes that are expected; the members
-    of each level; and the width of the interval against the cost, with that of plain members.
+    """Draw mean and variance of the corrections by level, with the expected slopes; the members of
+    each level; and the width of the interval against the cost, with that of plain members.
 
     study : the Dataset of `rigidmc.multilevel`
     """
@@ -32,7 +32,7 @@ def multilevel_levels(study: xr.Dataset, figure: Figure | None = None) -> Figure
 
 
 def _corrections(axes: Axes, study: xr.Dataset) -> None:
-    """|m_l| and sqrt(V_l) of each level, with lines of the order of the integrator and of 1."""
+    """Draw |m_l| and sqrt(V_l) of each level, with lines of the integrator's order and of 1."""
     levels, order = study.level.values, study.attrs["order"]
     spread, size = np.sqrt(study.variance.values), np.abs(study["mean"].values)
     axes.plot(levels, spread, "s-", color=MEDIAN, label="spread over members")
@@ -46,27 +46,27 @@ def _corrections(axes: Axes, study: xr.Dataset) -> None:
             levels[1:], line, dash, color=colour, lw=1.0, label=f"order {falls:g} in the step"
         )
     axes.set_yscale("log")
-    axes.set_xlabel("level: the step is halved from one to the next")
+    axes.set_xlabel("level: each halves the step")
     axes.set_ylabel(with_units("corrections", study["mean"].attrs["units"]))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _members(axes: Axes, study: xr.Dataset) -> None:
-    """Members of each level, and what they cost."""
+    """Draw the members of each level and their cost."""
     cost = (study.members + study.flagged) * study.price
     axes.bar(study.level, study.members, 0.7, color=CORE, label="members")
-    axes.plot(study.level, cost, "D-", color=INK, ms=4.0, lw=1.0, label="their cost in steps")
+    axes.plot(study.level, cost, "D-", color=INK, ms=4.0, lw=1.0, label="cost in steps")
     axes.set_yscale("log")
     axes.set_ylim(bottom=0.3 * float(study.members.min()))
     axes.set_xlabel("level")
-    axes.set_ylabel("number of members and of steps")
+    axes.set_ylabel("number of members, steps")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _costs(axes: Axes, study: xr.Dataset) -> None:
-    """Half the width after each round against its cost, and what other widths would cost."""
+    """Draw the half-width after each round against its cost, and the cost of other widths."""
     half = study.half.values
-    axes.plot(study.cost, half, "o", color=MEDIAN, label="this study, round by round")
+    axes.plot(study.cost, half, "o", color=MEDIAN, label="rounds of this study")
     widths = np.geomspace(0.1 * half[-1], 10.0 * half[-1], 50)
     levels, order, confidence = read_levels(study), study.attrs["order"], study.attrs["confidence"]
     ours = [interval_cost(levels, order, width, confidence) for width in widths]
@@ -76,4 +76,4 @@ def _costs(axes: Axes, study: xr.Dataset) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel("cost: members times steps")
-    axes.set_ylabel(with_units("half the width of the interval", study.half.attrs["units"]))
+    axes.set_ylabel(with_units("half-width of the interval", study.half.attrs["units"]))

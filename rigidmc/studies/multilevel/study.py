@@ -1,15 +1,16 @@
-"""Find a mean without the error of the step, by multilevel Monte Carlo.
+"""Estimate a mean without the error of the step, by multilevel Monte Carlo.
 
-The mean of paths of many steps is that of paths of few steps and the means of corrections::
+The mean over paths of many steps is the mean over paths of few steps plus the means of
+corrections::
 
     E[X_L] = E[X_0] + sum over l of E[X_l - X_(l-1)]
 
-X_l is what a member shows after n 2^l steps; n are the steps of the scene. The two paths of a
-correction have the same start and the same noise, so that its variance falls as the square of
-the step, and few members do. For an error eps the cost is of order eps^-2 in place of eps^-2.5
-with a single step of an integrator of order 2. Levels are added until the error of the step,
-which the last corrections tell, adds little to the interval, of which it is part. Formulas are
-in `rigidmc.studies.multilevel.corrections`.
+X_l is the measured quantity of a member after n 2^l steps; n is the number of steps of the scene.
+The two paths of a correction have the same start and the same noise, so that its variance falls as
+the square of the step, and few members suffice. For an error eps the cost is of order eps^-2,
+instead of eps^-2.5 with a single step of an integrator of order 2. The study adds levels until the
+error of the step, estimated from the last corrections, contributes little to the interval, which
+includes it. Formulas are in `rigidmc.studies.multilevel.corrections`.
 Source: Giles, Oper. Res. 56 (2008) 607.
 
 {parameters}
@@ -17,26 +18,26 @@ Source: Giles, Oper. Res. 56 (2008) 607.
 Returns
 -------
 xarray.Dataset
-    `value` with `low` and `high`; `sampling` and `bias`, half the width by each alone, whose
+    `value` with `low` and `high`; `sampling` and `bias`, the half-width from each alone, whose
     squares add up; over level steps, members, mean and variance of the corrections; over round
     the width so far and its cost
 
 Raises
 ------
 OptionError
-    for a measure that is no mean, a width that costs more than `most`, and a measure whose
+    for a measure that is not a mean, a width that costs more than `most`, and a measure whose
     error falls too slowly with the step
 SceneError
-    for a scene without steps of one length, and for a step so long that members are flagged
+    for a scene without a fixed step, and for a step so long that members are flagged
 
 Warns
 -----
 SceneWarning
-    if `most` ends the study before the width is reached
+    if the study stops at `most` before it reaches the width
 
 Examples
 --------
-The squared momentum of a free body in a bath, of which the spin was 0 at the start:
+The squared momentum of a free body in a bath that starts without spin:
 
 >>> bath = rm.Bath(gamma=0.5, kT=1.0)
 >>> scene = rm.Scene(rm.Body((1.0, 1.0, 1.0)), bath, rm.Start(omega=(0.0, 0.0, 0.0)))
@@ -81,39 +82,39 @@ from rigidmc.studies.multilevel.levels import (
 from rigidmc.studies.until import goal
 
 BATCH = 8192  # members of a task, and of a level at first
-MEMBER = 8 * 32  # bytes: what a path shows, and the coarse one beside it
+MEMBER = 8 * 32  # bytes: values of the fine and of the coarse path
 
 
 class MultilevelOptions(Options):
-    """What `multilevel` may be asked."""
+    """The options of `multilevel`."""
 
     until: str | None = option(
         None,
         'a mean and its width: "mean(energy_final) +- 0.001", "mean(omega_mean[1]) +- 1 %"',
-        more="the width is half that of the interval; NAME_final is an observable at the end,"
-        " NAME_mean over time",
+        more="the width is the half-width of the interval; NAME_final is an observable at the end,"
+        " NAME_mean its average over time",
         metavar="MEASURE",
         is_new=True,
         missing='a new study needs a mean and its width, as in "mean(energy_final) +- 1 %"',
     )
     most: int = option(
         10**12,
-        "cost at most, in steps of members; by default 1e12",
-        more="the start and end of a member count as 24",
+        "largest cost, in member-steps; by default 1e12",
+        more="the start and end of a member count as 24 steps",
         is_new=True,
     )
     batch: int = option(
         BATCH,
-        "members that a level has at first and that are added to it at once",
+        "members that a level starts with, and that are added at once",
         least=2,
         is_new=True,
         in_command=False,
     )
-    confidence: float = confidence_option("of the interval", is_new=True)
+    confidence: float = confidence_option("confidence level of the interval", is_new=True)
 
 
 def start(scene: Scene, options: MultilevelOptions) -> tuple[Scene, dict[str, Any]]:
-    """(the scene of a study, its request); warns of what is to be known of the scene."""
+    """Return (the scene of a study, its request); give the notes on the scene as warnings."""
     until = str(options.until)
     scene = _showing(_with_steps(scene), until).with_run(first=0)
     scene = scene.with_run(every=scene.run.t_end)
@@ -123,9 +124,9 @@ def start(scene: Scene, options: MultilevelOptions) -> tuple[Scene, dict[str, An
         "batch": options.batch,
         "confidence": options.confidence,
     }
-    refuse_count(request["batch"], "members of a batch", MEMBER, "take a smaller batch")
+    refuse_count(request["batch"], "members of a batch", MEMBER, "use a smaller batch")
     make_setup(scene, **request)
-    # not those on long steps, of which the study takes care
+    # no notes on long steps: the study corrects for these
     for note in prepare_scene(scene).scene_notes:
         warnings.warn(note, SceneWarning, stacklevel=3)
     return scene, request
@@ -134,11 +135,11 @@ def start(scene: Scene, options: MultilevelOptions) -> tuple[Scene, dict[str, An
 def make_setup(
     scene: Scene, until: str, most: int, batch: int, confidence: float
 ) -> tuple[LevelSetup, MultilevelGoal]:
-    """(what the tasks of a study have in common, what it is asked); OptionError."""
+    """Return (common setup of the tasks, goal of the study); OptionError."""
     known = {**variables_of(scene), **saved_variables(scene.effects, make_recording(scene))}
     wanted = goal(until, known)
     if wanted.measure.kind != "mean" or wanted.measure.given is not None:
-        rule = "has no corrections that become small: take the mean(NAME) of all members"
+        rule = "has corrections that do not become small: use mean(NAME) over all members"
         raise OptionError(rule, at="run.until", value=until)
     order = min(scene.integrator.order, 2 if any(map(is_random, scene.effects)) else 8)
     request = LevelSetup(scene, wanted.measure, prepare_scene(scene).plan.grid.steps, batch)
@@ -148,14 +149,14 @@ def make_setup(
 def compute_levels(
     scene: Scene, request: runs.Request, numbers: Sequence[int], threads: int, device: str | None
 ) -> list[runs.TaskArrays]:
-    """What batches of levels find."""
+    """Compute batches of levels and return their sums."""
     return sums(make_setup(scene, **request)[0], numbers, threads, device)
 
 
 def next_batches(
     scene: Scene, request: runs.Request, found: dict[int, runs.TaskArrays]
 ) -> list[int]:
-    """The batches that are next."""
+    """Return the next batches."""
     now = state_after(*make_setup(scene, **request), found)
     if now.line:
         say(now.line)
@@ -163,7 +164,7 @@ def next_batches(
 
 
 def cost_of(scene: Scene, request: runs.Request, numbers: Sequence[int]) -> float:
-    """The member-steps of batches."""
+    """Return the member-steps of batches."""
     levels, known = (number // TASKS for number in numbers), make_setup(scene, **request)[0]
     return sum(known.batch * Level(i, known.steps << i).price for i in levels)
 
@@ -174,7 +175,7 @@ def reduce(
     found: dict[int, runs.TaskArrays],
     options: MultilevelOptions,
 ) -> xr.Dataset:
-    """The Dataset of the rounds that are done; FileError if the first is not."""
+    """Return the Dataset of the finished rounds; FileError if the first is not finished."""
     known = make_setup(scene, **request)
     now = state_after(*known, found)
     if now.found is None:
@@ -190,22 +191,22 @@ def reduce(
 
 
 def _with_steps(scene: Scene) -> Scene:
-    """The scene; SceneError unless its members are independent and make steps of one length."""
+    """Return the scene; SceneError unless its members are independent and its step is fixed."""
     run = scene.run
     if run.points != "independent":
-        rule = "the levels of a study need independent members"
+        rule = "the levels of a study require independent members"
         raise SceneError(rule, at="run.points", value=run.points)
     if run.turn is not None:
-        raise SceneError("a level has steps of one length: give dt", at="run.turn", value=run.turn)
+        raise SceneError("a level has a fixed step: give dt", at="run.turn", value=run.turn)
     if run.integrator in ("auto", "closed"):
-        rule = "levels are made of the steps of one integrator: name it"
+        rule = "levels require the steps of one integrator: name it"
         raise SceneError(rule, at="run.integrator", value=run.integrator)
-    refuse_indexed(scene.model, "every level draws members of its own")
+    refuse_indexed(scene.model, "every level draws its own members")
     return scene
 
 
 def _showing(scene: Scene, until: str) -> Scene:
-    """The scene that saves what a measure names and nothing else."""
+    """Return the scene that saves only the variables of a measure."""
     names = (*default_names(scene.observables), *own(scene.observables))
     finals = tuple(name for name in names if f"{name}_final" in until)
     shown: Scene = save_for_measures(scene.with_run(save=finals, keep="final"), [until])
@@ -213,7 +214,7 @@ def _showing(scene: Scene, until: str) -> Scene:
 
 
 def dataset(request: LevelSetup, target: MultilevelGoal, now: MultilevelState) -> xr.Dataset:
-    """The Dataset of a study that is as far as `now`, whose first round has ended."""
+    """Return the Dataset of a study with progress `now`, whose first round has ended."""
     levels, rounds, found = now.levels, now.rounds, now.found
     assert found is not None
     name, order, scene = request.measure.result.name, target.order, request.scene
@@ -221,8 +222,8 @@ def dataset(request: LevelSetup, target: MultilevelGoal, now: MultilevelState) -
     units = known[name].attrs["units"]
     of_levels = {
         "steps": ([one.steps for one in levels], "steps of the fine paths", "1"),
-        "dt": ([scene.run.t_end / one.steps for one in levels], "their length", "s"),
-        "members": ([one.members for one in levels], "members that count", "1"),
+        "dt": ([scene.run.t_end / one.steps for one in levels], "step of the fine paths", "s"),
+        "members": ([one.members for one in levels], "members counted", "1"),
         "flagged": ([one.flagged for one in levels], "flagged members, left out", "1"),
         "mean": ([one.mean for one in levels], "mean of the corrections", units),
         "error": ([one.error for one in levels], "its standard error", units),
@@ -242,12 +243,12 @@ def dataset(request: LevelSetup, target: MultilevelGoal, now: MultilevelState) -
         "value": (found.value, "the mean"),
         "low": (found.value - half, "lower end of its interval"),
         "high": (found.value + half, "upper end of its interval"),
-        "sampling": (found.sampling, "half the width by sampling alone"),
-        "bias": (found.bias, "half the width by the error of the step alone"),
+        "sampling": (found.sampling, "half-width from sampling alone"),
+        "bias": (found.bias, "half-width from the error of the step alone"),
     }
     for key, (value, text) in numbers.items():
         variables[key] = ((), value, {"long_name": text, "units": units})
-    about = {"long_name": "half the width so far", "units": units}
+    about = {"long_name": "half-width so far", "units": units}
     variables["half"] = ("round", [h for _, h in rounds], about)
     variables["cost"] = ("round", [c for c, _ in rounds], {"long_name": "cost so far, in steps"})
     attrs = {
@@ -266,19 +267,19 @@ def dataset(request: LevelSetup, target: MultilevelGoal, now: MultilevelState) -
 
 
 def read_levels(study: xr.Dataset) -> list[Level]:
-    """The levels of a study."""
+    """Return the levels of a study."""
     names = "level", "steps", "members", "flagged", "mean", "variance"
     each = zip(*(study[name].values.tolist() for name in names), strict=True)
     return [Level(i, steps, n, f, m, v * (n - 1.0)) for i, steps, n, f, m, v in each]
 
 
 def plain_members(study: xr.Dataset, half: float) -> Plain:
-    """The plain members that would give an interval of this half width."""
+    """Return the cheapest plain members for an interval of this half-width."""
     return cheapest_plain(read_levels(study), study.attrs["order"], half, study.attrs["confidence"])
 
 
 def table(study: xr.Dataset) -> list[str]:
-    """The study in lines of text."""
+    """Return the study as lines of text."""
     attrs, cost = study.attrs, float(study.cost[-1])
     v = {name: float(study[name]) for name in ("value", "low", "high", "sampling", "bias")}
     step = with_units("step", study["dt"].attrs["units"])
@@ -300,29 +301,29 @@ def table(study: xr.Dataset) -> list[str]:
         )
     if not math.isnan(attrs["order_seen"]):
         lines.append(
-            f"  the last corrections fall with the order {attrs['order_seen']:.2f} in the step"
-            f" ({attrs['order']:g} is expected), their variance with"
+            f"  the last corrections fall with order {attrs['order_seen']:.2f} in the step"
+            f" (expected: {attrs['order']:g}), their variance with order"
             f" {attrs['variance_order_seen']:.2f}"
         )
     single = plain_members(study, float(study.half[-1]))
     lines.append(
-        f"  cost: {cost:.3g} steps; {single.members:.2g} plain members of {single.steps:,} steps:"
-        f" {single.cost:.2g}, {single.cost / cost:.2g} times as many"
+        f"  cost: {cost:.3g} steps; {single.members:.2g} plain members of {single.steps:,} steps"
+        f" cost {single.cost:.2g}, {single.cost / cost:.2g} times as much"
     )
     if single.cost < cost:
-        lines.append("  which is less: for this width `rigidmc run --until` with that step will do")
+        lines.append("  for this width, plain members cost less: use `rigidmc run --until`")
     if not attrs["reached"]:
         lines.append(f"  {attrs['until']} is not reached")
     if attrs["missing"]:
         tasks = count_text(attrs["missing"], "task is", "tasks are")
-        lines.append(f"  {tasks} missing: `rigidmc resume` goes on")
+        lines.append(f"  {tasks} missing: continue with `rigidmc resume`")
     if left := int(study.flagged.sum()):
-        lines.append(f"  flagged members, which are left out: {left:,}")
+        lines.append(f"  flagged members, left out: {left:,}")
     return lines
 
 
 def outcome(study: xr.Dataset) -> str:
-    """Whether the interval is as narrow as it was asked to be."""
+    """Return "done" if the interval has the requested width, else "incomplete"."""
     return "done" if study.attrs["reached"] else "incomplete"
 
 
@@ -337,8 +338,9 @@ multilevel = Study(
     table=table,
     picture="multilevel_levels",
     settings=("integrator", "dt", "t_end", "seed", "dtype"),
-    scene_text="what is run, mostly with a random effect; its step is that of the first level",
-    source="the run directory of a study that exists",
+    scene_text="a scene, its file, or the name of a shipped scene, usually with a random effect;"
+    " its step is that of the first level",
+    source="the run directory of an existing study",
     outcome=outcome,
     example=Example("brownian_rotor", {"until": "mean(energy_final) +- 10 %"}, {"t_end": 1e-4}),
 )  # fmt: skip

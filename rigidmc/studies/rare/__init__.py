@@ -1,1 +1,1 @@
-"""Rare events: what almost never happens, far below what plain sampling sees."""
+"""Rare events: probabilities far below the reach of plain sampling."""

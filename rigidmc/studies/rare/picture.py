@@ -1,4 +1,4 @@
-"""The picture of a study of a rare event: how the probability falls towards the event."""
+"""The picture of a study of a rare event: the probability as it falls towards the event."""
 
 import numpy as np
 import xarray as xr
@@ -9,7 +9,7 @@ from rigidmc.results.labels import with_units
 
 
 def rare_curve(study: xr.Dataset, figure: Figure | None = None) -> Figure:
-    """The probability to pass each level, repetition by repetition, down to the event with its
+    """Draw the probability of passing each level for every repetition, and the event with its
     interval.
 
     study : the Dataset of `rigidmc.rare`
@@ -36,14 +36,14 @@ def rare_curve(study: xr.Dataset, figure: Figure | None = None) -> Figure:
         )  # fmt: skip
     axes.set_yscale("log")
     axes.set_xlabel(with_units(_named(graded, goal), study.score.attrs["units"]))
-    axes.set_ylabel("probability to pass the level")
+    axes.set_ylabel("probability of passing the level")
     axes.grid(True, lw=0.3, color=LIGHT)
     legend_above(axes, 2)
     return figure_of(axes)
 
 
 def _named(graded: str, goal: float) -> str:
-    """What the levels are of."""
+    """Return the label of the axis of levels."""
     if graded == "score":
-        return f"score: events so far, and 1/(1 + distance of the next); the event is at {goal:g}"
-    return f"{graded} that members have to pass"
+        return f"score: events so far + 1/(1 + distance to the next); the event is at {goal:g}"
+    return f"{graded}: level to pass"

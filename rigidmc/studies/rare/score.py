@@ -1,4 +1,4 @@
-"""How near a member has come to the event that is asked for, as a number that never falls."""
+"""The score: how near a member has come to the event, as a number that never decreases."""
 
 import math
 from typing import NamedTuple
@@ -20,28 +20,29 @@ from rigidmc.scene.scene import Scene
 
 Array = NDArray[np.float64]
 RULE = (
-    "of a noisy scene a study asks for what only grows: p(NAME_max >= NUMBER),"
-    " p(NAME_min <= NUMBER), or how often or when first an event happens,"
+    "a noisy scene requires a quantity that only grows: p(NAME_max >= NUMBER),"
+    " p(NAME_min <= NUMBER), or the count or first time of an event,"
     ' as in "p(passages >= 1)" and "p(passage_first < 60)"'
 )
 WHOLE = "as p(NAME >= NUMBER) or p(NAME <= NUMBER), without a condition"
 
 
 class Score(NamedTuple):
-    """The score of members, and where the event begins.
+    """The score of members, and its value at which the event begins.
 
-    An event of the scene, such as a passage, scores by how often it has happened, and how near its
-    level is to 0::
+    An event of the scene, such as a passage, scores its count so far, plus how near its level is
+    to 0::
 
         score = count + 1/(1 + |level|/scale)
 
-    anything else by its number, with the sign that lets the score rise towards the event. A level
-    has any unit, so `scale` is a level that members of the scene have: members are in the same
-    order whatever it is, and their scores are the same numbers in all units.
+    Any other quantity scores its value, with the sign that makes the score rise towards the event.
+    Levels have different units, so `scale` is a level that occurs among the members. It does not
+    change the order of the members, and makes their scores the same numbers in all units.
 
-    result : what is asked;  sign : 1 or -1;  goal, strict : the event is score >= goal, or > goal
-    event : place of the event of the scene, None for a number
-    scale : in the unit of the level; 0 until `sized` has seen some
+    result : the quantity of the event;  sign : 1 or -1
+    goal, strict : the event is score >= goal, or > goal if `strict`
+    event : index of the event in the scene, None for any other quantity
+    scale : in the unit of the level; 0 until `sized` finds a level
     """
 
     text: str
@@ -53,52 +54,52 @@ class Score(NamedTuple):
     scale: float = 0.0
 
     def reached(self, score: Array) -> NDArray[np.bool_]:
-        """Whether members with these scores have the event."""
+        """Return whether members with these scores have the event."""
         return score > self.goal if self.strict else score >= self.goal
 
     def of(self, moving: SegmentedRun, block: Array, part: int) -> Array:
-        """The scores of the members of a block after a part of the run; -inf if flagged."""
+        """Return the scores of the members of a block after a part of the run; -inf if flagged."""
         if self.event is None:
             values = moving.results(block, part)[self.result.name]
             if self.result.axis is not None:
                 values = values[self.result.axis - 1]
-            # a time that has not come is later than the end; without a value it is far from any
+            # nan of a time: the event comes after the end; nan of any other value: far from it
             none = self.sign * np.inf if self.result.timed else -np.inf
             values = np.where(np.isnan(values), none, self.sign * values)
             return np.where(block[layout.STATUS] == 0.0, values, -np.inf)
         return self.graded(*self.progress(moving, block))
 
     def progress(self, moving: SegmentedRun, block: Array) -> tuple[Array, Array]:
-        """(how often, how far off) of the event of each member: |level|, inf while the event cannot
-        happen next; -inf times for a flagged member."""
+        """Return (count, distance) of the event for each member: the distance is |level|, inf while
+        the event cannot happen next; the count of a flagged member is -inf."""
         assert self.event is not None
         count, level = moving.event(self.event, block)
         healthy = block[layout.STATUS] == 0.0
         return np.where(healthy, count, -np.inf), np.where(level == 0.0, np.inf, np.abs(level))
 
     def sized(self, off: Array) -> "Score":
-        """The Score with a scale, the largest of the levels `off` that members have, if it has
-        none yet."""
+        """Return the Score with a scale; if it has none yet, this is the largest finite level in
+        `off`."""
         largest = float(off[np.isfinite(off)].max(initial=0.0))
         return self if self.event is None or self.scale else self._replace(scale=largest)
 
     def graded(self, count: Array, off: Array) -> Array:
-        """The scores of members from their `progress`."""
-        # No level was seen: no member is nearer than another, whatever the unit.
+        """Return the scores of members from their `progress`."""
+        # without a finite level, no member is nearer than another
         nearness = 1.0 / (1.0 + off / self.scale) if self.scale else np.zeros(off.shape)
-        # rounding to the next count would be the event itself, which has not happened
+        # do not round up to the next count: that event has not happened
         return np.minimum(count + nearness, np.nextafter(count + 1.0, -np.inf))
 
 
 def make_score(scene: Scene, of: str) -> tuple[Scene, Score]:
-    """(the scene whose members a study moves, the Score of what it asks).
+    """Return (the scene whose members the study computes, the Score of its event).
 
-    Raises OptionError for a text that asks for no event, or for one that has no score.
+    Raises OptionError for a text that is not an event, or for an event without a score.
     """
     scene = save_for_measures(scene.with_run(points="independent"), (of,))
     asked = measure(of, variables_of(scene))
     if asked.kind != "p" or asked.given is not None or asked.relation == "==":
-        raise OptionError(f"is no event: give it {WHOLE}", at="of", value=of)
+        raise OptionError(f"is not an event: give it {WHOLE}", at="of", value=of)
     recorded = make_recording(scene)
     watched = [(label, one) for label, one in recorded.monitored if isinstance(one, Event)]
     at_times = set(recorded.names)
@@ -113,7 +114,7 @@ def make_score(scene: Scene, of: str) -> tuple[Scene, Score]:
                 return scene, Score(of, asked.result, 1.0, goal, False, i)
             if name == asked.result.name and kind == "first" and not more:
                 if getattr(one, "hold", 0.0):
-                    rule = f"a stay that begins by then may last longer: ask p({label}s >= 1)"
+                    rule = f"a stay that begins by then may end later; use p({label}s >= 1)"
                     raise OptionError(rule, at="of", value=of)
                 return _until(scene, of, asked.number), Score(of, asked.result, 1.0, 1.0, False, i)
     grows = asked.result.name.endswith("_max" if more else "_min")
@@ -127,23 +128,21 @@ def make_score(scene: Scene, of: str) -> tuple[Scene, Score]:
 
 
 def is_noisy(scene: Scene) -> bool:
-    """Whether an effect of a scene is random."""
+    """Return whether an effect of a scene is random."""
     return any(map(is_random, scene.effects))
 
 
 def _until(scene: Scene, of: str, end: float) -> Scene:
-    """The scene that ends where the event no longer counts; OptionError."""
+    """Return the scene with the time of the event as its end; OptionError if it is out of range."""
     if not 0.0 < end <= scene.run.t_end * (1.0 + 1e-9):
-        rule = f"the run ends at t_end = {scene.run.t_end:g} s: give it a later end"
+        rule = f"the run ends at t_end = {scene.run.t_end:g} s: give a later t_end"
         raise OptionError(rule, at="of", value=of)
     return scene.with_run(t_end=end)
 
 
 def _refuse_unwatched(scene: Scene, of: str, name: str) -> None:
-    """OptionError for a number that is not watched over the steps."""
+    """Raise OptionError for a quantity that is not monitored at every step."""
     known = [word for label, one in make_recording(scene).monitored for word in outputs(label, one)]
     if name not in known:
-        rule = (
-            f"is nothing that is watched over the steps; watched: {', '.join(known) or 'nothing'}"
-        )
+        rule = f"is not monitored at every step; monitored: {', '.join(known) or 'nothing'}"
         raise OptionError(rule, at="of", value=of)

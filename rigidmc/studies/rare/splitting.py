@@ -1,5 +1,5 @@
-"""Adaptive multilevel splitting: the members of a noisy scene that come nearest to an event are
-branched, and the others are given up."""
+"""Adaptive multilevel splitting: branch the members of a noisy scene that come nearest to an
+event, and drop the others."""
 
 from typing import Any, NamedTuple
 
@@ -15,20 +15,20 @@ from rigidmc.studies.rare.score import Score
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-PARTS = 128  # of the run, after which members are looked at and may branch
-# Share of the members given up at a level. The variance is 14 % above that of a vanishing share
-# (5 % with 0.1), and levels, each of which costs a fixed time, are 2.7 times fewer than with 0.1.
+PARTS = 128  # parts of the run; members are scored and may branch at the end of each
+# Fraction of the members dropped at a level. The variance is 14 % above that of a vanishing
+# fraction (5 % with 0.1). Each level costs a fixed time; there are 2.7 times fewer than with 0.1.
 KILLED = 0.25
 MOST = 10_000  # levels
-FEWER = "take fewer members and more repetitions, which are as good"
+FEWER = "use fewer members and more repetitions, which work as well"
 
 
 class SplittingResult(NamedTuple):
-    """What a repetition has found.
+    """The result of a repetition.
 
-    p : the probability;  levels, shares : scores, and the probability to score more than each
-    steps : made by all members;  flagged : members that were found not to be ok
-    deep : whether the probability is below the target, so that no more levels were tried
+    p : the probability;  levels, shares : scores, and the probability of scoring more than each
+    steps : of all members together;  flagged : number of members that are not ok
+    deep : whether it stopped because the probability fell below the target
     """
 
     p: float
@@ -39,12 +39,12 @@ class SplittingResult(NamedTuple):
     deep: bool
 
     def numbers(self) -> dict[str, Any]:
-        """As arrays, to be stored."""
+        """Return the fields as arrays, for storage."""
         return {name: np.asarray(value, float) for name, value in self._asdict().items()}
 
 
 class SplittingPaths:
-    """Members on their way, with their state and score after each part of the run.
+    """The paths of members: state and score after each part of the run.
 
     states : (parts + 1, members, rows);  scores : (parts + 1, members), the largest so far
     """
@@ -69,8 +69,8 @@ class SplittingPaths:
         self._go_on(everyone, everyone, np.zeros(count, int))
 
     def branch(self, ended: Indices, parents: Indices, level: float) -> None:
-        """Let `ended` follow their parents until these score more than `level`, then go on with
-        noise of their own."""
+        """Replace the paths of `ended` by copies of their parents, up to the part where the parent
+        scores more than `level`, and continue each with independent noise."""
         at = (self.scores[:, parents] > level).argmax(axis=0)
         order = np.argsort(at, kind="stable")
         ended, parents, at = ended[order], parents[order], at[order]
@@ -80,7 +80,7 @@ class SplittingPaths:
         self.used += ended.size
 
     def _go_on(self, which: Indices, members: Indices, at: Indices) -> None:
-        """Move members, each from part `at` on; these rise.
+        """Move members, each from part `at` on; `at` is in ascending order.
 
         which : their columns;  members : their indices
         """
@@ -91,9 +91,9 @@ class SplittingPaths:
             now = self.moving.moved(self.states[part, mine].T, members[:count], part)
             self.states[part + 1, mine] = now.T
             self.steps += count * float(ends[part + 1] - ends[part])
-        # of all parts at once, which takes a tenth of the time; a score of a maximum needs no part
+        # Score all parts at once, in a tenth of the time; the score of a maximum needs no part.
         rows, column = np.nonzero(np.arange(1, ends.size)[:, None] > at)
-        if rows.size == 0:  # all of them branch where the run ends
+        if rows.size == 0:  # all branch at the end of the run
             return
         states = np.ascontiguousarray(self.states[rows + 1, which[column]].T)
         if self.score.event is not None:
@@ -104,13 +104,14 @@ class SplittingPaths:
 
 
 def even_shares(seed: int, count: int) -> Array:
-    """Random numbers in (0, 1), one in each of `count` equal parts."""
+    """Return random numbers in (0, 1), one in each of `count` equal intervals."""
     shares: Array = (np.arange(count) + uniforms(seed, "rare.rows", 0, count, 0)[0]) / count
     return shares
 
 
 def row_of(first: int, rows: int, share: Array) -> Indices:
-    """The members, from index `first` on, at shares of its rows, numbers in (0, 1)."""
+    """Return the members at the fractions `share`, numbers in (0, 1), of `rows` rows from index
+    `first` on."""
     found: Indices = first + np.minimum((share * rows).astype(np.int64), rows - 1)
     return found
 
@@ -125,17 +126,17 @@ def split(
     rows: int | None,
     seed: int,
 ) -> SplittingResult:
-    """The probability of an event by adaptive multilevel splitting.
+    """Estimate the probability of an event by adaptive multilevel splitting.
 
-    Level by level, the lowest quarter of the members is given up, with all that score the same.
-    Each is replaced by a copy of a random other member up to the part of the run at whose end this
-    one scores more than the level; from there the copy has noise of its own. Of n members, with k_i
-    given up at level i::
+    Each level drops the quarter of the members with the lowest scores, and all others with the same
+    score as the highest of these. A copy of a random remaining member replaces each: it follows
+    this member to the first part of the run at whose end the score exceeds the level, and continues
+    with independent noise. For n members, with k_i dropped at level i, the estimate ::
 
-        p = (share of the event at the end) prod_i (1 - k_i/n)
+        p = (fraction with the event at the end) prod_i (1 - k_i/n)
 
-    is unbiased for any number of members and parts. Of grids and tables each has a random row, as
-    its copies do.
+    is unbiased for any number of members and parts. Each member has a random row of the scene's
+    grids and tables, which its copies keep.
     Source: Cerou & Guyader, Stoch. Anal. Appl. 25 (2007) 417; Brehier, Gazeau, Goudenege, Lelievre
     & Rousset, Ann. Appl. Probab. 26 (2016) 3559.
     """

@@ -1,22 +1,23 @@
-"""Tell how likely something is that almost never happens.
+"""Estimate the probability of a rare event.
 
-Members are led towards the event level by level, so that a probability p takes some
-ln(1/p) times as many members as a common event, not 1/p times as many.
+The method leads members towards the event level by level. A probability p then needs some
+ln(1/p) times the members of a common event, instead of 1/p times.
 
-Noisy scenes: adaptive multilevel splitting. The members that have come least near are given up
-and others branched; the estimate has no bias. Source: Cerou & Guyader, Stoch. Anal. Appl. 25
+Noisy scenes: adaptive multilevel splitting. It drops the members farthest from the event and
+branches others; the estimate is unbiased. Source: Cerou & Guyader, Stoch. Anal. Appl. 25
 (2007) 417; Brehier et al., Ann. Appl. Probab. 26 (2016) 3559.
 
-Scenes whose members differ by their starts, bodies and effects alone: subset simulation. The
-random numbers of members walk towards the event; the estimate has a bias of the order
+Scenes whose members differ only in their starts, bodies and effects: subset simulation. The
+random numbers of the members walk towards the event; the estimate has a bias of the order
 1/members, a few per cent of its interval. Source: Au & Beck, Probab. Eng. Mech. 16 (2001) 263.
 
-Members of grids and tables take the row of a random member of the scene, and walk or branch
-with it; p is the mean over all rows.
+In a scene with grids or tables, each member takes the row of a random member of the scene, and
+walks or branches with it; p is the mean over all rows.
 
-Both are repeated with the next seeds from the scene's on. The interval is that of the mean of a
-skew law over the repetitions, see `rigidmc.results.intervals.mean_of_skew`. If no member came
-to the event, p is 0 and the upper end that of as many plain members without it.
+Both methods are repeated with successive seeds, starting with that of the scene. The interval is
+that of the mean of a skewed distribution over the repetitions, see
+`rigidmc.results.intervals.mean_of_skew`. If no member reaches the event, p is 0, and the upper
+end is that of the same number of plain members without the event.
 
 {parameters}
 
@@ -25,18 +26,18 @@ Returns
 xarray.Dataset
     `p` with the ends `p_low` and `p_high` of its interval; over repetition `probability`,
     `member_steps`, `flagged`, whether it is `below_target`, and whether it is `stuck`; over
-    repetition and level `score` and `share`, the probability to score more; `gain`: how many
-    times as many member-steps plain sampling takes for the same interval
+    repetition and level `score` and `share`, the probability of scoring more; `gain`:
+    member-steps of plain sampling for the same interval, divided by the member-steps of this study
 
 Raises
 ------
 OptionError
-    for what is no event, has no score, or is impossible to count
+    if `of` is not an event or has no score, or for an impossible count
 
 Warns
 -----
 SceneWarning
-    as `simulate`, and if no way to the event was found
+    as in `simulate`, and if the study finds no path to the event
 
 Examples
 --------
@@ -79,20 +80,20 @@ from rigidmc.studies.rare.score import Score, is_noisy, make_score
 from rigidmc.studies.rare.splitting import FEWER, KILLED, PARTS, split
 from rigidmc.studies.rare.subsets import KEPT, descend
 
-WIDE = 1.0  # spread of the repetitions, of their mean, beyond which the interval covers less
-LEAST = 20  # members of a repetition: two of them go on from a level
-REPETITION = 4096  # bytes of what one has found, with its levels
+WIDE = 1.0  # spread of the repetitions / their mean, above which the interval covers less
+LEAST = 20  # members of a repetition: two of them pass a level
+REPETITION = 4096  # bytes of the result of one, with its levels
 METHODS = {True: "adaptive multilevel splitting", False: "subset simulation"}  # by is_noisy
 
 
 class RareOptions(Options):
-    """What `rare` may be asked."""
+    """The options of `rare`."""
 
     of: str | None = option(
         None,
-        'such as "p(nutation_max >= 2)" or "p(passage_first < 60)"',
-        more="the event: p(NAME >= NUMBER) or p(NAME <= NUMBER) of what is watched over the steps;"
-        " of a noisy scene what only grows",
+        'event, such as "p(nutation_max >= 2)" or "p(passage_first < 60)"',
+        more="p(NAME >= NUMBER) or p(NAME <= NUMBER), with a quantity that is monitored at every"
+        " step; in a noisy scene, one that only grows",
         metavar="EVENT",
         is_new=True,
         missing='a new study needs an event, as in "p(flips >= 3)"',
@@ -100,27 +101,28 @@ class RareOptions(Options):
     target: float = option(
         1e-9,
         "the smallest probability that matters; by default 1e-9",
-        more="a repetition looks no deeper",
+        more="a repetition stops below it",
         above=0.0,
         below=1.0,
         rule="expected a probability between 0 and 1",
         metavar="P",
         is_new=True,
     )
-    members: int = option(1000, "of each repetition; by default 1000", is_new=True)
-    repetitions: int = option(16, "how many; by default 16", least=2, is_new=True)
-    confidence: float = confidence_option("of the interval")
+    members: int = option(1000, "members of each repetition; by default 1000", is_new=True)
+    repetitions: int = option(16, "number of repetitions; by default 16", least=2, is_new=True)
+    confidence: float = confidence_option("confidence level of the interval")
 
 
 def start(scene: Scene, options: RareOptions) -> tuple[Scene, dict[str, Any]]:
-    """(the scene of a study, its request); OptionError for what is no event or has no score."""
+    """Return (the scene of a study, its request); OptionError if `of` is not an event or has no
+    score."""
     of, target, repetitions = str(options.of), options.target, options.repetitions
     members = read_count(options.members, "members", LEAST)
     refuse_count(repetitions, "repetitions", REPETITION)
     refuse_count(members, "members", 4 * 8 * layout.EFFECTS, FEWER)
     moved, _ = make_score(scene, of)
     if not is_noisy(moved) and not random_dimensions(moved.model):
-        rule = "nothing is random: no effect has noise, and all numbers of the scene are given"
+        rule = "nothing is random: no effect has noise, and all parameters of the scene are fixed"
         raise OptionError(rule, at="scene")
     request: dict[str, Any] = {
         "of": of,
@@ -128,27 +130,27 @@ def start(scene: Scene, options: RareOptions) -> tuple[Scene, dict[str, Any]]:
         "members": members,
         "repetitions": repetitions,
     }
-    if is_indexed(moved.model):  # members walk and branch with a row, of which there may be fewer
+    if is_indexed(moved.model):  # members walk and branch with a row; there may be fewer rows
         rows: int = rows_to_run(moved.model, moved.run) or moved.run.members
         request["rows"], members = rows, min(members, rows)
     return moved.with_run(members=members), request
 
 
 def notes(scene: Scene) -> tuple[str, ...]:
-    """What to warn of before the first repetition."""
+    """Return the warnings before the first repetition."""
     return prepare_scene(scene).notes
 
 
 def doubts(study: xr.Dataset) -> list[str]:
-    """What to warn of if no repetition found a way to the event."""
+    """Return the warnings if no repetition found a path to the event."""
     if float(study.p) > 0.0:
         return []
     return [f"{study.attrs['of']}: {why}" for why in _stuck(study)]
 
 
 def cost_of(scene: Scene, request: Request, numbers: Sequence[int]) -> float:
-    """The member-steps of repetitions if the event has the probability `target`, to a factor of 2:
-    of the levels of splitting half a run each, of those of subsets a whole one."""
+    """Return the member-steps of repetitions for an event of probability `target`, to a factor of
+    2: a level of splitting takes half a run, a level of subset simulation a whole one."""
     members, depth = request["members"], -math.log(request["target"])
     killed, part = (KILLED, 0.5 * KILLED) if is_noisy(scene) else (1.0 - KEPT, 1.0 - KEPT)
     levels = depth / -math.log(1.0 - killed)
@@ -159,7 +161,7 @@ def cost_of(scene: Scene, request: Request, numbers: Sequence[int]) -> float:
 def compute_repetitions(
     scene: Scene, request: Request, numbers: Sequence[int], threads: int, device: str | None
 ) -> list[TaskArrays]:
-    """What repetitions find."""
+    """Compute repetitions and return their results."""
     moved, score = make_score(scene, request["of"])
     given = moved, score, request["members"], request["target"], threads, device
     way = split if is_noisy(moved) else partial(descend, parts=_parts(score))
@@ -168,19 +170,19 @@ def compute_repetitions(
 
 
 def _parts(score: Score) -> int:
-    """How often the score of a member without noise is taken: of an event as it moves."""
+    """Return the number of score evaluations of a member without noise: several for an event."""
     return 1 if score.event is None else PARTS
 
 
 def missing_repetitions(scene: Scene, request: Request, found: dict[int, TaskArrays]) -> list[int]:
-    """The repetitions that are left."""
+    """Return the repetitions that are still missing."""
     return [i for i in range(request["repetitions"]) if i not in found]
 
 
 def reduce(
     scene: Scene, request: Request, found: dict[int, TaskArrays], options: RareOptions
 ) -> xr.Dataset:
-    """The Dataset of the repetitions that are done."""
+    """Return the Dataset of the finished repetitions."""
     confidence = options.confidence
     numbers = sorted(found)
     p = np.array([float(found[i]["p"]) for i in numbers])
@@ -198,21 +200,21 @@ def reduce(
         "p_low": ((), low, "lower end of its interval"),
         "p_high": ((), high, "upper end of its interval"),
         "gain": ((), _gain(scene, value, 0.5 * (high - low), steps.sum(), confidence),
-                 "member-steps of plain sampling for the same interval, by those of this study"),
+                 "member-steps of plain sampling for the same interval / of this study"),
         "probability": (over[:1], p, "estimate of the repetition"),
         "member_steps": (over[:1], steps, "steps of all members of the repetition"),
         "flagged": (over[:1], [int(found[i]["flagged"]) for i in numbers], "flagged members"),
-        "below_target": (over[:1], deep, "whether it ended above the event, at the target"),
+        "below_target": (over[:1], deep, "whether it stopped at the target, before the event"),
         "stuck": (over[:1], (p == 0.0) & ~deep,
-                  "whether it ended above the event and the target: no member came nearer"),
-        "score": (over, score.sign * columns["levels"], "level that members have to pass"),
-        "share": (over, columns["shares"], "probability to pass the level"),
+                  "whether it stopped before the event and the target: no member came nearer"),
+        "score": (over, score.sign * columns["levels"], "level that members must pass"),
+        "share": (over, columns["shares"], "probability of passing the level"),
     }  # fmt: skip
     variables = {
         name: (dims, values, {"long_name": text, "units": "1"})
         for name, (dims, values, text) in words.items()
     }
-    if score.event is None:  # a score is then a number of the motion
+    if score.event is None:  # the score is a quantity of the motion, with its units
         known = variables_of(moved)[score.result.name].attrs
         variables["score"][2]["units"] = known.get("units", "1")
     attrs = {
@@ -233,11 +235,11 @@ def reduce(
 def _interval(
     p: NDArray[np.float64], deep: NDArray[np.bool_], request: Request, confidence: float
 ) -> tuple[float, float, float]:
-    """(the mean of what repetitions found, ends of its interval).
+    """Return (mean over the repetitions, ends of its interval).
 
     Repetitions that stopped at the target count as 0 in the mean, and as the target in the upper
-    end. If no member of any came to the event, the upper end is no less than that of as many plain
-    members without it: one level at most says more, and by that of the target.
+    end. If no member reached the event and not all repetitions stopped at the target, the upper
+    end is at least that of the same number of plain members without the event.
     """
     value, low, high = mean_of_skew(p, confidence)
     high += float(deep.mean()) * request["target"]
@@ -248,7 +250,7 @@ def _interval(
 
 
 def _padded(rows: list[NDArray[np.float64]], size: int) -> NDArray[np.float64]:
-    """Rows of different lengths as an array, nan where a row has ended."""
+    """Return rows of different lengths as an array, padded with nan."""
     whole = np.full((len(rows), size), np.nan)
     for row, values in zip(whole, rows, strict=True):
         row[: values.size] = values
@@ -256,8 +258,8 @@ def _padded(rows: list[NDArray[np.float64]], size: int) -> NDArray[np.float64]:
 
 
 def _gain(scene: Scene, p: float, half: float, steps: float, confidence: float) -> float:
-    """How many times as many member-steps plain sampling takes for the same interval: of n members
-    it has half the width z (p (1 - p)/n)^(1/2)."""
+    """Return the member-steps of plain sampling for the same interval, divided by `steps`: with n
+    members its half-width is z (p (1 - p)/n)^(1/2)."""
     if not (p > 0.0 and half > 0.0 and math.isfinite(half)):
         return math.nan
     z = float(stats.norm.ppf(0.5 + 0.5 * confidence))
@@ -266,23 +268,24 @@ def _gain(scene: Scene, p: float, half: float, steps: float, confidence: float) 
 
 
 def _stuck(study: xr.Dataset) -> list[str]:
-    """Why repetitions found no way to the event; [] if all did, or came to the target."""
+    """Explain repetitions that found no path to the event; [] if all found one or stopped at the
+    target."""
     stuck, done = int(study.stuck.sum()), study.sizes["repetition"]
     if not stuck:
         return []
     if float(study.p) > 0.0:
         repetitions = count_text(done, "repetition")
-        return [f"{stuck:,} of {repetitions} found no way to the event and count as 0"]
+        return [f"{stuck:,} of {repetitions} found no path to the event and count as 0"]
     levels = int(np.isfinite(study.score.values).any(axis=0).sum())
     why = "their members came no nearer" if levels else "all members score the same"
     return [
-        f"no way to the event was found: {why}, and the interval is that of plain members; take"
-        " more members, or a number that tells better how near they are"
+        f"found no path to the event: {why}, and the interval is that of plain members; use more"
+        " members, or a quantity that measures the distance to the event better"
     ]
 
 
 def table(study: xr.Dataset) -> list[str]:
-    """The study in lines of text."""
+    """Return the study as lines of text."""
     p, low, high = (float(study[name]) for name in ("p", "p_low", "p_high"))
     done, wanted = study.sizes["repetition"], int(study.attrs["wanted"])
     lines = [study.attrs["title"]]
@@ -295,22 +298,23 @@ def table(study: xr.Dataset) -> list[str]:
     lines.append(
         f"  {study.attrs['method']}: {count_text(done, 'repetition')} of"
         f" {count_text(study.attrs['members'], 'member')},"
-        f" {study.sizes['level']:,} levels at most, {steps:.3g} member-steps"
+        f" at most {study.sizes['level']:,} levels, {steps:.3g} member-steps"
     )
     if math.isfinite(gain := float(study.gain)):
-        lines.append(f"  plain sampling would take {gain:,.3g} times as many for this interval")
+        lines.append(f"  plain sampling needs {gain:,.3g} times the member-steps for this interval")
     if p > 0.0 and done > 1 and float(study.probability.std(ddof=1)) > WIDE * p:
         lines.append(
-            "  the repetitions spread by more than their mean, and few of them carry it: take more"
-            " members, or a number that tells better how near they are"
+            "  the repetitions spread by more than their mean, and few dominate it: use more"
+            " members, or a quantity that measures the distance to the event better"
         )
     if done < wanted:
         missing = count_text(wanted - done, "repetition is", "repetitions are")
-        lines.append(f"  {missing} missing: `rigidmc resume` goes on")
+        lines.append(f"  {missing} missing: continue with `rigidmc resume`")
     if not study.below_target.values.all() and (deep := int(study.below_target.sum())):
-        lines.append(f"  {count_text(deep, 'repetition')} ended at the target and count as 0")
+        ended = count_text(deep, "repetition")
+        lines.append(f"  {ended} stopped at the target: counted as 0")
     if flagged := int(study.flagged.sum()):
-        lines.append(f"  members that were flagged, and count as far from the event: {flagged:,}")
+        lines.append(f"  flagged members, counted as far from the event: {flagged:,}")
     return lines
 
 
@@ -324,7 +328,7 @@ rare = Study(
     table=table,
     picture="rare_curve",
     settings=("integrator", "dt", "t_end", "tolerance", "seed", "dtype", "compensated"),
-    source="the run directory of a study that exists",
+    source="the run directory of an existing study",
     example=Example(
         "dzhanibekov",
         {"of": "p(omega_max[1] >= 0.05)", "members": 64, "repetitions": 3, "target": 1e-6},

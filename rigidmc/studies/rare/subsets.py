@@ -1,5 +1,5 @@
-"""Subset simulation: the random numbers from which the members of a scene are made walk towards
-those whose members come nearest to an event."""
+"""Subset simulation: the random numbers that define the members of a scene walk towards values
+whose members come nearest to an event."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +15,18 @@ from rigidmc.studies.rare.score import Score
 from rigidmc.studies.rare.splitting import SplittingResult, even_shares, row_of
 
 Array = NDArray[np.float64]
-KEPT = 0.1  # share of the members from which the next level goes on
-# Share of the walks' steps that are taken. The best for one direction, 0.44: Papaioannou et al.
+KEPT = 0.1  # fraction of the members kept at a level, as starts of the walks
+# Accepted fraction of the steps of the walks; the best in one dimension, see Papaioannou et al.
 ACCEPTED = 0.44
-FARTHEST = 8.2  # standard deviations: beyond it the largest number below 1 is met
+FARTHEST = 8.2  # standard deviations; beyond it the distribution function rounds to 1
 MOST = 100  # levels
 
 
 class ScoredMembers:
-    """Members made from normal deviates z (d, n), one for each number that a member draws. Of grids
-    and tables the last one tells the row.
+    """Members made from normal deviates z (d, n), one for each number that a member draws. With
+    grids and tables, the last deviate selects the row.
 
-    rows : how many rows there are, None without grids and tables
+    rows : number of rows, None without grids and tables
     """
 
     def __init__(self, moving: SegmentedRun, score: Score, seed: int, rows: int | None) -> None:
@@ -35,14 +35,14 @@ class ScoredMembers:
         self.steps, self.flagged, self._indices = 0.0, 0, np.empty(0, np.int64)
 
     def normals(self, count: int, name: str, number: int) -> Array:
-        """Independent deviates (d, count), as a function of seed, name and number."""
+        """Return independent deviates (d, count), a function of seed, name and number."""
         d = len(self.dimensions) + (self.rows is not None)
         draws = [uniforms(self.seed, f"{name}.{number}", 0, count, i) for i in range(-(-d // 4))]
         deviates: Array = ndtri(np.concatenate(draws)[:d])
         return deviates
 
     def scores(self, z: Array) -> Array:
-        """The scores of the members that are made from z, at their best."""
+        """Compute the members made from z and return the best score of each."""
         moving, count = self.moving, z.shape[1]
         shares, rows = ndtr(z), None
         if self.rows is not None:
@@ -77,21 +77,21 @@ def descend(
     seed: int,
     parts: int,
 ) -> SplittingResult:
-    """The probability of an event by subset simulation.
+    """Estimate the probability of an event by subset simulation.
 
-    Level by level, the best tenth of the members is kept, with all that score the same. From each
-    of them a walk through the normal deviates z goes on, until there are as many members again::
+    Each level keeps the tenth of the members with the best scores, and all others with the same
+    score as the lowest of these. A walk through the normal deviates z starts from each, until the
+    number of members is restored::
 
-        z' = (1 - s^2)^(1/2) z + s n,   taken if its member scores no less than the level
+        z' = (1 - s^2)^(1/2) z + s n,   accepted if its member scores at least the level
 
-    which leaves the normal law under that condition as it is. s is a multiple, of at most 1, of
-    the spread of the kept members in each direction, and follows the share of steps that are taken.
-    The product of the shares kept has a bias of the order 1/n, since levels and walks share
-    members.
+    This leaves the normal distribution under that condition invariant. s, at most 1, is a multiple
+    of the spread of the kept members in each direction; it adapts to the accepted fraction. The
+    product of the kept fractions has a bias of the order 1/n, since levels and walks share members.
     Source: Au & Beck, Probab. Eng. Mech. 16 (2001) 263; Papaioannou, Betz, Zwirglmaier & Straub,
     Probab. Eng. Mech. 41 (2015) 89.
 
-    parts : of the run, after each of which the score of an event is taken
+    parts : of the run; the score of an event is evaluated after each
     """
     moving = SegmentedRun(scene.with_run(seed=seed), parts, threads, device)
     made = ScoredMembers(moving, score, seed, rows)
@@ -106,7 +106,7 @@ def descend(
         kept = scores >= level
         if score.reached(np.array(level)) or kept.all() or np.isneginf(level):
             break
-        if levels and not level > levels[-1]:  # as many as ever score the same
+        if levels and not level > levels[-1]:  # no progress
             break
         share *= float(kept.mean())
         levels.append(float(level))
@@ -129,16 +129,17 @@ def _walked(
     pace: float,
     number: int,
 ) -> tuple[Array, Array, float]:
-    """(z, scores, pace) of `members` that score `level` or more, by walks from those that do.
+    """Return (z, scores, pace) of `members` members that score `level` or more, by walks from
+    given ones.
 
-    pace : how wide the steps are, in spreads of the kept members
+    pace : width of the steps, in units of the spread of the kept members
     """
     spread = np.minimum(1.0, z.std(axis=1, keepdims=True))
     all_z, all_scores, walk = [z], [scores], 0
     while (missing := members - sum(one.size for one in all_scores)) > 0:
         z, scores = z[:, :missing], scores[:missing]
         width = np.minimum(1.0, pace * spread)
-        if made.rows is not None:  # every other step keeps the row: neighbours may be unlike
+        if made.rows is not None:  # every other step keeps the row: adjacent rows may differ much
             width = np.vstack([width[:-1], np.zeros(1) if walk % 2 else np.ones(1)])
         normals = made.normals(scores.size, f"rare.walk.{number}", walk)
         tried = np.clip(np.sqrt(1.0 - width**2) * z + width * normals, -FARTHEST, FARTHEST)

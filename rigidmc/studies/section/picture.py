@@ -13,21 +13,22 @@ from rigidmc.mechanics.rotation import euler
 from rigidmc.results.labels import label_of, with_units
 
 EULER = ("phi", "theta", "psi")
-FEW = len(COLOURS)  # members that have colours of their own
-POINTS = 400_000  # more than these fill the picture
+FEW = len(COLOURS)  # most members with separate colours
+POINTS = 400_000  # most points drawn; they fill the picture
 _NAME = re.compile(r"(?P<name>\w+)(\[(?P<component>\w+)\])?")
 
 
 def section_points(
     study: xr.Dataset, x: str | None = None, y: str | None = None, figure: Figure | None = None
 ) -> Figure:
-    """The points of a section in the plane of two quantities.
+    """Draw the points of a section in the plane of two quantities.
 
     study : the Dataset of `rigidmc.section`
     x, y : such as "momentum[2]" or an Euler angle "theta"; by default the two other components of
-        the vector that the section is about, or two of the angular velocity or momentum
+        the vector that defines the section, or two of the angular velocity or momentum
 
-    Up to ten members have colours of their own. Raises OptionError for what the section has not.
+    Up to ten members have separate colours. Raises OptionError for a quantity that the section does
+    not have.
     """
     names = _chosen(study, x, y)
     values = [_values(study, name) for name in names]
@@ -55,7 +56,7 @@ def section_points(
 
 
 def _chosen(study: xr.Dataset, x: str | None, y: str | None) -> tuple[str, str]:
-    """The names of both axes."""
+    """Return the names of both axes."""
     match = _NAME.match(study.attrs["at"])
     name = match["name"] if match else ""
     vector = name if name in study and study[name].dims[:1] == ("axis",) else ""
@@ -66,14 +67,14 @@ def _chosen(study: xr.Dataset, x: str | None, y: str | None) -> tuple[str, str]:
 
 
 def _values(study: xr.Dataset, text: str) -> NDArray[np.float64]:
-    """The values of one axis; OptionError."""
+    """Return the values of one axis; OptionError."""
     if text in EULER and "attitude" in study:
         return euler(study.attitude.transpose("point", "quat").values)[:, EULER.index(text)]
     match = _NAME.fullmatch(text.strip())
     name, component = (match["name"], match["component"]) if match else (text, None)
     known = [*(str(n) for n, v in study.data_vars.items() if "point" in v.dims), *EULER]
     if name not in known:
-        rule = f"the section has no such quantity; known: {', '.join(known)}; --save adds others"
+        rule = f"is not a quantity of the section; known: {', '.join(known)}; --save adds others"
         raise OptionError(rule, at="x and y", value=text, nearest=nearest(name, known))
     one = study[name]
     if one.ndim == 2:

@@ -1,7 +1,8 @@
-"""The points of a section: what is asked, "omega[1] = 0" or "every orbit", and where members cross.
+"""The points of a section: parse its definition, "omega[1] = 0" or "every orbit", and find the
+crossings.
 
-A run saves states; between two of them `CrossingPaths` moves the members again, by steps of rk8
-that are checked against steps of half their length.
+A run saves states; between two saves `CrossingPaths` recomputes the paths of members with rk8, and
+checks its steps against steps of half the length.
 """
 
 import math
@@ -30,18 +31,18 @@ from rigidmc.results.estimates import StateComponent, component_of, rows_in_time
 from rigidmc.scene.scene import Scene
 
 Array = NDArray[np.float64]
-# rad: a step of rk8 of this length is 1e-13 off, so that a section costs no digits of the run
+# rad: the error of an rk8 step of this length is 1e-13, so that a section keeps the run's accuracy
 ARC = 0.2
-AGREED = 1e-11  # steps and steps of half their length: attitude [rad], and momentum of its size
-FAIR = 1e-7  # steps that still differ by more, however short, are not believed
+AGREED = 1e-11  # agreement with steps of half the length: attitude [rad], momentum relative
+FAIR = 1e-7  # a path is rejected if steps of any length differ by more
 HALVINGS = 8
 MOST = 2**20  # steps between two saves: seconds of computing for each point
 
 
 class Departures(NamedTuple):
-    """The states from which paths begin, one for each.
+    """The initial states of paths.
 
-    states : attitude and momentum (7, n);  places : of their members among those of a run
+    states : attitude and momentum (7, n);  places : indices of their members in a run
     times : of the saves [s];  spans : from each to the next save [s]
     """
 
@@ -52,12 +53,12 @@ class Departures(NamedTuple):
 
 
 class CrossingPaths:
-    """What members do after states that a run has saved, each on its way to the next save.
+    """The paths of members from the saved states of a run, each to the next save.
 
-    Steps turn a member by ARC at most, at the rate that its energy and the effects admit
-    (`rigidmc.planning.steps.rate_bounds`), and are no longer than those of the run, which knows how
-    fast torques change in time. Then they are halved until halving changes no state at the next
-    save. The steps of a path depend on itself alone, and so do its bits.
+    A step turns a member by at most ARC, at the largest rate that its energy and the effects allow
+    (`rigidmc.planning.steps.rate_bounds`), and is at most as long as a step of the run, which
+    resolves the change of torques in time. Steps are then halved until halving changes no state at
+    the next save. The steps of a path, and so its bits, depend on this path alone.
 
     spans : from each state to the next save [s]
     sure : whether the steps of a path agree with steps of half their length within FAIR
@@ -72,7 +73,7 @@ class CrossingPaths:
         dt: float,
         threads: int | None,
     ) -> None:
-        """dt : the longest step [s], inf if members have steps of their own"""
+        """dt : the longest step [s], inf if each member has its own step"""
         self._start, self._m, self._times, self.spans = departures
         m, spans = self._m, self.spans
         refuse_memory(scene.effects)
@@ -95,7 +96,7 @@ class CrossingPaths:
         at[layout.ATTITUDE : layout.EXTRA] = self._start
         rate = rate_bounds(scene.effects, at)
         turns = rate * spans
-        # what a member that moves at its rate has at least, for those that come to rest at a save
+        # least momentum of a member that rotates at its rate: the scale for members at rest
         self._size = rate / at[layout.BODY : layout.BODY + 3].max(axis=0)
         arc = min(ARC, scene.run.turn or ARC)
         steps = np.maximum(np.nan_to_num(turns) / arc, spans / dt * (1.0 - 1e-9))
@@ -107,7 +108,7 @@ class CrossingPaths:
         self._settle()
 
     def after(self, h: Array, which: NDArray[np.intp]) -> Array:
-        """What `Moved.values` gives h after the states `which`."""
+        """Return the state and observables at time h [s] after each state of `which`."""
         count, now = self._steps[which], self._times[which]
         values = np.concatenate([self._start[:, which], np.empty((self._width - 7, h.size))])
         for done in range(count.max(initial=0)):
@@ -122,7 +123,8 @@ class CrossingPaths:
         return values
 
     def _settle(self) -> None:
-        """Halve steps until halving changes nothing at the next save; note where it always does."""
+        """Halve steps until halving changes nothing at the next save; record in `sure` the paths
+        that agree."""
         left = np.arange(self._m.size)
         coarse, before = self.after(self.spans, left), np.full(left.size, np.inf)
         for _ in range(HALVINGS):
@@ -130,7 +132,7 @@ class CrossingPaths:
             fine = self.after(self.spans[left], left)
             off = _apart(coarse, fine, self._size[left])
             self.sure[left] = off <= FAIR
-            # agreed, or rounding: shorter steps are no better, and the longer ones are enough
+            # agreed, or rounding: shorter steps are not better, so keep the longer ones
             done = (off <= AGREED) | ((off <= FAIR) & (off > 0.5 * before))
             self._steps[left[done]] //= 2
             left, coarse, before = left[~done], fine[:, ~done], off[~done]
@@ -139,12 +141,12 @@ class CrossingPaths:
 
 
 def _apart(one: Array, two: Array, size: Array) -> Array:
-    """How far states (7, ...) are apart: attitudes [rad], momenta of the largest of the two and
-    `size`; inf for nan."""
+    """Return the larger distance of states (7, ...): of attitudes [rad], or of momenta relative to
+    the largest of the two and `size`; inf for nan."""
     turned = 2.0 * np.linalg.norm(one[:4] - two[:4], axis=0)
     sizes = np.maximum(np.linalg.norm(one[4:7], axis=0), np.linalg.norm(two[4:7], axis=0))
     sizes = np.maximum(sizes, size)
-    # a body at rest under nothing: no momentum differs, in any unit
+    # avoid division by zero for a body at rest without torques
     pushed = np.linalg.norm(one[4:7] - two[4:7], axis=0) / np.where(sizes > 0.0, sizes, 1.0)
     apart: Array = np.nan_to_num(np.maximum(turned, pushed), nan=np.inf)
     return apart
@@ -157,21 +159,21 @@ RULE = 'expected "NAME = NUMBER" or "NAME[3] = NUMBER", "every NUMBER" [s] or "e
 
 
 class Crossing(NamedTuple):
-    """Where an observable, or a component of it, passes a value.  way : of WAYS"""
+    """A value that an observable, or a component of one, crosses.  way : of WAYS"""
 
     of: StateComponent
     value: float
     way: str
 
     def happens(self, before: Array, after: Array) -> NDArray[np.bool_]:
-        """Whether levels, values less `value`, pass 0 between two saves."""
+        """Return whether levels, values minus `value`, cross 0 between two saves."""
         up, down = (before < 0.0) & (after >= 0.0), (before > 0.0) & (after <= 0.0)
         found: NDArray[np.bool_] = {"rises": up, "falls": down, "both": up | down}[self.way]
         return found
 
 
 def crossing_of(scene: Scene, at: str, way: str) -> Crossing:
-    """The Crossing of a text; OptionError."""
+    """Parse the Crossing of a text; OptionError."""
     if way not in WAYS:
         raise OptionError(
             f"expected {', '.join(WAYS)}", at="way", value=way, nearest=nearest(way, WAYS)
@@ -180,13 +182,14 @@ def crossing_of(scene: Scene, at: str, way: str) -> Crossing:
     if match is None or math.isinf(float(match["value"])):
         raise OptionError(RULE, at="at", value=at)
     if noisy := [label for label, effect in label_effects(scene.effects) if is_random(effect)]:
-        rule = "a path with noise is not known between saves: no section"
+        rule = "a section requires a scene without noise: paths between saves are unknown"
         raise SceneError(rule, at=f"effects.{noisy[0]}")
     return Crossing(component_of(scene, match["of"], "at"), float(match["value"]), way)
 
 
 def period_of(scene: Scene, at: str) -> float | None:
-    """The time between two points of "every NUMBER" [s]; None for a crossing, or OptionError."""
+    """Return the time between two points of "every NUMBER" [s]; None for a crossing; OptionError
+    for a bad time."""
     if (match := _PERIOD.fullmatch(at)) is None:
         return None
     word = match["period"]
@@ -200,19 +203,19 @@ def period_of(scene: Scene, at: str) -> float | None:
             mu, distance = effect.mu, effect.distance
             if isinstance(mu, float) and isinstance(distance, float):
                 return 2.0 * math.pi * math.sqrt(distance**3 / mu)
-            rule = "members have orbits of their own: give a time"
+            rule = "the orbits of members differ: give a time"
             raise OptionError(rule, at="at", value=at)
-    rule = "the scene has no gravity_gradient, and so no orbit"
+    rule = "the scene has no orbit: it has no gravity_gradient"
     raise OptionError(rule, at="at", value=at)
 
 
 STATE = ("attitude", "momentum")
-JUMP = 1e-3  # a level that is still this share of its ends has jumped, as an angle by 2 pi
-UNIT = 1e-9  # |q|^2 of a point is that of the save before it, to this: see `CrossingPaths`
+JUMP = 1e-3  # a level above this fraction of its ends has jumped, as an angle by 2 pi
+UNIT = 1e-9  # largest change of |q|^2 since the previous save, see `CrossingPaths`
 
 
 def periodic(part: xr.Dataset, observed: Mapping[str, Any]) -> dict[str, Array]:
-    """The points of a result once in each period: its saves until the last good one."""
+    """Return the points of a result once per period: its saves up to the last good one."""
     times, members = part.time.values, part.member.values
     there = _good(part)
     m, k = np.nonzero(there.T)
@@ -221,7 +224,7 @@ def periodic(part: xr.Dataset, observed: Mapping[str, Any]) -> dict[str, Array]:
 
 
 def _good(part: xr.Dataset) -> NDArray[np.bool_]:
-    """Whether a save (time, member) is before the fault of its member, if it has one."""
+    """Return whether a save (time, member) precedes the fault of its member, if any."""
     ends = np.where(part.status.values == 0, np.inf, part.status_time.values)
     there: NDArray[np.bool_] = part.time.values[:, None] < ends
     return there
@@ -234,9 +237,9 @@ def find_crossings(
     observed: Mapping[str, Any],
     threads: int | None,
 ) -> tuple[dict[str, Array], int]:
-    """(the points of a result where an observable passes a value, how many were not found).
+    """Return (the points of a result where an observable crosses a value, number of lost ones).
 
-    Those are not found whose states between the saves do not follow: see `Paths.sure`.
+    A crossing is lost if the steps of its path do not converge, see `CrossingPaths.sure`.
     """
     level = crossing.of.values(part) - crossing.value
     good = _good(part)
@@ -252,10 +255,10 @@ def find_crossings(
     at = 7 + _place(observed, crossing)
     ends = np.abs(level[k, m]) + np.abs(level[k + 1, m])
     share, still, missed = _sought(paths, at, crossing.value)
-    # The run has passed the value, and the better steps from its last save have not quite: by less
-    # than the error of the run, which is where it passes.
+    # The run crosses the value, but the more accurate path from its last save may just miss it, by
+    # less than the error of the run: the crossing is then at the next save.
     missed &= still > JUMP * ends
-    whole = ~missed & (still <= JUMP * ends)  # an angle that jumps from pi to -pi has not passed 0
+    whole = ~missed & (still <= JUMP * ends)  # an angle that jumps from pi to -pi does not cross 0
     values = paths.after((share * spans)[whole], np.flatnonzero(whole))
     off = np.abs((values[:4] ** 2).sum(axis=0) - (start[:4, whole] ** 2).sum(axis=0))
     sure = (off < UNIT) & paths.sure[whole]
@@ -270,8 +273,8 @@ def find_crossings(
 
 
 def _sought(paths: CrossingPaths, at: int, value: float) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Where the number in row `at` passes a value on each path: (share of the time between the
-    saves, how far the number is from the value there, whether it does not pass it)."""
+    """Find where the quantity in row `at` crosses a value on each path; return (fraction of the
+    time between the saves, distance of the quantity from the value there, whether it misses it)."""
 
     def remaining(share: Array, number: Array) -> Array:
         which = number.astype(np.intp)
@@ -290,7 +293,7 @@ def _sought(paths: CrossingPaths, at: int, value: float) -> tuple[Array, Array, 
 
 
 def _place(observed: Mapping[str, Any], crossing: Crossing) -> int:
-    """The row of the quantity among those of all observables."""
+    """Return the row of the crossing quantity among the rows of all observables."""
     names = list(observed)
     before = names[: names.index(crossing.of.name)]
     return sum(size(observed[name].dims) for name in before) + crossing.of.row

@@ -1,10 +1,10 @@
-"""Tell the states of the members wherever a quantity passes a value: a Poincare section.
+"""Compute a Poincare section: the states of the members wherever a quantity crosses a value.
 
-A member is integrated as always. Between two saves at which the quantity lies on both sides of
-the value, the crossing is sought by Chandrupatla's method, with steps of rk8 from the earlier
-save. These are no longer than those of the run, turn no member by more than 0.2 rad
+Members are integrated as in any run. If the quantity lies on different sides of the value at two
+successive saves, Chandrupatla's method finds the crossing, with steps of rk8 from the earlier
+save. No step is longer than a step of the run; steps turn no member by more than 0.2 rad
 (tests/whole/test_claims.py), and are halved until halving changes nothing. Two crossings
-between two saves are not seen.
+between two saves are missed.
 Source: Henon, Physica D 5 (1982) 412; Chandrupatla, Adv. Eng. Softw. 28 (1997) 145.
 
 {parameters}
@@ -13,19 +13,19 @@ Returns
 -------
 xarray.Dataset
     over point, in the order of members and times: `member`, `time`, attitude, momentum, and
-    whatever the scene saves; the attribute `lost` is the number of crossings that were not
-    found, because steps between saves did not converge
+    the variables that the scene saves; the attribute `lost` is the number of crossings not
+    found because steps between saves did not converge
 
 Raises
 ------
 OptionError
-    for a quantity that is not known at save times
+    for a quantity that cannot be saved at times
 SceneError
-    for random effects: between saves a path with noise is not known
+    for random effects: paths with noise are unknown between saves
 
 Examples
 --------
-A body that turns about its long axis, whenever axis 1 comes past the same side:
+A body that rotates about its long axis, at each upward crossing of omega_2 = 0:
 
 >>> scene = rm.Scene(rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=(1.0, 0.2, 0.1)))
 >>> found = rm.section(scene, "omega[2] = 0", members=1, dt=0.01, t_end=50.0)
@@ -62,40 +62,40 @@ from rigidmc.studies.section.points import (
 )
 
 Array = NDArray[np.float64]
-BYTES = 2**27  # of saved states at once
+BYTES = 2**27  # saved states held at once
 POINT = 2 * 8 * 14  # bytes of a point, and a copy of it: member, time, state and a quantity
 
 
 class SectionOptions(Options):
-    """What `section` may be asked."""
+    """The options of `section`."""
 
     at: str = option(
         REQUIRED,
-        'where the points are: "omega[1] = 0", "every orbit", "every 12.5" (seconds)',
-        more="a value of any observable that the scene can save, or of a component of it; once in"
-        " each orbit of a `GravityGradient`; or once in a time, from the start on",
+        'definition of the points: "omega[1] = 0", "every orbit", "every 12.5" (seconds)',
+        more="a value of any observable that the scene can save, or of a component of one; once per"
+        " orbit of a `GravityGradient`; or once per given time, from the start on",
         metavar="WHERE",
     )
-    way: str = option("rises", "whether the quantity rises there, falls, or both", metavar="WAY")
+    way: str = option("rises", "direction of the crossing: rises, falls or both", metavar="WAY")
 
 
 class SectionPlaneOptions(Options):
-    """The numbers of a point over which the section is drawn."""
+    """The quantities on the axes of the section."""
 
-    x: str | None = option(None, 'of the picture, such as "momentum[2]"', metavar="NAME")
-    y: str | None = option(None, "the same, for the other axis", metavar="NAME")
+    x: str | None = option(None, 'horizontal axis, such as "momentum[2]"', metavar="NAME")
+    y: str | None = option(None, 'vertical axis, such as "momentum[3]"', metavar="NAME")
 
 
 def scene_of_points(scene: Scene, options: SectionOptions, settings: Mapping[str, Any]) -> Scene:
-    """The scene with the members of a section, with the saves that it needs."""
+    """Return the scene with the members of a section and the saves that it needs."""
     at = options.at
-    refuse_count(scene.run.members, "members of a section", POINT, "take fewer members")
+    refuse_count(scene.run.members, "members of a section", POINT, "use fewer members")
     if period := period_of(scene, at):
         if not period / scene.run.dt < MOST_STEPS:
             rule = f"more than {MOST_STEPS:.3g} steps to the first point"
             raise OptionError(rule, at="at", value=at)
         count = max(1, math.floor(scene.run.t_end / period * (1.0 + 1e-9)))
-        dt = period / math.ceil(period / scene.run.dt * (1.0 - 1e-9))  # whole steps in a period
+        dt = period / math.ceil(period / scene.run.dt * (1.0 - 1e-9))  # whole steps per period
         return _saving(scene, every=period, t_end=count * period, dt=dt)
     name = crossing_of(scene, at, WAYS[0]).of.name
     every = settings.get("every") or (scene.run.every if scene.run.turn else scene.run.dt)
@@ -103,25 +103,25 @@ def scene_of_points(scene: Scene, options: SectionOptions, settings: Mapping[str
 
 
 def check_source(scene: Scene, result: xr.Dataset, options: SectionOptions) -> None:
-    """OptionError for a result without attitude, momentum and the quantity."""
+    """Raise OptionError for a result without attitude, momentum and the quantity."""
     at = options.at
     of = () if period_of(scene, at) else (crossing_of(scene, at, options.way).of.name,)
     names = (*STATE, *of)
     for name in names:
         if name not in result or "time" not in result[name].dims:
-            rule = f"needs {name} at save times; `rigidmc run SCENE --save {','.join(names)}`"
+            rule = f"requires {name} at save times; `rigidmc run SCENE --save {','.join(names)}`"
             raise OptionError(
                 f"a section {rule}", at="at", value=at, nearest=nearest(name, list(result))
             )
 
 
 def batch_of(saves: int) -> int:
-    """How many members are looked at at once."""
+    """Return the number of members evaluated at once."""
     return max(1, BYTES // (8 * 12 * max(1, saves)))
 
 
 def _saving(scene: Scene, *more: str, **settings: Any) -> Scene:
-    """A scene that saves the state, what it saves at times now, and more."""
+    """Return the scene that saves the state, `more`, and its own variables at save times."""
     names = (name for name in scene.run.save if name in make_recording(scene).recorded)
     save = tuple(dict.fromkeys((*STATE, *more, *names)))
     wider: Scene = scene.with_run(save=save, keep="full", **settings)
@@ -129,7 +129,7 @@ def _saving(scene: Scene, *more: str, **settings: Any) -> Scene:
 
 
 def reduce(batches: Batches, options: SectionOptions) -> xr.Dataset:
-    """The Dataset of the study of members: their points, one after the other."""
+    """Return the Dataset of the study of members: their points, in order."""
     scene, at, way = batches.scene, options.at, options.way
     found, flagged, lost, attrs = [], 0, 0, dict[str, Any]()
     crossing = None if period_of(scene, at) else crossing_of(scene, at, way)
@@ -162,9 +162,9 @@ def _dataset(
     flagged: int,
     lost: int,
 ) -> xr.Dataset:
-    """The Dataset of points.
+    """Return the Dataset of points.
 
-    about : attributes of what is observed, those of the result;  lost : crossings not found
+    about : attributes of the observables, from the result;  lost : crossings not found
     """
 
     def joined(name: str) -> Array:
@@ -192,7 +192,7 @@ def _dataset(
 
 
 def table(study: xr.Dataset) -> list[str]:
-    """The study in lines of text."""
+    """Return the study as lines of text."""
     each = np.bincount(np.unique(study.member.values, return_inverse=True)[1])
     lines = [
         study.attrs["title"],
@@ -201,14 +201,12 @@ def table(study: xr.Dataset) -> list[str]:
         + f", of {each.size:,} of {count_text(study.attrs['members'], 'member')}",
     ]
     if each.size:
-        lines.append(f"  points of a member: {each.min():,} to {each.max():,}")
+        lines.append(f"  points per member: {each.min():,} to {each.max():,}")
     if study.attrs["flagged"]:
-        lines.append(
-            f"  flagged members, whose later points are missing: {study.attrs['flagged']:,}"
-        )
+        lines.append(f"  flagged members, without later points: {study.attrs['flagged']:,}")
     if study.attrs["lost"]:
         lines.append(
-            f"  crossings that were not found, since steps between the saves do not converge:"
+            "  crossings not found, because steps between the saves do not converge:"
             f" {study.attrs['lost']:,}; save more often"
         )
     return lines
@@ -223,11 +221,11 @@ section = Study(
     picture="section_points",
     picture_options=SectionPlaneOptions,
     settings_help={
-        "every": "time between two looks for a crossing [s]; by default one step of the run"
+        "every": "time between two checks for a crossing [s]; by default one step of the run"
     },
-    scene_text="what is run; without noise",
-    settings_text="of `simulate`; `every` is the time between two looks for a crossing, by default"
-    " one step",
-    source="a result that has attitude and momentum",
+    scene_text="a scene without noise, its file, or the name of a shipped scene",
+    settings_text="run settings, as in `simulate`; `every` is the time between two checks for a"
+    " crossing, by default one step",
+    source="a result with attitude and momentum",
     example=Example("kovalevskaya", {"at": "omega[1] = 0"}, {"members": 40, "t_end": 2.0}),
 )

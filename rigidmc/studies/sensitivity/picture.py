@@ -1,4 +1,4 @@
-"""The picture of a sensitivity study: which uncertain number matters."""
+"""The picture of a sensitivity study: the uncertain parameters that matter."""
 
 import numpy as np
 import xarray as xr
@@ -8,13 +8,13 @@ from rigidmc.figures import CORE, INK, LIGHT, MEDIAN, figure_of, legend_above, n
 
 
 def sensitivity_bars(study: xr.Dataset, figure: Figure | None = None) -> Figure:
-    """The shares of the variance of each measure that a number causes alone, and in which it takes
-    part, with their intervals; the number that matters most at the top.
+    """Draw the fraction of the variance of each measure that a parameter causes alone, and together
+    with others, with intervals; the most important parameter is at the top.
 
     study : the Dataset of `rigidmc.sensitivity`
     """
     count, numbers = study.sizes["measure"], study.sizes["number"]
-    title = f"{study.attrs['title']}: which uncertain number matters"
+    title = f"{study.attrs['title']}: which uncertain parameter matters"
     size = 8.0, count * (1.2 + 0.5 * numbers) + 0.8
     figure = figure or new_figure(title, size)
     for i, text in enumerate(study.measure.values):
@@ -32,7 +32,7 @@ def sensitivity_bars(study: xr.Dataset, figure: Figure | None = None) -> Figure:
             axes.errorbar(value, places, xerr=ends, fmt="none", ecolor=INK, lw=1.0, capsize=2.0)
         axes.set_yticks(np.arange(numbers), one.number.values)
         axes.set_xlim(0.0, max(1.0, 1.05 * float(one.total_high.max())))
-        axes.set_xlabel(f"{text}: share of the variance between members")
+        axes.set_xlabel(f"{text}: fraction of the variance between members")
         axes.grid(True, axis="x", lw=0.3, color=LIGHT)
         axes.set_axisbelow(True)
         legend_above(axes, 2)

@@ -1,21 +1,22 @@
-"""Tell which uncertain numbers of a scene a measure depends on, by Sobol indices.
+"""Find the uncertain parameters of a scene on which a measure depends, by Sobol indices.
 
-With X_k one of d independent uncertain numbers and Y what a member shows::
+With X_k one of d independent uncertain parameters and Y the measured quantity of a member::
 
     first_k = Var(E(Y | X_k)) / Var(Y),   total_k = 1 - Var(E(Y | all X but X_k)) / Var(Y)
 
-The first is the share of the variance that X_k causes alone, the second the share in which it
-takes part. From families of d + 2 members, see `rigidmc.scene.sampling.Saltelli`, with a and b
-the first two values of a family and c_k that of member 2 + k::
+The first index is the fraction of the variance that X_k causes alone; the total index is the
+fraction that it causes alone and together with others. Both are estimated from families of d + 2
+members, see `rigidmc.scene.sampling.Saltelli`, with a and b the first two values of a family and
+c_k that of member 2 + k::
 
     first_k = <b (c_k - a)> / V,   total_k = <(a - c_k)^2> / (2 V),   V = <a^2 + b^2> / 2
 
-where a, b, c_k are less their mean. Each of these means is corrected by those that are known to
-be 0, <a b>, <b^2 - a^2> and <c_j^2 - a^2>, which takes the errors of large indices down to a
-seventh. The intervals are Fieller's of ratios of two means, whose errors are the jackknife's;
-those of 95 % cover the index in 93.5 to 95.8 % of studies from 512 families on
-(`python -m bench coverage`). Noise of random effects counts as one more uncertain number, which
-takes part in every total index.
+Here the mean is subtracted from a, b and c_k. Control variates whose means are known to be 0,
+<a b>, <b^2 - a^2> and <c_j^2 - a^2>, correct each of these means and reduce the errors of large
+indices to a seventh. The intervals are Fieller's for ratios of two means, with jackknife errors;
+95 % intervals cover the index in 93.5 to 95.8 % of studies with 512 families or more
+(`python -m bench coverage`). The noise of random effects counts as one more uncertain parameter; it
+contributes to every total index.
 Source: Saltelli et al., Comput. Phys. Commun. 181 (2010) 259, table 2 (b) and (f); Lavenberg &
 Welch, Manage. Sci. 27 (1981) 322; MacKinnon & White, J. Econometrics 29 (1985) 305; Fieller,
 J. R. Stat. Soc. B 16 (1954) 175.
@@ -25,14 +26,14 @@ J. R. Stat. Soc. B 16 (1954) 175.
 Returns
 -------
 xarray.Dataset
-    over measure and number: `first` and `total`, with the ends `_low` and `_high` of their
-    intervals; over measure its `units`, its mean, its variance, and how many families count:
-    those without a flagged member and without a member that has no value
+    over measure and number (an uncertain parameter): `first` and `total`, with the ends `_low` and
+    `_high` of their intervals; over measure its `units`, its mean, its variance, and the number of
+    families counted: those in which every member is ok and has a value
 
 Raises
 ------
 OptionError
-    for measures that are no means, or that the scene does not have
+    for measures that are not means, or that the scene does not have
 SceneError
     if nothing in the scene is drawn
 
@@ -46,7 +47,7 @@ A constant torque N about axis 3 turns a disc for 2 s; its mean spin is omega + 
 >>> found = rm.sensitivity(scene, "mean(omega_mean[3])", 2000, t_end=2.0, dt=0.1)
 >>> found.number.values.tolist()
 ['effects.body_torque.size.3', 'start.omega.3']
->>> bool(found.total[0, 1] > found.total[0, 0])  # shares 0.9 and 0.1
+>>> bool(found.total[0, 1] > found.total[0, 0])  # fractions 0.9 and 0.1
 True
 """
 
@@ -78,36 +79,36 @@ from rigidmc.studies.framework.options import (
 from rigidmc.studies.framework.study import Study
 
 Array = NDArray[np.float64]
-FEW = 10  # families that have to differ; and for each control, below which its slope is not known
+FEW = 10  # least number of families that differ, and of families for each control variate
 KINDS = ("p", "mean")  # measures that are means over members
 WORDS = {
-    "first": "share of the variance that the number causes alone",
-    "total": "share of the variance in which the number takes part",
+    "first": "fraction of the variance that the parameter causes alone",
+    "total": "fraction of the variance that the parameter causes alone and with others",
 }
 ENDS = {"value": "", "low": ": lower end", "high": ": upper end"}
 
 
 class SensitivityOptions(Options):
-    """What `sensitivity` may be asked."""
+    """The options of `sensitivity`."""
 
     of: Words = option(
         REQUIRED,
-        'what the members are asked: "mean(nutation_max)", "p(flips >= 1)"; may be repeated',
+        'measure, such as "mean(nutation_max)" or "p(flips >= 1)"; may be repeated',
         more="means and probabilities",
         metavar="MEASURE",
     )
     families: int = option(
         4096,
-        "how many; a family has two members more than the scene has uncertain numbers",
+        "number of families; with d uncertain parameters, a family has d + 2 members",
         is_new=True,
     )
-    confidence: float = confidence_option("of the intervals")
+    confidence: float = confidence_option("confidence level of the intervals")
 
 
 def scene_of_families(
     scene: Scene, options: SensitivityOptions, settings: Mapping[str, Any]
 ) -> Scene:
-    """The scene with the members of the study; OptionError for measures that are no means,
+    """Return the scene with the members of the study; OptionError for measures that are not means,
     SceneError if nothing is drawn."""
     scene = drawn_families(scene, options.of, "saltelli", options.families)
     for text in options.of:
@@ -121,17 +122,17 @@ def indices(
     controls: bool = True,
     resolved: float | None = None,
 ) -> tuple[Interval, Interval]:
-    """(first, total): the Sobol indices of d numbers as Intervals of arrays (d,).
+    """Return (first, total): the Sobol indices of d parameters as Intervals of arrays (d,).
 
-    They are nan if fewer than FEW families have members that differ. What seldom differs, n of
-    them with n < FEW k^2, k = <y^4>/<y^2>^2 (1/p of a small probability p), has no controls: <a b>
-    is then the mean of a few pairs of which both differ, or of none. And the interval of the first
-    index is wider by what may not have been seen, -ln((1 - confidence)/2) of the largest products,
-    as the rule of three has it.
+    The indices are nan if fewer than FEW families have members that differ. Values differ seldom if
+    n < FEW k^2, with n families and k = <y^4>/<y^2>^2 (1/p for a small probability p). Then no
+    control variates are used, because <a b> is the mean of few pairs in which both differ, or of
+    none; and the interval of the first index is widened for unseen cases, by
+    -ln((1 - confidence)/2) of the largest products, as in the rule of three.
 
     values : (families, d + 2), see `sensitivity`; families with a nan are left out
-    controls : False for the means as they are
-    resolved : as of `rigidmc.results.intervals.is_constant`
+    controls : whether control variates correct the means
+    resolved : as in `rigidmc.results.intervals.is_constant`
     """
     y = values[np.isfinite(values).all(axis=1)]
     if count_differing(values, resolved) < FEW:
@@ -157,17 +158,17 @@ def indices(
 
 
 def count_differing(values: Array, resolved: float | None = None) -> int:
-    """How many families have members that differ by more than rounding; see `indices`."""
+    """Return the number of families whose members differ by more than rounding; see `indices`."""
     y = values[np.isfinite(values).all(axis=1)]
     return int((~is_constant(y, resolved=resolved)).sum())
 
 
 def _means(x: Array, zero: Array) -> tuple[Array, Array]:
-    """(means of columns, covariance of their errors): the means without what the columns of `zero`,
-    whose own means are known to be 0, tell of them by least squares.
+    """Return (means of the columns of `x`, covariance of their errors), after a least-squares fit
+    to the control variates, the columns of `zero`, whose means are known to be 0.
 
-    The covariance is the jackknife's, from leaving out one row at a time. That of a normal law is
-    too small for rows of skew numbers.
+    The covariance is the jackknife's, from leaving out one row at a time. That of a normal
+    distribution is too small for skewed rows.
 
     Source: Lavenberg & Welch, Manage. Sci. 27 (1981) 322; MacKinnon & White, J. Econometrics 29
     (1985) 305.
@@ -175,15 +176,15 @@ def _means(x: Array, zero: Array) -> tuple[Array, Array]:
     z = np.insert(zero, 0, 1.0, axis=1)
     inverse = np.linalg.pinv(z.T @ z)
     slopes = inverse @ (z.T @ x)
-    pull = ((z @ inverse) * z).sum(axis=1)  # of a row on its own value
+    pull = ((z @ inverse) * z).sum(axis=1)  # leverage of each row
     errors = (x - z @ slopes) * ((z @ inverse[0]) / (1.0 - pull))[:, None]
     n = x.shape[0]
     return slopes[0], (n - 1) / n * (errors.T @ errors)
 
 
 def _ratios(means: Array, errors: Array, factor: float) -> Interval:
-    """The ratios of all means to the first, with Fieller's intervals: the ratios theta for which
-    Student's test takes mean - theta first for 0. Their ends are nan if these are all.
+    """Return the ratios of all means to the first, with Fieller's intervals: the ratios theta for
+    which Student's test accepts mean - theta first = 0. Ends are nan if this set is unbounded.
 
     factor : Student's quantile, squared
     Source: Fieller, J. R. Stat. Soc. B 16 (1954) 175.
@@ -198,22 +199,22 @@ def _ratios(means: Array, errors: Array, factor: float) -> Interval:
 
 
 def _mean_of(text: str, variables: Variables, may_save_more: bool = True) -> Measure:
-    """The Measure of a text; OptionError unless it is a mean over members."""
+    """Return the Measure of a text; OptionError unless it is a mean over members."""
     asked = measure(text, variables, may_save_more)
     if asked.kind not in KINDS:
-        rule = "has no variance over members to share: take mean(NAME) or p(NAME >= NUMBER)"
+        rule = "is not a mean over members: use mean(NAME) or p(NAME >= NUMBER)"
         raise OptionError(rule, at="of", value=text)
     return asked
 
 
 def _values(result: xr.Dataset, measures: Sequence[Measure]) -> Array:
-    """The values of the measures (measures, members), nan for flagged members."""
+    """Return the values of the measures (measures, members), nan for flagged members."""
     return np.stack([one.numbers(result) for one in measures])
 
 
 def reduce(batches: Batches, options: SensitivityOptions) -> xr.Dataset:
-    """The Dataset of the study of members. Families of which some members are not there, in a run
-    that has not ended, are left out."""
+    """Return the Dataset of the study of members. Incomplete families of an unfinished run are left
+    out."""
     known, may_save_more = batches.variables, batches.stored is None
     measures = [_mean_of(text, known, may_save_more) for text in options.of]
     parts = [(part.member.values, _values(part, measures)) for part in batches.results]
@@ -231,7 +232,7 @@ def reduce(batches: Batches, options: SensitivityOptions) -> xr.Dataset:
 def _dataset(
     scene: Scene, measures: Sequence[Measure], units: list[str], values: Array, confidence: float
 ) -> xr.Dataset:
-    """The Dataset of values (measures, families, members of a family) in the units of measures."""
+    """Return the Dataset of values (measures, families, members of a family) in these units."""
     over, resolved = ("measure", "number"), resolution_of(scene)
     found = [indices(one, confidence, resolved=resolved) for one in values]
     variables: dict[str, Any] = {}
@@ -248,9 +249,9 @@ def _dataset(
     about = {"long_name": "its variance over members, in its units squared"}
     variables["variance"] = ("measure", variances, about)
     differ = [count_differing(one, resolved) for one in values]
-    about = {"long_name": "families that count and whose members differ", "units": "1"}
+    about = {"long_name": "counted families whose members differ", "units": "1"}
     variables["differing"] = "measure", differ, about
-    about = {"long_name": "families that count", "units": "1"}
+    about = {"long_name": "families counted", "units": "1"}
     variables["families"] = "measure", counts.sum(axis=1), about
     texts = [one.text for one in measures]
     attrs = {
@@ -269,13 +270,13 @@ def _dataset(
 
 
 def _shares(one: xr.Dataset) -> list[str]:
-    """The shares of a measure in lines of text, the largest first."""
+    """Return the indices of a measure as lines of text, the largest first."""
     if one.differing < FEW:
         differing = count_text(int(one.differing), "family")
         often = f"in {differing}" if one.differing else "in no family"
         return [
-            f"  its members differ by more than rounding {often}, and shares of a variance need"
-            f" {FEW}: add families, or ask for a number that differs more often"
+            f"  members differ by more than rounding {often}; indices require {FEW}: add families,"
+            " or use a quantity that differs more often"
         ]
     lines = [f"  {'':32s} {'alone':>22s} {'with others':>22s}"]
     for i in np.argsort(-one.total.values, kind="stable"):
@@ -285,17 +286,17 @@ def _shares(one: xr.Dataset) -> list[str]:
             cells.append(f"{value} ({low} to {high})".replace("-0.000", "0.000"))
         lines.append(f"  {one.number.values[i]!s:32s} {cells[0]:>22s} {cells[1]:>22s}")
     if (one["first"] > one["total"]).any():
-        lines.append("  a share alone above that with others is noise of sampling: add families")
+        lines.append("  a fraction alone above that with others is sampling noise: add families")
     return lines
 
 
 def _keys(name: str) -> list[str]:
-    """The variables of an index: its value, and the ends of its interval."""
+    """Return the variable names of an index: its value, and the ends of its interval."""
     return [name if end == "value" else f"{name}_{end}" for end in ENDS]
 
 
 def table(study: xr.Dataset) -> list[str]:
-    """The study in lines of text, the number that matters most first."""
+    """Return the study as lines of text, the most important parameter first."""
     lines = [study.attrs["title"]]
     for text in study.measure.values:
         one = study.sel(measure=text)
@@ -319,6 +320,7 @@ sensitivity = Study(
     table=table,
     picture="sensitivity_bars",
     settings=TUNING,
-    scene_text="what is run; its distributions and laws are the uncertain numbers",
+    scene_text="a scene, its file, or the name of a shipped scene; its distributions are the"
+    " uncertain parameters",
     example=Example("dzhanibekov", {"of": "mean(omega_max[1])", "families": 16}, {"t_end": 4.0}),
 )

@@ -1,1 +1,1 @@
-"""Stability maps: two parameters of a scene against what its members do."""
+"""Stability maps: a measure of the motion over two parameters of a scene."""

@@ -1,5 +1,5 @@
-"""What a map of the package consists of, and the maps: a new one is a function in a file of `cases`
-and one line in `_FILES`."""
+"""The definition of a shipped map, and the list of these maps: a new one is a function in a file of
+`cases` and one line in `_FILES`."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -24,21 +24,21 @@ Derived = dict[str, tuple[NDArray[Any], dict[str, str]]]  # {name: (values, attr
 
 
 def nothing(ds: xr.Dataset) -> Derived:
-    """No variables beside the measures."""
+    """Return no variables in addition to the measures."""
     return {}
 
 
 class MapCase(NamedTuple):
-    """A map: its scene and settings, x and y, the measures, and what theory says.
+    """A map: its scene and settings, x and y, the measures, and the theory.
 
     x, y : (parameter, low, high[, log]), see `make_request`
     of : the measures, see `rigidmc.results.measures`;  members : per pixel
     settings : of the run;  source : of the theory
     derived : function of the Dataset that returns more variables: theory, and combined measures
-    shown : the variable that the picture shows as colours
+    shown : the variable that the picture shows in colour
     contours : (variable, levels, legend) of the lines drawn over it
     labels : of the x axis, the y axis, and of the colours if the long name of `shown` is too long
-    ticks : {value: word} if `shown` takes a few values only
+    ticks : {value: word} if `shown` has only a few values
     borders : between the classes of an adaptive map, see `rigidmc.studies.stability_map.refine`
     """
 
@@ -73,7 +73,7 @@ RESOLUTION = 256  # pixels per side
 
 
 def _made(name: str) -> MapCase:
-    """A map by its name; only then is its file imported, which imports this one."""
+    """Return a map by its name; import its file only now, because that file imports this one."""
     case: MapCase = getattr(import_module(f"{__package__}.cases.{_FILES[name]}"), name)()
     return case
 
@@ -90,9 +90,9 @@ def case_map(
     adaptive: bool | Borders = False,
     **settings: Any,
 ) -> xr.Dataset:
-    """The Dataset of one of MAPS, with the variables of theory.
+    """Compute one of MAPS; return its Dataset with the variables of theory.
 
-    settings : of the run, which replace those of the map if not None;  others : see `stability_map`
+    settings : run settings of the map to replace, if not None;  others : see `stability_map`
     """
     ready = prepared_case(name, resolution, members, adaptive, **settings)
     return with_theory(run_map(ready, threads, progress), name)
@@ -105,7 +105,7 @@ def prepared_case(
     adaptive: bool | Borders = False,
     **settings: Any,
 ) -> MapRun:
-    """One of MAPS before its first step; the arguments are those of `case_map`."""
+    """Prepare one of MAPS, before its first step; arguments as in `case_map`."""
     if name not in MAPS:
         raise unknown("map", MAPS, at="map", value=name, error=OptionError)
     case = MAPS[name]()
@@ -120,7 +120,7 @@ def prepared_case(
 
 
 def with_theory(ds: xr.Dataset, name: str) -> xr.Dataset:
-    """A map of the package with its theory and title; the map itself if its name is "" or none."""
+    """Return a shipped map with its theory and title; any other map unchanged."""
     if name not in MAPS:
         return ds
     case = MAPS[name]()

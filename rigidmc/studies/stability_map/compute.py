@@ -1,4 +1,4 @@
-"""The members of maps: what is settled before their first step, and how they are computed."""
+"""The members of maps: preparation before the first step, and computation."""
 
 import time
 import warnings
@@ -29,14 +29,14 @@ REPLICAS = 16  # members per pixel
 Progress = bool | Callable[[int, int], object] | None  # True for a bar
 
 
-# (members, how many were computed before, how many there are to be) -> their result
+# (members, number computed before, number in all) -> their result
 Compute = Callable[[range | NDArray[np.int64], int, int], xr.Dataset]
 
 
 class MapRun(NamedTuple):
-    """A map before its first step.
+    """A prepared map, before its first step.
 
-    scene : whose members are those of the map, with integrator and step
+    scene : with the members of the map, integrator and step
     known : {name: Variable} of the members
     """
 
@@ -47,32 +47,33 @@ class MapRun(NamedTuple):
 
 
 def replicas_of(scene: Scene, x: Side, y: Side) -> int:
-    """REPLICAS if the members of a pixel differ: a quantity or the attitude is random; else 1."""
+    """Return REPLICAS if the members of a pixel differ, since a quantity or the attitude is random;
+    else 1."""
     one = make_request(x, y, "status", 1, 1).of_scene(scene)
     drawn = any(isinstance(q, (Distribution, VectorDistribution)) for q in one.model.quantities())
     return REPLICAS if drawn or isinstance(one.start.attitude, str) else 1
 
 
 def prepare_map(request: MapRequest, scene: Scene, **settings: Any) -> MapRun:
-    """Settle everything about a map before its first step.
+    """Prepare a map before its first step.
 
     settings : of the run. Raises OptionError for parameters and measures that the scene lacks.
     """
     scene = request.of_scene(scene).with_run(save=settings.pop("save", ()), **settings)
     if scene.run.points != "independent":
-        rule = "the interval of a pixel needs independent members"
+        rule = "the interval of a pixel requires independent members"
         raise SceneError(rule, at="run.points", value=scene.run.points)
     scene = save_for_measures(scene, request.of)
     whole = _with_integrator(scene)
     run = prepare_scene(whole)
-    # not those on large steps, which maps take on purpose
+    # no notes on long steps: maps use them on purpose
     for note in run.scene_notes:
         warnings.warn(note, SceneWarning, stacklevel=3)
     return describe_map(request, whole, run.layout.by_member)
 
 
 def describe_map(request: MapRequest, scene: Scene, known: dict[str, Variable]) -> MapRun:
-    """The MapRun of a scene that has its integrator; known : the variables of its members."""
+    """Return the MapRun of a scene with its integrator; known : the variables of its members."""
     measures = [measure(text, variables_of(scene)) for text in request.of]
     if request.borders is not None:
         request = request._replace(borders=borders_of(measures, request.borders))
@@ -85,12 +86,12 @@ def run_map(
     progress: Progress = None,
     device: str | None = None,
 ) -> xr.Dataset:
-    """The Dataset of a map, computed in memory."""
+    """Compute a map in memory and return its Dataset."""
     began = time.perf_counter()
 
     def compute(members: range | NDArray[np.int64], done: int, of_all: int) -> xr.Dataset:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SceneWarning)  # the notes were given before
+            warnings.simplefilter("ignore", SceneWarning)  # `prepare_map` gave the notes
             part = simulate(map_run.scene, members=members, threads=threads, device=device)
         report.step(len(members))
         report.poll()
@@ -98,7 +99,7 @@ def run_map(
             progress(done + len(members), of_all)
         return part
 
-    # an adaptive map asks for fewer members, and nobody knows how many
+    # an adaptive map needs fewer members; their number is not known in advance
     with reporter(progress is True, map_run.request.members, 1) as report:
         if map_run.request.borders is not None:
             found = finish_map(map_run, _refined(map_run, compute))
@@ -110,15 +111,16 @@ def run_map(
 def finish_map(
     map_run: MapRun, pixels: Pixels, computed: NDArray[np.bool_] | None = None
 ) -> xr.Dataset:
-    """The Dataset of the pixels; OptionError if none has a body and a start.
+    """Return the Dataset of the pixels; OptionError if all have an impossible body or start.
 
-    computed : whether a pixel of an adaptive map was, if the others show their neighbours already
+    computed : whether each pixel of an adaptive map was computed, if the other pixels are already
+        filled from these
     """
     request = map_run.request
     if not pixels.counts[:2].any():
         (x, *ends), (y, *others) = request.x[:3], request.y[:3]
         between = f"between {ends[0]:g} and {ends[1]:g}, and {others[0]:g} and {others[1]:g} of {y}"
-        rule = f"{between} no pixel has a body and a start: moments must obey I_i <= I_j + I_k"
+        rule = f"{between}, all pixels have an impossible body or start: I_i <= I_j + I_k must hold"
         raise OptionError(rule, at="x", value=x)
     if request.borders is not None and computed is None:
         state = refine(request, pixels)
@@ -127,7 +129,7 @@ def finish_map(
 
 
 def _with_integrator(scene: Scene) -> Scene:
-    """The scene with an integrator and a step for its tolerance, chosen over the whole map."""
+    """Return the scene with an integrator and a step for its tolerance, chosen over the map."""
     if scene.run.integrator != "auto":
         return scene
     run = choose_integrator(scene.with_model(scene.model.coarse()))[0].run
@@ -137,7 +139,7 @@ def _with_integrator(scene: Scene) -> Scene:
 
 
 def _refined(map_run: MapRun, compute: Compute) -> Pixels:
-    """The pixels of an adaptive map, integrated level by level."""
+    """Integrate the pixels of an adaptive map, level by level, and return them."""
     request, done = map_run.request, 0
     collected, level = PixelCollector(request, map_run.measures), BEGUN
     while True:
@@ -152,7 +154,7 @@ def _refined(map_run: MapRun, compute: Compute) -> Pixels:
 
 
 def _computed(map_run: MapRun, compute: Compute) -> Iterator[Pixels]:
-    """Integrate the members, CHUNK at a time: all replicas of some pixels, then of the next."""
+    """Integrate the members, CHUNK at a time; yield complete pixels, range by range."""
     request, done = map_run.request, 0
     width = min(request.pixels, CHUNK)
     together = CHUNK // request.pixels if width == request.pixels else 1  # replicas

@@ -22,23 +22,24 @@ from rigidmc.physics.observables.saving import CENSORED
 from rigidmc.results.labels import count_text, long_label, value_text, with_units
 from rigidmc.studies.stability_map.case import MAPS, MapCase
 
-BLANK = "#dddddd"  # pixels in which the measure has no value
+BLANK = "#dddddd"  # pixels without a value of the measure
 Edges = list[NDArray[np.float64]]  # of the pixels, along x and along y
 
 
 def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | None = None) -> Figure:
-    """A map: one variable as an image, theory as lines over it.
+    """Draw a map: one variable as an image, with theory as lines over it.
 
-    Pixels without a body are hatched, pixels in which members failed are red. A stack of maps has a
-    panel for each layer; an adaptive map has another with the pixels that were computed.
+    Pixels with an impossible body or start are hatched; pixels with failed members are red. A stack
+    of maps has a panel for each layer. An adaptive map has an extra panel with the computed pixels.
+
     ds : of `rigidmc.stability_map`
-    shown : the variable to draw; default the first, or that of a map of the package
+    shown : the variable to draw; by default the first, or that of a shipped map
     """
     case = MAPS[ds.attrs["map"]]() if ds.attrs.get("map") in MAPS else None
     name = shown or (case.shown if case else str(next(iter(ds.data_vars))))
     if name not in ds:
         known = ", ".join(map(str, ds.data_vars))
-        raise ValueError(f"{name}: the map has no such variable; it has {known}")
+        raise ValueError(f"{name}: is not a variable of the map; known: {known}")
     parts = [ds.isel(z=k) for k in range(ds.sizes["z"])] if "z" in ds.dims else [ds]
     marked = "computed" in ds and len(parts) == 1
     count = len(parts) + marked
@@ -82,7 +83,7 @@ def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | Non
 def _panel(
     axes: Axes, ds: xr.Dataset, name: str, case: MapCase | None, scale: Scale
 ) -> tuple[QuadMesh, list[Any]]:
-    """Draw a map; its image, and the handles for the legend."""
+    """Draw a map; return its image and the handles for the legend."""
     values, edges = ds[name].values, [_edges(ds[key]) for key in ("x", "y")]
     axes.set(**{f"{key}scale": "log" for key in ("x", "y") if ds[key].attrs["log"]})
     image = axes.pcolormesh(*edges, values, cmap=scale[0], norm=scale[1], rasterized=True)
@@ -90,12 +91,12 @@ def _panel(
     handles: list[Any] = []
     unknown = ~np.isfinite(values) & (ds.good.values > 0)
     if unknown.any():
-        some = "not by the end" if ds.attrs["members"] == 1 else "not of all members by the end"
+        some = "none by the end" if ds.attrs["members"] == 1 else "not in all members by the end"
         words = some if CENSORED in ds[name].attrs else "no value"
         handles.append(Patch(facecolor=BLANK, edgecolor=GREY, label=words))
     for mask, face, hatch, words in (
-        ((ds.good == 0) & (ds.failed == 0), "white", "////", "no such body or start"),
-        (ds.failed > 0, ALARM, "xx", "members failed"),
+        ((ds.good == 0) & (ds.failed == 0), "white", "////", "impossible body or start"),
+        (ds.failed > 0, ALARM, "xx", "failed members"),
     ):
         if mask.values.any():
             handles.append(_hatched(axes, edges, mask.values, face, hatch, words))
@@ -107,24 +108,24 @@ def _panel(
 
 
 def _mark(axes: Axes, ds: xr.Dataset) -> None:
-    """Draw the pixels that were computed."""
+    """Draw the computed pixels."""
     edges, computed = [_edges(ds[key]) for key in ("x", "y")], ds["computed"].values
     axes.pcolormesh(*edges, computed, cmap=ListedColormap(["white", MEDIAN]), rasterized=True)
     axes.set_title(f"computed: {100 * computed.mean():.3g} % of the pixels", fontsize=10)
 
 
 def _title(ds: xr.Dataset, case: MapCase | None) -> str:
-    """The title of a map, with the facts of its run unless it is a map of the package."""
+    """Return the title of a map; unless it is a shipped map, add the facts of its run."""
     title: str = ds.attrs["title"]
     if case:
         return title
     a = ds.attrs
     members = count_text(a["members"], "member")
-    return f"{title}: {members} to a pixel, to {a['t_end']:g} s with {a['integrator']}"
+    return f"{title}: {members} per pixel, to {a['t_end']:g} s with {a['integrator']}"
 
 
 def _bar_label(variable: xr.DataArray, case: MapCase | None) -> str:
-    """What the colours mean, with units."""
+    """Return the label of the colour bar, with units."""
     if case and len(case.labels) > 2 and variable.name == case.shown:
         return case.labels[2]
     units = with_units("", variable.attrs["units"]).replace(" ", "\N{NO-BREAK SPACE}")
@@ -134,10 +135,10 @@ def _bar_label(variable: xr.DataArray, case: MapCase | None) -> str:
 def _hatched(
     axes: Axes, edges: Edges, mask: NDArray[np.bool_], face: str, hatch: str, words: str
 ) -> Patch:
-    """Colour and hatch the pixels of a mask; returns the handle for the legend."""
+    """Colour and hatch the pixels of a mask; return the handle for the legend."""
     grid = np.where(mask, 1.0, np.nan)
     axes.pcolormesh(*edges, grid, cmap=ListedColormap([face]), vmin=0.0, vmax=2.0, rasterized=True)
-    # each pixel by its four corners, so that the hatching ends at its edge
+    # draw each pixel by its four corners, so that the hatching ends at its edge
     corners = [np.repeat(e, 2)[1:-1] for e in edges]
     each = np.repeat(np.repeat(mask.astype(float), 2, axis=0), 2, axis=1)
     axes.contourf(*corners, each, levels=[0.5, 1.5], colors="none", hatches=[hatch])
@@ -147,7 +148,8 @@ def _hatched(
 def _contours(
     axes: Axes, ds: xr.Dataset, variable: str, levels: tuple[float, ...], words: str
 ) -> Line2D:
-    """Lines of a variable, with their levels if there are several; the handle for the legend."""
+    """Draw contour lines of a variable, labelled if there are several levels; return the handle for
+    the legend."""
     lines = axes.contour(
         ds.x.values, ds.y.values, ds[variable].values,
         levels=levels, colors="black", linewidths=1.4,
@@ -161,9 +163,9 @@ def _contours(
 
 
 def _half(axes: Axes, ds: xr.Dataset, name: str) -> list[Line2D]:
-    """A line on which half of the members do; the handle for the legend.
+    """Draw the line on which the fraction of members is one half; return the handle for the legend.
 
-    The shares are averaged over 3 x 3 pixels, so that the line follows the border, not single
+    Fractions are averaged over 3 x 3 pixels, so that the line follows the border, not single
     pixels.
     """
     values = ds[name].values
@@ -186,10 +188,8 @@ def _half(axes: Axes, ds: xr.Dataset, name: str) -> list[Line2D]:
 
 
 def _middles(lines: QuadContourSet, axes: Axes) -> list[tuple[float, float]]:
-    """The middle of the longest piece of each line on the screen.
-
-    Labels there do not crowd where the lines meet.
-    """
+    """Return the middle of the longest piece of each line on the screen, for its label: labels
+    there do not overlap where the lines meet."""
     middles = []
     for pieces in lines.allsegs:
         lengths = [
@@ -204,9 +204,9 @@ def _middles(lines: QuadContourSet, axes: Axes) -> list[tuple[float, float]]:
 
 
 def _edges(coordinate: xr.DataArray) -> NDArray[np.float64]:
-    """The edges of pixels, halfway between their centres; by ratio if the scale is logarithmic."""
+    """Return the edges of pixels, halfway between their centres on a linear or log scale."""
     x = np.log(coordinate.values) if coordinate.attrs["log"] else coordinate.values
-    # a single pixel is as wide as its number, or a factor of e
+    # a single pixel is as wide as its value, or a factor of e on a log scale
     alone = 1.0 if coordinate.attrs["log"] else abs(x[0]) or 1.0
     step = x[1] - x[0] if x.size > 1 else alone
     edges = np.concatenate([[x[0] - 0.5 * step], x + 0.5 * step])

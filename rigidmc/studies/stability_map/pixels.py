@@ -1,4 +1,4 @@
-"""The pixels of a map: from numbers of the members to intervals, and to a Dataset."""
+"""The pixels of a map: from the values of members to intervals, and to a Dataset."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -16,36 +16,36 @@ from rigidmc.scene.scene import Scene
 from rigidmc.studies.stability_map.question import MapRequest, units_of
 from rigidmc.version import VERSION
 
-ASKED = "asked"  # the attribute of a map with its question
+ASKED = "asked"  # attribute of a map with its request
 COUNTS = {  # of the members of a pixel
     "good": "good members",
-    "failed": "members that failed",
-    "none": "members for which there is no such body or start",
+    "failed": "failed members",
+    "none": "members with an impossible body or start",
 }
 COMPUTED = "computed"  # the variable of an adaptive map
-_NOT_THERE = -1  # the status of a member that has not been computed
-_AT_ONCE = 2**17  # numbers whose intervals are taken at once: a sorted copy of them is 1 MB
+_NOT_THERE = -1  # status of a member that is not computed yet
+_AT_ONCE = 2**17  # values whose intervals are computed at once: a sorted copy takes 1 MB
 
 
 class Pixels(NamedTuple):
-    """What the members of pixels say.
+    """Measures and counts of the members of pixels.
 
-    intervals : {measure: (4, pixels)}: value, low, high, and the share of the members asked that
-        have no value
-    counts : (3, pixels): members that are good, that failed, that have no body or start
+    intervals : {measure: (4, pixels)}: value, low, high, and the fraction of the evaluated members
+        without a value
+    counts : (3, pixels): good members, failed members, members with an impossible body or start
     """
 
     intervals: dict[str, NDArray[np.float64]]
     counts: NDArray[np.int32]
 
     def at(self, source: NDArray[np.int64]) -> "Pixels":
-        """Of each pixel the values of the one in its place in `source`."""
+        """Return Pixels in which each pixel has the values of the pixel `source` at its place."""
         intervals = {text: values[:, source] for text, values in self.intervals.items()}
         return Pixels(intervals, self.counts[:, source])
 
 
 class PixelCollector:
-    """The numbers of the members of a range of pixels, (replicas, pixels)."""
+    """Collector of the values of the members in a range of pixels, (replicas, pixels)."""
 
     def __init__(
         self, request: MapRequest, measures: Sequence[Measure], pixels: range | None = None
@@ -58,7 +58,7 @@ class PixelCollector:
         self._asked = {one.text: np.zeros(shape, bool) for one in measures}
 
     def take(self, dataset: xr.Dataset) -> None:
-        """Take the numbers of members."""
+        """Store the values of the members of a result."""
         replica, pixel = np.divmod(dataset.member.values, self.request.pixels)
         place = replica * len(self.pixels) + pixel - self.pixels.start
         self._status.reshape(-1)[place] = dataset.status.values
@@ -67,11 +67,11 @@ class PixelCollector:
             self._asked[one.text].reshape(-1)[place] = one.asks(dataset)
 
     def missing(self) -> int:
-        """How many members have not been computed."""
+        """Return the number of members not yet computed."""
         return int(np.count_nonzero(self._status == _NOT_THERE))
 
     def pixel_values(self) -> Pixels:
-        """The intervals and counts of the pixels."""
+        """Return the intervals and counts of the pixels."""
         size = len(self.pixels)
         intervals = {one.text: np.full((4, size), np.nan) for one in self.measures}
         counts, step = np.zeros((3, size), "i4"), max(1, _AT_ONCE // self.request.replicas)
@@ -89,7 +89,7 @@ class PixelCollector:
 
 
 def join_pixels(parts: Sequence[Pixels]) -> Pixels:
-    """The Pixels of ranges that follow one another."""
+    """Join the Pixels of consecutive ranges."""
     intervals = {
         text: np.concatenate([part.intervals[text] for part in parts], axis=1)
         for text in parts[0].intervals
@@ -98,8 +98,8 @@ def join_pixels(parts: Sequence[Pixels]) -> Pixels:
 
 
 def measure_variables(measure: Measure) -> tuple[str, str, str, str]:
-    """The variables of a measure: its value, the ends of its interval, and the share of the members
-    without a value, which a map has if there are some."""
+    """Return the variable names of a measure: its value, the ends of its interval, and the fraction
+    of members without a value, which a map has if it is not 0."""
     name = measure.text.replace(" ", "")
     return name, f"{name}_low", f"{name}_high", f"{name}_without"
 
@@ -112,35 +112,34 @@ def map_dataset(
     pixels: Pixels,
     computed: NDArray[np.bool_] | None = None,
 ) -> xr.Dataset:
-    """The Dataset of a map.
+    """Return the Dataset of a map.
 
-    known : the variables of the members of the scene;  computed : whether a pixel was computed, of
-        an adaptive map
+    known : the variables of the members of the scene
+    computed : of an adaptive map, whether each pixel was computed
     """
     shape, dims, variables = request.shape, tuple(request.sides), dict[str, Any]()
     for one in measures:
         attrs = known[one.result.name].attrs
         text = f"{one.text}: {attrs.get('long_name', '')}"
-        share = f"of its interval of {100 * request.confidence:g} %"
+        share = f"of its {100 * request.confidence:g} % interval"
         ends = "", f", low end {share}", f", high end {share}"
         *names, lacking = measure_variables(one)
         *numbers, without = pixels.intervals[one.text]
-        if not is_sample(
-            scene.model
-        ):  # the members of a pixel are one, whose number has no interval
+        if not is_sample(scene.model):  # all members of a pixel are equal: no interval
             numbers[1:] = np.full((2, without.size), np.nan)
         for name, values, end in zip(names, numbers, ends, strict=True):
             about = {"units": one.units(known), "long_name": text + end}
             about |= {CENSORED: FOLLOWED} if one.result.timed else {}
             variables[name] = (dims, values.reshape(shape), about)
         if (without > 0.0).any():
-            about = {"units": "1", "long_name": f"{one.text}: share of the members without a value"}
+            text = f"{one.text}: fraction of members without a value"
+            about = {"units": "1", "long_name": text}
             variables[lacking] = (dims, without.reshape(shape), about)
     for (name, text), count in zip(COUNTS.items(), pixels.counts, strict=True):
         about = {"units": "1", "long_name": text}
         variables[name] = (dims, count.reshape(shape), about)
     if computed is not None:
-        about = {"long_name": "1 if the pixel was computed, 0 if it shows one nearby that was"}
+        about = {"long_name": "1 if the pixel was computed, 0 if it copies a computed one nearby"}
         variables[COMPUTED] = (dims, computed.astype("i1").reshape(shape), about)
     facts = {
         "title": scene.title,

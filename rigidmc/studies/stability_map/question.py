@@ -1,4 +1,4 @@
-"""What a map asks: two parameters of a scene, the measures, and which members belong to a pixel."""
+"""The request of a map: two parameters of a scene, the measures, and the members of each pixel."""
 
 import json
 from collections.abc import Sequence
@@ -17,23 +17,23 @@ MOST = 4096  # pixels per side
 LAYERS, MOST_LAYERS = 6, 64
 
 Side = tuple[str, float, float] | tuple[str, float, float, bool]  # parameter, low, high[, log]
-Whole = tuple[str, float, float, bool]  # a side with all its parts
+Whole = tuple[str, float, float, bool]  # a side with all entries
 Resolution = int | tuple[int, int]
 Borders = tuple[tuple[str, tuple[float, ...]], ...]  # (measure, values between its classes)
 
 
 class MapRequest(NamedTuple):
-    """What is mapped.
+    """The definition of a map.
 
-    Pixel (i, j) has the number p = i columns + j, or p = (k rows + i) columns + j in layer k of
-    several, and its member r is member r pixels + p of the scene: the members of a run that has not
-    ended are spread over all pixels, and more members are more replicas of each.
+    Pixel (i, j) has the number p = i columns + j, or p = (k rows + i) columns + j in layer k of a
+    stack. Its member r is member r pixels + p of the scene: the members of an unfinished run are
+    spread over all pixels, and more members are more replicas of each pixel.
 
-    x, y : (parameter, low, high, whether in even ratios);  z : of the layers, None if there is one
+    x, y : (parameter, low, high, whether log-spaced);  z : of the layers, None without a stack
     of : the measures, see `rigidmc.results.measures`
-    columns, rows, layers : pixels along x, y and z;  replicas : members of a pixel
+    columns, rows, layers : pixels along x, y and z;  replicas : members per pixel
     confidence : of the intervals
-    name : of the map of the package, or ""
+    name : of a shipped map, or ""
     borders : of an adaptive map, see `rigidmc.studies.stability_map.refine`; None if all pixels are
         computed
     """
@@ -52,7 +52,7 @@ class MapRequest(NamedTuple):
 
     @property
     def sides(self) -> dict[str, Whole]:
-        """The sides by their dimensions, the slowest first."""
+        """The sides by dimension, the slowest first."""
         return {**({} if self.z is None else {"z": self.z}), "y": self.y, "x": self.x}
 
     @property
@@ -69,13 +69,13 @@ class MapRequest(NamedTuple):
         return self.pixels * self.replicas
 
     def grids(self) -> dict[str, Grid]:
-        """The values of the sides of the members; OptionError for ends that are not in order."""
+        """Return the values of the members along each side; OptionError for unordered ends."""
         strides = {"x": 1, "y": self.columns, "z": self.columns * self.rows}
         counts = zip(self.sides.items(), self.shape, strict=True)
         return {key: _grid(key, side, count, strides[key]) for (key, side), count in counts}
 
     def of_scene(self, scene: Scene) -> Scene:
-        """The scene with the members of the map; OptionError for unknown parameters."""
+        """Return the scene with the members of the map; OptionError for unknown parameters."""
         grids = self.grids()
         for key in reversed(grids):
             scene = with_parameter(scene, self.sides[key][0], grids[key], key)
@@ -83,7 +83,7 @@ class MapRequest(NamedTuple):
         return whole
 
     def text(self) -> str:
-        """The question as JSON, for the facts of a run directory."""
+        """Return the request as JSON, for the facts of a run directory."""
         return json.dumps(self._asdict())
 
 
@@ -100,7 +100,7 @@ def make_request(
     layers: int | None = None,
     **more: Any,
 ) -> MapRequest:
-    """The MapRequest of a user; OptionError for sides, measures and sizes that are none."""
+    """Return the MapRequest from user input; OptionError for bad sides, measures and sizes."""
     texts = (of,) if isinstance(of, str) else tuple(of)
     if not texts or not all(isinstance(text, str) for text in texts):
         raise OptionError('expected measures, such as "p(flips >= 1)"', at="of", value=texts)
@@ -108,7 +108,7 @@ def make_request(
     if x[0] == y[0]:
         raise OptionError("is already the parameter of x", at="y", value=y[0])
     if z is None and layers is not None:
-        raise OptionError("are those of a third parameter: give z", at="layers", value=layers)
+        raise OptionError("requires a third parameter: give z", at="layers", value=layers)
     if z is not None:
         more["z"] = _whole_side("z", z)
         more["layers"] = read_count(LAYERS if layers is None else layers, "layers", 1, MOST_LAYERS)
@@ -121,7 +121,7 @@ def make_request(
 
 
 def columns_and_rows(resolution: Resolution) -> tuple[int, int]:
-    """Pixels across and upwards of a resolution; OptionError."""
+    """Return the pixels across and upwards of a resolution; OptionError."""
     shape = resolution if isinstance(resolution, (list, tuple)) else (resolution, resolution)
     if len(shape) != 2:
         rule = "expected pixels per side, or (columns, rows)"
@@ -131,14 +131,15 @@ def columns_and_rows(resolution: Resolution) -> tuple[int, int]:
 
 
 def with_borders(request: MapRequest, adaptive: bool | Borders) -> MapRequest:
-    """The question of an adaptive map, with borders if they are given, or of one that is none."""
+    """Return the request of an adaptive map, with given or default borders; or, for False, of a map
+    that is not adaptive."""
     if isinstance(adaptive, bool):
         return request._replace(borders=() if adaptive else None)
     return request._replace(borders=adaptive)
 
 
 def _whole_side(key: str, side: Side) -> Whole:
-    """A side with all its parts; OptionError."""
+    """Return a side with all entries; OptionError."""
     if isinstance(side, str) or len(side) not in (3, 4) or not isinstance(side[0], str):
         rule = "expected (parameter, low, high) or (parameter, low, high, True)"
         example = 'such as ("body.moments.1", 0.1, 0.9)'
@@ -148,25 +149,25 @@ def _whole_side(key: str, side: Side) -> Whole:
 
 
 def read_stored_request(text: str, path: str) -> MapRequest:
-    """The MapRequest in the facts of a run directory; FileError if it is none."""
+    """Read the MapRequest in the facts of a run directory; FileError if it is not one."""
     try:
         found = _QUESTION.validate_json(text)
         least = min(found.columns, found.rows, found.layers, found.replicas)
         if found.pixels > MOST**2 or least < 1 or (found.z is None and found.layers != 1):
             raise ValueError("impossible sizes")
     except ValueError:  # also of pydantic
-        rule = "there is no map that can be read"
+        rule = "contains no readable map"
         raise FileError(rule, at="map", file=path) from None
     return found
 
 
 def _grid(key: str, side: Whole, count: int, stride: int) -> Grid:
-    """The values of a parameter along a side; OptionError for ends that are not in order."""
+    """Return the values of a parameter along a side; OptionError for unordered ends."""
     name, low, high, log = side
     try:
         values: Grid = grid(low, high, count, stride, log)
     except RigidmcError as error:
-        rule = f"expected low < high{', both above 0 for even ratios' if log else ''}"
+        rule = f"expected low < high{', both above 0 for log spacing' if log else ''}"
         rule = error.rule if "whole number" in error.rule else rule
         raise OptionError(rule, at=key, value=f"{name} from {low} to {high}") from None
     return values
@@ -189,10 +190,10 @@ _UNITS = {
 
 
 def units_of(scene: Scene, name: str) -> str:
-    """The units of a scene parameter."""
+    """Return the units of a scene parameter."""
     table, first, *rest = name.split(".")
     if table == "effects":
         effect = dict(label_effects(scene.effects))[first]
-        units: dict[str, str] = getattr(effect, "units", {})  # a user's effect may have none
+        units: dict[str, str] = getattr(effect, "units", {})  # a custom effect may lack them
         return units.get(rest[0], "1")
     return _UNITS.get(rest[-1] if rest else first) or _UNITS.get(first, "1")

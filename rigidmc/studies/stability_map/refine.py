@@ -1,15 +1,15 @@
-"""Adaptive maps: which pixels are computed, by what those that are there say.
+"""Adaptive maps: choose the pixels to compute from the pixels computed so far.
 
-Every STRIDE-th pixel along each side is computed first. Then, level by level, the distance is
-halved: a pixel is computed if one of the nearest of the level before (one, two or four) differs in
-class from any of its eight neighbours there, or is not sure of its own. The others show one nearby
-that was computed. That is a quadtree whose cells are divided where they meet a border, and
-one cell beyond. Of the 1024 x 1024 pixels of heavy_chaos, whose border is fractal, 19.9 % are
-computed so, and 0.30 % are of another class than in the whole map (`python -m bench.adaptive_maps
-heavy_chaos 1024`).
+An adaptive map first computes every STRIDE-th pixel along each side. Each further level halves the
+distance. It computes a pixel if one of the nearest pixels of the previous level (one, two or four)
+differs in class from any of its eight neighbours there, or has an uncertain class. All other pixels
+copy a computed one nearby. This is a quadtree whose cells are divided where they meet a border, and
+one cell beyond. For heavy_chaos, whose border is fractal, it computes 19.9 % of the 1024 x 1024
+pixels, and 0.30 % differ in class from the full map (`python -m bench.adaptive_maps heavy_chaos
+1024`).
 
-What comes next is a function of the level and of the results so far, so that a map that was killed
-goes on as if it had not been.
+The next pixels depend only on the level and the results so far, so that a killed map continues as
+if it had not stopped.
 """
 
 from collections.abc import Sequence
@@ -24,24 +24,24 @@ from rigidmc.results.measures import Measure
 from rigidmc.studies.stability_map.pixels import Pixels
 from rigidmc.studies.stability_map.question import Borders, MapRequest
 
-STRIDE = 8  # pixels between those that are computed first
-BEGUN = 2 * STRIDE  # the stride of the level before the first
-CLASSES = 8  # of a measure without borders: equal parts of the range among the first pixels
-EDGES = 0.01, 0.99  # that range: these quantiles
-UNITS = 2**13  # parts of a map at most, each a shard of its run directory
-_NEVER = -1.0  # the class of a pixel without a number; pixels without a good member have it too
+STRIDE = 8  # distance between the pixels of the first level
+BEGUN = 2 * STRIDE  # the stride before the first level
+CLASSES = 8  # of a measure without borders: equal parts of the range in the first pixels
+EDGES = 0.01, 0.99  # quantiles that define this range
+UNITS = 2**13  # most parts of a map, each a shard of its run directory
+_NEVER = -1.0  # class of a pixel without a value or without a good member
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 
 class Refinement(NamedTuple):
-    """How far an adaptive map is.
+    """The progress of an adaptive map.
 
-    source : (pixels,) the pixel that each pixel shows
+    source : (pixels,) the computed pixel that each pixel shows
     known : (pixels,) whether it was computed
-    wanted : the pixels that are to be computed next, in their order; none if the map is done
-    level : the stride of their level, 0 if the map is done
+    wanted : the pixels to compute next, in order; empty if the map is finished
+    level : the stride of their level, 0 if the map is finished
     """
 
     source: Ints
@@ -51,26 +51,27 @@ class Refinement(NamedTuple):
 
 
 def pixel_multiple(request: MapRequest) -> int:
-    """Pixels are computed in multiples of so many, the members of a whole shard."""
+    """Return the size of the groups in which pixels are computed; each group is a shard."""
     return LANES * -(-request.pixels // UNITS)
 
 
 def pixel_members(request: MapRequest, pixels: Ints) -> Ints:
-    """The members of some pixels, in their order."""
+    """Return the members of pixels, in order."""
     return np.add.outer(np.arange(request.replicas) * request.pixels, pixels).ravel()
 
 
 def borders_of(measures: Sequence[Measure], given: Borders = ()) -> Borders:
-    """The borders between the classes of measures: those given, or else those of the first.
+    """Return the given borders between the classes of measures, or default ones of the first
+    measure.
 
-    These are 0.5 for a share, 4 for a MEGNO (2 for regular motion, and it grows in time with
-    chaos), and none, which stands for CLASSES equal parts of its range, for other measures.
-    Raises OptionError for what are no borders, and for measures that the map has not.
+    Default borders: 0.5 for a fraction p(...), 4 for a MEGNO (it is 2 for regular motion, and grows
+    in time for chaos), and none for other measures, which means CLASSES equal parts of the range.
+    Raises OptionError for malformed borders, and for measures that the map does not have.
     """
     try:
         found = tuple((str(text).strip(), tuple(map(float, values))) for text, values in given)
     except (TypeError, ValueError):
-        rule = "expected (measure, values that divide its classes) for each measure"
+        rule = "expected (measure, values between its classes) for each measure"
         raise OptionError(rule, at="adaptive", value=given) from None
     texts = [one.text for one in measures]
     for text, _ in found:
@@ -82,9 +83,9 @@ def borders_of(measures: Sequence[Measure], given: Borders = ()) -> Borders:
 
 
 def refine(request: MapRequest, pixels: Pixels, done: int = 1) -> Refinement:
-    """How far an adaptive map is, by what its pixels say.
+    """Return the progress of an adaptive map from its pixels.
 
-    done : the stride of the last level, all of whose pixels are there; BEGUN if none is
+    done : the stride of the last complete level; BEGUN at the beginning
     """
     shape = request.layers, request.rows, request.columns
     number = np.arange(request.pixels).reshape(shape)
@@ -101,7 +102,7 @@ def refine(request: MapRequest, pixels: Pixels, done: int = 1) -> Refinement:
             near = [unlike[:, i[:, None], j] for i in (low[0], high[0]) for j in (low[1], high[1])]
             asked_for = np.logical_or.reduce(near)
             level, wanted = stride, mine[asked_for & ~here]
-        # of two that are equally near the one that the level before shares with the next coarser
+        # of two equally near pixels, the one that also belongs to the next coarser level
         i, j = (np.where(a % 2, b, a) for a, b in zip(low, high, strict=True))
         shown = np.where(here, mine, shown[:, i[:, None], j])
     if not wanted.size:
@@ -112,7 +113,8 @@ def refine(request: MapRequest, pixels: Pixels, done: int = 1) -> Refinement:
 
 
 def _around(shape: tuple[int, int, int], stride: int) -> tuple[list[Ints], list[Ints]]:
-    """The nearest rows and columns of the level before, for those of a level: below, and above."""
+    """Return, for the rows and columns of a level, the nearest below and above in the previous
+    level."""
     places = [np.arange(-(-size // stride)) for size in shape[1:]]
     last = [-(-size // (2 * stride)) - 1 for size in shape[1:]]
     above = [np.minimum((one + 1) // 2, end) for one, end in zip(places, last, strict=True)]
@@ -120,7 +122,7 @@ def _around(shape: tuple[int, int, int], stride: int) -> tuple[list[Ints], list[
 
 
 def _unlike(classes: NDArray[np.float64]) -> Bools:
-    """Whether a pixel differs from one of its eight neighbours in one of its classes."""
+    """Return whether a pixel differs from one of its eight neighbours in one of its classes."""
     wide = np.pad(classes, ((0, 0), (0, 0), (1, 1), (1, 1)), mode="edge")
     rows, columns = classes.shape[2:]
     others = (wide[..., i : i + rows, j : j + columns] for i in range(3) for j in range(3))
@@ -129,10 +131,12 @@ def _unlike(classes: NDArray[np.float64]) -> Bools:
 
 
 def _classes(request: MapRequest, pixels: Pixels) -> tuple[NDArray[np.float64], Bools]:
-    """((measures, pixels) the classes of the pixels, whether each is sure of all of its own).
+    """Return (classes of the pixels (measures, pixels), whether all classes of a pixel are
+    certain).
 
-    A pixel is sure if no border is within its interval, or if there is none, or if all of its
-    members agree on a share: the intervals of a few would hold a border everywhere.
+    A class is certain if the interval contains no border, if there is no interval, or if all
+    members agree on a fraction p(...) of 0 or 1: with few members, intervals would contain a border
+    everywhere.
     """
     found, sure = [np.where(pixels.counts[0] > 0, 0.0, _NEVER)], np.ones(request.pixels, bool)
     for text, borders in request.borders or ():
@@ -149,7 +153,7 @@ def _classes(request: MapRequest, pixels: Pixels) -> tuple[NDArray[np.float64], 
 
 
 def _equal_parts(request: MapRequest, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Borders of CLASSES equal parts of the range of the pixels that come first."""
+    """Return the borders of CLASSES equal parts of the range of the first pixels."""
     shape = request.layers, request.rows, request.columns
     first = values.reshape(shape)[:, ::STRIDE, ::STRIDE]
     first = first[np.isfinite(first)]
@@ -160,10 +164,10 @@ def _equal_parts(request: MapRequest, values: NDArray[np.float64]) -> NDArray[np
 
 
 def _rounded_up(request: MapRequest, wanted: Ints, known: Any, stride: int) -> Ints:
-    """Pixels that are wanted, and others of their level, spread evenly, to a multiple of
+    """Return the wanted pixels, and evenly spread others of their level up to a multiple of
     `pixel_multiple`.
 
-    If their level has too few others, those of the whole map are taken, or all of them.
+    If the level has too few others, they come from the whole map, or are all that are left.
     """
     short = -wanted.size % pixel_multiple(request)
     number = np.arange(request.pixels).reshape(known.shape)

@@ -1,8 +1,8 @@
 """Maps on disk: a file, or a run directory, which loses nothing when its process is killed.
 
-A directory of an adaptive map grows: it is resumed until its pixels call for no more
-(`members_there`, `resume_growing`). A part of a stored map is computed as a new map of the same
-question (`zoom_map`).
+The directory of an adaptive map grows: resuming it adds pixels until none are needed
+(`members_there`, `resume_growing`). A part of a stored map is computed as a new map with the same
+request (`zoom_map`).
 """
 
 import os
@@ -51,7 +51,7 @@ from rigidmc.studies.stability_map.question import (
 )
 from rigidmc.studies.stability_map.refine import BEGUN, pixel_members, pixel_multiple, refine
 
-MAP = "map"  # of the question, among the attributes in run.json
+MAP = "map"  # attribute in run.json with the request
 
 
 def create_map(
@@ -63,9 +63,9 @@ def create_map(
     limit: float | None = None,
     device: str | None = None,
 ) -> RunDirectory:
-    """Make a run directory for a map; the arguments and errors are those of `create`."""
+    """Create a run directory for a map; arguments and errors as in `create`."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SceneWarning)  # `prepared` gave the notes
+        warnings.simplefilter("ignore", SceneWarning)  # `prepare_map` gave the notes
         request, about = map_run.request, {MAP: map_run.request.text()}
         if request.borders is None:
             return create(map_run.scene, path, size, only, threads, about, None, limit, device)
@@ -77,7 +77,7 @@ def create_map(
 
 
 def is_map(path: Path) -> bool:
-    """Whether a path is a map: a netCDF file, or a run directory."""
+    """Return whether a path is a map: a netCDF file, or a run directory."""
     if os.path.isdir(path):
         run = os.path.isfile(os.path.join(path, "run.json"))
         return run and MAP in RunDirectory(path).facts["attributes"]
@@ -88,14 +88,14 @@ def is_map(path: Path) -> bool:
 
 
 def open_map(path: Path, allow_code: bool = False) -> xr.Dataset:
-    """The Dataset of a map, see `rigidmc.open`; FileError for anything else."""
+    """Return the Dataset of a map, see `rigidmc.open`; FileError for anything else."""
     if os.path.isdir(path):
         return map_of_run(path, allow_code)
     return _map_in_file(os.fspath(path), allow_code)
 
 
 def read_request(source: Path | xr.Dataset, allow_code: bool = False) -> tuple[MapRequest, Scene]:
-    """What a map asks, and of which scene: a file, a run directory or a Dataset; FileError."""
+    """Return the request and scene of a map: a file, a run directory or a Dataset; FileError."""
     if isinstance(source, xr.Dataset):
         name = str(source.encoding.get("source", "the Dataset"))
         request = read_stored_request(str(source.attrs.get(ASKED, "")), name)
@@ -108,7 +108,7 @@ def read_request(source: Path | xr.Dataset, allow_code: bool = False) -> tuple[M
 
 
 def _map_in_file(path: str, allow_code: bool) -> xr.Dataset:
-    """The map in a file: its numbers, laid out as what it asks of its scene demands."""
+    """Read the map in a file, and check its variables against its request and scene."""
     with open_undecoded(path) as file:
         request, scene = read_request(file, allow_code)
         map_run = describe_map(request, scene, variables_of(scene))
@@ -138,10 +138,10 @@ def _map_in_file(path: str, allow_code: bool) -> xr.Dataset:
 
 
 def request_of(directory: RunDirectory) -> MapRequest:
-    """What the map of a run directory asks; FileError if it is no map."""
+    """Return the request of a map in a run directory; FileError if it is not a map."""
     text = directory.facts["attributes"].get(MAP)
     if text is None:
-        raise FileError("is the run of a scene, and no map", at="map", file=directory.path)
+        raise FileError("is the run of a scene, not a map", at="map", file=directory.path)
     request = read_stored_request(str(text), directory.path)
     if request.borders is not None:
         return request
@@ -149,27 +149,27 @@ def request_of(directory: RunDirectory) -> MapRequest:
 
 
 def members_of_pixels(path: Path, replicas: int) -> int:
-    """How many members a map has with so many in each pixel."""
+    """Return the number of members of a map with `replicas` members per pixel."""
     if replicas > (most := 2**53 // MOST**2):
         raise OptionError(f"a pixel has at most {most:,} members", at="members", value=replicas)
     request = request_of(RunDirectory(path))
     if request.borders is not None:
-        rule = "an adaptive map chose its pixels by the members that these have: start a new map"
+        rule = "an adaptive map has chosen its pixels with fewer members: start a new map"
         raise OptionError(rule, at="members", value=replicas)
     return replicas * request.pixels
 
 
 def map_of_run(path: Path, allow_code: bool = False) -> xr.Dataset:
-    """The Dataset of a map from the shards that exist, see `rigidmc.stability_map`.
+    """Return the Dataset of a map from the finished shards, see `rigidmc.stability_map`.
 
-    A pixel has the members that are there; `missing` in the attributes counts the others, if any.
-    Raises FileError for a directory that is no map, or has no shard yet.
+    Pixels use the finished members; the attribute `missing` counts the others, if any. Raises
+    FileError for a directory that is not a map, or has no finished shard.
     """
     directory = RunDirectory(path)
     directory.refuse_strays()
     map_run, collected = members_there(directory, allow_code)
     if not directory.shards():
-        raise FileError("no shard is there yet: resume it first", at="run", value=directory.path)
+        raise FileError("no shard is finished yet: resume it first", at="run", value=directory.path)
     request, pixels = map_run.request, collected.pixel_values()
     found = with_theory(finish_map(map_run, pixels), request.name)
     missing = collected.missing()
@@ -183,7 +183,7 @@ def map_of_run(path: Path, allow_code: bool = False) -> xr.Dataset:
 def members_there(
     directory: RunDirectory, allow_code: bool = False
 ) -> tuple[MapRun, PixelCollector]:
-    """The map of a run directory, and the numbers of its members from the shards that exist."""
+    """Return the map of a run directory, and the values of its members from the finished shards."""
     request, run = request_of(directory), load_run(directory, allow_code)
     map_run = describe_map(request, run.scene, run.layout.by_member)
     collected = PixelCollector(request, map_run.measures)
@@ -200,7 +200,7 @@ def members_there(
             for dims, one, *_ in variables.values()
         )
         if not fits or not np.array_equal(values["member"], members):
-            rule = "has the members of another shard; `rigidmc verify` tells more"
+            rule = "has the members of another shard; see `rigidmc verify`"
             raise FileError(rule, at="shard", value=i, file=shard)
         t_end = {"t_end": map_run.scene.run.t_end}
         collected.take(xr.Dataset(variables, {"member": members, "axis": [1, 2, 3]}, t_end))
@@ -214,13 +214,13 @@ def resume_growing(
     allow_code: bool = False,
     **options: Any,
 ) -> tuple[RunDirectory, dict[str, int]]:
-    """`rigidmc.runs.directory.resume.resume`, of an adaptive map again and again: when all shards
-    are there, what they say asks for more members, whose shards come next.
+    """Resume a map, as `rigidmc.runs.directory.resume.resume`; for an adaptive map, repeat: when
+    all shards are finished, add those that their results require.
 
     Raises OptionError for a range of shards of an adaptive map.
     """
     if only is not None and directory.chosen is not None:
-        rule = "all shards of an adaptive map must be there before the next are known: leave it out"
+        rule = "the next shards of an adaptive map depend on all others: resume without a range"
         raise OptionError(rule, at="shards", value=f"{only.start}:{only.stop}")
     stop = None if max_wall is None else time.monotonic() + read_seconds(max_wall, "max_wall")
     options |= {"only": only, "allow_code": allow_code}
@@ -252,40 +252,39 @@ def zoom_map(
     resolution: Resolution | None = None,
     device: str | None = None,
 ) -> xr.Dataset:
-    """Draw a part of a map anew: other ends of its sides, and the same scene, settings, measures
-    and members of a pixel.
+    """Recompute a part of a map, with the same scene, settings, measures and members per pixel.
 
     Parameters
     ----------
     source : path_like or xarray.Dataset
         a map: a netCDF file, a run directory or a Dataset
     x : tuple of float
-        (low, high) in the units of the map
+        range (low, high) of x, in the units of the map
     y : tuple of float
-        the same for the other side
+        range (low, high) of y, in the units of the map
     threads : int, optional
         number of threads; by default one for each core that the process may use
     progress : bool or callable, optional
         True for a bar, or a function of (members done, all)
     allow_code : bool, optional
-        whether to run the Python files of a user's own effects
+        whether to run the Python files of custom effects
     resolution : int or tuple of int, optional
-        pixels per side, or (columns, rows); by default those of the map
+        pixels per side, or (columns, rows); by default as many as the map has
     device : str, optional
-        where members move, as of `simulate`
+        CPU or GPU that computes the members, as in `simulate`
 
     Returns
     -------
     xarray.Dataset
-        as of `stability_map`
+        as from `stability_map`
 
     Raises
     ------
     OptionError
-        for ends that are not in order, that lie outside the map, or of which the scene can have
-        none
+        for ends that are not in order or outside the map, or if every pixel has an impossible body
+        or start
     FileError
-        for a source that is no map
+        for a source that is not a map
 
     Examples
     --------
@@ -306,7 +305,7 @@ def prepare_zoom(
     allow_code: bool = False,
     resolution: Resolution | None = None,
 ) -> MapRun:
-    """A part of a map before its first step; the arguments and errors are those of `zoom_map`."""
+    """Prepare a part of a map, before its first step; arguments and errors as in `zoom_map`."""
     request, scene = read_request(source, allow_code)
     across, upwards = _side("x", request.x, x), _side("y", request.y, y)
     request = request._replace(x=across, y=upwards)
@@ -317,12 +316,12 @@ def prepare_zoom(
 
 
 def _side(key: str, side: Whole, ends: Ends) -> Whole:
-    """A side with other ends; OptionError if they are no two numbers of the side."""
+    """Return a side with other ends; OptionError unless these are two numbers within the side."""
     try:
         low, high = map(float, ends)
     except (TypeError, ValueError):
         raise OptionError(f"expected (low, high) of {side[0]}", at=key, value=ends) from None
     if low < side[1] or high > side[2]:
-        rule = f"is no part of the map, whose {side[0]} goes from {side[1]:g} to {side[2]:g}"
+        rule = f"is outside the map, whose {side[0]} ranges from {side[1]:g} to {side[2]:g}"
         raise OptionError(rule, at=key, value=f"{low:g} to {high:g}")
     return side[0], low, high, side[3]

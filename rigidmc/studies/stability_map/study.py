@@ -1,6 +1,6 @@
 """Map a measure over two parameters of a scene.
 
-Pixel (i, j) has the number p = i columns + j, and its member r is member r pixels + p of the
+Pixel (i, j) has the number p = i columns + j. Its member r equals member r pixels + p of the
 scene in the attributes, to the bit.
 
 {parameters}
@@ -8,10 +8,9 @@ scene in the attributes, to the bit.
 Returns
 -------
 xarray.Dataset
-    over y and x: each measure with the ends `_low` and `_high` of its confidence interval;
-    `good` members per pixel, `failed` ones, which are flagged in `status` and left out, and
-    `none`, for which the body or the start does not exist. A measure is nan in pixels without a
-    good member
+    over y and x: each measure with the ends `_low` and `_high` of its confidence interval; and
+    counts of members per pixel: `good`; `failed`, flagged in `status` and left out; and `none`,
+    with an impossible body or start. A measure is nan in pixels without a good member
 
 Raises
 ------
@@ -61,9 +60,9 @@ ENDS = "LOW:HIGH,LOW:HIGH"
 
 
 def read_side(value: Any, at: str) -> Any:
-    """(parameter, low, high, whether in even ratios) of KEY=LOW:HIGH[:log]; OptionError.
+    """Parse KEY=LOW:HIGH[:log] into (parameter, low, high, whether log-spaced); OptionError.
 
-    What is no text is left to `make_request`.
+    `make_request` checks values that are not text.
     """
     if not isinstance(value, str):
         return value
@@ -80,17 +79,17 @@ def read_side(value: Any, at: str) -> Any:
 
 
 def read_part(value: Any, at: str) -> tuple[tuple[float, float], tuple[float, float]]:
-    """((low, high), (low, high)) of LOW:HIGH,LOW:HIGH; OptionError."""
+    """Parse LOW:HIGH,LOW:HIGH into ((low, high), (low, high)); OptionError."""
     try:
         x, y = (side.split(":") for side in value.split(","))
         (left, right), (low, high) = map(float, x), map(float, y)
     except ValueError:
-        rule = f"expected the ends across and upwards, {ENDS}, e.g. 0.1:0.2,1:1.5"
+        rule = f"expected the ranges across and upwards, {ENDS}, e.g. 0.1:0.2,1:1.5"
         raise OptionError(rule, at=at, value=value) from None
     return (left, right), (low, high)
 
 
-# an option that takes a parameter and its ends
+# option for a parameter and its range
 SIDE = Option(
     "", metavar="KEY=LOW:HIGH", type=str, kind="tuple or str", reader=read_side, is_new=True
 )
@@ -98,19 +97,19 @@ NEEDED = "is missing: a map of a scene needs x, y and of"
 
 
 class MapOptions(Options):
-    """What `stability_map` may be asked."""
+    """The options of `stability_map`."""
 
     x: Side | None = option(
         None,
-        "scene parameter across, e.g. body.moments.1=0:1; with :log in even ratios",
-        more="or (parameter, low, high), or (parameter, low, high, True) for even ratios",
+        "scene parameter across, e.g. body.moments.1=0:1; append :log for log spacing",
+        more="or (parameter, low, high), or (parameter, low, high, True) for log spacing",
         missing=NEEDED,
         like=SIDE,
     )
     y: Side | None = option(None, "scene parameter upwards", more="as x", missing=NEEDED, like=SIDE)
     of: Words | None = option(
         None,
-        'what a pixel shows: "p(flips >= 1)", "mean(megno)", "quantile(flip_wait, 0.9)"; may be'
+        'measure shown: "p(flips >= 1)", "mean(megno)", "quantile(flip_wait, 0.9)"; may be'
         " repeated",
         more="see `rigidmc.results.measures`",
         metavar="MEASURE",
@@ -119,7 +118,7 @@ class MapOptions(Options):
     )
     resolution: Resolution = option(
         RESOLUTION,
-        "pixels along each side; by default 256 for a map of the package, 128 for a scene",
+        "pixels along each side; by default 256 for a shipped map, 128 for a scene",
         more="or (columns, rows)",
         type=int,
         kind="int or tuple of int",
@@ -128,11 +127,16 @@ class MapOptions(Options):
     )
     members: int | None = option(
         None,
-        "members of a pixel; by default the map's own, or 16, or 1 if only x and y differ",
+        "members per pixel; by default that of the shipped map, or 16, or 1 if only x and y vary",
         is_new=True,
     )
     confidence: float = option(
-        0.95, "of the intervals", above=0.0, below=1.0, in_command=False, is_new=True
+        0.95,
+        "confidence level of the intervals",
+        above=0.0,
+        below=1.0,
+        in_command=False,
+        is_new=True,
     )
     z: Side | None = option(
         None, "a third scene parameter: a stack of maps, one for each value", more="as x", like=SIDE
@@ -140,11 +144,11 @@ class MapOptions(Options):
     layers: int | None = option(None, "number of maps in the stack; by default 6", most=MOST_LAYERS)
     adaptive: bool | Borders = option(
         False,
-        "compute a coarse grid, and more pixels where neighbours are of different classes or an"
-        " interval holds the border between two; the others show one nearby",
-        more="`computed` in the result tells which are. Classes are those of the first measure,"
-        " divided at 0.5 for a share and at 4 for a MEGNO, else eight equal parts of its range; or"
-        " of the measures in a tuple of (measure, values that divide its classes)",
+        "compute a coarse grid, and more pixels where neighbouring pixels differ in class or an"
+        " interval contains a border between classes; other pixels copy one nearby",
+        more="`computed` in the result marks the computed pixels. The first measure defines the"
+        " classes: divided at 0.5 for a fraction p(...) and at 4 for a MEGNO, else eight equal"
+        " parts of its range; or give a tuple of (measure, values between its classes)",
         type=bool,
         kind="bool or tuple",
         is_new=True,
@@ -153,7 +157,7 @@ class MapOptions(Options):
     border: Any = option(
         None,
         "with --adaptive: a value of the first measure between two classes; may be repeated. By"
-        " default 0.5 of a share, 4 of a MEGNO, else eight equal parts of its range",
+        " default 0.5 for a fraction p(...), 4 for a MEGNO, else eight equal parts of its range",
         metavar="NUMBER",
         type=list[float],
         in_function=False,
@@ -161,7 +165,7 @@ class MapOptions(Options):
     )
     zoom: Any = option(
         None,
-        "draw this part of a map that exists anew, across and upwards in its units",
+        "recompute this part of an existing map: ranges across and upwards, in its units",
         metavar=ENDS,
         type=str,
         reader=read_part,
@@ -171,7 +175,7 @@ class MapOptions(Options):
 
 
 class Maps:
-    """The work of a map: members of one scene, which belong to pixels."""
+    """The work of a map: the members of one scene, sorted into pixels."""
 
     sources = "NAME|SCENE|FILE|MAP/"
 
@@ -182,7 +186,7 @@ class Maps:
         return {**keywords_of("members"), "progress": told}
 
     def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> MapRun:
-        """The map before its first step."""
+        """Prepare the map, before its first step."""
         x, y, members = options.x, options.y, options.members
         if members is None:
             members = replicas_of(scene, x, y)
@@ -195,31 +199,31 @@ class Maps:
     def compute(
         self, map_run: MapRun, options: Any, threads: int | None, device: str | None, progress: Any
     ) -> xr.Dataset:
-        """The map, whose members are computed now."""
+        """Compute the map now."""
         return with_theory(run_map(map_run, threads, progress, device), map_run.request.name)
 
     def stored(
         self, name: str, path: Path, options: Any, threads: int | None, allow_code: bool
     ) -> xr.Dataset:
-        """A map on disk; FileError."""
+        """Return a map on disk; FileError."""
         return open_map(path, allow_code)
 
     def create(
         self, name: str, map_run: MapRun, options: Any, path: Path, **ways: Any
     ) -> RunDirectory:
-        """Make a run directory; see `rigidmc.runs.directory.create.create`."""
+        """Create a run directory; see `rigidmc.runs.directory.create.create`."""
         return create_map(map_run, path, **ways)
 
 
 def outcome(dataset: xr.Dataset) -> str:
-    """Whether members are missing, or some failed."""
+    """Return "incomplete" if members are missing, "flagged" if some failed, else "done"."""
     if "missing" in dataset.attrs:
         return "incomplete"
     return "flagged" if int(dataset.failed.sum()) else "done"
 
 
 def table(dataset: xr.Dataset) -> list[str]:
-    """What the map cost, the range of each measure, and how well it is known."""
+    """Return the map as lines of text: its cost, and the range and interval of each measure."""
     there = dataset["computed"] if "computed" in dataset else 1 + 0 * dataset.good
     pixels, none = int(there.sum()), int(((dataset.good == 0) & (dataset.failed == 0)).sum())
     failed, count = int((dataset.failed * there).sum()), dataset.attrs["members"]
@@ -235,10 +239,10 @@ def table(dataset: xr.Dataset) -> list[str]:
         lines.append(f"  {100 * pixels / there.size:.3g} % of the pixels were computed")
     if missing and "computed" in dataset:
         lacking = count_text(missing, "member is", "members are")
-        lines.append(f"  at least {lacking} missing; `rigidmc resume` goes on")
+        lines.append(f"  at least {lacking} missing; continue with `rigidmc resume`")
     elif missing:
         share = 100 * (1 - missing / (pixels * count))
-        lines.append(f"  {share:.3g} % of the members are there; `rigidmc resume` goes on")
+        lines.append(f"  {share:.3g} % of the members are done; continue with `rigidmc resume`")
     for name, values in dataset.data_vars.items():
         ends = str(name).endswith(("_low", "_high"))
         counts = name in ("good", "failed", "none", "computed") or ends
@@ -247,11 +251,11 @@ def table(dataset: xr.Dataset) -> list[str]:
                 f"  {name:28s} {float(values.min()):.4g} to {float(values.max()):.4g},"
                 f" median {float(values.median()):.4g}{_interval(dataset, str(name), count)}"
             )
-    return [*lines, f"  pixels without body or start: {none:,}; members that failed: {failed:,}"]
+    return [*lines, f"  impossible pixels (body or start): {none:,}; failed members: {failed:,}"]
 
 
 def _interval(dataset: xr.Dataset, name: str, count: int) -> str:
-    """In words, half the width of the confidence interval in the median pixel."""
+    """Return a text with the half-width of the confidence interval in the median pixel."""
     if f"{name}_low" not in dataset or count == 1:
         return ""
     width = dataset[f"{name}_high"] - dataset[f"{name}_low"]
@@ -259,7 +263,7 @@ def _interval(dataset: xr.Dataset, name: str, count: int) -> str:
     if not known.any():
         return ", too few members for intervals"
     half = float(width.where(known).median()) / 2
-    return f", intervals of {100 * dataset.attrs['confidence']:g} % +-{half:.2g} in the median"
+    return f", {100 * dataset.attrs['confidence']:g} % interval +-{half:.2g} in the median"
 
 
 stability_map = Study(

@@ -1,14 +1,14 @@
-"""Hard cases: how far each integrator is from the truth, and how far a scene can be trusted.
+"""Hard cases: the error of each integrator, and how far a scene can be trusted.
 
-A `HardCase` (`case`) is one motion, why it is hard, the truth, and a function that returns the
-error of an integrator. The cases lie in three catalogues, `free_cases`, `heavy_cases` and
-`numerical_cases`; `motions` and `truths` make the errors, `problems` has published ends.
-`hard_cases` compares each error with its bound in bounds.csv, through worker processes
-(`processes`). `trust` puts one scene of a user to checks. `study` is the record of both, `table`
-prints and `picture` draws both.
+A `HardCase` (`case`) is one motion, the reason why it is hard, the truth, and a function that
+returns the error of an integrator. The cases are in three catalogues, `free_cases`, `heavy_cases`
+and `numerical_cases`; `motions` and `truths` compute the errors, `problems` has published ends.
+`hard_cases` compares each error with its bound in bounds.csv, in worker processes (`processes`).
+`trust` runs checks on one scene of a user. `study` is the record of both, `table` prints and
+`picture` draws both.
 
-A measured bound is four times an error on one machine: it grows by a measurement alone, never
-because a change of code needs it.
+A measured bound is four times the error on one machine. Only a new measurement may increase it,
+never the needs of a code change.
 """
 
 from dataclasses import replace
@@ -37,7 +37,7 @@ GROUPS = {  # {group: its title}
 
 
 def catalogue() -> "list[HardCase]":
-    """All cases, group by group."""
+    """Return all cases, group by group."""
     from rigidmc.studies.stress import free_cases, heavy_cases, numerical_cases
 
     cases = {**free_cases.CASES, **heavy_cases.CASES, **numerical_cases.CASES}

@@ -1,4 +1,4 @@
-"""One hard case: its scene, the truth it is compared with, and the integrators that claim it."""
+"""One hard case: its scene, the truth for comparison, and the integrators that claim it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -8,21 +8,22 @@ from rigidmc.physics.integrators import INTEGRATORS, integrators_for
 
 ErrorOf = Callable[
     [str, float], float
-]  # error of (integrator, share); share < 1 shortens long runs
+]  # (integrator, share) -> error; share < 1 shortens long runs
 
 
 @dataclass(frozen=True)
 class HardCase:
     """One hard case.
 
-    why, truth : what makes the case hard, and what the error is measured against
+    why, truth : the reason why the case is hard, and the reference for the error
     error : function of (integrator, share) -> error; share < 1 shortens long runs
     asked : a bound set by mathematics: a number, or a function of the integrator's name;
         None if the bound of each integrator comes from `bounds.csv`
-    effects, claims : an integrator claims the case if it takes the effects and claims(name) holds
+    effects, claims : an integrator claims the case if it supports the effects and claims(name)
+        holds
     weak : {integrator: why it fails the case although it claims it}
     quick : whether `--quick` includes the case
-    group : its group in GROUPS, filled in by `catalogue`
+    group : its group in GROUPS, set by `catalogue`
     """
 
     name: str
@@ -37,37 +38,37 @@ class HardCase:
     group: str = ""
 
     def integrators(self) -> list[str]:
-        """The names of the integrators that claim the case."""
+        """Return the names of the integrators that claim the case."""
         return [name for name in integrators_for(self.effects) if self.claims(name)]
 
     def asked_of(self, integrator: str) -> float | None:
-        """The bound set by mathematics, None if it comes from measurements."""
+        """Return the bound set by mathematics, None if it comes from measurements."""
         return self.asked(integrator) if callable(self.asked) else self.asked
 
 
-# claims, to be given as `Case.claims`
+# functions for `HardCase.claims`
 
 
 def makes_steps(name: str) -> bool:
-    """Integrators that advance in steps: all but the closed form."""
+    """Return whether an integrator advances in steps: all but the closed form."""
     return name != "closed"
 
 
 def keeps_free_invariants(name: str) -> bool:
-    """Integrators that conserve energy and |L|^2 of a free body to rounding."""
+    """Return whether an integrator conserves energy and |L|^2 of a free body to rounding."""
     return makes_steps(name) and {"T", "|L|^2"} <= set(INTEGRATORS[name].conserves)
 
 
 def loses_free_invariants(name: str) -> bool:
-    """Integrators whose steps do not conserve energy and |L|^2 of a free body."""
+    """Return whether the steps of an integrator change energy and |L|^2 of a free body."""
     return makes_steps(name) and not keeps_free_invariants(name)
 
 
 def reversible(name: str) -> bool:
-    """Integrators whose step -h undoes the step h."""
+    """Return whether a step -h of an integrator undoes a step h."""
     return bool(INTEGRATORS[name].is_reversible and makes_steps(name))
 
 
 def only(*names: str) -> Callable[[str], bool]:
-    """The named integrators alone, for cases that would take too long with all."""
+    """Return a claim of the named integrators, for cases that take too long with all."""
     return lambda name: name in names

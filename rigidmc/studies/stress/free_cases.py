@@ -35,7 +35,7 @@ AXIS_BODIES = {
 
 
 def principal_axes() -> Iterator[HardCase]:
-    """Spins about principal axes: steady rotations in which rounding must not grow."""
+    """Yield spins about principal axes: steady rotations in which rounding must not grow."""
     for word, moments in AXIS_BODIES.items():
         spins = np.array([sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)])
         scene = tops(np.tile(moments, (6, 1)), spins)
@@ -43,8 +43,8 @@ def principal_axes() -> Iterator[HardCase]:
         end = steps * 0.05 / (1.0 / min(moments))
         yield HardCase(
             f"axis spins of a {word} body",
-            f"{steps:,} steps of spin about each axis in both directions, the unstable one"
-            " included: rounding errors across the axis would grow",
+            f"{steps:,} steps of spin about each axis in both directions, including the unstable"
+            " axis: rounding errors across the axis would grow",
             "L is constant in the body",
             largest_change(scene, end, direction, steps=steps),
             asked=1e-15,
@@ -67,17 +67,17 @@ FLIPPING_MOMENTS = (1.0, 2.0, 3.0)
 
 
 def _for_high_order(bound: float) -> Callable[[str], float | None]:
-    """A bound that mathematics sets for integrators of order 6 and above."""
+    """Return a bound set by mathematics for integrators of order 6 and above."""
     return lambda name: bound if INTEGRATORS[name].order >= 6 else None
 
 
 def dzhanibekov() -> Iterator[HardCase]:
-    """Flips of a body that spins about its middle axis (Dzhanibekov effect)."""
+    """Yield flips of a body that spins about its middle axis (Dzhanibekov effect)."""
     for eps in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-13, 1e-15):
         yield HardCase(
             f"first flip, eps = {eps:g}",
             f"the time of the first flip after a disturbance of {eps:g}: an absolute error"
-            f" of 1e-16 would be {1e-16 / eps:.0e} of the disturbance",
+            f" of 1e-16 is {1e-16 / eps:.0e} of the disturbance",
             "K(m)/lambda, Jacobi",
             flips(FLIPPING_MOMENTS, (eps, 2.0, 0.0), 1),
             asked=_for_high_order(1e-10),
@@ -86,7 +86,7 @@ def dzhanibekov() -> Iterator[HardCase]:
     for eps in (1e-2, 1e-3, 1e-4):
         yield HardCase(
             f"ten flips, eps = {eps:g}",
-            "each passage by the unstable axis starts from components of size 1: a rounding"
+            "each passage of the unstable axis starts from components of size 1: a rounding error"
             " of 1e-16 changes the modulus, and so the time, by 1e-16/eps^2",
             "(2 k + 1) K(m)/lambda, Jacobi",
             flips(FLIPPING_MOMENTS, (eps, 2.0, 0.0), 10),
@@ -94,7 +94,7 @@ def dzhanibekov() -> Iterator[HardCase]:
     scene, interval = tops(FLIPPING_MOMENTS, (1e-4, 2.0, 0.0)), 36.707819410833642463
     yield HardCase(
         "invariants over 1e3 flips",
-        "4e4 s with a thousand passages by the unstable axis: energy and |L|^2 must not"
+        "4e4 s with a thousand passages of the unstable axis: energy and |L|^2 must not"
         " follow the flips",
         "invariants",
         largest_change(scene, 1e3 * interval, invariants, saves=100, steps=600_000),
@@ -103,7 +103,7 @@ def dzhanibekov() -> Iterator[HardCase]:
 
 
 def separatrix() -> Iterator[HardCase]:
-    """Free motion on and beside the separatrix, where the modulus is 1 to rounding."""
+    """Yield free motions on and near the separatrix, where the modulus is 1 to rounding."""
     for word in ("separatrix", "separatrix_below", "separatrix_above", "near_middle_axis_13"):
         moments, momentum = HARD[word]
         yield HardCase(
@@ -117,8 +117,8 @@ def separatrix() -> Iterator[HardCase]:
     near = tops((1.0, 2.0, 3.0), (1.0 - 1e-15, 1.0, math.sqrt(3.0)))
     yield HardCase(
         "invariants on the separatrix",
-        "1e5 steps along the separatrix and back by the middle axis, on whichever side"
-        " rounding takes them",
+        "1e5 steps along the separatrix and back past the middle axis, on the side chosen by"
+        " rounding",
         "invariants",
         largest_change(near, 1e4, invariants, steps=100_000),
         claims=makes_steps,
@@ -135,7 +135,7 @@ SYMMETRIC_BODIES = {
 
 
 def symmetric_limits() -> Iterator[HardCase]:
-    """Bodies with equal and nearly equal moments, where formulas change their form."""
+    """Yield bodies with equal and nearly equal moments, where formulas change their form."""
     for word, moments in SYMMETRIC_BODIES.items():
         yield HardCase(
             word,
@@ -151,8 +151,8 @@ def symmetric_limits() -> Iterator[HardCase]:
         ):
             yield HardCase(
                 f"{word} to {split:g}",
-                "between the symmetric and the asymmetric formulas: neither may jump where"
-                " the other begins",
+                "between the symmetric and the asymmetric formulas: no jump is allowed where they"
+                " meet",
                 "closed form",
                 distance_to_closed_form(tops(moments, SYMMETRIC_MOMENTUM), 50.0),
             )
@@ -162,8 +162,8 @@ def symmetric_limits() -> Iterator[HardCase]:
         rows = np.array([[x * (1.0 + s * (i == at)) for i, x in enumerate(base)] for s in splits])
         yield HardCase(
             f"continuous across {word}",
-            "bodies that differ by a rounding must move alike: a formula that switches at"
-            " equality shows here",
+            "bodies that differ by a rounding error must move alike: a formula that switches at"
+            " equality fails here",
             "the symmetric body",
             over_members(tops(rows, SYMMETRIC_MOMENTUM), 20.0),
             asked=1e-12,
@@ -174,14 +174,14 @@ def symmetric_limits() -> Iterator[HardCase]:
 FLAT_AND_THIN = {
     "flat_plate": "I3 = I1 + I2 to rounding, the edge of the triangle inequality",
     "flat_disc": "flat and symmetric at once",
-    "needle": "moments 1e6 apart: a step is short for one axis and long for the others",
+    "needle": "moments differ by 1e6: a step is short for one axis and long for the others",
     "needle_on_edge": "spin across a needle, 1e-7 along it",
-    "rod": "moments 1e9 apart",
+    "rod": "moments differ by 1e9",
 }
 
 
 def plates_and_needles() -> Iterator[HardCase]:
-    """Bodies at the edge of the triangle inequality, and bodies with moments far apart."""
+    """Yield bodies at the edge of the triangle inequality, and bodies with very unequal moments."""
     for word, why in FLAT_AND_THIN.items():
         moments, momentum = HARD[word]
         yield HardCase(
@@ -204,12 +204,12 @@ TOO_LONG_STEPS = {
 
 
 def fast_spin() -> Iterator[HardCase]:
-    """Steps that are long against the rotation: a result is right or flagged."""
+    """Yield steps that are long compared to the rotation: a result must be right or flagged."""
     scene = tops((1.0, 1.4, 2.0), (3.0, 0.2, 1.0))
     for angle in (0.1, 1.0, 3.0):
         yield HardCase(
             f"|omega| h = {angle:g}",
-            "a step as long as a turn: aliased motion looks like slow motion, so it must be"
+            "a step comparable to a turn: aliased motion looks like slow motion, so it must be"
             " right or flagged",
             "closed form, or a flag",
             flagged_or_close(scene, 200.0 / 3.05, steps=max(8, round(200.0 / angle))),

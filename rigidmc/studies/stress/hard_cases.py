@@ -1,4 +1,4 @@
-"""The hard cases: every integrator through the catalogue, each error against its bound."""
+"""Run the hard cases: every integrator through the catalogue, each error against its bound."""
 
 import csv
 import io
@@ -22,9 +22,9 @@ from rigidmc.studies.stress.processes import Outcome, carry_out
 from rigidmc.version import VERSION
 
 QUICK = ("rk4", "rk8", "srkn11", "exact", "closed")  # the integrators of `--quick`
-AMBER = 0.3  # an error above this share of its bound is "close"
+AMBER = 0.3  # an error above this fraction of its bound is "close"
 VERDICTS = ("not claimed", "good", "close", "not up to it", "not judged", "above", "crashed")
-SHORT = 0.02  # share of the steps of long cases that `--quick` takes
+SHORT = 0.02  # fraction of the steps of long cases with `--quick`
 _COLUMNS = ["group", "case", "integrator", "bound", "measured"]
 
 Key = tuple[str, str]  # names of a case and of an integrator
@@ -38,15 +38,15 @@ def run_cases(
     threads: int | None = None,
     progress: bool | Callable[[int, int], object] = False,
 ) -> xr.Dataset:
-    """Run the catalogue of hard cases: a Dataset over `case` and `integrator`.
+    """Run the catalogue of hard cases; return a Dataset over `case` and `integrator`.
 
-    groups : keys of GROUPS, default all;  integrators : names, default all
-    quick : only the cases marked so, the integrators QUICK, and a fiftieth of the steps
-    bounds : {(case, integrator): bound}, which replace the shipped ones
-    threads : how many processes, default one per core
+    groups : keys of GROUPS, by default all;  integrators : names, by default all
+    quick : only cases marked `quick`, the integrators QUICK, and a fiftieth of the steps
+    bounds : {(case, integrator): bound}, in place of the shipped ones
+    threads : number of processes, by default one per core
     progress : True for a bar, or a function of (done, total)
 
-    The variables are those of `rigidmc.stress`.
+    `rigidmc.stress` describes the variables.
     Raises OptionError for unknown names and for bounds that are negative or not finite.
     """
     names, chosen = list(integrators or (QUICK if quick else INTEGRATORS)), list(groups or GROUPS)
@@ -69,7 +69,7 @@ def run_cases(
 
 
 def any_failed(study: xr.Dataset) -> bool:
-    """Whether any error is above its bound, or any case crashed."""
+    """Return whether any error is above its bound, or any case crashed."""
     return bool((study.verdict.values >= VERDICTS.index("above")).any())
 
 
@@ -79,10 +79,10 @@ def bound_of(
     known: Mapping[Key, tuple[float, float]],
     given: Collection[Key] = (),
 ) -> tuple[float, float]:
-    """(bound, measured) of a case and an integrator.
+    """Return (bound, measured) for a case and an integrator.
 
-    The first of: the user's bound, a bound set by mathematics, the shipped bound, the worst shipped
-    bound of an integrator of the same order. inf and nan if there is none.
+    The bound is the first available of: the user's bound, a bound set by mathematics, the shipped
+    bound, the worst shipped bound of an integrator of the same order. inf and nan if there is none.
     """
     bound, measured = known.get((case.name, integrator), (None, math.nan))
     asked = case.asked_of(integrator)
@@ -100,13 +100,13 @@ def bound_of(
 
 
 def shipped_bounds() -> dict[Key, tuple[float, float]]:
-    """{(case, integrator): (bound, measured)} of `bounds.csv`."""
+    """Return {(case, integrator): (bound, measured)} of `bounds.csv`."""
     text = resources.files("rigidmc.studies.stress").joinpath("bounds.csv").read_text("utf-8")
     return _read(text, "bounds.csv")
 
 
 def load_bounds(path: str | PathLike[str]) -> dict[Key, float]:
-    """{(case, integrator): bound} of a file like `bounds.csv`; FileError for its mistakes."""
+    """Return {(case, integrator): bound} of a file like `bounds.csv`; FileError for mistakes."""
     path = os.fspath(path)
     table = _read(text_of(path), path)
     cases = {case.name for case in catalogue()}
@@ -141,7 +141,7 @@ def write_bounds(study: xr.Dataset, path: str | PathLike[str], force: bool = Fal
 
 
 def _rounded_up(value: float) -> float:
-    """A positive number rounded up to one digit."""
+    """Return a positive number rounded up to one digit."""
     size = 10.0 ** math.floor(math.log10(value))
     return math.ceil(value / size * (1.0 - 1e-9)) * size
 
@@ -150,14 +150,14 @@ def _read(text: str, file: str) -> dict[Key, tuple[float, float]]:
     try:
         rows = list(csv.DictReader(text.splitlines()))
     except csv.Error as error:
-        raise FileError(f"is no table: {error}", at="bounds", file=file) from None
+        raise FileError(f"is not a table: {error}", at="bounds", file=file) from None
     bounds: dict[Key, tuple[float, float]] = {}
     for number, row in enumerate(rows, 2):
         try:
             measured = float(row.get("measured") or math.nan)
             bounds[row["case"], row["integrator"]] = float(row["bound"]), measured
         except (KeyError, TypeError, ValueError):
-            rule = f"expected the columns {', '.join(_COLUMNS)}, numbers in the last two"
+            rule = f"expected the columns {', '.join(_COLUMNS)}, with numbers in the last two"
             raise FileError(
                 rule,
                 at=f"line {number}.bound",
@@ -169,7 +169,7 @@ def _read(text: str, file: str) -> dict[Key, tuple[float, float]]:
 
 
 def _checked(key: Key, bound: float, error: type[RigidmcError] = OptionError) -> float:
-    """A bound; an error if it is negative or not finite."""
+    """Return a bound; raise an error if it is negative or not finite."""
     if not (bound >= 0.0 and math.isfinite(bound)):
         rule = "a bound must be finite and not negative"
         table = f"{key[0]}, {key[1]}"
@@ -184,7 +184,7 @@ def _dataset(
     known: Mapping[Key, tuple[float, float]],
     given: Collection[Key],
 ) -> xr.Dataset:
-    """The Dataset of a study; `outcomes` has a row per case and a column per integrator."""
+    """Return the Dataset of a study; `outcomes` has a row per case and a column per integrator."""
     shape, over = (len(cases), len(names)), ("case", "integrator")
     bound, measured, error, seconds = (np.full(shape, np.nan) for _ in range(4))
     verdict, reason = np.zeros(shape, "i1"), np.full(shape, "", dtype=object)
@@ -202,9 +202,9 @@ def _dataset(
         "flag_values": np.arange(len(VERDICTS), dtype="i1"),
         "flag_meanings": " ".join(v.replace(" ", "_") for v in VERDICTS),
     }
-    described = "error on the machine on which the bounds were measured"
+    described = "error on the machine that measured the bounds"
     variables = {
-        "error": (over, error, {"units": "1", "long_name": "error, as `truth` says"}),
+        "error": (over, error, {"units": "1", "long_name": "error against `truth`"}),
         "bound": (over, bound, {"units": "1", "long_name": "bound of the error"}),
         "measured": (over, measured, {"units": "1", "long_name": described}),
         "seconds": (over, seconds, {"units": "s"}),
@@ -223,7 +223,7 @@ def _dataset(
 
 
 def _verdict(case: HardCase, name: str, error: float, bound: float) -> str:
-    """One of VERDICTS."""
+    """Return one of VERDICTS."""
     if math.isnan(error):
         return "crashed"
     if error > bound:

@@ -37,7 +37,7 @@ TopStart = tuple[tuple[float, ...], tuple[float, ...], str]  # attitude, momentu
 
 
 def top_starts() -> dict[str, TopStart]:
-    """{name: (attitude, momentum, why it is hard)}."""
+    """Return {name: (attitude, momentum, why it is hard)}."""
     rate, critical = math.sqrt(K / A), 2.0 * math.sqrt(A * K)
     homoclinic = np.array(MOMENTS) * omega_from_euler_rates(
         (0.0, math.pi / 3, 0.0),
@@ -62,7 +62,7 @@ def top_starts() -> dict[str, TopStart]:
         ),
         "homoclinic": (
             tuple(from_euler((0.0, math.pi / 3, 0.0))), tuple(homoclinic),
-            "it takes for ever to reach the vertical; errors grow as the inverse of its distance",
+            "it never reaches the vertical; errors grow as the inverse of the distance to it",
         ),
         "cusps": (lean_by(0.9), (0.0, 0.0, 3.0), "the axis stops at every upper turning point"),
         "loops": (lean_by(0.9), (0.0, -0.35, 3.0), "the precession reverses"),
@@ -74,14 +74,15 @@ def top_starts() -> dict[str, TopStart]:
         ),
         "pendulum from inverted": (
             lean_by(1e-6), (0.0, 0.0, 0.0),
-            "it falls from 1e-6 beside the unstable equilibrium, and returns to it",
+            "it falls from 1e-6 next to the unstable equilibrium, and returns to it",
         ),
         "fast": (lean_by(1.0), (0.0, 0.0, 100.0), "a thousand turns in one nutation"),
     }  # fmt: skip
 
 
 def heavy_tops() -> Iterator[HardCase]:
-    """Heavy symmetric tops: equilibria, sleeping tops, cusps, loops, passages by the vertical."""
+    """Yield heavy symmetric tops: equilibria, sleeping tops, cusps, loops, passages of the
+    vertical."""
     for word, (attitude, momentum, why) in top_starts().items():
         scene = tops(MOMENTS, momentum, attitude, WEIGHT)
         error = distance_to_closed_form(scene, 4.0 if word == "fast" else 12.0)
@@ -109,7 +110,7 @@ def heavy_tops() -> Iterator[HardCase]:
 
 
 def integrable_tops() -> Iterator[HardCase]:
-    """Integrable tops (Kovalevskaya, Goryachev-Chaplygin) and steady ones (Staude, Grioli)."""
+    """Yield integrable (Kovalevskaya, Goryachev-Chaplygin) and steady tops (Staude, Grioli)."""
     attitude = tuple(from_euler((0.3, 1.1, 0.4)))
     kovalevskaya = tops((2.0, 2.0, 1.0), (0.5, 1.3, 0.7), attitude, (1.0, 0.0, 0.0))
     yield HardCase(
@@ -137,7 +138,7 @@ def integrable_tops() -> Iterator[HardCase]:
     )
     yield HardCase(
         "Staude's permanent rotation",
-        "an asymmetric top spins steadily about the vertical, which is no principal axis:"
+        "an asymmetric top spins steadily about the vertical, which is not a principal axis:"
         " two large torques cancel",
         "L and the vertical are constant in the body (Staude 1894)",
         staude_error(),
@@ -158,7 +159,7 @@ def integrable_tops() -> Iterator[HardCase]:
 def kovalevskaya_constant(
     body: Any, effects: Any, q: Values, l: Values
 ) -> list[tuple[Values, Values]]:
-    """|(w1 + i w2)^2 - (k/C)(u1 + i u2)|^2 beside energy and L_z, for A = B = 2 C."""
+    """Return energy, L_z and |(w1 + i w2)^2 - (k/C)(u1 + i u2)|^2, for A = B = 2 C."""
     u, w1, w2 = vertical(q), l[0] * body.i1, l[1] * body.i2
     real = w1 * w1 - w2 * w2 - body.p1 * body.i3 * u[0]
     imaginary = 2 * w1 * w2 - body.p1 * body.i3 * u[1]
@@ -169,15 +170,16 @@ def kovalevskaya_constant(
 def goryachev_constant(
     body: Any, effects: Any, q: Values, l: Values
 ) -> list[tuple[Values, Values]]:
-    """L3 (L1^2 + L2^2) - 4 k C L1 u3 beside energy and L_z, for A = B = 4 C and L_z = 0."""
+    """Return energy, L_z and L3 (L1^2 + L2^2) - 4 k C L1 u3, for A = B = 4 C and L_z = 0."""
     u = vertical(q)
     value = l[2] * (l[0] * l[0] + l[1] * l[1]) - 4.0 * body.p1 / body.i3 * l[0] * u[2]
-    # the constant may be 0: 1 kg3 m6 s-3 is |L|^3 of these tops, as large as its terms
+    # the constant may be 0: its terms are of the size |L|^3 = 1 kg3 m6 s-3 of these tops
     return [*invariants(body, effects, q, l), (value, np.maximum(np.abs(value[0]), 1.0))]
 
 
 def staude_error() -> ErrorOf:
-    """Change of L and of the vertical in the body, in a permanent rotation at 2 rad/s."""
+    """Return the change of L and of the vertical in the body, in a permanent rotation at
+    2 rad/s."""
     i, vertical, spin = np.array((1.0, 1.4, 2.0)), np.array((0.2, 0.3, 1.0)), 2.0
     vertical /= np.linalg.norm(vertical)
     weight = spin**2 * i * vertical - 2.0 * vertical
@@ -187,7 +189,8 @@ def staude_error() -> ErrorOf:
 
 
 def grioli_error() -> ErrorOf:
-    """Error of L and of the vertical in the body, in Grioli's precession of moments 1, 1.4, 2."""
+    """Return the error of L and of the vertical in the body, in Grioli's precession with moments
+    1, 1.4, 2."""
     a, b, c, k = 1.0, 1.4, 2.0, 1.0
     e = np.array((math.sqrt((b - a) / (c - a)), 0.0, math.sqrt((c - b) / (c - a))))
     j, d = a + c - b, e[0] * e[2] * (a - c)
@@ -198,7 +201,7 @@ def grioli_error() -> ErrorOf:
     def motion(
         t: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(L, vertical) in body axes at times t, each (3, times)."""
+        """Return (L, vertical) in body axes at times t, each (3, times)."""
         p = -nu * t
         omega = nu * (np.cos(p) * x1[:, None] + np.sin(p) * x2[:, None] + e[:, None])
         first = alpha * np.cos(p) + beta * np.sin(p) ** 2
@@ -223,7 +226,7 @@ def grioli_error() -> ErrorOf:
 
 
 def chaos() -> Iterator[HardCase]:
-    """Chaotic tops: the bits must not depend on the blocks, and invariants must survive."""
+    """Yield chaotic tops: bits must not depend on the blocks, and invariants must be conserved."""
     moments, momentum = random_tops(64, 2)
     random = np.random.default_rng(3)
     q = random.normal(size=(64, 4))
@@ -250,7 +253,7 @@ def chaos() -> Iterator[HardCase]:
     )
     yield HardCase(
         "energy and L_z of 64 chaotic tops",
-        "positions are lost, invariants must not be",
+        "positions are unpredictable, but invariants must be conserved",
         "invariants",
         largest_change(heavy, 100.0, invariants),
         effects=GRAVITY,

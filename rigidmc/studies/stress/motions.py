@@ -1,8 +1,8 @@
-"""The motions of hard cases: tops from plain numbers, one integration of them, and errors without
+"""The motions of hard cases: tops from plain numbers, their integration, and errors without a
 truth.
 
-The error of a case without a truth is how far the constants of its motion drift; `distance` is that
-between two states, for cases with one.
+The error of a case without a truth is the drift of its constants of motion. For cases with a truth,
+`distance` is the error between two states.
 """
 
 import math
@@ -34,14 +34,14 @@ from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.studies.stress.case import ErrorOf
 
-# rotation of the fastest member in a step [rad], by the order of the integrator
+# rotation of the fastest member per step [rad], by the order of the integrator
 TURNS = {2: 0.01, 4: 0.05, 6: 0.12, 8: 0.25, math.inf: 0.12}
 
 
 def turn_of(order: float) -> float:
-    """Rotation of the fastest member in a step [rad], for an integrator of some order.
+    """Return the rotation of the fastest member per step [rad], for an integrator of some order.
 
-    An order that TURNS does not list takes the value of the next lower one.
+    An order that is not in TURNS has the value of the next lower one.
     """
     return TURNS[max((known for known in TURNS if known <= order), default=min(TURNS))]
 
@@ -55,9 +55,9 @@ def run(
     steps: int | None = None,
     **settings: Any,
 ) -> xr.Dataset:
-    """Integrate a scene to t_end [s] and save momentum and attitude at `saves` equal times.
+    """Integrate a scene to t_end [s] and save momentum and attitude at `saves` evenly spaced times.
 
-    steps : how many; by default the step rotates the fastest member by `turn` [rad], or by TURNS
+    steps : their number; by default a step rotates the fastest member by `turn` [rad], or by TURNS
     """
     alike = is_shared(*scene.model.quantities())
     turn = turn_of(INTEGRATORS[integrator].order) if turn is None else turn
@@ -80,7 +80,8 @@ def run(
 
 
 def fastest_rate(scene: Scene) -> float:
-    """The rate of the fastest member at its start [rad/s], in units that do not overflow."""
+    """Return the rate of the fastest member at its start [rad/s], from units that do not
+    overflow."""
     members = count_rows(*scene.model.quantities()) or 1
     units = choose_units(scene)
     inner = scene if units is None else scale_scene(scene, units.mass, 1.0, units.time)
@@ -91,13 +92,13 @@ def fastest_rate(scene: Scene) -> float:
 
 
 def staged_physics(scene: Scene, members: int) -> tuple[Any, Any]:
-    """(body, effects) of the first members, as the physics functions take them."""
+    """Return (body, effects) of the first members, in the form the physics functions use."""
     body, effects = physics(scene.effects, members_at_start(scene.model, scene.run, 0, members)[0])
     return body, effects
 
 
 def worst(ds: xr.Dataset, values: ArrayLike) -> float:
-    """The largest of one value per member; inf if a member is flagged or its value is nan."""
+    """Return the largest of one value per member; inf if a member is flagged or a value is nan."""
     finite = np.nan_to_num(values, nan=math.inf, posinf=math.inf)
     return float(np.max(np.where(ds.status.values == 0, finite, math.inf)))
 
@@ -108,13 +109,13 @@ def distance(
     true_q: NDArray[np.float64],
     true_l: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """The larger error of momentum [of its size] and attitude [rad], (times, members).
+    """Return the larger error of momentum [relative] and attitude [rad], (times, members).
 
     q, true_q : (times, 4, members);  l, true_l : (times, 3, members)
     """
-    unit = np.max(np.abs(true_l)) or 1.0  # so that squares neither overflow nor vanish
+    unit = np.max(np.abs(true_l)) or 1.0  # keeps squares from overflow and underflow
     size = np.linalg.norm(true_l / unit, axis=1)
-    # where L is 0 the error is that in units of the largest |L|
+    # where L is 0, the error is relative to the largest |L|
     off = np.linalg.norm((l - true_l) / unit, axis=1) / np.where(size > 0.0, size, 1.0)
     angle = attitude_error(np.moveaxis(q, 1, -1), np.moveaxis(true_q, 1, -1))
     apart: NDArray[np.float64] = np.maximum(off, angle)
@@ -134,7 +135,8 @@ def largest_change(
     steps: int | None = None,
     **options: Any,
 ) -> ErrorOf:
-    """Largest change of some quantities, each relative to its scale; inf if that alone is 0."""
+    """Return the largest change of some quantities, each relative to its scale; inf if only the
+    scale is 0."""
 
     def error(integrator: str, share: float) -> float:
         n = max(saves, round(steps * share / saves) * saves) if steps else None
@@ -154,7 +156,7 @@ def largest_change(
 
 
 def invariants(body: Any, effects: Any, q: Values, l: Values) -> list[tuple[Values, Values]]:
-    """Energy and |L|^2 of a free body; energy and L_z under gravity."""
+    """Return energy and |L|^2 of a free body; energy and L_z under gravity."""
     play = kinetic_energy(body, l[:, 0]) + total_energy_scale(effects, body)
     energy = kinetic_energy(body, l) + energies(effects, body, q)
     if not effects:
@@ -164,15 +166,17 @@ def invariants(body: Any, effects: Any, q: Values, l: Values) -> list[tuple[Valu
 
 
 def direction(body: Any, effects: Any, q: Values, l: Values) -> list[tuple[Values, Values]]:
-    """L in body axes, and under gravity the vertical: constant in a permanent rotation."""
+    """Return L in body axes, and under gravity the vertical: constant in a permanent rotation."""
     momentum = np.array(l), np.sqrt(dot(l[:, 0], l[:, 0]))
     return [momentum, (np.array(vertical(q)), np.ones(l.shape[-1]))] if effects else [momentum]
 
 
 def walk(scene: Scene, turn: float, steps: int) -> ErrorOf:
-    """How much faster than sqrt(n) the drift of energy and |L|^2 grows with the steps n.
+    """Return how much faster than sqrt(n) the drift of energy and |L|^2 grows with the steps n.
 
-    The largest of rms(n)/rms(n0) / sqrt(n/n0) over n = 2^k n0;  turn : rotation in a step [rad]
+    This is the largest of rms(n)/rms(n0) / sqrt(n/n0) over n = 2^k n0.
+
+    turn : rotation per step [rad]
     """
 
     def error(integrator: str, share: float) -> float:
@@ -203,7 +207,8 @@ def tops(
     damping: float = 0.0,
     g: float = 1.0,
 ) -> Scene:
-    """A Scene of tops: each argument is a tuple of numbers, or an array with one row per member.
+    """Return a Scene of tops: each argument is a tuple of numbers, or an array with one row per
+    member.
 
     weight : m g r [N m];  damping : rate of viscous damping [1/s]
     """
@@ -219,18 +224,18 @@ def tops(
 
 
 def lean_by(theta: float) -> tuple[float, float, float, float]:
-    """The attitude whose third axis leans by theta [rad] from the vertical."""
+    """Return the attitude whose third axis leans by theta [rad] from the vertical."""
     return math.cos(0.5 * theta), math.sin(0.5 * theta), 0.0, 0.0
 
 
 def rotation_about(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
-    """The quaternion of a rotation by an angle [rad] about an axis of any length."""
+    """Return the quaternion of a rotation by an angle [rad] about an axis of any length."""
     vector = math.sin(0.5 * angle) * axis / np.linalg.norm(axis)
     return np.array([math.cos(0.5 * angle), *vector])
 
 
 def random_tops(count: int = 32, seed: int = 1) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(moments, momenta) of random bodies of unit size and spin, one row each."""
+    """Return (moments, momenta) of random bodies of unit size and spin, one row each."""
     random = np.random.default_rng(seed)
     second = random.uniform(0.1, 1.0, (count, 3))
     moments = (second.sum(1, keepdims=True) - second) / second.sum(1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Hard cases of the numbers themselves: groups H8, H9 and H12 to H15.
+"""Hard cases of numerics: groups H8, H9 and H12 to H15.
 
 A group is a function that yields its `HardCase`s, and an entry of CASES at the end of the file.
 """
@@ -69,7 +69,7 @@ SCALED_BODIES = {
 
 
 def scale() -> Iterator[HardCase]:
-    """Very large and very small numbers, other units, zeros, denormal numbers, steps backwards."""
+    """Yield very large and small numbers, other units, zeros, denormal numbers, backward steps."""
     yield from _sizes()
     yield from _zeros()
     yield from _backwards()
@@ -105,8 +105,8 @@ def _zeros() -> Iterator[HardCase]:
     signs = np.array([(a, 1.0, b) for a in (1.0, -1.0) for b in (1.0, -1.0)])
     yield HardCase(
         "1e-165 off the middle axis",
-        "the squares that decide about which axis L circles are 0: decided anew at each end"
-        " of a step, they would turn the body over",
+        "the squares that decide about which axis L circles are 0: if each step decided again, the"
+        " body would flip",
         "a rotation at constant rate",
         against_turn(tops((0.3, 1.0, 1.3), signs * (1e-165, 1.0, 1e-175)), 20.0, 1.0),
         quick=True,
@@ -122,7 +122,7 @@ def _zeros() -> Iterator[HardCase]:
     weightless = Scene(body, (Gravity(0.0),), Start(momentum=tuple(MOMENTUM)))
     yield HardCase(
         "g = 0",
-        "gravity is compiled in and must change nothing",
+        "gravity is compiled in but must change nothing",
         "closed form",
         distance_to_closed_form(weightless, 10.0),
         effects=GRAVITY,
@@ -154,7 +154,7 @@ def _backwards() -> Iterator[HardCase]:
     swinging = tops((0.3, 1.0, 1.3), (0.0, 0.0, 0.0), attitude, (0.0, 0.0, 1.0))
     yield HardCase(
         "a pendulum 1e-311 off its plane",
-        "components of the attitude that are denormal numbers",
+        "components of the attitude are denormal numbers",
         "its own start",
         there_and_back(swinging, 20.0),
         effects=GRAVITY,
@@ -174,8 +174,8 @@ def _units() -> Iterator[HardCase]:
         )
         yield HardCase(
             f"units by {word}",
-            "mass, length and time in other units: a dust grain moves as a wheel does",
-            "the same scene in the first units",
+            "mass, length and time in other units: a dust grain moves like a wheel",
+            "the same scene in the original units",
             distance_in_units(_leaning_top(), small, 10.0, time, unit / time, power_of_two),
             asked=0.0 if power_of_two else 1e-12,
             effects=GRAVITY,
@@ -191,7 +191,7 @@ STEPS = 1_000_000
 
 
 def many_steps() -> Iterator[HardCase]:
-    """Drift of invariants over a million steps and more: rounding, and how it grows."""
+    """Yield drifts of invariants over a million steps and more: growth of rounding errors."""
     scene = tops(*random_tops())
     yield HardCase(
         "free invariants, 1e6 steps",
@@ -202,7 +202,7 @@ def many_steps() -> Iterator[HardCase]:
     )
     yield HardCase(
         "free invariants, 1e6 steps, compensated",
-        "compensated sums remove the rounding of the state and leave that of the increments",
+        "compensated sums remove the rounding of the state, but not that of the increments",
         "invariants",
         largest_change(scene, 0.1 * 1e6, invariants, saves=16, steps=STEPS, compensated=True),
         claims=only("exact", "midpoint", "strang", "srkn6"),
@@ -243,7 +243,7 @@ def _heavy_scene(*effects: Any) -> Scene:
 
 
 def _steps_backwards(name: str) -> bool:
-    """Splittings of order above 2: they have steps backwards."""
+    """Return whether an integrator is a splitting of order above 2, with backward substeps."""
     return INTEGRATORS[name].is_splitting and INTEGRATORS[name].order > 2
 
 
@@ -259,7 +259,7 @@ REFUSED_CALLS: dict[str, Refusal] = {
         only("exact"),
     ),
     "h = 0": (lambda name: simulate(_heavy_scene(), integrator=name, dt=0.0), "dt", makes_steps),
-    "a start that is no number": (
+    "a start that is not a number": (
         lambda name: tops((1.0, 1.4, 2.0), (math.nan, 0.0, 0.0)),
         "finite",
         makes_steps,
@@ -283,12 +283,12 @@ REFUSED_CALLS: dict[str, Refusal] = {
 
 
 def refusals() -> Iterator[HardCase]:
-    """What must be refused with a reason, not run."""
+    """Yield calls that must be refused with a reason."""
     for word, (call, rule, claims) in REFUSED_CALLS.items():
         yield HardCase(
             word,
-            "must be refused with the reason, not run",
-            "an error that says so",
+            "must not run, but be refused with the reason",
+            "an error with the reason",
             is_refused(call, rule),
             asked=0.0,
             claims=claims,
@@ -296,7 +296,8 @@ def refusals() -> Iterator[HardCase]:
 
 
 def _error_of_small_angles(integrator: str, share: float) -> float:
-    """Largest error of the angle between q and q rotated by 0.1 to 1e-15 rad, with either sign."""
+    """Return the largest error of the angle between q and q rotated by 0.1 to 1e-15 rad, with
+    either sign."""
     q, angles = np.array((0.1, -0.5, 0.7, 0.5)), 10.0 ** -np.arange(1.0, 16.0)
     q /= np.linalg.norm(q)
     half = [(math.cos(0.5 * a), 0.0, math.sin(0.5 * a), 0.0) for a in angles]
@@ -306,10 +307,10 @@ def _error_of_small_angles(integrator: str, share: float) -> float:
 
 
 def attitude_errors() -> Iterator[HardCase]:
-    """The measure of attitude errors itself, at very small angles."""
+    """Yield the test of the attitude error itself, at very small angles."""
     yield HardCase(
         "angles of 0.1 to 1e-15 rad",
-        "2 arccos |p.q| is 0 for all angles below 1e-8; q and -q are one attitude",
+        "2 arccos |p.q| is 0 for all angles below 1e-8; q and -q are the same attitude",
         "the angle of the rotation",
         _error_of_small_angles,
         asked=1e-15,
@@ -319,11 +320,11 @@ def attitude_errors() -> Iterator[HardCase]:
 
 
 def damping_cases() -> Iterator[HardCase]:
-    """Damped free bodies, whose closed form is the undamped motion at another time."""
+    """Yield damped free bodies, whose closed form is the undamped motion at another time."""
     slow = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7), damping=0.2)
     yield HardCase(
         "damped asymmetric body",
-        "L' = L x omega - rate L: every integrator must place the damping right within its step",
+        "L' = L x omega - rate L: every integrator must apply the damping correctly within a step",
         "closed form at another time",
         distance_to_closed_form(slow, 20.0),
         effects=slow.effects,
@@ -331,7 +332,7 @@ def damping_cases() -> Iterator[HardCase]:
     fast = tops((1.0, 1.4, 2.0), (3.0, 9.0, 7.0), damping=5.0)
     yield HardCase(
         "to rest in 30 e-foldings",
-        "the step is short against the first spin and long against the last",
+        "the step is short compared to the first spin and long compared to the last",
         "closed form at another time",
         distance_to_closed_form(fast, 6.0),
         effects=fast.effects,
@@ -339,12 +340,12 @@ def damping_cases() -> Iterator[HardCase]:
 
 
 def published_cases() -> Iterator[HardCase]:
-    """Published ends of named problems, see `rigidmc.studies.stress.problems`."""
+    """Yield published ends of named problems, see `rigidmc.studies.stress.problems`."""
     for word in ("nasa_brick", "toms903_step", "hairer_free", "hairer_heavy", "cardona_top"):
         problem = PROBLEMS[word]
         yield HardCase(
             word.replace("_", " "),
-            "a published result, at 34 digits where sources agree",
+            "a published result, with 34 digits where sources agree",
             problem.source.split(";")[0],
             against_end(problem),
             effects=problem.effects,

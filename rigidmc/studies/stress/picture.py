@@ -1,4 +1,4 @@
-"""Pictures of the hard cases, and of what a scene's own checks found."""
+"""Pictures of the hard cases, and of the checks of a scene."""
 
 from typing import Any
 
@@ -23,22 +23,22 @@ _VERDICTS = {
     "above": (ALARM, "above its bound"),
     "crashed": ("#000000", "crashed"),
 }
-_ALWAYS = ("good", "close", "above")  # in the legend even if no case has them
+_ALWAYS = ("good", "close", "above")  # always in the legend
 
 
 def stress_picture(study: xr.Dataset) -> Figure:
-    """The picture that suits a study."""
+    """Draw the picture that suits a study."""
     return (hard_cases if "case" in study.dims else trust)(study)
 
 
 def hard_cases(study: xr.Dataset, figure: Figure | None = None) -> Figure:
-    """The hard cases as a heat map of error over bound, with the error in each field.
+    """Draw the hard cases as a heat map of error / bound, with the error in each field.
 
     study : the Dataset of `rigidmc.studies.stress.hard_cases.run_cases`
     """
     cases, names = study.case.values, study.integrator.values
     size = 4.8 + 0.62 * len(names), 1.6 + 0.175 * len(cases)
-    figure = figure or new_figure(f"{len(cases)} hard cases: error over bound", size)
+    figure = figure or new_figure(f"{len(cases)} hard cases: error / bound", size)
     axes = figure.add_subplot()
     verdict, error = np.array(VERDICTS)[study.verdict.values], study.error.values
     colors = np.ones((*verdict.shape, 3))
@@ -65,14 +65,14 @@ def hard_cases(study: xr.Dataset, figure: Figure | None = None) -> Figure:
         ncols=len(handles),
         fontsize=8,
         frameon=False,
-        title="number: the error; blank: not claimed",
+        title="numbers: error; blank: not claimed",
         title_fontsize=8,
     )
     return figure
 
 
 def _groups(axes: Axes, groups: NDArray[Any]) -> None:
-    """A line above each group of cases, and its name at the right."""
+    """Draw a line above each group of cases, and its name at the right."""
     starts = [i for i in range(len(groups)) if i == 0 or groups[i] != groups[i - 1]]
     for start, stop in zip(starts, [*starts[1:], len(groups)], strict=True):
         axes.axhline(start - 0.5, color=INK, lw=0.8)
@@ -86,7 +86,7 @@ def _groups(axes: Axes, groups: NDArray[Any]) -> None:
 
 
 def trust(study: xr.Dataset, figure: Figure | None = None) -> Figure:
-    """The error of each check against time for the worst member, and the limit of two digits.
+    """Draw the error of each check against time for the worst member, and the limit of two digits.
 
     study : the Dataset of `rigidmc.studies.stress.trust.trust`
     """

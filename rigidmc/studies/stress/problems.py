@@ -1,7 +1,7 @@
-"""Named bodies and starts with what is known of their motion, each number with its source.
+"""Named bodies and starts with published facts about their motion, each number with its source.
 
-They serve the hard cases, the tests and the benchmarks. Units are SI unless an entry says
-otherwise; the motion of a free body does not depend on the unit of its moments.
+The hard cases, the tests and the benchmarks use them. Units are SI unless an entry gives others;
+the motion of a free body does not depend on the unit of its moments.
 """
 
 import math
@@ -23,7 +23,7 @@ class Problem:
     gravity : g [m/s^2], 0 for a free body
     momentum, attitude : at the start, body components and quaternion (w, x, y, z)
     time : of the end [s];  end_momentum, end_attitude : the state there, None if not published
-    more : anything else that the source gives
+    more : other data of the source
     """
 
     moments: Vector
@@ -53,7 +53,7 @@ class Problem:
 
 
 def _spinning(moments: Vector, omega: Vector, source: str, **rest: Any) -> Problem:
-    """A Problem given by its angular velocity."""
+    """Return a Problem given by its angular velocity."""
     l1, l2, l3 = (i * w for i, w in zip(moments, omega, strict=True))
     return Problem(moments, (l1, l2, l3), source, **rest)
 
@@ -229,8 +229,8 @@ PROBLEMS: dict[str, Problem] = {
     ),
 }
 
-# {name: (moments, momentum)} of free bodies at the limits of some formula: a step of any length
-# must be right to rounding.
+# {name: (moments, momentum)} of free bodies at the limits of formulas: a step of any length must be
+# right to rounding
 HARD: dict[str, tuple[Vector, Vector]] = {
     "generic": ((1.0, 1.3, 2.0), (0.3, 0.9, 0.7)),
     "separatrix": ((1.0, 2.0, 3.0), (1.0, 1.0, math.sqrt(3.0))),

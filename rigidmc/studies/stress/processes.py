@@ -1,4 +1,4 @@
-"""Hard cases in worker processes: a case that crashes its process stops no other case."""
+"""Hard cases in worker processes: a case that crashes its process does not stop other cases."""
 
 import contextlib
 import json
@@ -27,9 +27,10 @@ def carry_out(
     processes: int,
     progress: bool | Callable[[int, int], object],
 ) -> dict[tuple[int, str], Outcome]:
-    """{(case, integrator): outcome} of the cases, as indices in the catalogue, of each integrator.
+    """Run cases, given for each integrator as indices in the catalogue; return {(case, integrator):
+    outcome}.
 
-    A process takes whole integrators, so that no kernel is compiled twice.
+    Each process runs all cases of an integrator, so that no kernel is compiled twice.
     """
     waiting = sorted(tasks, key=lambda name: -INTEGRATORS[name].evaluations * bool(tasks[name]))
     outcomes: dict[tuple[int, str], Outcome] = {}
@@ -65,7 +66,8 @@ def carry_out(
 def _asked(
     worker: Worker | None, case: int, integrator: str, share: float
 ) -> tuple[Worker | None, Outcome]:
-    """(worker, outcome): no worker if it died of the case, the next case then starts a new one."""
+    """Return (worker, outcome); the worker is None if the case killed it, and the next case then
+    starts a new one."""
     began = time.perf_counter()
     worker = worker or _started()
     assert worker.stdin and worker.stdout
@@ -86,7 +88,7 @@ def _started() -> Worker:
 
 
 def _ended(worker: Worker) -> int:
-    """Close a worker's input and wait for its exit code."""
+    """Close the input of a worker and wait for its exit code."""
     assert worker.stdin and worker.stdout
     with contextlib.suppress(OSError):
         worker.stdin.close()
@@ -95,7 +97,7 @@ def _ended(worker: Worker) -> int:
 
 
 def main() -> None:
-    """A worker: lines [case, integrator, share] in, lines [error, seconds, reason] out."""
+    """Run a worker: read lines [case, integrator, share], write lines [error, seconds, reason]."""
     cases = catalogue()
     for line in sys.stdin:
         i, name, share = json.loads(line)
@@ -103,15 +105,15 @@ def main() -> None:
 
 
 def run_case(case: HardCase, integrator: str, share: float = 1.0) -> Outcome:
-    """(error, seconds, reason) of one case by one integrator.
+    """Run one case with one integrator; return (error, seconds, reason).
 
-    error is nan and reason says why if the case raises; error is nan and reason empty if the
-    closed form does not cover the case.
+    If the case raises, error is nan and reason has the message. If the closed form does not cover
+    the case, error is nan and reason is empty.
     """
     began, reason = time.perf_counter(), ""
     try:
         error = float(case.error(integrator, share))
-    except Exception as raised:  # reported as a crash; the other cases go on
+    except Exception as raised:  # reported as a crash; the other cases continue
         uncovered = (
             integrator == "closed"
             and isinstance(raised, RigidmcError)

@@ -1,21 +1,22 @@
-"""Run hard cases on this machine, each against its bound; or tell how far a scene can be trusted.
+"""Run hard cases on this machine, each against its bound; or assess how far a scene can be trusted.
 
-With a scene, its own members move again by half the step, by another integrator, in other units and
-with axes renamed, and the differences are its errors; `integrator` replaces its own.
+With a scene, the study recomputes its members with half the step, with another integrator, in other
+units and with permuted axes; the differences are the errors. `integrator` replaces that of the
+scene.
 
 {parameters}
 
 Returns
 -------
 xarray.Dataset
-    without a scene over `case` and `integrator`: error, bound, measured (the error on the machine
-    on which the bounds were measured), seconds, verdict (see `flag_meanings`; "not up to it" is an
+    without a scene, over `case` and `integrator`: error, bound, measured (the error on the machine
+    that measured the bounds), seconds, verdict (see `flag_meanings`; "not up to it" is an
     integrator that claims a case and is known to fail it, "not judged" a run without a bound),
-    reason (the message of a crash); over `case`: group, why, truth. With a scene over `check` and
-    `time`: error (of the worst member) and error_median, the larger of momentum [of its size] and
-    attitude [rad]; over `check`: tells, "accuracy", or "rounding" if the same motion is computed
-    with other numbers. Attributes: verdict, digits (that all members keep to t_end), horizon [s]
-    (beyond which fewer than two are left), chaotic_share, flagged
+    reason (the message of a crash); over `case`: group, why, truth. With a scene, over `check` and
+    `time`: error (of the worst member) and error_median, the larger of the errors of momentum
+    [relative] and attitude [rad]; over `check`: tells, "accuracy", or "rounding" if the same motion
+    is computed with different numbers. Attributes: verdict, digits (correct for all members up to
+    t_end), horizon [s] (after which fewer than two are correct), chaotic_share, flagged
 
 Raises
 ------
@@ -24,7 +25,7 @@ OptionError
 FileError
     for a file of bounds with mistakes
 SceneError
-    for a scene that cannot be run, or that is random
+    for a scene that cannot run, or that is random
 
 Examples
 --------
@@ -53,16 +54,16 @@ from rigidmc.studies.stress import hard_cases, trust
 
 
 class StressOptions(Options):
-    """What `stress` may be asked."""
+    """The options of `stress`."""
 
     group: Names | None = option(None, "groups of the catalogue, e.g. H2,H7; by default all")
     integrator: Names | None = option(
-        None, "e.g. rk4,exact; by default all, and for a scene its own integrator"
+        None, "names, e.g. rk4,exact; by default all, or for a scene its own integrator"
     )
-    quick: bool = option(False, "a few cases and integrators; long cases shortened")
+    quick: bool = option(False, "run few cases and integrators, and shorten long cases")
     bounds: str | None = option(
         None,
-        "bounds instead of the shipped ones, as --write-bounds writes them",
+        "bounds that replace the shipped ones, as written by --write-bounds",
         more="a file, or numbers by (case, integrator)",
         metavar="FILE",
     )
@@ -71,12 +72,12 @@ class StressOptions(Options):
 def measure(
     scene: Scene | None, options: StressOptions, threads: int | None, progress: Any
 ) -> xr.Dataset:
-    """The Dataset of the hard cases, or of the checks of a scene."""
+    """Run the hard cases, or the checks of a scene, and return the Dataset."""
     names, bounds = options.integrator, cast(Any, options.bounds)
     if scene is not None:
         for name in ("group", "bounds"):
             if (value := getattr(options, name)) is not None:
-                rule = "is of the hard cases, and there is a scene: leave out one of the two"
+                rule = "applies to the hard cases, not to a scene: omit one of the two"
                 raise OptionError(
                     rule, at=name, value=",".join(value) if name == "group" else value
                 )
@@ -90,12 +91,12 @@ def measure(
 
 
 def is_of_cases(study: xr.Dataset) -> bool:
-    """Whether a study is of the hard cases, and not of a scene."""
+    """Return whether a study is of the hard cases, and not of a scene."""
     return "case" in study.dims
 
 
 def table(study: xr.Dataset) -> list[Any]:
-    """The study in lines of text, or as rich prints it."""
+    """Return the study as lines of text, or as objects that rich prints."""
     if not is_of_cases(study):
         return trust.table(study)
     from rigidmc.studies.stress.table import case_table  # rich takes 0.1 s
@@ -104,13 +105,14 @@ def table(study: xr.Dataset) -> list[Any]:
 
 
 def outcome(study: xr.Dataset) -> str:
-    """Whether a case is above its bound or crashed, or the scene cannot be trusted."""
+    """Return "flagged" if a case is above its bound or crashed, or the scene cannot be trusted;
+    else "done"."""
     failed = hard_cases.any_failed if is_of_cases(study) else trust.has_failed
     return "flagged" if failed(study) else "done"
 
 
 def save_bounds(study: xr.Dataset, path: Path, force: bool) -> bool:
-    """Write bounds of the hard cases; False for a scene, which has none."""
+    """Write bounds of the hard cases; return False for a scene, which has no bounds."""
     if is_of_cases(study):
         hard_cases.write_bounds(study, path, force)
     return is_of_cases(study)
@@ -123,7 +125,7 @@ stress = Study(
     work=Direct(measure, "True for a bar, or a function of (done, all)", needs_scene=False),
     table=table,
     picture="stress_picture",
-    scene_text="a scene to put through the generic checks; without it the catalogue of hard cases",
+    scene_text="a scene for the generic checks; without it the catalogue of hard cases runs",
     files={
         "write_bounds": OutputFile(
             "tables of bounds",

@@ -1,4 +1,4 @@
-"""The hard cases as rich prints them: error over bound, the worst runs, crashes, and a verdict."""
+"""The table of the hard cases for rich: error / bound, the worst runs, crashes, and a verdict."""
 
 import math
 from collections.abc import Iterator
@@ -22,11 +22,11 @@ _STYLES = {
     "above": "bold white on red",
     "crashed": "bold white on red",
 }
-WORST = 8  # runs that are told in full
+WORST = 8  # number of runs listed in full
 
 
 def case_table(study: xr.Dataset) -> list[Any]:
-    """The table of error over bound, the worst runs, those that crashed, and a verdict."""
+    """Return the table of error / bound, the worst runs, the crashed runs, and a verdict."""
     verdict, names = study.verdict.values, study.integrator.values
     with np.errstate(all="ignore"):
         ratio = study.error.values / study.bound.values
@@ -48,7 +48,7 @@ def case_table(study: xr.Dataset) -> list[Any]:
 
 
 def _counts(study: xr.Dataset) -> str:
-    """How many cases and runs there are, and how many of each verdict."""
+    """Return a line with the number of cases, of runs, and of each verdict."""
     verdict = study.verdict.values
     count = {word: int((verdict == place).sum()) for place, word in enumerate(VERDICTS)}
     parts = [f"{count[word]:,} {word}" for word in VERDICTS[1:] if count[word]]
@@ -64,11 +64,11 @@ def _counts(study: xr.Dataset) -> str:
 
 
 def _sheet(study: xr.Dataset, ratio: NDArray[np.float64]) -> Table:
-    """The table of error over bound: a row for each case, a column for each integrator."""
+    """Return the table of error / bound: a row for each case, a column for each integrator."""
     sheet = Table(
         "case",
         *study.integrator.values,
-        title="error over bound (. not claimed, ? not judged: no bound, X crashed)",
+        title="error / bound (. not claimed, ? not judged: no bound, X crashed)",
         title_justify="left",
         pad_edge=False,
         padding=(0, 1, 0, 0),
@@ -90,11 +90,11 @@ def _sheet(study: xr.Dataset, ratio: NDArray[np.float64]) -> Table:
 
 
 def _run(study: xr.Dataset, i: int, j: int, ratio: float) -> Iterator[Text]:
-    """One run: its error, its bound, why the case is hard, and the truth it is held to."""
+    """Yield lines about one run: its error, its bound, why the case is hard, and the truth."""
     error, bound, measured = (
         float(study[name].values[i, j]) for name in ("error", "bound", "measured")
     )
-    known = "" if math.isnan(measured) else f", {measured:.1e} where the bounds were made"
+    known = "" if math.isnan(measured) else f", {measured:.1e} when the bounds were measured"
     style = _STYLES.get(VERDICTS[int(study.verdict.values[i, j])], "")
     case = f"{study.group.values[i]} {study.case.values[i]}, {study.integrator.values[j]}"
     line = f"  {ratio:6.2f}  {case}: error {error:.1e}, bound {bound:.1e}{known}"
@@ -104,7 +104,7 @@ def _run(study: xr.Dataset, i: int, j: int, ratio: float) -> Iterator[Text]:
 
 
 def _cell(verdict: str, ratio: float) -> Text:
-    """A cell of the table."""
+    """Return a cell of the table."""
     if verdict == "not claimed":
         return Text(".", style="dim")
     if verdict in ("crashed", "not judged"):

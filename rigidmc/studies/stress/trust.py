@@ -1,7 +1,7 @@
 """How far a scene can be trusted: checks of its own members, and a verdict.
 
-No check needs a truth: members move again by other steps, in other units and with axes renamed, and
-the difference is the error.
+The checks do not need a truth: they recompute members with other steps, in other units and with
+permuted axes; the difference is the error.
 """
 
 import contextlib
@@ -34,7 +34,7 @@ from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.scene import Scene
 from rigidmc.version import VERSION
 
-TIMES = 32  # at which states are compared
+TIMES = 32  # number of times at which states are compared
 _CYCLE = (0.5, 0.5, 0.5, 0.5)  # body axes relabelled 1 -> 3 -> 2
 _BACK = (0.5, -0.5, -0.5, -0.5)  # and back
 _ABOUT_VERTICAL = (math.cos(0.7), 0.0, 0.0, math.sin(0.7))  # a rotation of space by 1.4 rad
@@ -45,7 +45,7 @@ Errors = NDArray[np.float64]  # (times, members)
 class Check(NamedTuple):
     """One check.
 
-    tells : "accuracy", or "rounding" if the two runs are the same motion in other numbers
+    tells : "accuracy", or "rounding" if both runs compute the same motion with different numbers
     error : (times, members)
     """
 
@@ -55,7 +55,7 @@ class Check(NamedTuple):
 
 
 def pilot_of(scene: Scene, count: int) -> Pilot:
-    """The first members at TIMES times, with the attitude, which is part of the error."""
+    """Return the first members at TIMES times, with the attitude, which is part of the error."""
     end = scene.run.t_end
     shown = scene.with_run(
         every=end / TIMES, save=("momentum", "attitude"), members=min(scene.run.members, count)
@@ -70,7 +70,7 @@ def pilot_of(scene: Scene, count: int) -> Pilot:
 
 
 def steps_of(pilot: Pilot, plan: Plan) -> int:
-    """Steps of the scene as the pilot counts them: a multiple of TIMES."""
+    """Return the number of steps of the scene for the pilot: a multiple of TIMES."""
     steps, run = float(plan.grid.steps), pilot.scene.run
     if run.turn is not None:
         steps = run.t_end * float(pilot.rates.max()) / run.turn
@@ -78,7 +78,7 @@ def steps_of(pilot: Pilot, plan: Plan) -> int:
 
 
 class Runs:
-    """The runs of all checks beside the run that is judged, whose states are `states`."""
+    """The judged run, with the states `states`, and the runs of all checks."""
 
     def __init__(self, pilot: Pilot, integrator: str, steps: int, report: Any) -> None:
         self.pilot, self.integrator, self.steps, self.report = pilot, integrator, steps, report
@@ -88,14 +88,14 @@ class Runs:
             self.states = self.follow(pilot, integrator, steps)
 
     def follow(self, pilot: Pilot, integrator: str, steps: int) -> PilotStates:
-        """The PilotStates of a pilot by an integrator; reports progress."""
+        """Integrate a pilot, report progress, and return its PilotStates."""
         states: PilotStates = integrate_pilot(pilot, integrator, steps)
         self.report.step(1)
         self.report.poll()
         return states
 
     def checks(self) -> Iterator[Check]:
-        """All checks that apply to the scene."""
+        """Yield all checks that apply to the scene."""
         name, states = self.other()
         yield Check(f"another integrator ({name})", "accuracy", self.error(states))
         if self.integrator == "closed":
@@ -106,18 +106,18 @@ class Runs:
         yield Check("half the step", "accuracy", left * self.error(half))
         for name, states in (*self.other_units(), *self.other_axes()):
             yield Check(name, "rounding", self.error(states))
-        # a torque that depends on L or on time does not lead back when L is reversed
+        # with a torque that depends on L or on time, reversing L does not reverse the motion
         if not any(argument_names(e, "torque") & {"l", "t"} for e in self.pilot.scene.effects):
             yield Check("there and back", "accuracy", self.there_and_back())
         with contextlib.suppress(SceneError):
             yield Check("closed form", "accuracy", self.error(_closed(self.pilot)))
 
     def error(self, states: PilotStates) -> Errors:
-        """Distance of the judged run from other states."""
+        """Return the distance of the judged run from other states."""
         return _distance(self.states, states)
 
     def other(self) -> tuple[str, PilotStates]:
-        """(name, PilotStates) of the best other integrator, at a step that is short for it."""
+        """Return (name, PilotStates) of the best other integrator, with a short step."""
         able = integrators_for(self.pilot.scene.effects)
         name = "rk8" if self.integrator != "rk8" else "srkn11" if "srkn11" in able else "cf4"
         finer = {"rk8": 2, "srkn11": 4}.get(name, 8)
@@ -125,7 +125,7 @@ class Runs:
         return name, self.follow(self.pilot, name, TIMES * math.ceil(steps / TIMES))
 
     def other_units(self) -> Iterator[tuple[str, PilotStates]]:
-        """The same motion in other units, by factors that are no powers of 2."""
+        """Yield the same motion in other units, by factors that are not powers of 2."""
         mass, length, time = 1e-3, 10.0, 0.1
         with contextlib.suppress(SceneError):
             other = pilot_of(scale_scene(self.pilot.scene, mass, length, time), self.pilot.members)
@@ -133,7 +133,8 @@ class Runs:
             yield "other units", states._replace(l=states.l * (time / (mass * length**2)))
 
     def other_axes(self) -> Iterator[tuple[str, PilotStates]]:
-        """The same motion with permuted body axes, and in a space rotated about the vertical."""
+        """Yield the same motion with permuted body axes, and in space rotated about the
+        vertical."""
         block, effects = self.pilot.block, self.pilot.scene.effects
         if not all(facts(effect).isotropic for effect in effects):
             return
@@ -158,11 +159,11 @@ class Runs:
         yield "turned space", states._replace(q=back)
 
     def from_block(self, block: NDArray[np.float64]) -> PilotStates:
-        """The PilotStates of the pilot from the start in a block."""
+        """Return the PilotStates of the pilot from the start in a block."""
         return self.follow(self.pilot._replace(block=block), self.integrator, self.steps)
 
     def there_and_back(self) -> Errors:
-        """Error after integrating back from t_end to each time."""
+        """Return the error after integrating back from t_end to each time."""
         states, count = self.states, self.pilot.members
         block = self.pilot.block.copy()
         block[: layout.MOMENTUM, :count] = states.q[-1]
@@ -179,7 +180,7 @@ class Runs:
 
 
 def _closed(pilot: Pilot) -> PilotStates:
-    """The PilotStates of a pilot by the closed form; SceneError if there is none."""
+    """Return the PilotStates of a pilot from the closed form; SceneError if there is none."""
     case = closed_form(pilot.scene.model, pilot.sampler, pilot.first, pilot.members)
     motion = case.motion(pilot.times)
     q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)
@@ -187,10 +188,8 @@ def _closed(pilot: Pilot) -> PilotStates:
 
 
 def _distance(one: PilotStates, two: PilotStates) -> Errors:
-    """The larger error of momentum [of its largest size so far] and attitude [rad].
-
-    The largest so far at each time.
-    """
+    """Return the larger error of momentum [relative to its largest size so far] and attitude [rad],
+    as the largest so far at each time."""
     with np.errstate(all="ignore"):
         size = np.maximum.accumulate(np.sqrt((two.l**2).sum(1)))
         off = relative(np.sqrt(((one.l - two.l) ** 2).sum(1)), size)
@@ -202,7 +201,7 @@ def _distance(one: PilotStates, two: PilotStates) -> Errors:
 
 
 MEMBERS, FEW = 64, 32  # members checked, and with `quick`
-LEFT = 1e-2  # error at which two digits are left: beyond it nothing is a result
+LEFT = 1e-2  # error at which two digits are left: results with a larger error are worthless
 
 
 def trust(
@@ -210,18 +209,19 @@ def trust(
     quick: bool = False,
     progress: bool | Callable[[int, int], object] = False,
 ) -> xr.Dataset:
-    """Put a scene through the generic checks: a Dataset over `check` and `time`.
+    """Run the generic checks on a scene; return a Dataset over `check` and `time`.
 
-    scene : with the integrator and step to be judged;  quick : fewer members
-    progress : as of `rigidmc.simulate`
+    scene : with the integrator and step to judge;  quick : fewer members
+    progress : as in `rigidmc.simulate`
 
-    Checks of accuracy: half the step, another integrator at a short step, the closed form if there
-    is one, there and back. Checks of rounding compute the same motion with other numbers: other
-    units, permuted axes, space rotated about the vertical.
-    Variables: error (of the worst member) and error_median, the larger of momentum [of its size]
-    and attitude [rad]; `tells` over check. Attributes: verdict, digits (that all members keep to
-    t_end), horizon [s] (beyond which fewer than two are left), chaotic_share, flagged.
-    Raises SceneError for a scene that cannot be run.
+    Checks of accuracy: half the step, another integrator with a short step, the closed form if
+    there is one, there and back. Checks of rounding compute the same motion with different numbers:
+    other units, permuted axes, space rotated about the vertical.
+    Variables: error (of the worst member) and error_median, the larger of the errors of momentum
+    [relative] and attitude [rad]; `tells` over check. Attributes: verdict, digits (correct for all
+    members up to t_end), horizon [s] (after which fewer than two are correct), chaotic_share,
+    flagged.
+    Raises SceneError for a scene that cannot run.
     """
     check_quiet(scene)
     scene, _ = choose_integrator(scene)
@@ -243,7 +243,10 @@ def _dataset(
     factor: NDArray[np.float64],
     rate: NDArray[np.float64],
 ) -> xr.Dataset:
-    """The Dataset of a study; factor, rate : growth of a disturbance, see `pilot.growth`."""
+    """Return the Dataset of a study.
+
+    factor, rate : growth of a disturbance, see `measure_growth`
+    """
     shown = flagged if flagged.all() else ~flagged
     worst = np.array([check.error[:, shown].max(1) for check in checks])
     median = np.array([np.median(check.error[:, shown], axis=1) for check in checks])
@@ -275,7 +278,7 @@ def _dataset(
 
 
 def _verdict(study: xr.Dataset) -> dict[str, Any]:
-    """{verdict, digits, horizon} in words and numbers."""
+    """Return {verdict, digits, horizon}, as text and numbers."""
     tells, t = study.tells.values, study.time.values
     rounding = np.zeros(len(t))
     if (tells == "rounding").any():
@@ -287,12 +290,12 @@ def _verdict(study: xr.Dataset) -> dict[str, Any]:
         words = f"trust {digits} digits to t = {t[-1]:.4g} s"
         return {"verdict": words, "digits": digits, "horizon": float(t[-1])}
     chaos = study.attrs["chaotic_share"] > 0.0 and rounding[-1] > 1e-3 * min(error[-1], 1.0)
-    why = "chaos" if chaos else "the step is too long for this: take a shorter one, or --tolerance"
+    why = "chaos" if chaos else "the step is too long: use a shorter one, or --tolerance"
     if beyond[0] == 0:
         words = f"trust nothing: fewer than two digits are left at t = {t[0]:.4g} s; {why}"
         return {"verdict": words, "digits": 0, "horizon": 0.0}
     horizon = float(t[beyond[0] - 1])
-    # the most digits that last for a good part of the horizon
+    # the most digits that last for at least 40 % of the horizon
     lasting = [
         (digits, t[np.flatnonzero(error > 10.0**-digits)[0] - 1])
         for digits in (9, 6, 4, 3, 2)
@@ -305,14 +308,14 @@ def _verdict(study: xr.Dataset) -> dict[str, Any]:
 
 
 def _digits(error: float) -> int:
-    """The digits that an error leaves, at most 15."""
+    """Return the correct digits for an error, at most 15."""
     if not math.isfinite(error):
         return 0
     return 15 if error < 1e-15 else max(0, math.floor(-math.log10(error) + 1e-9))
 
 
 def table(study: xr.Dataset) -> list[str]:
-    """Lines of text: each check at a quarter, half and the whole of the time, and the verdict."""
+    """Return lines of text: each check at a quarter, half and all of the time, and the verdict."""
     a, t = study.attrs, study.time.values
     at = [len(t) // 4 - 1, len(t) // 2 - 1, len(t) - 1]
     members = f"{a['members']} member{'s' * (a['members'] > 1)}"
@@ -327,15 +330,15 @@ def table(study: xr.Dataset) -> list[str]:
         lines.append(f"{name:32s}" + "".join(f"{cell:>22s}" for cell in cells))
     if a["flagged"]:
         of_all = f"{a['flagged']} of {count_text(a['members'], 'member')}"
-        lines.append(f"{of_all} turn non-finite and are left out")
+        lines.append(f"{of_all} become non-finite and are left out")
     if a["chaotic_share"] > 0.0:
         share = f"{100 * a['chaotic_share']:.0f} % of the members"
-        words = "errors grew faster than a power of time (chaos, or a separatrix nearby)"
+        words = "errors grow faster than a power of time (chaos, or a separatrix nearby)"
         lines.append(f"in {share} {words}")
     return [*lines, f"verdict: {a['verdict']}"]
 
 
 def has_failed(study: xr.Dataset) -> bool:
-    """Whether members fail, or no digit is left although the motion is not chaotic."""
+    """Return whether members fail, or no digit is left although the motion is not chaotic."""
     a = study.attrs
     return bool(a["flagged"]) or (a["digits"] == 0 and "chaos" not in a["verdict"])

@@ -1,6 +1,7 @@
 """Errors of hard cases against a closed form, a published end, an invariant, or another run.
 
-Each function returns an `ErrorOf`: a function of (integrator, share) that integrates and compares.
+Each function returns an `ErrorOf`: a function of (integrator, share) that integrates, compares, and
+returns the error.
 """
 
 import math
@@ -26,7 +27,7 @@ from rigidmc.studies.stress.problems import Problem
 
 
 def closed_states(scene: Scene, ds: xr.Dataset) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(attitude, momentum) by the closed form at the times of a Dataset."""
+    """Return (attitude, momentum) from the closed form at the times of a Dataset."""
     units = choose_units(scene) or UnitScale(1.0, 1.0)
     inner = scale_scene(scene, units.mass, 1.0, units.time)
     motion = closed_form(
@@ -37,7 +38,7 @@ def closed_states(scene: Scene, ds: xr.Dataset) -> tuple[NDArray[np.float64], ND
 
 
 def distance_to_closed_form(scene: Scene, t_end: float, saves: int = 8, **options: Any) -> ErrorOf:
-    """Error of the state against the closed form; that of the closed form against an integrator."""
+    """Compare the state with the closed form; compare the closed form with an integrator."""
 
     def error(integrator: str, share: float) -> float:
         ds = run(scene, integrator, t_end, saves, **options)
@@ -54,7 +55,7 @@ def distance_to_closed_form(scene: Scene, t_end: float, saves: int = 8, **option
 
 
 def against_turn(scene: Scene, t_end: float, omega: float) -> ErrorOf:
-    """Error of the state against a rotation by omega [rad/s] about axis 2, from the attitude 1."""
+    """Compare the state with a rotation at omega [rad/s] about axis 2, from the attitude 1."""
 
     def error(integrator: str, share: float) -> float:
         ds = run(scene, integrator, t_end)
@@ -67,7 +68,7 @@ def against_turn(scene: Scene, t_end: float, omega: float) -> ErrorOf:
 
 
 def flagged_or_close(scene: Scene, t_end: float, **options: Any) -> ErrorOf:
-    """Error of the state against the closed form, 0 for a flagged member.
+    """Compare the state with the closed form; the error of a flagged member is 0.
 
     A flag is a right answer here: nonsense must not look like a result.
     """
@@ -75,7 +76,7 @@ def flagged_or_close(scene: Scene, t_end: float, **options: Any) -> ErrorOf:
     def error(integrator: str, share: float) -> float:
         try:
             ds = run(scene, integrator, t_end, 8, **options)
-        except RigidmcError as refusal:  # midpoint, whose equation has no solution at this step
+        except RigidmcError as refusal:  # the equation of midpoint has no solution at this step
             return 0.0 if "can be solved" in str(refusal) else math.inf
         off = distance(ds.attitude.values, ds.momentum.values, *closed_states(scene, ds)).max(0)
         return float(
@@ -90,7 +91,7 @@ def flagged_or_close(scene: Scene, t_end: float, **options: Any) -> ErrorOf:
 
 
 def against_end(problem: Problem, turn: float | None = None) -> ErrorOf:
-    """Error at the published end of a problem."""
+    """Compare with the published end of a problem."""
     weight = tuple(problem.gravity * p for p in problem.static_moment)
     scene = tops(problem.moments, problem.momentum, problem.attitude, weight)
 
@@ -105,7 +106,7 @@ def against_end(problem: Problem, turn: float | None = None) -> ErrorOf:
 
 
 def over_members(scene: Scene, t_end: float) -> ErrorOf:
-    """Largest distance of a member from the first."""
+    """Find the largest distance of a member from the first."""
 
     def error(integrator: str, share: float) -> float:
         ds = run(scene, integrator, t_end, 4)
@@ -119,9 +120,9 @@ def over_members(scene: Scene, t_end: float) -> ErrorOf:
 def flips(
     moments: tuple[float, float, float], momentum: tuple[float, float, float], count: int
 ) -> ErrorOf:
-    """Largest relative error of the first `count` zeros of L2, which are at (2 k + 1) K/lambda.
+    """Find the largest relative error of the first `count` zeros of L2, at (2 k + 1) K/lambda.
 
-    The motion must start where L3 = 0. Between saves L2 is the cubic with its values and slopes.
+    The motion must start at L3 = 0. Between saves L2 is the cubic through its values and slopes.
     """
     kind = analyse_free_top(moments, momentum)
     interval, rate = float(kind.flip_interval), float(kind.rate)
@@ -145,7 +146,7 @@ def flips(
 
 
 def _root(a: float, b: float, f: float, g: float, df: float, dg: float) -> float:
-    """The zero between a and b of the cubic with values f, g and slopes df, dg there."""
+    """Return the zero between a and b of the cubic with values f, g and slopes df, dg there."""
     h = b - a
     cubic = np.polynomial.Polynomial(
         [f, h * df, 3 * (g - f) - h * (2 * df + dg), 2 * (f - g) + h * (df + dg)]
@@ -157,7 +158,8 @@ def _root(a: float, b: float, f: float, g: float, df: float, dg: float) -> float
 
 
 def there_and_back(scene: Scene, t_end: float, **options: Any) -> ErrorOf:
-    """Distance from the start after running to t_end, reversing the momentum, and running back."""
+    """Run to t_end, reverse the momentum, and run back; the error is the distance from the
+    start."""
 
     def error(integrator: str, share: float) -> float:
         ds = run(scene, integrator, t_end, 1, **options)
@@ -172,7 +174,7 @@ def there_and_back(scene: Scene, t_end: float, **options: Any) -> ErrorOf:
 
 
 def same_bits(scene: Scene, t_end: float, **options: Any) -> ErrorOf:
-    """How many numbers differ between runs with blocks of different sizes."""
+    """Count the numbers that differ between runs with blocks of different sizes."""
     names = ("momentum", "attitude", "energy_drift_max", "status")
 
     def error(integrator: str, share: float) -> float:
@@ -197,9 +199,9 @@ def distance_in_units(
     power_of_two: bool,
     **options: Any,
 ) -> ErrorOf:
-    """Distance of two scenes that differ only by units.
+    """Find the distance of two scenes that differ only in units.
 
-    time, mass_length : factors of times and of momenta;  power_of_two : then the bits must be equal
+    time, mass_length : factors of times and of momenta;  power_of_two : then bits must be equal
     """
 
     def error(integrator: str, share: float) -> float:
@@ -216,7 +218,7 @@ def distance_in_units(
 
 
 def is_refused(call: Callable[[str], object], rule: str) -> ErrorOf:
-    """0 if a call raises a SceneError whose text contains `rule`, else 1."""
+    """Return the error 0 if a call raises a RigidmcError whose text contains `rule`, else 1."""
 
     def error(integrator: str, share: float) -> float:
         try:

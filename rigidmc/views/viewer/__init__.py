@@ -1,1 +1,1 @@
-"""A result as one HTML page in which its members turn: `rigidmc view`, `ds.rigid.view()`."""
+"""One HTML page in which the members of a result turn: `rigidmc view`, `ds.rigid.view()`."""

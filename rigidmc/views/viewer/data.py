@@ -1,6 +1,6 @@
-"""What the page knows: of a member its body, and attitude and momentum at evenly spaced times; of
-an ensemble how dense the directions of its momenta are; of a map its pixels, and the first member
-of each, which turns when the pixel is clicked.
+"""Data of the page. For a member: its body, and attitude and momentum at evenly spaced times; for
+an ensemble: the density of the momentum directions; for a map: its pixels, and the first member of
+each, which turns when the reader clicks the pixel.
 """
 
 import base64
@@ -25,32 +25,32 @@ from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.views.sample import fastest, omega_or_momentum, thin_result
 from rigidmc.views.surfaces import form_of, member_body, surface_of, surface_radius
 
-TURN = 0.2  # rad between two frames: halfway there a chord is off by 5e-3 of the arc's radius, and
-# the page, which turns along the arc, by 1e-5
+TURN = 0.2  # rad between two frames: halfway, a chord is off by 5e-3 of the arc's radius, and the
+# page, which turns along the arc, by 1e-5
 FEWEST, MOST = 300, 4000  # frames of a member
-POINTS = 1000  # of a drift
+POINTS = 1000  # points of a drift curve
 DENSITIES, MEMBERS = 60, 2000  # times and members of the density
-WIDTH = 0.12  # rad: standard deviation by which a direction is spread in the density
+WIDTH = 0.12  # rad: standard deviation of the kernel of the density
 
 Floats = NDArray[np.float64]
 
 
 def to_base64(values: ArrayLike) -> dict[str, Any]:
-    """Numbers as base64 of little-endian float32, with their shape."""
+    """Encode numbers as base64 of little-endian float32, with their shape."""
     array = np.ascontiguousarray(values, dtype="<f4")
     return {"shape": array.shape, "f4": base64.b64encode(array.tobytes()).decode()}
 
 
 def short(values: ArrayLike) -> dict[str, Any]:
-    """Numbers from -1 to 1 as base64 of 16 bits each: to 0.5/32767."""
+    """Encode numbers from -1 to 1 as base64 of 16 bits each, accurate to 0.5/32767."""
     array = np.round(np.asarray(values) * 32767.0).astype("<i2")
     return {"shape": array.shape, "i2": base64.b64encode(array.tobytes()).decode()}
 
 
 def motion_span(start: xr.Dataset, end: float, most: int = MOST) -> tuple[int, float, float]:
-    """(frames, time that they reach, rate) of the first member of a result or of its start.
+    """Return (frames, time of the last frame, rate) of the first member of a result or its start.
 
-    rate : the fastest that its first momentum could turn it [rad/s], |L| over its least moment
+    rate : upper bound of the turn rate from the first momentum [rad/s], |L| over the least moment
     """
     l, _ = omega_or_momentum(start, "momentum")
     rate = float(np.linalg.norm(l[0, :, 0]) / start.moments.values.min())
@@ -59,8 +59,8 @@ def motion_span(start: xr.Dataset, end: float, most: int = MOST) -> tuple[int, f
 
 
 def closer(shown: xr.Dataset, end: float) -> tuple[int, float, float] | None:
-    """(frames, time that they reach, rate) of a member that turns too far between its frames; None
-    if it does not. A torque may spin it up beyond what its first momentum tells."""
+    """Return (frames, time of the last frame, rate) if a member turns too far between its frames;
+    else None. A torque may spin a member up beyond the bound from its first momentum."""
     if shown.sizes["time"] < 2:
         return None
     rate = float(_fastest(shown)[0])
@@ -71,35 +71,38 @@ def closer(shown: xr.Dataset, end: float) -> tuple[int, float, float] | None:
 
 
 def unseen(shown: xr.Dataset) -> str:
-    """What the page has to say of a member that turns too far between its frames, as one does with
-    noise, which has the steps of its run alone; "" if its frames show the motion."""
+    """Return a warning if a member turns too far between its frames; "" if the frames show the
+    motion. Members with noise have frames only at the steps of their run."""
     if shown.sizes["time"] < 2:
         return ""
     between = float(np.diff(shown.time.values).max())
     found = sparse(_fastest(shown), between)
     if found is None:
         return ""
-    return f"; it {found.who()} between frames and seems to turn otherwise, dt <= {found.every:g} s"
+    return (
+        f"; it {found.who()} between frames, so the apparent motion is wrong; use dt <="
+        f" {found.every:g} s"
+    )
 
 
 def _fastest(shown: xr.Dataset) -> Floats:
-    """The largest rate of what the page shows of a member (1,) [rad/s]."""
+    """Return the largest rate of attitude and momentum of a member (1,) [rad/s]."""
     return np.maximum(fastest(shown, ATTITUDE), fastest(shown, BODY))
 
 
 def motion_data(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:
-    """What the page knows of the frames of a member; its body has a largest distance of 1."""
+    """Return the frames of a member for the page; the body is scaled to a largest distance of 1."""
     body = scene.body
     l = shown.momentum.transpose("time", "axis", "member").values[..., 0]
     q = shown.attitude.transpose("time", "quat", "member").values[..., 0]
     size = np.linalg.norm(l, axis=1)
-    # at rest L is 0 of anything [kg m2/s]
+    # at rest all are 0; avoids 0/0 [kg m2/s]
     largest = max(size.max(), 1e-300)
     form = form_of(shown, body)
     surface = surface_of(body)
     corners = surface.corners @ form[:, :3].T + form[:, 3]
     scale = 1.0 / np.linalg.norm(corners, axis=1).max()
-    # the page has the surface at size 1, see `rigidmc.views.viewer.stage.body_plot`
+    # the surface on the page has size 1, see `rigidmc.views.viewer.stage.body_plot`
     form = np.column_stack([form[:, :3] * surface_radius(surface), form[:, 3]])
     return {
         "index": int(shown.member.values[0]),
@@ -110,7 +113,7 @@ def motion_data(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:
         "form": (scale * form).ravel().tolist(),
         "centre": (scale * member_body(shown, body)[2]).tolist(),
         "q": short(_continuous(q)),
-        # at rest L is 0 by anything
+        # at rest L = 0; dividing by 1 keeps it 0
         "u": short(l / np.where(size > 0.0, size, 1.0)[:, None]),
         "size": short(size / largest),
         **radius(shown, scene.effects),
@@ -118,8 +121,8 @@ def motion_data(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:
 
 
 def radius(shown: xr.Dataset, effects: Iterable[Effect]) -> dict[str, Any]:
-    """{"radius": cosine and sine of the true anomaly at each frame} of a member on an orbit: the
-    local vertical, away from the central body; {} without an orbit."""
+    """Return {"radius": cosine and sine of the true anomaly at each frame} for a member on an
+    orbit: the local vertical, away from the central body; {} without an orbit."""
     for label, effect in label_effects(effects):
         if isinstance(effect, GravityGradient):
             fields = {name: f"{label}_{name}" for name in effect._fields}
@@ -130,19 +133,19 @@ def radius(shown: xr.Dataset, effects: Iterable[Effect]) -> dict[str, Any]:
 
 
 def status_of(ds: xr.Dataset, member: int) -> str:
-    """The word for the status of a member."""
+    """Return the name of a member's status."""
     code = int(ds.status.sel(member=member))
     return next(word for word, known in STATUSES.items() if known == code)
 
 
 def _continuous(q: Floats) -> Floats:
-    """Quaternions (times, 4) whose signs do not jump."""
+    """Choose the signs of quaternions (times, 4) without jumps."""
     flips = np.sign(np.einsum("ti,ti->t", q[1:], q[:-1]))
     return q * np.cumprod(np.concatenate([[1.0], np.where(flips < 0.0, -1.0, 1.0)]))[:, None]
 
 
 def drifts(ds: xr.Dataset, member: int, end: float, allow_code: bool) -> dict[str, Any]:
-    """Drifts of energy and |L|^2 of a member at the saves of the run itself."""
+    """Return the drifts of energy and |L|^2 of a member at the saves of the run itself."""
     run = rerun(ds, member, save=("energy_drift", "l2_drift"), allow_code=allow_code)
     run = run.isel(time=run.time.values <= end * (1.0 + 1e-9))
     run = run.isel(time=slice(None, None, -(-run.sizes["time"] // POINTS)))
@@ -152,19 +155,19 @@ def drifts(ds: xr.Dataset, member: int, end: float, allow_code: bool) -> dict[st
 
 
 def sphere_density(ds: xr.Dataset, corners: Floats) -> dict[str, Any]:
-    """How dense the directions of the members' momenta are at corners (n, 3) of the unit sphere, at
-    up to DENSITIES times: bytes (times, n), 255 at the densest."""
+    """Return the density of the momentum directions at corners (n, 3) of the unit sphere, at up to
+    DENSITIES times: bytes (times, n), 255 at the maximum."""
     part = thin_result(ds)
     l, _ = omega_or_momentum(part, "momentum")
     every, stride = -(-len(l) // DENSITIES), -(-l.shape[-1] // MEMBERS)
     l = l[::every, :, ::stride]
     times = part.time.values[::every] if len(l) > 1 else np.zeros(1)
     size = np.linalg.norm(l, axis=1, keepdims=True)
-    u = l / np.where(size > 0.0, size, 1.0)  # at rest L is 0 by anything
+    u = l / np.where(size > 0.0, size, 1.0)  # at rest L = 0; dividing by 1 keeps it 0
     dense = np.empty((len(u), len(corners)))
     for k, directions in enumerate(u):
         dense[k] = np.exp((corners @ directions - 1.0) / WIDTH**2).sum(1)
-    # pure: no member, no density
+    # 1e-300 avoids 0/0
     shown = np.round(255.0 * np.sqrt(dense / max(dense.max(), 1e-300))).astype(np.uint8)
     return {
         "t": to_base64(times),
@@ -173,20 +176,20 @@ def sphere_density(ds: xr.Dataset, corners: Floats) -> dict[str, Any]:
     }
 
 
-SIDE = 16  # pixels per side whose members are integrated for the page
-FRAMES = 240  # of each
-BODIES = 12  # different bodies whose polhodes are drawn
+SIDE = 16  # pixels per side with a member on the page
+FRAMES = 240  # frames of each member
+BODIES = 12  # different bodies with polhodes
 
 
 def is_map_dataset(ds: xr.Dataset) -> bool:
-    """Whether a Dataset is of `rigidmc.stability_map`."""
+    """Whether a Dataset is a map of `rigidmc.stability_map`."""
     return {"x", "y"} <= set(ds.dims) and "good" in ds
 
 
 def map_data(ds: xr.Dataset, allow_code: bool) -> tuple[Scene, dict[str, Any], list[list[float]]]:
-    """(scene, what the page knows of a map, moments of its bodies)."""
+    """Return (scene, data of the map for the page, moments of its bodies)."""
     if "z" in ds.coords:
-        rule = "a stack of maps has no page: draw it with `rigidmc map FILE --plot`"
+        rule = "pages cannot show a stack of maps: draw it with `rigidmc map FILE --plot`"
         raise OptionError(rule, at="view")
     scene = scene_of(ds, allow_code=allow_code)
     places = _places(ds)
@@ -197,7 +200,7 @@ def map_data(ds: xr.Dataset, allow_code: bool) -> tuple[Scene, dict[str, Any], l
         shown = integrate_member(scene, member, FRAMES, end, _step(scene))
         if int(shown.status.values[0]) == 2:
             continue
-        if (again := closer(shown, end)) is not None:  # as far as FRAMES show it
+        if (again := closer(shown, end)) is not None:  # end where FRAMES still resolve the motion
             far = FRAMES * 2.0 * TURN / again[2]
             shown = integrate_member(scene, member, FRAMES, min(end, far), _step(scene))
         shown.attrs["frames"] += unseen(shown)
@@ -218,7 +221,7 @@ def _step(scene: Scene) -> float | None:
 
 
 def _places(ds: xr.Dataset) -> list[tuple[int, int]]:
-    """(row, column) of evenly spaced pixels that have a body and a start."""
+    """Return (row, column) of evenly spaced pixels that have a body and a start."""
     rows, columns = (
         np.unique(np.linspace(0, ds.sizes[key] - 1, SIDE).round().astype(int)) for key in "yx"
     )
@@ -227,7 +230,7 @@ def _places(ds: xr.Dataset) -> list[tuple[int, int]]:
 
 
 def _end(ds: xr.Dataset, scene: Scene, places: list[tuple[int, int]]) -> tuple[float, float]:
-    """(time that FRAMES reach, turn rate of the fastest of some members)."""
+    """Return (time of the last of FRAMES, largest turn rate of some members)."""
     rates = []
     for i, j in (places[0], places[len(places) // 2], places[-1]):
         member = i * ds.sizes["x"] + j
@@ -239,7 +242,7 @@ def _end(ds: xr.Dataset, scene: Scene, places: list[tuple[int, int]]) -> tuple[f
 
 
 def _pixels(ds: xr.Dataset) -> dict[str, Any]:
-    """Values of the measures with their intervals and colours, rows from low y to high."""
+    """Return values, intervals and colours of the measures, rows from low y to high."""
     measures = [
         name
         for name in map(str, ds.data_vars)
@@ -275,7 +278,7 @@ def _measure(ds: xr.Dataset, name: str) -> dict[str, Any]:
         "name": name,
         "words": ds[name].attrs.get("long_name", name),
         "units": units_text(ds[name].attrs.get("units", "1")),
-        # in the units of the variable; a scale without ends is that of a share
+        # in the units of the variable; a scale without ends is for a fraction
         "range": [float(norm.vmin or 0.0), float(norm.vmax or 1.0)],
         "places": to_base64(places),
         "values": to_base64(values),

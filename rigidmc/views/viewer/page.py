@@ -1,4 +1,4 @@
-"""The page as one file: what K3D draws, numbers, style and script, with nothing from elsewhere."""
+"""The page as one self-contained file: K3D plots, numbers, style and script."""
 
 import base64
 import html
@@ -33,7 +33,7 @@ from rigidmc.views.viewer.data import (
     unseen,
 )
 
-SHOWN, MOST = 4, 12  # members of a page by default, and at most
+SHOWN, MOST = 4, 12  # members of a page: default and maximum
 
 
 def view(
@@ -44,24 +44,24 @@ def view(
     force: bool = False,
     allow_code: bool = False,
 ) -> "Page":
-    """A result as a page: members turn in space beside their momentum spheres, with omega, Euler
-    angles and drifts against time, and the density of the ensemble.
+    """Make a page of a result: members turn in space next to their momentum spheres, with omega,
+    Euler angles and drifts against time, and the density of the ensemble.
 
-    ds : a result, or a map of `rigidmc.stability_map`, whose pixels tell their numbers and show a
-        member turning
-    members : indices; by default SHOWN of them, evenly spaced, and the first that is flagged
-    until : end of the motion that is shown [s]; by default that of the run, or as far as 4,000
+    ds : a result, or a map of `rigidmc.stability_map`, whose pixels show their values and a turning
+        member
+    members : indices; by default SHOWN members, evenly spaced, and the first flagged one
+    until : end of the motion on the page [s]; by default the end of the run, or as far as 4,000
         frames reach (tests/whole/test_claims.py)
     output : HTML file to write; force : replace it if it exists
 
-    The members are integrated again, see `rigidmc.runs.rerun`. Raises OptionError for members that
-    the result does not have, FileError without k3d, OutputExists.
+    Reruns the members, see `rigidmc.runs.rerun`. Raises OptionError for members that the result
+    does not have, FileError without k3d, OutputExists.
     """
     if output is not None:
         refuse_existing(output, force, "pages")
     check_k3d()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SceneWarning)  # the run has told them
+        warnings.simplefilter("ignore", SceneWarning)  # the run has shown them
         if is_map_dataset(ds):
             page = Page(_of_map(ds, allow_code))
         else:
@@ -72,16 +72,16 @@ def view(
 
 
 def check_k3d() -> None:
-    """Raise FileError if k3d, which draws, is not installed."""
+    """Raise FileError if k3d, which draws pages, is not installed."""
     try:
         import k3d  # noqa: F401
     except ImportError as error:
-        rule = f"pages are drawn by k3d: pip install 'rigidmc[view]' ({error})"
+        rule = f"pages require k3d: pip install 'rigidmc[view]' ({error})"
         raise FileError(rule, at="view") from None
 
 
 class Page:
-    """A page: its text, and how a notebook shows it."""
+    """An HTML page, which a notebook shows in a frame."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -92,9 +92,9 @@ class Page:
 
 
 def _chosen(ds: xr.Dataset, members: Sequence[int] | None) -> list[int]:
-    """Indices of the members shown; OptionError."""
+    """Return the indices of the members to show; OptionError."""
     known, status = ds.member.values, ds.status.values
-    started = known[status != 2]  # one that never started has no motion
+    started = known[status != 2]  # a member that never started has no motion
     if members is None:
         if not started.size:
             raise OptionError("no member of the result has started", at="members")
@@ -108,19 +108,19 @@ def _chosen(ds: xr.Dataset, members: Sequence[int] | None) -> list[int]:
             rule = f"the result has the members {known[0]} to {known[-1]}"
             raise OptionError(rule, at="members", value=member)
         if member not in started:
-            rule = "this member never started: it has no such body or start"
+            rule = "this member never started: impossible body or start"
             raise OptionError(rule, at="members", value=member)
     return list(dict.fromkeys(members))
 
 
 def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code: bool) -> str:
-    """The text of the page."""
+    """Return the text of the page of a result."""
     scene = scene_of(ds, allow_code=allow_code)
     facts, bodies = [], list[list[float]]()
     last = float(ds.time.values[-1])
     end = last if until is None else until
     if end > last * (1.0 + 1e-9):
-        rule = f"the run ends at {last:g} s; of a scene --set run.t_end={end:g} makes it longer"
+        rule = f"the run ends at {last:g} s; for a scene, use --set run.t_end={end:g}"
         raise OptionError(rule, at="until", value=end)
     for member in members:
         count, reached, rate = motion_span(ds.sel(member=[member]), end)
@@ -151,7 +151,7 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
 
 
 def _of_map(ds: xr.Dataset, allow_code: bool) -> str:
-    """The text of the page of a map."""
+    """Return the text of the page of a map."""
     scene, data, bodies = map_data(ds, allow_code)
     a = ds.attrs
     about = (
@@ -164,9 +164,9 @@ def _of_map(ds: xr.Dataset, allow_code: bool) -> str:
 
 
 def _plots(scene: Scene, bodies: list[list[float]], l: NDArray[np.float64]) -> dict[str, str]:
-    """The two K3D plots as base64.
+    """Return the two K3D plots as base64.
 
-    bodies : moments whose polhodes are drawn;  l : the first momentum (3,)
+    bodies : moments of the bodies with polhodes;  l : the first momentum (3,)
     """
     from rigidmc.views.viewer.stage import body_plot, sphere_plot
 
@@ -180,10 +180,10 @@ def _plots(scene: Scene, bodies: list[list[float]], l: NDArray[np.float64]) -> d
 
 
 def _about(ds: xr.Dataset, scene: Scene, until: float | None) -> str:
-    """One line on the run."""
+    """Describe the run in one line."""
     end = f"t_end = {scene.run.t_end:g} s"
     if until is not None and until < scene.run.t_end:
-        end += f", shown to {until:g} s"
+        end += f", shown up to {until:g} s"
     effects = ", ".join(type(effect).__name__ for effect in scene.effects) or "no torque"
     return (
         f"{count_text(ds.sizes['member'], 'member')}, {effects}, {ds.attrs['integrator']},"
@@ -192,7 +192,7 @@ def _about(ds: xr.Dataset, scene: Scene, until: float | None) -> str:
 
 
 def _filled(title: str, about: str, data: dict[str, Any]) -> str:
-    """The template with everything in it."""
+    """Fill the template."""
     import k3d
 
     own = files(__package__)
@@ -202,11 +202,11 @@ def _filled(title: str, about: str, data: dict[str, Any]) -> str:
         "ABOUT": html.escape(about),
         "STYLE": own.joinpath("viewer.css").read_text(encoding="utf-8"),
         "LIBRARY": library.read_text(encoding="utf-8").replace("</script", "<\\/script"),
-        # no "<": it could end the script, or begin a comment in it that hides the end
+        # no "<": it could end the script, or begin a comment that hides the end of the script
         "DATA": json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
         "SCRIPT": own.joinpath("viewer.js").read_text(encoding="utf-8"),
     }
     text = own.joinpath("viewer.html").read_text(encoding="utf-8")
-    # by pieces, because what is put in may hold a placeholder
+    # by pieces, because the inserted text may contain a placeholder
     pieces = text.split("@@")
     return "".join(parts[piece] if k % 2 else piece for k, piece in enumerate(pieces))

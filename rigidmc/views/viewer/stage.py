@@ -1,6 +1,6 @@
-"""The two scenes of the page, as K3D plots: the body in space, and its momentum sphere.
+"""The two stages of the page as K3D plots: the body in space, and its momentum sphere.
 
-The page moves objects by their names; "0/polhode" belongs to the first of several bodies.
+The page moves objects by name; "0/polhode" belongs to the first of several bodies.
 """
 
 from collections.abc import Iterable, Sequence
@@ -22,14 +22,14 @@ from rigidmc.views.viewer.data import MOST
 Floats = NDArray[np.float64]
 
 GREY, INK, PATH, PULL = 0xA8A8A8, 0x303030, 0xD94801, 0x2A9D6F
-AXES = (0x2171B5, 0xB5651D, 0x7A7A7A)  # of axes 1, 2, 3, as the tones of a box
+AXES = (0x2171B5, 0xB5651D, 0x7A7A7A)  # axes 1, 2, 3, in the tones of a box
 STICK = ((0.0, 0.0), (0.008, 0.0), (0.008, 1.0), (0.0, 1.0))
 ARROW = ((0.0, 0.0), (0.014, 0.0), (0.014, 0.86), (0.045, 0.86), (0.0, 1.0))
-POINTS = MOST + 1  # of the trace and the path
+POINTS = MOST + 1  # points of the trace and of the path
 
 
 def empty(eye: ArrayLike) -> Any:
-    """A plot without grid, menu and helpers, seen from `eye` (3,) with axis 3 upward."""
+    """Return a plot without grid, menu and helpers, seen from `eye` (3,) with axis 3 upward."""
     plot = k3d.plot(
         camera_auto_fit=False,
         grid_visible=False,
@@ -45,7 +45,7 @@ def empty(eye: ArrayLike) -> Any:
 
 
 def solid_surface(surface: Surface, name: str) -> Any:
-    """A surface whose triangles have their own colours."""
+    """Return a surface with a colour for each triangle."""
     tones = np.array([int(tone[1:], 16) for tone in TONES], dtype=np.uint32)
     return k3d.mesh(
         surface.corners[surface.faces].reshape(-1, 3).astype(np.float32),
@@ -57,7 +57,7 @@ def solid_surface(surface: Surface, name: str) -> Any:
 
 
 def plain_surface(surface: Surface, color: int, name: str) -> Any:
-    """A surface of one colour."""
+    """Return a surface of one colour."""
     return k3d.mesh(
         surface.corners.astype(np.float32),
         surface.faces.astype(np.uint32),
@@ -67,18 +67,19 @@ def plain_surface(surface: Surface, color: int, name: str) -> Any:
 
 
 def line_plot(points: Floats, color: int, name: str) -> Any:
-    """A line of one pixel."""
+    """Return a line one pixel wide."""
     return k3d.line(np.asarray(points, dtype=np.float32), shader="simple", color=color, name=name)
 
 
 def body_plot(surface: Surface, effects: Sequence[Effect]) -> Any:
-    """A body at the origin with its axes; the vertical, the momentum, and what pulls.
+    """Return the stage of a body at the origin, with its axes, the vertical, the momentum, and
+    arrows for gravity and fields.
 
-    The page gives the body the form of a member, fills the trace of axis 3, and turns it all.
+    The page gives the body the form of a member, fills the trace of axis 3, and turns everything.
     """
     plot = empty((1.9, -2.6, 1.1))
-    # K3D puts the near plane of its camera by the size of what it is given: a moon of 190 km, as it
-    # is, would hide all that the page draws
+    # K3D sets the near plane of its camera by the size of its objects: a moon of 190 km at full
+    # size would hide everything
     plot += solid_surface(
         surface._replace(corners=surface.corners / surface_radius(surface)), "body"
     )
@@ -99,7 +100,7 @@ def body_plot(surface: Surface, effects: Sequence[Effect]) -> Any:
 
 
 def _pulls(effects: Iterable[Effect]) -> Iterable[tuple[str, Floats]]:
-    """(name, direction) of gravity and of uniform fields."""
+    """Yield (name, direction) of gravity and of uniform fields."""
     for effect in effects:
         if isinstance(effect, Gravity):
             yield "gravity", np.array([0.0, 0.0, -1.0])
@@ -109,7 +110,7 @@ def _pulls(effects: Iterable[Effect]) -> Iterable[tuple[str, Floats]]:
 
 
 def _along(direction: Floats) -> Floats:
-    """A rotation (3, 3) that takes axis 3 to a direction (3,)."""
+    """Return a rotation (3, 3) that takes axis 3 to a direction (3,)."""
     across = np.eye(3)[int(np.argmin(np.abs(direction)))]
     one = np.cross(across, direction)
     one /= np.linalg.norm(one)
@@ -117,10 +118,10 @@ def _along(direction: Floats) -> Floats:
 
 
 def sphere_plot(moments: Sequence[Floats], start: Floats) -> Any:
-    """The momentum sphere in body axes, with polhodes and separatrices of some bodies, of which the
-    page shows one; the page fills the path of a member.
+    """Return the momentum sphere in body axes, with polhodes and separatrices of several bodies.
+    The page shows the curves of one body and fills the path of a member.
 
-    start : a direction (3,) in the octant from which the sphere is seen
+    start : a direction (3,) in the octant of the viewer
     """
     plot = empty(np.copysign((2.3, 1.6, 1.4), start))
     globe = ball_surface(0.995)

@@ -1,6 +1,6 @@
 "use strict";
 const $ = id => document.getElementById(id);
-// Names come from files of others: text is put in as text, never as a part of the page's own code.
+// Names may come from other people's files: insert them as text, never as code of the page.
 function filled(made, attributes, text) {
   for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
   if (text !== undefined) made.textContent = text;
@@ -9,8 +9,8 @@ function filled(made, attributes, text) {
 const html = (tag, attributes, text) => filled(document.createElement(tag), attributes, text);
 const svg = (tag, attributes, text) => filled(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, text);
 const DATA = JSON.parse($("data").textContent);
-const TRAIL = 1500;         // frames of the trace of axis 3 that are shown
-const SHOWN_RATE = 3;       // rad/s at which the body turns on the screen at first
+const TRAIL = 1500;         // visible frames of the trace of axis 3
+const SHOWN_RATE = 3;       // initial turn rate of the body on the screen [rad/s]
 const COLOURS = ["var(--one)", "var(--two)", "var(--three)"];
 const DASHES = ["", "7 3", "2 3"];
 
@@ -88,7 +88,7 @@ class Stage {
     stage.flatten();
     return stage;
   }
-  // Unlit materials in place of physical ones, which take a software renderer 5 times as long;
+  // Unlit materials: with physical ones, a software renderer takes 5 times as long;
   // `shade` puts the light into the colours of corners.
   flatten() {
     const all = [];
@@ -113,7 +113,7 @@ class Stage {
     });
     this.stale = true;
   }
-  // the body of a member: its corners are x -> F x + shift of what was loaded
+  // the body of a member: maps the loaded corners by x -> F x + shift
   form(name, form) {
     this.objects[name][0].traverse(o => {
       if (!o.isMesh) return;
@@ -129,7 +129,7 @@ class Stage {
       for (let k = 0; k < n; k++) o.normals.set(sized(cross(edge(k, 3), edge(k, 6)), 1), 3 * k);
     });
   }
-  // rotation (rows), scale and place of the objects of a name
+  // set rotation (rows), scale and place of the objects with a name
   move(name, turn, size = 1, at = [0, 0, 0]) {
     for (const object of this.objects[name] || []) {
       object.matrix.set(
@@ -146,7 +146,7 @@ class Stage {
     }
     this.stale = true;
   }
-  // words, or a dot, at a point in space; an element of its own, whose motion repaints nothing else
+  // show words, or a dot, at a point in space; in a separate element, whose motion repaints nothing
   tag(words, at, colour = "", shift = 0) {
     let tag = this.tags[words];
     if (!tag) {
@@ -162,7 +162,7 @@ class Stage {
     tag.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
     return tag;
   }
-  // whether the unit ball is before a point at or outside it
+  // whether the unit ball hides a point on or outside it
   hides(p) {
     const { x, y, z } = this.world.camera.position, far = Math.hypot(x, y, z);
     const along = (p[0] * x + p[1] * y + p[2] * z) / far, beside = Math.sqrt(Math.max(0, Math.hypot(...p) ** 2 - along ** 2));
@@ -174,7 +174,7 @@ class Stage {
     renderer.render(scene, camera);
     this.stale = false;
   }
-  // a software renderer draws one picture in some 15 ms: the sphere is drawn only when it changes
+  // a software renderer needs about 15 ms per picture: draw the sphere only when it changes
   renderIfStale() {
     const seen = this.world.camera.matrixWorld.elements.join();
     if (this.stale !== false || seen !== this.seen) this.render();
@@ -187,10 +187,10 @@ class Stage {
   paper(dark) { this.k3d.setClearColor(dark ? 0x16181c : 0xffffff); this.stale = true; }
 }
 
-// In place of a stage where the browser cannot draw it: the charts need no WebGL.
+// Replaces a stage if the browser lacks WebGL, which the charts do not need.
 class Blank {
   constructor(name) {
-    $(name).textContent = "This picture needs WebGL 2, which this browser lacks or has turned off.";
+    $(name).textContent = "This picture needs WebGL 2, which this browser lacks or has disabled.";
     $(name).classList.add("blank");
     this.objects = { body: [], trace: [], globe: [] };
   }
@@ -200,7 +200,7 @@ class Blank {
   get eye() { return ""; }
 }
 
-// The light on a body: each triangle is as bright as it faces the lamp. Its corners come in threes.
+// Light a body: the brightness of each triangle follows its angle to the lamp. Corners come in threes.
 const LAMP = sized([0.5, -0.6, 0.8], 1);
 function shade(stage, name, turn) {
   const lamp = [0, 1, 2].map(k => turn[0][k] * LAMP[0] + turn[1][k] * LAMP[1] + turn[2][k] * LAMP[2]);
@@ -255,7 +255,7 @@ function ticks(low, high, count) {
 const nice = x => x === 0 ? "0" : Math.abs(x) >= 1e5 || Math.abs(x) < 1e-3
   ? (+x.toPrecision(6)).toExponential().replace("e+", "e") : String(+x.toPrecision(6));
 
-// indices of the smallest and the largest value of each of some stretches
+// indices of the smallest and the largest value in each of several sections
 function thinned(values, most) {
   const n = values.length, stretch = Math.ceil(2 * n / most);
   if (stretch <= 2) return Array.from(values.keys());
@@ -339,7 +339,7 @@ class Pixels {
     this.draw();
   }
   get measure() { return this.map.measures[Number($("measure").value) || 0]; }
-  // the edge of pixel k of a side, in its own units; even ratios if the side is logarithmic
+  // the edge of pixel k of a side, in its own units; log-spaced if the side is logarithmic
   edge(side, k) {
     const scale = side.log ? Math.log : x => x, back = side.log ? Math.exp : x => x;
     const low = scale(side.values[0]), n = side.values.length;
@@ -408,7 +408,7 @@ class Pixels {
       `${this.map.good[p]} of ${this.map.members}`;
   }
   tell(i, j) { $("pixel").textContent = this.words(i, j); }
-  // show the member of the pixel nearest to one that is on the page
+  // show the member of the nearest pixel that has one
   pick(i, j) {
     let best = 0;
     const far = k => Math.hypot((DATA.members[k].pixel[0] - i) / this.rows, (DATA.members[k].pixel[1] - j) / this.columns);
@@ -541,7 +541,7 @@ function choose(member) {
   body.fill("trace", m.frames, i => matrix(m.q.subarray(4 * i, 4 * i + 4)).map(row => 1.2 * row[2]));
   $("note").textContent = `Member ${m.index}: ${m.status === "ok" ? "" : `flagged (${m.status}), frozen at its last good state; `}` +
     `${m.frames.toLocaleString("en")} frames of ${+m.end.toPrecision(4)} s, ${m.steps}` +
-    `${m.whole ? "" : "; the run goes on after that"}. Drag to turn, scroll to come nearer; space plays, arrows step.`;
+    `${m.whole ? "" : "; the run continues after that"}. Drag to rotate, scroll to zoom; space plays, arrows step.`;
   if (pixels) pixels.draw();
   speeds(); quantity(); drifts(); seek(Math.min(page.t, m.end));
 }
@@ -557,7 +557,7 @@ async function start() {
   for (const name of ["body", "sphere"]) stages[name] = draws ? await Stage.load(name) : new Blank(name);
   $("member").replaceChildren(...DATA.members.map((m, k) =>
     html("option", { value: k }, `${m.index}${m.status === "ok" ? "" : " ⚑ " + m.status}`)));
-  $("crowd").textContent = DATA.density ? `Blue: how dense ${DATA.density.members.toLocaleString("en")} members are there.` : "";
+  $("crowd").textContent = DATA.density ? `Blue: density of ${DATA.density.members.toLocaleString("en")} members.` : "";
   const pulls = [["radius", "local vertical of the orbit (r)"], ["gravity", "gravity"], ["field", "field"]]
     .filter(([name]) => stages.body.objects[name]).map(([, words]) => words);
   document.querySelector(".weight").textContent = pulls.length ? `Green: ${pulls.join(", ")}.` : "";

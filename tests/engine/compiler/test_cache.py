@@ -162,7 +162,7 @@ def test_a_torn_kernel_file_is_compiled_again(place):
     assert again["state"] == first["state"]
 
 
-WARNING = "rigidmc WARNING kernels are compiled anew in every process"
+WARNING = "rigidmc WARNING cannot use the kernel cache"
 
 
 def test_without_a_folder_there_is_a_warning_and_no_cache(place):

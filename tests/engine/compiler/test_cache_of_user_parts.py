@@ -261,7 +261,7 @@ UNKNOWN = {  # why it is not kept: (before the class, in it)
         "def half(x):\n    known = math\n    return 0.5 * known.cos(x)",
         "half(3.0)",
     ),
-    "half has options of njit that no stamp tells": (
+    "half has njit options that prevent caching": (
         "@numba.njit(cache=True)\ndef half(x):\n    return 0.5 * x",
         "half(3.0)",
     ),
@@ -269,7 +269,7 @@ UNKNOWN = {  # why it is not kept: (before the class, in it)
         "@numba.njit\ndef half(x):\n    return 0.5 * x\nhalf.compile('f4(f8)')",
         "half(3.0)",
     ),
-    "third has options of njit that no stamp tells": (
+    "third has njit options that prevent caching": (
         "@numba.njit('f4(f4)')\ndef third(x):\n    return 0.25 * x",
         "third(3.0)",
     ),

@@ -91,7 +91,7 @@ def test_integrators_that_take_noise():
     for name in ("rk4", "srkn11", "exact", "chin4"):
         with pytest.raises(
             rm.SceneError,
-            match=r"bath is random, which splittings of order 2 take; use (strang|rotations)",
+            match=r"bath is random and needs a splitting of order 2; use (strang|rotations)",
         ):
             rm.simulate(SCENE, integrator=name)
     with pytest.raises(rm.SceneError, match="kT"):

@@ -174,5 +174,5 @@ def test_internal_dissipation_needs_an_integrator_that_turns_the_body_so():
         rm.Body.from_moments(DRUM), rm.InternalDissipation(0.1), rm.Start(omega=(0.1, 0.0, 1.0))
     )
     for integrator in ("rk4", "strang", "rkmk4", "midpoint"):
-        with pytest.raises(rm.SceneError, match=r"parts that move; use .*(rk8|cf4)"):
+        with pytest.raises(rm.SceneError, match=r"moving parts; use .*(rk8|cf4)"):
             rm.simulate(scene, integrator=integrator, dt=0.1, t_end=1.0, members=1)

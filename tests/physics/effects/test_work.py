@@ -234,13 +234,15 @@ def test_works_leave_the_vertical_momentum_to_its_limit():
 
 
 def test_integrators_without_works():
-    with pytest.raises(rm.SceneError, match="work of effects is not kept with compensated sums"):
+    with pytest.raises(
+        rm.SceneError, match="work of effects cannot be saved with compensated sums"
+    ):
         rm.simulate(SCENE, compensated=True)
     with pytest.raises(
         rm.SceneError, match="needs float64"
     ):  # its sums have remainders, but not those of the numbers saved beside them
         rm.simulate(SCENE, dtype="float32")
-    with pytest.raises(rm.SceneError, match="work of effects is not kept by it; use"):
+    with pytest.raises(rm.SceneError, match="work of effects cannot be saved with it; use"):
         rm.simulate(
             rm.Scene(BODIES, (G,), SCENE.start).with_run(save=("work",), integrator="chin4")
         )

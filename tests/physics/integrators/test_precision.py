@@ -192,4 +192,4 @@ def test_the_cost_of_float32_is_stated_in_digits():
     damped = damped.with_run(members=64, t_end=10.0, dtype="float32", integrator="strang", dt=1e-5)
     single = single_precision(plan_of(damped))
     assert single.startswith("about 2 digits")
-    assert "cannot keep their remainders" in single
+    assert "does not compensate sums" in single

@@ -57,14 +57,14 @@ def with_facts(**facts):
 @pytest.mark.parametrize(("facts", "words"), [
     ({"order": 3}, "Own.order: is 3, but the error of a step falls as for order 2.0"),
     ({"order": "2"}, "Own.order: is '2', expected a number"),
-    ({"evaluations": 4}, "Own.evaluations: is 4, but a step asks for 2 torques"),
+    ({"evaluations": 4}, "Own.evaluations: is 4, but a step evaluates 2 torques"),
     ({"is_reversible": True}, "Own.is_reversible: is True, but a step of -h after one of h ends"),
     ({"conserves": ("|q|", "T")}, "Own.conserves: names T, which a step of a free body changes"),
     ({"conserves": ("E",)}, "Own.conserves: is .'E',., expected a tuple of some of .q., "),
     ({"accepts": "all"}, "Own.accepts: is 'all', expected 'any torque' or 'no torque'"),
-    ({"step": short}, r"Own.step: gives .*expected \(q, L\): tuples of 4 and 3 numbers"),
-    ({"step": still}, "Own.evaluations: is 2, but a step asks for 0 torques"),
-    ({"step": asks}, "Own.step: asks for 'speed'; it may name body, effects, t, h"),
+    ({"step": short}, r"Own.step: returns .*expected \(q, L\): tuples of 4 and 3 numbers"),
+    ({"step": still}, "Own.evaluations: is 2, but a step evaluates 0 torques"),
+    ({"step": asks}, "Own.step: unknown argument 'speed'; it may name body, effects, t, h"),
 ])  # fmt: skip
 def test_wrong_facts_and_steps_are_refused(facts, words):
     with pytest.raises(rm.SceneError, match=words):

@@ -179,7 +179,7 @@ def test_what_they_need_is_told():
     free = replace(SCENE, effects=(FIELD,), observables=())
     for save, words in (
         (("pointing_angle",), r"needs a table \[observables.pointing_angle\] with axis"),
-        (("orbit_angles",), r"there is no orbit: it needs \[effects.gravity_gradient\]"),
+        (("orbit_angles",), r"there is no orbit: add \[effects.gravity_gradient\]"),
         ((rm.PointingAngle(1, "along_track"),), "there is no orbit"),
     ):
         with pytest.raises(SceneError, match=words):

@@ -80,7 +80,7 @@ def test_a_start_beyond_may_be_left_out(result):
     assert np.array_equal(result.passages_4.values, expected)
     assert np.sum(count != expected) > 5  # measured 16
     assert not (result.passage_first_4.values == 0.0).any()
-    assert "about the local vertical, starts beyond it left out" in result.passages_4.long_name
+    assert "about the local vertical, starts beyond it ignored" in result.passages_4.long_name
     began = cosine[0] < math.cos(ANGLE)
     assert (result.passage_first.values[began] == 0.0).all()
 
@@ -112,7 +112,7 @@ def test_a_word_for_the_start_is_count_or_ignore():
 
 def test_without_an_orbit_there_is_no_local_vertical():
     scene = rm.Scene(SCENE.body, observables=(rm.Passage(1, 1.0, about="local_vertical"),))
-    with pytest.raises(SceneError, match=r"it needs \[effects.gravity_gradient\]"):
+    with pytest.raises(SceneError, match=r"add \[effects.gravity_gradient\]"):
         rm.simulate(scene, dt=1.0, t_end=2.0, members=2, save=("passage",))
 
 
@@ -155,7 +155,7 @@ def test_a_field_must_be_there_and_be_one():
         return str(told.value)
 
     one = rm.UniformField((0.0, 0.0, 1.0), B)
-    assert "it needs [effects.uniform_field]" in refused(ORBIT)
+    assert "add [effects.uniform_field]" in refused(ORBIT)
     assert "expected one field" in refused(one, one)
 
 

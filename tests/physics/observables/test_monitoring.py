@@ -388,7 +388,7 @@ def test_histograms_are_streamed_and_those_of_the_members(tmp_path):
 @pytest.mark.parametrize(
     ("histogram", "words"),
     [
-        (("omega", 0.0, 1.0), "give one"),
+        (("omega", 0.0, 1.0), "choose one"),
         (("omga[1]", 0.0, 1.0), "omega"),
         (("energy[1]", 0.0, 1.0), "no components"),
         (("energy", 1.0, 0.0), "more than low"),
@@ -550,7 +550,7 @@ def test_steps_that_hide_what_is_watched_are_noted(save):
             if scene is noisy:
                 run["integrator"] = "strang"
             notes = plan_of(scene.with_run(save=(save,), **run)).notes
-            assert any(f"too far for {save}; turn <= {longest:g}" in n for n in notes) == noted
+            assert any(f"too far for {save}; use turn <= {longest:g}" in n for n in notes) == noted
     assert not any("too far" in n for n in plan_of(WATCHED.with_run(turn=4.0)).notes)
 
 

@@ -87,29 +87,32 @@ BEGIN = "def begin(self, q): return (q[0],)\n"
 
 
 @pytest.mark.parametrize(("make", "words"), [
-    (lambda: a_value("def value(self, q): return q[0]"), r"Own.value: gives .*a tuple of 1 number"),
+    (
+        lambda: a_value("def value(self, q): return q[0]"),
+        r"Own.value: returns .*a tuple of 1 number",
+    ),
     (lambda: a_value("def value(self, q): return q[0], q[1]"), "Own.value: .*a tuple of 1 number"),
-    (lambda: a_value("def value(self, p): return (p,)"), "asks for 'p'; it may name body"),
-    (lambda: a_value("def value(self, q): return np.ones(1)"), "gives ndarray.*no arrays"),
+    (lambda: a_value("def value(self, p): return (p,)"), "unknown argument 'p'; it may name body"),
+    (lambda: a_value("def value(self, q): return np.ones(1)"), "returns ndarray.*no arrays"),
     (lambda: a_value("def value(self, q): return (q[4],)"), "Own.value: .*raises IndexError"),
-    (lambda: a_value("def value(self, q): return ('up',)"), "Own.value: gives .'up',., expected"),
+    (lambda: a_value("def value(self, q): return ('up',)"), "Own.value: returns .'up',., expected"),
     (lambda: a_value("def value(self, q): return (math.inf,)"), "which is not finite"),
-    (lambda: a_value("def value(self, works): return (1.0,)"), "asks for works, which only"),
+    (lambda: a_value("def value(self, works): return (1.0,)"), "uses works, which only"),
     (lambda: a_value("def value(self, q): return (1.0,)", dims=("face",)), "Own.dims: has the dim"),
     (lambda: a_value("def value(self, q): return (1.0,)", units=1), "Own.units: is 1, expected"),
     (lambda: a_value("about: str = 'z'\ndef value(self, q): return (1.0,)"), "Own.about: is 'z'"),
     (lambda: a_value("at: int = 3\ndef value(self, q): return (q[self.at],)"), "raises TypeError"),
     (lambda: an_event(COUNT), "Own.level: is missing"),
     (lambda: an_event("def level(self, q): return q\n" + COUNT), "Own.level: .*expected a number"),
-    (lambda: an_event(LEVEL + "def results(self, record): return {}"), "gives dict, expected own"),
-    (lambda: an_event(LEVEL + "def results(self, record): return {'own': 1.0}"), "gives own of sh"),
+    (lambda: an_event(LEVEL + "def results(self, record): return {}"), "returns dict, expected"),
+    (lambda: an_event(LEVEL + "def results(self, record): return {'own': 1.0}"), "returns own"),
     (lambda: an_event(LEVEL + COUNT, outputs={"own": "1"}), "Own.outputs: has 'own': '1'"),
-    (lambda: an_event(LEVEL + COUNT, outputs={"time": ("s", "t", ())}), "gives own, expected time"),
-    (lambda: a_running(BEGIN + "def update(self, state): return state[0]"), "Own.update: gives"),
+    (lambda: an_event(LEVEL + COUNT, outputs={"time": ("s", "t", ())}), "returns own, expected"),
+    (lambda: a_running(BEGIN + "def update(self, state): return state[0]"), "Own.update: returns"),
     (lambda: a_running("def begin(self): return 1.0, 2.0\ndef update(self, state): return state"),
-     "Own.begin: gives .*a tuple of 1 number"),
+     "Own.begin: returns .*a tuple of 1 number"),
     (lambda: a_running(BEGIN + "def update(self, state): return state\n"
-                       "def extrema(self, q): return (q[0],)"), "Own.extremum_limits: gives"),
+                       "def extrema(self, q): return (q[0],)"), "Own.extremum_limits: returns"),
     (lambda: a_running(BEGIN + "def update(self, state): return state", state_size=0),
      "Own.state_size: is 0"),
 ])  # fmt: skip
@@ -133,10 +136,10 @@ def test_names_that_are_taken_are_refused():
         LEVEL + "def results(self, record): return {'status': record.count}",
         outputs={"status": ("1", "own", ())},
     )
-    with pytest.raises(rm.SceneError, match="gives the variable 'status', which a result has"):
+    with pytest.raises(rm.SceneError, match="gives the variable 'status', which the result"):
         rm.prepare(TOP.with_run(save=(taken(),)))
     one, other = (a_value("def value(self, q): return (1.0,)") for _ in range(2))
-    with pytest.raises(rm.SceneError, match="two classes whose name is 'own'"):
+    with pytest.raises(rm.SceneError, match="two classes have the name 'own'"):
         TOP.with_run(save=(one(), other()))
 
 
@@ -163,7 +166,7 @@ class Above(NamedTuple):
 
 
 def test_a_branch_is_told_and_is_right():
-    with pytest.warns(rm.SceneWarning, match="Above branches.* not worked on side by side"):
+    with pytest.warns(rm.SceneWarning, match="Above branches.* members are not vectorized"):
         ds = rm.simulate(TOP, **SHORT, save=("attitude", Above()))
     assert (ds.above.values == (height(ds) > 0.0)).all()
     assert len(np.unique(ds.above.values)) == 2

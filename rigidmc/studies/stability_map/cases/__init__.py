@@ -1,2 +1,2 @@
-"""Maps of the package. A map is a function that returns a `MapCase`; a new one is one file here
-and one line in `rigidmc.studies.stability_map.case`."""
+"""The shipped maps. A map is a function that returns a `MapCase`; a new map needs one file here and
+one line in `rigidmc.studies.stability_map.case`."""

@@ -1,4 +1,4 @@
-"""How much of its energy surface a heavy top fills with chaos, between two integrable tops."""
+"""The chaotic fraction of the energy surface of a heavy top, between two integrable tops."""
 
 import numpy as np
 import xarray as xr
@@ -13,7 +13,7 @@ from rigidmc.studies.stability_map.case import Derived, MapCase
 
 
 def chaos_share() -> MapCase:
-    # m g c = 1 J; the mass is so large that the bodies exist from I2 = 1.00125 kg m2 on
+    # m g c = 1 J; with this large mass, bodies are possible from I2 = 1.00125 kg m2 on
     body = Body.from_moments((2.0, 1.5, 1.0), mass=100.0, centre=(0.0025, 0.0, 0.0))
     start = Start(momentum=Shell(1.0), attitude="ensemble")
     return MapCase(
@@ -30,14 +30,14 @@ def chaos_share() -> MapCase:
         labels=(
             with_units("middle moment I$_2$", "kg m2"),
             f"{with_units('energy', 'J')}; -1 hanging at rest",
-            "share of the energy surface that is chaotic (MEGNO > 4)",
+            "chaotic fraction of the energy surface (MEGNO > 4)",
         ),
         settings={"integrator": "rk8", "dt": 0.2, "t_end": 1000.0},
-        source="both sides are integrable, nothing in between is: Ziglin (1983)",
+        source="integrable at both sides and nowhere in between: Ziglin (1983)",
     )
 
 
 def _derived(ds: xr.Dataset) -> Derived:
     energy = np.meshgrid(ds.x.values, ds.y.values)[1]
-    words = "energy over that of the upright top at rest"
+    words = "energy / energy of the upright top at rest"
     return {"theory": (energy, {"units": "1", "long_name": words})}

@@ -1,4 +1,4 @@
-"""The end of its major axis on which a body with internal dissipation settles."""
+"""The end of the major axis about which a body with internal dissipation settles."""
 
 import math
 
@@ -18,7 +18,7 @@ SHARES = "p(passages >= 1)", "p(passages_2 >= 1)"
 
 
 def damped_axis() -> MapCase:
-    # rings are wide enough for 256 pixels up to 0.05 rad from axis 1
+    # 256 pixels resolve the rings up to 0.05 rad from axis 1
     scene = Scene(
         Body.from_moments((1.0, 2.0, 3.0)),
         (EnergyDissipation(0.1),),
@@ -26,7 +26,7 @@ def damped_axis() -> MapCase:
         observables=tuple(Passage(axis, 0.2, "reaches", "momentum") for axis in (3, -3)),
     )
     return MapCase(
-        title="The end of the major axis on which a body (1, 2, 3) with dissipation settles",
+        title="The end of the major axis about which a body (1, 2, 3) with dissipation settles",
         scene=scene,
         x=("start.momentum.azimuth", 0.0, 2.0 * math.pi),
         y=("start.momentum.angle", 0.0, math.pi),
@@ -40,11 +40,11 @@ def damped_axis() -> MapCase:
         labels=(
             with_units("azimuth of L at the start", "rad"),
             with_units("angle of L from axis 3 at the start", "rad"),
-            "end of axis 3 that is reached",
+            "end of axis 3 reached",
         ),
         settings={"integrator": "strang", "dt": 0.2, "t_end": 400.0},
-        source="Bloch, Krishnaprasad, Marsden & Ratiu (1996): all but the other axes and their"
-        " separatrices end about axis 3",
+        source="Bloch, Krishnaprasad, Marsden & Ratiu (1996): all motions end about axis 3, except"
+        " on the other axes and their separatrices",
     )
 
 
@@ -53,7 +53,7 @@ def _derived(ds: xr.Dataset) -> Derived:
     l = np.stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)])
     up, down = ds["p(passages>=1)"].values, ds["p(passages_2>=1)"].values
     end = np.where(ds.good.values > 0, up - down, np.nan)
-    reached = "the end of axis 3 that is reached: 1 or -1, 0 if neither"
+    reached = "end of axis 3 reached: 1 or -1, 0 if neither"
     energy = (l * l / [[[1.0]], [[2.0]], [[3.0]]]).sum(0) * 2.0
     return {
         "end": (end, {"units": "1", "long_name": reached}),

@@ -1,7 +1,7 @@
-"""How long a body spun about its middle axis waits for its first flip, by its disturbance.
+"""The time to the first flip of a body spun about its middle axis, against the disturbance.
 
-A disturbance ten times as small adds ln 10/lambda to the first wait and 2 ln 10/lambda to those
-between flips: between flips it decays for as much time as it grows.
+A disturbance ten times smaller adds ln 10/lambda to the first wait and 2 ln 10/lambda to each wait
+between flips: between flips it decays for as long as it grows.
 """
 
 import math
@@ -30,7 +30,7 @@ def disturbance() -> MapCase:
     )
     times = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
     return MapCase(
-        title="A small disturbance waits long: time to the first flip of a body (1, 2, 3) spun"
+        title="Smaller disturbances flip later: time to the first flip of a body (1, 2, 3) spun"
         " about its middle axis",
         scene=scene,
         x=("start.omega.azimuth", 0.0, 2.0 * math.pi),
@@ -42,11 +42,11 @@ def disturbance() -> MapCase:
         contours=(
             "theory",
             times,
-            with_units("its time in theory, (1/2 - phase) 4 K/$\\lambda$", "s"),
+            with_units("theory: (1/2 - phase) 4 K/$\\lambda$", "s"),
         ),
         labels=(
             with_units("direction of the disturbance, from axis 3 to axis 1", "rad"),
-            with_units("its size", "rad"),
+            with_units("size of the disturbance", "rad"),
             with_units("time of the first flip", "s"),
         ),
         settings={"integrator": "exact", "dt": 0.5, "t_end": 400.0},
@@ -64,10 +64,10 @@ def _derived(ds: xr.Dataset) -> Derived:
     # the component along the middle axis is 0 at the phases 0 and 1/2
     first = (0.5 - motion.phase % 0.5) * motion.period
     waits = {"theory": ds["mean(flip_first)"].values, "interval": ds["mean(flip_wait)"].values}
-    words = "relative error of the {}, of the time between flips"
+    words = "error of the {}, relative to the time between flips"
     return {
         "theory": (first, {"units": "s", "long_name": "time of the first flip in theory"}),
-        "interval": (interval, {"units": "s", "long_name": "2 K(m)/lambda, between flips"}),
+        "interval": (interval, {"units": "s", "long_name": "time between flips, 2 K(m)/lambda"}),
         "error": (
             np.abs(waits["interval"] - interval) / interval,
             {"units": "1", "long_name": words.format("mean time between flips")},

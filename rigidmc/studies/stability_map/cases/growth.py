@@ -13,7 +13,7 @@ from rigidmc.scene.vector_distributions import Cone
 from rigidmc.studies.stability_map.case import Derived, MapCase
 from rigidmc.studies.stability_map.cases.intermediate_axis import RATES, RATIOS, X, Y, growth_rate
 
-# Angles from the middle axis [rad]: of the start, and those between which growth is timed. The
+# Angles from the middle axis [rad]: at the start, and at the start and end of the timed growth. The
 # decaying part adds (TILT/FROM)^2 to the rate, the nonlinear part TO^2/6.
 TILT, FROM, TO = 1e-5, 5e-3, 7e-2
 
@@ -26,7 +26,7 @@ def growth() -> MapCase:
         observables=(Passage(2, FROM, about="momentum"), Passage(2, TO, about="momentum")),
     )
     return MapCase(
-        title="The intermediate axis: how fast a disturbance grows",
+        title="The intermediate axis: growth rate of a disturbance",
         scene=scene,
         x=X,
         y=Y,
@@ -34,7 +34,7 @@ def growth() -> MapCase:
         members=4,
         derived=_derived,
         shown="growth",
-        contours=("theory", RATES, "in theory"),
+        contours=("theory", RATES, "theory"),
         labels=RATIOS,
         settings={"integrator": "rk8", "dt": 0.5, "t_end": 400.0},
         source="sqrt((I2 - I1)(I3 - I2)/(I1 I3)) omega, Goldstein (5.36)",
@@ -45,7 +45,7 @@ def _derived(ds: xr.Dataset) -> Derived:
     theory, attrs = growth_rate(ds)
     passed = ds["mean(passage_first_2)"].values - ds["mean(passage_first)"].values
     rate = math.log(TO / FROM) / passed
-    measured = "growth rate of a disturbance of the middle axis, measured"
+    measured = "measured growth rate of a disturbance of the middle axis"
     error = {"units": "1", "long_name": "relative error of the growth rate"}
     return {
         "growth": (rate, {"units": "s-1", "long_name": measured}),

@@ -1,6 +1,5 @@
-"""Chaos of a heavy top near Kovalevskaya's, by its MEGNO.
-
-Kovalevskaya's top in the plane of `heavy_chaos`: integrable, so regular everywhere.
+"""Chaos of a heavy top near Kovalevskaya's, measured by its MEGNO; and Kovalevskaya's top itself in
+the same plane, which is integrable and so regular everywhere.
 """
 
 import math
@@ -40,6 +39,6 @@ def heavy_chaos(moments: Vector = (2.0, 2.2, 1.0), centre: Vector = (1.0, 0.0, 0
 
 
 def kovalevskaya() -> MapCase:
-    """A = B = 2 C, with the centre of mass in the plane of A and B."""
+    """Return the map of the top with A = B = 2 C and the centre of mass in the plane of A and B."""
     title = "Kovalevskaya's top, A = B = 2 C: regular everywhere"
     return heavy_chaos((2.0, 2.0, 1.0), (1.0, 0.0, 0.0))._replace(title=title)

@@ -1,4 +1,4 @@
-"""The intermediate axis: how often a body of moments I1 < I2 < I3 flips."""
+"""The intermediate axis: the flip rate of a body with moments I1 < I2 < I3."""
 
 import numpy as np
 import xarray as xr
@@ -14,17 +14,15 @@ from rigidmc.studies.stability_map.case import Derived, MapCase
 
 TILT = 1e-2  # rad: angle of omega from the middle axis at the start
 
-# the plane of all bodies with I2 = 1 kg m2, also for other maps
+# the plane of all bodies with I2 = 1 kg m2; other maps share it
 X, Y = ("body.moments.1", 0.0, 1.0), ("body.moments.3", 1.0, 2.0)
 RATIOS = "I$_1$/I$_2$", "I$_3$/I$_2$"
 RATES = (0.1, 0.2, 0.3, 0.5, 0.7, 0.9)  # 1/s: the contours of growth_rate
 
 
 def growth_rate(ds: xr.Dataset) -> tuple[NDArray[np.float64], dict[str, str]]:
-    """sqrt((I2 - I1)(I3 - I2)/(I1 I3)) omega at each pixel of the plane X, Y; omega = 1 rad/s.
-
-    nan if there is no such body.
-    """
+    """Return sqrt((I2 - I1)(I3 - I2)/(I1 I3)) omega at each pixel of the plane X, Y, for
+    omega = 1 rad/s; nan for an impossible body."""
     i1, i3 = np.meshgrid(ds.x.values, ds.y.values)
     with np.errstate(all="ignore"):
         rate = np.sqrt((1.0 - i1) * (i3 - 1.0) / (i1 * i3))
@@ -38,7 +36,7 @@ def growth_rate(ds: xr.Dataset) -> tuple[NDArray[np.float64], dict[str, str]]:
 def intermediate_axis() -> MapCase:
     start = Start(omega=Cone(2, 1.0, TILT))
     return MapCase(
-        title="The intermediate axis: how often a body that spins about it flips",
+        title="The intermediate axis: flip rate of a body that spins about it",
         scene=Scene(Body.from_moments((0.5, 1.0, 1.5)), (), start, observables=(Flips(2),)),
         x=X,
         y=Y,
@@ -56,7 +54,7 @@ def intermediate_axis() -> MapCase:
 def _derived(ds: xr.Dataset) -> Derived:
     attrs = {
         "units": "s-1",
-        "long_name": "flips a second of a body spun at 1 rad/s, 0.01 rad from its middle axis",
+        "long_name": "flips per second of a body spun at 1 rad/s, 0.01 rad from its middle axis",
     }
     return {
         "rate": (ds["mean(flips)"].values / ds.attrs["t_end"], attrs),

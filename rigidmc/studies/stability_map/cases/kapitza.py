@@ -1,4 +1,4 @@
-"""Kapitza's pendulum: which shaking of the pivot holds a body upside down."""
+"""Kapitza's pendulum: the vibrations of the pivot that keep a body upside down."""
 
 import numpy as np
 import xarray as xr
@@ -22,7 +22,7 @@ def kapitza() -> MapCase:
         observables=(Passage(3, 0.1),),
     )
     return MapCase(
-        title="Kapitza's pendulum: where a shaken pivot holds a body upside down",
+        title="Kapitza's pendulum: where a vibrating pivot keeps a body upside down",
         scene=scene,
         x=("effects.moving_pivot.swing.3", 0.0, 0.6),
         y=("effects.moving_pivot.frequency", 3.0, 30.0),
@@ -33,11 +33,11 @@ def kapitza() -> MapCase:
         contours=("theory", (0.0,), "bounds of Mathieu's equation"),
         labels=(
             with_units("swing of the pivot", "m"),
-            with_units("its frequency", "rad s-1"),
-            "share that falls over",
+            with_units("frequency of the pivot", "rad s-1"),
+            "fraction that falls over",
         ),
         settings={"integrator": "rk8", "dt": 0.04, "t_end": 200.0},
-        source="between a0(q) and b1(q); swing frequency > sqrt(2 g l) for small swings"
+        source="stable between a0(q) and b1(q); swing frequency > sqrt(2 g l) for small swings"
         " (Kapitza 1951)",
     )
 
@@ -49,5 +49,5 @@ def _derived(ds: xr.Dataset) -> Derived:
     # x'' + (a - 2 q cos 2 tau) x = 0 for a small angle x, with l = 1 m and g = 1 m/s2
     a, q = -4.0 / frequency**2, 2.0 * swing
     inside = np.minimum(a - mathieu_a(0, q), mathieu_b(1, q) - a)
-    name = "distance to the bounds a0(q), b1(q) of Mathieu's equation: above 0 it stands"
+    name = "distance to the bounds a0(q), b1(q) of Mathieu's equation: stable above 0"
     return {"theory": (inside, {"units": "1", "long_name": name})}

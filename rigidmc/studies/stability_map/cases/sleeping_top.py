@@ -1,4 +1,4 @@
-"""The sleeping top: which spins keep it upright."""
+"""The sleeping top: the spins that keep it upright."""
 
 import math
 
@@ -16,12 +16,12 @@ from rigidmc.studies.stability_map.case import Derived, MapCase
 
 
 def sleeping_top() -> MapCase:
-    # the body exists if m h^2 <= 0.75 kg m2; on the map m h^2 <= 0.5 kg m2
+    # the body is possible for m h^2 <= 0.75 kg m2; on the map m h^2 <= 0.5 kg m2
     body = Body.from_moments((1.0, 1.0, 0.5), mass=0.5, centre=(0.0, 0.0, 0.5))
     phi, psi = uniform(0.0, 2.0 * math.pi), uniform(0.0, 2.0 * math.pi)
     start = Start(omega=(0.0, 0.0, 2.0), attitude=(phi, 1e-4, psi))
     return MapCase(
-        title="The sleeping top: the spins n and heights h of the centre at which it falls over",
+        title="The sleeping top: spins n and heights h of the centre at which it falls over",
         scene=Scene(body, (Gravity(2.0),), start, observables=(Passage(3, 0.1),)),
         x=("start.omega.3", 0.0, 5.0),
         y=("body.centre.3", 0.0, 1.0),
@@ -33,7 +33,7 @@ def sleeping_top() -> MapCase:
         labels=(
             with_units("spin n", "rad s-1"),
             with_units("height h of the centre of mass", "m"),
-            "share of the tops that fall over",
+            "fraction of the tops that fall over",
         ),
         settings={"integrator": "rk8", "dt": 0.1, "t_end": 300.0},
         source="C^2 n^2 > 4 A k, TdC (3.77)",
