@@ -335,17 +335,18 @@ def coming_from(rows, machine, page, tasks):
     for start in starts:
         first.setdefault(start["program"], start)
     loading = "; ".join(
-        f"{name} {start['version']} {start['import']:.2g} s and {start['first']:.2g} s"
-        + ("" if start["cached"] is None else f" ({start['cached']:.2g} s in a later process)")
+        f"{name} {start['version']}: import {start['import']:.2g} s, first run"
+        f" {start['first']:.2g} s"
+        + ("" if start["cached"] is None else f" ({start['cached']:.2g} s from the cache)")
         for name, start in first.items()
     )
     words = (
         "Error: the larger of attitude (rad) and omega (relative), of the worst member. Seconds:"
-        " the median of interleaved runs in processes that are already warm. Import, and first run"
-        f" with compilation: {loading}. {_machine(machine)}."
+        " the median of interleaved runs, after a first run that compiles or loads the program."
+        f" {loading}. {_machine(machine)}."
     )
     if any(row["kind"] == "load" and row["busy"] for row in rows):
-        words += " Other processes ran on this machine meanwhile: times are rough."
+        words += " The machine was busy with other processes: times are rough."
     if skipped := [row["why"] for row in mine if row["kind"] == "skipped"]:
         words += f" Skipped: {skipped[0]}."
     return with_note(table(("", "program", "error", "s"), lines), words)
