@@ -102,7 +102,7 @@ def setting(name: str, words: str | None = None) -> Any:
     description = words or Run.model_fields[name].description or ""
     text: dict[str, Any] = {
         "help": f"{description[0].upper()}{description[1:]}.".replace("[", "\\["),
-        "rich_help_panel": "Run settings, which override those of the scene",
+        "rich_help_panel": "Run settings, which override the scene",
         "autocompletion": _COMPLETED.get(name),
     }
     if name in _TEXTS:

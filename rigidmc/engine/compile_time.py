@@ -132,7 +132,7 @@ def list_kernels(label: str, missing: Sequence[str]) -> str:
 
 
 def summary(label: str, missing: Sequence[str]) -> str:
-    """Return what is compiled, in the words of a scene."""
+    """Name what is compiled, as the scene names it."""
     if label in missing:
         return label
     words = {

@@ -112,7 +112,7 @@ def make_monitors(model: Model, recording: Recording, seed: int) -> Monitors:
 def _bodies(model: Model, seed: int) -> tuple[NDArray[np.float64], bool]:
     """Return (moments (3, n), whether these are all moments of the run).
 
-    The moments are those of the first members, or of all rows of arrays.
+    Takes the moments of the first members, or of all rows of arrays.
     """
     complete = not is_variable(model.body.moments)
     count = (count_rows(*model.body.moments) or 1) if complete else PILOT

@@ -82,8 +82,8 @@ class Axes(NamedTuple):
 class ResultLayout(NamedTuple):
     """The layout of the result of a run, in the units of its scene.
 
-    scene : the scene of the result;  settings : of [run], which replace those of the scene in its
-        text, because a rerun needs them
+    scene : the scene of the result;  settings : of [run], which replace the settings of the scene
+        in its text, because a rerun needs them
     facts : the attributes after the integrator
     first, members : place of the first member, and number of members
     which : the indices of the members at places 0, 1, ...; None if they are these numbers

@@ -338,7 +338,7 @@ def frames(
     noise, only the steps of the run are possible, because other steps draw other noise.
 
     until : [s]; default the end of the run
-    The attribute `frames` states whether the steps are those of the run. Raises OptionError for a
+    The attribute `frames` states whether the steps equal the steps of the run. OptionError for a
     member that the result lacks.
     """
     scene = scene_of(result, allow_code=allow_code)

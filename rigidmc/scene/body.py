@@ -135,7 +135,7 @@ class Body(BodyChanges):
         return "tensor" if isinstance(self.moments, UncertainInertia) else "moments"
 
     def _check_uncertain(self, distribution: UncertainInertia) -> None:
-        """Set the axes to those of the mean tensor; SceneError for an impossible mean body."""
+        """Set the axes to the axes of the mean tensor; SceneError for an impossible mean body."""
         for key in ("mass", "centre"):
             if not is_shared(getattr(self, key)):
                 rule = "must be plain numbers, the mean, if the tensor is uncertain"

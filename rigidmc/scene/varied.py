@@ -20,7 +20,7 @@ Nominal = dict[str, float | list[float]]
 
 
 def variable_names(scene: Scene) -> list[str]:
-    """Return the names that may be varied: all parameters, except those of vector distributions,
+    """Return the names that may be varied: all parameters, except in vector distributions,
     which have no rows, and all vectors that contain these parameters."""
     start = getattr(scene.start, scene.start.spin_name)
     vectors = {f"start.{scene.start.spin_name}": start, "body.moments": scene.body.moments}

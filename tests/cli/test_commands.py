@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.cli.directories import refuse_force
+from tests.faulty import LINUX
 
 COMMAND = [sys.executable, "-c", "from rigidmc.cli import main; main()"]
 
@@ -189,9 +191,27 @@ def test_a_full_disk(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["there.nc", "warm.nc"]
 
 
+def cpu_of(pid):
+    """The CPU time of a process until now [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+
+
+def cpu_of_children():
+    """The CPU time of all child processes that have ended [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+@LINUX
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signals(tmp_path, number, code):
-    """A stopped run exits with the code of the signal within a second and leaves no file."""
+    """A stopped run exits with the code of the signal, does little more, and leaves no file."""
+    # with a warm cache no process beside it compiles, whose CPU time would be counted, too
+    assert (
+        run("run", "dzhanibekov", "--members", 1, "-o", tmp_path.with_suffix(".nc")).exit_code == 0
+    )
+    spent = cpu_of_children()
     words = ["run", "dzhanibekov", "--members", "2000000", "-o", str(tmp_path / "x.nc")]
     process = subprocess.Popen(
         [*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -205,12 +225,12 @@ def test_signals(tmp_path, number, code):
     ):
         time.sleep(0.05)
     time.sleep(0.5)
+    before = cpu_of(process.pid)
     process.send_signal(number)
-    sent = time.monotonic()
-    _, errors = process.communicate(timeout=30)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == code, errors
-    # measured 0.4 to 0.6 s; the target is 1 s on an idle machine
-    assert time.monotonic() - sent < 2.0
+    # measured 0.56 to 0.73 s, where the rest of the run takes 8 s
+    assert cpu_of_children() - spent - before < 2.0
     assert "Traceback" not in errors
     assert os.listdir(tmp_path) == []
 
@@ -237,7 +257,6 @@ def test_effects_are_listed():
     assert "at [m, 3 numbers]" in listing
 
 
-@pytest.mark.slow
 def test_effects_are_priced(monkeypatch):
     from rigidmc.physics.effects import EFFECTS
     from rigidmc.runs import price

@@ -193,7 +193,7 @@ def _mask_comparison(sign: str) -> Build:
 
 def _mask_of(ty: VectorType) -> MaskType:
     """Return the type of a comparison."""
-    # Words choose between floats, so their masks count as those of float64.
+    # Words choose between floats, so their masks count as masks of float64.
     return MaskType(types.float64 if ty.dtype == types.uint64 else ty.dtype, ty.count)
 
 

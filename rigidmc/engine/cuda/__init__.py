@@ -1,8 +1,8 @@
 """Members on GPUs: one thread takes a member through the same code as a CPU.
 
 The kernels of a program are compiled for one member (one lane) and linked with `run_lanes`, which
-calls them, into one kernel; LLVM turns it into PTX. There is no second source of any physics, and
-no CUDA toolkit is needed: only the driver and its Python bindings.
+calls them, into one kernel; LLVM turns it into PTX. All physics has one source, and no CUDA toolkit
+is needed: only the driver and its Python bindings.
 
 code      from kernels to PTX
 devices   the driver's functions, devices, streams; the words cpu, cuda, auto

@@ -2,7 +2,7 @@
 
 The kernels of a program are compiled for one member and linked with `run_lanes` of
 `rigidmc.engine.kernel.block`, which calls them, into one. LLVM turns it into PTX, which the driver
-loads. The operations are those of the CPU's code: a product and a sum are fused only where
+loads. The operations are the same as in the CPU's code: a product and a sum are fused only where
 `rigidmc.engine.compiler.fma` says so, and divisions and roots follow IEEE 754. So a member has the
 same bits.
 """

@@ -3,7 +3,7 @@
 The count of steps goes on; only the rows STEP_LENGTH and ROUND_START change, between two steps. Two
 things depend on the length and change with it: the state, if an integrator keeps it one substep
 further on, and sums over steps, which are means over time only if each step counts by its length.
-The kernels are like those of `rigidmc.engine.kernel.member`.
+The kernels are like the kernels of `rigidmc.engine.kernel.member`.
 """
 
 import sys

@@ -9,7 +9,7 @@ and monitored afterwards, from their trace: no step depends on monitors.
 A step is monitored at its nodes: equally spaced states on the dense output
 (`rigidmc.engine.kernel.dense_output`), the last of them at the end of the step. Where a monitored
 number has an extremum between two nodes, the state there is monitored, too, see
-`rigidmc.engine.kernel.extrema`. `begin_monitors` and `monitor_steps` are kernels like those of
+`rigidmc.engine.kernel.extrema`. `begin_monitors` and `monitor_steps` are kernels as in
 `rigidmc.engine.kernel.member`.
 
 In this file `running` are pairs (observable, `static_count` of the numbers of its state), and

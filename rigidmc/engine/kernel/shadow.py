@@ -3,7 +3,7 @@
 At each renormalisation the growth of the distance is added up and the shadow is brought back to
 SHADOW_DISTANCE: every RENORMALISE_EVERY steps, at first more often, and after the last step. Its
 rows are the SHADOW_ROWS of `rigidmc.engine.kernel.layout`, from `row` of the member's state on.
-While steps are made, its state is in `shadow`. The kernels are like those of
+While steps are made, its state is in `shadow`. The kernels are like the kernels of
 `rigidmc.engine.kernel.member`.
 """
 

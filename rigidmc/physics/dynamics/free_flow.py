@@ -124,7 +124,7 @@ def drift_of_invariants(m, u):
 def arc_for(m, a, slopes, u):
     """Return the EllipticArc for a unit momentum that has drifted from x and y of the start.
 
-    slopes : of the arc, or () if x and y are those of u
+    slopes : of the arc, or () if u has the x and y of the start
 
     With g1 and g3 of the start, an increment conserves T and |L|^2 only for x and y of the start.
     Along a separatrix rounding errors grow as the motion does: by 1e-6 in 10,000 steps.

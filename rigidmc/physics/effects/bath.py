@@ -17,7 +17,7 @@ from rigidmc.physics.effects.protocol import Number, Vector, effect
     isotropic=True,
 )
 class Bath(NamedTuple):
-    """Friction and noise of a bath of temperature T, which lead to the Gibbs law exp(-(T + V)/kT).
+    """Friction and noise of a heat bath, which lead to the Gibbs distribution exp(-(T + V)/kT).
 
     Change of the momentum::
 

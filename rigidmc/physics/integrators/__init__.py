@@ -64,7 +64,7 @@ def refusal(
 
     compensated : whether sums should keep their remainders
     works : whether the works of the effects should be saved
-    known : the integrators by name, those of a scene
+    known : the integrators of the scene by name
 
     Whether `closed` covers a body also depends on its moments, see `rigidmc.planning.closed_form`.
     """

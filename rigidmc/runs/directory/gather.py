@@ -100,7 +100,7 @@ def repair(path: Path) -> int:
 
 
 def merge(path: Path, others: Sequence[Path]) -> tuple[RunDirectory, int]:
-    """Copy the shards of other directories of the same run, such as those of a job array.
+    """Copy the shards of other directories of the same run, such as the tasks of a job array.
 
     Returns (RunDirectory, number of copied shards). If `path` does not exist, it becomes a
     directory of this run. Raises FileError if a directory is of another run, or has a shard that is

@@ -91,7 +91,7 @@ def text_of_run(directory: RunDirectory, **settings: int) -> str:
 
 
 def scene_in(folder: str, facts: dict[str, Any], allow_code: bool | None) -> Scene:
-    """Read the scene in a folder, with its rows from columns.nc; `facts` are those of run.json."""
+    """Read the scene in a folder, with its rows from columns.nc; `facts` is run.json."""
     stored: Callable[[str], Any] | None = None
     if facts["columns"]:
         file = os.path.join(folder, "columns.nc")
@@ -121,6 +121,6 @@ def check_versions(directory: RunDirectory, accept: bool) -> None:
     if other and not accept:
         rule = (
             f"was started with other versions: {'; '.join(other)}. The bits of new members may "
-            "differ from those of old ones; --accept continues anyway"
+            "differ from the bits of old ones; --accept continues anyway"
         )
         raise FileError(rule, at="run", value=directory.path)
