@@ -3,6 +3,7 @@
 import argparse
 import importlib
 import os
+import sys
 import tempfile
 import time
 
@@ -26,6 +27,7 @@ BENCHES = {
     "maps": "bench.maps",
     "runs": "bench.runs",
     "peers": "bench.peers",
+    "coming_from": "bench.coming_from",
     "coverage": "bench.coverage",
     "gpu": "bench.gpu",
     "device": "bench.device",
@@ -49,6 +51,12 @@ def main():
         action="store_true",
         help="fewer rounds and smaller runs, as a check that it works; not for figures",
     )
+    parser.add_argument(
+        "--python",
+        default=sys.executable,
+        metavar="PATH",
+        help="an interpreter that has the other programs, for coming_from; by default this one",
+    )
     options = parser.parse_args()
     if unknown := [name for name in options.names if name not in BENCHES]:
         parser.error(f"no bench {', '.join(unknown)}; available: {', '.join(BENCHES)}")
@@ -65,7 +73,8 @@ def main():
             began = time.perf_counter()
             bench = importlib.import_module(BENCHES[name])
             print(f"\n== {name}")
-            rows = bench.run(options.quick)
+            more = {"python": options.python} if name == "coming_from" else {}
+            rows = bench.run(options.quick, **more)
             if not rows:  # for a device that is missing here: keep the rows of another machine
                 print(f"{name}: nothing was measured")
                 continue

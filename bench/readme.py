@@ -6,6 +6,7 @@ import os
 import re
 import sys
 import textwrap
+from functools import partial
 from statistics import median
 
 from bench.accuracy import step_text
@@ -36,9 +37,10 @@ def pages():
 def drawn():
     """Yield (name, table) for every bench that has rows."""
     for name, draw in DRAWN.items():
-        path = os.path.join(RESULTS, f"{name}.json")
+        bench = "coming_from" if name.startswith("coming_from_") else name
+        path = os.path.join(RESULTS, f"{bench}.json")
         if not os.path.exists(path):
-            message = f"{name}: no bench/results/{name}.json; run python -m bench {name}"
+            message = f"{name}: no bench/results/{bench}.json; run python -m bench {bench}"
             print(message, file=sys.stderr)
             continue
         with open(path) as file:
@@ -315,6 +317,52 @@ def device(rows, machine):
     )
 
 
+def coming_from(rows, machine, page, tasks):
+    """Return a table of both programs of a page: errors, seconds, first runs, imports."""
+    mine = [row for row in rows if row.get("page") == page]
+    times = {(r["program"], r["task"]): r["seconds"] for r in mine if r["kind"] == "time"}
+    starts = [row for row in mine if row["kind"] == "start"]
+    order = [(start, task) for task in tasks for start in starts if start["task"] == task]
+    lines = [
+        (
+            tasks[task],
+            start["program"],
+            "" if start["error"] is None else f"{start['error']:.1e}",
+            f"{times[start['program'], task]:.2g}",
+        )
+        for start, task in order
+    ]
+    first = {}
+    for start in starts:
+        first.setdefault(start["program"], start)
+    loading = "; ".join(
+        f"{name} {start['version']}: import {start['import']:.2g} s, first run"
+        f" {start['first']:.2g} s"
+        + ("" if start["cached"] is None else f" ({start['cached']:.2g} s from the cache)")
+        for name, start in first.items()
+    )
+    words = (
+        "Error: the larger of attitude (rad) and omega (relative), of the worst member. Seconds:"
+        " the median of interleaved runs, after a first run that compiles or loads the program."
+        f" {loading}. {_machine(machine)}."
+    )
+    if any(row["kind"] == "load" and row["busy"] for row in rows):
+        words += " The machine was busy with other processes: times are rough."
+    if skipped := [row["why"] for row in mine if row["kind"] == "skipped"]:
+        words += f" Skipped: {skipped[0]}."
+    return with_note(table(("", "program", "error", "s"), lines), words)
+
+
+PAGES = {  # page on coming from another program: {task: words}
+    "basilisk": {"one": "one hub", "ensemble": "4,096 hubs"},
+    "mujoco": {"one": "one top", "ensemble": "64 tops"},
+    "heyoka": {"one": "one top", "ensemble": "4,096 tops"},
+    "diffrax": {"ensemble": "4,096 satellites", "exact": "the same, closed form"},
+    "rebound": {"one": "one moon", "ensemble": "4,096 moons"},
+    "sympy": {"one": "one top"},
+}
+
+
 def _machine(machine):
     return f"{machine['cores']} cores of {machine['cpu']}, {machine['vector_bits']}-bit vectors"
 
@@ -339,6 +387,10 @@ DRAWN = {
     "runs": runs,
     "gpu": gpu,
     "device": device,
+    **{
+        f"coming_from_{page}": partial(coming_from, page=page, tasks=tasks)
+        for page, tasks in PAGES.items()
+    },
 }
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ TEXT = "\n".join(path.read_text("utf-8") for path in (ROOT / "README.md", *PAGES
 def test_every_bench_that_is_named_can_be_run():
     named = {
         name
-        for words in re.findall(r"python -m bench((?: [a-z]+)+)", TEXT)
+        for words in re.findall(r"python -m bench((?: [a-z_]+)+)", TEXT)
         for name in words.split()
     }
     assert named and named <= set(BENCHES), named - set(BENCHES)
