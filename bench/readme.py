@@ -98,9 +98,9 @@ def accuracy(rows, machine):
         "others",
     )
     words = (
-        "For 99 % of random tops the errors of momentum (relative) and attitude (rad) are below the "
-        "limit. A step in rad is an angle: in each step every top advances by that angle of its own "
-        "motion"
+        "For 99 % of random tops the errors of momentum (relative) and attitude (rad) are below "
+        "the limit. A step in rad is an angle: in each step every top advances by that angle of "
+        "its own motion"
     )
     return with_note(table(columns, lines), f"{words}; {_machine(machine)}.")
 

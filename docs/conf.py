@@ -80,8 +80,8 @@ html_sidebars = {
 }
 llms_txt_summary = (
     "rigidmc integrates ensembles of rigid bodies that turn about a fixed point or their centre of "
-    "mass in parallel, and reports the drift of energy and |L|^2. From Python: import rigidmc as rm; "
-    "rm.simulate(scene) returns an xarray Dataset. From the shell: rigidmc run SCENE."
+    "mass in parallel, and reports the drift of energy and |L|^2. From Python: import rigidmc as "
+    "rm; rm.simulate(scene) returns an xarray Dataset. From the shell: rigidmc run SCENE."
 )
 # Where the workflow publishes the site, pages link to their sources and to other versions.
 if REPOSITORY := os.environ.get("GITHUB_REPOSITORY"):

@@ -205,7 +205,7 @@ def test_a_run_tells_what_its_code_is_generated_for(tmp_path):
         assert facts["machine"] == this_machine()[1]
         assert facts["versions"].get("scipy") == (scipy.__version__ if name == "drawn" else None)
         told = invoke("status", run).output
-        assert f"code generated for {this_machine()[1]}, by rigidmc {rm.__version__}" in told
+        assert f"code generated for {this_machine()[1]} by rigidmc {rm.__version__}" in told
         assert ("scipy" in told) == (name == "drawn")
     assert f"generated for {this_machine()[1]}" in invoke("doctor").output
 

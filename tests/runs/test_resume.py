@@ -259,7 +259,7 @@ for i in range(40):
             with limited(size):
                 made()
         except OSError as error:
-            told += f"{folder}/" in str(error) and "GB free" in str(error)
+            told += f"{folder}/" in str(error) and "GB are free" in str(error)
 gc.collect()
 left = sum(isinstance(one, netCDF4.Dataset) for one in gc.get_objects())
 assert 20 < left <= told < 80, (left, told)  # 61 of 61

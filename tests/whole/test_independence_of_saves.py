@@ -78,8 +78,14 @@ def differing(some, every, booked):
     ]
 
 
+# 13 kernels that no other test compiles; the other four have the same saves
+LONG = "free, by the exact motion", "heavy and damped, by Runge-Kutta"
+
+
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in SCENES]
+)
 def test_saving_little_and_saving_all(name):
     scene = SCENES[name]
     much = saved(

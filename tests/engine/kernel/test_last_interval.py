@@ -210,7 +210,7 @@ class Seen(Turned):
 
 
 def test_sums_of_a_user_over_steps_count_them_by_their_length_or_are_refused(watched):
-    with pytest.raises(rm.SceneError, match=r"every = 0\.7001.* turned needs a method reweighed"):
+    with pytest.raises(rm.SceneError, match=r"every = 0\.7001.* turned needs a method `reweighed`"):
         rm.simulate(scene(save=(Turned(),)))
     rm.prepare(scene(save=(Seen(),)))
     ds = rm.simulate(scene(save=(Weighed(),), integrator="rk8"))

@@ -126,7 +126,7 @@ def test_a_scene_tells_the_friction_of_its_rotors():
 
 
 def test_a_scene_takes_no_wheel_from_its_friction():
-    with pytest.raises(rm.SceneError, match=r"energy_dissipation\] wheel = 0.5: is filled in"):
+    with pytest.raises(rm.SceneError, match=r"energy_dissipation\] wheel = 0.5: is set internally"):
         rm.Scene(rm.Body.from_moments(DRUM), BESIDE, rm.Start(omega=(0.3, 0.1, 0.4)))
 
 

@@ -38,7 +38,7 @@ def ratios(body, one, other):
 )
 def test_the_errors_and_costs_of_lie_group_methods(one, other):
     text = " ".join(description(INTEGRATORS[one]).split())
-    heavy, free = rf"is (.*?) of that of {other} for heavy tops", r"and (.*?) for free"
+    heavy, free = rf"is (.*?) times that of {other} for heavy tops", r"and (.*?) for free"
     said = re.search(f"{heavy} {free}", text)
     assert said, text
     for body, figures in (("heavy", said[1].split(" to ")), ("free", said[2].split(" to "))):
