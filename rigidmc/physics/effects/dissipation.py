@@ -25,7 +25,7 @@ _NONE = (0.0, 0.0, 0.0)
     kick_order=2,
 )
 class EnergyDissipation(NamedTuple):
-    """Internal dissipation: energy falls, |L| stays, the spin ends about the major axis.
+    """Internal dissipation: energy falls, `|L|` stays, the spin ends about the major axis.
 
     Torque and power::
 
@@ -34,7 +34,7 @@ class EnergyDissipation(NamedTuple):
     G is the momentum of the whole: L, or L + H with a `Rotor` of momentum H. The direction of G in
     space wanders by about `loss` rad per turn, unlike in a real body with moving parts inside: use
     `InternalDissipation` where the attitude matters. The kick is a rule of order 2 that rotates G,
-    so |G| is constant to rounding.
+    so `|G|` is constant to rounding.
 
     A wobble about axis 3, with spin w and a wheel along that axis, changes as exp(-t/T)::
 

@@ -88,10 +88,8 @@ class EventRecord(NamedTuple):
     """The record of an event at the end of a run, one number per member.
 
     count : number of events, nan if the member is not healthy
-    first, last : times of the first and the last event, to the order of the integrator [s]; nan if
-        never
-    tau, first_tau : times of the last and the first event, interpolated linearly within the step
-        [s]
+    first, last : times of both events, to the order of the integrator [s]; nan if never
+    tau, first_tau : times of last and first, interpolated linearly within the step [s]
     squares : sum of the squared times between events, each interpolated linearly [s2]
     seen : end of the step with the first event [s]; nan if never
     """
