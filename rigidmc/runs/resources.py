@@ -129,7 +129,7 @@ def _refuse_full_disk(members: int, folder: str, size: int) -> None:
         )
 
 
-def refuse_count(count: int, what: str, each: float, cure: str = "take fewer") -> None:
+def refuse_count(count: int, what: str, each: float, cure: str = "use fewer") -> None:
     """Raise NoRoom if a number of things needs more memory than is free. Every study checks its
     counts with this before it starts.
 

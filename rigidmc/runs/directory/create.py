@@ -274,7 +274,7 @@ def refuse_unusable(path: str) -> None:
 def refuse_many(count: int, what: str = "shards") -> None:
     """Raise OptionError if a run would have too many shards, each of which may be a task."""
     if count > MOST:
-        cure = "make them larger" if what == "shards" else "take fewer"
+        cure = "make them larger" if what == "shards" else "use fewer"
         rule = f"{count:,} {what} are too many, a run has at most {MOST:,}: {cure}"
         raise OptionError(rule, at="shard_size" if what == "shards" else "output")
 
