@@ -113,9 +113,12 @@ def new_scene(
 
     Raises OptionError if nothing moves, and SceneError if the scene cannot be run.
     """
-    end, every, dt = _times(body_in(table), motion, t_end)
+    body = body_in(table)
+    end, every, dt = _times(body, motion, t_end)
     turns = end * math.hypot(*motion.spin) / (2.0 * math.pi)
     save = ["omega", "energy"] if motion.lean is None else ["omega", "attitude", "energy"]
+    if motion.lean is None and len(set(body.moments)) == 3:
+        save.append("flips")  # `rigidmc summary` then reports the time between flips
     run = {
         "integrator": "rk8",
         "dt": dt,
