@@ -125,9 +125,7 @@ COUNTS = {
 def test_counts_without_room_are_refused_before_the_first_step(study, monkeypatch):
     """rare took 19 GB for 1e9 repetitions before a word."""
     monkeypatch.setattr("rigidmc.runs.resources.free_memory", lambda: 2 * 10**12)
-    with pytest.raises(
-        NoRoom, match=r"1,000,000,000,000 .* of which 2000\.00 GB are free: use"
-    ):
+    with pytest.raises(NoRoom, match=r"1,000,000,000,000 .* of which 2000\.00 GB are free: use"):
         COUNTS[study]()
 
 
