@@ -38,7 +38,7 @@ reading list : the files that one reads to know what a kernel is, of the lists i
 path of a scene : functions of modules, not methods or lambdas, that a warm `simulate` of 32 members
     of PATH_SCENE enters in the thread of its caller: their files, their names, and the climbs. A
     climb is a pair of files, entered one after the other, of which the second is in a higher layer;
-    a pair counts once. "All functions" has methods and lambdas too, "given a Scene" those of them
+    a pair counts once. "All functions" has methods and lambdas too, "given a Scene" the ones
     with an argument that is a Scene or a tuple, list or dict with one: files, climbs, functions.
 error : files that an error of `run.dt` in a scene file passes from where it is raised to the
     screen: they raise it, pass or catch it, or have a function that is called with it.

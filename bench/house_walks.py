@@ -334,7 +334,7 @@ def time_interleaved(
 
 
 def values_of(scene: Any) -> dict[str, Any]:
-    """Return rows of MANY members for start.omega and body.moments, near those of
+    """Return rows of MANY members for start.omega and body.moments, near the values in
     LOOP_SCENES[0]."""
     import numpy as np
 

@@ -51,8 +51,8 @@ WIDE = """() => [...document.querySelectorAll('body *')].filter(one => {
     return box.width && box.right > wide && getComputedStyle(one).position !== 'fixed';
 }).map(one => one.tagName + '.' + one.className).slice(0, 3)"""
 PICTURES = """() => [...document.querySelectorAll('article img')].filter(one => {
-    return one.naturalWidth > 600 && one.getBoundingClientRect().width < LEGIBLE;
-}).map(one => one.src.split('/').pop())"""
+    return one.naturalWidth > LEGIBLE && one.getBoundingClientRect().width < LEGIBLE;
+}).map(one => one.src.split('/').pop())""".replace("LEGIBLE", str(LEGIBLE))
 
 
 RESULT = "#search-results ul.search > li > a:first-of-type"
@@ -82,7 +82,7 @@ def too_wide(page, address, names, shots):
             page.goto(f"{address}/{name}.html")
             if wide := page.evaluate(WIDE):
                 yield f"{name}: at {width} px wider than the window: {', '.join(wide)}"
-            if width < LEGIBLE and (small := page.evaluate(PICTURES.replace("LEGIBLE", "300"))):
+            if width < LEGIBLE and (small := page.evaluate(PICTURES)):
                 yield f"{name}: at {width} px too small to read: {', '.join(small)}"
             if shots:
                 name = name.replace("/", "-")

@@ -196,7 +196,7 @@ def fields(found):
 
 
 def signature(value):
-    """Describe a public name: its parameters and those of its public methods, without their types,
+    """Describe a public name: its parameters and its public methods with theirs, without types,
     which name classes inside the package."""
 
     def parameters(of):

@@ -3,7 +3,7 @@
     ```{names} simulate Body protocols.Effect
     ```
 
-makes a table of names with their first sentences; `studies` stands for those of the registry. The
+makes a table of names with their first sentences; `studies` stands for the registered studies. The
 pages are written before Sphinx reads the sources, to `reference/api`, which git ignores.
 """
 

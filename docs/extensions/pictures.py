@@ -115,7 +115,7 @@ class Page(Directive):
 
 
 def copy_pages(app, error):
-    """Put the pages beside those of the site."""
+    """Put the pages into the site."""
     if error is None:
         (Path(app.outdir) / "pages").mkdir(exist_ok=True)
         for page in FOLDER.glob("*.html"):

@@ -42,7 +42,7 @@ class AskedToStop(BaseException):
 @contextmanager
 def report_errors(file: str | None = None) -> Iterator[None]:
     """Turn errors of files and memory into one message and an exit code, never a traceback;
-    `rigidmc.cli.app.Commands` does the same for a user's mistakes. Announce compilation before it
+    `rigidmc.cli.app.Commands` handles a user's mistakes likewise. Announce compilation before it
     begins.
 
     file : the scene or result of the command, for messages that name no file

@@ -89,7 +89,7 @@ class ResultLayout(NamedTuple):
     which : the indices of the members at places 0, 1, ...; None if they are these numbers
     saved : {observable: rows of its values} recorded at saves
     by_member, at_saves, of_ensemble, of_flagged : {name: Variable}
-    constant : names of variables that are the same for all members, stored once in memory
+    constant : names of variables that all members share, stored once in memory
     block : members of a chunk of a file
     """
 
@@ -175,7 +175,7 @@ class ResultLayout(NamedTuple):
 
 
 def constant_variables(model: Model) -> frozenset[str]:
-    """Return the names of member variables that are the same for all members."""
+    """Return the names of member variables that all members share."""
     spin = model.start.spin_name
     variables = {
         "moments": model.body.moments,

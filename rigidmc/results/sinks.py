@@ -170,7 +170,7 @@ class MemorySink(WholeSink):
                 for name, kept in kept_values(layout, parts).items():
                     self.arrays[name][..., part] = kept
         for name in layout.by_member:
-            if name not in self.arrays:  # the same for all members: one column is enough
+            if name not in self.arrays:  # all members share it: one column is enough
                 column = results[name][..., :1]
                 shape = (*column.shape[:-1], layout.members)
                 self.arrays[name] = np.broadcast_to(column.copy(), shape)

@@ -123,7 +123,7 @@ def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False
 class Varied:
     """A nominal value, used to plan a run whose members have other values.
 
-    It is the same for all members of a plan, but not a constant: no closed form and no symmetry may
+    All members of a plan share it, but it is not a constant: no closed form and no symmetry may
     rely on it.
     """
 

@@ -196,7 +196,7 @@ def _cached_dispatcher(function: Function) -> Any:
 
 
 def _address(function: Function, signature: Any) -> int:
-    """Return the address of a kernel's code, which lives as long as its dispatcher."""
+    """Return the address of a kernel's code, valid until its dispatcher is deleted."""
     key = function, signature.args
     with _compiling:
         if key not in _by_types:

@@ -1,7 +1,7 @@
 """The time to the first flip of a body spun about its middle axis, against the disturbance.
 
 A disturbance ten times smaller adds ln 10/lambda to the first wait and 2 ln 10/lambda to each wait
-between flips: between flips it decays for as long as it grows.
+between flips: between flips it decays and then grows for equal times.
 """
 
 import math
