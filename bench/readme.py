@@ -92,17 +92,17 @@ def accuracy(rows, machine):
             )
     columns = (
         "tops",
-        "error after 10 s, at most",
+        "largest error after 10 s",
         "integrator, step",
         "members per second",
         "others",
     )
     words = (
         "For 99 % of random tops the errors of momentum (relative) and attitude (rad) are below "
-        "the limit. A step in rad is an angle: in each step every top advances by that angle of "
-        "its own motion"
+        "the limit. A step in rad is an angle: every top has its own time step, in which it turns "
+        "by that angle"
     )
-    return with_note(table(columns, lines), f"{words}; {_machine(machine)}.")
+    return with_note(table(columns, lines), f"{words}. Measured on {_machine(machine)}.")
 
 
 def peers(rows, machine):

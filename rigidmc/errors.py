@@ -311,6 +311,9 @@ def from_pydantic(
         rule, value = str(cause), first["input"]
     if first["type"] == "missing":
         rule, value = "is missing", None
+    if first["type"] == "dict_type" and not isinstance(value, Mapping):
+        name = f"{key}.NAME" if key in ("effects", "observables") else key
+        rule = f"expected a table: write [{name}] in single brackets"
     return SceneError(rule, at=path_of(at, key), table=at, value=value)
 
 

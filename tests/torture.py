@@ -263,11 +263,11 @@ def kills(count, folder, some, members=400_000, size=4, names=None):
                 break
             child.kill()
             child.join()
-            told["kills"] += 1
-            mine += 1
-            if told["kills"] % 20 == 0:
-                print(f"{told['kills']} kills: {told}", file=sys.stderr, flush=True)
             is_run = os.path.isfile(os.path.join(path, "run.json"))
+            told["kills"] += is_run  # before, there is nothing to lose
+            mine += 1
+            if is_run and told["kills"] % 20 == 0:
+                print(f"{told['kills']} kills: {told}", file=sys.stderr, flush=True)
             there = sums(path) if is_run else {}
             told["before any shard"] += not {*there} - {"members"}
             told["torn shards seen"] += sum(

@@ -193,7 +193,8 @@ def observables(
             print(f"{'':12s} parameters: {parameters}; results: {results}")
             print_added(word)
         able = [word for word in OBSERVABLES if f"{word}_mean" in WATCHED_STATISTICS]
-        print(f"\nstatistics over all steps, for {', '.join(able)}:")
+        print(f"\nstatistics over all steps, for {', '.join(able)},")
+        print("and for observables with parameters, such as pointing_angle_max:")
         for word, kind in STATISTICS.items():
             print(f"NAME_{word:7s} {_first_line(kind)}")
             for one in able:

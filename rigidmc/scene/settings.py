@@ -110,7 +110,9 @@ class Run(Table):
     (5400.0, 1000000, 0.01)
     """
 
-    integrator: str = _is("rk4", "a name of `rigidmc integrators`, or auto with a tolerance")
+    integrator: str = _is(
+        "rk4", "a name that `rigidmc integrators` lists, or auto with a tolerance"
+    )
     dt: Time = _is(0.01, "time step [s]; reduced if it divides neither t_end nor every")
     turn: Positive | None = _is(
         None, "instead of dt: each step covers this angle of the member's own motion [rad]"

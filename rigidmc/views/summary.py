@@ -156,7 +156,10 @@ def _line(
     if finite.size == values.size and is_constant(finite):
         if label.startswith("moments"):
             return None
-        return f"  {label:24s} {finite[0]:.6g} for all {units}".rstrip()
+        every = "" if finite.size == 1 else f" in all {finite.size:,} members"
+        if is_event_time(label, variable.attrs) and finite[0] == 0.0:
+            every += ": each starts past it"  # such as an axis that starts beyond its cone
+        return f"  {label:24s} {finite[0]:.6g} {units}".rstrip() + every
     mean = intervals.mean(finite, confidence=confidence or 0.95)
     width = f" +- {mean.half:.2g}" if confidence else ""
     low, median, high = np.quantile(finite, (0.05, 0.5, 0.95))

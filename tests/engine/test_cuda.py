@@ -75,6 +75,8 @@ HEAVY = next(one.scene for one in cases(("rk4",), ("heavy",)) if one.name == "he
 SCENE = HEAVY.with_run(dt=0.02, members=70)
 
 
+# each takes 10 to 18 s
+SOME = [one if one == "rk4" else pytest.param(one, marks=pytest.mark.slow) for one in QUICK]
 FEW = NAMES[0], NAMES[3], NAMES[5], NAMES[7]
 # of runs that monitor nothing
 ALONE = {"integrator": "rk4", "dt": 0.02, "t_end": 2.0, "members": 70, "save": ("momentum",)}
@@ -149,7 +151,7 @@ def targets(programs):
             yield label, program, capability
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize("name", SOME)
 def test_ptx_has_only_operations_of_ieee_754(name, fake):
     """Rounded to nearest, and fused where the processor's code fuses them. No function is called
     that is not part of the code."""
@@ -170,7 +172,7 @@ def test_ptx_has_only_operations_of_ieee_754(name, fake):
 OF_LLVM = re.compile(r"= (?:tail )?(?:call [^@]*@llvm\.(fma|sqrt)\.|f(add|sub|mul|div) )")
 
 
-@pytest.mark.parametrize("name", [*QUICK, "rk8"])
+@pytest.mark.parametrize("name", [*SOME, "rk8"])
 def test_ptx_has_the_operations_of_the_processor(name, fake):
     """As many fused multiply-adds, divisions and roots in the steps, and as many products and sums
     together: in PTX 2 x is x + x, and 1/x is rcp, with the same bits."""
@@ -273,7 +275,10 @@ ON_LINUX = pytest.mark.skipif(tool("ptxas") is None, reason="ptxas is for Linux 
 
 
 @ON_LINUX
-@pytest.mark.parametrize("name", NO_SPILL)
+@pytest.mark.parametrize(
+    "name",
+    ["rk4", *(pytest.param(one, marks=pytest.mark.slow) for one in NO_SPILL if one != "rk4")],
+)
 def test_the_steps_spill_no_register(name):
     """`python -m bench gpu` has the table of all integrators and effects."""
     row = inspected("nothing", name, scenes(True)["nothing"], (), (9, 0))

@@ -27,7 +27,7 @@ _CONE = "the cone of {angle:g} rad about the {about}{start}"
     event_times=("passage_first",),
 )
 class Passage(NamedTuple):
-    """When a principal axis of the body leaves, or reaches, a cone about a direction.
+    """The times at which a principal axis of the body leaves, or reaches, a cone about a direction.
 
     A passage there and back within one step counts, too: of 3,810 passages of heavy tops by rk8 in
     steps of 1.6 rad, none is missed (tests/physics/observables/test_monitoring.py). With noise,
@@ -81,7 +81,7 @@ class Passage(NamedTuple):
             raise SceneError(rule, at=f"{TABLE}.axis", value=self.axis)
         real = isinstance(self.angle, (int, float)) and not isinstance(self.angle, bool)
         if not real or not 0.0 < self.angle < math.pi:
-            rule = "expected an angle between 0 and pi [rad]"
+            rule = "expected an angle between 0 and pi [rad]; 30 degrees are 0.5236"
             raise SceneError(rule, at=f"{TABLE}.angle", value=self.angle)
         directions.check(self.about, f"{TABLE}.about")
         for key, word, known in (

@@ -160,13 +160,21 @@ SHAPES: dict[str, tuple[tuple[str, ...], Callable[..., Body]]] = {
 BODIES = ("moments", "tensor", *SHAPES)  # a body has exactly one of these keys
 
 
+def _one_of(keys: list[str], table: dict[str, Any]) -> SceneError:
+    """Return the error of a body that has no key of BODIES, or several."""
+    if keys:
+        rule = "keep one of these keys; in Python, body.join makes one body of two"
+        return SceneError(rule, at=f"body.{', '.join(keys)}")
+    drawn = "a shape is only drawn; " if "shape" in table else ""
+    return SceneError(f"{drawn}give one of these keys: {', '.join(BODIES)}", at="body.moments")
+
+
 def read_body(table: dict[str, Any], stored: DataSources) -> Body:
     """Return the body of the table [body]."""
     check_keys(table, (*BODIES, "mass", "centre", "axes", "pivot", "shape"), "body")
     keys = [key for key in BODIES if key in table]
     if len(keys) != 1:
-        rule = f"give exactly one of these keys, not {len(keys)}"
-        raise SceneError(rule, at=f"body.{' | '.join(BODIES)}")
+        raise _one_of(keys, table)
     key = keys[0]
     if key in SHAPES:
         body = _shaped(table, key)
