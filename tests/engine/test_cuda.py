@@ -77,7 +77,7 @@ SCENE = HEAVY.with_run(dt=0.02, members=70)
 
 # each takes 10 to 18 s
 SOME = [one if one == "rk4" else pytest.param(one, marks=pytest.mark.slow) for one in QUICK]
-FEW = NAMES[0], NAMES[3], NAMES[5], NAMES[7]
+FEW = NAMES[0], NAMES[5]
 # of runs that monitor nothing
 ALONE = {"integrator": "rk4", "dt": 0.02, "t_end": 2.0, "members": 70, "save": ("momentum",)}
 
@@ -87,7 +87,7 @@ def invoked(*words):
 
 
 def test_the_launches_give_the_recorded_bits(fake):
-    """Events, statistics, noise, steps of members' own, works and shadows; four cases, as each
+    """Events, statistics, noise, steps of members' own, works and shadows; two cases, as each
     compiles 6 kernels, and the rest below."""
     driver = fake()
     assert not changed(sums((0,), QUICK, names=FEW, device="cuda"))
@@ -122,6 +122,7 @@ def test_a_shorter_last_interval_has_the_same_bits(settings, fake):
         assert np.array_equal(here[name].values, there[name].values, equal_nan=True), name
 
 
+@pytest.mark.slow
 def test_the_comparison_sees_one_bit(fake, monkeypatch):
     """A kernel that fuses one more product with a sum is not the processor's."""
     fake()

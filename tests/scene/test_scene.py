@@ -1,5 +1,7 @@
 """Scenes: TOML there and back, shipped scenes, and a message for everything that can be wrong."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 import tomli_w
@@ -7,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rigidmc as rm
-from rigidmc.planning.steps import make_time_grid
+from rigidmc.planning.steps import _count, make_time_grid
 from rigidmc.scene.library import shipped_names
 from tests.plans import plan_of
 
@@ -336,3 +338,10 @@ def test_effects_with_vectors_and_two_of_a_kind(tmp_path):
         rm.Scene.loads(text.replace("[0.0, 0.5, 0.0]", "[0.0, 0.5]"))
     with pytest.raises(rm.SceneError, match=r"effects.spring.*stifness.*stiffness"):
         rm.Scene.loads(text.replace("stiffness = 2.0", "stifness = 2.0"))
+
+
+def test_a_step_more_is_made_from_a_billionth_of_a_step_on():
+    """_count rounds up, and takes 1e-9 of a step for rounding."""
+    ten = Fraction(10)
+    assert _count(ten * (1 + Fraction(1, 2 * 10**9))) == 10
+    assert _count(ten * (1 + Fraction(2, 10**9))) == 11

@@ -25,6 +25,18 @@ from tests.reference import rotation
 FLOOR = {"float64": 3e-8, "float32": 3e-3}
 
 
+# each kind takes 4 to 6 s, most of it to compile
+SOME = [
+    kind if i % 2 == 0 else pytest.param(kind, marks=pytest.mark.slow)
+    for i, kind in enumerate(QUICK)
+]
+
+
+def name_of(kind):
+    """The id of a case."""
+    return "-".join((kind.integrator, *kind.effects))
+
+
 def run(scene):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rm.SceneWarning)
@@ -127,7 +139,7 @@ def wrong(kind, seed, members=2):
     )
 
 
-@pytest.mark.parametrize("kind", QUICK, ids=lambda kind: "-".join((kind.integrator, *kind.effects)))
+@pytest.mark.parametrize("kind", SOME, ids=name_of)
 def test_no_difference_that_is_not_flagged(kind):
     found = {seed: wrong(kind, seed) for seed in range(10)}
     assert {seed: words for seed, (words, _) in found.items() if words} == {}
