@@ -30,12 +30,12 @@ from rigidmc.engine.compiler.memory import put_rows
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
 from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.machine import threads_available
-from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.dynamics.methods import method
 from rigidmc.physics.effects.protocol import blank, numbers
 from rigidmc.physics.effects.sums import total_energy, total_torque
 from rigidmc.physics.integrators.protocol import step
-from rigidmc.physics.observables.protocol import value
+from rigidmc.physics.observables.protocol import observed
 from rigidmc.threads import Task, threads_of
 
 # Elements per call on a thread, at most (a few ms) and at least (0.1 ms).
@@ -197,7 +197,7 @@ def torques(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float64
 def evaluate_forces(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float64]:
     """Compute torque and energy (4, ...) by compiled code; arguments as in `torques`."""
     parameters = (value for e in effects for _, _, value in numbers(e))
-    columns = np.broadcast_arrays(*q, *l, *body, *parameters)
+    columns = np.broadcast_arrays(*q, *l, *body[:BODY_NUMBERS], *parameters)
     rows = [column.ravel() for column in columns]
     formula = Forces((0.0,) * 4, (0.0,) * 3, _BODY, blank(effects))
     try:
@@ -238,7 +238,7 @@ def observe_all(observables, body, effects, t, q, l):
     if len(observables) == 0:
         return ()
     zero = 0.0 * t
-    first = value(observables[0], body, effects, t, q, l, (zero, zero, zero, zero), ())
+    first = observed(observables[0], body, effects, t, q, l, (zero, zero, zero, zero), ())
     return first + observe_all(observables[1:], body, effects, t, q, l)
 
 

@@ -34,7 +34,15 @@ from rigidmc.engine.kernel.arguments import (  # fmt: skip
 )
 from rigidmc.engine.kernel.block import TRACE, advance
 from rigidmc.engine.kernel.events import TRIES, refine_event
-from rigidmc.engine.kernel.layout import BODY, BODY_AT, LANES, MEMBER_ROWS, START, map_rows
+from rigidmc.engine.kernel.layout import (
+    AXES_ROWS,
+    BODY,
+    BODY_AT,
+    LANES,
+    MEMBER_ROWS,
+    START,
+    map_rows,
+)
 from rigidmc.engine.kernel.march import march
 from rigidmc.engine.kernel.shadow import begin_shadow, renormalise_shadow
 from rigidmc.engine.machine import vector_bits
@@ -79,6 +87,8 @@ class Program:
     paired : whether a step uses the noise of two steps of half its length, to follow their path as
         closely as possible; all members have the same steps
     shortens : whether the last interval may have steps of another length
+    axes : whether observables and events are of axes other than the principal axes, see
+        `rigidmc.physics.dynamics.body_axes`
     """
 
     def __init__(
@@ -87,6 +97,7 @@ class Program:
         limits: Sequence[float] = (), works: Sequence[Any] = (), events: Sequence[Any] = (),
         running: Sequence[Any] = (), shadow: Flag = OFF, lanes: int | None = None,
         ask: bool = False, nodes: int = 0, paired: bool = False, shortens: bool = False,
+        axes: bool = False,
     ) -> None:  # fmt: skip
         # An integrator with extra state compensates its rounding there.
         compensated = compensated and not has_extra_state(scheme.integrator)
@@ -105,7 +116,7 @@ class Program:
         self.substeps = np.ascontiguousarray(scheme.substeps, dtype=float).ravel()
 
         marks = [len(m) for _, m in running]
-        rows = map_rows(tree_size(effects), len(works), len(events), marks, bool(shadow))
+        rows = map_rows(tree_size(effects), len(works), len(events), marks, bool(shadow), axes)
         self.rows = rows.end
         random = any(map(takes_noise, effects))
         self.shape = KernelShape(
@@ -114,6 +125,7 @@ class Program:
             work_row=rows.in_state(rows.works),
             works=len(works),
             monitor_row=MEMBER_ROWS + rows.events,
+            axes_row=MEMBER_ROWS + rows.axes,
             shadow_row=rows.in_state(rows.shadow),
             monitors=int(bool(events or running)),
             nodes=nodes,
@@ -127,14 +139,15 @@ class Program:
         kept = flag(attitude), flag(compensated)
         self.paired = flag(paired)
         self.kernel_keys = self._make_keys(
-            kept, observables, tuple(limits), works, events, running, shadow
-        )
+            kept, observables, tuple(limits), works, events, running, shadow,
+            static_count(AXES_ROWS * axes),
+        )  # fmt: skip
         if not ask:
             self._compile()
 
     def _make_keys(
         self, flags: tuple[Any, Any], observables: Any, limits: Any, works: Any, events: Any,
-        running: Any, shadow: Any,
+        running: Any, shadow: Any, axes: Any,
     ) -> dict[str, KernelKey | None]:  # fmt: skip
         """Return {name: KernelKey} of all kernels, None for unused ones.
 
@@ -150,7 +163,7 @@ class Program:
             return KernelKey(function, parts, self.dtype, self.lanes, arguments) if wanted else None
 
         is_monitored = events or running
-        stops, steps = (form, effects, events), (form, effects, events, running, dense)
+        stops, steps = (form, effects, events, axes), (form, effects, events, running, dense, axes)
         last = form, effects, flags[1], works
         table = KernelTable(
             gather=key(True, member.gather, (), "piiiiffsw"),
@@ -158,12 +171,12 @@ class Program:
             initialise=key(True, member.initialise, (form, effects, limits, works), "psw"),
             march=key(True, march, stepped, MARCH),
             assess=key(True, member.assess, (form, effects, *flags, limits, works), "pswffff"),
-            record=key(observables, member.record, (observables, effects, works), "wpiifi"),
+            record=key(observables, member.record, (observables, effects, works, axes), "wipiifi"),
             begin_monitors=key(
-                is_monitored, monitoring.begin_monitors, (effects, events, running), "pswi"
+                is_monitored, monitoring.begin_monitors, (effects, events, running, axes), "pswii"
             ),
-            monitor_steps=key(is_monitored, monitoring.monitor_steps, steps, "pswsiiii"),
-            refine_event=key(events, refine_event, stops, "pwswiiiff"),
+            monitor_steps=key(is_monitored, monitoring.monitor_steps, steps, "pswsiiiii"),
+            refine_event=key(events, refine_event, stops, "pwswiiiiff"),
             begin_shadow=key(shadow, begin_shadow, (form, effects), "pswsif"),
             renormalise_shadow=key(shadow, renormalise_shadow, (form, effects), "pswsifff"),
             change_length=key(shape.changes_length, last_interval.change_length, last, "pswfffi"),

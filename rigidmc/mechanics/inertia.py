@@ -343,6 +343,17 @@ def match_axes(moments: ArrayLike, axes: ArrayLike, mean: ArrayLike) -> tuple[Ar
     return values[places, members], np.stack([row[places, members] * signs for row in turn])
 
 
+def nearest_axes(tensor: ArrayLike) -> tuple[Array, Array]:
+    """Return (moments (3,), axes (3, 3)) of a tensor (3, 3), as `principal_axes` but not sorted.
+
+    Each principal axis has the number of the axis of the tensor that is nearest to it: a product
+    of inertia of 1e-9 changes an axis by 1e-9, and no number.
+    """
+    moments, axes = principal_axes(tensor)
+    named, turn = match_axes(moments[None], axes[None], np.eye(3))
+    return named[:, 0], turn[:, :, 0]
+
+
 def quaternions(turn: Array) -> tuple[Array, ...]:
     """Return the unit quaternions (w, x, y, z) of turns from `match_axes`, far from 180 deg."""
     w = 0.5 * np.sqrt(1.0 + turn[0, 0] + turn[1, 1] + turn[2, 2])
@@ -355,6 +366,11 @@ def quaternions(turn: Array) -> tuple[Array, ...]:
 def vectors_into(turn: Array, vectors: Any) -> Array:
     """Return turn^T v (3, n) of vectors v (3, n)."""
     return np.stack([sum(turn[k, i] * vectors[k] for k in range(3)) for i in range(3)])
+
+
+def vectors_from(turn: Array, vectors: Any) -> Array:
+    """Return turn v (3, n) of vectors v (3, n)."""
+    return np.stack([sum(turn[i, k] * vectors[k] for k in range(3)) for i in range(3)])
 
 
 def tensors_into(turn: Array, six: Any) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from rigidmc.errors import PartError, SceneError
 from rigidmc.mechanics.inertia import violates_triangle
 from rigidmc.physics.dynamics.methods import implements
-from rigidmc.physics.effects import label_effects
+from rigidmc.physics.effects import label_effects, name_of
 from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.physics.effects.protocol import Effect, facts, is_random, shape
 from rigidmc.physics.integrators import refusal
@@ -100,6 +100,7 @@ def _check_sampled(model: Model, run: Run) -> None:
         raise SceneError(rule, at="run.members", value=last)
     _check_bodies(model, run.seed)
     _check_orbit(model, run.seed)
+    _check_axes(model)
     for label, effect in label_effects(model.effects):
         _check_parameters(run, label, effect)
 
@@ -112,13 +113,14 @@ def _check_bodies(model: Model, seed: int) -> None:
     """
     if any(isinstance(q, Grid) for q in model.body.quantities()):
         return
-    if model.body.inertia_key == "tensor" and count_rows(*model.start.quantities()) is not None:
+    is_apart = model.body.inertia_key == "tensor" and model.body.frame == "principal"
+    if is_apart and count_rows(*model.start.quantities()) is not None:
         rule = (
             "an uncertain tensor excludes a table, because its axes differ from member to member;"
             " give distributions, or moments and starts of each member"
         )
         raise SceneError(rule, at=f"start.{model.start.spin_name}")
-    for label, effect in label_effects(model.effects) if model.body.inertia_key == "tensor" else ():
+    for label, effect in label_effects(model.effects) if is_apart else ():
         for name in facts(effect).in_body:
             if count_rows(*getattr(effect, name)) is not None:
                 # results give it in the principal axes of each member
@@ -133,6 +135,21 @@ def _check_bodies(model: Model, seed: int) -> None:
             " moments must be positive and obey I_i <= I_j + I_k"
         )
         raise SceneError(rule, at="body.moments")
+
+
+def _check_axes(model: Model) -> None:
+    """Raise SceneError for a parameter along the principal axes of a body described in others."""
+    if model.body.frame == "principal" or not model.body.is_turned:
+        return
+    for label, effect in label_effects(model.effects):
+        for name in facts(effect).along_axes:
+            if any(not (isinstance(x, float) and x == 0.0) for x in getattr(effect, name)):
+                cure = "use matrix_damping, or " if name_of(effect) == "axial_damping" else ""
+                rule = (
+                    "has one number for each principal axis, and the body is described in other"
+                    f' axes: {cure}set axes = "principal" in [body]'
+                )
+                raise SceneError(rule, at=f"effects.{label}.{name}")
 
 
 def _check_orbit(model: Model, seed: int) -> None:

@@ -10,11 +10,12 @@ from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.free_top import Motion, analyse_free_top, solve_free_top
 from rigidmc.mechanics.lagrange_top import analyse_lagrange_top, solve_lagrange_top
+from rigidmc.physics.dynamics.body_axes import with_axes
 from rigidmc.physics.dynamics.euler import kinetic_energy
 from rigidmc.physics.dynamics.so3 import dot, inverse
 from rigidmc.physics.effects import label_effects, name_of
 from rigidmc.physics.effects.sums import total_energy, total_energy_scale
-from rigidmc.physics.observables.protocol import value
+from rigidmc.physics.observables.protocol import observed
 from rigidmc.planning.initial import Source, Start, block_rows, initial_block
 from rigidmc.planning.steps import Array, Clock, physics
 from rigidmc.scene.model import Model
@@ -130,7 +131,8 @@ def case_of(effects: Sequence[Any], block: Array, start: Start) -> ClosedMotion:
         else:
             rate = rate + start[f"{label}_rate"]
     with np.errstate(all="ignore"):
-        weight = (g * start["mass"] * start["centre"]).T
+        at = start.get("principal_centre", start["centre"])
+        weight = (g * start["mass"] * at).T
     healthy = block[layout.STATUS] == 0.0
     healthy &= np.isfinite(block[: layout.EXTRA]).all(0) & np.isfinite(weight).all(1)
     heavy = np.abs(weight) > 1e-12 * np.abs(weight).max(1, keepdims=True)
@@ -138,7 +140,7 @@ def case_of(effects: Sequence[Any], block: Array, start: Start) -> ClosedMotion:
     if np.any(damped := (form > 0) & (rate != 0.0)):
         raise _uncovered(f"a damped heavy top has no closed form{_some(damped)}")
     if np.any(off := healthy & (heavy.sum(1) > 1)):
-        centre = ", ".join(f"{x:.4g}" for x in start["centre"][:, np.argmax(off)])
+        centre = ", ".join(f"{x:.4g}" for x in at[:, np.argmax(off)])
         rule = f"its centre of mass ({centre}) m in principal axes lies on none of these axes"
         raise _uncovered(rule + _some(off))
     _refuse_asymmetric(moments, form)
@@ -176,11 +178,15 @@ def closed_values(
     start: Start,
     times: Array,
     clock: Clock,
+    is_described: bool = False,
 ) -> Array:
     """Compute observables (times, rows, n) at `times`, each of which ends a step of `clock`.
 
     Final states, drifts and status go into the block. A member that is unhealthy at the start
     stays there. A member that becomes non-finite freezes at its last finite state, as in a kernel.
+
+    is_described : whether observables are of the axes in which the bodies are described, whose
+        principal axes `start` has
     """
     motion = case_of(effects, block, start).motion(times)
     q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)
@@ -213,9 +219,11 @@ def closed_values(
     block[layout.GOOD_STEP] = steps[last[-1]]
     bad_save = np.minimum(healthy.sum(0), len(times) - 1)
     block[layout.FAULT_STEP] = np.where(healthy[-1], -1.0, steps[bad_save])
+    if is_described:
+        body = with_axes(body, tuple(start["principal_axes"]))
     with np.errstate(all="ignore"):
         rows = [
-            [v for o in observables for v in value(o, body, arrays, t, a, b, first, ())]
+            [v for o in observables for v in observed(o, body, arrays, t, a, b, first, ())]
             for t, a, b in zip(times, q, l, strict=True)
         ]
     return np.array(rows)

@@ -11,10 +11,16 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys
 from rigidmc.engine.streams import key_of, stream_of, uniforms
 from rigidmc.errors import SceneError
-from rigidmc.mechanics.inertia import quaternions, tensors_into, vectors_into, violates_triangle
-from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.mechanics.inertia import (
+    quaternions,
+    tensors_into,
+    vectors_from,
+    vectors_into,
+    violates_triangle,
+)
+from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.dynamics.methods import Flag, flag, implements
-from rigidmc.physics.dynamics.so3 import multiply
+from rigidmc.physics.dynamics.so3 import conjugate, multiply
 from rigidmc.physics.effects import label_effects, shared_parameters
 from rigidmc.physics.effects.protocol import facts as effect_facts
 from rigidmc.physics.effects.protocol import parameter_count, shape, takes_noise
@@ -205,11 +211,12 @@ def fill_initial(
         for label, e in label_effects(model.effects)
         for field, value in zip(e._fields, e, strict=True)
     }
+    given = effects
     if turn is not None:
         effects = _turned(model.effects, effects, turn)
     with np.errstate(all="ignore"):
         body = MassProperties.of(tuple(moments), tuple(mass * centre))
-    for row, values in zip(block[layout.BODY : layout.EFFECTS], body, strict=True):
+    for row, values in zip(block[layout.BODY : layout.EFFECTS], body[:BODY_NUMBERS], strict=True):
         row[:] = values
     if effects:
         end = layout.EFFECTS + parameter_count(*model.effects)
@@ -222,20 +229,37 @@ def fill_initial(
     if has_attitude:
         facts = member_facts(model.effects, block, moments)
         attitude = model.start.sample_attitude(sampler, first, count, facts)
-        if turn is not None and model.start.attitude != "ensemble":
-            attitude = multiply(tuple(attitude), quaternions(turn))
         block[layout.ATTITUDE : layout.MOMENTUM] = attitude
+        if turn is not None and model.start.attitude != "ensemble":
+            axes = multiply(tuple(attitude), quaternions(turn))
+            block[layout.ATTITUDE : layout.MOMENTUM] = axes
     word, spin = model.start.sample_spin(
         sampler, first, count, member_facts(model.effects, block, moments)
     )
-    if turn is not None and not isinstance(getattr(model.start, word), EquilibriumEnsemble):
+    in_principal = isinstance(getattr(model.start, word), EquilibriumEnsemble)
+    told = spin
+    if turn is not None and not in_principal:
         spin = vectors_into(turn, spin)
-    start = {"moments": moments, "mass": mass, "centre": centre, f"start_{word}": spin}
+    start = {"moments": moments, "mass": mass, "centre": centre, f"start_{word}": told}
     if turn is not None:
         start["principal_axes"] = np.stack(quaternions(turn))
-    start |= {name: values if len(values) > 1 else values[0] for name, values in effects.items()}
+        start["principal_centre"] = centre
+        # results have what the scene says, to the last bit, unless it was drawn in principal axes
+        if model.body.frame == "principal":
+            start[f"start_{word}"], given = spin, effects
+        else:
+            start["centre"] = vectors_from(turn, centre)
+            if in_principal:
+                start[f"start_{word}"] = vectors_from(turn, spin)
+    start |= {name: values if len(values) > 1 else values[0] for name, values in given.items()}
     if has_attitude:
         start["start_attitude"] = block[layout.ATTITUDE : layout.MOMENTUM].copy()
+        if turn is not None and model.body.frame != "principal":
+            back = conjugate(tuple(start["principal_axes"]))
+            is_drawn_there = model.start.attitude == "ensemble"
+            start["start_attitude"] = np.stack(
+                multiply(tuple(attitude), back) if is_drawn_there else attitude
+            )
         if model.start.has_euler_angles:
             start["start_euler"] = draw(
                 model.start.attitude, sampler, "start.attitude", first, count

@@ -130,12 +130,15 @@ _VALUES = {
 _SAVED = {**_VALUES, "start": (1.0, 1.0, 1.0, 1.0)}
 
 
-def places_of(effects: Sequence[Any], has_work: bool, monitors: Monitors) -> RowMap:
-    """Return the rows of a block beyond the rows that every block has."""
+def places_of(effects: Sequence[Any], has_work: bool, monitors: Monitors, has_axes: bool) -> RowMap:
+    """Return the rows of a block beyond the rows that every block has.
+
+    has_axes : whether observables are of axes other than the principal axes
+    """
     works = len(effects) if has_work else 0
     marks = [len(numbers) for _, numbers in monitors.running]
     events, shadow = len(monitors.events), bool(monitors.shadow)
-    return places_for(parameter_count(*effects), works, events, marks, shadow)
+    return places_for(parameter_count(*effects), works, events, marks, shadow, has_axes)
 
 
 def has_attitude(effects: Sequence[Any], recording: Recording, monitors: Monitors) -> bool:

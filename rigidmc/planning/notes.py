@@ -15,7 +15,7 @@ from rigidmc.engine.inspection import refusal_of, scalar_parts
 from rigidmc.engine.machine import is_uncompiled
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import TOO_FAR, too_far, violates_triangle
-from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import EFFECTS, label_effects
 from rigidmc.physics.effects.bath import Bath
@@ -165,8 +165,8 @@ def _orbit_inside(seen: PilotFacts) -> Iterator[str]:
 
 def _not_turned(seen: PilotFacts) -> Iterator[str]:
     """Find vectors of custom effects that do not declare whether they are fixed in the body, where
-    members have different principal axes."""
-    if seen.model.body.inertia_key != "tensor":
+    the axes of the scene are not the principal axes of each member."""
+    if not seen.model.body.is_turned:
         return
     for label, effect in seen.effects:
         if is_shipped(effect) or hasattr(effect, "in_body"):
@@ -382,7 +382,7 @@ def idle_effects(effects: list[tuple[str, Any]], moments: Array, centre: Array) 
 def _acts(effect: Any, bodies: MassProperties, i: int, chance: np.random.Generator) -> bool:
     """Return whether an effect exerts a torque on member i at a random attitude, spin and time; for
     a bath, whether it has friction."""
-    body = MassProperties(*(np.asarray(x)[i] for x in bodies))
+    body = MassProperties(*(np.asarray(x)[i] for x in bodies[:BODY_NUMBERS]))
     of_member = from_numbers(type(effect), [x[i] for _, _, x in numbers(effect)])
     if isinstance(of_member, Bath):
         return bool(of_member.gamma != 0.0)

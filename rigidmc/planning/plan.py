@@ -118,6 +118,11 @@ class Plan(NamedTuple):
         return self._replace(first=0, members=which.size, which=which)
 
     @property
+    def has_axes(self) -> bool:
+        """Whether observables are of axes other than the principal axes."""
+        return self.places.axes < self.places.end
+
+    @property
     def values(self) -> int:
         """Number of values that a member records at a save."""
         return max((rows.stop for rows in self.saved.values()), default=0)
@@ -138,6 +143,8 @@ class Plan(NamedTuple):
             block, start = pilot.part(self.model, first, members.size, self.places.end)
         else:
             block, start = initial_block(self.model, sampler, first, members.size, *known)
+        if self.has_axes:
+            block[self.places.axes : self.places.end] = start["principal_axes"]
         if self.has_member_steps:
             rate = rate_bounds(self.model.effects, block)
             block[layout.STEPS] = count_member_steps(rate, self.grid.dt, self.run.turn)
@@ -209,6 +216,8 @@ def make_plan(
     slots = np.append(np.arange(0, found.steps, found.stride), found.steps)
     is_thinned = "thinned" in recording.retained.values()
     conserved = conservation(effects, recording.has_work)
+    watches = bool(recording.recorded or monitors.events or monitors.running)
+    has_axes = model.body.is_turned and model.body.frame == "described" and watches
     bounds = run, kind, conserved, attitude, steps.theta, mean, scheme, spin
     return Plan(
         model=model,
@@ -234,7 +243,7 @@ def make_plan(
         labels=tuple(label for label, _ in label_effects(effects)) if recording.has_work else (),
         works=work_flags(effects, recording.has_work),
         monitors=monitors,
-        places=places_of(effects, recording.has_work, monitors),
+        places=places_of(effects, recording.has_work, monitors, has_axes),
         nodes=nodes(effects, monitors, reach),
         saved=value_rows(recording.recorded, len(effects)),
         conserved=conserved,

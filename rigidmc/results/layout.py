@@ -146,6 +146,7 @@ class ResultLayout(NamedTuple):
             "seed": self.scene.run.seed,
             "integrator": self.scene.run.integrator,
             **self.facts,
+            **({"body_axes": self.scene.body.frame} if self.scene.body.is_turned else {}),
         }
 
     def text(self) -> str:
@@ -186,4 +187,5 @@ def constant_variables(model: Model) -> frozenset[str]:
     }
     if model.body.inertia_key == "tensor":  # each member has its own axes
         return frozenset()
-    return frozenset(name for name, value in variables.items() if is_shared(value))
+    shared = frozenset(name for name, value in variables.items() if is_shared(value))
+    return shared | {"principal_axes"} if model.body.is_turned else shared

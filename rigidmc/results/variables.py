@@ -139,7 +139,7 @@ def is_turned(body: Body, effect: Effect, name: str) -> bool:
     """Whether a parameter is fixed in the body and members differ in their principal axes. The
     result then has it in these axes, even if all members have the same parameter."""
     fixed = name in facts(effect).in_body and name not in facts(effect).hidden
-    if not fixed or body.inertia_key != "tensor":
+    if not fixed or body.inertia_key != "tensor" or body.frame != "principal":
         return False
     return not all(isinstance(x, float) and x == 0.0 for x in getattr(effect, name))
 
@@ -197,9 +197,11 @@ def _body_variables(model: Model, own_steps: bool) -> dict[str, Variable]:
     if effects may need them."""
     text = "principal moments of inertia about the fixed point"
     variables = {"moments": _by_member(text, "kg m2", ("axis",))}
-    turned = model.body.inertia_key == "tensor"
+    turned = model.body.is_turned
     if turned:
-        text = "attitude of the member's principal axes in the principal axes of the mean tensor"
+        mean = "principal axes of the mean tensor"
+        axes = mean if model.body.frame == "principal" else "axes in which the body is described"
+        text = f"attitude of the member's principal axes in the {axes}"
         variables["principal_axes"] = _by_member(text, "1", ("quat",))
     if own_steps:
         about = {"long_name": "number of steps of the member, all of equal length"}
@@ -207,7 +209,8 @@ def _body_variables(model: Model, own_steps: bool) -> dict[str, Variable]:
     shared = is_shared(model.body.mass, model.body.centre) and not turned
     if any(implements(e, "energy") for e in model.effects) or not shared:
         variables["mass"] = _by_member("mass", "kg")
-        variables["centre"] = _by_member("centre of mass, principal axes", "m", ("axis",))
+        axes = "principal axes" if model.body.frame == "principal" else "body axes"
+        variables["centre"] = _by_member(f"centre of mass, {axes}", "m", ("axis",))
     return variables
 
 

@@ -101,6 +101,7 @@ def make_program(plan: Plan, device: str = "cpu", compiled: bool = True) -> Prog
             nodes=plan.nodes,
             paired=plan.paired,
             shortens=plan.grid.is_shortened,
+            axes=plan.has_axes,
         )
         return found
     except NumbaError as error:

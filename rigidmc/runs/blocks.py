@@ -208,7 +208,8 @@ def _close(plan: Plan, rows: Array, start: Start, out: Array, width: int, column
     """Write the values of closed forms at all saves, and write the last states to the rows."""
     observables = list(plan.recording.recorded.values())
     clock, effects = plan.grid.clock, plan.model.effects
-    values = closed_values(effects, observables, rows, start, plan.times, clock)
+    described = plan.has_axes
+    values = closed_values(effects, observables, rows, start, plan.times, clock, described)
     if width:
         place = slice(column, column + rows.shape[1])
         out.reshape(plan.times.size, -1, width)[:, :, place] = values

@@ -289,7 +289,7 @@ def some_of(run: PreparedRun, kept: Iterable[int]) -> PreparedRun:
         labels=(),
         works=(),
         monitors=Monitors(),
-        places=places_of(effects, False, Monitors()),
+        places=places_of(effects, False, Monitors(), False),
         nodes=0,
         saved={},
     )

@@ -58,7 +58,9 @@ class SegmentedRun:
         plan, model = self.plan, self.plan.model
         if rows is not None:
             model = model.mapped(lambda quantity: of_members(quantity, rows))
-        block, _ = initial_block(model, source, 0, count, plan.has_attitude, plan.places.end)
+        block, start = initial_block(model, source, 0, count, plan.has_attitude, plan.places.end)
+        if plan.has_axes:
+            block[plan.places.axes : plan.places.end] = start["principal_axes"]
         return fill_lanes(block)
 
     def moved(self, block: Array, members: NDArray[np.int64], part: int) -> Array:

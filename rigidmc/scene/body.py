@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
-from rigidmc.errors import SceneError
+from rigidmc.errors import SceneError, unknown
 from rigidmc.mechanics import inertia, rotation
 from rigidmc.scene.body_changes import BodyChanges
 from rigidmc.scene.quantities import Source, draw, is_shared, is_variable, quantity, vector
@@ -18,6 +18,7 @@ from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution, flat_parameters
 
 Array = NDArray[np.float64]
+FRAMES = ("described", "principal")
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 _Turn = TypeVar("_Turn", bound=Callable[..., Array])
@@ -73,6 +74,9 @@ class Body(BodyChanges):
         the body comes from a tensor, from particles or from a shift
     shape : tuple of ShapePart, optional
         solids that pictures draw; set by the makers of bodies, without effect on the motion
+    frame : str, optional
+        the axes of everything else in the scene, and of results: "described", the axes in which
+        the body is given, or "principal", its principal axes
 
     Raises
     ------
@@ -102,6 +106,7 @@ class Body(BodyChanges):
     centre: Any = (0.0, 0.0, 0.0)
     axes: tuple[tuple[float, ...], ...] = IDENTITY
     shape: Shape = ()
+    frame: str = "described"
 
     def __post_init__(self) -> None:
         whole = isinstance(self.moments, VectorDistribution)
@@ -114,6 +119,8 @@ class Body(BodyChanges):
             self._check_uncertain(self.moments)
         else:
             object.__setattr__(self, "axes", _checked_axes(self.axes))
+        if self.frame not in FRAMES:
+            raise unknown("axes", FRAMES, at="body.axes", value=self.frame)
         if not uncertain and self.axes != IDENTITY and not is_shared(self.centre):
             rule = "must be plain numbers for a body given by a tensor; give principal moments"
             raise SceneError(rule, at="body.centre")
@@ -146,7 +153,8 @@ class Body(BodyChanges):
             )
             raise SceneError(rule, at="body.centre", value=list(self.centre))
         distribution.bodies(0, "body.tensor", 0, 1, self.mass, self.centre)
-        _, axes = inertia.principal_axes(distribution.mean_tensor(self.mass))
+        find = inertia.principal_axes if self.frame == "principal" else inertia.nearest_axes
+        _, axes = find(distribution.mean_tensor(self.mass))
         object.__setattr__(self, "axes", tuple(map(tuple, axes.tolist())))
 
     def _check_moments(self) -> None:
@@ -283,6 +291,19 @@ class Body(BodyChanges):
         tensor: Array = (axes * np.array(self.moments)) @ axes.T
         return tensor
 
+    @property
+    def is_turned(self) -> bool:
+        """Whether the axes of the scene differ from the principal axes of some member.
+
+        Examples
+        --------
+        >>> rm.Body((1.0, 2.0, 2.5)).is_turned
+        False
+        """
+        if isinstance(self.moments, UncertainInertia):
+            return True
+        return self.frame == "described" and self.axes != IDENTITY
+
     def quantities(self) -> tuple[Any, ...]:
         """Return all quantities of the body, in one flat tuple.
 
@@ -350,8 +371,9 @@ class Body(BodyChanges):
         moments, mass, centre : numpy.ndarray
             as for `sample`
         turn : numpy.ndarray (3, 3, count) or None
-            its columns are the principal axes, in the principal axes of the mean tensor; None if
-            all members have the same axes
+            its columns are the principal axes, in the axes of the scene: the described axes or, for
+            the frame "principal", the principal axes of the mean tensor; None if the members' axes
+            are the axes of the scene
 
         Examples
         --------
@@ -366,9 +388,12 @@ class Body(BodyChanges):
             moments = draw(self.moments, sampler, "body.moments", first, count)
         mass = draw((self.mass,), sampler, "body.mass", first, count)[0]
         centre = draw(self.centre, sampler, "body.centre", first, count)
-        if self.axes != IDENTITY:
-            centre = self._along_axes(centre)
-        return moments, mass, centre, None
+        if self.axes == IDENTITY:
+            return moments, mass, centre, None
+        centre = self._along_axes(centre)
+        if self.frame == "principal":
+            return moments, mass, centre, None
+        return moments, mass, centre, np.array(self.axes)[:, :, None] + np.zeros(count)
 
     def _along_axes(self, vectors: Array) -> Array:
         """Resolve vectors (3, n) of the described axes along the principal axes."""
@@ -383,9 +408,12 @@ class Body(BodyChanges):
             sampler, "body.tensor", first, count, self.mass, self.centre
         )
         moments, axes = inertia.principal_axes(inertia.symmetric(six))
+        centre = np.stack([x, y, z])
+        if self.frame == "described":
+            moments, turn = inertia.match_axes(moments, axes, IDENTITY)
+            return moments, mass, inertia.vectors_into(turn, centre), turn
         moments, turn = inertia.match_axes(moments, axes, self.axes)
-        centre = self._along_axes(np.stack([x, y, z]))
-        return moments, mass, inertia.vectors_into(turn, centre), turn
+        return moments, mass, inertia.vectors_into(turn, self._along_axes(centre)), turn
 
 
 def _checked_axes(axes: Any) -> tuple[tuple[float, ...], ...]:

@@ -76,7 +76,7 @@ class BodyChanges(BodyMakers):
         bare = inertia.about_centre(self.tensor, self.mass, self.centre)
         tensor = inertia.about_point(bare, self.mass, new)
         parts = tuple(part.placed(-np.array(point)) for part in self.shape)
-        return self._of_tensor(tensor, self.mass, tuple(new.tolist()), parts)
+        return self._of_tensor(tensor, self.mass, tuple(new.tolist()), parts, self.frame)
 
     def with_pivot_at_centre(self) -> Self:
         """Move the fixed point to the centre of mass, TdC (3.28), as for a satellite.
@@ -105,7 +105,7 @@ class BodyChanges(BodyMakers):
                 if distribution.centre is not None
                 else replace(distribution, centre=self.centre)
             )
-            return type(self)(distribution, self.mass, shape=self.shape)
+            return type(self)(distribution, self.mass, shape=self.shape, frame=self.frame)
         return self.with_pivot(self.centre)
 
     def join(
@@ -199,4 +199,4 @@ class BodyChanges(BodyMakers):
         inertia.principal_axes(inertia.about_centre(tensor, mass, middle))
         parts = (part.placed(place, turned) for part in other.shape)
         whole = shape.join_shapes(self.shape, parts, sign < 0.0)
-        return self._of_tensor(tensor, mass, tuple(middle.tolist()), whole)
+        return self._of_tensor(tensor, mass, tuple(middle.tolist()), whole, self.frame)

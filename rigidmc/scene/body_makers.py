@@ -74,13 +74,16 @@ class BodyMakers(Renamed, metaclass=_Hints):
 
     @classmethod
     def from_tensor(
-        cls, tensor: ArrayLike | UncertainInertia, mass: Any = 1.0, centre: Any = (0.0, 0.0, 0.0)
+        cls,
+        tensor: ArrayLike | UncertainInertia,
+        mass: Any = 1.0,
+        centre: Any = (0.0, 0.0, 0.0),
+        axes: str = "described",
     ) -> Self:
         """Make a body from its inertia tensor, transformed to principal axes, TdC (3.19)-(3.23).
 
-        A diagonal tensor keeps its axes and their order. Otherwise the moments ascend, the largest
-        components of the first two axes are positive, and the third axis completes a
-        right-handed set.
+        Starts, effects and results are in the axes of the tensor; rigidmc computes in the principal
+        axes. Each principal axis has the number of the axis of the tensor that is nearest to it.
 
         Parameters
         ----------
@@ -90,6 +93,11 @@ class BodyMakers(Renamed, metaclass=_Hints):
             mass of the body
         centre : array_like (3,), optional [m]
             centre of mass from the fixed point, in the axes of the tensor
+        axes : str, optional
+            "principal" if starts, effects and results are in the principal axes instead; these are
+            in the order of ascending moments, the largest components of the first two axes are
+            positive, and the third axis completes a right-handed set; a diagonal tensor keeps its
+            axes and their order
 
         Returns
         -------
@@ -108,12 +116,20 @@ class BodyMakers(Renamed, metaclass=_Hints):
         [1.5, 2.5, 3.0]
         """
         if isinstance(tensor, UncertainInertia):
-            return cls(tensor, mass, centre)
-        return cls._of_tensor(tensor, mass, centre)
+            return cls(tensor, mass, centre, frame=axes)
+        return cls._of_tensor(tensor, mass, centre, frame=axes)
 
     @classmethod
-    def _of_tensor(cls, tensor: ArrayLike, mass: Any, centre: Any, parts: Shape = ()) -> Self:
+    def _of_tensor(
+        cls,
+        tensor: ArrayLike,
+        mass: Any,
+        centre: Any,
+        parts: Shape = (),
+        frame: str = "described",
+    ) -> Self:
         """Make a body from a tensor (3, 3), with the solids that pictures draw."""
+        find = inertia.principal_axes if frame == "principal" else inertia.nearest_axes
         wanted = "expected 3x3 finite numbers, not"
         cure = "; give bodies that differ by moments, or by rm.UncertainInertia"
         matrix = floats(tensor, "body.tensor", rule=f"{wanted} distributions or text{cure}")
@@ -121,10 +137,11 @@ class BodyMakers(Renamed, metaclass=_Hints):
             rule = f"{wanted} {matrix.shape or 'one number'}{cure}"
             raise SceneError(rule, at="body.tensor")
         try:
-            moments, axes = inertia.principal_axes(matrix)
+            moments, axes = find(matrix)
         except SceneError as error:
             raise SceneError(error.rule, at="body.tensor", value=matrix.tolist()) from None
-        return cls(tuple(moments.tolist()), mass, centre, tuple(map(tuple, axes.tolist())), parts)
+        rows = tuple(map(tuple, axes.tolist()))
+        return cls(tuple(moments.tolist()), mass, centre, rows, parts, frame)
 
     @classmethod
     def from_particles(cls, masses: ArrayLike, positions: ArrayLike) -> Self:

@@ -13,6 +13,7 @@ from rigidmc.mechanics.lagrange_top import NutationRange, sleeping_growth, stead
 from rigidmc.mechanics.rotation import attitude_error, matrix
 from rigidmc.planning.closed_form import NONE, ClosedMotion, closed_form
 from rigidmc.planning.initial import make_sampler
+from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import count_text
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.scene import Scene
@@ -46,7 +47,9 @@ def compare(scene: Scene, at: float, members: int) -> list[str]:
         lines.append("integration  none: it runs forward from t = 0")
         return lines + _state(motion.omega[shown], motion.attitude[shown])
     run = scene.with_run(t_end=at, every=None, save=("omega", "attitude"), members=members)
-    return lines + _beside(motion, simulate(run))
+    if scene.body.is_turned:
+        lines.append("states are in the principal axes")
+    return lines + _beside(motion, in_principal_axes(simulate(run)))
 
 
 def _kinds(motions: Motions, good: NDArray[np.bool_]) -> str:

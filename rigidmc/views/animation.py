@@ -21,6 +21,7 @@ from rigidmc.files.opening import check_suffix
 from rigidmc.files.outputs import PartialFile, naming_the_path, refuse_existing
 from rigidmc.mechanics import rotation
 from rigidmc.planning.turns import ATTITUDE, sparse
+from rigidmc.results.frames import in_principal_axes
 from rigidmc.scene.scene import scene_of
 from rigidmc.views.sample import fastest
 from rigidmc.views.surfaces import TONES, Surface, body_surface, cut, member_body
@@ -111,6 +112,7 @@ def _finished(path: str, writer: animation.AbstractMovieWriter) -> Iterator[None
 
 def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
     """Return (figure, draw); draw(i) shows time i."""
+    ds = in_principal_axes(ds)
     q = ds.attitude.transpose("time", "quat", "member").values[..., 0]
     l = ds.momentum.transpose("time", "axis", "member").values[..., 0]
     size = np.linalg.norm(l, axis=1)

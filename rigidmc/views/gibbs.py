@@ -12,6 +12,7 @@ from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects.protocol import is_random, numbers
 from rigidmc.planning.initial import members_at_start
 from rigidmc.planning.steps import physics
+from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import count_text, value_text
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene, scene_of
@@ -31,7 +32,7 @@ def gibbs(ds: xr.Dataset, allow_code: bool = False) -> Figure:
     Raises ValueError for scenes without a bath or with two, and for scenes whose body, kT or
     energies differ between members.
     """
-    scene = scene_of(ds, allow_code=allow_code)
+    scene, ds = scene_of(ds, allow_code=allow_code), in_principal_axes(ds)
     baths = [effect for effect in scene.effects if is_random(effect)]
     if len(baths) != 1:
         raise ValueError("gibbs needs a scene with exactly one bath")

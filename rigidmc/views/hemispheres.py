@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rigidmc.figures import DENSITY, HALO, INK, PATH, add_title, figure_of
 from rigidmc.planning.turns import AXIS, BODY
+from rigidmc.results.frames import in_principal_axes
 from rigidmc.views.sample import (
     drawn_members,
     figure_of_result,
@@ -47,9 +48,11 @@ def momentum_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     saves. If all members have the same asymmetric body, the picture shows its separatrices
     2 T I_mid = L^2: great circles, which are straight lines in this projection.
 
+    The axes are the principal axes, in which polhodes are simple, whatever the axes of the result.
+
     ds : result with omega or momentum; otherwise start_omega or start_momentum, as the title says
     """
-    part = thin_result(ds)
+    part = in_principal_axes(thin_result(ds))
     l, when = omega_or_momentum(part, "momentum")
     moments = part.moments.values
     body = np.median(moments, axis=1)

@@ -17,6 +17,7 @@ from rigidmc.errors import RigidmcError
 from rigidmc.figures import new_figure
 from rigidmc.mechanics.rotation import euler
 from rigidmc.planning.turns import ATTITUDE, AXIS, Drive, Sparse, drive, sparse, turning_rates
+from rigidmc.results.frames import described, in_principal_axes, principal
 from rigidmc.results.labels import count_text
 from rigidmc.scene.scene import scene_of
 
@@ -47,7 +48,8 @@ def thin_result(ds: xr.Dataset) -> xr.Dataset:
     # the momentum of rotors affects the rate at which omega turns, see `drive_of`
     held = [name for name in map(str, ds.data_vars) if name.endswith("_momentum")]
     held = [name for name in held if name not in states and ds[name].dims == ("axis", "member")]
-    names = [*states, *held, "moments", "status", "energy_drift_max", "l2_drift_max"]
+    axes = ["principal_axes"] if "principal_axes" in ds else []
+    names = [*states, *held, *axes, "moments", "status", "energy_drift_max", "l2_drift_max"]
     part = ds[names].isel(even, missing_dims="ignore").load()
     good = part.status == 0
     for name in states:
@@ -76,10 +78,13 @@ def omega_or_momentum(part: xr.Dataset, name: str) -> tuple[NDArray[np.float64],
     for prefix in ("", "start_"):
         for saved in ("omega", "momentum"):
             if prefix + saved in part:
-                v = part[prefix + saved].transpose(..., "axis", "member").values
+                found = part[prefix + saved]
+                if saved != name:
+                    v = principal(part, prefix + saved)
+                    by = v * part.moments if name == "momentum" else v / part.moments
+                    found = described(part, by)
+                v = found.transpose(..., "axis", "member").values
                 v = v if v.ndim == 3 else v[None]
-                moments = part.moments.transpose("axis", "member").values
-                v = v if saved == name else v * moments if name == "momentum" else v / moments
                 return v, "at the start (later states were not saved)" if prefix else span(part)
     raise ValueError(
         "nothing to draw: neither omega nor momentum was saved, not even at the start:"
@@ -151,6 +156,7 @@ def fastest(part: xr.Dataset, kind: str) -> Floats:
     Without momenta over time, the rates follow from the momenta at the start and from the angle
     between saved attitudes, which is pi at most.
     """
+    part = in_principal_axes(part)
     l, _ = omega_or_momentum(part, "momentum")
     moments, by = part.moments.transpose("axis", "member").values, drive_of(part)
     found, count = np.empty(l.shape[-1]), max(1, STATES // len(l))

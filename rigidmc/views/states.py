@@ -7,7 +7,19 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.physics.dynamics.methods import implements
+from rigidmc.scene.body import IDENTITY
 from rigidmc.views.lazy import apply_lazily
+
+_UNTURNED = ("_min", "_max", "_variance")
+
+
+def _refuse_extremes(name: str) -> None:
+    """Raise ValueError for statistics of components, which are no vector in other axes."""
+    if name.endswith(_UNTURNED):
+        rule = (
+            "extremes and variances of components are no vector: no turn gives them in other axes"
+        )
+        raise ValueError(f"{name}: {rule}; save them from a run in these axes")
 
 
 class ResultStates:
@@ -56,9 +68,10 @@ class ResultStates:
         return self._dataset
 
     def described(self, name: str) -> xr.DataArray:
-        """Transform saved states to the axes in which the body was described.
+        """Return saved states in the axes in which the body was described.
 
-        Results are in principal axes, which differ between members if the tensor is uncertain.
+        Results are in these axes already, unless the scene asks for the principal axes, with
+        `[body] axes = "principal"`, or the result was written before version 0.2.
 
         Parameters
         ----------
@@ -75,26 +88,29 @@ class ResultStates:
         Raises
         ------
         ValueError
-            for a variable that is neither a vector in the body nor an attitude
+            for a variable that is neither a vector in the body nor an attitude, and for extremes
+            and variances of components in other axes, which no turn can find
 
         Examples
         --------
         >>> law = rm.UncertainInertia(np.diag([2.0, 2.5, 3.0]), 0.01 * np.eye(6))
         >>> scene = rm.Scene(rm.Body.from_tensor(law), start=rm.Start(omega=(0.2, 0.3, 1.0)))
         >>> ds = rm.simulate(scene, members=4, dt=0.1, t_end=1.0)
-        >>> ds.rigid.described("start_omega").isel(member=0).values.round(12).tolist()
+        >>> ds.rigid.described("start_omega").isel(member=0).values.tolist()
         [0.2, 0.3, 1.0]
         """
         from rigidmc.mechanics.rotation import product, quaternion, to_space
         from rigidmc.physics.dynamics.so3 import conjugate
+        from rigidmc.results.frames import is_described
         from rigidmc.scene.scene import scene_of
 
         ds = self._dataset
+        given = self._body_values(name)
+        if is_described(ds):
+            return given
         body = scene_of(ds, allow_code=None).body  # needs no physics
-        given = ds.get(name)
-        if given is None or not {"axis", "quat"} & {*given.dims} or name == "moments":
-            rule = "neither a vector in the body nor an attitude of this result"
-            raise ValueError(f"{name}: {rule}")
+        if body.is_turned or body.axes != IDENTITY:
+            _refuse_extremes(name)
         kind = "quat" if "quat" in given.dims else "axis"
         axes = quaternion(np.array(body.axes))
 
@@ -110,6 +126,51 @@ class ResultStates:
         found = apply_lazily(turned, parts, [kind]).transpose(*given.dims)
         text = f"{given.attrs.get('long_name', name)}; in the described axes"
         return found.assign_coords(given.coords).assign_attrs({**given.attrs, "long_name": text})
+
+    def principal(self, name: str) -> xr.DataArray:
+        """Return saved states in the principal axes of each member.
+
+        Each principal axis has the number of the axis of the description that is nearest to it.
+
+        Parameters
+        ----------
+        name : str
+            variable of the result: "omega", "momentum", "attitude", "start_omega", "centre", ...
+
+        Returns
+        -------
+        xarray.DataArray
+            vectors in the principal axes, or attitudes of these axes; lazy if the result is lazy
+
+        Raises
+        ------
+        ValueError
+            as `described`
+
+        Examples
+        --------
+        >>> body = rm.Body.from_tensor([[2.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 3.0]])
+        >>> scene = rm.Scene(body, start=rm.Start(omega=(1.0, 1.0, 0.0)))
+        >>> ds = rm.simulate(scene, members=1, dt=0.1, t_end=1.0)
+        >>> ds.rigid.principal("start_omega").isel(member=0).values.round(12).tolist()
+        [1.414213562373, 0.0, 0.0]
+        """
+        from rigidmc.results.frames import is_described, principal
+
+        given = self._body_values(name)
+        if not is_described(self._dataset):
+            return given
+        _refuse_extremes(name)
+        text = f"{given.attrs.get('long_name', name)}; in the principal axes"
+        return principal(self._dataset, name).assign_attrs({**given.attrs, "long_name": text})
+
+    def _body_values(self, name: str) -> xr.DataArray:
+        """Return a variable; ValueError unless it is a vector in the body or an attitude."""
+        given = self._dataset.get(name)
+        if given is None or not {"axis", "quat"} & {*given.dims} or name == "moments":
+            rule = "neither a vector in the body nor an attitude of this result"
+            raise ValueError(f"{name}: {rule}")
+        return given
 
     def momentum(self) -> xr.DataArray:
         """Return the angular momentum in body axes, saved or computed from omega.
@@ -130,6 +191,8 @@ class ResultStates:
         >>> ds.rigid.momentum().shape
         (3, 3, 4)
         """
+        from rigidmc.results.frames import described, principal
+
         ds = self._whole()
         if "momentum" in ds:
             return ds["momentum"]
@@ -139,10 +202,16 @@ class ResultStates:
                 ' run with save=("omega",) and keep="full"'
             )
         return (
-            (ds["omega"] * ds["moments"])
+            described(ds, principal(ds, "omega") * ds["moments"])
             .transpose("time", "axis", "member")
             .assign_attrs(units="kg m2 s-1", long_name="angular momentum, body axes")
         )
+
+    def _principal_momentum(self) -> xr.DataArray:
+        """Return the angular momentum in the principal axes."""
+        from rigidmc.results.frames import principal
+
+        return principal(self._dataset.assign(momentum=self.momentum()), "momentum")
 
     def euler(self) -> xr.Dataset:
         """Compute Euler angles of the saved attitudes, TdC (3.36).
@@ -254,7 +323,7 @@ class ResultStates:
         """
         from rigidmc.mechanics.free_top import analyse_free_top
 
-        l = self.momentum().transpose("time", "member", "axis")
+        l = self._principal_momentum().transpose("time", "member", "axis")
         parts = [(self._dataset.moments, ["axis"]), (l, ["axis"])]
         phase = apply_lazily(lambda moments, l: analyse_free_top(moments, l).phase, parts)
         return xr.DataArray(
@@ -290,7 +359,7 @@ class ResultStates:
         ds = self._whole()
         if "energy" in ds:
             return ds["energy"]
-        energy = 0.5 * (self.momentum() ** 2 / ds["moments"]).sum("axis")
+        energy = 0.5 * (self._principal_momentum() ** 2 / ds["moments"]).sum("axis")
         if any(implements(effect, "energy") for effect in self.scene().effects):
             energy = energy + xr.DataArray(self._potential(), dims=("time", "member"))
         return energy.rename("energy").assign_attrs(units="J", long_name="energy")
@@ -300,11 +369,13 @@ class ResultStates:
         from rigidmc.engine.formulas import energies
         from rigidmc.planning.initial import members_at_start
         from rigidmc.planning.steps import physics
+        from rigidmc.results.frames import principal
 
         ds, scene = self._dataset, self.scene()
         if "attitude" not in ds:
             raise ValueError("the energy of the effects needs the attitude, which was not saved")
-        q = np.moveaxis(ds.attitude.transpose("time", "quat", "member").values, 1, 0)
+        attitude = principal(ds, "attitude").transpose("time", "quat", "member")
+        q = np.moveaxis(attitude.values, 1, 0)
         # a selection may hold any members: stage each group of consecutive members
         gaps = np.flatnonzero(np.diff(ds.member.values) != 1) + 1
         parts = []
@@ -368,15 +439,18 @@ class ResultStates:
         >>> ds.rigid.polhode(0, points=100).shape
         (100, 3)
         """
+        from rigidmc.results.frames import described, in_principal_axes
         from rigidmc.views.sphere import polhodes
 
         members = self._dataset.member.values
         if member not in members:
             raise ValueError(f"no member {member}; the members are {members[0]} to {members[-1]}")
-        one = self._dataset.sel(member=[member])
+        given = self._dataset.sel(member=[member])
+        one = in_principal_axes(given)
         start = one.start_momentum if "start_momentum" in one else one.start_omega * one.moments
         l = start.transpose("axis", "member").values
         size = np.linalg.norm(l, axis=0)
         curve = polhodes(l / size, one.moments.values, points)[..., 0] * size[0]
         attrs = {"units": "kg m2 s-1", "long_name": f"polhode of member {member}"}
-        return xr.DataArray(curve, dims=("point", "axis"), attrs=attrs)
+        found = xr.DataArray(curve, dims=("point", "axis"), attrs=attrs)
+        return described(given.isel(member=0), found)

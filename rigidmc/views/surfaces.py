@@ -8,6 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.mechanics import inertia, rotation
+from rigidmc.results.frames import in_principal_axes
 from rigidmc.scene.body import Body
 from rigidmc.scene.shape import ShapePart
 
@@ -67,7 +68,7 @@ def form_of(ds: xr.Dataset, body: Body) -> Floats:
 
 def member_body(ds: xr.Dataset, body: Body) -> tuple[Floats, float, Floats]:
     """Return (moments (3,), mass, centre of mass (3,) in principal axes) of the first member."""
-    one = ds.isel(member=0)
+    one = in_principal_axes(ds.isel(member=[0])).isel(member=0)
     moments = np.asarray(one.moments.values, dtype=float)
     mass = one.mass.item() if "mass" in one else body.mass
     centre = one.centre.values if "centre" in one else body.to_principal(body.centre)

@@ -50,7 +50,8 @@ class KernelShape(NamedTuple):
     lanes : members worked on at the same time
     values : numbers of a save
     work_row, works : the first row of the works in `state`, and the number of saved works
-    monitor_row, shadow_row : the first row of monitors in `work`, and of the shadow in `state`
+    monitor_row, axes_row, shadow_row : the first row of monitors and of axes in `work`, and of the
+        shadow in `state`
     monitors, shadow : whether steps are monitored, and whether there is a shadow trajectory
     nodes : monitored states per step, the last of them at its end
     records : of events, two each
@@ -65,6 +66,7 @@ class KernelShape(NamedTuple):
     work_row: int
     works: int
     monitor_row: int
+    axes_row: int
     shadow_row: int
     monitors: int
     nodes: int

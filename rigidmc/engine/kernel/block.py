@@ -181,7 +181,8 @@ def initialise_members(frame, low):
     substeps, state, work = flat.substeps, flat.state, flat.work
     call_address(frame.initialise, (substeps, state, work))
     if frame.monitors != 0:
-        call_address(frame.begin_monitors, (substeps, state, work, frame.monitor_row))
+        arguments = substeps, state, work, frame.monitor_row, frame.axes_row
+        call_address(frame.begin_monitors, arguments)
     if frame.shadow != 0:
         exchange_shadow(frame, 0)
         duration = time_at(frame, frame.total)
@@ -271,10 +272,11 @@ def make_steps(frame, round_first, first, last):
             arguments = substeps, state, work, shadow, frame.shadow_row, stop * 1.0, at, before
             call_address(frame.renormalise_shadow, arguments)
         if frame.monitors != 0:
-            row, nodes = frame.monitor_row, frame.nodes
-            call_address(
-                frame.monitor_steps, (substeps, state, work, flat.trace, row, now, stop, nodes)
-            )
+            arguments = (
+                substeps, state, work, flat.trace, frame.monitor_row, frame.axes_row, now, stop,
+                frame.nodes,
+            )  # fmt: skip
+            call_address(frame.monitor_steps, arguments)
         now = stop
 
 
@@ -364,7 +366,10 @@ def save_members(frame, low, now):
         base = slot * frame.values * frame.columns + frame.column
         t, reorders = time_at(frame, now), frame.member_steps != 0
         to, at, pitch = (saved, 0, lanes) if reorders else (out, base + low, frame.columns)
-        call_address(frame.record, (work, to, at, pitch, t, 0 if reorders else frame.skips_cache))
+        arguments = (
+            work, frame.axes_row, to, at, pitch, t, 0 if reorders else frame.skips_cache,
+        )  # fmt: skip
+        call_address(frame.record, arguments)
         for i in range(frame.values if reorders else 0):
             for k in range(lanes):
                 out[base + i * frame.columns + order[low + k]] = saved[i * lanes + k]
@@ -412,8 +417,8 @@ def refine_events(frame):
         tries = frame.tries if count > 0.0 else 0
         for steps_back in range(tries + 1):
             arguments = (
-                substeps, work, spare_state, spare_work, frame.monitor_row, record, steps_back,
-                long_until, ratio,
+                substeps, work, spare_state, spare_work, frame.monitor_row, frame.axes_row, record,
+                steps_back, long_until, ratio,
             )  # fmt: skip
             call_address(frame.refine_event, arguments)
             if steps_back < tries:

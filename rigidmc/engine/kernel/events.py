@@ -39,8 +39,8 @@ from rigidmc.engine.kernel.layout import (  # fmt: skip
     STEP_LENGTH,
     TAU,
     TIMES,
-    body_and_effects,
     momentum_at,
+    observed_body_and_effects,
     opening_substep,
     put_stepping,
 )
@@ -248,8 +248,8 @@ def record_crossing(hit, step, start_back, before, after, now, work, row):
 
 
 def refine_event(
-    tree, numbers, substeps, work, spare_state, spare_work, row, record, steps_back, long_until,
-    ratio,
+    tree, numbers, substeps, work, spare_state, spare_work, row, axes_row, record, steps_back,
+    long_until, ratio,
 ):  # fmt: skip
     """Make one iteration for the exact time of an event: prepare a step back to the level's zero.
 
@@ -260,9 +260,9 @@ def refine_event(
     long_until, ratio : when the steps before the last interval end [s], and their length relative
         to its steps
     """
-    integrator, effects, events = tree_unpack(tree, numbers)
+    integrator, effects, events, axes = tree_unpack(tree, numbers)
     at = row + record // 2 * EVENT_ROWS + RECORDS + record % 2 * RECORD_ROWS
-    body, present = body_and_effects(effects, work)
+    body, present = observed_body_and_effects(effects, axes, work, axes_row)
     t, last_h, bracket = work[at], work[STEP_LENGTH], four_at(work, at + 1)
     # The end time of a step shows whether it belongs to the last interval.
     h = select(t < long_until + 0.5 * last_h, last_h * ratio, last_h)

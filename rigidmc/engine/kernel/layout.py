@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.memory import four_at, put_rows, three_at, tuple_at
 from rigidmc.engine.compiler.trees import tree_unflatten
+from rigidmc.physics.dynamics.body_axes import with_axes
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import Flag
 from rigidmc.physics.dynamics.so3 import concat, first_three
@@ -119,6 +120,7 @@ class RowMap(NamedTuple):
     events: int  # EVENT_ROWS rows for each event
     running: int  # the state of each running observable
     shadow: int  # SHADOW_ROWS
+    axes: int  # AXES_ROWS if the body is described in axes other than its principal axes
     end: int
 
     def in_state(self, row: int) -> int:
@@ -132,14 +134,19 @@ def map_rows(
     events: int = 0,
     marks: Sequence[int] = (),
     shadow: bool = False,
+    axes: bool = False,
 ) -> RowMap:
     """Return the RowMap for `parameters` parameters of effects and `works` saved works.
 
     events : number of events
     marks : state size of each running observable
     shadow : whether there is a shadow trajectory
+    axes : whether members have the rows of their axes
     """
-    counts = parameters, works, works, EVENT_ROWS * events, sum(marks), SHADOW_ROWS * shadow
+    counts = (
+        parameters, works, works, EVENT_ROWS * events, sum(marks), SHADOW_ROWS * shadow,
+        AXES_ROWS * axes,
+    )  # fmt: skip
     return RowMap(*accumulate(counts, initial=EFFECTS))
 
 
@@ -150,7 +157,8 @@ def monitor_rows(events: Sequence[Any], running: Sequence[Any], shadow: Flag) ->
     return rows.end - rows.events
 
 
-_BODY = MassProperties(*[0.0] * 9)
+_BODY = MassProperties(*[0.0] * 9, ())
+AXES_ROWS = 4  # a quaternion, see `rigidmc.physics.dynamics.body_axes`
 
 
 def body_at(rows, row):
@@ -161,6 +169,16 @@ def body_at(rows, row):
 def body_and_effects(effects, work):
     """Return the MassProperties and the effects with the members' numbers, from their rows."""
     return body_at(work, MEMBER_ROWS + BODY), tree_unflatten(effects, work, MEMBER_ROWS + EFFECTS)
+
+
+def observed_body_and_effects(effects, axes, work, row):
+    """Return the MassProperties with their BodyAxes, and the effects, for observables and events.
+
+    axes : AXES_ROWS flags, or () for a body described in its principal axes
+    row : the first row of the axes
+    """
+    body, present = body_and_effects(effects, work)
+    return with_axes(body, tree_unflatten(axes, work, row)), present
 
 
 def opening_substep(substeps, h):

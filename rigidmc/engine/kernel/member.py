@@ -56,6 +56,7 @@ from rigidmc.engine.kernel.layout import (  # fmt: skip
     body_and_effects,
     extra_flags,
     extra_row,
+    observed_body_and_effects,
     opening_substep,
 )
 from rigidmc.physics.dynamics.euler import angular_velocity, kinetic_energy
@@ -79,7 +80,7 @@ from rigidmc.physics.effects.sums import (
     untracked_work,
 )
 from rigidmc.physics.integrators.protocol import extra_state, from_stepping, to_stepping
-from rigidmc.physics.observables.protocol import value
+from rigidmc.physics.observables.protocol import observed
 
 UNLIMITED = 1e300  # steps of a round, for members without their own number
 
@@ -230,14 +231,14 @@ def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
     return 0
 
 
-def record(tree, numbers, work, out, at, width, t, skips_cache):
+def record(tree, numbers, work, axes_row, out, at, width, t, skips_cache):
     """Write the values of all observables in the last good state to `out`, from `at` on.
 
     width : from one value to the next
     skips_cache : as in `store_rows`
     """
-    observables, effects, work_flags = tree_unpack(tree, numbers)
-    body, present = body_and_effects(effects, work)
+    observables, effects, work_flags, axes = tree_unpack(tree, numbers)
+    body, present = observed_body_and_effects(effects, axes, work, axes_row)
     works = tuple_at(work_flags, work, MEMBER_ROWS + EFFECTS + tree_size(effects) + len(work_flags))
     q, l = four_at(work, MEMBER_ROWS + GOOD_STATE), three_at(work, MEMBER_ROWS + GOOD_STATE + 4)
     kinetic = kinetic_energy(body, l)
@@ -388,7 +389,7 @@ def write_values(
     """Write the values of observables, one after the other; return the place after them."""
     if len(observables) == 0:
         return at
-    values = value(observables[0], body, effects, t, q, l, start, works)
+    values = observed(observables[0], body, effects, t, q, l, start, works)
     at = store_rows(values, work, out, at, width, skips_cache)
     return write_values(
         observables[1:], body, effects, t, q, l, start, works, work, out, at, width, skips_cache

@@ -62,7 +62,7 @@ from rigidmc.engine.kernel.layout import (  # fmt: skip
     ROUND_START,
     STEP_LENGTH,
     STOPPED_STATE,
-    body_and_effects,
+    observed_body_and_effects,
     opening_substep,
 )
 from rigidmc.physics.dynamics.methods import OFF
@@ -73,10 +73,10 @@ from rigidmc.physics.observables.protocol import begin, is_time_average, update
 from rigidmc.physics.observables.statistics import head, rest
 
 
-def begin_monitors(tree, numbers, substeps, state, work, row):
+def begin_monitors(tree, numbers, substeps, state, work, row, axes_row):
     """Set the rows of monitors at the start."""
-    effects, events, running = tree_unpack(tree, numbers)
-    body, present = body_and_effects(effects, work)
+    effects, events, running, axes = tree_unpack(tree, numbers)
+    body, present = observed_body_and_effects(effects, axes, work, axes_row)
     q, l = four_at(work, MEMBER_ROWS + GOOD_STATE), three_at(work, MEMBER_ROWS + GOOD_STATE + 4)
     begin_events(events, body, present, 0.0, q, l, work, row)
     begin_running(running, body, present, 0.0, q, l, work, row + EVENT_ROWS * len(events))
@@ -84,13 +84,13 @@ def begin_monitors(tree, numbers, substeps, state, work, row):
     return 0
 
 
-def monitor_steps(tree, numbers, substeps, state, work, trace, row, first, last, nodes):
+def monitor_steps(tree, numbers, substeps, state, work, trace, row, axes_row, first, last, nodes):
     """Monitor the steps from `first` to `last` of a round, whose states are in `trace`.
 
     nodes : monitored states per step, the last of them at its end
     """
-    integrator, effects, events, running, dense = tree_unpack(tree, numbers)
-    body, present = body_and_effects(effects, work)
+    integrator, effects, events, running, dense, axes = tree_unpack(tree, numbers)
+    body, present = observed_body_and_effects(effects, axes, work, axes_row)
     h, steps, running_row = work[STEP_LENGTH], work[MEMBER_STEPS], row + EVENT_ROWS * len(events)
     levels, totals = levels_at(events, work, row), states_at(running, work, running_row)
     t, q, l = traced_state(integrator, body, present, substeps, state, work, trace, first, first)

@@ -4,9 +4,11 @@ dL/dt = L x omega + tau,   dq/dt = 1/2 q (0, omega),   omega_i = L_i / I_i      
 (3.7))
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rigidmc.physics.dynamics.vectors import first_three
+
+BODY_NUMBERS = 9  # the fields of MassProperties that every body has
 
 
 class MassProperties(NamedTuple):
@@ -16,6 +18,8 @@ class MassProperties(NamedTuple):
     a1, a2, a3 : (I2 - I3)/(I2 I3) and cyclic [1/(kg m^2)], from differences of moments, because
         1/I3 - 1/I2 would cancel
     p1, p2, p3 : mass times centre of mass, the static moment [kg m]
+    axes : for observables, the BodyAxes of a body that is described in other axes, see
+        `rigidmc.physics.dynamics.body_axes`; else ()
     """
 
     i1: float
@@ -27,6 +31,7 @@ class MassProperties(NamedTuple):
     p1: float
     p2: float
     p3: float
+    axes: Any = ()
 
     @staticmethod
     def of(moments, static_moment):
@@ -51,6 +56,7 @@ def mass_properties(moments, static_moment):
         static_moment[0],
         static_moment[1],
         static_moment[2],
+        (),
     )
 
 

@@ -50,6 +50,7 @@ class ViscousDamping(NamedTuple):
     units={"rates": "s-1"},
     shapes={"rates": 3},
     limits={"rates": (-math.inf, math.inf)},
+    along_axes=("rates",),
     example=((0.3, 0.1, 0.6),),
     is_damping=True,
 )
@@ -63,7 +64,8 @@ class AxialDamping(NamedTuple):
     Parameters
     ----------
     rates : quantities (3,) [1/s]
-        damping rates about the principal axes
+        damping rates about the principal axes; for a body described in other axes, use
+        `MatrixDamping`
 
     Examples
     --------

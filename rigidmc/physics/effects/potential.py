@@ -14,6 +14,8 @@ _ANY = (-math.inf, math.inf)
     units={"linear": "J", "quadratic": "J", "quartic": "J"},
     shapes={"linear": 3, "quadratic": 6, "quartic": 3},
     limits={"linear": _ANY, "quadratic": _ANY, "quartic": _ANY},
+    in_body=("linear", "quadratic"),
+    along_axes=("quartic",),
     example=((0.3, -0.1, 0.5), (0.2, 0.5, -0.3, 0.1, 0.25, -0.15), (0.1, 0.3, -0.2)),
     conserves_lz=True,
 )
@@ -31,11 +33,12 @@ class Potential(NamedTuple):
     Parameters
     ----------
     linear : quantities (3,) [J]
-        coefficients of u in the principal axes
+        coefficients of u, body axes
     quadratic : quantities (6,), optional [J]
-        xx, yy, zz, yz, zx, xy of the symmetric Q, principal axes
+        xx, yy, zz, yz, zx, xy of the symmetric Q, body axes
     quartic : quantities (3,), optional [J]
-        coefficients of u_1^4, u_2^4, u_3^4
+        coefficients of u_1^4, u_2^4, u_3^4 along the principal axes; refused for a body described
+        in other axes
 
     Examples
     --------

@@ -77,7 +77,9 @@ class EffectFacts(NamedTuple):
     shapes : length of each parameter that is a vector
     limits : (least, largest) of each parameter
     in_body : parameters fixed in the body, vectors or symmetric tensors (xx, yy, zz, yz, zx, xy):
-        turned into the principal axes of each member if these differ
+        turned from the axes of the scene into the principal axes of each member
+    along_axes : parameters with one number for each principal axis, which no turn can express in
+        other axes; refused, unless 0, for a body that is described in other axes
     hidden : parameters that the engine fills in, not the user
     shared : hidden parameters copied from another kind of effect in the scene, as
         {"wheel": ("rotor", "momentum")}; the sum over several effects, the default if there is none
@@ -94,6 +96,7 @@ class EffectFacts(NamedTuple):
     shapes: dict[str, int] = {}
     limits: dict[str, tuple[float, float]] = {}
     in_body: tuple[str, ...] = ()
+    along_axes: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
     shared: dict[str, tuple[str, str]] = {}
     example: tuple[Any, ...] = ()

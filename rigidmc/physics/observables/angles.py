@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.body_axes import described, described_attitude
 from rigidmc.physics.dynamics.methods import static_count
 from rigidmc.physics.dynamics.so3 import arctan2, cross, dot, into_body, root, sincos, vertical
 from rigidmc.physics.observables import directions
@@ -37,7 +38,7 @@ class PointingAngle(NamedTuple):
     Parameters
     ----------
     axis : int or sequence of 3 floats
-        1, 2, 3, or -1, -2, -3 for its other end; or a direction in the principal axes
+        1, 2, 3, or -1, -2, -3 for its other end; or a direction in the axes of the body
     about : str or sequence of 3 floats, optional
         the direction in space, see `Passage`
 
@@ -77,8 +78,8 @@ class PointingAngle(NamedTuple):
         about = directions.make_direction(self.about, effects, f"{POINTING}.about")
         return self._replace(axis=axis, about=about)  # type: ignore[arg-type]
 
-    def value(self, effects, t, q, l):
-        d = direction_in_body(self.about, effects, t, q, l)
+    def value(self, body, effects, t, q, l):
+        d = described(body, direction_in_body(self.about, effects, t, q, l))
         # Both products: the arccosine of u . d keeps only half its digits near 0 and pi.
         across = cross(self.axis, d)
         return (arctan2(root(dot(across, across)), dot(self.axis, d)),)
@@ -115,8 +116,8 @@ class OrbitAngles(NamedTuple):
     Parameters
     ----------
     axes : sequence of 3 ints, optional
-        the principal axes that lie along x, y and z when all angles are 0: 1, 2 or 3, negative for
-        the other end
+        the axes of the body that lie along x, y and z when all angles are 0: 1, 2 or 3, negative
+        for the other end
 
     Examples
     --------
@@ -150,8 +151,9 @@ class OrbitAngles(NamedTuple):
         before = static_count(source("orbit", effects, f"{ORBIT}.axes"))
         return self._replace(axes=(*map(unit, self.axes), before))
 
-    def value(self, effects, t, q):
+    def value(self, body, effects, t, q):
         x, y, z, index = self.axes
+        q = described_attitude(body, q)
         cosine, sine = place_on(effects, index, t)
         out = into_body(q, (cosine, sine, 0.0))
         ahead, normal = into_body(q, (-sine, cosine, 0.0)), vertical(q)

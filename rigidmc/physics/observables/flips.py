@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.body_axes import described
 from rigidmc.physics.dynamics.methods import Flag, flag
 from rigidmc.physics.dynamics.so3 import dot, select
 from rigidmc.physics.observables.protocol import Array, EventRecord, event
@@ -33,7 +34,7 @@ _OUTPUTS = {
 
 @event(outputs=_OUTPUTS, event_times=("flip_first",))
 class Flips(NamedTuple):
-    """The number of times a body turns over about a principal axis, by default the middle one.
+    """The number of times a body turns over about an axis, by default its middle principal axis.
 
     A flip is a change of sign of the angular momentum about the axis after L has come within an
     angle of either end of the axis. A free top that starts there flips every 2 K(m)/lambda
@@ -47,7 +48,7 @@ class Flips(NamedTuple):
     Parameters
     ----------
     axis : int, optional
-        1, 2 or 3; 0 for the axis of the middle moment of each body
+        1, 2 or 3, an axis of the body as described; 0 for the principal axis of the middle moment
     within : float, optional [rad]
         L must come within this angle of either end of the axis before a flip
 
@@ -90,7 +91,8 @@ class Flips(NamedTuple):
             axes = sorted({int(i) for i in order[1]}) if complete else [0, 1, 2]
             some_alike = not complete or not different.all()
         one, two, three = (flag(i in axes) for i in range(3))
-        return FlipLevel(one, two, three, math.cos(self.within) ** 2, flag(some_alike))
+        square, is_principal = math.cos(self.within) ** 2, flag(self.axis == 0)
+        return FlipLevel(one, two, three, is_principal, square, flag(some_alike))
 
     def label_fields(self) -> dict[str, Any]:
         """Return the axis and the angle."""
@@ -119,6 +121,7 @@ class FlipLevel(NamedTuple):
 
     one, two, three : ON if this is the axis of some body; if several are ON, the axis of the middle
         moment counts
+    principal : ON for a principal axis, OFF for one of the axes in which the body is described
     square : squared cosine of the angle within which the event arms
     alike : ON if some bodies may have two equal moments; those never flip
     """
@@ -126,11 +129,12 @@ class FlipLevel(NamedTuple):
     one: Flag
     two: Flag
     three: Flag
+    principal: Flag
     square: float
     alike: Flag
 
     def level(self, body, l):
-        return component((self.one, self.two, self.three), body, l)
+        return component(self.principal, (self.one, self.two, self.three), body, l)
 
     def armed(self, body, l, level, armed):
         near = armed | (level * level > self.square * dot(l, l))
@@ -153,8 +157,10 @@ def differ(a, b):
     return abs(a - b) > ALIKE * select(a > b, a, b)
 
 
-def component(marks, body, l):
+def component(principal, marks, body, l):
     """Return the component of L about the one marked axis, or about the middle axis."""
+    if len(principal) == 0:
+        return first_of(marks, described(body, l))
     if len(marks[0]) + len(marks[1]) + len(marks[2]) > 1:
         # Compare inverse moments member by member: members of one vector may have different axes.
         second = ((body.i1 >= body.i2) & (body.i2 >= body.i3)) | (
@@ -164,7 +170,12 @@ def component(marks, body, l):
             (body.i2 <= body.i1) & (body.i1 <= body.i3)
         )
         return select(second, l[1], select(first, l[0], l[2]))
-    return first_if(marks[0], l[0], first_if(marks[1], l[1], l[2]))
+    return first_of(marks, l)
+
+
+def first_of(marks, v):
+    """Return the component of a vector along the first marked axis."""
+    return first_if(marks[0], v[0], first_if(marks[1], v[1], v[2]))
 
 
 def first_if(condition, this, other):

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rigidmc.physics.dynamics.body_axes import described_attitude
 from rigidmc.physics.dynamics.functions import arcsine
 from rigidmc.physics.dynamics.so3 import arctan2, select
 from rigidmc.physics.observables.protocol import Array, running
@@ -28,18 +29,18 @@ class Nutation(NamedTuple):
     The running state is sin^2(theta/2): near 0 it keeps all its digits, a cosine only half of them.
     """
 
-    def begin(self, q):
-        square = q[1] * q[1] + q[2] * q[2]
+    def begin(self, body, q):
+        square = lean(described_attitude(body, q))
         return square, square
 
-    def update(self, state, q):
-        square = q[1] * q[1] + q[2] * q[2]
+    def update(self, state, body, q):
+        square = lean(described_attitude(body, q))
         return select(square < state[0], square, state[0]), select(
             square > state[1], square, state[1]
         )
 
-    def extrema(self, q):
-        return (q[1] * q[1] + q[2] * q[2],)
+    def extrema(self, body, q):
+        return (lean(described_attitude(body, q)),)
 
     def extremum_limits(self, state):
         return ((state[0], state[1]),)
@@ -67,19 +68,19 @@ class Precession(NamedTuple):
     crossings of y = 0, and (x, y) at the start.
     """
 
-    def begin(self, q):
-        x, y = over_plane(q)
+    def begin(self, body, q):
+        x, y = over_plane(described_attitude(body, q))
         return x, y, 0.0 * x, x, y
 
-    def update(self, state, q):
-        x, y = over_plane(q)
+    def update(self, state, body, q):
+        x, y = over_plane(described_attitude(body, q))
         # The sign of the cross product of the two directions is the sense in which the axis
         # crosses y = 0.
         way = select(state[0] * y - state[1] * x > 0.0, 1.0, -1.0)
         return x, y, state[2] + select((state[1] < 0.0) != (y < 0.0), way, 0.0), state[3], state[4]
 
-    def extrema(self, q):
-        x, y = over_plane(q)
+    def extrema(self, body, q):
+        x, y = over_plane(described_attitude(body, q))
         return (x * x + y * y,)
 
     def extremum_limits(self):
@@ -97,6 +98,11 @@ class Precession(NamedTuple):
 # Squared distance from the vertical. Within it, states at two nodes, 0.8 rad apart, do not show on
 # which side of the vertical axis 3 passed.
 CLOSE = 0.1
+
+
+def lean(q):
+    """Return sin^2(theta/2) of the angle theta between axis 3 of the body and the vertical."""
+    return q[1] * q[1] + q[2] * q[2]
 
 
 def over_plane(q):

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.errors import SceneError, unknown
+from rigidmc.physics.dynamics.body_axes import described
 from rigidmc.physics.dynamics.methods import Flag, flag
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import directions
@@ -27,7 +28,7 @@ _CONE = "the cone of {angle:g} rad about the {about}{start}"
     event_times=("passage_first",),
 )
 class Passage(NamedTuple):
-    """The times at which a principal axis of the body leaves, or reaches, a cone about a direction.
+    """The times at which an axis of the body leaves, or reaches, a cone about a direction.
 
     A passage there and back within one step counts, too: of 3,810 passages of heavy tops by rk8 in
     steps of 1.6 rad, none is missed (tests/physics/observables/test_monitoring.py). With noise,
@@ -152,8 +153,8 @@ class ConeLevel(NamedTuple):
     direction: Direction
     hold: tuple[float, ...]
 
-    def level(self, effects, t, q, l):
-        d = direction_in_body(self.direction, effects, t, q, l)
+    def level(self, body, effects, t, q, l):
+        d = described(body, direction_in_body(self.direction, effects, t, q, l))
         return self.sign * along(self.axis, d) - self.cosine * length(self.direction, d)
 
     def armed(self, level):

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar, cast, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.physics.dynamics.body_axes import described, described_attitude
 from rigidmc.physics.dynamics.methods import OFF, ON, method
 
 Array = NDArray[np.float64]
@@ -176,6 +177,11 @@ def _conserved(self):
     return ON
 
 
+def _is_on(self):
+    """Return the flag of a vector of the body, or of its attitude."""
+    return ON
+
+
 def _no_check(self: Any) -> None:
     """Accept all numbers."""
 
@@ -190,6 +196,8 @@ def _as_it_stands(self: Any, moments: Array, complete: bool, effects: Sequence[A
     return self
 
 
+# values that `observed` turns into the described axes
+_OF_AXES = {("axis",): "is_body_vector", ("quat",): "is_attitude"}
 _OVER_STEPS = {
     "outputs": {},
     "stop": False,
@@ -243,6 +251,8 @@ def _decorator(protocol: type) -> Callable[..., Callable[[Kind], Kind]]:
                     setattr(cls, name, default)
             if facts.get("conserved"):
                 cast(Any, cls).is_conserved = _conserved
+            if getattr(cls, "dims", ()) in _OF_AXES:
+                setattr(cls, _OF_AXES[cls.dims], _is_on)  # type: ignore[attr-defined]
             if missing := [name for name in _members(protocol) if not hasattr(cls, name)]:
                 words = ", ".join(missing)
                 raise TypeError(f"{cls.__name__} has no {words}: see {protocol.__name__}")
@@ -276,6 +286,33 @@ def value(observable, body, effects, t, q, l, start, works):
     works : work of each effect so far [J]
     """
     return (0.0,)
+
+
+@method
+def is_body_vector(observable):
+    """Return ON if the values are the components of a vector along the axes of the body."""
+    return OFF
+
+
+@method
+def is_attitude(observable):
+    """Return ON if the values are an attitude of the body."""
+    return OFF
+
+
+def observed(of, body, effects, t, q, l, start, works):
+    """Return the values of an observable in the axes in which the body is described."""
+    values = value(of, body, effects, t, q, l, start, works)
+    return in_described(is_body_vector(of), is_attitude(of), body, values)
+
+
+def in_described(is_vector, is_turn, body, values):
+    """Compute `observed` for the values in the principal axes."""
+    if len(is_vector) > 0:
+        return described(body, values)
+    if len(is_turn) > 0:
+        return described_attitude(body, values)
+    return values
 
 
 @method

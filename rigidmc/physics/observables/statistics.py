@@ -13,14 +13,21 @@ import numpy as np
 
 from rigidmc.physics.dynamics.methods import OFF, ON, implements
 from rigidmc.physics.dynamics.so3 import select
-from rigidmc.physics.observables.protocol import Array, is_conserved, monotone, running, size, value
+from rigidmc.physics.observables.protocol import (
+    Array,
+    is_conserved,
+    monotone,
+    observed,
+    running,
+    size,
+)
 
 _NO_START = (0.0, 0.0, 0.0, 0.0)
 
 
 def observe(of, body, effects, t, q, l):
     """Return the values of an observable that uses neither start nor works."""
-    return value(of, body, effects, t, q, l, _NO_START, ())
+    return observed(of, body, effects, t, q, l, _NO_START, ())
 
 
 def smaller(a, b):

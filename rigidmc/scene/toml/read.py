@@ -171,13 +171,21 @@ def _one_of(keys: list[str], table: dict[str, Any]) -> SceneError:
 
 def read_body(table: dict[str, Any], stored: DataSources) -> Body:
     """Return the body of the table [body]."""
-    check_keys(table, (*BODIES, "mass", "centre", "axes", "pivot", "shape"), "body")
+    check_keys(
+        table, (*BODIES, "mass", "centre", "principal_axes", "axes", "pivot", "shape"), "body"
+    )
     keys = [key for key in BODIES if key in table]
     if len(keys) != 1:
         raise _one_of(keys, table)
     key = keys[0]
+    if isinstance(table.get("axes"), list):
+        # until 0.1 this key held the principal axes, and scenes with it were in these
+        table = {**table, "principal_axes": table["axes"], "axes": "principal"}
+    # results until 0.1 with an uncertain tensor have no such key, and are in the principal axes
+    is_old = stored.of_result is not None and isinstance(table.get("tensor"), dict)
+    frame = table.get("axes", "principal" if is_old else "described")
     if key in SHAPES:
-        body = _shaped(table, key)
+        body = replace(_shaped(table, key), frame=frame)
     else:
         more = {
             k: read_quantity(table[k], f"body.{k}", stored)
@@ -186,13 +194,15 @@ def read_body(table: dict[str, Any], stored: DataSources) -> Body:
         }
         if key == "moments":
             body = Body.from_moments(read_quantity(table[key], f"body.{key}", stored), **more)
+            body = replace(body, frame=frame)
         elif isinstance(table[key], dict):
-            body = Body.from_tensor(read_quantity(table[key], f"body.{key}", stored), **more)
+            tensor = read_quantity(table[key], f"body.{key}", stored)
+            body = Body.from_tensor(tensor, **more, axes=frame)
         else:
-            body = Body.from_tensor(check_plain(table[key], f"body.{key}"), **more)
-    if "axes" in table:
-        axes = check_plain(table["axes"], "body.axes")
-        body = replace(body, axes=tuple(map(tuple, axes)))
+            body = Body.from_tensor(check_plain(table[key], f"body.{key}"), **more, axes=frame)
+    if "principal_axes" in table:
+        axes = check_plain(table["principal_axes"], "body.principal_axes")
+        body = replace(body, axes=tuple(map(tuple, axes)), frame=frame)
     if "shape" in table:
         body = replace(body, shape=read_shape(table["shape"]))
     if "pivot" not in table:

@@ -43,7 +43,9 @@ def _body(scene: Parts) -> dict[str, Any]:
     table = {body.inertia_key: as_toml(body.moments, "moments")}
     table |= {key: as_toml(getattr(body, key), key) for key in ("mass", "centre")}
     if body.inertia_key == "moments" and body.axes != IDENTITY:
-        table["axes"] = [list(row) for row in body.axes]
+        table["principal_axes"] = [list(row) for row in body.axes]
+    if body.frame != "described" or body.inertia_key == "tensor":
+        table["axes"] = body.frame
     if body.shape:
         table["shape"] = [part.as_table() for part in body.shape]
     return table

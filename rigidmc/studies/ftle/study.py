@@ -47,6 +47,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError
 from rigidmc.planning.initial import uncertain_numbers
+from rigidmc.results.frames import described, principal
 from rigidmc.results.intervals import resolution_of
 from rigidmc.results.labels import count_text, value_text
 from rigidmc.scene.scene import Scene
@@ -161,7 +162,10 @@ def _changes(states: Array, unit: float) -> Array:
 
 def _states(part: xr.Dataset) -> tuple[Array, Array]:
     """Return (start, end) of members, (n, 7) each; the end is nan for flagged members."""
-    spin = part["start_omega"] if "start_omega" in part else part["start_momentum"] / part.moments
+    if "start_omega" in part:
+        spin = part["start_omega"]
+    else:
+        spin = described(part, principal(part, "start_momentum") / part.moments)
     end = np.concatenate([part[name].transpose(..., "member").values for name in STATE])
     start = [x.transpose(..., "member").values for x in (part["start_attitude"], spin)]
     return np.concatenate(start).T, np.where(part.status.values == 0, end, np.nan).T

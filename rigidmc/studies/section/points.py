@@ -20,7 +20,8 @@ from rigidmc.engine.formulas import AdvancedState, evaluate
 from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError, SceneError, nearest
-from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.dynamics.body_axes import body_axes
+from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import blank, is_random, parameter_count
 from rigidmc.physics.integrators import INTEGRATORS
@@ -28,6 +29,7 @@ from rigidmc.physics.observables.protocol import size
 from rigidmc.planning.initial import block_rows, initial_block_of, make_sampler
 from rigidmc.planning.steps import rate_bounds
 from rigidmc.results.estimates import StateComponent, component_of, rows_in_time
+from rigidmc.results.frames import in_principal_axes
 from rigidmc.scene.scene import Scene
 
 Array = NDArray[np.float64]
@@ -79,16 +81,22 @@ class CrossingPaths:
         refuse_memory(scene.effects)
         rows = block_rows(scene.effects, False)
         known = make_sampler(scene.model, scene.run), members, True, rows
-        block, _ = initial_block_of(scene.model, *known)
+        block, given = initial_block_of(scene.model, *known)
         end = layout.EFFECTS + parameter_count(*scene.effects)
-        table = block[layout.BODY : end].T
+        axes: tuple[Any, ...] = ()
+        if scene.body.is_turned and scene.body.frame == "described":
+            axes = body_axes(tuple(given["principal_axes"]))
+        own = np.reshape(tree_leaves(axes), (-1, block.shape[1]))
+        table = np.concatenate(
+            [block[layout.BODY : layout.EFFECTS], own, block[layout.EFFECTS : end]]
+        ).T
         observables = tuple(observed.values())
         fixed = np.array(tree_flatten(observables))
         fixed = np.broadcast_to(fixed, (len(table), fixed.size))
         self._table = np.concatenate([table, fixed], axis=1)
         self._kind = AdvancedState(
-            MassProperties(*[0.0] * 9), blank(scene.effects), observables, INTEGRATORS["rk8"],
-            0.0, 0.0, (0.0,) * 4, (0.0,) * 3,
+            MassProperties(*[0.0] * BODY_NUMBERS, body_axes((1.0, 0.0, 0.0, 0.0)) if axes else ()),
+            blank(scene.effects), observables, INTEGRATORS["rk8"], 0.0, 0.0, (0.0,) * 4, (0.0,) * 3,
         )  # fmt: skip
         self._width = 7 + sum(size(one.dims) for one in observables)
         self._threads = threads
@@ -156,6 +164,13 @@ WAYS = ("rises", "falls", "both")
 _CROSSING = re.compile(r"\s*(?P<of>[^=<>]+)=\s*(?P<value>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*")
 _PERIOD = re.compile(r"\s*every\s+(?P<period>orbit|(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*(s\s*)?")
 RULE = 'expected "NAME = NUMBER" or "NAME[3] = NUMBER", "every NUMBER" [s] or "every orbit"'
+
+
+def tree_leaves(part: Any) -> list[Any]:
+    """Return the arrays of nested tuples, one after the other."""
+    return (
+        [leaf for item in part for leaf in tree_leaves(item)] if isinstance(part, tuple) else [part]
+    )
 
 
 class Crossing(NamedTuple):
@@ -246,7 +261,8 @@ def find_crossings(
     found = crossing.happens(level[:-1], level[1:]) & good[1:]
     m, k = np.nonzero(found.T)
     times, members = part.time.values, part.member.values
-    start = np.concatenate([rows_in_time(part, name)[k, :, m].T for name in STATE])
+    known = in_principal_axes(part)
+    start = np.concatenate([rows_in_time(known, name)[k, :, m].T for name in STATE])
     spans = times[k + 1] - times[k]
     dt = float(part.attrs.get("dt", np.inf))
     paths = CrossingPaths(

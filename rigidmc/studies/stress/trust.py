@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.rotation import attitude_error
-from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.dynamics.methods import argument_names
 from rigidmc.physics.dynamics.so3 import multiply
 from rigidmc.physics.effects.protocol import facts
@@ -145,9 +145,10 @@ class Runs:
         permuted = block.copy()
         permuted[layout.MOMENTUM : layout.EXTRA] = np.roll(l, 1, 0)  # axis 1 becomes axis 2, ...
         permuted[: layout.MOMENTUM] = multiply(tuple(q), _BACK)
-        permuted[layout.BODY : layout.EFFECTS] = MassProperties.of(
+        permuted_body = MassProperties.of(
             tuple(np.roll(moments, 1, 0)), tuple(np.roll(static, 1, 0))
         )
+        permuted[layout.BODY : layout.EFFECTS] = permuted_body[:BODY_NUMBERS]
         states = self.from_block(permuted)
         back = np.stack(multiply(tuple(np.moveaxis(states.q, 1, 0)), _CYCLE), 1)
         yield "permuted axes", PilotStates(back, np.roll(states.l, -1, 1), states.status)

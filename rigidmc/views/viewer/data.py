@@ -19,6 +19,7 @@ from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.gravity_gradient import GravityGradient, place
 from rigidmc.physics.effects.protocol import Effect
 from rigidmc.planning.turns import ATTITUDE, BODY, sparse
+from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import count_text, long_label, units_text
 from rigidmc.runs.rerun import integrate_member, rerun
 from rigidmc.scene.scene import Scene, scene_of
@@ -92,7 +93,7 @@ def _fastest(shown: xr.Dataset) -> Floats:
 
 def motion_data(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:
     """Return the frames of a member for the page; the body is scaled to a largest distance of 1."""
-    body = scene.body
+    body, shown = scene.body, in_principal_axes(shown)
     l = shown.momentum.transpose("time", "axis", "member").values[..., 0]
     q = shown.attitude.transpose("time", "quat", "member").values[..., 0]
     size = np.linalg.norm(l, axis=1)
@@ -157,7 +158,7 @@ def drifts(ds: xr.Dataset, member: int, end: float, allow_code: bool) -> dict[st
 def sphere_density(ds: xr.Dataset, corners: Floats) -> dict[str, Any]:
     """Return the density of the momentum directions at corners (n, 3) of the unit sphere, at up to
     DENSITIES times: bytes (times, n), 255 at the maximum."""
-    part = thin_result(ds)
+    part = in_principal_axes(thin_result(ds))
     l, _ = omega_or_momentum(part, "momentum")
     every, stride = -(-len(l) // DENSITIES), -(-l.shape[-1] // MEMBERS)
     l = l[::every, :, ::stride]

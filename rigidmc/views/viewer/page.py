@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.outputs import refuse_existing, write_bytes
+from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import count_text
 from rigidmc.runs.rerun import frames
 from rigidmc.scene.scene import Scene, scene_of
@@ -136,6 +137,7 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
             bodies.append(known["moments"])
         facts.append(known | {"family": bodies.index(known["moments"])})
     crowd = ds.sizes["member"] > len(members)
+    start = in_principal_axes(ds.sel(member=members[:1]))
     return _filled(
         ds.attrs.get("title", "rigidmc"),
         _about(ds, scene, until),
@@ -143,9 +145,7 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
             "members": facts,
             "quantity": "theta" if scene.effects else "omega",
             "density": sphere_density(ds, ball_surface(1.0).corners) if crowd else None,
-            "plots": _plots(
-                scene, bodies, omega_or_momentum(ds.sel(member=members[:1]), "momentum")[0][0, :, 0]
-            ),
+            "plots": _plots(scene, bodies, omega_or_momentum(start, "momentum")[0][0, :, 0]),
         },
     )
 

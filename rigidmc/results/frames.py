@@ -1,0 +1,70 @@
+"""Axes of a result: from those in which the body is described to its principal axes, and back.
+
+With a the quaternion of the principal axes in the described axes (`principal_axes` of the result):
+
+    v_principal = A^T v,   q_principal = q a
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import xarray as xr
+
+from rigidmc.physics.dynamics.so3 import conjugate, into_body, multiply
+
+# vectors of the body that a result may have, besides the momenta of rotors
+_VECTORS = ("omega", "momentum", "start_omega", "start_momentum", "centre")
+_ATTITUDES = ("attitude", "start_attitude")
+
+
+def is_described(ds: xr.Dataset) -> bool:
+    """Return whether a result is in axes that differ from the principal axes of its bodies."""
+    return ds.attrs.get("body_axes") == "described" and "principal_axes" in ds
+
+
+def principal(ds: xr.Dataset, name: str) -> xr.DataArray:
+    """Return a vector of the body, or its attitude, in the principal axes.
+
+    name : variable of the result; lazy if the result is lazy
+    """
+    if not is_described(ds):
+        return ds[name]
+    if "quat" in ds[name].dims:
+        return _by_components(ds, name, "quat", multiply)
+    return _by_components(ds, name, "axis", lambda v, a: into_body(a, v))
+
+
+def described(ds: xr.Dataset, values: xr.DataArray) -> xr.DataArray:
+    """Return a vector of the body, or its attitude, in the axes of the result, from the principal
+    axes."""
+    if not is_described(ds):
+        return values
+    named = ds[["principal_axes"]].assign(values=values)
+    if "quat" in values.dims:
+        return _by_components(named, "values", "quat", lambda q, a: multiply(q, conjugate(a)))
+    return _by_components(named, "values", "axis", lambda v, a: into_body(conjugate(a), v))
+
+
+def in_principal_axes(ds: xr.Dataset) -> xr.Dataset:
+    """Return a result with its states, centres and rotors in the principal axes."""
+    if not is_described(ds):
+        return ds
+    rotors = [
+        name
+        for name in map(str, ds.data_vars)
+        if name.endswith("_momentum") and name not in _VECTORS and "axis" in ds[name].dims
+    ]
+    names = [name for name in (*_VECTORS, *_ATTITUDES, *rotors) if name in ds]
+    turned = ds.assign({name: principal(ds, name) for name in names})
+    return turned.assign_attrs(body_axes="principal")
+
+
+def _by_components(
+    ds: xr.Dataset, name: str, dim: str, turn: Callable[[Any, Any], tuple[Any, ...]]
+) -> xr.DataArray:
+    """Apply a function of (components, components of a), with dimensions kept in their order."""
+    given = ds[name]
+    a = tuple(ds.principal_axes.isel(quat=i, drop=True) for i in range(4))
+    parts = turn(tuple(given.isel({dim: i}, drop=True) for i in range(given.sizes[dim])), a)
+    found = xr.concat(parts, given[dim] if dim in given.coords else dim).transpose(*given.dims)
+    return found.rename(given.name).assign_attrs(given.attrs)
