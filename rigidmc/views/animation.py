@@ -112,6 +112,8 @@ def _finished(path: str, writer: animation.AbstractMovieWriter) -> Iterator[None
 
 def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
     """Return (figure, draw); draw(i) shows time i."""
+    # the described axes turn, too; the surface and the sphere are in the principal axes
+    third = rotation.matrix(ds.attitude.transpose("time", "quat", "member").values[..., 0])[:, :, 2]
     ds = in_principal_axes(ds)
     q = ds.attitude.transpose("time", "quat", "member").values[..., 0]
     l = ds.momentum.transpose("time", "axis", "member").values[..., 0]
@@ -126,7 +128,7 @@ def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
     body = scene_of(ds, allow_code=None).body
     parts = (
         _body(left, body_surface(ds, body), member_body(ds, body)[2], rotation.matrix(q)),
-        _trace(left, rotation.matrix(q)[:, :, 2]),
+        _trace(left, third),
         _momentum(left, rotation.matrix(q), l, size),
         _sphere(right, unit),
     )
