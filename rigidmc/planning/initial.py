@@ -177,7 +177,9 @@ def _name(model: Model, stream: str, draw: int, word: int) -> str:
     if first == "attitude":
         angles = model.start.has_euler_angles
         return f"{whole}.{('phi', 'theta', 'psi')[word]}" if angles else whole
-    if whole in ("body.mass", "body.tensor"):  # a tensor has one distribution for all its numbers
+    if whole == "body.tensor":
+        return f"body.{model.body.moments.names_of_draws()[4 * draw + word]}"
+    if whole == "body.mass":
         return whole
     value = getattr(getattr(model, table), first)
     return f"{whole}.{4 * draw + word + 1}" if isinstance(value, tuple) else whole

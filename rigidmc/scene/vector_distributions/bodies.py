@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,14 @@ class SecondMoments(VectorDistribution):
     ) -> Array:
         a, b, c = draw(self.values, sampler, f"{name}.second", first, count)
         return np.stack([b + c, c + a, a + b])
+
+
+# the parameters of a body in the order of a covariance, as scenes name them
+ELEMENTS = (
+    *(f"tensor.{i}.{j}" for i, j in ((1, 1), (2, 2), (3, 3), (2, 3), (3, 1), (1, 2))),
+    *(f"centre.{i}" for i in (1, 2, 3)),
+    "mass",
+)
 
 
 @dataclass(frozen=True)
@@ -128,6 +137,30 @@ class UncertainInertia(VectorDistribution):
         six = _about_centre(elements(self.mean), self.centre, mass)
         tensor: Array = symmetric(np.array(six)[:, None])[0]
         return tensor
+
+    def names_of_draws(self) -> tuple[str, ...]:
+        """Return the name of the uncertain number behind each normal deviate.
+
+        An element that is independent of all others has a name of its own, such as "tensor.1.2",
+        "centre.3" or "mass". Correlated elements have one name together, such as
+        "tensor.1.1+tensor.2.2", or "tensor" if this is all: no index belongs to one of them alone.
+        Exact elements, whose deviates change nothing, have the name of the first uncertain ones.
+        """
+        size = len(self.covariance)
+        groups = list(range(size))
+        for i, j in product(range(size), repeat=2):
+            if i < j and self.covariance[i][j] != 0.0:
+                old, new = groups[j], groups[i]
+                groups = [new if group == old else group for group in groups]
+        uncertain = [i for i in range(size) if self.covariance[i][i] > 0.0]
+        names = {
+            group: "+".join(ELEMENTS[i] for i in uncertain if groups[i] == group)
+            for group in dict.fromkeys(groups[i] for i in uncertain)
+        }
+        if len(names) == 1 and len(uncertain) > 1:
+            names = dict.fromkeys(names, "tensor")
+        first = next(iter(names.values()), "tensor")
+        return tuple(names.get(group, first) for group in groups)
 
     def resized(self, mass: float, length: float) -> "UncertainInertia":
         """Return the distribution in units that multiply masses and lengths by these factors."""
