@@ -81,7 +81,15 @@ def body_lines(body: Body) -> list[str]:
     if body.axes != IDENTITY:
         rows = "; ".join(" ".join(f"{x:.4g}" for x in row) for row in body.axes)
         lines.append(f"             principal axes (columns) {rows}")
-    return lines
+    return lines + _axes_lines(body)
+
+
+def _axes_lines(body: Body) -> list[str]:
+    """Describe the axes of the scene, if these differ from the principal axes."""
+    if body.axes == IDENTITY and not body.is_turned:
+        return []
+    steps = "; steps are in the principal axes" if body.frame == "described" else ""
+    return [f"axes         start, effects and results are in the {body.frame} axes{steps}"]
 
 
 def _physics(scene: Scene) -> list[str]:

@@ -14,7 +14,7 @@ from rigidmc.physics.observables.protocol import observable
 
 @observable(units="rad s-1", long_name="angular velocity, body axes", dims=("axis",))
 class Omega(NamedTuple):
-    """Angular velocity in the body's principal axes, omega_i = L_i/I_i."""
+    """Angular velocity in body axes; in the principal axes omega_i = L_i/I_i."""
 
     def value(self, body, l):
         return angular_velocity(body, l)
@@ -22,7 +22,7 @@ class Omega(NamedTuple):
 
 @observable(units="kg m2 s-1", long_name="angular momentum, body axes", dims=("axis",))
 class Momentum(NamedTuple):
-    """Angular momentum in the body's principal axes."""
+    """Angular momentum in body axes."""
 
     def value(self, l):
         return l

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.outputs import refuse_existing, write_bytes
-from rigidmc.results.frames import in_principal_axes
+from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.results.labels import count_text
 from rigidmc.runs.rerun import frames
 from rigidmc.scene.scene import Scene, scene_of
@@ -185,9 +185,10 @@ def _about(ds: xr.Dataset, scene: Scene, until: float | None) -> str:
     if until is not None and until < scene.run.t_end:
         end += f", shown up to {until:g} s"
     effects = ", ".join(type(effect).__name__ for effect in scene.effects) or "no torque"
+    axes = ", body axes: the principal axes" if is_described(ds) else ""
     return (
         f"{count_text(ds.sizes['member'], 'member')}, {effects}, {ds.attrs['integrator']},"
-        f" {end}. {scene.summary}".rstrip()
+        f" {end}{axes}. {scene.summary}".rstrip()
     )
 
 
