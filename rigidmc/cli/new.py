@@ -170,7 +170,7 @@ def ask_options(given: Given) -> Given:
         auto = motion_of(given, table)
     spin = ",".join(f"{w:g}" for w in auto.spin)
     given["spin"] = ask(
-        "Spin about the principal axes [rad/s]", spin, lambda text: read_numbers(text, "spin", 3)
+        "Spin about the body axes [rad/s]", spin, lambda text: read_numbers(text, "spin", 3)
     )
     if auto.gravity:
         question = "Angle between axis 3 and the vertical [rad], or uniform"
@@ -206,7 +206,7 @@ OPTIONS = {
     ],
     "spin": Annotated[
         str | None,
-        _text("W1,W2,W3", "Spin about the principal axes \\[rad/s]; by default suits the body."),
+        _text("W1,W2,W3", "Spin about the body axes \\[rad/s]; by default suits the body."),
     ],
     "spread": Annotated[
         float | None,

@@ -259,9 +259,8 @@ def fill_initial(
         if turn is not None and model.body.frame != "principal":
             back = conjugate(tuple(start["principal_axes"]))
             is_drawn_there = model.start.attitude == "ensemble"
-            start["start_attitude"] = np.stack(
-                multiply(tuple(attitude), back) if is_drawn_there else attitude
-            )
+            told_turn = multiply(tuple(attitude), back) if is_drawn_there else tuple(attitude)
+            start["start_attitude"] = np.stack(told_turn)
         if model.start.has_euler_angles:
             start["start_euler"] = draw(
                 model.start.attitude, sampler, "start.attitude", first, count

@@ -174,9 +174,9 @@ def _not_turned(seen: PilotFacts) -> Iterator[str]:
         for name in effect._fields:
             if shape(effect, name) == 3:
                 yield (
-                    f"[effects.{label}] {name} is not turned into the principal axes of each"
-                    f' member: @effect(in_body=("{name}",)) turns a vector that is fixed in the'
-                    " body, and in_body=() declares that no vector is"
+                    f"[effects.{label}] {name} is used along the principal axes of each member,"
+                    f' which are not the axes of the scene: @effect(in_body=("{name}",)) turns a'
+                    " vector that is fixed in the body, and in_body=() declares that no vector is"
                 )
 
 

@@ -66,5 +66,6 @@ def _by_components(
     given = ds[name]
     a = tuple(ds.principal_axes.isel(quat=i, drop=True) for i in range(4))
     parts = turn(tuple(given.isel({dim: i}, drop=True) for i in range(given.sizes[dim])), a)
-    found = xr.concat(parts, given[dim] if dim in given.coords else dim).transpose(*given.dims)
+    joined: xr.DataArray = xr.concat(parts, given[dim] if dim in given.coords else dim)
+    found = joined.transpose(*given.dims)
     return found.rename(given.name).assign_attrs(given.attrs)

@@ -29,6 +29,8 @@ class BodyChanges(BodyMakers):
 
         @property
         def tensor(self) -> NDArray[np.float64]: ...
+        @property
+        def frame(self) -> str: ...
 
     def with_pivot(self, point: Any) -> Self:
         """Move the fixed point to another point of the body, by the parallel-axis theorem.

@@ -39,9 +39,9 @@ class Start(Renamed):
     Parameters
     ----------
     omega : quantities (3,) or distribution, optional [rad/s]
-        angular velocity in the principal axes of the body; give either omega or momentum
+        angular velocity in body axes; give either omega or momentum
     momentum : quantities (3,) or distribution, optional [kg m^2/s]
-        angular momentum in the principal axes of the body
+        angular momentum in body axes
     attitude : quantities (3,) or (4,), array_like (3, 3), Rotation, str or distribution, optional
         a quaternion (w, x, y, z), normalised here; a 3x3 matrix; Euler angles z-x-z
         (phi, theta, psi) [rad], TdC (3.36); a scipy Rotation; "uniform" on SO(3); Fisher or
@@ -166,7 +166,7 @@ class Start(Renamed):
         name : str
             "omega" or "momentum"
         values : numpy.ndarray (3, count) [rad/s or kg m^2/s]
-            in the principal axes
+            in body axes; for an equilibrium ensemble, in the principal axes of the member
 
         Examples
         --------

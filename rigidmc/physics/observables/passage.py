@@ -38,7 +38,7 @@ class Passage(NamedTuple):
     Parameters
     ----------
     axis : int
-        1, 2, 3, or -1, -2, -3 for its other end
+        1, 2 or 3, an axis of the body as described, or -1, -2, -3 for its other end
     angle : float [rad]
         half the opening of the cone
     way : str, optional

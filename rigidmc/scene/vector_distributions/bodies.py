@@ -84,11 +84,12 @@ class UncertainInertia(VectorDistribution):
     compare.
     Source: Rucker & Wensing, IEEE Robotics and Automation Letters 7 (2022) 2771.
 
-    The principal axes differ between members; each is labelled after the nearest axis of the mean
-    tensor. Give the start, and the body-fixed vectors of effects, in the principal axes of the mean
-    tensor; they are transformed to the axes of each member. Equilibrium ensembles, damping rates
-    and direction potentials refer to the axes of the member. Results are in the axes of the member:
-    `principal_axes` has its attitude, and `ds.rigid.described("omega")` transforms back.
+    The members share the axes of the tensor: the start, the body-fixed vectors of effects and
+    results are in these. The principal axes differ between members, and each has the number of the
+    nearest axis of the tensor; `principal_axes` of the result has their attitude, and
+    `ds.rigid.principal("omega")` transforms to them. With `Body.from_tensor(..., axes="principal")`
+    starts and effects are in the principal axes of the mean tensor, and results in the principal
+    axes of each member.
 
     Parameters
     ----------

@@ -40,8 +40,8 @@ class Shell(EquilibriumEnsemble):
     energy : quantity [J]
         E
     direction : array_like (3,), optional
-        direction of L in the body; by default L is uniform on the shell (microcanonical ensemble),
-        L = sqrt(2 (E - V) I) n with n uniform on the sphere
+        direction of L in the principal axes; by default L is uniform on the shell (microcanonical
+        ensemble), L = sqrt(2 (E - V) I) n with n uniform on the sphere
 
     Examples
     --------

@@ -27,7 +27,7 @@ AROUND = Distribution("uniform", (0.0, 2.0 * math.pi))
 
 @dataclass(frozen=True)
 class Cone(VectorDistribution):
-    """A vector of given size at a given angle from a principal axis.
+    """A vector of given size at a given angle from an axis of the body.
 
     Components along the axis, the next axis, and the one after it::
 

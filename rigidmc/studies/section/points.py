@@ -94,8 +94,9 @@ class CrossingPaths:
         fixed = np.array(tree_flatten(observables))
         fixed = np.broadcast_to(fixed, (len(table), fixed.size))
         self._table = np.concatenate([table, fixed], axis=1)
+        body = MassProperties(*[0.0] * BODY_NUMBERS)
         self._kind = AdvancedState(
-            MassProperties(*[0.0] * BODY_NUMBERS, body_axes((1.0, 0.0, 0.0, 0.0)) if axes else ()),
+            body._replace(axes=body_axes((1.0, 0.0, 0.0, 0.0)) if axes else ()),
             blank(scene.effects), observables, INTEGRATORS["rk8"], 0.0, 0.0, (0.0,) * 4, (0.0,) * 3,
         )  # fmt: skip
         self._width = 7 + sum(size(one.dims) for one in observables)
