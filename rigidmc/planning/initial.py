@@ -235,9 +235,10 @@ def fill_initial(
         if turn is not None and model.start.attitude != "ensemble":
             axes = multiply(tuple(attitude), quaternions(turn))
             block[layout.ATTITUDE : layout.MOMENTUM] = axes
-    word, spin = model.start.sample_spin(
-        sampler, first, count, member_facts(model.effects, block, moments)
-    )
+    # the principal frame of an uncertain tensor has the axes of each member
+    own = turn if model.body.frame == "described" else None
+    known = member_facts(model.effects, block, moments)._replace(turn=own)
+    word, spin = model.start.sample_spin(sampler, first, count, known)
     in_principal = isinstance(getattr(model.start, word), EquilibriumEnsemble)
     told = spin
     if turn is not None and not in_principal:

@@ -26,12 +26,14 @@ class MemberFacts(NamedTuple):
     potential : function of attitudes (4, n) that returns potential energies (n,) [J]
     bound : bounds on the size of the potential energies (n,) [J]
     attitude : attitudes (4, n) of the members
+    turn : the principal axes (3, 3, n) in the axes of the scene; None if these are the same
     """
 
     moments: Array
     potential: Callable[[Array], Array]
     bound: Array
     attitude: Any = None
+    turn: Array | None = None
 
 
 @dataclass(frozen=True)
