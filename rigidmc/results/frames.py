@@ -8,9 +8,14 @@ With a the quaternion of the principal axes in the described axes (`principal_ax
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from rigidmc.physics.dynamics.so3 import conjugate, into_body, multiply
+from rigidmc.results.lazy import apply_lazily
+
+Array = NDArray[np.float64]
 
 # vectors of the body that a result may have, besides the momenta of rotors
 _VECTORS = ("omega", "momentum", "start_omega", "start_momentum", "centre")
@@ -63,9 +68,10 @@ def _by_components(
     ds: xr.Dataset, name: str, dim: str, turn: Callable[[Any, Any], tuple[Any, ...]]
 ) -> xr.DataArray:
     """Apply a function of (components, components of a), with dimensions kept in their order."""
-    given = ds[name]
-    a = tuple(ds.principal_axes.isel(quat=i, drop=True) for i in range(4))
-    parts = turn(tuple(given.isel({dim: i}, drop=True) for i in range(given.sizes[dim])), a)
-    joined: xr.DataArray = xr.concat(parts, given[dim] if dim in given.coords else dim)
-    found = joined.transpose(*given.dims)
-    return found.rename(given.name).assign_attrs(given.attrs)
+    given, axes = ds[name], ds.principal_axes.rename(quat="turn")
+
+    def turned(values: Array, a: Array) -> Array:
+        return np.stack(turn(tuple(np.moveaxis(values, -1, 0)), tuple(np.moveaxis(a, -1, 0))), -1)
+
+    found = apply_lazily(turned, [(given, [dim]), (axes, ["turn"])], [dim]).transpose(*given.dims)
+    return found.assign_coords(given.coords).rename(given.name).assign_attrs(given.attrs)

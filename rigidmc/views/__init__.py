@@ -2,8 +2,7 @@
 
 Every view reads a Dataset or a scene and changes neither. Reading order: `accessor` (`ds.rigid` and
 notebooks), `descriptions` (text on scenes and bodies), `new_scene` (a first scene as text),
-`summary` (text on a result), `states` (quantities from saved states), `lazy` (functions of dask
-arrays), `sample` (the members and times that pictures read), `ensemble` and `hemispheres` (pictures
+`summary` (text on a result), `states` (quantities from saved states), `sample` (the members and times that pictures read), `ensemble` and `hemispheres` (pictures
 of a result), `sphere` and `surfaces` (shapes to draw), `closed_forms`, `gibbs`, `animation`, and
 `viewer` (a page that turns the body in a browser).
 

@@ -190,11 +190,12 @@ def test_what_is_read_lazily_stays_lazy(kind, tmp_path, monkeypatch):
         path = tmp_path / "a.nc"
         rm.simulate(scene, output=str(path)).close()
     if kind == "no dask":
-        monkeypatch.setattr("rigidmc.views.lazy.find_spec", lambda name: None)
+        monkeypatch.setattr("rigidmc.results.lazy.find_spec", lambda name: None)
     whole = rm.simulate(scene)
     with rm.open(path) as ds:
         for name in ("omega", "attitude", "start_omega"):
-            found, wanted = ds.rigid.described(name), whole.rigid.described(name)
+            assert ds.rigid.described(name).identical(ds[name])  # in these axes already
+            found, wanted = ds.rigid.principal(name), whole.rigid.principal(name)
             assert (found.chunks is None) == (kind == "no dask")
             assert abs(found - wanted).max() < 1e-15  # measured 1.1e-16
             assert found.dims == wanted.dims == whole[name].dims
