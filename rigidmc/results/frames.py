@@ -8,9 +8,11 @@ With a the quaternion of the principal axes in the described axes (`principal_ax
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from rigidmc.physics.dynamics.so3 import conjugate, into_body, multiply
+from rigidmc.results.lazy import apply_lazily
 
 # vectors of the body that a result may have, besides the momenta of rotors
 _VECTORS = ("omega", "momentum", "start_omega", "start_momentum", "centre")
@@ -64,7 +66,13 @@ def _by_components(
 ) -> xr.DataArray:
     """Apply a function of (components, components of a), with dimensions kept in their order."""
     given = ds[name]
-    a = tuple(ds.principal_axes.isel(quat=i, drop=True) for i in range(4))
-    parts = turn(tuple(given.isel({dim: i}, drop=True) for i in range(given.sizes[dim])), a)
-    found = xr.concat(parts, given[dim] if dim in given.coords else dim).transpose(*given.dims)
+
+    def turned(v: Any, a: Any) -> Any:
+        parts = turn(tuple(np.moveaxis(v, -1, 0)), tuple(np.moveaxis(a, -1, 0)))
+        return np.stack(np.broadcast_arrays(*parts), -1)
+
+    found = apply_lazily(turned, [(given, [dim]), (ds.principal_axes, ["quat"])], [dim])
+    # a vector that all members share differs between them in other axes
+    dims = [*given.dims, *(d for d in found.dims if d not in given.dims)]
+    found = found.transpose(*dims).assign_coords(given.coords)
     return found.rename(given.name).assign_attrs(given.attrs)

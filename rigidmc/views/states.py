@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.scene.body import IDENTITY
-from rigidmc.views.lazy import apply_lazily
+from rigidmc.results.lazy import apply_lazily
 
 _UNTURNED = ("_min", "_max", "_variance")
 
