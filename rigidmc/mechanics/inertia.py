@@ -355,12 +355,29 @@ def nearest_axes(tensor: ArrayLike) -> tuple[Array, Array]:
 
 
 def quaternions(turn: Array) -> tuple[Array, ...]:
-    """Return the unit quaternions (w, x, y, z) of turns from `match_axes`, far from 180 deg."""
-    w = 0.5 * np.sqrt(1.0 + turn[0, 0] + turn[1, 1] + turn[2, 2])
+    """Return the unit quaternions (w, x, y, z) of turns (3, 3, n).
+
+    Turns from `match_axes` are far from 180 deg. Axes given by a user may be near it: there w is a
+    small difference, and the largest of the other components comes first.
+    """
+    skew = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]
+    xx, yy, zz = turn[0, 0], turn[1, 1], turn[2, 2]
+    square = 1.0 + xx + yy + zz  # (2 w)^2
+    is_far = square > 0.5
+    w = 0.5 * np.sqrt(np.where(is_far, square, 1.0))
     by = 0.25 / w
-    parts = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]
-    x, y, z = (by * part for part in parts)
-    return w, x, y, z
+    found = w, by * skew[0], by * skew[1], by * skew[2]
+    if is_far.all():
+        return found
+    squares = np.stack([1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz])
+    best = squares.argmax(0)
+    for i in range(3):
+        here = ~is_far & (best == i)
+        of = 0.5 * np.sqrt(np.where(here, squares[i], 1.0))
+        near = [of if k == i else 0.25 / of * (turn[i, k] + turn[k, i]) for k in range(3)]
+        near.insert(0, 0.25 / of * skew[i])
+        found = tuple(np.where(here, one, other) for one, other in zip(near, found, strict=True))
+    return found
 
 
 def vectors_into(turn: Array, vectors: Any) -> Array:

@@ -10,12 +10,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.physics.dynamics.so3 import conjugate, into_body, multiply
 from rigidmc.results.lazy import apply_lazily
-
-Array = NDArray[np.float64]
 
 # vectors of the body that a result may have, besides the momenta of rotors
 _VECTORS = ("omega", "momentum", "start_omega", "start_momentum", "centre")
@@ -68,10 +65,14 @@ def _by_components(
     ds: xr.Dataset, name: str, dim: str, turn: Callable[[Any, Any], tuple[Any, ...]]
 ) -> xr.DataArray:
     """Apply a function of (components, components of a), with dimensions kept in their order."""
-    given, axes = ds[name], ds.principal_axes.rename(quat="turn")
+    given = ds[name]
 
-    def turned(values: Array, a: Array) -> Array:
-        return np.stack(turn(tuple(np.moveaxis(values, -1, 0)), tuple(np.moveaxis(a, -1, 0))), -1)
+    def turned(v: Any, a: Any) -> Any:
+        parts = turn(tuple(np.moveaxis(v, -1, 0)), tuple(np.moveaxis(a, -1, 0)))
+        return np.stack(np.broadcast_arrays(*parts), -1)
 
-    found = apply_lazily(turned, [(given, [dim]), (axes, ["turn"])], [dim]).transpose(*given.dims)
-    return found.assign_coords(given.coords).rename(given.name).assign_attrs(given.attrs)
+    found = apply_lazily(turned, [(given, [dim]), (ds.principal_axes, ["quat"])], [dim])
+    # a vector that all members share differs between them in other axes
+    dims = [*given.dims, *(d for d in found.dims if d not in given.dims)]
+    found = found.transpose(*dims).assign_coords(given.coords)
+    return found.rename(given.name).assign_attrs(given.attrs)

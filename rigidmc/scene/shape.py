@@ -45,7 +45,7 @@ class ShapePart(NamedTuple):
     def placed(self, at: ArrayLike, turned: ArrayLike = UPRIGHT) -> "ShapePart":
         """Return the part after turning its body about the origin, then moving it."""
         origin = rotation.to_space(turned, np.array(self.at)) + floats(at, "at", 3)
-        attitude = rotation.product(turned, self.turned)
+        attitude = rotation.product(rotation.quaternion(turned), self.turned)
         return self._replace(at=tuple(origin.tolist()), turned=tuple(attitude.tolist()))
 
     def as_table(self) -> dict[str, Any]:

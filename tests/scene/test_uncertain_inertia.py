@@ -27,9 +27,9 @@ def covariance(share, size=10):
     return (scale[:, None] * product * scale)[:size, :size]
 
 
-def body_of(share, size=10):
+def body_of(share, axes="described", size=10):
     law = rm.UncertainInertia(TENSOR, covariance(share, size))
-    return rm.Body.from_tensor(law, MASS, CENTRE)
+    return rm.Body.from_tensor(law, MASS, CENTRE, axes)
 
 
 def parameters(body, count, first=0):
@@ -58,7 +58,7 @@ def test_numbers_and_rates_are_those_of_the_pseudo_inertia():
 
 @pytest.mark.parametrize("size", [6, 9, 10])
 def test_draws_have_the_mean_and_the_covariance(size):
-    found = parameters(body_of(0.05, size), 100_000)
+    found = parameters(body_of(0.05, size=size), 100_000)
     given, apart = covariance(0.05, size), found[:size] - MEAN[:size, None]
     deviations = np.sqrt(given.diagonal())
     assert np.abs(apart.mean(1) / deviations).max() < 0.015  # measured 0.0054, 0.003 by chance
@@ -96,11 +96,14 @@ def test_every_draw_is_a_body():
     assert impossible.mean() > 0.2  # measured 0.27
 
 
-def test_axes_are_named_after_the_nearest():
+@pytest.mark.parametrize("axes", ["described", "principal"])
+def test_axes_are_named_after_the_nearest(axes):
+    """After the nearest axis of the scene, which is described or a principal axis of the mean."""
     even = rm.UncertainInertia(np.diag([2.0, 2.01, 2.02]), 0.01 * np.eye(6))
-    for body in (body_of(0.1), rm.Body.from_tensor(even)):
+    for body in (body_of(0.1, axes), rm.Body.from_tensor(even, axes=axes)):
         moments, _, _, turn = body.sample_turned(7, 0, 2000)
-        frames = np.moveaxis(np.array(body.axes) @ np.moveaxis(turn, -1, 0), 0, -1)
+        of_scene = np.array(body.axes) if axes == "principal" else np.eye(3)
+        frames = np.moveaxis(of_scene @ np.moveaxis(turn, -1, 0), 0, -1)
         back = np.einsum("ijn,jn,kjn->nik", frames, moments, frames)
         known = body.moments.bodies(7, "body.tensor", 0, 2000, body.mass, body.centre)
         assert np.abs(back - symmetric(known[:6])).max() < 2e-14  # measured 2.2e-15
@@ -115,13 +118,15 @@ DIPOLE, FIELD, THRUST = (0.3, -0.1, 0.5), (1.0, 2.0, -0.5), (0.1, -0.2, 0.3)
 OIL = (0.05, 0.04, 0.06, 0.01, -0.005, 0.015)
 
 
-def test_members_move_as_in_the_described_axes():
-    """Euler's equations with the full tensor by scipy, all vectors in the axes of the tensor."""
-    body = body_of(0.1)
-    axes = np.array(body.axes)
+@pytest.mark.parametrize("of_scene", ["described", "principal"])
+def test_members_move_as_in_the_described_axes(of_scene):
+    """Euler's equations with the full tensor by scipy, all vectors in the axes of the tensor; a
+    scene in the principal axes of the mean has the same members."""
+    body = body_of(0.1, of_scene)
+    axes = np.array(body.axes) if of_scene == "principal" else np.eye(3)
 
     def near(v):
-        return tuple(body.to_principal(v).tolist())
+        return tuple((axes.T @ v).tolist())
 
     oil = symmetric(np.array(OIL)[:, None])[0]
     turned = axes.T @ oil @ axes
@@ -132,10 +137,8 @@ def test_members_move_as_in_the_described_axes():
         rm.Gravity(9.81),
     )
     omega, attitude = np.array([0.2, -1.0, 0.6]), Rotation.from_rotvec([0.3, -0.8, 0.4])
-    start = rm.Start(
-        omega=near(omega),
-        attitude=tuple(body.principal_attitude(attitude.as_quat(scalar_first=True)).tolist()),
-    )
+    turned_start = (attitude * Rotation.from_matrix(axes)).as_quat(scalar_first=True)
+    start = rm.Start(omega=near(omega), attitude=tuple(turned_start.tolist()))
     scene = rm.Scene(body, effects, start)
     ds = rm.simulate(
         scene, "rk4", dt=2e-3, t_end=2.0, every=2.0, members=3, seed=7, save=("omega", "attitude")
@@ -143,6 +146,9 @@ def test_members_move_as_in_the_described_axes():
     spin = ds.rigid.described("omega").isel(time=-1).values
     ahead = ds.rigid.described("attitude").isel(time=-1).values
     known, plain = parameters(body, 3), ds.omega.isel(time=-1).values
+    own = ds.rigid.principal("omega").isel(time=-1).values
+    if of_scene == "described":
+        assert np.array_equal(spin, plain)
 
     def rates(t, y, tensor, arm, weight):
         turn = Rotation.from_quat(y[:4], scalar_first=True).as_matrix().T
@@ -162,7 +168,9 @@ def test_members_move_as_in_the_described_axes():
         assert np.abs(spin[:, i] - end[4:]).max() < 6e-10  # measured 6.2e-11
         q = end[:4] / np.linalg.norm(end[:4])
         assert abs(abs(q @ ahead[:, i]) - 1.0) < 1e-14  # measured 1.1e-16
-        assert np.abs(plain[:, i] - end[4:]).max() > 0.01  # measured 0.19 or more in other axes
+        assert np.abs(own[:, i] - end[4:]).max() > 0.01  # measured 0.19 or more in other axes
+        if of_scene == "principal":
+            assert np.array_equal(own, plain)
 
 
 def test_members_depend_on_their_index_alone_and_files_keep_the_law():
@@ -196,15 +204,17 @@ def test_what_is_no_law_of_a_body_is_told(table, words):
         rm.Scene.loads(text)
 
 
-def test_mass_and_centre_are_means_and_starts_are_no_tables():
+def test_mass_and_centre_are_means_and_starts_in_principal_axes_are_no_tables():
     law = rm.UncertainInertia(TENSOR, covariance(0.05))
     with pytest.raises(SceneError, match="plain numbers, the mean"):
         rm.Body.from_tensor(law, mass=rm.normal(12.0, 1.0))
     start = rm.Start(omega=(np.array([1.0, 2.0]), 0.0, 0.0))
+    body = rm.Body.from_tensor(law, axes="principal")
     with pytest.raises(SceneError, match="axes differ from member to member"):
-        rm.prepare(
-            rm.Scene(rm.Body.from_tensor(law), start=start).with_run(members=2, dt=0.1, t_end=1)
-        )
+        rm.prepare(rm.Scene(body, start=start).with_run(members=2, dt=0.1, t_end=1))
+    described = rm.Scene(rm.Body.from_tensor(law), start=start)
+    rm.prepare(described.with_run(members=2, dt=0.1, t_end=1))
+    assert np.array_equal(starts(described, 0, 2, True)[1]["start_omega"][0], [1.0, 2.0])
 
 
 @pytest.mark.parametrize(("together", "low", "high"), [(0.9, 0.0, 0.02), (0.0, 0.4, 0.6)])
