@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from rigidmc.arrays import is_number
 from rigidmc.errors import SceneError, unknown
 from rigidmc.physics.dynamics.functions import normal_quantile
+from rigidmc.units import Measured, common_unit
 
 Array = NDArray[np.float64]
+_NAMES = {"normal": ("mean", "standard_deviation"), "uniform": ("low", "high")}
 _RULES = {  # for the two distributions whose quantiles are computed here
     "normal": "expected normal = [mean, standard deviation > 0], finite numbers",
     "uniform": "expected uniform = [low, high] with low < high, finite numbers",
@@ -274,6 +276,16 @@ def distribution(name: str, /, *values: float, **parameters: float) -> Distribut
     >>> decay.ppf(np.array([0.5])).round(6).tolist()  # 2 ln 2
     [1.386294]
     """
+    if len(values) == 2 and not parameters:
+        numbers, unit = common_unit(dict(zip(_NAMES.get(name, "ab"), values, strict=True)), name)
+        if unit:
+            return Measured(distribution(name, *numbers.values()), unit)  # type: ignore[return-value]
+    elif name not in _RULES:
+        lengths: dict[str, Any] = {k: v for k, v in parameters.items() if k in ("loc", "scale")}
+        numbers, unit = common_unit(lengths, name)
+        if unit:
+            made = distribution(name, *values, **{**parameters, **numbers})
+            return Measured(made, unit)  # type: ignore[return-value]
     given = {name: list(values) or parameters}
     if name not in _RULES:
         return _by_scipy(name, given, parameters if not values else None)
@@ -397,6 +409,14 @@ def mixture(*parts: tuple[float, Distribution]) -> Distribution:
     """
     rule = "expected two or more components, each a weight > 0 and a distribution"
     pairs = [part for part in parts if isinstance(part, (tuple, list)) and len(part) == 2]
+    given: Any = pairs
+    measured = [one for _, one in given if isinstance(one, Measured)]
+    if measured:
+        if len(measured) < len(parts) or len({one.unit for one in measured}) > 1:
+            rule = "the components of a mixture must have one unit; in a file, give it beside them"
+            raise SceneError(rule, at="mixture")
+        made = mixture(*((weight, one.value) for weight, one in given))
+        return Measured(made, measured[0].unit)  # type: ignore[return-value]
     known = all(is_number(w) and w > 0 and isinstance(law, Distribution) for w, law in pairs)
     if not known or len(pairs) != len(parts) or len(parts) < 2:
         raise SceneError(rule, at="mixture", value=[str(part) for part in parts])

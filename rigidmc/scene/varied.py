@@ -14,6 +14,7 @@ from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.parameters import parameter_names, with_parameter
 from rigidmc.scene.quantities import Grid, Varied, count_rows
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.units import in_si, units_of
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 Nominal = dict[str, float | list[float]]
@@ -127,7 +128,10 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
             raise OptionError(rule, at="values", value=name, nearest=nearest(name, known))
         if name not in values:
             raise OptionError(f"lacks {name}, which is varied", at="values")
-    given = {name: np.asarray(array, dtype=float) for name, array in values.items()}
+    given = {
+        name: np.asarray(in_si(array, units_of(scene, name), f"values.{name}"), dtype=float)
+        for name, array in values.items()
+    }
     counts = {name: array.shape[0] if array.ndim else 0 for name, array in given.items()}
     count = max(counts.values())
     for name, array in given.items():

@@ -17,6 +17,7 @@ from rigidmc.files.user_code import source_of
 from rigidmc.physics.dynamics.methods import word_of
 from rigidmc.scene.distributions import Distribution, distribution, is_distribution, mixture
 from rigidmc.scene.quantities import Grid, grid
+from rigidmc.scene.units import in_si
 from rigidmc.scene.user_parts.registry import (
     Code,
     load_user_class,
@@ -29,6 +30,7 @@ from rigidmc.scene.vector_distributions import (
     make_distribution,
 )
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
+from rigidmc.units import Measured, unit_of
 
 
 class DataSources(NamedTuple):
@@ -74,12 +76,16 @@ def read_quantity(value: Any, at: str, stored: DataSources) -> Any:
 
     Accepts numbers, lists, { distribution = parameters }, the same with between = [low, high],
     { mixture = [{ weight = w, distribution = parameters }, ...] }, { grid = [low, high, count] },
-    { distribution = table }, { table = file, columns = names } and { stored = name, axis = i }
+    { distribution = table }, { table = file, columns = names } and { stored = name, axis = i };
+    any of these but the last with unit = "deg/s" beside it, and { value = number, unit = "deg/s" },
+    become Measured
     """
     if isinstance(value, list):
         return [read_quantity(v, at, stored) for v in value]
     if not isinstance(value, dict):
         return value
+    if "unit" in value or "value" in value:
+        return read_measured(value, at, lambda inner: read_quantity(inner, at, stored))
     if "stored" in value:
         return _rows_of(value, at, stored.of_result)
     if "table" in value:
@@ -110,6 +116,34 @@ def read_quantity(value: Any, at: str, stored: DataSources) -> Any:
         return _named(at, value, distribution, name, **parameters)
     several = parameters if isinstance(parameters, list) else [parameters]
     return _named(at, value, distribution, name, *several)
+
+
+def read_measured(value: Any, at: str, read: Callable[[Any], Any]) -> Any:
+    """Return { value = ..., unit = "mm" }, or another table with a unit beside its keys, as
+    Measured; anything else unchanged. SceneError.
+
+    read : function that reads what stands beside the unit
+    """
+    if not isinstance(value, dict) or not {"unit", "value"} & value.keys():
+        return value
+    if "unit" not in value:
+        rule = 'expected a unit beside the value, { value = 10.0, unit = "deg/s" }, or a number'
+        raise SceneError(rule, at=at, value=value)
+    inner = {key: part for key, part in value.items() if key != "unit"}
+    if "value" in inner:
+        check_keys(value, ("value", "unit"), at)
+        inner = inner["value"]
+    elif not inner or "stored" in inner:
+        rule = 'expected { value = 10.0, unit = "deg/s" }, or a distribution with its unit'
+        raise SceneError(rule, at=at, value=value)
+    unit_of(value["unit"], at, value)
+    return Measured(read(inner), value["unit"])
+
+
+def read_plain(value: Any, units: str, at: str) -> Any:
+    """Return a number or lists of numbers, converted to SI if they have a unit; SceneError for
+    anything else."""
+    return check_plain(in_si(read_measured(value, at, lambda inner: inner), units, at), at)
 
 
 def _own_law(value: dict[str, Any], at: str, stored: DataSources) -> VectorDistribution:
