@@ -398,11 +398,16 @@ def common_unit(values: Mapping[str, Any], at: str) -> tuple[dict[str, Any], str
         for name, one in given.items()
     }
     words = zip(("kg", "m", "s", "A", "rad"), first.powers, strict=True)
-    return numbers, " ".join(f"{word}{n}" for word, n in words if n) or "1"
+    return numbers, " ".join(f"{word}{n}" if n != 1 else word for word, n in words if n) or "1"
 
 
 def in_units(value: Any, units: str, at: str) -> Any:
     """Return a number, text or quantity in `units`; a number without a unit unchanged."""
+    if is_foreign(value):
+        found = from_foreign(value, units, at)
+        if np.ndim(found):
+            raise SceneError("expected one number, not an array", at=at)
+        return float(found)
     one = as_measured(value)
     if type(one) is not Measured:
         return value

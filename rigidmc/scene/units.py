@@ -281,5 +281,5 @@ def hint_of_units(units: str) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return a NumPy scalar as a float."""
-    return float(value) if isinstance(value, (np.floating, np.integer)) else value
+    """Return a scalar of NumPy, or an integer, as a float."""
+    return float(value) if isinstance(value, (np.floating, np.integer, int)) else value

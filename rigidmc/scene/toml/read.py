@@ -290,12 +290,13 @@ def _built(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code
     required = [field for field in made._fields if field not in made._field_defaults]
     check_keys(table, (*made._fields, *more), f"{kind}.{name}", required)
     # compiled code needs tuples
-    read = {
-        key: read_measured(value, f"{kind}.{name}.{key}", _tuple)
-        for key, value in table.items()
-        if key not in more
-    }
-    return made(**{key: _tuple(value) for key, value in read.items()})
+    given = {key: value for key, value in table.items() if key not in more}
+    if kind == "observables":
+        given = {
+            key: read_measured(value, f"{kind}.{name}.{key}", _tuple)
+            for key, value in given.items()
+        }
+    return made(**{key: _tuple(value) for key, value in given.items()})
 
 
 def _tuple(value: Any) -> Any:
