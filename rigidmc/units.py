@@ -216,7 +216,10 @@ _PRODUCT = rf"{_WORD}(?: {_WORD})*"
 _UNIT = re.compile(rf"(1|{_PRODUCT})((?: ?/ ?(?:{_WORD}|\( ?{_PRODUCT} ?\)))*)", re.ASCII)
 _SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹µμ", "-0123456789uu")
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?"
-_QUANTITY = re.compile(rf"({_NUMBER})\s*([A-Za-zµμ°%].*|1\s*/.*)", re.ASCII | re.DOTALL)
+# not 11/s as 1 1/s, nor 1e999 as 1 e999
+_QUANTITY = re.compile(
+    rf"({_NUMBER})(?:\s*(?![eE][-+]?\d)([A-Za-zµμ°%].*)|\s+(1\s*/.*))", re.ASCII | re.DOTALL
+)
 _LIST = re.compile(r"(\[.*\])\s*([A-Za-zµμ°%].*|1\s*/.*)", re.ASCII | re.DOTALL)
 
 
@@ -332,7 +335,7 @@ def wrong_dimension(units: str, given: str, text: str, at: str, value: Any = Non
 def quantity_text(text: str) -> tuple[str, str] | None:
     """Return (number, unit) of a text such as "9.81 m/s2"; None for any other text."""
     found = _QUANTITY.fullmatch(text.strip()) if len(text) <= 2 * LONGEST else None
-    return (found[1], found[2].strip()) if found else None
+    return (found[1], (found[2] or found[3]).strip()) if found else None
 
 
 def list_text(text: str) -> tuple[str, str] | None:

@@ -18,7 +18,7 @@ from rigidmc.physics.effects.protocol import effect, facts
 from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.units import squared, units_of
 from rigidmc.scene.varied import with_values
-from rigidmc.units import KNOWN, Measured, converter, unit_of, units_text
+from rigidmc.units import KNOWN, Measured, converter, quantity_text, unit_of, units_text
 from tests.random_scenes import kinds, scene
 
 BODY = "body.moments = [1.0, 2.0, 2.5]\n"
@@ -104,6 +104,28 @@ def test_texts_that_are_no_units(text, words, right):
     assert words in error.value.rule and error.value.nearest in (right, error.value.nearest)
     if right is not None:
         assert error.value.nearest == right
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("10 deg/s", ("10", "deg/s")),
+        ("-.5e-3kg m2", ("-.5e-3", "kg m2")),
+        ("1e3 m", ("1e3", "m")),
+        ("10 1/s", ("10", "1/s")),
+        ("5 °", ("5", "°")),
+        ("11/s", None),
+        ("1e999", None),
+        ("1e+3000 m", None),
+        ("9.81", None),
+        ("vertical", None),
+        ("1979-05-27", None),
+        ("1, 2", None),
+        ("inf m", None),
+    ],
+)
+def test_text_of_a_number_with_a_unit(text, parts):
+    assert quantity_text(text) == parts
 
 
 def test_every_unit_of_an_effect_is_known():
@@ -257,7 +279,7 @@ def test_any_number_of_a_scene_in_any_unit():
         # distributions of scipy state loc = 0 and scale = 1, too
         assert len(one) <= len(two)
         plain = [[x for x in xs if isinstance(x, float)] for xs in (one, two)]
-        np.testing.assert_allclose(plain[1], plain[0], rtol=1e-15 * 8, atol=0.0)  # measured 7e-16
+        np.testing.assert_allclose(plain[1], plain[0], rtol=2e-15, atol=0.0)  # measured 4.4e-16
         written += 1
         if written == 30:
             break
