@@ -187,9 +187,10 @@ class Unit(NamedTuple):
 
     def convert_array(self, array: Any) -> Any:
         """Return an array of numbers in SI units."""
-        if self.ratio.numerator == 1 and not self.turns:
-            return array / float(self.ratio.denominator)
-        return array * self.factor
+        with np.errstate(over="ignore", under="ignore"):  # the reader refuses what is not finite
+            if self.ratio.numerator == 1 and not self.turns:
+                return array / float(self.ratio.denominator)
+            return array * self.factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,6 +251,14 @@ def unit_of(text: Any, at: str = "unit", value: Any = None) -> Unit:
         ratio, turns = ratio * factor ** (sign * power), turns + sign * power * pi
         powers = [a + sign * power * b for a, b in zip(powers, each, strict=True)]
     return Unit(text.strip(), tuple(powers), ratio, turns)  # type: ignore[arg-type]  # five powers
+
+
+def unit_named(word: str) -> str | None:
+    """Return the unit that a word names, "deg" for "degrees"; None for any other word."""
+    try:
+        return unit_of(word).text
+    except SceneError:
+        return _NAMES.get(word.lower().removesuffix("s"))
 
 
 def _factors(top: str, below: str) -> Iterator[tuple[int, str, int]]:

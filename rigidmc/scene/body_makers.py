@@ -186,8 +186,8 @@ class BodyMakers(Renamed, metaclass=_Hints):
         ----------
         name : str
             such as "hollow_cylinder"
-        **sizes : float [kg, m]
-            arguments of the solid, all positive
+        **sizes : float, str or quantity [kg, m]
+            arguments of the solid, all positive, also with their units, as "3 cm"
 
         Returns
         -------
@@ -228,7 +228,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         return cls(tuple(np.diag(tensor).tolist()), mass, centre, shape=parts)
 
     @classmethod
-    def cylinder(cls, mass: float, radius: float, height: float) -> Self:
+    def cylinder(cls, mass: Any, radius: Any, height: Any) -> Self:
         """Make a solid cylinder about its centre, with axis 3 along it, TdC Example 3.1.
 
         Its inertia tensor::
@@ -257,7 +257,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         return cls.solid("cylinder", mass=mass, radius=radius, height=height)
 
     @classmethod
-    def box(cls, mass: float, size: tuple[float, float, float]) -> Self:
+    def box(cls, mass: Any, size: Any) -> Self:
         """Make a solid box about its centre.
 
         Its inertia tensor::

@@ -191,14 +191,15 @@ def is_distribution(name: str) -> bool:
     return name in _RULES or _scipy(name) is not None
 
 
-def normal(mean: float, standard_deviation: float) -> Distribution:
+def normal(mean: Any, standard_deviation: Any) -> Distribution:
     """Make a normal distribution N(mean, standard_deviation^2).
 
     Parameters
     ----------
-    mean : float
-        mean, in units of the quantity
-    standard_deviation : float
+    mean : float, str or quantity
+        mean, in units of the quantity; or with its unit, as "10 deg/s" or a quantity of pint or
+        astropy
+    standard_deviation : float, str or quantity
         standard deviation, positive, in the same units
 
     Returns
@@ -220,14 +221,14 @@ def normal(mean: float, standard_deviation: float) -> Distribution:
     return distribution("normal", mean, standard_deviation)
 
 
-def uniform(low: float, high: float) -> Distribution:
+def uniform(low: Any, high: Any) -> Distribution:
     """Make a uniform distribution on (low, high).
 
     Parameters
     ----------
-    low : float
-        lower end, in units of the quantity
-    high : float
+    low : float, str or quantity
+        lower end, in units of the quantity; or with its unit, as "10 deg/s"
+    high : float, str or quantity
         upper end, in the same units
 
     Returns
@@ -248,17 +249,18 @@ def uniform(low: float, high: float) -> Distribution:
     return distribution("uniform", low, high)
 
 
-def distribution(name: str, /, *values: float, **parameters: float) -> Distribution:
+def distribution(name: str, /, *values: Any, **parameters: Any) -> Distribution:
     """Make a distribution by its name.
 
     Parameters
     ----------
     name : str
         "normal", "uniform", or a continuous distribution of scipy.stats
-    *values : float
+    *values : float, str or quantity
         (mean, sd) of "normal", (low, high) of "uniform"
-    **parameters : float
-        keywords of a scipy.stats distribution: loc, scale and its shape parameters
+    **parameters : float, str or quantity
+        keywords of a scipy.stats distribution: loc and scale, which may have a unit, and its shape
+        parameters
 
     Returns
     -------

@@ -73,7 +73,7 @@ class Grid:
         return {"grid": [self.low, self.high, self.count], **more}
 
 
-def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False) -> Grid:
+def grid(low: Any, high: Any, count: int, stride: int = 1, log: bool = False) -> Grid:
     """Make evenly spaced numbers: the centres of equal parts of (low, high).
 
     Member i has number i // stride % count. Two grids, one of count n and stride r and one of
@@ -81,9 +81,9 @@ def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False
 
     Parameters
     ----------
-    low : float
-        lower end of the first part, in units of the quantity
-    high : float
+    low : float, str or quantity
+        lower end of the first part, in units of the quantity; or with its unit, as "10 deg/s"
+    high : float, str or quantity
         upper end of the last part
     count : int
         number of parts

@@ -131,12 +131,22 @@ def _scaled(value: Any, unit: Unit, at: str) -> Any:
         return [_scaled(one, unit, at) for one in value]
     if isinstance(value, Distribution):
         _refuse_periodic(value, unit, at)
-        return value.times(unit.factor)
+        return _in_range(value, value.times(unit.factor), at)
     if isinstance(value, Grid):
-        return value.times(unit.factor)
+        return _in_range(value, value.times(unit.factor), at)
     if hasattr(value, "scaling"):  # a vector distribution
         return in_unit(value, unit, at)
     raise SceneError(_NUMBERS, at=at, value=value)
+
+
+def _in_range(given: Any, made: Any, at: str) -> Any:
+    """Return a distribution or a grid in SI units; SceneError if its numbers overflow, or merge."""
+    ends = np.array([0.01, 0.99])
+    low, high = (made.low, made.high) if isinstance(made, Grid) else made.ppf(ends)
+    if not np.isfinite([low, high]).all() or low == high:
+        rule = "is too large or too small in SI units for floating-point numbers"
+        raise SceneError(rule, at=at, value=given.as_table())
+    return made
 
 
 def _refuse_periodic(distribution: Distribution, unit: Unit, at: str) -> None:

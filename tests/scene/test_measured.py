@@ -549,3 +549,32 @@ def test_values_of_varied_parameters():
     cone = rm.Scene(whole.body, start=rm.Start(momentum=rm.Cone(3, 1.0, 0.1)))
     found = {name: units_of(cone, name) for name in parameter_names(cone)}
     assert found["start.momentum.angle"] == "rad" and found["start.momentum.size"] == "kg m2 s-1"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('{ value = [1, 2, 3], units = "deg/s" }', "(did you mean 'unit'?)"),
+        ('[{ normal = [1, 2], units = "deg/s" }, 0, 0]', "(did you mean 'unit'?)"),
+        ("[{ degrees = 30 }, 0, 0]", 'unit = "deg" }'),
+        ('[{ normal = [1e308, 1], unit = "rev/s" }, 0, 0]', "too large or too small"),
+        ('[{ normal = [1, 1e-320], unit = "rev/h" }, 0, 0]', "too large or too small"),
+        ('[{ grid = [0, 1e308, 3], unit = "rev/s" }, 0, 0]', "too large or too small"),
+        ('{ value = [1e308, 0, 0], unit = "rev/s" }', "finite"),
+    ],
+)
+def test_likely_mistakes(text, words):
+    with pytest.raises(SceneError) as error:
+        spin(text)
+    assert words in str(error.value)
+
+
+def test_bounds_have_the_unit_of_their_distribution():
+    texts = (
+        '{ normal = ["10 deg/s", "1 deg/s"], between = ["0 deg/s", "12 deg/s"] }',
+        '{ normal = [10, 1], between = [0, 12], unit = "deg/s" }',
+    )
+    for text in texts:
+        inner, low, high = spin(f"[{text}, 0, 0]")[0].parameters
+        assert inner == rm.normal(10 * DEGREE, DEGREE)
+        assert (low, high) == pytest.approx((0.0, 12 * DEGREE), rel=4e-16)

@@ -30,7 +30,7 @@ from rigidmc.scene.vector_distributions import (
     make_distribution,
 )
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
-from rigidmc.units import Measured, unit_of
+from rigidmc.units import Measured, unit_named, unit_of
 
 
 class DataSources(NamedTuple):
@@ -104,12 +104,15 @@ def read_quantity(value: Any, at: str, stored: DataSources) -> Any:
         return _own_law(value, at, stored)
     if len(value) != 1:
         rule = "expected a number or one distribution, e.g. { normal = [0.0, 0.001] }"
-        words = [nearest(word, ["between", "mixture", "grid"]) for word in value]
+        words = [nearest(word, ["between", "mixture", "grid", "unit"]) for word in value]
         raise SceneError(rule, at=at, value=value, nearest=next(filter(None, words), None))
     ((name, parameters),) = value.items()
     law = make_distribution(name, parameters, at, lambda part: read_quantity(part, at, stored))
     if law is not None:
         return law
+    if not is_distribution(name) and (unit := unit_named(name)):
+        rule = f'a unit stands beside the number: {{ value = 10.0, unit = "{unit}" }}'
+        raise SceneError(rule, at=at, value=value)
     if distributions_of(at) and not is_distribution(name):
         raise _no_such_law(name, value, at)
     if isinstance(parameters, dict):
@@ -128,7 +131,8 @@ def read_measured(value: Any, at: str, read: Callable[[Any], Any]) -> Any:
         return value
     if "unit" not in value:
         rule = 'expected a unit beside the value, { value = 10.0, unit = "deg/s" }, or a number'
-        raise SceneError(rule, at=at, value=value)
+        close = [nearest(word, ["unit"]) for word in value]
+        raise SceneError(rule, at=at, value=value, nearest=next(filter(None, close), None))
     inner = {key: part for key, part in value.items() if key != "unit"}
     if "value" in inner:
         check_keys(value, ("value", "unit"), at)
@@ -164,14 +168,18 @@ def _own_law(value: dict[str, Any], at: str, stored: DataSources) -> VectorDistr
     return law
 
 
-def _truncated(value: dict[str, Any], at: str, stored: DataSources) -> Distribution:
+def _truncated(value: dict[str, Any], at: str, stored: DataSources) -> Distribution | Measured:
     """Return a truncated distribution; SceneError."""
     bounds, inner = value["between"], {k: v for k, v in value.items() if k != "between"}
-    law = read_quantity(inner, at, stored) if inner else None
-    if not isinstance(law, Distribution) or not isinstance(bounds, list) or len(bounds) != 2:
+    law: Any = read_quantity(inner, at, stored) if inner else None
+    known = isinstance(law, Distribution) or (
+        isinstance(law, Measured) and isinstance(law.value, Distribution)
+    )
+    if not known or not isinstance(bounds, list) or len(bounds) != 2:
         rule = "expected one distribution with bounds, { normal = [1, 0.1], between = [0.5, 1.5] }"
         raise SceneError(rule, at=at, value=value)
-    return _named(at, value, law.between, *bounds)
+    cut: Distribution | Measured = _named(at, value, law.between, *bounds)
+    return cut
 
 
 def _mixture(value: dict[str, Any], at: str, stored: DataSources) -> Distribution:
