@@ -251,6 +251,7 @@ def observable_in_si(observable: Any, word: str) -> Any:
     units = {**OBSERVED.get(word, {}), **getattr(observable, "parameter_units", {})}
     if word == "histogram":
         of = OBSERVABLES.get(str(observable.of).split("[")[0])
+        shipped = None if of is None else shipped
         units = {} if of is None else dict.fromkeys(("low", "high"), of.units)
     changed = {}
     for name, value in zip(observable._fields, observable, strict=True):
@@ -262,9 +263,18 @@ def observable_in_si(observable: Any, word: str) -> Any:
 
 
 def angles_in_si(value: Any, at: str) -> Any:
-    """Return Euler angles in radians; SceneError for a quaternion or a matrix with a unit."""
+    """Return Euler angles in radians; SceneError for a quaternion or a matrix with a unit.
+
+    Rows of angles with a unit are returned by columns, because 3 x 3 numbers may be a matrix.
+    """
     found = vector_in_si(value, "rad", at)
-    if found is not value and len(found) != 3:
+    if found is value or hasattr(found, "dims"):
+        return found
+    several = isinstance(found, np.ndarray) or all(isinstance(x, (list, tuple)) for x in found)
+    rows = np.asarray(found) if several else None
+    if rows is not None and rows.ndim == 2 and rows.shape[1] == 3:
+        return tuple(np.ascontiguousarray(rows.T))
+    if len(found) != 3 or (rows is not None and rows.ndim != 1):
         rule = "only Euler angles [phi, theta, psi] have a unit; a quaternion has none"
         raise SceneError(rule, at=at)
     return found

@@ -499,6 +499,20 @@ def test_quantities_of_pint_and_astropy():
             rm.Start(omega=(0, 0, 1), attitude=of([1.0, 0.0, 0.0, 0.0], "deg"))
 
 
+def test_rows_of_euler_angles_with_a_unit():
+    """Three rows with a unit are never a matrix, even the unit matrix in radians."""
+    pint = pytest.importorskip("pint")
+    quantity = pint.UnitRegistry().Quantity
+    angles = np.arange(12.0).reshape(4, 3)
+    found = rm.Start(omega=(0, 0, 1), attitude=quantity(angles, "deg")).attitude
+    np.testing.assert_allclose(np.transpose(found), angles * DEGREE, rtol=1e-15)
+    found = rm.Start(omega=(0, 0, 1), attitude=quantity(angles[:3], "deg")).attitude
+    np.testing.assert_allclose(np.transpose(found), angles[:3] * DEGREE, rtol=1e-15)
+    for wrong in (quantity(np.eye(3), "rad"), quantity(np.ones((4, 4)), "deg")):
+        with pytest.raises(SceneError, match=r"matrix|only Euler"):
+            rm.Start(omega=(0, 0, 1), attitude=wrong)
+
+
 def test_text_in_python():
     law = rm.normal("10 deg/s", "1 deg/s").between(0.0, "12 deg/s")
     plain = rm.normal(10 * DEGREE, DEGREE).between(0.0, 12 * DEGREE)
