@@ -183,7 +183,7 @@ def _not_turned(seen: PilotFacts) -> Iterator[str]:
 def _angles(seen: PilotFacts) -> Iterator[str]:
     start, seed = seen.model.coarse().start, seen.run.seed
     circle = 2.0 * math.pi * (1.0 + 1e-9)
-    rule = "is more than {} pi: angles are in rad, 30 degrees are 0.5236"
+    rule = 'is more than {} pi: angles are in rad; degrees need unit = "deg", or "30 deg"'
     if start.has_euler_angles:
         worst = np.abs(draw(start.attitude, seed, "start.attitude", 0, FEW)).max()
         if worst > circle:

@@ -6,7 +6,8 @@ a grid, or an array with a row per member. A member's values depend only on seed
 Reading order: `scene` and `parts` (a scene, from Python or from a file), `model` (body, effects and
 start), `body`, `body_makers` and `body_changes` (bodies, and bodies made from others), `shape`
 (solids that pictures draw), `start`, `settings` (the table [run], which defines keywords and
-options), `amounts` (1e6, "1h30m"), `validation` (of effects and observables), `recording` (saved
+options), `amounts` (1e6, "1h30m"), `units` (the
+conversion of "10 deg/s" to SI), `validation` (of effects and observables), `recording` (saved
 and monitored variables), `quantities` and `distributions` (how members differ), `sampling` (sources
 of uniform numbers), `parameters` (parameters of a scene by name), `varied` (parameters that change
 between runs of a prepared scene), `drifts` (how drifts grow); and the packages

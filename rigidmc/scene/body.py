@@ -13,6 +13,7 @@ from rigidmc.mechanics import inertia, rotation
 from rigidmc.scene.body_changes import BodyChanges
 from rigidmc.scene.quantities import Source, draw, is_shared, is_variable, quantity, vector
 from rigidmc.scene.shape import Shape
+from rigidmc.scene.units import in_si, vector_in_si
 from rigidmc.scene.vector_distributions import check_distribution
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution, flat_parameters
@@ -110,12 +111,15 @@ class Body(BodyChanges):
     frame: str = "described"
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "moments", vector_in_si(self.moments, "kg m2", "body.moments"))
         whole = isinstance(self.moments, VectorDistribution)
         uncertain = isinstance(self.moments, UncertainInertia)
         check = check_distribution if whole else vector
         object.__setattr__(self, "moments", check(self.moments, f"body.{self.inertia_key}"))
-        object.__setattr__(self, "mass", quantity(self.mass, "body.mass"))
-        object.__setattr__(self, "centre", vector(self.centre, "body.centre"))
+        mass = in_si(self.mass, "kg", "body.mass")
+        centre = vector_in_si(self.centre, "m", "body.centre")
+        object.__setattr__(self, "mass", quantity(mass, "body.mass"))
+        object.__setattr__(self, "centre", vector(centre, "body.centre"))
         if isinstance(self.moments, UncertainInertia):
             self._check_uncertain(self.moments)
         else:

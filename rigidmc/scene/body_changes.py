@@ -15,6 +15,7 @@ from rigidmc.scene import shape
 from rigidmc.scene.body_makers import BodyMakers
 from rigidmc.scene.quantities import is_shared, vector
 from rigidmc.scene.shape import Shape
+from rigidmc.scene.units import in_si
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 
 
@@ -67,7 +68,7 @@ class BodyChanges(BodyMakers):
                 value=point,
                 nearest="centre",
             )
-        point = vector(point, "body.pivot")
+        point = vector(in_si(point, "m", "body.pivot"), "body.pivot")
         if not is_shared(self.moments, self.mass, self.centre, point):
             rule = (
                 "only a body given by plain numbers can move its fixed point; give moments about"
@@ -185,7 +186,7 @@ class BodyChanges(BodyMakers):
             ):
                 rule = "only bodies given by plain numbers can be joined"
                 raise SceneError(rule, at="body.join")
-        place = vector(at, "body.at")
+        place = vector(in_si(at, "m", "body.at"), "body.at")
         if not is_shared(place):
             raise SceneError("expected plain numbers", at="body.at")
         a, origin = rotation.matrix(turned), np.array(place)

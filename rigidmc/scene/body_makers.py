@@ -17,6 +17,7 @@ from rigidmc.mechanics import inertia, solids
 from rigidmc.scene import shape
 from rigidmc.scene.quantities import quantity, vector
 from rigidmc.scene.shape import Shape
+from rigidmc.scene.units import in_si, size_units
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 
 if TYPE_CHECKING:
@@ -115,6 +116,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         >>> [round(moment, 12) for moment in body.moments]
         [1.5, 2.5, 3.0]
         """
+        tensor = in_si(tensor, "kg m2", "body.tensor")
         if isinstance(tensor, UncertainInertia):
             return cls(tensor, mass, centre, frame=axes)
         return cls._of_tensor(tensor, mass, centre, frame=axes)
@@ -130,6 +132,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
     ) -> Self:
         """Make a body from a tensor (3, 3), with the solids that pictures draw."""
         find = inertia.principal_axes if frame == "principal" else inertia.nearest_axes
+        tensor = in_si(tensor, "kg m2", "body.tensor")
         wanted = "expected 3x3 finite numbers, not"
         cure = "; give bodies that differ by moments, or by rm.UncertainInertia"
         matrix = floats(tensor, "body.tensor", rule=f"{wanted} distributions or text{cure}")
@@ -175,8 +178,8 @@ class BodyMakers(Renamed, metaclass=_Hints):
         >>> rm.Body.from_particles([1, 1, 1, 1], corners).moments
         (8.0, 2.0, 10.0)
         """
-        m = floats(masses, "body.particles.masses")
-        x = floats(positions, "body.particles.positions")
+        m = floats(in_si(masses, "kg", at := "body.particles.masses"), at)
+        x = floats(in_si(positions, "m", at := "body.particles.positions"), at)
         if m.ndim != 1 or x.shape != (m.size, 3):
             rule = f"{m.size} masses need positions of shape ({m.size}, 3), not {x.shape}"
             raise SceneError(rule, at="body.particles")
@@ -200,8 +203,8 @@ class BodyMakers(Renamed, metaclass=_Hints):
         ----------
         name : str
             such as "hollow_cylinder"
-        **sizes : float [kg, m]
-            arguments of the solid, all positive
+        **sizes : float, str or quantity [kg, m]
+            arguments of the solid, all positive, also with their units, as "3 cm"
 
         Returns
         -------
@@ -234,7 +237,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
             if count is None:
                 given[key] = _positive(sizes[key], f"{at}.{key}")
             else:
-                parts = vector(sizes[key], f"{at}.{key}", count)
+                parts = vector(in_si(sizes[key], "m", f"{at}.{key}"), f"{at}.{key}", count)
                 given[key] = tuple(_positive(part, f"{at}.{key}") for part in parts)
         mass, centre, tensor = make(**given)
         sizes = {key: given[key] for key in shape.sizes_of(name)}
@@ -242,7 +245,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         return cls(tuple(np.diag(tensor).tolist()), mass, centre, shape=parts)
 
     @classmethod
-    def cylinder(cls, mass: float, radius: float, height: float) -> Self:
+    def cylinder(cls, mass: Any, radius: Any, height: Any) -> Self:
         """Make a solid cylinder about its centre, with axis 3 along it, TdC Example 3.1.
 
         Its inertia tensor::
@@ -271,7 +274,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         return cls.solid("cylinder", mass=mass, radius=radius, height=height)
 
     @classmethod
-    def box(cls, mass: float, size: tuple[float, float, float]) -> Self:
+    def box(cls, mass: Any, size: Any) -> Self:
         """Make a solid box about its centre.
 
         Its inertia tensor::
@@ -333,7 +336,8 @@ class BodyMakers(Renamed, metaclass=_Hints):
         >>> [round(moment, 12) for moment in rm.Body.from_density(2.0, box).moments]
         [13.0, 10.0, 5.0]
         """
-        region = as_plain_arrays(region, "body.region")
+        region = as_plain_arrays(in_si(region, "m", "body.region"), "body.region")
+        density = in_si(density, "kg m-3", "body.density")
         coarse, fine = (inertia.moments_of_density(density, region, points) for points in (24, 40))
         mass, first, second = fine[0], fine[1:4], fine[4:].reshape(3, 3)
         if not mass > 0:
@@ -412,7 +416,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
 
 def _positive(value: Any, at: str) -> float:
     """Return a positive plain number; SceneError."""
-    number = quantity(value, at)
+    number = quantity(in_si(value, size_units(at.rpartition(".")[2]), at), at)
     if not isinstance(number, float):
         rule = "must be a plain number; for bodies that differ give moments instead"
         raise SceneError(rule, at=at)

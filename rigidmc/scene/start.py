@@ -18,6 +18,7 @@ from rigidmc.scene.quantities import (
     is_variable,
     vector,
 )
+from rigidmc.scene.units import START, angles_in_si, vector_in_si
 from rigidmc.scene.vector_distributions import check_distribution
 from rigidmc.scene.vector_distributions.ensembles import attitudes_of_ensemble
 from rigidmc.scene.vector_distributions.protocol import (
@@ -77,7 +78,9 @@ class Start(Renamed):
     def __post_init__(self) -> None:
         if (self.omega is None) == (self.momentum is None):
             raise SceneError("give either omega or momentum", at="start.omega")
-        given = self._given
+        name = self.spin_name
+        given = vector_in_si(self._given, START[name], f"start.{name}")
+        object.__setattr__(self, "attitude", angles_in_si(self.attitude, "start.attitude"))
         whole = isinstance(given, VectorDistribution)
         put = (check_distribution if whole else vector)(given, f"start.{self.spin_name}")
         object.__setattr__(self, self.spin_name, put)

@@ -30,8 +30,17 @@ from rigidmc.scene.body import Body
 from rigidmc.scene.settings import Run, Table, check_table, with_changes
 from rigidmc.scene.shape import read_shape
 from rigidmc.scene.start import Start
-from rigidmc.scene.toml.values import DataSources, check_keys, check_plain, read_quantity
+from rigidmc.scene.toml.values import (
+    DataSources,
+    check_keys,
+    check_plain,
+    read_measured,
+    read_plain,
+    read_quantity,
+)
+from rigidmc.scene.units import BODY, in_si, size_units
 from rigidmc.scene.user_parts.registry import Code, load_user_class, make_stand_in
+from rigidmc.units import list_text
 
 Settings = Sequence[tuple[str, str]]  # (dotted key, value as TOML or as a plain word)
 
@@ -123,6 +132,8 @@ def _value(text: Any) -> Any:
         except SceneError as error:
             if "not valid" not in error.rule:
                 raise
+    if isinstance(text, str) and (parts := list_text(text)):
+        return {"value": _value(parts[0]), "unit": parts[1]}
     return text
 
 
@@ -195,20 +206,40 @@ def read_body(table: dict[str, Any], stored: DataSources) -> Body:
         if key == "moments":
             body = Body.from_moments(read_quantity(table[key], f"body.{key}", stored), **more)
             body = replace(body, frame=frame)
-        elif isinstance(table[key], dict):
+        elif isinstance(table[key], dict) and "value" not in table[key]:
             tensor = read_quantity(table[key], f"body.{key}", stored)
             body = Body.from_tensor(tensor, **more, axes=frame)
         else:
-            body = Body.from_tensor(check_plain(table[key], f"body.{key}"), **more, axes=frame)
+            tensor = read_plain(table[key], BODY[key], f"body.{key}")
+            body = Body.from_tensor(tensor, **more, axes=frame)
     if "principal_axes" in table:
         axes = check_plain(table["principal_axes"], "body.principal_axes")
         body = replace(body, axes=tuple(map(tuple, axes)), frame=frame)
     if "shape" in table:
-        body = replace(body, shape=read_shape(table["shape"]))
+        body = replace(body, shape=read_shape(_shape_in_si(table["shape"])))
     if "pivot" not in table:
         return body
-    pivot = table["pivot"]
+    pivot = read_measured(table["pivot"], "body.pivot", lambda inner: inner)
     return body.with_pivot_at_centre() if pivot == "centre" else body.with_pivot(pivot)
+
+
+def _shape_in_si(tables: Any) -> Any:
+    """Return the tables [[body.shape]] with the sizes and places that have a unit in SI."""
+    if isinstance(tables, list):
+        return [_shape_in_si(table) for table in tables]
+    if not isinstance(tables, dict):
+        return tables
+    plain = ("solid", "turned", "hole", "faces")
+    return {
+        key: value
+        if key in plain
+        else in_si(
+            read_measured(value, at := f"body.shape.{key}", lambda inner: inner),
+            size_units(key),
+            at,
+        )
+        for key, value in tables.items()
+    }
 
 
 def _shaped(table: dict[str, Any], key: str) -> Body:
@@ -219,7 +250,8 @@ def _shaped(table: dict[str, Any], key: str) -> Body:
             rule = f"the table of a {key} defines its mass and centre: {', '.join(keys)}"
             raise SceneError(rule, at=f"body.{extra}", value=table[extra])
     check_keys(table[key], keys, f"body.{key}", required=keys)
-    return make(**{k: check_plain(table[key][k], f"body.{key}.{k}") for k in keys})
+    given = {k: read_plain(table[key][k], size_units(k), f"body.{key}.{k}") for k in keys}
+    return make(**given)
 
 
 def read_start(table: dict[str, Any], stored: DataSources) -> Start:
@@ -269,7 +301,13 @@ def _built(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code
     required = [field for field in made._fields if field not in made._field_defaults]
     check_keys(table, (*made._fields, *more), f"{kind}.{name}", required)
     # compiled code needs tuples
-    return made(**{key: _tuple(value) for key, value in table.items() if key not in more})
+    given = {key: value for key, value in table.items() if key not in more}
+    if kind == "observables":
+        given = {
+            key: read_measured(value, f"{kind}.{name}.{key}", _tuple)
+            for key, value in given.items()
+        }
+    return made(**{key: _tuple(value) for key, value in given.items()})
 
 
 def _tuple(value: Any) -> Any:

@@ -119,6 +119,7 @@ class UncertainInertia(VectorDistribution):
 
     name = "uncertain_inertia"
     variables = ("tensor",)
+    units = {"mean": "kg m2", "covariance": "kg2 m4", "centre": "m"}
 
     def check(self, at: str) -> "UncertainInertia":
         mean = check_semidefinite(self.mean, f"{at}.mean", (3,))

@@ -59,6 +59,7 @@ class Cone(VectorDistribution):
     name = "cone"
     variables = ("omega", "momentum")
     scaling = {"size": 1}
+    units = {"angle": "rad", "azimuth": "rad"}
 
     def check(self, at: str) -> "Cone":
         if isinstance(self.axis, bool) or self.axis not in (1, 2, 3, -1, -2, -3):
