@@ -27,6 +27,8 @@ from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import WATCHED, WITH_TABLE
 from rigidmc.scene.amounts import count_text
 from rigidmc.scene.body import Body
+from rigidmc.scene.inertia_about import is_about_centre
+from rigidmc.scene.quantities import vector
 from rigidmc.scene.settings import Run, Table, check_table, with_changes
 from rigidmc.scene.shape import read_shape
 from rigidmc.scene.start import Start
@@ -140,8 +142,9 @@ def _set(data: dict[str, Any], dotted: str, value: str) -> None:
             raise SceneError(f"'{table}' is not a table", at=dotted, table="", value=value)
     data[key] = given
     if tables[-1:] == ["body"] and key in (*BODIES, "mass", "centre"):
-        # the shape belongs to the original body
-        for other in {"shape", *(BODIES if key in BODIES else ())} - {key}:
+        # the shape belongs to the original body, and so do the options of its file
+        others = (*BODIES, *_OF_FILE) if key in BODIES else ()
+        for other in {"shape", *others} - {key, "mass", "about"}:
             data.pop(other, None)
 
 
@@ -157,7 +160,9 @@ SHAPES: dict[str, tuple[tuple[str, ...], Callable[..., Body]]] = {
     },
     "particles": (("masses", "positions"), Body.from_particles),
 }
-BODIES = ("moments", "tensor", *SHAPES)  # a body has exactly one of these keys
+BODIES = ("moments", "tensor", "file", *SHAPES)  # a body has exactly one of these keys
+# other keys of a body from a file, the arguments of Body.read
+_OF_FILE = ("link", "products", "about", "density", "mass", "scale", "solid")
 
 
 def _one_of(keys: list[str], table: dict[str, Any]) -> SceneError:
@@ -171,25 +176,19 @@ def _one_of(keys: list[str], table: dict[str, Any]) -> SceneError:
 
 def read_body(table: dict[str, Any], stored: DataSources) -> Body:
     """Return the body of the table [body]."""
-    check_keys(table, (*BODIES, "mass", "centre", "axes", "pivot", "shape"), "body")
+    others = ("about", "mass", "centre", "axes", "pivot", "shape")
+    more_keys = _OF_FILE if "file" in table else ()
+    check_keys(table, dict.fromkeys((*BODIES, *others, *more_keys)), "body")
     keys = [key for key in BODIES if key in table]
     if len(keys) != 1:
         raise _one_of(keys, table)
     key = keys[0]
-    if key in SHAPES:
+    if key == "file":
+        body = _of_file(table, stored)
+    elif key in SHAPES:
         body = _shaped(table, key)
     else:
-        more = {
-            k: read_quantity(table[k], f"body.{k}", stored)
-            for k in ("mass", "centre")
-            if k in table
-        }
-        if key == "moments":
-            body = Body.from_moments(read_quantity(table[key], f"body.{key}", stored), **more)
-        elif isinstance(table[key], dict):
-            body = Body.from_tensor(read_quantity(table[key], f"body.{key}", stored), **more)
-        else:
-            body = Body.from_tensor(check_plain(table[key], f"body.{key}"), **more)
+        body = _of_inertia(table, key, stored)
     if "axes" in table:
         axes = check_plain(table["axes"], "body.axes")
         body = replace(body, axes=tuple(map(tuple, axes)))
@@ -198,13 +197,56 @@ def read_body(table: dict[str, Any], stored: DataSources) -> Body:
     if "pivot" not in table:
         return body
     pivot = table["pivot"]
+    if pivot == "centre" and table.get("about") == "centre" and body.inertia_key == "moments":
+        return body  # its inertia is about the fixed point as given
     return body.with_pivot_at_centre() if pivot == "centre" else body.with_pivot(pivot)
+
+
+def _of_inertia(table: dict[str, Any], key: str, stored: DataSources) -> Body:
+    """Return a body given by its moments or its tensor."""
+    more = {
+        k: read_quantity(table[k], f"body.{k}", stored) for k in ("mass", "centre") if k in table
+    }
+    whole = isinstance(table[key], dict)
+    if key == "tensor" and not whole:
+        inertia = check_plain(table[key], "body.tensor")
+    else:
+        inertia = read_quantity(table[key], f"body.{key}", stored)
+    about = table.get("about", "pivot")
+    if is_about_centre(about) and not isinstance(table.get("axes", ""), str):
+        rule = 'has no axes with about = "centre": give the tensor instead'
+        raise SceneError(rule, at=f"body.{key}")
+    if is_about_centre(about) and table.get("pivot") == "centre":
+        # where the centre of mass was does not matter, and moving there and back costs digits
+        vector(more.pop("centre", (0.0, 0.0, 0.0)), "body.centre")
+        about = "pivot"
+    make = Body.from_moments if key == "moments" else Body.from_tensor
+    return make(inertia, **more, about=about)
+
+
+def _of_file(table: dict[str, Any], stored: DataSources) -> Body:
+    """Return the body of a file, in the folder of the scene unless its path is absolute."""
+    for extra in ("centre", "axes", "shape"):
+        if extra in table:
+            rule = "the file of the body defines this"
+            raise SceneError(rule, at=f"body.{extra}", value=table[extra])
+    if not isinstance(table["file"], str):
+        rule = 'expected the name of a file, such as "arm.urdf"'
+        raise SceneError(rule, at="body.file", value=table["file"])
+    path = os.path.join(stored.folder or "", table["file"])
+    options = {key: table[key] for key in _OF_FILE if key in table}
+    try:
+        return Body.read(path, **options)
+    except FileNotFoundError:
+        where = os.path.abspath(stored.folder or os.curdir)
+        rule = f"no such file in {where}"
+        raise SceneError(rule, at="body.file", value=table["file"]) from None
 
 
 def _shaped(table: dict[str, Any], key: str) -> Body:
     """Return a solid, or a body of particles, from its own table within [body]."""
     keys, make = SHAPES[key]
-    for extra in ("mass", "centre"):
+    for extra in ("mass", "centre", "about"):
         if extra in table:
             rule = f"the table of a {key} defines its mass and centre: {', '.join(keys)}"
             raise SceneError(rule, at=f"body.{extra}", value=table[extra])
