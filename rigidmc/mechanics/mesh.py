@@ -174,7 +174,8 @@ def _welded(
     _, index = np.unique(np.round(vertices / distance), axis=0, return_inverse=True)
     merged: NDArray[np.int64] = index.ravel()[faces]
     one, two, three = merged.T
-    return merged[(one != two) & (two != three) & (three != one)]
+    apart = (one != two) & (two != three) & (three != one)
+    return np.asarray(merged[apart])
 
 
 def faced_outward(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:

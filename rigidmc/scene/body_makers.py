@@ -43,6 +43,9 @@ class BodyMakers(Renamed, metaclass=_Hints):
     """Class methods of Body that make a body."""
 
     if TYPE_CHECKING:  # the fields of Body
+        moments: Any
+        mass: Any
+        centre: Any
 
         def __init__(self, *fields: Any, **named: Any) -> None: ...
 

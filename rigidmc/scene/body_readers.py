@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.errors import SceneError, SceneWarning, unknown
+from rigidmc.errors import SceneError, SceneWarning, in_file, unknown
 from rigidmc.scene import shape
 from rigidmc.scene.body_makers import BodyMakers, positive_number
 
@@ -91,25 +91,22 @@ class BodyReaders(BodyMakers):
         Traceback (most recent call last):
         FileNotFoundError: [Errno 2] No such file or directory: 'arm.urdf'
         """
-        from rigidmc.scene.body_files import find_part, is_mesh
+        from rigidmc.scene.body_files import find_part, is_mesh, refuse_options
 
         name = os.fspath(path)
-        given = {"density": density, "mass": mass, "scale": scale}
         if is_mesh(name):
-            for key, value in {"link": link, "products": products, "about": about}.items():
-                if value is not None:
-                    raise SceneError("a mesh has none", at=f"body.{key}", value=value)
+            refuse_options({"link": link, "products": products, "about": about}, "a mesh has none")
             body = cls._of_mesh_file(name, density, mass, scale, solid)
         else:
-            given["solid"] = None if solid == "solid" else solid
-            for key, value in given.items():
-                if value is not None:
-                    raise SceneError("is for meshes only", at=f"body.{key}", value=value)
+            form = None if solid == "solid" else solid
+            given = {"density": density, "mass": mass, "scale": scale, "solid": form}
+            refuse_options(given, "is for meshes only")
             found = find_part(name, link, products, about)
             for note in found.notes:
                 warnings.warn(f"{name}: {note}", SceneWarning, stacklevel=2)
             part = found.part
-            body = cls._of_tensor(part.about_origin(), part.mass, tuple(part.centre.tolist()))
+            with in_file(name):
+                body = cls._of_tensor(part.about_origin(), part.mass, tuple(part.centre.tolist()))
         if pivot is None:
             return body
         return body.with_pivot_at_centre() if _is_centre(pivot) else body.with_pivot(pivot)

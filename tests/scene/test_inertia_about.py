@@ -67,7 +67,7 @@ def test_an_uncertain_tensor_moves_with_its_covariance(size):
         rm.UncertainInertia(TENSOR, covariance), MASS, tuple(CENTRE), about="centre"
     )
     mean = np.array([*inertia.elements(TENSOR), *CENTRE, MASS])
-    drawn = np.tile(mean, (200_000, 1))
+    drawn = np.tile(mean, (50_000, 1))
     drawn[:, :size] += rng.multivariate_normal(np.zeros(size), covariance, len(drawn))
     moved = inertia.about_point(inertia.symmetric(drawn[:, :6].T), drawn[:, 9], drawn[:, 6:9])
     truth = np.array(inertia.elements(np.moveaxis(moved, 0, -1)))

@@ -11,6 +11,7 @@ below.
 """
 
 import os
+from collections.abc import Mapping
 
 from rigidmc.errors import FileError, SceneError
 from rigidmc.files.reading import MESHES, text_of
@@ -37,12 +38,12 @@ def find_part(path: str, link: str | None, products: str | None, about: str | No
     if suffix in TEXT:
         from rigidmc.scene.body_files.cad_signs import read_cad_text
 
-        _refuse({"link": link}, "a text of mass properties has none")
+        refuse_options({"link": link}, "a text of mass properties has none")
         return read_cad_text(text_of(path), products, about, path)
     if suffix not in XML:
         rule = f"its name must end in one of {', '.join(SUFFIXES)}"
         raise FileError(rule, at="body file", value=path)
-    _refuse({"products": products, "about": about}, "is for texts of mass properties only")
+    refuse_options({"products": products, "about": about}, "is for texts of mass properties only")
     from rigidmc.scene.body_files.xml_tree import read_xml
 
     root = read_xml(path)
@@ -58,7 +59,7 @@ def find_part(path: str, link: str | None, products: str | None, about: str | No
     raise FileError(rule, at="root element", value=root.tag, file=path)
 
 
-def _refuse(options: dict[str, str | None], rule: str) -> None:
+def refuse_options(options: Mapping[str, object], rule: str) -> None:
     """Raise SceneError for an option that a file does not have."""
     for key, value in options.items():
         if value is not None:

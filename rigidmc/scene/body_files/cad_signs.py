@@ -43,7 +43,7 @@ def read_cad_text(text: str, products: str | None, about: str | None, file: str)
         notes.append("the text has no centre of mass: the origin is taken")
     if not at_centre:
         tensor = inertia.about_centre(tensor, mass, centre)
-    if (printed.diagonal() < 40.0 * half.diagonal()).any():
+    if (printed.diagonal() < 20.0 * half.diagonal()).any():
         notes.append(
             "a moment has fewer than two significant digits: show more decimals in the CAD program"
         )

@@ -14,7 +14,7 @@ from rigidmc.files.outputs import Path
 from rigidmc.files.reading import bytes_of
 
 DEPTH = 200  # elements within each other; chains of 100 bodies are long
-MOST = 200_000  # elements
+MOST = 100_000  # elements
 
 
 def read_xml(path: Path) -> Element:
