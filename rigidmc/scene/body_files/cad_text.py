@@ -21,7 +21,8 @@ from rigidmc.errors import FileError
 from rigidmc.scene.body_files.cad_units import INERTIA, LENGTH, MASS, find_unit
 
 Array = NDArray[np.float64]
-_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?=[\s,;)]|$)"
+# at most 40 digits and two of the power, so that no product overflows
+_NUMBER = r"([-+]?(?:\d{1,40}\.?\d{0,40}|\.\d{1,40})(?:[eE][-+]?\d{1,2})?)(?=[\s,;)]|$)"
 _ELEMENT = re.compile(rf"\b([LIJ])([xyz])([xyz])\s*[=:]\s*{_NUMBER}")
 _POINT = re.compile(rf"^\s*([XYZ])\s*[=:]\s*{_NUMBER}(.*)$")
 _AXIS = re.compile(rf"\bI([xyz])\s*[=:]\s*\(\s*{_NUMBER}\s*,\s*{_NUMBER}\s*,\s*{_NUMBER}\s*\)")

@@ -15,6 +15,7 @@ from rigidmc.files.reading import bytes_of
 
 DEPTH = 200  # elements within each other; chains of 100 bodies are long
 MOST = 100_000  # elements
+LARGEST = 1e50  # number, in SI: the square of none overflows
 
 
 def read_xml(path: Path) -> Element:
@@ -66,7 +67,7 @@ def numbers_of(
         numbers = tuple(float(word) for word in words if "_" not in word)
     except ValueError:
         numbers = ()
-    finite = all(abs(number) < float("inf") for number in numbers)
+    finite = all(abs(number) < LARGEST for number in numbers)
     if not finite or len(numbers) != len(words) or len(numbers) not in sizes:
         wanted = " or ".join(map(str, sizes))
         rule = f"expected {wanted} finite number{'s' if max(sizes) > 1 else ''}"
