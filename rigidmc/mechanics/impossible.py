@@ -101,6 +101,13 @@ def _units(tensor: Array, mass: float, centre: Array) -> Iterator[str]:
     place = ", ".join(f"{x:g}" for x in small)
     if fits(_MILLIMETRES, mass, small):
         yield f"the centre is in millimetres: in m, it is ({place})"
+    elif _MILLIMETRES[0] < ratio < _MILLIMETRES[1]:
+        moved = inertia.about_point(tensor, mass, small)
+        if can_exist(moved, mass, small):
+            yield (
+                f"the centre is in millimetres: in m, it is ({place}), and the inertia is about it:"
+                f' about = "centre" then gives the moments {_moments(moved)}'
+            )
     if fits(_GRAMS, light, centre):
         yield f"the mass is in grams: in kg, it is {light:g}"
     if fits(_BOTH, light, small):

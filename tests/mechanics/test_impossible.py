@@ -53,6 +53,13 @@ def test_millimetres_and_grams():
     assert likely_causes(own, mass, centre) == ()
     *_, millimetres = likely_causes(own, mass, 1e3 * centre)
     assert millimetres == "the centre is in millimetres: in m, it is (0, 0, 0.03)"
+    causes = likely_causes(own, mass, 1e3 * np.array([0.0, 0.0, 0.2]))
+    # 0.5 kg at 0.2 m: 0.02 kg m2 about x and y
+    assert any(
+        "in m, it is (0, 0, 0.2), and the inertia is about it" in cause
+        and "(0.0005, 0.021, 0.021) kg m2" in cause
+        for cause in causes
+    )
     *_, grams = likely_causes(own, 1e3 * mass, centre)
     assert grams == "the mass is in grams: in kg, it is 0.5"
     *_, both = likely_causes(own, 1e3 * mass, 1e3 * centre)
