@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
 from rigidmc.errors import SceneError, unknown
-from rigidmc.files.reading import sha256_of
+from rigidmc.files.reading import MESHES, sha256_of
 from rigidmc.mechanics import rotation
 from rigidmc.mechanics.solids import COMPONENTS, SOLIDS
 
@@ -125,10 +125,14 @@ def _part_of(table: dict[str, Any]) -> ShapePart:
 def _size(solid: str, key: str, value: Any) -> Any:
     """Return a checked size as a number or as tuples of numbers."""
     if solid == "mesh_file" and key != "scale":
-        if not isinstance(value, str) or (
-            key == "sha256" and not re.fullmatch("[0-9a-f]{64}", value)
-        ):
-            words = "64 hexadecimal digits" if key == "sha256" else "the name of a file"
+        # pictures hash no file of another kind, whatever a foreign scene names
+        known = isinstance(value, str) and (
+            re.fullmatch("[0-9a-f]{64}", value)
+            if key == "sha256"
+            else value.lower().endswith(MESHES)
+        )
+        if not known:
+            words = "64 hexadecimal digits" if key == "sha256" else "the name of a mesh file"
             raise SceneError(f"expected {words}", at=f"body.shape.{key}", value=value)
         return value
     if solid in ("particles", "mesh"):

@@ -228,7 +228,8 @@ omega = [0.0, 0.0, 1.0]
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ('file = 3\nsha256 = "A"\nscale = 1.0', "the name of a file"),
+        ('file = 3\nsha256 = "A"\nscale = 1.0', "the name of a mesh file"),
+        (f'file = "/etc/passwd"\nsha256 = "{"a" * 64}"\nscale = 1.0', "the name of a mesh file"),
         ('file = "a.stl"\nsha256 = "A"\nscale = 1.0', "64 hexadecimal digits"),
         (f'file = "a.stl"\nsha256 = "{"a" * 64}"\nscale = 0.0', "must be positive"),
         (f'file = "a.stl"\nsha256 = "{"a" * 64}"', "is missing"),
