@@ -160,9 +160,9 @@ def _cure(faults: str, vertices: NDArray[np.float64], faces: NDArray[np.int64]) 
                 f" the mesh to Body.from_mesh; or {other}"
             )
     return (
-        f"is not watertight: {faults}; to close a scan, reconstruct its surface, in MeshLab by"
-        " Filters > Remeshing > Screened Poisson; to mend a drawing, export it again as one solid;"
-        f" or {other}"
+        f"is not watertight: {faults}; to close a scan, in MeshLab, Filters > Remeshing,"
+        " Simplification and Reconstruction > Close Holes, or there > Surface Reconstruction:"
+        f" Screened Poisson; to mend a drawing, export it again as one solid; or {other}"
     )
 
 
