@@ -13,13 +13,14 @@ from rigidmc.errors import SceneError
 from rigidmc.mechanics import inertia, rotation
 from rigidmc.scene import shape
 from rigidmc.scene.body_makers import BodyMakers
+from rigidmc.scene.body_readers import BodyReaders
 from rigidmc.scene.quantities import is_shared, vector
 from rigidmc.scene.shape import Shape
 from rigidmc.scene.units import in_si
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 
 
-class BodyChanges(BodyMakers):
+class BodyChanges(BodyReaders):
     """Methods of Body that return a new Body and leave `self` unchanged."""
 
     if TYPE_CHECKING:  # attributes of Body

@@ -13,11 +13,13 @@ from rigidmc.engine.compile_time import list_kernels, seconds, seconds_text
 from rigidmc.engine.inspection import torque_operations, why_scalar
 from rigidmc.engine.program import Program
 from rigidmc.mechanics import inertia
+from rigidmc.mechanics.impossible import can_exist
 from rigidmc.physics.effects import EFFECTS, label_effects
 from rigidmc.physics.effects.protocol import user_parameters
 from rigidmc.physics.integrators.protocol import has_extra_state
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.physics.observables.protocol import EnsembleObservable
+from rigidmc.planning.body_notes import body_notes
 from rigidmc.planning.limits import Limits
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.turns import sparse_saves
@@ -309,7 +311,8 @@ def body_facts(body: Body) -> dict[str, Any]:
         "order": (order + 1).tolist(),
         "growth_per_turn_rate": float(inertia.growth_rate(moments)),
         "shape": top_type(moments),
-        "exists": not bool(inertia.too_far(moments, body.mass, body.to_principal(body.centre))),
+        "exists": can_exist(body.tensor, body.mass, body.centre),
+        "notes": body_notes(body),
     }
 
 
@@ -355,9 +358,7 @@ def describe_body(body: Body, title: str) -> list[str]:
         words = ", ".join(str(k + 1) for k in range(3) if principal[k]) or "none"
         lines.append(f"axes that are also principal about the centre of mass: {words}")
     lines += _stability(moments, known, "" if body.axes == IDENTITY else "principal ")
-    if not known["exists"]:
-        lines.append(f"note         this body cannot exist: {inertia.TOO_FAR}")
-    return lines
+    return [*lines, *(f"note         {note}" for note in known["notes"])]
 
 
 def _stability(moments: NDArray[np.float64], known: dict[str, Any], named: str) -> list[str]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rigidmc.errors import SceneError
+from rigidmc.mechanics.impossible import causes_text
 from rigidmc.mechanics.inertia import elements, symmetric
 from rigidmc.mechanics.log_cholesky import cholesky_factor, numbers_of, parameters_of, rates_of
 from rigidmc.scene.distributions import Distribution
@@ -235,7 +236,9 @@ def _spread(
     except (ValueError, ZeroDivisionError):
         rule = "no body can have this tensor, mass and centre of mass, or the body is flat"
         raise SceneError(
-            rule, at="body.tensor", value=[list(row) for row in distribution.mean]
+            rule + causes_text(distribution.mean, mass, centre),
+            at="body.tensor",
+            value=[list(row) for row in distribution.mean],
         ) from None
     columns = zip(*cholesky_factor(distribution.covariance), strict=True)
     rest = [0.0] * (len(parameters) - len(distribution.covariance))
