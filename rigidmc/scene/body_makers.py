@@ -19,7 +19,7 @@ from rigidmc.scene import shape
 from rigidmc.scene.inertia_about import is_about_centre, tensor_about_pivot
 from rigidmc.scene.quantities import is_shared, quantity, vector
 from rigidmc.scene.shape import Shape
-from rigidmc.scene.units import in_si, size_units
+from rigidmc.scene.units import in_si, size_units, vector_in_si
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 
 
@@ -410,7 +410,8 @@ def _principal_axes(
     try:
         return find(matrix)
     except SceneError as error:
-        m, c = quantity(mass, "body.mass"), vector(centre, "body.centre")
+        m = quantity(in_si(mass, "kg", "body.mass"), "body.mass")
+        c = vector(vector_in_si(centre, "m", "body.centre"), "body.centre")
         causes = causes_text(matrix, m, c) if is_shared(m, c) else ""
         rule = error.rule + causes
         raise SceneError(rule, at="body.tensor", value=matrix.tolist()) from None
