@@ -11,6 +11,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys
 from rigidmc.engine.streams import key_of, stream_of, uniforms
 from rigidmc.errors import SceneError
+from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.mechanics.inertia import quaternions, tensors_into, vectors_into, violates_triangle
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import Flag, flag, implements
@@ -19,6 +20,7 @@ from rigidmc.physics.effects import label_effects, shared_parameters
 from rigidmc.physics.effects.protocol import facts as effect_facts
 from rigidmc.physics.effects.protocol import parameter_count, shape, takes_noise
 from rigidmc.physics.effects.sums import total_energy_scale
+from rigidmc.planning.orbit_start import from_orbit, relative_inputs, with_orbit_rate
 from rigidmc.planning.steps import Array, physics
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import count_rows, draw, is_shared
@@ -170,7 +172,7 @@ def _name(model: Model, stream: str, draw: int, word: int) -> str:
     whole = f"{table}.{first}"
     if first == "attitude":
         angles = model.start.has_euler_angles
-        return f"{whole}.{('phi', 'theta', 'psi')[word]}" if angles else whole
+        return f"{whole}.{angle_names(model.start.sequence)[word]}" if angles else whole
     if whole in ("body.mass", "body.tensor"):  # a tensor has one distribution for all its numbers
         return whole
     value = getattr(getattr(model, table), first)
@@ -218,19 +220,26 @@ def fill_initial(
             acting[name] = np.sum([effects[one] for one in sources], axis=0)
         block[layout.EFFECTS : end] = np.concatenate(list(acting.values()))
     block[layout.STATUS], block[layout.STEPS] = layout.STATUSES["ok"], 1.0
+    relative = model.start.relative_to_orbit
     block[layout.ATTITUDE : layout.MOMENTUM] = np.array([[1.0], [0.0], [0.0], [0.0]])
     if has_attitude:
         facts = member_facts(model.effects, block, moments)
         attitude = model.start.sample_attitude(sampler, first, count, facts)
         if turn is not None and model.start.attitude != "ensemble":
             attitude = multiply(tuple(attitude), quaternions(turn))
+        if "attitude" in relative:
+            attitude = from_orbit(model.effects, effects, np.array(attitude))
         block[layout.ATTITUDE : layout.MOMENTUM] = attitude
     word, spin = model.start.sample_spin(
         sampler, first, count, member_facts(model.effects, block, moments)
     )
     if turn is not None and not isinstance(getattr(model.start, word), EquilibriumEnsemble):
         spin = vectors_into(turn, spin)
+    if word in relative:
+        q = block[layout.ATTITUDE : layout.MOMENTUM]
+        spin = with_orbit_rate(model.effects, effects, q, spin)
     start = {"moments": moments, "mass": mass, "centre": centre, f"start_{word}": spin}
+    start |= relative_inputs(model.start, sampler, first, count)
     if turn is not None:
         start["principal_axes"] = np.stack(quaternions(turn))
     start |= {name: values if len(values) > 1 else values[0] for name, values in effects.items()}

@@ -30,6 +30,7 @@ from rigidmc.scene.body import Body
 from rigidmc.scene.settings import Run, Table, check_table, with_changes
 from rigidmc.scene.shape import read_shape
 from rigidmc.scene.start import Start
+from rigidmc.scene.start_tables import WORDS, is_start_table, own_keys
 from rigidmc.scene.toml.values import DataSources, check_keys, check_plain, read_quantity
 from rigidmc.scene.user_parts.registry import Code, load_user_class, make_stand_in
 
@@ -215,9 +216,22 @@ def _shaped(table: dict[str, Any], key: str) -> Body:
 def read_start(table: dict[str, Any], stored: DataSources) -> Start:
     """Return the start of the table [start]."""
     check_keys(table, ("omega", "momentum", "attitude"), "start")
-    return Start(
-        **{key: read_quantity(value, f"start.{key}", stored) for key, value in table.items()}
-    )
+    return Start(**{key: _start_value(key, value, stored) for key, value in table.items()})
+
+
+def _start_value(key: str, value: Any, stored: DataSources) -> Any:
+    """Return a value of the table [start] with its quantities, in a table of its own or not."""
+    at = f"start.{key}"
+    if not is_start_table(key, value):
+        return read_quantity(value, at, stored)
+    other = {name: one for name, one in value.items() if name not in own_keys(key)}
+    if set(value) - {"relative_to"} == set(other):  # a distribution or columns
+        own = {name: one for name, one in value.items() if name not in other}
+        return {"value": read_quantity(other, at, stored), **own} if other else own
+    return {
+        name: one if name in WORDS else read_quantity(one, f"{at}.{name}", stored)
+        for name, one in value.items()
+    }
 
 
 def read_effects(tables: dict[str, Any], stored: DataSources) -> tuple[Effect, ...]:
