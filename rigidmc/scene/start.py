@@ -238,8 +238,8 @@ class Start(Renamed):
         Returns
         -------
         numpy.ndarray (4, count)
-            unit quaternions, from body to space components, or to those of the frame of the orbit
-            if the attitude is relative to it
+            unit quaternions, from body to space components, or to components in the frame of the
+            orbit if the attitude is relative to it
 
         Examples
         --------

@@ -28,8 +28,7 @@ RELATIVE = ("omega", "attitude")  # what may be relative to the frame of the orb
 _MORE = {"euler": ("angles", "unit"), "quaternion": ("order",), "matrix": (), "rate": ()}
 KINDS = frozenset(_MORE)  # the word that tells what a table contains
 _OF_KEY = {"attitude": ("euler", "quaternion", "matrix"), "omega": ("rate",), "momentum": ()}
-# text, which is no quantity
-WORDS = ("euler", "unit", "order", "relative_to")
+WORDS = ("euler", "unit", "order", "relative_to")  # keys whose values are words, not quantities
 
 
 class Given(NamedTuple):

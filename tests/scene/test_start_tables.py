@@ -231,3 +231,28 @@ def test_show_names_the_angles():
     scene = loaded('{ euler = "321", angles = [0.1, 0.2, 0.3], relative_to = "orbit" }')
     text = "\n".join(outline(scene))
     assert "(321: yaw, pitch, roll) from the frame of the orbit" in text
+
+
+def test_plain_numbers_in_a_table_are_no_sample():
+    from rigidmc.files.reading import toml
+    from rigidmc.scene.sampling import is_sample_of
+
+    plain = '{ euler = "321", angles = [0.1, 0.2, { grid = [0.0, 1.0, 4] }], unit = "deg" }'
+    drawn = '{ euler = "321", angles = [0.1, 0.2, { normal = [0.0, 1.0] }], unit = "deg" }'
+    moved = SCENE.replace("[0.0, 0.1, 1.0]", '{ rate = [0, 0, 1], relative_to = "orbit" }')
+    assert not is_sample_of(toml(ORBIT + moved + plain))
+    assert is_sample_of(toml(ORBIT + moved + drawn))
+
+
+def test_the_command_line_names_the_place(tmp_path):
+    from typer.testing import CliRunner
+
+    from rigidmc.cli import app
+
+    file = tmp_path / "s.toml"
+    file.write_text(SCENE + '{ euler = "331", angles = [1, 2, 3] }')
+    found = CliRunner().invoke(app, ["check", str(file)])
+    assert found.exit_code == 3
+    assert "s.toml: [start.attitude] euler = '331': expected three axes" in found.output
+    found = CliRunner().invoke(app, ["check", str(file), "--set", "start.attitude.euler=321"])
+    assert found.exit_code == 0
