@@ -34,8 +34,8 @@ _Floats = NDArray[np.float64]
 def check_sequence(sequence: Any, at: str = "sequence") -> str:
     """Return a sequence of SEQUENCES; SceneError.
 
-    Accepts scipy's intrinsic words ("ZYX" is "321") and integers (321). Refuses scipy's lower-case
-    words, which mean rotations about the axes of space.
+    Accepts scipy's intrinsic words ("ZYX" is "321") and integers. Refuses scipy's lower-case words,
+    which mean rotations about the axes of space.
     """
     word = str(sequence) if isinstance(sequence, (str, int)) else ""
     found = word.translate(_SCIPY)
@@ -99,8 +99,9 @@ def angles_of_quaternions(sequence: str, q: Any) -> _Floats:
     """Return the three angles (3, ...) [rad] of unit quaternions (4, ...), components first.
 
     The first and the third angle lie in (-pi, pi]. The angles reproduce the attitude to rounding
-    everywhere. Near gimbal lock, the first and the third angle are as accurate as the attitude
-    allows, 1e-16 divided by the distance; within LOCKED of it, the third angle is 0. nan gives nan.
+    everywhere. Near gimbal lock they are exact for the given quaternion; its own rounding, divided
+    by the distance, limits the first and the third angle. Within LOCKED of gimbal lock, the third
+    angle is 0. nan gives nan.
 
     Source: Bernardes & Viollet, PLOS ONE 17 (2022) e0276302.
     """

@@ -20,7 +20,12 @@ from rigidmc.physics.effects import label_effects, shared_parameters
 from rigidmc.physics.effects.protocol import facts as effect_facts
 from rigidmc.physics.effects.protocol import parameter_count, shape, takes_noise
 from rigidmc.physics.effects.sums import total_energy_scale
-from rigidmc.planning.orbit_start import from_orbit, relative_inputs, with_orbit_rate
+from rigidmc.planning.orbit_start import (
+    from_orbit,
+    relative_inputs,
+    relative_to_orbit,
+    with_orbit_rate,
+)
 from rigidmc.planning.steps import Array, physics
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import count_rows, draw, is_shared
@@ -220,24 +225,25 @@ def fill_initial(
             acting[name] = np.sum([effects[one] for one in sources], axis=0)
         block[layout.EFFECTS : end] = np.concatenate(list(acting.values()))
     block[layout.STATUS], block[layout.STEPS] = layout.STATUSES["ok"], 1.0
-    relative = model.start.relative_to_orbit
-    block[layout.ATTITUDE : layout.MOMENTUM] = np.array([[1.0], [0.0], [0.0], [0.0]])
+    relative = relative_to_orbit(model)
+    described = np.array([[1.0], [0.0], [0.0], [0.0]])
+    block[layout.ATTITUDE : layout.MOMENTUM] = described
     if has_attitude:
         facts = member_facts(model.effects, block, moments)
         attitude = model.start.sample_attitude(sampler, first, count, facts)
+        if "attitude" in relative:
+            attitude = from_orbit(model.effects, effects, attitude)
+        described = attitude
         if turn is not None and model.start.attitude != "ensemble":
             attitude = multiply(tuple(attitude), quaternions(turn))
-        if "attitude" in relative:
-            attitude = from_orbit(model.effects, effects, np.array(attitude))
         block[layout.ATTITUDE : layout.MOMENTUM] = attitude
     word, spin = model.start.sample_spin(
         sampler, first, count, member_facts(model.effects, block, moments)
     )
+    if word in relative:
+        spin = with_orbit_rate(model.effects, effects, described, spin)
     if turn is not None and not isinstance(getattr(model.start, word), EquilibriumEnsemble):
         spin = vectors_into(turn, spin)
-    if word in relative:
-        q = block[layout.ATTITUDE : layout.MOMENTUM]
-        spin = with_orbit_rate(model.effects, effects, q, spin)
     start = {"moments": moments, "mass": mass, "centre": centre, f"start_{word}": spin}
     start |= relative_inputs(model.start, sampler, first, count)
     if turn is not None:

@@ -15,12 +15,20 @@ from numpy.typing import NDArray
 from rigidmc.physics.dynamics.so3 import arctan2, into_body, multiply, sincos
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.gravity_gradient import GravityGradient, anomaly_rate, place
+from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import draw
 from rigidmc.scene.start import Start
 from rigidmc.scene.start_tables import relative_components
 
 Array = NDArray[np.float64]
 _AT_ZERO = (0.5, -0.5, -0.5, 0.5)  # attitude of the frame at the true anomaly 0
+
+
+def relative_to_orbit(model: Model) -> tuple[str, ...]:
+    """Return what of the start is relative to the orbit; () without an orbit, as in a model that
+    only measures the cost of a step without effects."""
+    has_orbit = any(isinstance(effect, GravityGradient) for effect in model.effects)
+    return model.start.relative_to_orbit if has_orbit else ()
 
 
 def from_orbit(effects: Sequence[Any], drawn: Mapping[str, Array], relative: Array) -> Array:

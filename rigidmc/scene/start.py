@@ -23,7 +23,6 @@ from rigidmc.scene.start_tables import (
     check_relative,
     is_start_table,
     read_start_table,
-    refuse_turned,
 )
 from rigidmc.scene.vector_distributions import check_distribution
 from rigidmc.scene.vector_distributions.ensembles import attitudes_of_ensemble
@@ -102,12 +101,12 @@ class Start(Renamed):
         whole = isinstance(given, VectorDistribution)
         put = (check_distribution if whole else vector)(given, f"start.{self.spin_name}")
         object.__setattr__(self, self.spin_name, put)
-        whole = isinstance(self.attitude, VectorDistribution)
-        attitude = (
-            check_distribution(self.attitude, "start.attitude")
-            if whole
-            else _attitude(self.attitude, self.sequence)
-        )
+        if isinstance(self.attitude, VectorDistribution):
+            attitude: Any = check_distribution(self.attitude, "start.attitude")
+        elif self.sequence != TEXTBOOK and self.has_euler_angles:  # even if they look like a matrix
+            attitude = vector(self.attitude, "start.attitude")
+        else:
+            attitude = _attitude(self.attitude)
         object.__setattr__(self, "attitude", attitude)
         sequence = check_sequence(self.sequence, "start.sequence")
         object.__setattr__(self, "sequence", sequence if self.has_euler_angles else TEXTBOOK)
@@ -268,11 +267,8 @@ class Start(Renamed):
         return values
 
 
-def _attitude(value: Any, sequence: str) -> Any:
-    """Return an attitude that is not a distribution, with its numbers checked.
-
-    sequence : other than the textbook's, it says that three arrays are angles, not a matrix
-    """
+def _attitude(value: Any) -> Any:
+    """Return an attitude that is not a distribution, with its numbers checked."""
     if isinstance(value, str):
         if value not in ("uniform", "ensemble"):
             raise unknown("attitude", ["uniform", "ensemble"], at="start.attitude", value=value)
@@ -288,13 +284,13 @@ def _attitude(value: Any, sequence: str) -> Any:
         )
         raise SceneError(rule, at="start.attitude", value=value)
     shape = _shape(value)
-    if shape in ((3, 3), (len(value), 3, 3)) and not (_is_columns(value, sequence)):
+    if shape in ((3, 3), (len(value), 3, 3)) and not _is_columns(value):
         matrices = floats(value, "start.attitude")
         q = quaternion_from_matrix(matrices, "start.attitude")
         value = tuple(q.tolist()) if q.ndim == 1 else q
     by_member = isinstance(value, np.ndarray) and len(shape) == 2
     if by_member and shape[0] == 4:
-        refuse_turned(value)
+        _refuse_turned(value)
     size = 3 if (shape[1] if by_member else len(value)) == 3 else 4
     parts = vector(value, "start.attitude", size)
     if size == 4:
@@ -302,7 +298,18 @@ def _attitude(value: Any, sequence: str) -> Any:
     return parts
 
 
-def _is_columns(value: Any, sequence: str) -> bool:
+def _refuse_turned(value: Any) -> None:
+    """Raise SceneError for four rows that hold components of quaternions instead of members."""
+    rows, columns = (np.abs((value.astype(float) ** 2).sum(axis) - 1.0).max() for axis in (1, 0))
+    if columns < 1e-6 and (value.shape[1] != 4 or rows >= 1e-6):
+        rule = (
+            f"has the shape {value.shape}, and its columns are quaternions: an array must have one"
+            " row per member; give its transpose"
+        )
+        raise SceneError(rule, at="start.attitude")
+
+
+def _is_columns(value: Any) -> bool:
     """Return whether a value is Euler angles, each an array with one row per member, and not a
     matrix; SceneError if three arrays of three numbers could be either."""
     if not isinstance(value, (list, tuple)) or not all(isinstance(x, np.ndarray) for x in value):
@@ -310,7 +317,7 @@ def _is_columns(value: Any, sequence: str) -> bool:
     if np.ndim(value[0]) != 1:
         return False
     columns = np.array(value, dtype=float)
-    if sequence == TEXTBOOK and np.abs(columns @ columns.T - np.eye(3)).max() < 0.1:
+    if np.abs(columns @ columns.T - np.eye(3)).max() < 0.1:
         rule = (
             "three arrays of three numbers may be the rows of a matrix or the Euler angles of three"
             " members: give a matrix as one array, np.array(rows), and Euler angles as quaternions,"

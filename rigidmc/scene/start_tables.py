@@ -42,7 +42,12 @@ class Given(NamedTuple):
 
 def is_start_table(key: str, value: Any) -> bool:
     """Return whether a value of omega, momentum or attitude is a table of this module."""
-    words = (*_OF_KEY[key], "angles", "unit", "order", "relative_to")
+    return has_convention(key, value) or (isinstance(value, dict) and "relative_to" in value)
+
+
+def has_convention(key: str, value: Any) -> bool:
+    """Return whether a value is a table with a key that only tables of this module have."""
+    words = (*_OF_KEY[key], "angles", "order")
     return isinstance(value, dict) and not set(words).isdisjoint(value)
 
 
@@ -104,7 +109,7 @@ def _read_angles(table: dict[str, Any], at: str) -> Any:
     if "angles" not in table:
         raise SceneError("is missing: three angles", at=f"{at}.angles")
     unit = table.get("unit", "rad")
-    if unit not in UNITS:
+    if unit not in tuple(UNITS):
         raise unknown("unit of angles", UNITS, at=f"{at}.unit", value=unit)
     angles = vector(table["angles"], f"{at}.angles")
     return angles if unit == "rad" else tuple(_times(x, UNITS[unit]) for x in angles)
@@ -121,8 +126,8 @@ def _read_quaternion(table: dict[str, Any], at: str) -> Any:
     if order not in ORDERS:
         raise unknown("order", ORDERS, at=f"{at}.order", value=order)
     value = as_plain_arrays(table["quaternion"], f"{at}.quaternion")
-    if isinstance(value, np.ndarray) and value.ndim == 2 and len(value) == 4:
-        refuse_turned(value)
+    if isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[1] == 4:
+        return value if order == "wxyz" else value[:, [3, 0, 1, 2]]
     parts = vector(value, f"{at}.quaternion", 4)
     return parts if order == "wxyz" else (parts[3], *parts[:3])
 
@@ -134,17 +139,6 @@ def _read_matrix(value: Any, at: str) -> Any:
     if matrix.ndim not in (2, 3) or matrix.shape[-2:] != (3, 3):
         raise SceneError(f"has the shape {matrix.shape}: {rule}, or one for each member", at=at)
     return matrix
-
-
-def refuse_turned(value: Any) -> None:
-    """Raise SceneError for four rows that hold components of quaternions instead of members."""
-    rows, columns = (np.abs((value.astype(float) ** 2).sum(axis) - 1.0).max() for axis in (1, 0))
-    if columns < 1e-6 and (value.shape[1] != 4 or rows >= 1e-6):
-        rule = (
-            f"has the shape {value.shape}, and its columns are quaternions: an array must have one"
-            " row per member; give its transpose"
-        )
-        raise SceneError(rule, at="start.attitude")
 
 
 def _other(table: dict[str, Any], known: Sequence[str]) -> str:

@@ -39,6 +39,12 @@ def rotation_of(ds: xr.Dataset) -> Any:
     from scipy.spatial.transform import Rotation
 
     q = saved_attitude(ds).values
+    bad = ~np.isfinite(q).all(-1)
+    if bad.any():
+        raise ValueError(
+            f"{np.count_nonzero(bad):,} of {bad.size:,} attitudes are not finite, which a Rotation"
+            " cannot be: leave out flagged members, ds.isel(member=(ds.status == 0).values)"
+        )
     return Rotation.from_quat(q.reshape(-1, 4) if q.ndim > 1 else q, scalar_first=True)
 
 
@@ -80,8 +86,8 @@ def _attributes(sequence: str, place: int) -> dict[str, Any]:
         first, second, third = angle_names(sequence)
         attrs["comment"] = (
             f"where {second} is {ends}, only the sum or the difference of {first} and {third} is"
-            f" determined, and {third} is 0; near there, both are accurate to 1e-16 rad divided by"
-            " the distance"
+            f" determined, and {third} is 0; near there, both have the errors of the attitude"
+            " divided by the distance"
         )
     return attrs
 

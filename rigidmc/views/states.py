@@ -157,7 +157,7 @@ class ResultStates:
         Raises
         ------
         ValueError
-            if the attitude was not saved
+            if the attitude was not saved, or is nan, as for members with an impossible start
 
         Examples
         --------

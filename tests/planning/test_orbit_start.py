@@ -175,6 +175,20 @@ def test_rows_come_back_from_a_result():
     assert part.start.relative_to_orbit == ("omega", "attitude")
 
 
+def test_an_uncertain_structure_is_aligned_in_its_described_axes():
+    law = rm.UncertainInertia(np.diag([1.2, 1.4, 1.0]), 1e-4 * np.eye(6))
+    scene = rm.Scene(
+        rm.Body.from_tensor(law),
+        rm.GravityGradient(MU, DISTANCE, anomaly=0.7),
+        rm.Start(omega=AT_REST, attitude=aligned((0.0, 0.0, 0.0))),
+    )
+    ds = rm.simulate(scene, dt=1.0, t_end=1.0, members=20)
+    q = ds.rigid.described("start_attitude").transpose("member", "quat").values
+    omega = ds.rigid.described("start_omega").transpose("member", "axis").values
+    assert attitude_error(q, frame(0.7)).max() < 2e-15  # measured 5.0e-16
+    assert np.abs(omega - [0.0, -RATE, 0.0]).max() < 1e-14 * RATE  # measured 4.0e-16
+
+
 def test_other_units_of_integration_start_alike():
     tiny = rm.Body.from_moments(tuple(x * 2.0**-133 for x in (1.2, 1.4, 1.0)))
     pull, start = (

@@ -30,7 +30,7 @@ from rigidmc.scene.body import Body
 from rigidmc.scene.settings import Run, Table, check_table, with_changes
 from rigidmc.scene.shape import read_shape
 from rigidmc.scene.start import Start
-from rigidmc.scene.start_tables import WORDS, is_start_table, own_keys
+from rigidmc.scene.start_tables import WORDS, has_convention, is_start_table
 from rigidmc.scene.toml.values import DataSources, check_keys, check_plain, read_quantity
 from rigidmc.scene.user_parts.registry import Code, load_user_class, make_stand_in
 
@@ -224,9 +224,9 @@ def _start_value(key: str, value: Any, stored: DataSources) -> Any:
     at = f"start.{key}"
     if not is_start_table(key, value):
         return read_quantity(value, at, stored)
-    other = {name: one for name, one in value.items() if name not in own_keys(key)}
-    if set(value) - {"relative_to"} == set(other):  # a distribution or columns
-        own = {name: one for name, one in value.items() if name not in other}
+    if not has_convention(key, value):  # a distribution, or columns
+        other = {name: one for name, one in value.items() if name != "relative_to"}
+        own = {"relative_to": value["relative_to"]}
         return {"value": read_quantity(other, at, stored), **own} if other else own
     return {
         name: one if name in WORDS else read_quantity(one, f"{at}.{name}", stored)
