@@ -125,3 +125,15 @@ def test_the_textbooks_angles_unwrap_as_before():
     found = ds.rigid.euler(unwrap=True)
     assert np.array_equal(found.psi, ds.rigid.unwrapped("psi"))
     assert np.array_equal(found.phi, ds.rigid.unwrapped("phi"))
+
+
+def test_attitudes_that_are_nan_are_named(tumbling):
+    part = tumbling.copy()
+    part["attitude"] = tumbling.attitude.where(tumbling.member != 2)
+    with pytest.raises(ValueError, match="11 of 77 attitudes are not finite"):
+        part.rigid.rotation()
+    found = part.rigid.euler("321").yaw
+    assert np.isnan(found.sel(member=2)).all()
+    assert np.array_equal(
+        found.drop_sel(member=2), tumbling.rigid.euler("321").yaw.drop_sel(member=2)
+    )
