@@ -229,7 +229,9 @@ def test_show_names_the_angles():
     from rigidmc.views.descriptions import describe_scene
 
     scene = loaded('{ euler = "321", angles = [0.1, 0.2, 0.3], relative_to = "orbit" }')
-    text = describe_scene(scene.with_run(dt=0.1, t_end=1.0), 1, "cpu")  # with prices, also without effects
+    text = describe_scene(
+        scene.with_run(dt=0.1, t_end=1.0), 1, "cpu"
+    )  # with prices, also without effects
     assert "(321: yaw, pitch, roll) from the frame of the orbit" in text
 
 
