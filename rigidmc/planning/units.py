@@ -178,9 +178,8 @@ def choose_units(scene: Scene) -> UnitScale | None:
 def _spin_exponents(scene: Scene, moments: Any, sampler: Source) -> list[int]:
     """Return the exponents of the non-zero components of the first member's omega [rad/s]."""
     word = "omega" if scene.start.momentum is None else "momentum"
-    if isinstance(
-        getattr(scene.start, word), VectorDistribution
-    ):  # a distribution, which may depend on the energy
+    whole = isinstance(getattr(scene.start, word), VectorDistribution)
+    if whole or word in scene.start.relative_to_orbit:  # it may depend on the energy or the orbit
         rows = block_rows(scene.effects, False)
         _, start = initial_block(scene.model, sampler, 0, 1, True, rows)
         spin = start[f"start_{word}"]

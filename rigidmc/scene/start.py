@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from rigidmc.arrays import as_plain_arrays, floats
 from rigidmc.errors import Renamed, SceneError, unknown
+from rigidmc.mechanics.euler_angles import TEXTBOOK, check_sequence, quaternions_of_angles
 from rigidmc.mechanics.rotation import quaternion_from_euler, quaternion_from_matrix
 from rigidmc.scene.quantities import (
     Source,
@@ -17,6 +18,11 @@ from rigidmc.scene.quantities import (
     is_shared,
     is_variable,
     vector,
+)
+from rigidmc.scene.start_tables import (
+    check_relative,
+    is_start_table,
+    read_start_table,
 )
 from rigidmc.scene.units import START, angles_in_si, vector_in_si
 from rigidmc.scene.vector_distributions import check_distribution
@@ -43,12 +49,19 @@ class Start(Renamed):
         angular velocity in body axes; give either omega or momentum
     momentum : quantities (3,) or distribution, optional [kg m^2/s]
         angular momentum in body axes
-    attitude : quantities (3,) or (4,), array_like (3, 3), Rotation, str or distribution, optional
-        a quaternion (w, x, y, z), normalised here; a 3x3 matrix; Euler angles z-x-z
-        (phi, theta, psi) [rad], TdC (3.36); a scipy Rotation; "uniform" on SO(3); Fisher or
-        Pointing; or "ensemble", whose density follows from the distribution of the momentum:
-        exp(-V/kT) with GibbsMomentum (canonical ensemble), sqrt(E - V) with Shell (microcanonical
-        ensemble). By default the body axes are parallel to the space axes
+    attitude : quantities (3,) or (4,), array_like (3, 3), Rotation, dict, str or distribution
+        a quaternion (w, x, y, z), normalised here; a 3x3 matrix; three Euler angles of `sequence`
+        [rad], in the order of the rotations; a scipy Rotation, one or one per member; "uniform" on
+        SO(3); Fisher or Pointing; or "ensemble", whose density follows from the distribution of the
+        momentum: exp(-V/kT) with GibbsMomentum (canonical ensemble), sqrt(E - V) with Shell
+        (microcanonical ensemble); or the table of a scene file as a dict, which may state sequence,
+        unit and order. By default the body axes are parallel to the space axes
+    sequence : str, optional
+        sequence of three Euler angles, each about an axis of the body: by default "313", z-x-z
+        with (phi, theta, psi), TdC (3.36); "321" has (yaw, pitch, roll). scipy writes "ZYX" for it
+    relative_to_orbit : str or sequence of str, optional
+        "omega", "attitude" or both: relative to the local frame of the orbit of the scene's
+        GravityGradient, the frame of `OrbitAngles`, which turns with the true anomaly
 
     Raises
     ------
@@ -59,6 +72,10 @@ class Start(Renamed):
     Examples
     --------
     >>> start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0), attitude="uniform")
+    >>> tilt = {"euler": "321", "angles": (0.0, rm.normal(0.0, 5.0), 0.0), "unit": "deg"}
+    >>> start = rm.Start(omega=(0.0, 0.0, 1.0), attitude=tilt)
+    >>> start.sequence
+    '321'
     >>> rm.Start()
     Traceback (most recent call last):
     rigidmc.errors.SceneError: [start] omega: give either omega or momentum
@@ -74,8 +91,11 @@ class Start(Renamed):
     omega: Any = None
     momentum: Any = None
     attitude: Any = (1.0, 0.0, 0.0, 0.0)
+    sequence: str = TEXTBOOK
+    relative_to_orbit: Any = ()
 
     def __post_init__(self) -> None:
+        self._read_tables()
         if (self.omega is None) == (self.momentum is None):
             raise SceneError("give either omega or momentum", at="start.omega")
         name = self.spin_name
@@ -84,13 +104,17 @@ class Start(Renamed):
         whole = isinstance(given, VectorDistribution)
         put = (check_distribution if whole else vector)(given, f"start.{self.spin_name}")
         object.__setattr__(self, self.spin_name, put)
-        whole = isinstance(self.attitude, VectorDistribution)
-        attitude = (
-            check_distribution(self.attitude, "start.attitude")
-            if whole
-            else _attitude(self.attitude)
-        )
+        if isinstance(self.attitude, VectorDistribution):
+            attitude: Any = check_distribution(self.attitude, "start.attitude")
+        elif self.sequence != TEXTBOOK and self.has_euler_angles:  # even if they look like a matrix
+            attitude = vector(self.attitude, "start.attitude")
+        else:
+            attitude = _attitude(self.attitude)
         object.__setattr__(self, "attitude", attitude)
+        sequence = check_sequence(self.sequence, "start.sequence")
+        object.__setattr__(self, "sequence", sequence if self.has_euler_angles else TEXTBOOK)
+        relative = check_relative(self.relative_to_orbit, self.spin_name, attitude)
+        object.__setattr__(self, "relative_to_orbit", relative)
         if self.attitude == "ensemble" and not (
             isinstance(given, EquilibriumEnsemble) and given.direction is None
         ):
@@ -99,6 +123,20 @@ class Start(Renamed):
                 " { shell = { energy = E } } without a direction"
             )
             raise SceneError(rule, at="start.attitude", value=self.attitude)
+
+    def _read_tables(self) -> None:
+        """Replace tables by the values that they contain."""
+        for key in ("omega", "momentum", "attitude"):
+            if not is_start_table(key, getattr(self, key)):
+                continue
+            given = read_start_table(key, getattr(self, key))
+            object.__setattr__(self, key, given.value)
+            if given.sequence is not None:
+                object.__setattr__(self, "sequence", given.sequence)
+            if given.relative:
+                known = self.relative_to_orbit
+                known = tuple(known) if isinstance(known, (list, tuple)) else (known,)
+                object.__setattr__(self, "relative_to_orbit", (*known, key))
 
     @property
     def spin_name(self) -> str:
@@ -202,7 +240,8 @@ class Start(Renamed):
         Returns
         -------
         numpy.ndarray (4, count)
-            unit quaternions, from body to space components
+            unit quaternions, from body to space components, or to components in the frame of the
+            orbit if the attitude is relative to it
 
         Examples
         --------
@@ -221,6 +260,8 @@ class Start(Renamed):
         if isinstance(self.attitude, VectorDistribution):
             return self.attitude.sample(sampler, name, first, count, None)
         values = draw(self.attitude, sampler, name, first, count)
+        if len(values) == 3 and self.sequence != TEXTBOOK:
+            return quaternions_of_angles(self.sequence, *values)
         if len(values) == 3:
             return quaternion_from_euler(*values)
         square = values[0] ** 2 + values[1] ** 2 + values[2] ** 2 + values[3] ** 2
@@ -242,7 +283,7 @@ def _attitude(value: Any) -> Any:
     if not hasattr(value, "__len__"):
         rule = (
             'expected "uniform", "ensemble", a quaternion (w, x, y, z), Euler angles (phi, theta,'
-            " psi), or a 3x3 matrix"
+            ' psi), a 3x3 matrix, or a table such as { euler = "321", angles = [0, 0.1, 0] }'
         )
         raise SceneError(rule, at="start.attitude", value=value)
     shape = _shape(value)

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import OptionError, SceneError, nearest, unknown
+from rigidmc.mechanics.euler_angles import ANGLES
 from rigidmc.physics.effects import label_effects
 from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.parameters import parameter_names, with_parameter
+from rigidmc.scene.parameters import component_of, parameter_names, with_parameter
 from rigidmc.scene.quantities import Grid, Varied, count_rows
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.units import in_si, units_of
@@ -35,7 +36,7 @@ def variable_names(scene: Scene) -> list[str]:
 def _vector(name: str) -> str:
     """Return the name of the vector that contains a component; "" for a scalar."""
     whole, _, last = name.rpartition(".")
-    return whole if last.isdecimal() or last in ("phi", "theta", "psi") else ""
+    return whole if last.isdecimal() or (whole == "start.attitude" and last in ANGLES) else ""
 
 
 def nominal_of(scene: Scene, names: Iterable[str]) -> Nominal:
@@ -69,10 +70,8 @@ def value_at(scene: Scene, name: str) -> Any:
         getattr(scene, table) if table != "effects" else dict(label_effects(scene.effects))[first]
     )
     for word in (first, *rest) if table != "effects" else rest:
-        place = {"phi": 0, "theta": 1, "psi": 2}.get(word)
-        if place is None and word.isdecimal():
-            place = int(word) - 1
-        value = getattr(value, word) if place is None else value[place]
+        word = component_of(scene.start, word) if table == "start" else word
+        value = value[int(word) - 1] if word.isdecimal() else getattr(value, word)
     return value
 
 

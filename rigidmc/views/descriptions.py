@@ -13,6 +13,7 @@ from rigidmc.engine.compile_time import list_kernels, seconds, seconds_text
 from rigidmc.engine.inspection import torque_operations, why_scalar
 from rigidmc.engine.program import Program
 from rigidmc.mechanics import inertia
+from rigidmc.mechanics.euler_angles import TEXTBOOK, angle_names
 from rigidmc.mechanics.impossible import can_exist
 from rigidmc.physics.effects import EFFECTS, label_effects
 from rigidmc.physics.effects.protocol import user_parameters
@@ -107,6 +108,12 @@ def _physics(scene: Scene) -> list[str]:
     named = {"uniform": "uniform on SO(3)", "ensemble": "from the momentum's ensemble"}
     attitude = start.attitude
     attitude = named[attitude] if isinstance(attitude, str) else _words(attitude)
+    if start.sequence != TEXTBOOK:
+        attitude += f" rad ({start.sequence}: {', '.join(angle_names(start.sequence))})"
+    if "attitude" in start.relative_to_orbit:
+        attitude += " from the frame of the orbit"
+    if name in start.relative_to_orbit:
+        spin += " relative to the frame of the orbit"
     lines.append(f"start        {spin}; attitude {attitude}")
     if through := drawn_through(scene.model, scene.run):
         lines.append(f"drawn        {through}")

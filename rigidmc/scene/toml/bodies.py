@@ -21,7 +21,7 @@ from rigidmc.scene.toml.values import (
     read_plain,
     read_quantity,
 )
-from rigidmc.scene.units import BODY, in_si, size_units
+from rigidmc.scene.units import BODY, in_si, size_units, vector_in_si
 
 # bodies given by plain numbers: {key: (keys of its own table, maker)}
 SHAPES: dict[str, tuple[tuple[str, ...], Callable[..., Body]]] = {
@@ -95,7 +95,8 @@ def _of_inertia(table: dict[str, Any], key: str, frame: str, stored: DataSources
         raise SceneError(rule, at=f"body.{key}")
     if is_about_centre(about) and table.get("pivot") == "centre":
         # where the centre of mass was does not matter, and moving there and back costs digits
-        vector(more.pop("centre", (0.0, 0.0, 0.0)), "body.centre")
+        centre = vector_in_si(more.pop("centre", (0.0, 0.0, 0.0)), "m", "body.centre")
+        vector(centre, "body.centre")
         about = "pivot"
     if key == "moments":
         return replace(Body.from_moments(inertia, **more, about=about), frame=frame)

@@ -24,6 +24,7 @@ from rigidmc.physics.observables import WATCHED, WITH_TABLE
 from rigidmc.scene.amounts import count_text
 from rigidmc.scene.settings import Run, Table, check_table, with_changes
 from rigidmc.scene.start import Start
+from rigidmc.scene.start_tables import WORDS, has_convention, is_start_table
 from rigidmc.scene.toml.bodies import BODIES, OF_FILE, read_body
 from rigidmc.scene.toml.values import (
     DataSources,
@@ -157,9 +158,22 @@ MOST = 100
 def read_start(table: dict[str, Any], stored: DataSources) -> Start:
     """Return the start of the table [start]."""
     check_keys(table, ("omega", "momentum", "attitude"), "start")
-    return Start(
-        **{key: read_quantity(value, f"start.{key}", stored) for key, value in table.items()}
-    )
+    return Start(**{key: _start_value(key, value, stored) for key, value in table.items()})
+
+
+def _start_value(key: str, value: Any, stored: DataSources) -> Any:
+    """Return a value of the table [start] with its quantities, in a table of its own or not."""
+    at = f"start.{key}"
+    if not is_start_table(key, value):
+        return read_quantity(value, at, stored)
+    if not has_convention(key, value):  # a distribution, or columns
+        other = {name: one for name, one in value.items() if name != "relative_to"}
+        own = {"relative_to": value["relative_to"]}
+        return {"value": read_quantity(other, at, stored), **own} if other else own
+    return {
+        name: one if name in WORDS else read_quantity(one, f"{at}.{name}", stored)
+        for name, one in value.items()
+    }
 
 
 def read_effects(tables: dict[str, Any], stored: DataSources) -> tuple[Effect, ...]:
