@@ -320,8 +320,8 @@ def _words_for(unit: Unit) -> Iterator[tuple[str, str, str]]:
 def converter(text: Any, units: str, at: str, value: Any = None) -> Unit:
     """Return the unit of a text, relative to SI `units`; SceneError for another dimension.
 
-    >>> converter("rpm", "rad s-1", "start.omega").convert(60.0)
-    6.283185307179587
+    >>> round(converter("rpm", "rad s-1", "start.omega").convert(60.0) / np.pi, 12)
+    2.0
     """
     unit, wanted = unit_of(text, at, value), unit_of(units, at)
     if not unit.is_for(wanted):
