@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
 from rigidmc.errors import SceneError, check_rows
+from rigidmc.labelled import Wanted
 from rigidmc.physics.dynamics.principal_axes import Principal
 
 SLACK = 1e-12  # relative: a flat plate obeys I3 = I1 + I2 only to rounding
@@ -77,7 +78,8 @@ def of_particles(masses: ArrayLike, positions: ArrayLike) -> NDArray[np.float64]
 
     masses (..., N) [kg];  positions (..., N, 3) [m]. SceneError if their shapes do not fit.
     """
-    masses, positions = floats(masses, "masses"), floats(positions, "positions")
+    masses = floats(masses, "masses")
+    positions = floats(positions, "positions", wanted=Wanted((3,), by_member=False))
     vectors = positions.ndim >= 2 and positions.shape[-1] == 3
     if not vectors or masses.shape[-1:] != positions.shape[-2:-1]:
         count = masses.shape[-1] if masses.ndim else 1

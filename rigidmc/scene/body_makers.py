@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from rigidmc.arrays import as_plain_arrays, floats
 from rigidmc.errors import Renamed, SceneError, nearest, unknown
+from rigidmc.labelled import Wanted
 from rigidmc.mechanics import inertia, solids
 from rigidmc.scene import shape
 from rigidmc.scene.quantities import quantity, vector
@@ -116,7 +117,10 @@ class BodyMakers(Renamed, metaclass=_Hints):
         """Make a body from a tensor (3, 3), with the solids that pictures draw."""
         wanted = "expected 3x3 finite numbers, not"
         cure = "; give bodies that differ by moments, or by rm.UncertainInertia"
-        matrix = floats(tensor, "body.tensor", rule=f"{wanted} distributions or text{cure}")
+        of_tensor = Wanted((3,), is_matrix=True)
+        matrix = floats(
+            tensor, "body.tensor", rule=f"{wanted} distributions or text{cure}", wanted=of_tensor
+        )
         if matrix.shape != (3, 3):
             rule = f"{wanted} {matrix.shape or 'one number'}{cure}"
             raise SceneError(rule, at="body.tensor")
@@ -159,7 +163,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         (8.0, 2.0, 10.0)
         """
         m = floats(masses, "body.particles.masses")
-        x = floats(positions, "body.particles.positions")
+        x = floats(positions, "body.particles.positions", wanted=Wanted((3,), by_member=False))
         if m.ndim != 1 or x.shape != (m.size, 3):
             rule = f"{m.size} masses need positions of shape ({m.size}, 3), not {x.shape}"
             raise SceneError(rule, at="body.particles")

@@ -77,7 +77,9 @@ def read_quantity(value: Any, at: str, stored: DataSources) -> Any:
     { distribution = table }, { table = file, columns = names } and { stored = name, axis = i }
     """
     if isinstance(value, list):
-        return [read_quantity(v, at, stored) for v in value]
+        parts = [read_quantity(v, at, stored) for v in value]
+        # columns with names are components, even if a column is as long as a vector
+        return tuple(parts) if any(isinstance(part, np.ndarray) for part in parts) else parts
     if not isinstance(value, dict):
         return value
     if "stored" in value:
@@ -186,7 +188,7 @@ def _columns_of(value: dict[str, Any], at: str, folder: str) -> Any:
     if not single and len(columns) not in (3, 4):
         rule = f"{len(columns)} columns: a vector has 3 components, a quaternion 4"
         raise SceneError(rule, at=at, value=value)
-    return columns[0] if single else columns
+    return columns[0] if single else tuple(columns)
 
 
 def _rows_of(
