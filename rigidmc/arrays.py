@@ -104,6 +104,32 @@ def floats(
     return array
 
 
+def member_vectors(value: Any, at: str, size: int) -> NDArray[np.float64]:
+    """Return vectors (..., size) that may be those of members; SceneError for anything else, and
+    for an array (size, size) without labels, which reads two ways."""
+    array = floats(value, at, size)
+    if array.shape == (size, size) and not is_labelled(value):
+        raise two_ways(array.shape, at)
+    return array
+
+
+def check_quaternion_rows(array: NDArray[Any], at: str) -> None:
+    """Raise SceneError for three or four attitudes (n, k) whose rows may be components: unless
+    only the rows, not the columns, are unit quaternions."""
+    if array.shape not in ((4, 4), (3, 4), (4, 3)):
+        return
+    rows, columns = (np.abs((array**2).sum(axis) - 1.0).max() < 1e-6 for axis in (1, 0))
+    rows, columns = rows and array.shape[1] == 4, columns and array.shape[0] == 4
+    if columns and not rows:
+        rule = (
+            f"has the shape {array.shape}, and its columns are quaternions: an array must have one"
+            " row per member; give its transpose"
+        )
+        raise SceneError(rule, at=at)
+    if not rows or columns:
+        raise two_ways(array.shape, at, "quat")
+
+
 def split_components(value: Any, at: str, size: int) -> Any:
     """Return a vector of `size` quantities as a sequence of them, each a number, a column with one
     number per member, or whatever was given; SceneError.

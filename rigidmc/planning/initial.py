@@ -34,6 +34,7 @@ from rigidmc.scene.sampling import (
 )
 from rigidmc.scene.settings import Run
 from rigidmc.scene.validation import PILOT
+from rigidmc.scene.vector_distributions import TensorRows
 from rigidmc.scene.vector_distributions.protocol import (
     EquilibriumEnsemble,
     MemberFacts,
@@ -233,6 +234,8 @@ def fill_initial(
     start = {"moments": moments, "mass": mass, "centre": centre, f"start_{word}": spin}
     if turn is not None:
         start["principal_axes"] = np.stack(quaternions(turn))
+    if isinstance(model.body.moments, TensorRows):
+        start["tensor"] = draw(model.body.moments.rows, sampler, "body.tensor", first, count)
     start |= {name: values if len(values) > 1 else values[0] for name, values in effects.items()}
     if has_attitude:
         start["start_attitude"] = block[layout.ATTITUDE : layout.MOMENTUM].copy()

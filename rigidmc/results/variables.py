@@ -20,6 +20,7 @@ from rigidmc.scene.recording import Recording, conservation, make_recording, unt
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import Run
 from rigidmc.scene.start import Start
+from rigidmc.scene.vector_distributions import TensorRows
 
 
 class Variable(NamedTuple):
@@ -201,6 +202,9 @@ def _body_variables(model: Model, own_steps: bool) -> dict[str, Variable]:
     if turned:
         text = "attitude of the member's principal axes in the principal axes of the mean tensor"
         variables["principal_axes"] = _by_member(text, "1", ("quat",))
+    if isinstance(model.body.moments, TensorRows):
+        text = "elements xx, yy, zz, yz, zx, xy of the inertia tensor, described axes"
+        variables["tensor"] = _by_member(text, "kg m2", ("component",))
     if own_steps:
         about = {"long_name": "number of steps of the member, all of equal length"}
         variables["steps"] = Variable(("member",), "i8", about)

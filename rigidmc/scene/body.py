@@ -7,14 +7,15 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import floats
+from rigidmc.arrays import check_quaternion_rows, floats, member_vectors
 from rigidmc.errors import SceneError
+from rigidmc.labelled import is_labelled
 from rigidmc.mechanics import inertia, rotation
 from rigidmc.scene.body_changes import BodyChanges
 from rigidmc.scene.quantities import Source, draw, is_shared, is_variable, quantity, vector
 from rigidmc.scene.shape import Shape
 from rigidmc.scene.vector_distributions import check_distribution
-from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution, flat_parameters
 
 Array = NDArray[np.float64]
@@ -105,12 +106,12 @@ class Body(BodyChanges):
 
     def __post_init__(self) -> None:
         whole = isinstance(self.moments, VectorDistribution)
-        uncertain = isinstance(self.moments, UncertainInertia)
+        uncertain = isinstance(self.moments, TensorDistribution)
         check = check_distribution if whole else vector
         object.__setattr__(self, "moments", check(self.moments, f"body.{self.inertia_key}"))
         object.__setattr__(self, "mass", quantity(self.mass, "body.mass"))
         object.__setattr__(self, "centre", vector(self.centre, "body.centre"))
-        if isinstance(self.moments, UncertainInertia):
+        if isinstance(self.moments, TensorDistribution):
             self._check_uncertain(self.moments)
         else:
             object.__setattr__(self, "axes", _checked_axes(self.axes))
@@ -132,19 +133,11 @@ class Body(BodyChanges):
         >>> rm.Body((1.0, 2.0, 2.5)).inertia_key
         'moments'
         """
-        return "tensor" if isinstance(self.moments, UncertainInertia) else "moments"
+        return "tensor" if isinstance(self.moments, TensorDistribution) else "moments"
 
-    def _check_uncertain(self, distribution: UncertainInertia) -> None:
+    def _check_uncertain(self, distribution: TensorDistribution) -> None:
         """Set the axes to the axes of the mean tensor; SceneError for an impossible mean body."""
-        for key in ("mass", "centre"):
-            if not is_shared(getattr(self, key)):
-                rule = "must be plain numbers, the mean, if the tensor is uncertain"
-                raise SceneError(rule, at=f"body.{key}")
-        if distribution.centre is not None and any(self.centre):
-            rule = (
-                "omit this: the uncertain tensor has its own centre, and the body rotates about it"
-            )
-            raise SceneError(rule, at="body.centre", value=list(self.centre))
+        distribution.check_body(self.mass, self.centre)
         distribution.bodies(0, "body.tensor", 0, 1, self.mass, self.centre)
         _, axes = inertia.principal_axes(distribution.mean_tensor(self.mass))
         object.__setattr__(self, "axes", tuple(map(tuple, axes.tolist())))
@@ -178,7 +171,7 @@ class Body(BodyChanges):
     )
     def to_principal(self, vector: ArrayLike) -> Array:
         """Resolve vectors in the principal axes, as in results."""
-        components: Array = floats(vector, "vector", 3) @ np.array(self.axes)
+        components: Array = member_vectors(vector, "vector", 3) @ np.array(self.axes)
         return components
 
     @_between_axes(
@@ -190,7 +183,7 @@ class Body(BodyChanges):
     )
     def to_reference(self, vector: ArrayLike) -> Array:
         """Resolve vectors, such as omega and momentum of a result, in the described axes."""
-        components: Array = floats(vector, "vector", 3) @ np.array(self.axes).T
+        components: Array = member_vectors(vector, "vector", 3) @ np.array(self.axes).T
         return components
 
     @_between_axes(
@@ -202,7 +195,7 @@ class Body(BodyChanges):
     def reference_attitude(self, attitude: ArrayLike) -> Array:
         """Convert attitudes of the principal axes, as in results, to the described axes."""
         inverse = rotation.quaternion(np.array(self.axes)) * np.array([1.0, -1.0, -1.0, -1.0])
-        return rotation.product(rotation.quaternion(attitude), inverse)
+        return rotation.product(_member_attitudes(attitude), inverse)
 
     @_between_axes(
         "described",
@@ -213,7 +206,7 @@ class Body(BodyChanges):
     def principal_attitude(self, attitude: ArrayLike) -> Array:
         """Convert attitudes of the described axes to the principal axes, for `Start`."""
         axes = rotation.quaternion(np.array(self.axes))
-        return rotation.product(rotation.quaternion(attitude), axes)
+        return rotation.product(_member_attitudes(attitude), axes)
 
     def angular_momentum(self, omega: ArrayLike) -> Array:
         """Compute the angular momentum, TdC (3.25).
@@ -237,7 +230,7 @@ class Body(BodyChanges):
         >>> rm.Body((1.0, 2.0, 2.5)).angular_momentum((1.0, 1.0, 2.0)).tolist()
         [1.0, 2.0, 5.0]
         """
-        return inertia.angular_momentum(self.tensor, omega)
+        return inertia.angular_momentum(self.tensor, member_vectors(omega, "omega", 3))
 
     def kinetic_energy(self, omega: ArrayLike) -> Array:
         """Compute the kinetic energy, TdC (3.16).
@@ -261,7 +254,7 @@ class Body(BodyChanges):
         >>> float(rm.Body((1.0, 2.0, 2.5)).kinetic_energy((1.0, 1.0, 2.0)))
         6.5
         """
-        return inertia.kinetic_energy(self.tensor, omega)
+        return inertia.kinetic_energy(self.tensor, member_vectors(omega, "omega", 3))
 
     @property
     def tensor(self) -> Array:
@@ -358,7 +351,7 @@ class Body(BodyChanges):
         >>> rm.Body((1.0, 2.0, 2.5)).sample_turned(0, 0, 5)[3] is None
         True
         """
-        if isinstance(self.moments, UncertainInertia):
+        if isinstance(self.moments, TensorDistribution):
             return self._turned(self.moments, sampler, first, count)
         if isinstance(self.moments, VectorDistribution):
             moments = self.moments.sample(sampler, "body.moments", first, count, None)
@@ -376,7 +369,7 @@ class Body(BodyChanges):
         return np.stack([sum(self.axes[j][i] * vectors[j] for j in range(3)) for i in range(3)])
 
     def _turned(
-        self, distribution: UncertainInertia, sampler: Source, first: int, count: int
+        self, distribution: TensorDistribution, sampler: Source, first: int, count: int
     ) -> tuple[Array, Array, Array, Array]:
         """Implement `sample_turned` for a distribution of tensors."""
         *six, x, y, z, mass = distribution.bodies(
@@ -386,6 +379,15 @@ class Body(BodyChanges):
         moments, turn = inertia.match_axes(moments, axes, self.axes)
         centre = self._along_axes(np.stack([x, y, z]))
         return moments, mass, inertia.vectors_into(turn, centre), turn
+
+
+def _member_attitudes(attitude: Any) -> Array:
+    """Return the quaternions (..., 4) of attitudes that may be those of members; SceneError for
+    four rows that may be components."""
+    q = rotation.quaternion(attitude)
+    if q.ndim == 2 and len(q) == 4 and np.shape(attitude) == (4, 4) and not is_labelled(attitude):
+        check_quaternion_rows(floats(attitude, "attitude"), "attitude")
+    return q
 
 
 def _checked_axes(axes: Any) -> tuple[tuple[float, ...], ...]:

@@ -18,7 +18,8 @@ from rigidmc.mechanics import inertia, solids
 from rigidmc.scene import shape
 from rigidmc.scene.quantities import quantity, vector
 from rigidmc.scene.shape import Shape
-from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+from rigidmc.scene.vector_distributions.bodies import TensorDistribution
+from rigidmc.scene.vector_distributions.tensors import TensorRows
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -75,7 +76,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
 
     @classmethod
     def from_tensor(
-        cls, tensor: ArrayLike | UncertainInertia, mass: Any = 1.0, centre: Any = (0.0, 0.0, 0.0)
+        cls, tensor: ArrayLike | TensorDistribution, mass: Any = 1.0, centre: Any = (0.0, 0.0, 0.0)
     ) -> Self:
         """Make a body from its inertia tensor, transformed to principal axes, TdC (3.19)-(3.23).
 
@@ -85,8 +86,8 @@ class BodyMakers(Renamed, metaclass=_Hints):
 
         Parameters
         ----------
-        tensor : array_like (3, 3) or UncertainInertia [kg m^2]
-            symmetric tensor about the fixed point
+        tensor : array_like (3, 3) or (members, 3, 3), UncertainInertia or TensorRows [kg m^2]
+            symmetric tensor about the fixed point, or one for each member
         mass : float, optional [kg]
             mass of the body
         centre : array_like (3,), optional [m]
@@ -108,15 +109,21 @@ class BodyMakers(Renamed, metaclass=_Hints):
         >>> [round(moment, 12) for moment in body.moments]
         [1.5, 2.5, 3.0]
         """
-        if isinstance(tensor, UncertainInertia):
+        if isinstance(tensor, TensorDistribution):
             return cls(tensor, mass, centre)
+        # TOML gives the columns of a table as a tuple
+        if (isinstance(tensor, tuple) and len(tensor) == 6) or _has_rows(tensor):
+            return cls(TensorRows(tensor), mass, centre)
         return cls._of_tensor(tensor, mass, centre)
 
     @classmethod
     def _of_tensor(cls, tensor: ArrayLike, mass: Any, centre: Any, parts: Shape = ()) -> Self:
         """Make a body from a tensor (3, 3), with the solids that pictures draw."""
         wanted = "expected 3x3 finite numbers, not"
-        cure = "; give bodies that differ by moments, or by rm.UncertainInertia"
+        cure = (
+            "; bodies that differ have one tensor each, (members, 3, 3), or rm.UncertainInertia;"
+            " moments are an argument of Body.from_moments"
+        )
         of_tensor = Wanted((3,), is_matrix=True)
         matrix = floats(
             tensor, "body.tensor", rule=f"{wanted} distributions or text{cure}", wanted=of_tensor
@@ -395,6 +402,14 @@ class BodyMakers(Renamed, metaclass=_Hints):
             by = _positive(mass, "body.mesh.mass") / volume
         parts = (shape.shape_of_mesh(loaded),)
         return cls._of_tensor(by * tensor, float(by * volume), tuple(centre.tolist()), parts)
+
+
+def _has_rows(tensor: Any) -> bool:
+    """Return whether a value has three dimensions, as one tensor for each member."""
+    try:
+        return np.ndim(tensor) == 3
+    except ValueError:  # rows of different lengths
+        return False
 
 
 def _positive(value: Any, at: str) -> float:

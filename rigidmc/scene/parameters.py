@@ -15,7 +15,7 @@ from rigidmc.physics.effects.protocol import shape, user_parameters
 from rigidmc.scene.body import Body
 from rigidmc.scene.quantities import Grid
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 _ANGLES = {"phi": 0, "theta": 1, "psi": 2}
@@ -46,7 +46,7 @@ def _of(name: str, value: Any) -> list[str]:
     """Return the names of three components, or of the parameters of a distribution."""
     if not isinstance(value, VectorDistribution):
         return [f"{name}.{i}" for i in (1, 2, 3)]
-    if isinstance(value, UncertainInertia):
+    if isinstance(value, TensorDistribution):
         return []  # its parts are matrices: no single element of one may change alone
     names = []
     for field, part in value.as_dict().items():

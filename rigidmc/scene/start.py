@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.arrays import as_plain_arrays, floats, two_ways
+from rigidmc.arrays import as_plain_arrays, check_quaternion_rows, floats, two_ways
 from rigidmc.errors import Renamed, SceneError, unknown
 from rigidmc.labelled import Wanted, has_dims, is_labelled
 from rigidmc.mechanics.rotation import quaternion_from_euler, quaternion_from_matrix
@@ -277,8 +277,7 @@ def _members_first(value: Any) -> Any:
             raise two_ways(shape, "start.attitude", "quat")
         return tuple(value)
     array = floats(value, "start.attitude")
-    if shape in ((4, 4), (3, 4), (4, 3)):
-        _refuse_two_ways(array)
+    check_quaternion_rows(array, "start.attitude")
     if shape[1] not in (3, 4):
         turned = "; give its transpose" if shape[0] in (3, 4) else ""
         rule = f"has the shape {shape}: expected (members, 4) or, for Euler angles, (members, 3)"
@@ -289,21 +288,6 @@ def _members_first(value: Any) -> Any:
 def _is_nested(value: Any) -> bool:
     """Return whether a value is a list of lists."""
     return len(value) > 0 and all(isinstance(one, (list, tuple)) for one in value)
-
-
-def _refuse_two_ways(array: Array) -> None:
-    """Raise SceneError for three or four rows that may be components, unless only the rows, not the
-    columns, are unit quaternions."""
-    rows, columns = (np.abs((array**2).sum(axis) - 1.0).max() < 1e-6 for axis in (1, 0))
-    rows, columns = rows and array.shape[1] == 4, columns and array.shape[0] == 4
-    if columns and not rows:
-        rule = (
-            f"has the shape {array.shape}, and its columns are quaternions: an array must have one"
-            " row per member; give its transpose"
-        )
-        raise SceneError(rule, at="start.attitude")
-    if not rows or columns:
-        raise two_ways(array.shape, "start.attitude", "quat")
 
 
 def _is_columns(value: Any) -> bool:

@@ -47,7 +47,7 @@ def surface_of(body: Body) -> Surface:
     if not body.shape:
         return ball_surface(1.0)
     whole = _united([_part_surface(part) for part in body.shape])
-    return whole._replace(corners=body.to_principal(whole.corners))
+    return whole._replace(corners=whole.corners @ np.array(body.axes))
 
 
 def surface_radius(surface: Surface) -> float:

@@ -1,4 +1,5 @@
-"""Arrays count by their places alone: every door takes the same, and refuses what means more."""
+"""Arrays count by their places, or by their labels: every door takes the same, and refuses what
+means more, or what reads two ways."""
 
 import itertools
 import re
@@ -18,10 +19,9 @@ from rigidmc.views.sphere import draw_polhodes
 BODY = rm.Body((1.0, 2.0, 2.5))
 BOX = rm.Body.box(12.0, (1.0, 2.0, 3.0))
 UP = (1.0, 0.0, 0.0, 0.0)
-V = np.array([[1.0, 2.0, 2.5], [1.5, 2.0, 2.25], [2.0, 2.5, 3.0]])  # also moments of three bodies
-Q = np.array(
-    [[1.0, 2.0, 3.0, 4.0], [2.0, 1.0, 4.0, 3.0], [3.0, 4.0, 1.0, 2.0], [4.0, 3.0, 2.0, 1.0]]
-)
+# also moments of four bodies: (3, 3) reads two ways
+V = np.array([[1.0, 2.0, 2.5], [1.5, 2.0, 2.25], [2.0, 2.5, 3.0], [2.0, 3.0, 4.0]])
+Q = np.array([[1, 2, 3, 4], [2, 1, 4, 3], [3, 4, 1, 2], [4, 3, 2, 1], [1, 1, 2, 3]], float)
 T = np.diag([1.0, 2.0, 2.5])
 COLUMN = np.array([1.0, 2.0, 3.0])
 
@@ -46,7 +46,7 @@ DOORS = {
     "axes": (np.eye(3), lambda x: rm.Body((1, 2, 2.5), axes=x).axes),
     "tensor": (T, lambda x: rm.Body.from_tensor(x).moments),
     "masses": (COLUMN, lambda x: rm.Body.from_particles(x, np.eye(3)).moments),
-    "positions": (V, lambda x: rm.Body.from_particles([1, 2, 3], x).moments),
+    "positions": (V[:3], lambda x: rm.Body.from_particles([1, 2, 3], x).moments),
     "size": (COLUMN, lambda x: rm.Body.box(1.0, x).moments),
     "pivot": (COLUMN, lambda x: BOX.with_pivot(x).moments),
     "at": (COLUMN, lambda x: BOX.join(BOX, at=x).moments),
@@ -84,7 +84,7 @@ DOORS = {
     "hat": (V, rotation.hat),
     "rates": (V, lambda x: rotation.omega_from_euler_rates(V, x)),
     "coordinates": (V, lambda x: coordinates.rate_matrix("zxz", x)),
-    "of_particles": (COLUMN, lambda x: inertia.of_particles(x, V)),
+    "of_particles": (COLUMN, lambda x: inertia.of_particles(x, V[:3])),
     "about_point": (V, lambda x: inertia.about_point(T, 1.0, x)),
     "growth_rate": (V, inertia.growth_rate),
     "symmetric_omega": (V, lambda x: textbook.symmetric_omega((1, 1, 2), x, 0.5)),
@@ -139,14 +139,18 @@ def named(x):
 # {what: (of an array, a word of the message)}
 REFUSED = {
     "masked": (masked, "row 1 is masked"),
-    "DataFrame": (lambda x: pd.DataFrame(np.atleast_2d(x)), "has labels"),
-    "Series": (lambda x: pd.Series(list(x)), "x.to_numpy()"),
-    "nullable Series": (lambda x: pd.Series(x.ravel(), dtype="Float64"), "x.to_numpy()"),
+    "DataFrame": (
+        lambda x: pd.DataFrame(np.atleast_2d(x)).rename(columns="abcdef".__getitem__),
+        "",
+    ),
+    "Series": (lambda x: pd.Series(list(x), index=range(5, 5 + len(x))), "label"),
+    "nullable Series": (lambda x: pd.Series([*x.ravel(), None], dtype="Float64"), "missing"),
     "dict": (lambda x: dict(enumerate(x)), "has keys"),
     "values of a dict": (lambda x: dict(enumerate(x)).values(), "give list(x)"),
     "set": (lambda x: set(x.ravel()), "has no order"),
     "generator": (lambda x: (one for one in x), "give list(x)"),
-    "DataArray": (xr.DataArray, "named dimensions"),
+    "DataArray": (lambda x: xr.DataArray(x, attrs={"units": "deg/h"}), "deg/h"),
+    "Dataset": (lambda x: xr.Dataset({"w": (("n", "k")[: x.ndim], x)}), "several variables"),
     "polars": (Polars, "x.to_numpy()"),
     "pint": (Pint, "has a unit"),
     "astropy": (lambda x: x.view(Astropy), "has a unit"),
@@ -160,7 +164,7 @@ REFUSED = {
     "columns with names": (named, "have names"),
     "text": (lambda x: x.astype(str), "number"),
     "a list with a masked entry": (lambda x: [*x[:-1], np.ma.masked], "masked"),
-    "a list with a Series": (lambda x: [*x[:-1], pd.Series(np.ravel(x[-1]))], "x.to_numpy()"),
+    "a list with a frame": (lambda x: [*x[:-1], pd.DataFrame([np.ravel(x[-1])])], "is a table"),
     "components first": (lambda x: np.ones((x.shape[-1], 7)), "shape"),
 }
 COMPLEX = {"hat", "coordinates"}  # a derivative may be taken by a complex step

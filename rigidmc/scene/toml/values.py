@@ -185,8 +185,9 @@ def _columns_of(value: dict[str, Any], at: str, folder: str) -> Any:
         rule = 'expected { table = "file.csv", columns = ["w1", "w2", "w3"] }, or column = "w1"'
         raise SceneError(rule, at=at, value=value)
     columns = [read_column(folder, value["table"], name, at) for name in names]
-    if not single and len(columns) not in (3, 4):
+    if not single and len(columns) not in ((6,) if at == "body.tensor" else (3, 4)):
         rule = f"{len(columns)} columns: a vector has 3 components, a quaternion 4"
+        rule += ", a tensor 6, xx, yy, zz, yz, zx, xy" if at == "body.tensor" else ""
         raise SceneError(rule, at=at, value=value)
     return columns[0] if single else tuple(columns)
 

@@ -114,7 +114,10 @@ def flat_parameters(distribution: VectorDistribution) -> tuple[Any, ...]:
     flat: list[Any] = []
     for value in distribution.as_dict().values():
         several = isinstance(value, (tuple, list))
-        flat += list(np.ravel(np.array(value, object))) if several else [value]
+        if several and not any(isinstance(x, np.ndarray) for x in value):
+            flat += list(np.ravel(np.array(value, object)))
+        else:
+            flat += value if several else [value]
     return tuple(x for x in flat if x is not None)
 
 
