@@ -243,8 +243,8 @@ def _of_frame(frame: Any, at: str, wanted: Wanted) -> NDArray[Any]:
             raise SceneError(rule, at=at)
         return columns[_order([*frame.index], at, wanted)[0]]
     _check_index(frame.index, at)
-    if wanted.by_member and count == len(labels) and not is_sure:
-        raise two_ways((count, count), at, _dim_of(wanted))
+    if wanted.by_member and count in wanted.sizes and not is_sure:
+        raise two_ways(frame.shape, at, _dim_of(wanted))
     return columns
 
 

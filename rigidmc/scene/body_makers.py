@@ -406,9 +406,11 @@ class BodyMakers(Renamed, metaclass=_Hints):
 
 def _has_rows(tensor: Any) -> bool:
     """Return whether a value has three dimensions, as one tensor for each member."""
+    if not isinstance(tensor, (list, tuple)):
+        return getattr(tensor, "ndim", 0) == 3
     try:
-        return np.ndim(tensor) == 3
-    except ValueError:  # rows of different lengths
+        return np.ndim(tensor) == 3  # type: ignore[arg-type]
+    except (ValueError, TypeError, AttributeError):  # rows of different lengths, or other objects
         return False
 
 

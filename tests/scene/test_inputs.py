@@ -209,15 +209,24 @@ def test_every_plain_array_of_the_same_numbers_is_the_same(door, tmp_path):
 
 
 def test_rows_are_members_whatever_their_number():
-    """(members, 3) and (members, 4) for 1 to 6 members; other shapes are refused."""
+    """(members, 3) and (members, 4) for 1 to 6 members; other shapes are refused, and those that
+    read two ways."""
     for count, size in itertools.product(range(1, 7), (3, 4)):
         x = np.arange(1.0, 1.0 + count * size).reshape(count, size)
-        start = rm.Start(omega=x if size == 3 else (0, 0, 1), attitude=x if size == 4 else UP)
-        found = start.omega if size == 3 else start.attitude
-        assert np.array_equal(np.transpose(found), x)
-        if count != size and (count, size) != (3, 4):  # (4, 3) are Euler angles of four members
-            with pytest.raises(rm.SceneError, match="give its transpose"):
-                rm.Start(omega=x.T if size == 3 else (0, 0, 1), attitude=x.T if size == 4 else UP)
+
+        def start(x, size=size):
+            made = rm.Start(omega=x if size == 3 else (0, 0, 1), attitude=x if size == 4 else UP)
+            return made.omega if size == 3 else made.attitude
+
+        ambiguous = count == size or (count, size) == (3, 4)  # Euler angles of four members
+        for one, rule in ((x, ""), (x.T, "give its transpose")):
+            if rule or ambiguous:
+                with pytest.raises(rm.SceneError, match="reads two ways" if ambiguous else rule):
+                    start(one)
+            else:
+                assert np.array_equal(np.transpose(start(one)), x)
+                assert np.array_equal(np.transpose(start(one.tolist())), x)
+                assert np.array_equal(np.transpose(start(list(one))), x)
 
 
 def test_components_of_quaternions_are_no_members():
@@ -228,8 +237,11 @@ def test_components_of_quaternions_are_no_members():
             rm.Start(omega=(0, 0, 1), attitude=q)
         rows = rm.Start(omega=(0, 0, 1), attitude=q.T)
         assert np.abs(rows.sample_attitude(0, 0, count) - q).max() == 0.0
-    turned = np.eye(4)[[1, 0, 3, 2]]  # both
-    assert np.array_equal(rm.Start(omega=(0, 0, 1), attitude=turned).attitude, turned)
+    with pytest.raises(rm.SceneError, match="reads two ways"):
+        rm.Start(omega=(0, 0, 1), attitude=np.eye(4)[[1, 2, 3, 0]])  # rows and columns
+    for rows in (np.ones((4, 3)), list(np.ones((4, 3))), list(np.ones((3, 4)))):
+        with pytest.raises(rm.SceneError, match="reads two ways"):
+            rm.Start(omega=(0, 0, 1), attitude=rows)
 
 
 def test_euler_angles_of_three_members_are_no_matrix():
@@ -263,7 +275,10 @@ def test_members_of_a_run_are_indices():
     scene = rm.Scene(BODY).with_run(dt=0.1, t_end=0.1, integrator="exact")
     for which, word in (
         (np.ma.masked_array([1, 2, 3], [0, 1, 0]), "row 1 is masked"),
-        (pd.Series([1, 2]), "x.to_numpy()"),
+        (pd.Series([2, 1]), "increasing member indices"),
+        (pd.DataFrame({"member": [1, 2]}), "increasing member indices"),
+        (pd.Series([1, None], dtype="Int64"), "expected"),
+        (np.array([False, True]), "booleans"),
         ({1, 2}, "has no order"),
         ([2, 1], "increasing member indices"),
         ([1.0, 2.0], "increasing member indices"),
@@ -271,7 +286,15 @@ def test_members_of_a_run_are_indices():
     ):
         with pytest.raises(rm.SceneError, match=re.escape(word)):
             rm.simulate(scene, members=which)
-    for which in ([1, 2, 5], (1, 2, 5), np.array([1, 2, 5])):
+    ds = rm.simulate(scene, members=6)
+    for which in (
+        *([1, 2, 5], (1, 2, 5), np.array([1, 2, 5]), pd.Index([1, 2, 5])),
+        *(
+            ds.member[[1, 2, 5]],
+            pd.Series([1, 2, 5], [7, 8, 9]),
+            pd.Series([1, 2, 5], dtype="Int8"),
+        ),
+    ):
         assert rm.simulate(scene, members=which).member.values.tolist() == [1, 2, 5]
 
 
@@ -282,8 +305,8 @@ def test_axes_are_a_right_handed_set():
 
 
 def test_polhodes_of_labels():
-    with pytest.raises(rm.SceneError, match="has labels"):
-        draw_polhodes(pd.Series([1.0, 2.0, 3.0]), COLUMN)
+    with pytest.raises(rm.SceneError, match="which component is which"):
+        draw_polhodes(pd.Series([1.0, 2.0, 3.0], list("abc")), COLUMN)
 
 
 TABLE = """
