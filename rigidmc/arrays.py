@@ -105,7 +105,7 @@ def floats(
 
 
 def member_vectors(value: Any, at: str, size: int) -> NDArray[np.float64]:
-    """Return vectors (..., size) that may be those of members; SceneError for anything else, and
+    """Return vectors (..., size), perhaps one for each member; SceneError for anything else, and
     for an array (size, size) without labels, which reads two ways."""
     array = floats(value, at, size)
     if array.shape == (size, size) and not is_labelled(value):

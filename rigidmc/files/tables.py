@@ -1,8 +1,7 @@
 """Tables of numbers in CSV files: separators, decimal commas, quoted cells and columns of text.
 
-A file is read a few lines at a time, so that its memory and time grow with its numbers only. What
-is recognised instead of a comma and a decimal point is told in a note, and what reads two ways is
-refused.
+A file is read a few lines at a time, so that its memory and time grow with its numbers only. A note
+names a separator other than the comma, and decimal commas; what reads two ways is refused.
 """
 
 import csv

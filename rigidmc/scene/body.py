@@ -382,7 +382,7 @@ class Body(BodyChanges):
 
 
 def _member_attitudes(attitude: Any) -> Array:
-    """Return the quaternions (..., 4) of attitudes that may be those of members; SceneError for
+    """Return the quaternions (..., 4) of attitudes, perhaps one for each member; SceneError for
     four rows that may be components."""
     q = rotation.quaternion(attitude)
     if q.ndim == 2 and len(q) == 4 and np.shape(attitude) == (4, 4) and not is_labelled(attitude):

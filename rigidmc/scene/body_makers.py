@@ -409,7 +409,7 @@ def _has_rows(tensor: Any) -> bool:
     if not isinstance(tensor, (list, tuple)):
         return getattr(tensor, "ndim", 0) == 3
     try:
-        return np.ndim(tensor) == 3  # type: ignore[arg-type]
+        return np.ndim(tensor) == 3
     except (ValueError, TypeError, AttributeError):  # rows of different lengths, or other objects
         return False
 

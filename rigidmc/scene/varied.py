@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import floats, is_number, two_ways
+from rigidmc.arrays import floats, is_number
 from rigidmc.errors import OptionError, nearest, unknown
-from rigidmc.labelled import COLUMN, Wanted, is_labelled
+from rigidmc.labelled import COLUMN, Wanted, is_labelled, two_ways
 from rigidmc.physics.effects import label_effects
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.parameters import parameter_names, with_parameter
@@ -152,6 +152,6 @@ def _rows(value: Any, name: str, size: int | None) -> NDArray[np.float64]:
     if isinstance(value, tuple) and len(value) == size and not is_number(value[0]):
         return np.stack([floats(column, at, wanted=COLUMN) for column in value], axis=-1)
     array = floats(value, at, wanted=Wanted(() if size is None else (size,)))
-    if array.shape == (size, size) and not is_labelled(value):
+    if size is not None and array.shape == (size, size) and not is_labelled(value):
         raise two_ways(array.shape, at)
     return array

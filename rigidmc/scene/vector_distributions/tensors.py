@@ -76,7 +76,7 @@ class TensorRows(TensorDistribution):
         """Return the tensors about the centre of mass, see `Body.with_pivot_at_centre`."""
         rows = about_centre(self.rows, centre, mass)
         # broadcast: products of inertia may not depend on the mass
-        count = count_rows(*self.rows)
+        count = self.rows[0].size
         return TensorRows(tuple(np.broadcast_to(row, count) for row in rows))
 
     def bodies(
@@ -174,6 +174,6 @@ def _check_tensors(tensors: Array, at: str) -> None:
             f"is not symmetric: I_ij and I_ji differ by {skew[row]:.2g} of its largest element"
         ),
     )
-    moments = np.linalg.eigvalsh(tensors).T
+    moments = np.asarray(np.linalg.eigvalsh(tensors), dtype=np.float64).T
     bad = violates_triangle(moments) | (moments[0] <= 1e-14 * moments[2])
     refuse(bad, lambda row: why_impossible(moments[:, row]))
