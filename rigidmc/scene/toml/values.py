@@ -199,6 +199,7 @@ def _columns_of(value: dict[str, Any], at: str, folder: str) -> Any:
         rule += ", a tensor 6, xx, yy, zz, yz, zx, xy" if at == "body.tensor" else ""
         raise SceneError(rule, at=at, value=value)
     if at == "start.attitude" and len(columns) == 4:
+        # pure: components of a quaternion
         zero = np.flatnonzero(sum(column**2 for column in columns) < 1e-200)
         if zero.size:
             rule = f"row {zero[0] + 1} is zero: a quaternion must be nonzero"

@@ -154,6 +154,7 @@ def _skew(tensors: Array) -> Array:
     size = np.abs(tensors).max((1, 2))
     with np.errstate(invalid="ignore"):
         apart: Array = np.abs(tensors - np.swapaxes(tensors, 1, 2)).max((1, 2))
+        # a zero tensor has skew 0
         return apart / np.where(size > 0.0, size, 1.0)
 
 
