@@ -37,6 +37,10 @@ class Start(Renamed):
     """Initial conditions of the members. Each component is a number, a distribution, a grid, or an
     array with one row per member.
 
+    Whole vectors may also be arrays (members, 3) or (members, 4). Labels of pandas and xarray name
+    members and components (docs/how_to/tables.md); a shape that reads two ways, such as (3, 3),
+    needs them.
+
     Parameters
     ----------
     omega : quantities (3,) or distribution, optional [rad/s]
@@ -53,8 +57,9 @@ class Start(Renamed):
     Raises
     ------
     SceneError
-        for a wrong shape, a non-finite number, a quaternion of norm 0, a matrix that is not a
-        rotation, and for both or neither of omega and momentum
+        for a wrong shape or one that reads two ways, for labels that do not name components or
+        members, for a non-finite number, a quaternion of norm 0, a matrix that is not a rotation,
+        and for both or neither of omega and momentum
 
     Examples
     --------

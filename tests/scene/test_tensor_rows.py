@@ -6,6 +6,7 @@ import xarray as xr
 from scipy.integrate import solve_ivp
 
 import rigidmc as rm
+from rigidmc.views.descriptions import describe_scene
 
 COUNT = 5
 SOME = np.random.default_rng(4)
@@ -78,6 +79,7 @@ def test_tensors_from_a_table(tmp_path):
     )
     (tmp_path / "s.toml").write_text(text)
     scene = rm.Scene.load(tmp_path / "s.toml")
+    assert "tensor_rows(rows = one of 5 rows, mean" in describe_scene(scene, 1)
     wanted = rm.Body.from_tensor(TENSORS).sample(0, 0, COUNT)[0]
     assert np.array_equal(scene.body.sample(0, 0, COUNT)[0], wanted)
     (tmp_path / "s.toml").write_text(text.replace('"xx", ', ""))
