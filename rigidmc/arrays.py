@@ -56,14 +56,14 @@ def as_plain_arrays(
     kinds : allowed kinds of NumPy dtypes
     wanted : axes that labels have to name
     """
-    if is_labelled(value):
-        value = read_labelled(value, at, wanted)
     if isinstance(value, np.ndarray):
         return _plain(value, at, kinds)
     if isinstance(value, np.timedelta64):
         raise SceneError(f"its elements {_ELEMENTS['m']}", at=at, value=value)
     if isinstance(value, (str, np.generic, Real)) or value is None:
         return value
+    if is_labelled(value):
+        return _plain(read_labelled(value, at, wanted), at, kinds)
     if isinstance(value, (list, tuple)):
         if all(type(one) in (float, int) for one in value):
             return value

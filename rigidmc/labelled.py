@@ -363,8 +363,9 @@ def _check_unit(unit: Any, at: str) -> None:
 def _exponents(unit: str) -> tuple[int, ...] | None:
     """Return the exponents of kg, m, s, A in a unit such as "kg m2 s-1" or "rad/s"; None for
     other units."""
-    text = unit.translate({ord("²"): "2", ord("³"): "3", ord("·"): " ", ord("*"): " "})
-    text = text.replace("^", "").replace("⁻¹", "-1")
+    text = unit[:100].replace("**", "").replace("^", "").replace("⁻¹", "-1")
+    text = text.translate(str.maketrans({"²": "2", "³": "3", "·": " ", "⋅": " ", "*": " "}))
+    text = re.sub(r"(?<=\w)\.(?=[A-Za-z])", " ", text)
     top, *below = text.split("/")
     total = [0, 0, 0, 0]
     for sign, part in ((1, top), *((-1, part) for part in below)):

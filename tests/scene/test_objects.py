@@ -193,6 +193,20 @@ def test_no_ambiguous_input_of_many_is_taken_wrong():
     assert not count_of_wrong(2, 1000)[1]
 
 
+@pytest.mark.parametrize("door", ["omega", "momentum"])
+def test_units_of_labels(door):
+    """SI units in any spelling; another quantity, a prefix or degrees are refused."""
+    rates = "rad/s", "rad s-1", "rad s^-1", "rad s**-1", "s-1", "1/s", "rad·s⁻¹"
+    momenta = "kg m2 s-1", "kg m^2/s", "kg*m**2/s", "kg.m2/s", "kg⋅m²/s", "N m s", "J s"
+    others = "deg/s", "rpm", "mrad/s", "Hz", "g mm2/s", "kg m2", "°/s", "rad/min", "?", "m" * 10_000
+    right, wrong = (rates, momenta) if door == "omega" else (momenta, rates)
+    for unit in right:
+        rm.Start(**{door: array(W, attrs={"units": unit})})
+    for unit in (*wrong, *others):
+        with pytest.raises(rm.SceneError, match="SI units"):
+            rm.Start(**{door: array(W, attrs={"units": unit})})
+
+
 def test_measured_means_and_covariances_come_from_a_frame():
     """Labels order the mean, and the rows and columns of the covariance."""
     some = np.random.default_rng(1)
