@@ -364,7 +364,7 @@ def _exponents(unit: str) -> tuple[int, ...] | None:
     """Return the exponents of kg, m, s, A in a unit such as "kg m2 s-1" or "rad/s"; None for
     other units."""
     text = unit[:100].replace("**", "").replace("^", "").replace("⁻¹", "-1")
-    text = text.translate(str.maketrans({"²": "2", "³": "3", "·": " ", "⋅": " ", "*": " "}))
+    text = text.translate(str.maketrans("²³·⋅*", "23   "))
     text = re.sub(r"(?<=\w)\.(?=[A-Za-z])", " ", text)
     top, *below = text.split("/")
     total = [0, 0, 0, 0]
