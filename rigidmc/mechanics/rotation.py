@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
 from rigidmc.errors import SceneError, check_rows
+from rigidmc.labelled import Wanted
 from rigidmc.mechanics.euler_angles import (
     angles_of_quaternions,
     check_sequence,
@@ -47,7 +48,7 @@ def quaternion(attitude: Attitude) -> _Floats:
     """
     if isinstance(attitude, Rotations):
         return np.asarray(attitude.as_quat(scalar_first=True))
-    array = floats(attitude, "attitude")
+    array = floats(attitude, "attitude", wanted=Wanted((4,), by_member=False))
     if array.shape[-2:] == (3, 3):
         return quaternion_from_matrix(array)
     if array.shape[-1:] != (4,):

@@ -47,6 +47,7 @@ from rigidmc.scene.sampling import (
 )
 from rigidmc.scene.settings import Run
 from rigidmc.scene.validation import PILOT
+from rigidmc.scene.vector_distributions import TensorRows
 from rigidmc.scene.vector_distributions.protocol import (
     EquilibriumEnsemble,
     MemberFacts,
@@ -268,6 +269,8 @@ def fill_initial(
             start["centre"] = vectors_from(turn, centre)
             if in_principal:
                 start[f"start_{word}"] = vectors_from(turn, spin)
+    if isinstance(model.body.moments, TensorRows):
+        start["tensor"] = draw(model.body.moments.rows, sampler, "body.tensor", first, count)
     start |= {name: values if len(values) > 1 else values[0] for name, values in given.items()}
     if has_attitude:
         start["start_attitude"] = block[layout.ATTITUDE : layout.MOMENTUM].copy()

@@ -19,7 +19,7 @@ from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Grid, Varied, is_shared
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
-from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 # exponents of kilogram, metre and second; amperes are not rescaled
@@ -70,7 +70,7 @@ def scale_scene(scene: Scene, mass: float = 1.0, length: float = 1.0, time: floa
     effects = _scaled_effects(scene.effects, mass, length, time)
     inertia = mass * length**2
     distribution = scene.body.moments
-    whole = isinstance(distribution, UncertainInertia)
+    whole = isinstance(distribution, TensorDistribution)
     body = replace(
         scene.body,
         moments=distribution.resized(mass, length) if whole else _sized(distribution, inertia, 1.0),

@@ -22,6 +22,7 @@ from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import Run
 from rigidmc.scene.start import Start
 from rigidmc.scene.start_tables import relative_components
+from rigidmc.scene.vector_distributions import TensorRows
 
 
 class Variable(NamedTuple):
@@ -205,6 +206,9 @@ def _body_variables(model: Model, own_steps: bool) -> dict[str, Variable]:
         axes = mean if model.body.frame == "principal" else "axes in which the body is described"
         text = f"attitude of the member's principal axes in the {axes}"
         variables["principal_axes"] = _by_member(text, "1", ("quat",))
+    if isinstance(model.body.moments, TensorRows):
+        text = "elements xx, yy, zz, yz, zx, xy of the inertia tensor, described axes"
+        variables["tensor"] = _by_member(text, "kg m2", ("component",))
     if own_steps:
         about = {"long_name": "number of steps of the member, all of equal length"}
         variables["steps"] = Variable(("member",), "i8", about)

@@ -17,7 +17,7 @@ from rigidmc.scene.body import Body
 from rigidmc.scene.quantities import Grid
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
-from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 _BY_MASS = [name for name, make in SOLIDS.items() if "mass" in signature(make).parameters]
@@ -47,7 +47,7 @@ def _of(name: str, value: Any) -> list[str]:
     """Return the names of three components, or of the parameters of a distribution."""
     if not isinstance(value, VectorDistribution):
         return [f"{name}.{i}" for i in (1, 2, 3)]
-    if isinstance(value, UncertainInertia):
+    if isinstance(value, TensorDistribution):
         return []  # its parts are matrices: no single element of one may change alone
     names = []
     for field, part in value.as_dict().items():

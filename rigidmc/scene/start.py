@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.arrays import as_plain_arrays, floats
+from rigidmc.arrays import as_plain_arrays, check_quaternion_rows, floats
 from rigidmc.errors import Renamed, SceneError, unknown
+from rigidmc.labelled import Wanted, has_dims, is_labelled, two_ways
 from rigidmc.mechanics.euler_angles import TEXTBOOK, check_sequence, quaternions_of_angles
 from rigidmc.mechanics.rotation import quaternion_from_euler, quaternion_from_matrix
 from rigidmc.scene.quantities import (
@@ -43,6 +44,10 @@ class Start(Renamed):
     """Initial conditions of the members. Each component is a number, a distribution, a grid, or an
     array with one row per member.
 
+    Whole vectors may also be arrays (members, 3) or (members, 4). Labels of pandas and xarray name
+    members and components (docs/how_to/tables.md); a shape that reads two ways, such as (3, 3),
+    needs them.
+
     Parameters
     ----------
     omega : quantities (3,) or distribution, optional [rad/s]
@@ -66,8 +71,9 @@ class Start(Renamed):
     Raises
     ------
     SceneError
-        for a wrong shape, a non-finite number, a quaternion of norm 0, a matrix that is not a
-        rotation, and for both or neither of omega and momentum
+        for a wrong shape or one that reads two ways, for labels that do not name components or
+        members, for a non-finite number, a quaternion of norm 0, a matrix that is not a rotation,
+        and for both or neither of omega and momentum
 
     Examples
     --------
@@ -277,8 +283,30 @@ def _attitude(value: Any) -> Any:
             raise unknown("attitude", ["uniform", "ensemble"], at="start.attitude", value=value)
         return value
     if hasattr(value, "as_quat"):  # scipy's Rotation
-        value = np.asarray(value.as_quat(scalar_first=True))
-        value = value if value.ndim == 2 else tuple(value.tolist())
+        value = _components_of(np.asarray(value.as_quat(scalar_first=True)))
+    elif is_labelled(value):
+        value = _components_of(as_plain_arrays(value, "start.attitude", wanted=Wanted((4, 3))))
+    else:
+        value = _members_first(value)
+    size = 3 if len(value) == 3 else 4
+    parts = vector(value, "start.attitude", size)
+    if size == 4:
+        _check_quaternion(parts, value)
+    return parts
+
+
+def _components_of(array: Array) -> tuple[Any, ...]:
+    """Return the components of attitudes whose axes are known, (k,) or (members, k)."""
+    if array.ndim > 2:
+        rule = f"has the shape {array.shape}: expected one attitude, or one for each member"
+        raise SceneError(rule, at="start.attitude")
+    return tuple(array.tolist()) if array.ndim == 1 else tuple(np.ascontiguousarray(array.T))
+
+
+def _members_first(value: Any) -> Any:
+    """Return an attitude without labels as its components, or as an array with one row per member;
+    SceneError for a shape that reads two ways."""
+    settled = isinstance(value, tuple) or (isinstance(value, list) and any(map(has_dims, value)))
     value = as_plain_arrays(value, "start.attitude")
     if not hasattr(value, "__len__"):
         rule = (
@@ -288,28 +316,27 @@ def _attitude(value: Any) -> Any:
         raise SceneError(rule, at="start.attitude", value=value)
     shape = _shape(value)
     if shape in ((3, 3), (len(value), 3, 3)) and not _is_columns(value):
-        matrices = floats(value, "start.attitude")
-        q = quaternion_from_matrix(matrices, "start.attitude")
-        value = tuple(q.tolist()) if q.ndim == 1 else q
-    by_member = isinstance(value, np.ndarray) and len(shape) == 2
-    if by_member and shape[0] == 4:
-        _refuse_turned(value)
-    size = 3 if (shape[1] if by_member else len(value)) == 3 else 4
-    parts = vector(value, "start.attitude", size)
-    if size == 4:
-        _check_quaternion(parts, value)
-    return parts
+        q = quaternion_from_matrix(floats(value, "start.attitude"), "start.attitude")
+        return _components_of(q)
+    if len(shape) != 2:
+        return tuple(value) if settled else value
+    columns = not isinstance(value, np.ndarray) and not _is_nested(value)
+    if columns and shape[0] in (3, 4):
+        if not settled and shape[1] in (3, 4):
+            raise two_ways(shape, "start.attitude", "quat")
+        return tuple(value)
+    array = floats(value, "start.attitude")
+    check_quaternion_rows(array, "start.attitude")
+    if shape[1] not in (3, 4):
+        turned = "; give its transpose" if shape[0] in (3, 4) else ""
+        rule = f"has the shape {shape}: expected (members, 4) or, for Euler angles, (members, 3)"
+        raise SceneError(f"{rule}{turned}", at="start.attitude")
+    return _components_of(array)
 
 
-def _refuse_turned(value: Any) -> None:
-    """Raise SceneError for four rows that hold components of quaternions instead of members."""
-    rows, columns = (np.abs((value.astype(float) ** 2).sum(axis) - 1.0).max() for axis in (1, 0))
-    if columns < 1e-6 and (value.shape[1] != 4 or rows >= 1e-6):
-        rule = (
-            f"has the shape {value.shape}, and its columns are quaternions: an array must have one"
-            " row per member; give its transpose"
-        )
-        raise SceneError(rule, at="start.attitude")
+def _is_nested(value: Any) -> bool:
+    """Return whether a value is a list of lists."""
+    return len(value) > 0 and all(isinstance(one, (list, tuple)) for one in value)
 
 
 def _is_columns(value: Any) -> bool:
@@ -337,9 +364,9 @@ def _check_quaternion(parts: tuple[Any, ...], value: Any) -> None:
             rule = "components of a quaternion must be distributions or arrays, not both"
             raise SceneError(rule, at="start.attitude")
     # pure: components of a quaternion
-    elif np.min(sum(p * p for p in parts)) < 1e-200:
-        shown = value if is_shared(parts) else None
-        raise SceneError("a quaternion must be nonzero", at="start.attitude", value=shown)
+    elif (zeros := np.flatnonzero(np.asarray(sum(p * p for p in parts)) < 1e-200)).size:
+        shown, row = (value, "") if is_shared(parts) else (None, f"row {zeros[0]}: ")
+        raise SceneError(f"{row}a quaternion must be nonzero", at="start.attitude", value=shown)
 
 
 def _shape(value: Any) -> tuple[int, ...]:

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.arrays import floats, is_number
 from rigidmc.errors import OptionError, SceneError, nearest, unknown
+from rigidmc.labelled import COLUMN, Wanted, is_labelled, two_ways
 from rigidmc.mechanics.euler_angles import ANGLES
 from rigidmc.physics.effects import label_effects
 from rigidmc.scene.distributions import Distribution
@@ -95,8 +97,9 @@ def close_varied(scene: Scene) -> Scene:
     return scene.with_model(model)
 
 
-def stored_values(scene: Scene) -> dict[str, NDArray[np.float64]] | None:
-    """Return {name: values by row} of a scene with varied parameters.
+def stored_values(scene: Scene) -> dict[str, Any] | None:
+    """Return {name: values by row, or a tuple of the columns of a vector} of a scene with varied
+    parameters.
 
     None if it has only nominal values.
     """
@@ -110,7 +113,7 @@ def stored_values(scene: Scene) -> dict[str, NDArray[np.float64]] | None:
         return np.broadcast_to(x, count)
 
     return {
-        name: np.stack(list(map(each, value)), axis=-1) if type(value) is tuple else each(value)
+        name: tuple(map(each, value)) if type(value) is tuple else each(value)
         for name, value in values.items()
     }
 
@@ -136,13 +139,13 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
             raise OptionError(rule, at="values", value=name, nearest=nearest(name, known))
         if name not in values:
             raise OptionError(f"lacks {name}, which is varied", at="values")
+    sizes = {name: len(v) if isinstance(v, list) else None for name, v in known.items()}
     given = {
-        name: np.asarray(_in_si(scene, name, array), dtype=float) for name, array in values.items()
+        name: _rows(_in_si(scene, name, value), name, sizes[name]) for name, value in values.items()
     }
-    counts = {name: array.shape[0] if array.ndim else 0 for name, array in given.items()}
-    count = max(counts.values())
+    count = max(array.shape[0] if array.ndim else 0 for array in given.values())
     for name, array in given.items():
-        size = len(value) if isinstance(value := known[name], list) else None
+        size = sizes[name]
         wanted = (count,) if size is None else (count, size)
         if array.shape != wanted or not count:
             rule = f"{name} has the shape {array.shape}, expected {wanted}"
@@ -151,3 +154,15 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
             scene, name, array if size is None else tuple(np.ascontiguousarray(array.T))
         )
     return replace(scene, run=scene.run.model_copy(update={"first": 0, "members": count})), count
+
+
+def _rows(value: Any, name: str, size: int | None) -> NDArray[np.float64]:
+    """Return values of the members as an array (members,) or (members, size), also those given as
+    a tuple of `size` columns; SceneError."""
+    at = f"values.{name}"
+    if isinstance(value, tuple) and len(value) == size and not is_number(value[0]):
+        return np.stack([floats(column, at, wanted=COLUMN) for column in value], axis=-1)
+    array = floats(value, at, wanted=Wanted(() if size is None else (size,)))
+    if size is not None and array.shape == (size, size) and not is_labelled(value):
+        raise two_ways(array.shape, at)
+    return array

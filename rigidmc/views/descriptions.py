@@ -292,6 +292,8 @@ def _words(value: Any) -> str:
         words = [f"{k} = {v if isinstance(v, int) else _words(v)}" for k, v in fields.items()]
         return f"{value.name}({', '.join(words)})"
     if isinstance(value, tuple):
+        if len(value) == 6 and all(isinstance(v, np.ndarray) for v in value):  # tensors
+            return _words(value[0])
         return f"({', '.join(_words(v) for v in value)})"
     if isinstance(value, Grid):
         return f"grid({value.low:g} to {value.high:g}, {value.count})"

@@ -41,7 +41,7 @@ def dumps(scene: Parts, run: Run | None = None) -> str:
 
 def _body(scene: Parts) -> dict[str, Any]:
     body = scene.body
-    table = {body.inertia_key: as_toml(body.moments, "moments")}
+    table = {body.inertia_key: as_toml(body.moments, body.inertia_key)}
     table |= {key: as_toml(getattr(body, key), key) for key in ("mass", "centre")}
     if body.inertia_key == "moments" and body.axes != IDENTITY:
         table["principal_axes"] = [list(row) for row in body.axes]
