@@ -212,7 +212,7 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
         numbers |= {**of_dataset(rigid.euler("321")), "rotation": (rigid.rotation().as_quat(), "1")}
         arrays = {name: getattr(rigid, name)() for name in ("momentum", "phase", "energy", "drift")}
         arrays |= {"psi": rigid.unwrapped("psi"), "polhode": rigid.polhode(1)}
-        arrays["described"] = rigid.described("omega")
+        arrays |= {name: getattr(rigid, name)("omega") for name in ("described", "principal")}
         return {**numbers, **{k: (x.values, x.attrs.get("units", "1")) for k, x in arrays.items()}}
 
     def mapped() -> Any:

@@ -368,7 +368,7 @@ def quaternions(turn: Array) -> tuple[Array, ...]:
     xx, yy, zz = turn[0, 0], turn[1, 1], turn[2, 2]
     square = 1.0 + xx + yy + zz  # (2 w)^2
     is_far = square > 0.5
-    w = 0.5 * np.sqrt(np.where(is_far, square, 1.0))
+    w = 0.5 * np.sqrt(np.where(is_far, square, 1.0))  # where it is 1, w is unused
     by = 0.25 / w
     found: tuple[Array, ...] = (w, by * skew[0], by * skew[1], by * skew[2])
     if is_far.all():

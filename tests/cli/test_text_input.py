@@ -406,7 +406,7 @@ def test_every_name_is_explained():
     ("angle : half the opening", "[observables.passage] axis, angle, way = leaves",
     "passage_first [s]")),
     (("observables", "omega_max"), ("over all steps of omega", "[rad/s]")),
-    (("observables", "omega"), ("omega_i = L_i/I_i", "[rad/s]")),
+    (("observables", "omega"), ("omega = I^-1 L", "[rad/s]")),
     (("integrators", "rk8"), ("Dormand & Prince", "order 8, 12 torques per step")),
     (("map", "list", "kapitza"), ("Kapitza 1951", "[effects.moving_pivot]")),
 ])  # fmt: skip

@@ -109,7 +109,9 @@ def test_one_row_per_member(tmp_path):
 
 def test_three_members_are_no_matrix():
     angles = np.eye(3)
-    start = rm.Start(omega=(0, 0, 1), attitude={"euler": "321", "angles": angles})
+    start = rm.Start(omega=(0, 0, 1), attitude={"euler": "321", "angles": tuple(angles.T)})
+    with pytest.raises(rm.SceneError, match="two ways"):  # components first, or members first
+        rm.Start(omega=(0, 0, 1), attitude={"euler": "321", "angles": angles})
     true = Rotation.from_euler("ZYX", angles)
     assert attitude_error(attitude_of(start, 3), true).max() < 1e-15  # measured 2.3e-16
 

@@ -29,7 +29,7 @@ def covariance(share, size=10):
 
 def body_of(share, axes="described", size=10):
     law = rm.UncertainInertia(TENSOR, covariance(share, size))
-    return rm.Body.from_tensor(law, MASS, CENTRE, axes)
+    return rm.Body.from_tensor(law, MASS, CENTRE, axes=axes)
 
 
 def parameters(body, count, first=0):
