@@ -14,6 +14,7 @@ in your own file that use only these. docs/how_to/own_parts.md has an example of
 
 from typing import TYPE_CHECKING
 
+from rigidmc.physics.dynamics.body_axes import described, described_attitude
 from rigidmc.physics.dynamics.euler import scaled
 from rigidmc.physics.dynamics.methods import OFF, ON, flag
 from rigidmc.physics.dynamics.so3 import (
@@ -73,6 +74,8 @@ __all__ = [
     "axpy4",
     "conjugate",
     "cross",
+    "described",
+    "described_attitude",
     "difference",
     "dot",
     "effect",

@@ -7,8 +7,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.physics.dynamics.methods import implements
-from rigidmc.scene.body import IDENTITY
 from rigidmc.results.lazy import apply_lazily
+from rigidmc.scene.body import IDENTITY
 
 _UNTURNED = ("_min", "_max", "_variance")
 

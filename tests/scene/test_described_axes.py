@@ -4,6 +4,7 @@ The truth is Euler's equations with the full tensor, by scipy (`tests.body_truth
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -11,6 +12,18 @@ from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
 from rigidmc.physics.effects import name_of
+from rigidmc.protocols import (
+    conjugate,
+    cross,
+    described,
+    described_attitude,
+    effect,
+    event,
+    into_body,
+    observable,
+    scale,
+    vertical,
+)
 from tests import body_truth
 from tests.body_truth import Motion, Properties
 
@@ -432,12 +445,12 @@ def monitored_apart(one, body):
 def test_rates_along_principal_axes_are_refused():
     """One number for each principal axis cannot be given in other axes."""
     body = rm.Body.from_tensor(LARGE)
-    for effect, at in (
+    for refused, at in (
         (rm.AxialDamping((0.1, 0.2, 0.3)), "effects.axial_damping.rates"),
         (rm.Potential(LINEAR, quartic=(0.1, 0.0, 0.0)), "effects.potential.quartic"),
     ):
         with pytest.raises(rm.SceneError, match="one number for each principal axis") as error:
-            rm.simulate(rm.Scene(body, effect, rm.Start(**START)), dt=DT, t_end=END, members=1)
+            rm.simulate(rm.Scene(body, refused, rm.Start(**START)), dt=DT, t_end=END, members=1)
         assert error.value.at == at
     principal = rm.Body.from_tensor(LARGE, axes="principal")
     for one in (principal, rm.Body((1.0, 1.6, 2.1))):
@@ -527,3 +540,95 @@ def test_products_of_1e_9():
             one, *others = (ds[name].values.astype(float) for ds in results)
             for other in others:
                 np.testing.assert_allclose(other, one, rtol=0, atol=1e-8, err_msg=name)
+
+
+@observable(units="m", long_name="height of a point up the principal axis 3", dims=())
+class Height(NamedTuple):
+    at: float
+
+    def value(self, q):
+        return (self.at * vertical(q)[2],)
+
+
+@observable(units="m", long_name="height of a point up axis 3", dims=())
+class Tall(NamedTuple):
+    at: float
+
+    def value(self, body, q):
+        return (self.at * described(body, vertical(q))[2],)
+
+
+@observable(units="1", long_name="the vertical in the body", dims=("axis",))
+class Up(NamedTuple):
+    def value(self, q):
+        return vertical(q)
+
+
+@observable(units="kg m2 s-1", long_name="momentum in space", dims=("axis",), in_body=())
+class InSpace(NamedTuple):
+    def value(self, q, l):
+        return into_body(conjugate(q), l)
+
+
+@event(outputs={"rises": ("1", "how often axis 3 came up through the horizontal", ())})
+class Rises(NamedTuple):
+    def level(self, body, q):
+        return vertical(described_attitude(body, q))[2]
+
+    def results(self, record):
+        return {"rises": record.count}
+
+
+@effect(units={"stiffness": "N m"})
+class Torsion(NamedTuple):
+    stiffness: float
+
+    def torque(self, q):
+        return scale(self.stiffness, cross((1.0, 0.0, 0.0), into_body(q, (1.0, 0.0, 0.0))))
+
+
+OWN = (Height(1.0), Tall(1.0), Up(), InSpace(), Rises())
+
+
+def test_custom_parts_say_what_they_turn():
+    """A note names those that take the state and state nothing; no note if there is no turn."""
+    for body, counts in (
+        (rm.Body.from_tensor(LARGE), {"height": 1, "up": 1, "Torsion": 1}),
+        (rm.Body.from_tensor(LARGE, axes="principal"), {}),
+        (rm.Body((1.0, 1.6, 2.1)), {}),
+    ):
+        scene = rm.Scene(body, Torsion(0.1), rm.Start(**START), observables=OWN)
+        notes = rm.prepare(scene, dt=DT, t_end=END, save=("tall",)).notes
+        for name in ("height", "tall", "up", "in_space", "rises", "Torsion"):
+            assert sum(f".{name}]" in note for note in notes) == counts.get(name, 0), name
+
+
+@pytest.mark.parametrize(
+    ("dims", "in_body"), [((), ("at",)), ((), ("value",)), (("quat",), "value")]
+)
+def test_what_an_observable_may_state(dims, in_body):
+    def value(self, q):
+        return (self.at,)
+
+    kind = type("Own", (), {"at": 1.0, "value": value})
+    with pytest.raises(TypeError, match="in_body"):
+        observable(units="1", long_name="own", dims=dims, in_body=in_body)(kind)
+
+
+@pytest.mark.slow
+def test_custom_observables_in_described_axes():
+    """By hand from the saved attitudes and momenta; principal axis 3 is another."""
+    body, *_ = BODIES["large products"]()
+    scene = rm.Scene(body, rm.Gravity(3.0), rm.Start(**START))
+    saved = ("attitude", "momentum", *OWN)
+    with pytest.warns(rm.SceneWarning, match="principal axes of each member"):
+        ds = rm.simulate(scene, "rk4", dt=DT, t_end=END, every=DT, members=1, save=saved)
+    one = ds.isel(member=0).transpose(..., "axis", "time", "quat")
+    a = Rotation.from_quat(one.attitude.values, scalar_first=True).as_matrix()
+    assert np.abs(one.tall.values - a[:, 2, 2]).max() < 1e-14  # measured 5.6e-16
+    assert np.abs(one.height.values - a[:, 2, 2]).max() > 0.1  # measured 0.5
+    assert np.abs(one.up.values - a[:, 2, :].T).max() < 1e-14  # measured 5.6e-16
+    momentum = np.einsum("tij,jt->it", a, one.momentum.values)
+    assert np.abs(one.in_space.values - momentum).max() < 1e-13  # measured 2.7e-15
+    up = a[:, 2, 2] >= 0.0
+    assert one.rises.item() == up[0] + (up[1:] & ~up[:-1]).sum()  # a start above counts
