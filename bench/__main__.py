@@ -20,6 +20,7 @@ BENCHES = {
     "effects": "bench.effects",
     "sets": "bench.sets",
     "watching": "bench.watching",
+    "axes": "bench.axes",
     "bath": "bench.bath",
     "rare": "bench.rare",
     "exact": "bench.exact",

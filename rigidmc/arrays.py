@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError
+from rigidmc.units import ARGUMENTS, from_foreign, is_foreign
 
 _SEQUENCES = (list, tuple, range, deque, machine_array)
 _PLAIN_ARRAYS = (np.memmap, np.matrix, np.recarray)  # carry no more than the numbers of an ndarray
@@ -49,6 +50,10 @@ def as_plain_arrays(value: Any, at: str = "input", kinds: str = "fiu") -> Any:
 
     kinds : allowed kinds of NumPy dtypes
     """
+    if type(value) is not np.ndarray and is_foreign(value):
+        units = ARGUMENTS.get(at.rpartition(".")[2])
+        if units is not None:
+            return as_plain_arrays(from_foreign(value, units, at), at, kinds)
     if isinstance(value, np.ndarray):
         return _plain(value, at, kinds)
     if isinstance(value, np.timedelta64):

@@ -10,7 +10,7 @@ import numpy as np
 from rigidmc.engine import program as programs
 from rigidmc.engine.kernel import arguments
 from rigidmc.engine.kernel import layout as K
-from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects.protocol import blank, numbers, parameter_count
 from rigidmc.physics.integrators import TurnBounds, scheme_of
@@ -31,7 +31,8 @@ def make_block(body, effects, attitude, momentum, more=0):
     rows[K.ATTITUDE : K.MOMENTUM] = attitude.reshape(4, -1)
     rows[K.MOMENTUM : K.EXTRA] = momentum
     for row, field in enumerate(
-        [*body, *(value for effect in effects for _, _, value in numbers(effect))], start=K.BODY
+        [*body[:BODY_NUMBERS], *(value for effect in effects for _, _, value in numbers(effect))],
+        start=K.BODY,
     ):
         rows[row] = field
     return np.ascontiguousarray(np.pad(rows, ((0, 0), (0, -members % K.LANES)), mode="edge"))

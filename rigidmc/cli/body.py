@@ -24,30 +24,80 @@ if TYPE_CHECKING:
 Source = Annotated[
     str,
     typer.Argument(
-        metavar="FILE|NAME", help="A scene file, a shipped scene, or a mesh (.stl, .obj)."
+        metavar="FILE|NAME",
+        help="A scene file, a shipped scene, a robot description (.urdf, .xml), mass properties as"
+        " text (.txt), or a mesh (.stl, .obj).",
+    ),
+]
+Link = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Link of a URDF file, or body of an MJCF file.")
+]
+Products = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SIGN",
+        help="Products of inertia of a text: positive, +int x y dm, or negative; by default, the"
+        " text decides.",
+    ),
+]
+About = Annotated[
+    str | None,
+    typer.Option(
+        metavar="POINT", help="Point of a text's tensor that does not say it: centre or pivot."
+    ),
+]
+Pivot = Annotated[
+    str | None,
+    typer.Option(metavar="POINT", help=r'Another fixed point: centre, or "X,Y,Z" \[m].'),
+]
+Solid = Annotated[
+    str,
+    typer.Option(
+        metavar="KIND",
+        help="Mesh as a solid, its convex hull, or a thin shell: solid, hull or shell.",
     ),
 ]
 Density = Annotated[float | None, typer.Option(help="Density of a mesh \\[kg/m3]; by default 1.")]
 Mass = Annotated[float | None, typer.Option(help="Mass of a mesh \\[kg], instead of --density.")]
 Scale = Annotated[
-    float, typer.Option(help="Metres per unit of a mesh file, e.g. 0.001 for millimetres.")
+    float | None,
+    typer.Option(
+        help="Metres per unit of a mesh file, e.g. 0.001 for millimetres; by default, guessed from"
+        " its size.",
+    ),
 ]
 
 
 @app.command("body", rich_help_panel=START)
 def body_command(
     source: Source,
+    link: Link = None,
+    pivot: Pivot = None,
+    products: Products = None,
+    about: About = None,
     density: Density = None,
     mass: Mass = None,
-    scale: Scale = 1.0,
+    scale: Scale = None,
+    solid: Solid = "solid",
     machine: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Describe a body: mass, centre of mass, inertia tensor, principal axes, stable and unstable
-    rotations, and the growth rate of the unstable one."""
+    rotations, the growth rate of the unstable one, and the notes of `rigidmc check` on it."""
     with report_errors(source):
         from rigidmc.views.descriptions import body_facts, describe_body
 
-        body, title = load_body(source, density, mass, scale)
+        options = {
+            "link": link,
+            "pivot": _point(pivot),
+            "products": products,
+            "about": about,
+            "density": density,
+            "mass": mass,
+            "scale": scale,
+            "solid": None if solid == "solid" else solid,
+        }
+        given = {key: value for key, value in options.items() if value is not None}
+        body, title = load_body(source, given)
         print(
             json.dumps(body_facts(body), indent=1)
             if machine
@@ -55,24 +105,38 @@ def body_command(
         )
 
 
-def load_body(
-    source: str, density: float | None = None, mass: float | None = None, scale: float = 1.0
-) -> "tuple[Body, str]":
-    """Return (Body, title) of a mesh file, a scene file or a shipped scene.
+def _point(text: str | None) -> Any:
+    """Return the point of --pivot: "centre", three numbers, or None; OptionError."""
+    if text is None or text == "centre":
+        return text
+    try:
+        numbers = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != 3:
+        rule = "expected centre, or three numbers, such as 0,0,0.1"
+        raise OptionError(rule, at="pivot", value=text, nearest="centre")
+    return numbers
 
-    Without density and mass, a mesh has density 1.
+
+def load_body(source: str, options: dict[str, Any] | None = None) -> "tuple[Body, str]":
+    """Return (Body, title) of a file with a body, a scene file or a shipped scene.
+
+    options : of `Body.read`. Without density and mass, a mesh has density 1, and a shell mass 1.
     """
-    from rigidmc.files.reading import MESHES
     from rigidmc.scene.body import Body
+    from rigidmc.scene.body_files import is_body_file, is_mesh
     from rigidmc.scene.quantities import is_shared
     from rigidmc.scene.scene import Scene
 
-    if source.lower().endswith(MESHES):
-        density = 1.0 if density is None and mass is None else density
-        return Body.from_mesh(source, density, mass, scale), source
-    if density is not None or mass is not None or scale != 1.0:
-        rule = "apply to meshes only; a scene sets its mass in [body]"
-        raise OptionError(rule, at="density, mass, scale")
+    options = dict(options or {})
+    if is_body_file(source):
+        if is_mesh(source) and not {"density", "mass"} & options.keys():
+            options["mass" if options.get("solid") == "shell" else "density"] = 1.0
+        return Body.read(source, **options), source
+    if options:
+        rule = "apply to files with a body only; a scene sets its mass and pivot in [body]"
+        raise OptionError(rule, at=", ".join(options))
     scene = Scene.load(source)
     if not is_shared(*scene.body.quantities()):
         rule = "the body differs from member to member; to describe one, replace the distributions"

@@ -11,18 +11,36 @@ import typer
 from rigidmc.cli.app import INTERRUPTED, START, app, fail
 from rigidmc.cli.options import Force, count_option, gather_options, time_option
 from rigidmc.cli.reporting import refuse_outputs, report_errors
-from rigidmc.errors import OptionError, RigidmcError, unknown
+from rigidmc.errors import OptionError, RigidmcError, SceneError, unknown
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.scene.amounts import read_count_text
+from rigidmc.scene.units import in_si, size_units
+from rigidmc.units import as_measured, quantity_text
 
 Vector = tuple[float, ...]
 Given = dict[str, Any]  # {option: its text, number or None}
 
 
-def read_numbers(text: str, key: str, count: int | None = None) -> Vector:
-    """Read numbers separated by commas; OptionError."""
+# SI units of the options
+UNITS = {"moments": "kg m2", "mass": "kg", "centre": "m", "pivot": "m", "spin": "rad s-1",
+         "gravity": "m s-2"}  # fmt: skip
+
+
+def read_numbers(text: str, key: str, count: int | None = None, units: str | None = None) -> Vector:
+    """Read numbers separated by commas; OptionError.
+
+    units : SI units, by default of the option. A unit after the last number alone, as in
+        "10,0,0 deg/s", is the unit of all
+    """
+    parts: list[Any] = text.split(",")
+    if (last := as_measured(parts[-1])) is not parts[-1] and not any(
+        map(quantity_text, parts[:-1])
+    ):
+        parts = [*(f"{part} {last.unit}" for part in parts[:-1]), parts[-1]]
     try:
-        values = tuple(float(part) for part in text.split(","))
+        values = tuple(float(in_si(one, units or UNITS.get(key, "1"), key)) for one in parts)
+    except SceneError as error:
+        raise OptionError(error.rule, at=key, value=text, nearest=error.nearest) from None
     except ValueError:
         values = ()
     if not values or count not in (None, len(values)) or not all(map(math.isfinite, values)):
@@ -42,7 +60,7 @@ def read_sizes(text: str, key: str = "size") -> dict[str, Any]:
         if not values and not equals:
             rule = "expected NAME=NUMBER, as in radius=0.03,height=0.008 or size=0.02,0.05,0.1"
             raise OptionError(rule, at=key, value=text)
-        values.setdefault(last, []).extend(read_numbers(value, key, 1))
+        values.setdefault(last, []).extend(read_numbers(value, key, 1, size_units(last)))
     return {name: one[0] if len(one) == 1 else one for name, one in values.items()}
 
 
@@ -50,12 +68,7 @@ def lean_of(text: str, key: str = "lean") -> float | str:
     """Read an angle in rad or as 20deg, or "uniform"; return rad; OptionError."""
     if text == "uniform":
         return text
-    degrees = text.removesuffix("deg")
-    angle = (
-        math.radians(read_numbers(degrees, key, 1)[0])
-        if degrees != text
-        else read_numbers(text, key, 1)[0]
-    )
+    angle = read_numbers(text, key, 1, "rad")[0]
     if not -math.pi <= angle <= math.pi:
         raise OptionError(
             "an angle in rad is at most pi; write degrees as 20deg", at=key, value=text
@@ -66,6 +79,11 @@ def lean_of(text: str, key: str = "lean") -> float | str:
 def gravity_of(text: str, key: str = "gravity") -> float:
     """Read a number [m/s2]; 0 for "none"; OptionError."""
     return 0.0 if text == "none" else read_numbers(text, key, 1)[0]
+
+
+def mass_of(given: Given, default: float) -> float:
+    """Return the mass [kg] of the options."""
+    return default if given["mass"] is None else read_numbers(given["mass"], "mass", 1)[0]
 
 
 def body_table(given: Given) -> Given:
@@ -80,7 +98,7 @@ def body_table(given: Given) -> Given:
                 rule = "cannot be combined with --moments, which describe the whole body"
                 raise OptionError(rule, at=key, value=given[key])
         table["moments"] = list(read_numbers(given["moments"], "moments", 3))
-        table["mass"] = 1.0 if given["mass"] is None else given["mass"]
+        table["mass"] = mass_of(given, 1.0)
         if given["centre"] is not None:
             table["centre"] = list(read_numbers(given["centre"], "centre", 3))
     elif given["centre"] is not None:
@@ -93,7 +111,7 @@ def body_table(given: Given) -> Given:
         if solid not in SOLIDS:
             raise unknown("solid", SOLIDS, at="solid", value=solid, error=OptionError)
         table[solid] = SIZES[solid] if given["size"] is None else read_sizes(given["size"])
-        mass = {} if given["mass"] is None else {"mass": given["mass"]}
+        mass = {} if given["mass"] is None else {"mass": mass_of(given, 0.2)}
         table[solid] = ({} if solid == "t_handle" else {"mass": 0.2}) | table[solid] | mass
     if given["pivot"] is not None:
         table["pivot"] = list(read_numbers(given["pivot"], "pivot", 3))
@@ -170,7 +188,7 @@ def ask_options(given: Given) -> Given:
         auto = motion_of(given, table)
     spin = ",".join(f"{w:g}" for w in auto.spin)
     given["spin"] = ask(
-        "Spin about the principal axes [rad/s]", spin, lambda text: read_numbers(text, "spin", 3)
+        "Spin about the body axes [rad/s]", spin, lambda text: read_numbers(text, "spin", 3)
     )
     if auto.gravity:
         question = "Angle between axis 3 and the vertical [rad], or uniform"
@@ -194,7 +212,7 @@ OPTIONS = {
         str | None,
         _text("SIZES", "Sizes of the solid \\[m]: radius=0.03,height=0.008 or size=1,2,3."),
     ],
-    "mass": Annotated[float | None, typer.Option(help="Mass \\[kg].")],
+    "mass": Annotated[str | None, _text("FLOAT", "Mass \\[kg].")],
     "moments": Annotated[
         str | None, _text("I1,I2,I3", "Principal moments \\[kg m2], instead of a solid.")
     ],
@@ -206,7 +224,7 @@ OPTIONS = {
     ],
     "spin": Annotated[
         str | None,
-        _text("W1,W2,W3", "Spin about the principal axes \\[rad/s]; by default suits the body."),
+        _text("W1,W2,W3", "Spin about the body axes \\[rad/s]; by default suits the body."),
     ],
     "spread": Annotated[
         float | None,

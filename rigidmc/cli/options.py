@@ -9,10 +9,11 @@ import typer
 
 from rigidmc.cli.app import INVALID, IO, fail
 from rigidmc.engine.cuda.devices import resolve_device
-from rigidmc.errors import NoDevice, RigidmcError
+from rigidmc.errors import NoDevice, OptionError, RigidmcError
 from rigidmc.scene.amounts import read_count_text, read_seconds, words_of
 from rigidmc.scene.library import shipped_names
-from rigidmc.scene.settings import Count, Digits, Index, Run, Time, types
+from rigidmc.scene.settings import Angle, Count, Digits, Index, Rate, Run, Time, types
+from rigidmc.units import in_units, units_text
 
 
 def _checked(key: str, read: Callable[[str], Any]) -> Callable[[str], Any]:
@@ -43,6 +44,23 @@ def time_option(key: str, positive: bool = True, **option: Any) -> Any:
         return read_seconds(text, key[2:], positive=positive)
 
     return typer.Option(key, parser=_checked(key, read), metavar="TIME", **option)
+
+
+def _number_option(key: str, units: str, **option: Any) -> Any:
+    """Return an option for a number in SI units, or with a unit: 0.1, "5 deg"."""
+
+    def read(text: str) -> float:
+        try:
+            number: Any = float(text)
+        except ValueError:
+            number = in_units(text, units, key[2:])
+        if isinstance(number, str):
+            example = "5 deg" if units == "rad" else "5 deg/s"
+            rule = f'expected a number in {units_text(units)}, or with its unit, "{example}"'
+            raise OptionError(rule, at=key[2:], value=text)
+        return float(number)
+
+    return typer.Option(key, parser=_checked(key, read), metavar="FLOAT", **option)
 
 
 def _device(word: str) -> str:
@@ -113,6 +131,9 @@ def setting(name: str, words: str | None = None) -> Any:
         return Annotated[Any, time_option(key, **text)]
     if kind in (Count, Index, Digits):
         return Annotated[Any, count_option(key, 0 if kind == Index else 1, **text)]
+    if kind in (Angle, Rate):
+        units = "rad" if kind == Angle else "rad s-1"
+        return Annotated[Any, _number_option(key, units, **text)]
     number = getattr(kind, "__origin__", kind) is float
     return Annotated[(float if number else str) | None, typer.Option(key, **text)]
 

@@ -7,6 +7,7 @@ at a time, and written so that no spreadsheet interprets a cell as a formula (`h
 """
 
 import contextlib
+import hashlib
 import io
 import json
 import os
@@ -21,6 +22,7 @@ from rigidmc.errors import FileError, SceneError, path_of
 from rigidmc.files.opening import open_plain, open_regular
 from rigidmc.files.outputs import Path
 
+HASHED = 4 * 2**30  # largest mesh in bytes: 4 s of hashing
 TEXT = 4 * 2**20  # largest text in bytes: TOML is read at 1 to 5 MB/s
 DEPTH = 100  # tables and lists within each other; scenes have 4
 # strings and comments of TOML, in which brackets and dots have no meaning. An unclosed string ends
@@ -47,6 +49,15 @@ def bytes_of(path: Path, most: int = TEXT, last: bool = False, links: bool = Tru
         rule = f"is larger than {most / 2**20:g} MB, the limit for text"
         raise FileError(rule, at="file", file=os.fspath(path))
     return data
+
+
+def sha256_of(path: Path) -> str:
+    """Return the sha256 of a regular file of at most HASHED bytes, in hexadecimal digits."""
+    with open(path, "rb", opener=open_regular) as file:
+        if os.fstat(file.fileno()).st_size > HASHED:
+            rule = f"is larger than {HASHED / 2**30:g} GB, the limit for meshes"
+            raise FileError(rule, at="file", file=os.fspath(path))
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def text_of(path: Path, links: bool = True) -> str:

@@ -366,7 +366,7 @@ def quaternions(turn: Array) -> tuple[Array, ...]:
     is_far = square > 0.5
     w = 0.5 * np.sqrt(np.where(is_far, square, 1.0))
     by = 0.25 / w
-    found = w, by * skew[0], by * skew[1], by * skew[2]
+    found: tuple[Array, ...] = (w, by * skew[0], by * skew[1], by * skew[2])
     if is_far.all():
         return found
     squares = np.stack([1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz])

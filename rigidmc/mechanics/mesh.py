@@ -1,4 +1,4 @@
-"""Bodies of uniform density from closed triangle meshes (STL, OBJ, PLY, ...).
+"""Bodies from triangle meshes (STL, OBJ, PLY, ...): solids, convex hulls and thin shells.
 
 trimesh reads the files (extra `mesh`).
 """
@@ -27,15 +27,18 @@ class Mesh(Protocol):
     faces: Any
 
 
-def load(path: "str | os.PathLike[str] | Mesh", scale: float = 1.0) -> NDArray[np.float64]:
+def load(
+    path: "str | os.PathLike[str] | Mesh", scale: float = 1.0, closed: bool = True
+) -> NDArray[np.float64]:
     """Return the triangles (n, 3, 3) [m] of a mesh file or a trimesh.Trimesh.
 
     scale : metres per unit of the file, e.g. 0.001 for millimetres, the unit of most STL files
+    closed : whether the mesh must enclose a volume
 
     Raises SceneError, with the reason, for a mesh that is not closed, and FileNotFoundError.
     """
     if isinstance(path, Mesh):
-        return _closed(path, "Trimesh", scale)
+        return _triangles(path, "Trimesh", scale, closed)
     name = os.fspath(path)
     try:
         import trimesh  # noqa: F401
@@ -52,10 +55,10 @@ def load(path: "str | os.PathLike[str] | Mesh", scale: float = 1.0) -> NDArray[n
     except Exception as error:  # the readers of trimesh raise all kinds of exceptions
         rule = f"is not a mesh that trimesh can read: {error}"
         raise SceneError(rule, at="mesh", value=name) from None
-    return _closed(mesh, name, scale)
+    return _triangles(mesh, name, scale, closed)
 
 
-def _closed(mesh: Mesh, name: str, scale: float) -> NDArray[np.float64]:
+def _triangles(mesh: Mesh, name: str, scale: float, closed: bool) -> NDArray[np.float64]:
     """Return the checked triangles (n, 3, 3) of a mesh."""
     if not len(mesh.faces):
         raise SceneError("has no triangles", at="mesh", value=name)
@@ -63,8 +66,7 @@ def _closed(mesh: Mesh, name: str, scale: float) -> NDArray[np.float64]:
     faces = np.asarray(mesh.faces)
     if not (faces.min() >= 0 and faces.max() < len(vertices)):
         raise SceneError("has triangles with undefined vertices", at="mesh", value=name)
-    if not np.isfinite(vertices).all():
-        raise SceneError("has vertices that are not finite", at="mesh", value=name)
+    _refuse_infinite(vertices, name)
     faces = first_vertices(vertices)[faces]
     # a triangle with two equal vertices has no area, and its edges would count as holes
     one, two, three = faces.T
@@ -72,9 +74,24 @@ def _closed(mesh: Mesh, name: str, scale: float) -> NDArray[np.float64]:
     faces = faces[~thin]
     if not len(faces):
         raise SceneError("has no triangles with an area", at="mesh", value=name)
-    check_closed_surface(faces, name)
     triangles: NDArray[np.float64] = scale * vertices[faces]
+    if closed and (faults := open_edges(faces)):
+        raise SceneError(_cure(faults, vertices, faces), at="mesh", value=name)
     return triangles
+
+
+def _refuse_infinite(vertices: NDArray[np.float64], name: str) -> None:
+    """Raise SceneError that counts vertices with coordinates that are NaN or infinite."""
+    bad = ~np.isfinite(vertices).all(1)
+    if not bad.any():
+        return
+    kind = "NaN" if np.isnan(vertices[bad]).any(1).all() else "NaN or infinite"
+    rule = (
+        f"{np.count_nonzero(bad):,} of its {len(vertices):,} vertices are {kind}, the first is"
+        f" vertex {np.flatnonzero(bad)[0]:,}: export the mesh again, or remove these vertices, in"
+        " trimesh by mesh.update_faces(np.isfinite(mesh.triangles).all((1, 2)))"
+    )
+    raise SceneError(rule, at="mesh", value=name)
 
 
 def first_vertices(vertices: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -101,8 +118,8 @@ def first_vertices(vertices: NDArray[np.float64]) -> NDArray[np.int64]:
     return index
 
 
-def check_closed_surface(faces: ArrayLike, name: str = "mesh") -> None:
-    """Raise SceneError for faces (n, 3) that do not enclose a volume.
+def open_edges(faces: ArrayLike) -> str:
+    """Return what keeps faces (n, 3) from enclosing a volume, in words; "" if nothing does.
 
     Every edge must belong to two triangles that traverse it in opposite directions.
     """
@@ -122,10 +139,89 @@ def check_closed_surface(faces: ArrayLike, name: str = "mesh") -> None:
         (np.count_nonzero(count > 2), "edges with more than two triangles"),
         (twisted, "edges whose triangles are wound in opposite senses"),
     ]
-    faults = [f"{n:,} {what}" for n, what in wrong if n]
-    if faults:
-        rule = f"is not watertight: {', '.join(faults)}; repair it first"
-        raise SceneError(rule, at="mesh", value=name)
+    return ", ".join(f"{n:,} {what}" for n, what in wrong if n)
+
+
+_WELDS = (1e-6, 1e-5, 1e-4)  # relative to the size of the mesh
+
+
+def _cure(faults: str, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> str:
+    """Return the rule that a mesh is not closed, and what to do next."""
+    other = (
+        'solid = "hull" takes its convex hull, and solid = "shell" a thin sheet of the given mass'
+    )
+    size = float(np.ptp(vertices[faces.ravel()], axis=0).max())
+    for weld in _WELDS:
+        digits = -int(np.ceil(np.log10(weld * size)))
+        if digits >= 0 and not open_edges(_welded(vertices, faces, 10.0**-digits)):
+            return (
+                f"is not watertight: {faults}; its triangles meet only to {10.0**-digits:g} units:"
+                f" load it by trimesh, call mesh.merge_vertices(digits_vertex={digits}), and give"
+                f" the mesh to Body.from_mesh; or {other}"
+            )
+    return (
+        f"is not watertight: {faults}; to close a scan, in MeshLab, Filters > Remeshing,"
+        " Simplification and Reconstruction > Close Holes, or there > Surface Reconstruction:"
+        f" Screened Poisson; to mend a drawing, export it again as one solid; or {other}"
+    )
+
+
+def _welded(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64], distance: float
+) -> NDArray[np.int64]:
+    """Return the faces after merging vertices that round to the same multiple of a distance,
+    without those that have lost their area."""
+    _, index = np.unique(np.round(vertices / distance), axis=0, return_inverse=True)
+    merged: NDArray[np.int64] = index.ravel()[faces]
+    one, two, three = merged.T
+    apart = (one != two) & (two != three) & (three != one)
+    return np.asarray(merged[apart])
+
+
+def faced_outward(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
+    """Return closed triangles (n, 3, 3) wound to face outward, and whether all were reversed."""
+    local = triangles - triangles[0, 0]
+    six = np.einsum("ni,ni->n", local[:, 0], np.cross(local[:, 1], local[:, 2])).sum()
+    return (triangles[:, ::-1], True) if six < 0.0 else (triangles, False)
+
+
+def convex_hull(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the triangles (n, 3, 3) of the convex hull, facing outward; SceneError if it is
+    flat."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    points = triangles.reshape(-1, 3)
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        rule = "is flat: its convex hull has no volume"
+        raise SceneError(rule, at="mesh") from None
+    faces: NDArray[np.float64] = points[hull.simplices]
+    normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    inward = (normals * hull.equations[:, :3]).sum(1) < 0.0
+    faces[inward] = faces[inward, ::-1]
+    return faces
+
+
+def shell_properties(
+    triangles: NDArray[np.float64],
+) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """Return (area [m2], centroid (3,) [m], tensor (3, 3) about the origin per kg/m2) of a thin
+    sheet.
+
+    A triangle with the corners a, b, c and the area A has the second moment
+
+        A ((a+b+c)(a+b+c)^T + a a^T + b b^T + c c^T)/12
+    """
+    edges = triangles[:, 1:] - triangles[:, :1]
+    areas = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    middle = triangles.sum(1)
+    area = float(areas.sum())
+    second = np.einsum("n,ni,nj->ij", areas, middle, middle)
+    for corner in range(3):
+        second += np.einsum("n,ni,nj->ij", areas, triangles[:, corner], triangles[:, corner])
+    second /= 12.0
+    return area, areas @ middle / (3.0 * area), np.trace(second) * np.eye(3) - second
 
 
 def mass_properties(

@@ -14,12 +14,14 @@ dynamics      mechanics and conventions
   euler             Euler's equations
   free_flow, arc    the exact motion of a free body over a step
   principal_axes    axes of a tensor
+  body_axes         from the principal axes to the axes in which the body is described
 effects       torques, damping, noise; begin with `gravity`, then `protocol` and `sums`
 integrators   methods of stepping; begin with `rk8` and `protocol`, then `rk4`, `splitting`,
               `compositions`
 observables   saved or monitored quantities; begin with `state` and `flips`, then `protocol`
 
-Vectors of the body are in its principal axes. L is the angular momentum there [kg m^2/s], q the
+Vectors of the body are in its principal axes; `body_axes` transforms what users see. L is the
+angular momentum in the principal axes [kg m^2/s], q the
 attitude, a unit quaternion from body to space, scalar first; units are SI.
 
 Invariants of this code:

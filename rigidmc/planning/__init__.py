@@ -8,8 +8,8 @@ Reading order: `check` (reject impossible scenes), `units` (the units of integra
 (members at their start, and the pilot: the first of them), `monitors` (quantities recorded at every
 step), `steps` (the time grid and per-member steps), `scheme` (how the integrator is compiled),
 `limits` (bounds that flag a member), `closed_form` (motions that need no steps), `turns` (how dense
-saves must be), `plan` (all of this in one value), `notes` (hints to the user), and the subpackage
-`tolerance` (integrator and step for a given accuracy).
+saves must be), `plan` (all of this in one value), `notes` and `body_notes` (hints to the user), and
+the subpackage `tolerance` (integrator and step for a given accuracy).
 
 Invariant: a plan is a function of the scene alone, so that a run that is resumed, extended or
 computed elsewhere has the same bits. Where a plan reads drawn members, it reads the first members

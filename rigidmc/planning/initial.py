@@ -177,7 +177,9 @@ def _name(model: Model, stream: str, draw: int, word: int) -> str:
     if first == "attitude":
         angles = model.start.has_euler_angles
         return f"{whole}.{('phi', 'theta', 'psi')[word]}" if angles else whole
-    if whole in ("body.mass", "body.tensor"):  # a tensor has one distribution for all its numbers
+    if whole == "body.tensor":
+        return f"body.{model.body.moments.names_of_draws()[4 * draw + word]}"
+    if whole == "body.mass":
         return whole
     value = getattr(getattr(model, table), first)
     return f"{whole}.{4 * draw + word + 1}" if isinstance(value, tuple) else whole
@@ -233,9 +235,10 @@ def fill_initial(
         if turn is not None and model.start.attitude != "ensemble":
             axes = multiply(tuple(attitude), quaternions(turn))
             block[layout.ATTITUDE : layout.MOMENTUM] = axes
-    word, spin = model.start.sample_spin(
-        sampler, first, count, member_facts(model.effects, block, moments)
-    )
+    # the principal frame of an uncertain tensor has the axes of each member
+    own = turn if model.body.frame == "described" else None
+    known = member_facts(model.effects, block, moments)._replace(turn=own)
+    word, spin = model.start.sample_spin(sampler, first, count, known)
     in_principal = isinstance(getattr(model.start, word), EquilibriumEnsemble)
     told = spin
     if turn is not None and not in_principal:
@@ -257,9 +260,8 @@ def fill_initial(
         if turn is not None and model.body.frame != "principal":
             back = conjugate(tuple(start["principal_axes"]))
             is_drawn_there = model.start.attitude == "ensemble"
-            start["start_attitude"] = np.stack(
-                multiply(tuple(attitude), back) if is_drawn_there else attitude
-            )
+            told_turn = multiply(tuple(attitude), back) if is_drawn_there else tuple(attitude)
+            start["start_attitude"] = np.stack(told_turn)
         if model.start.has_euler_angles:
             start["start_euler"] = draw(
                 model.start.attitude, sampler, "start.attitude", first, count

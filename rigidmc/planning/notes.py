@@ -15,7 +15,6 @@ from rigidmc.engine.compiler.compose import NumbaError
 from rigidmc.engine.inspection import refusal_of, scalar_parts
 from rigidmc.engine.machine import is_uncompiled
 from rigidmc.errors import SceneError
-from rigidmc.mechanics.inertia import TOO_FAR, too_far, violates_triangle
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.dynamics.methods import arguments, implements
 from rigidmc.physics.effects import EFFECTS, label_effects
@@ -26,13 +25,13 @@ from rigidmc.physics.effects.pivot import MovingPivot
 from rigidmc.physics.effects.protocol import blank, facts, from_numbers, numbers, shape, torque
 from rigidmc.physics.observables import KNOWN, label_observables, word_of_observable
 from rigidmc.physics.observables.protocol import is_attitude, is_body_vector
+from rigidmc.planning.body_notes import impossible_bodies, is_mapped, unlike_matter
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.units import UnitScale
 from rigidmc.scene.amounts import count_text
 from rigidmc.scene.model import Model
-from rigidmc.scene.quantities import Grid, draw, is_shared, is_variable
+from rigidmc.scene.quantities import draw, is_variable
 from rigidmc.scene.settings import Run, idle
-from rigidmc.scene.validation import PILOT
 from rigidmc.scene.vector_distributions import GibbsMomentum
 
 FEW = 64  # members whose effects and angles are checked
@@ -48,11 +47,6 @@ CENTRES = {
     "Jupiter": (1.26713e17, 6.9911e7),
     "Saturn": (3.79406e16, 5.8232e7),
 }
-# Density [kg/m3] of the uniform ellipsoid with a body's moments. Osmium gives 2e-5 if lengths in mm
-# are read as m; scenes in custom units go down to 1e-3. A body denser than osmium cannot exist: of
-# all bodies with these moments, the ellipsoid has the smallest peak density.
-LIGHTEST, DENSEST = 1e-4, 22_590.0
-SMALLEST, LARGEST = 1e-21, 1e27  # kg: molecules are lighter, stars are heavier
 COLD = 1e6  # K: small bodies that tumble in a bath are colder
 UNCOMPILED = (
     "NUMBA_DISABLE_JIT is set: Python makes the steps, thousands of times slower, and the last bits"
@@ -177,9 +171,9 @@ def _not_turned(seen: PilotFacts) -> Iterator[str]:
         vectors = [name for name in effect._fields if shape(effect, name) == 3]
         for name in vectors:
             yield (
-                f"[effects.{label}] {name} is not turned into the principal axes of each"
-                f' member: @effect(in_body=("{name}",)) turns a vector that is fixed in the'
-                " body, and in_body=() declares that no vector is"
+                f"[effects.{label}] {name} is used along the principal axes of each member,"
+                f' which are not the axes of the scene: @effect(in_body=("{name}",)) turns a'
+                " vector that is fixed in the body, and in_body=() declares that no vector is"
             )
         used = _states_used(type(effect))
         if not vectors and used:
@@ -236,7 +230,7 @@ def _turns_itself(cls: type) -> bool:
 def _angles(seen: PilotFacts) -> Iterator[str]:
     start, seed = seen.model.coarse().start, seen.run.seed
     circle = 2.0 * math.pi * (1.0 + 1e-9)
-    rule = "is more than {} pi: angles are in rad, 30 degrees are 0.5236"
+    rule = 'is more than {} pi: angles are in rad; degrees need unit = "deg", or "30 deg"'
     if start.has_euler_angles:
         worst = np.abs(draw(start.attitude, seed, "start.attitude", 0, FEW)).max()
         if worst > circle:
@@ -270,73 +264,11 @@ def _quaternions(seen: PilotFacts) -> Iterator[str]:
 
 
 def _bodies(seen: PilotFacts) -> Iterator[str]:
-    """Find bodies that cannot exist: I_i > I_j + I_k, or a centre of mass too far from the pivot.
-
-    The second kind still runs: torques depend on m c alone, and units in which m = 1 and m g c = 1
-    may leave no room for the centre.
-    """
-    body, run = seen.model.body, seen.run
-    mapped = any(isinstance(q, Grid) for q in body.quantities())
-    count = PILOT if mapped else min(PILOT, run.first + run.members)
-    moments, mass, centre = seen.model.coarse().body.sample(run.seed, 0, count)
-    impossible = violates_triangle(moments)
-    which = f"of the first {count:,} bodies"
-    if mapped:
-        which = f"of {count:,} bodies spread over the grid"  # maps leave impossible bodies blank
-    elif impossible.any():
-        yield (
-            f"[body] moments: {np.count_nonzero(impossible):,} {which} cannot exist (I_i > "
-            "I_j + I_k) and are flagged invalid_input"
-        )
-    bad = too_far(moments, mass, centre) & ~impossible
-    if bad.any():
-        alone = is_shared(body.moments, body.mass, body.centre)
-        which = "the body" if alone else f"{np.count_nonzero(bad):,} {which}"
-        yield (
-            f"[body] centre: {which} cannot exist: {TOO_FAR}"
-            f"{_millimetres(moments, mass, centre)}; computed anyway, because the motion depends "
-            "only on the moments and on m c"
-        )
-
-
-def _millimetres(moments: Array, mass: Array, centre: Array) -> str:
-    """Return a question if the centres, read as mm, would lie within the bodies; else ""."""
-    size = np.sqrt(moments.max(0) / mass)
-    ratio = float(np.median(np.sqrt((centre * centre).sum(0)) / size))
-    return "; is centre in millimetres instead of m?" if 30.0 < ratio < 3e4 else ""
+    yield from impossible_bodies(seen.model.coarse().body, seen.run, is_mapped(seen.model.body))
 
 
 def _density(seen: PilotFacts) -> Iterator[str]:
-    """Find bodies of given mass, extended in three directions, with a density unlike any matter.
-
-    The density is that of the uniform ellipsoid with the same moments.
-    """
-    moments, mass, centre = seen.moments, seen.mass, seen.centre
-    if is_shared(*seen.model.body.quantities()):  # one represents all; saves 0.06 of 0.14 ms
-        moments, mass, centre = moments[:, :1], mass[:1], centre[:, :1]
-    second = _about_centre(moments, mass, centre)
-    thick = second.min(0) > 1e-9 * second.max(0)  # plates, rods and points have no density
-    # a mass of 1 means that no mass is given, only the moments
-    real = thick & (mass != 1.0) & (mass > SMALLEST) & (mass < LARGEST)
-    if not real.any():
-        return
-    extents = np.sqrt(5.0 * second[:, real] / mass[real])
-    densities = mass[real] / (4.0 / 3.0 * math.pi * extents.prod(0))
-    size, density = 2.0 * float(np.median(extents.max(0))), float(np.median(densities))
-    if not LIGHTEST <= density <= DENSEST:
-        what = "far less than air" if density < LIGHTEST else "more than osmium"
-        yield (
-            f"[body] mass: {np.median(mass[real]):g} kg with these moments makes a body of "
-            f"{size:.3g} m and {density:.2g} kg/m3, {what}: are lengths in m and masses in kg?"
-        )
-
-
-def _about_centre(moments: Array, mass: Array, centre: Array) -> Array:
-    """Return ascending eigenvalues (3, n) of the second moments about the centre of mass
-    [kg m2]."""
-    second = np.eye(3)[:, :, None] * (0.5 * moments.sum(0) - moments)
-    matrices = second - mass * centre[:, None] * centre
-    return np.asarray(np.linalg.eigvalsh(np.moveaxis(matrices, -1, 0))).T
+    yield from unlike_matter(seen.model.body, seen.moments, seen.mass, seen.centre)
 
 
 def _hot(seen: PilotFacts) -> Iterator[str]:

@@ -209,7 +209,7 @@ def _with_rest(end: Fraction, step: Fraction, every: float) -> TimeGrid:
 
 
 def _count(steps: Fraction) -> int:
-    """Round a number of steps up to an integer, at least 1; 1e-9 of a step is rounding."""
+    """Round a number of steps up to an integer, at least 1, but not for a rounding error."""
     return max(1, math.ceil(steps * (1 - Fraction(1, 10**9))))
 
 

@@ -146,7 +146,14 @@ def _largest(values: Array) -> float:
     return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
 
 
-KINDS = {"omega": BODY, "momentum": BODY, "attitude": ATTITUDE, "orbit_angles": ATTITUDE}
+KINDS = {
+    "omega": BODY,
+    "momentum": BODY,
+    "principal_omega": BODY,
+    "principal_momentum": BODY,
+    "attitude": ATTITUDE,
+    "orbit_angles": ATTITUDE,
+}
 FEW = 1e-3  # fraction of members that may turn further: no line and no quantile shows them
 
 

@@ -9,13 +9,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.errors import OptionError, nearest
+from rigidmc.errors import OptionError, SceneError, nearest
 from rigidmc.physics.observables import WATCHED, WATCHED_STATISTICS, statistics, word_of_observable
 from rigidmc.physics.observables.saving import FOLLOWED, is_event_time
 from rigidmc.results import censored, intervals
 from rigidmc.results.censored import RELATIONS
 from rigidmc.results.intervals import Estimate, Interval
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.units import in_si
 
 _NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
 
@@ -25,7 +26,8 @@ def _variable(of: str = "") -> str:
 
 
 def _comparison(of: str = "") -> str:
-    return rf"{_variable(of)}\s*(?P<{of}relation>>=|<=|>|<|==)\s*(?P<{of}number>{_NUMBER})"
+    number = rf"(?P<{of}number>{_NUMBER})(\s*(?P<{of}unit>[A-Za-zµμ°][^|()]*))?"
+    return rf"{_variable(of)}\s*(?P<{of}relation>>=|<=|>|<|==)\s*{number}"
 
 
 _GIVEN = rf"(\|\s*{_comparison('given_')}\s*)?"
@@ -280,13 +282,26 @@ def measure(text: str, variables: Variables, may_save_more: bool = True) -> Meas
             _check_axis(text, name, axis, variables, may_save_more)
             timed = is_event_time(name, variables[name].attrs)
             results[of] = Result(name, int(axis) if axis else None, timed)
+    if unit := parts.get("unit"):
+        number = _in_si(text, number, unit, variables[results[""].name])
     given = None
     if "given_" in results:
         than = float(parts["given_number"])
+        if unit := parts.get("given_unit"):
+            than = _in_si(text, than, unit, variables[results["given_"].name])
         given = Condition(results["given_"], parts["given_relation"], than)
     kind = {"median": "quantile", "": "mean"}.get(kind, kind)
     relation, other = parts.get("relation") or "", results.get("other_")
     return Measure(text.strip(), kind, results[""], relation, number, other, given)
+
+
+def _in_si(text: str, number: float, unit: str, variable: Any) -> float:
+    """Return the number of a comparison in the units of its variable; OptionError."""
+    try:
+        units = str(variable.attrs.get("units", "1"))
+        return float(in_si(f"{number!r} {unit}", units, "measure"))
+    except SceneError as error:
+        raise OptionError(error.rule, at="measure", value=text, nearest=error.nearest) from None
 
 
 def _check_axis(

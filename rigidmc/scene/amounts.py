@@ -10,6 +10,7 @@ from numbers import Integral, Real
 from typing import Any, TypeGuard
 
 from rigidmc.errors import OptionError, RigidmcError
+from rigidmc.units import from_foreign, is_foreign
 
 _UNITS: dict[str, tuple[Fraction, str]] = {  # unit: (seconds, pattern of its names)
     "d": (Fraction(86400), "d|days?"),
@@ -36,6 +37,11 @@ def parse_seconds(value: Any, positive: bool = True) -> float:
     Raises ValueError for anything else, and with `positive` for 0 or less.
     """
     number = math.nan
+    if is_foreign(value):
+        try:
+            value = float(from_foreign(value, "s", "time"))
+        except (RigidmcError, TypeError) as error:
+            raise ValueError(getattr(error, "rule", TIME)) from None
     with contextlib.suppress(OverflowError):  # Python's integers may exceed floats
         if isinstance(value, str):
             number = _seconds_of(value)

@@ -13,6 +13,7 @@ from rigidmc.mechanics import inertia, rotation
 from rigidmc.scene.body_changes import BodyChanges
 from rigidmc.scene.quantities import Source, draw, is_shared, is_variable, quantity, vector
 from rigidmc.scene.shape import Shape
+from rigidmc.scene.units import in_si, vector_in_si
 from rigidmc.scene.vector_distributions import check_distribution
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution, flat_parameters
@@ -56,7 +57,8 @@ def _between_axes(source: str, target: str, example: str) -> Callable[[_Turn], _
 class Body(BodyChanges):
     """A rigid body that rotates about a fixed point, the origin of its described axes.
 
-    The described axes are the body axes in which the user gives the body. A quantity is a number, a
+    The described axes are the axes in which the user gives the body. By default they are the body
+    axes: starts, effects, observables and results are in them. A quantity is a number, a
     distribution, a grid, or an array with one row per member.
 
     Parameters
@@ -109,12 +111,15 @@ class Body(BodyChanges):
     frame: str = "described"
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "moments", vector_in_si(self.moments, "kg m2", "body.moments"))
         whole = isinstance(self.moments, VectorDistribution)
         uncertain = isinstance(self.moments, UncertainInertia)
         check = check_distribution if whole else vector
         object.__setattr__(self, "moments", check(self.moments, f"body.{self.inertia_key}"))
-        object.__setattr__(self, "mass", quantity(self.mass, "body.mass"))
-        object.__setattr__(self, "centre", vector(self.centre, "body.centre"))
+        mass = in_si(self.mass, "kg", "body.mass")
+        centre = vector_in_si(self.centre, "m", "body.centre")
+        object.__setattr__(self, "mass", quantity(mass, "body.mass"))
+        object.__setattr__(self, "centre", vector(centre, "body.centre"))
         if isinstance(self.moments, UncertainInertia):
             self._check_uncertain(self.moments)
         else:
@@ -185,7 +190,7 @@ class Body(BodyChanges):
         [0.0, 0.0, 1.0]""",
     )
     def to_principal(self, vector: ArrayLike) -> Array:
-        """Resolve vectors in the principal axes, as in results."""
+        """Resolve vectors in the principal axes, of the mean for an uncertain tensor."""
         components: Array = floats(vector, "vector", 3) @ np.array(self.axes)
         return components
 
@@ -197,7 +202,7 @@ class Body(BodyChanges):
         [0.0, 0.0, 1.0]""",
     )
     def to_reference(self, vector: ArrayLike) -> Array:
-        """Resolve vectors, such as omega and momentum of a result, in the described axes."""
+        """Resolve vectors of the principal axes in the described axes."""
         components: Array = floats(vector, "vector", 3) @ np.array(self.axes).T
         return components
 
@@ -208,7 +213,7 @@ class Body(BodyChanges):
         [0.6, 0.8, 0.0, 0.0]""",
     )
     def reference_attitude(self, attitude: ArrayLike) -> Array:
-        """Convert attitudes of the principal axes, as in results, to the described axes."""
+        """Convert attitudes of the principal axes to attitudes of the described axes."""
         inverse = rotation.quaternion(np.array(self.axes)) * np.array([1.0, -1.0, -1.0, -1.0])
         return rotation.product(rotation.quaternion(attitude), inverse)
 
@@ -219,7 +224,7 @@ class Body(BodyChanges):
         [0.6, 0.8, 0.0, 0.0]""",
     )
     def principal_attitude(self, attitude: ArrayLike) -> Array:
-        """Convert attitudes of the described axes to the principal axes, for `Start`."""
+        """Convert attitudes of the described axes to attitudes of the principal axes."""
         axes = rotation.quaternion(np.array(self.axes))
         return rotation.product(rotation.quaternion(attitude), axes)
 

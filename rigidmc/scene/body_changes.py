@@ -13,12 +13,14 @@ from rigidmc.errors import SceneError
 from rigidmc.mechanics import inertia, rotation
 from rigidmc.scene import shape
 from rigidmc.scene.body_makers import BodyMakers
+from rigidmc.scene.body_readers import BodyReaders
 from rigidmc.scene.quantities import is_shared, vector
 from rigidmc.scene.shape import Shape
+from rigidmc.scene.units import in_si
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 
 
-class BodyChanges(BodyMakers):
+class BodyChanges(BodyReaders):
     """Methods of Body that return a new Body and leave `self` unchanged."""
 
     if TYPE_CHECKING:  # attributes of Body
@@ -29,6 +31,8 @@ class BodyChanges(BodyMakers):
 
         @property
         def tensor(self) -> NDArray[np.float64]: ...
+        @property
+        def frame(self) -> str: ...
 
     def with_pivot(self, point: Any) -> Self:
         """Move the fixed point to another point of the body, by the parallel-axis theorem.
@@ -65,7 +69,7 @@ class BodyChanges(BodyMakers):
                 value=point,
                 nearest="centre",
             )
-        point = vector(point, "body.pivot")
+        point = vector(in_si(point, "m", "body.pivot"), "body.pivot")
         if not is_shared(self.moments, self.mass, self.centre, point):
             rule = (
                 "only a body given by plain numbers can move its fixed point; give moments about"
@@ -183,7 +187,7 @@ class BodyChanges(BodyMakers):
             ):
                 rule = "only bodies given by plain numbers can be joined"
                 raise SceneError(rule, at="body.join")
-        place = vector(at, "body.at")
+        place = vector(in_si(at, "m", "body.at"), "body.at")
         if not is_shared(place):
             raise SceneError("expected plain numbers", at="body.at")
         a, origin = rotation.matrix(turned), np.array(place)

@@ -1,4 +1,4 @@
-"""Makers of bodies: from moments, a tensor, particles, a named solid, a density or a mesh.
+"""Makers of bodies: from moments, a tensor, particles, a named solid or a density.
 
 A mixin of `rigidmc.scene.body.Body`, so that this file does not import it. A maker computes mass,
 centre of mass and the inertia tensor about the fixed point, and ends in `_of_tensor`.
@@ -9,18 +9,18 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NoReturn, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import as_plain_arrays, floats
 from rigidmc.errors import Renamed, SceneError, nearest, unknown
 from rigidmc.mechanics import inertia, solids
+from rigidmc.mechanics.impossible import causes_text
 from rigidmc.scene import shape
-from rigidmc.scene.quantities import quantity, vector
+from rigidmc.scene.inertia_about import is_about_centre, tensor_about_pivot
+from rigidmc.scene.quantities import is_shared, quantity, vector
 from rigidmc.scene.shape import Shape
+from rigidmc.scene.units import in_si, size_units
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
-
-if TYPE_CHECKING:
-    from trimesh import Trimesh
 
 
 class _Hints(type):
@@ -44,33 +44,60 @@ class BodyMakers(Renamed, metaclass=_Hints):
     """Class methods of Body that make a body."""
 
     if TYPE_CHECKING:  # the fields of Body
+        moments: Any
+        mass: Any
+        centre: Any
 
         def __init__(self, *fields: Any, **named: Any) -> None: ...
 
     @classmethod
-    def from_moments(cls, moments: Any, mass: Any = 1.0, centre: Any = (0.0, 0.0, 0.0)) -> Self:
+    def from_moments(
+        cls,
+        moments: Any,
+        mass: Any = 1.0,
+        centre: Any = (0.0, 0.0, 0.0),
+        about: str = "pivot",
+    ) -> Self:
         """Make a body from its principal moments; the described axes are the principal axes.
+
+        With about = "centre", they are the principal axes about the centre of mass.
 
         Parameters
         ----------
         moments : quantities (3,), array_like (members, 3) or distribution [kg m^2]
-            (I1, I2, I3) about the fixed point
+            (I1, I2, I3)
         mass : quantity, optional [kg]
             mass of the body
         centre : quantities (3,), optional [m]
             centre of mass from the fixed point
+        about : str, optional
+            the point of the moments: "pivot", the fixed point, or "centre", the centre of mass
 
         Returns
         -------
         Body
             the body
 
+        Raises
+        ------
+        SceneError
+            for impossible moments, and for about = "centre" with a body that differs between
+            members
+
         Examples
         --------
         >>> rm.Body.from_moments((1.0, 2.0, 2.5)).moments
         (1.0, 2.0, 2.5)
+        >>> rm.Body.from_moments((1.0, 1.0, 0.5), 2.0, (0.0, 0.0, 3.0), about="centre").moments
+        (19.0, 19.0, 0.5)
         """
-        return cls(moments, mass, centre)
+        body = cls(moments, mass, centre)
+        if not is_about_centre(about):
+            return body
+        if not is_shared(body.moments, body.mass, body.centre):
+            rule = 'must be plain numbers with about = "centre"; give moments about the fixed point'
+            raise SceneError(rule, at="body.moments")
+        return cls._of_tensor(tensor_about_pivot(np.diag(body.moments), mass, centre), mass, centre)
 
     @classmethod
     def from_tensor(
@@ -78,6 +105,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         tensor: ArrayLike | UncertainInertia,
         mass: Any = 1.0,
         centre: Any = (0.0, 0.0, 0.0),
+        about: str = "pivot",
         axes: str = "described",
     ) -> Self:
         """Make a body from its inertia tensor, transformed to principal axes, TdC (3.19)-(3.23).
@@ -88,11 +116,16 @@ class BodyMakers(Renamed, metaclass=_Hints):
         Parameters
         ----------
         tensor : array_like (3, 3) or UncertainInertia [kg m^2]
-            symmetric tensor about the fixed point
+            symmetric tensor, I_xy = -int x y dm
         mass : float, optional [kg]
             mass of the body
         centre : array_like (3,), optional [m]
             centre of mass from the fixed point, in the axes of the tensor
+        about : str, optional
+            the point of the tensor: "pivot", the fixed point, or "centre", the centre of mass, as
+            in CAD programs, robot descriptions and data sheets. Then the tensor about the fixed
+            point is I + m (c^2 1 - c c^T), TdC (3.26); an uncertain tensor and its covariance are
+            moved to first order
         axes : str, optional
             "principal" if starts, effects and results are in the principal axes instead; these are
             in the order of ascending moments, the largest components of the first two axes are
@@ -107,14 +140,25 @@ class BodyMakers(Renamed, metaclass=_Hints):
         Raises
         ------
         SceneError
-            for an impossible tensor
+            for an impossible tensor, with its likely causes, and for about = "centre" with a mass
+            or centre that differs between members
 
         Examples
         --------
         >>> body = rm.Body.from_tensor([[2.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 3.0]])
         >>> [round(moment, 12) for moment in body.moments]
         [1.5, 2.5, 3.0]
+        >>> sheet = np.diag([10.0, 12.0, 8.0])  # about the centre of mass
+        >>> rm.Body.from_tensor(sheet, 50.0, (0.0, 0.0, 0.4), about="centre").tensor.diagonal()
+        array([18., 20.,  8.])
         """
+        tensor = in_si(tensor, "kg m2", "body.tensor")
+        if is_about_centre(about):
+            if not isinstance(tensor, UncertainInertia):
+                tensor = _checked_tensor(tensor)
+                # moved to the fixed point, an impossible tensor may look possible
+                _principal_axes(tensor, mass, (0.0, 0.0, 0.0))
+            tensor = tensor_about_pivot(tensor, mass, centre)
         if isinstance(tensor, UncertainInertia):
             return cls(tensor, mass, centre, frame=axes)
         return cls._of_tensor(tensor, mass, centre, frame=axes)
@@ -129,18 +173,8 @@ class BodyMakers(Renamed, metaclass=_Hints):
         frame: str = "described",
     ) -> Self:
         """Make a body from a tensor (3, 3), with the solids that pictures draw."""
-        find = inertia.principal_axes if frame == "principal" else inertia.nearest_axes
-        wanted = "expected 3x3 finite numbers, not"
-        cure = "; give bodies that differ by moments, or by rm.UncertainInertia"
-        matrix = floats(tensor, "body.tensor", rule=f"{wanted} distributions or text{cure}")
-        if matrix.shape != (3, 3):
-            rule = f"{wanted} {matrix.shape or 'one number'}{cure}"
-            raise SceneError(rule, at="body.tensor")
-        try:
-            moments, axes = find(matrix)
-        except SceneError as error:
-            raise SceneError(error.rule, at="body.tensor", value=matrix.tolist()) from None
-        rows = tuple(map(tuple, axes.tolist()))
+        moments, found = _principal_axes(_checked_tensor(tensor), mass, centre, frame)
+        rows = tuple(map(tuple, found.tolist()))
         return cls(tuple(moments.tolist()), mass, centre, rows, parts, frame)
 
     @classmethod
@@ -175,8 +209,8 @@ class BodyMakers(Renamed, metaclass=_Hints):
         >>> rm.Body.from_particles([1, 1, 1, 1], corners).moments
         (8.0, 2.0, 10.0)
         """
-        m = floats(masses, "body.particles.masses")
-        x = floats(positions, "body.particles.positions")
+        m = floats(in_si(masses, "kg", at := "body.particles.masses"), at)
+        x = floats(in_si(positions, "m", at := "body.particles.positions"), at)
         if m.ndim != 1 or x.shape != (m.size, 3):
             rule = f"{m.size} masses need positions of shape ({m.size}, 3), not {x.shape}"
             raise SceneError(rule, at="body.particles")
@@ -200,8 +234,8 @@ class BodyMakers(Renamed, metaclass=_Hints):
         ----------
         name : str
             such as "hollow_cylinder"
-        **sizes : float [kg, m]
-            arguments of the solid, all positive
+        **sizes : float, str or quantity [kg, m]
+            arguments of the solid, all positive, also with their units, as "3 cm"
 
         Returns
         -------
@@ -232,17 +266,17 @@ class BodyMakers(Renamed, metaclass=_Hints):
                 raise SceneError("is missing", at=f"{at}.{key}")
             count = solids.COMPONENTS.get((name, key))
             if count is None:
-                given[key] = _positive(sizes[key], f"{at}.{key}")
+                given[key] = positive_number(sizes[key], f"{at}.{key}")
             else:
-                parts = vector(sizes[key], f"{at}.{key}", count)
-                given[key] = tuple(_positive(part, f"{at}.{key}") for part in parts)
+                parts = vector(in_si(sizes[key], "m", f"{at}.{key}"), f"{at}.{key}", count)
+                given[key] = tuple(positive_number(part, f"{at}.{key}") for part in parts)
         mass, centre, tensor = make(**given)
         sizes = {key: given[key] for key in shape.sizes_of(name)}
         parts = (shape.ShapePart(name, sizes),)
         return cls(tuple(np.diag(tensor).tolist()), mass, centre, shape=parts)
 
     @classmethod
-    def cylinder(cls, mass: float, radius: float, height: float) -> Self:
+    def cylinder(cls, mass: Any, radius: Any, height: Any) -> Self:
         """Make a solid cylinder about its centre, with axis 3 along it, TdC Example 3.1.
 
         Its inertia tensor::
@@ -271,7 +305,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         return cls.solid("cylinder", mass=mass, radius=radius, height=height)
 
     @classmethod
-    def box(cls, mass: float, size: tuple[float, float, float]) -> Self:
+    def box(cls, mass: Any, size: Any) -> Self:
         """Make a solid box about its centre.
 
         Its inertia tensor::
@@ -333,7 +367,8 @@ class BodyMakers(Renamed, metaclass=_Hints):
         >>> [round(moment, 12) for moment in rm.Body.from_density(2.0, box).moments]
         [13.0, 10.0, 5.0]
         """
-        region = as_plain_arrays(region, "body.region")
+        region = as_plain_arrays(in_si(region, "m", "body.region"), "body.region")
+        density = in_si(density, "kg m-3", "body.density")
         coarse, fine = (inertia.moments_of_density(density, region, points) for points in (24, 40))
         mass, first, second = fine[0], fine[1:4], fine[4:].reshape(3, 3)
         if not mass > 0:
@@ -353,66 +388,37 @@ class BodyMakers(Renamed, metaclass=_Hints):
             tensor, float(mass), tuple(centre.tolist()), shape.shape_of_region(region)
         )
 
-    @classmethod
-    def from_mesh(
-        cls,
-        path: "str | Trimesh",
-        density: float | None = None,
-        mass: float | None = None,
-        scale: float = 1.0,
-    ) -> Self:
-        """Make a body from a closed triangle mesh of uniform density.
 
-        It rotates about the origin of the mesh.
-
-        Parameters
-        ----------
-        path : str or trimesh.Trimesh
-            STL or OBJ file (extra `mesh`), or a mesh
-        density : float, optional [kg/m^3]
-            density; give either density or mass
-        mass : float, optional [kg]
-            mass of the body
-        scale : float, optional [m]
-            metres per unit of the file
-
-        Returns
-        -------
-        Body
-            the body
-
-        Raises
-        ------
-        SceneError
-            for a mesh that is not watertight, and for both or neither of density and mass
-
-        Examples
-        --------
-        >>> rm.Body.from_mesh("part.stl")
-        Traceback (most recent call last):
-        rigidmc.errors.SceneError: [body.mesh] density: give either density or mass
-        """
-        from rigidmc.mechanics import mesh
-
-        if (density is None) == (mass is None):
-            raise SceneError(
-                "give either density or mass",
-                at="body.mesh.density",
-                value=density,
-            )
-        loaded = mesh.load(path, _positive(scale, "body.mesh.scale"))
-        volume, centre, tensor = mesh.mass_properties(loaded, 1.0)
-        if mass is None:
-            by = _positive(density, "body.mesh.density")
-        else:
-            by = _positive(mass, "body.mesh.mass") / volume
-        parts = (shape.shape_of_mesh(loaded),)
-        return cls._of_tensor(by * tensor, float(by * volume), tuple(centre.tolist()), parts)
+def _checked_tensor(tensor: Any) -> NDArray[np.float64]:
+    """Return a tensor as an array (3, 3); SceneError."""
+    tensor = in_si(tensor, "kg m2", "body.tensor")
+    wanted = "expected 3x3 finite numbers, not"
+    cure = "; give bodies that differ by moments, or by rm.UncertainInertia"
+    matrix = floats(tensor, "body.tensor", rule=f"{wanted} distributions or text{cure}")
+    if matrix.shape != (3, 3):
+        rule = f"{wanted} {matrix.shape or 'one number'}{cure}"
+        raise SceneError(rule, at="body.tensor")
+    return matrix
 
 
-def _positive(value: Any, at: str) -> float:
+def _principal_axes(
+    matrix: NDArray[np.float64], mass: Any, centre: Any, frame: str = "described"
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return moments and axes of a tensor (3, 3); SceneError with the likely causes of an
+    impossible one."""
+    find = inertia.principal_axes if frame == "principal" else inertia.nearest_axes
+    try:
+        return find(matrix)
+    except SceneError as error:
+        m, c = quantity(mass, "body.mass"), vector(centre, "body.centre")
+        causes = causes_text(matrix, m, c) if is_shared(m, c) else ""
+        rule = error.rule + causes
+        raise SceneError(rule, at="body.tensor", value=matrix.tolist()) from None
+
+
+def positive_number(value: Any, at: str) -> float:
     """Return a positive plain number; SceneError."""
-    number = quantity(value, at)
+    number = quantity(in_si(value, size_units(at.rpartition(".")[2]), at), at)
     if not isinstance(number, float):
         rule = "must be a plain number; for bodies that differ give moments instead"
         raise SceneError(rule, at=at)

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from rigidmc.arrays import is_number
 from rigidmc.errors import SceneError, unknown
 from rigidmc.physics.dynamics.functions import normal_quantile
+from rigidmc.units import Measured, common_unit
 
 Array = NDArray[np.float64]
+_NAMES = {"normal": ("mean", "standard_deviation"), "uniform": ("low", "high")}
 _RULES = {  # for the two distributions whose quantiles are computed here
     "normal": "expected normal = [mean, standard deviation > 0], finite numbers",
     "uniform": "expected uniform = [low, high] with low < high, finite numbers",
@@ -189,14 +191,15 @@ def is_distribution(name: str) -> bool:
     return name in _RULES or _scipy(name) is not None
 
 
-def normal(mean: float, standard_deviation: float) -> Distribution:
+def normal(mean: Any, standard_deviation: Any) -> Distribution:
     """Make a normal distribution N(mean, standard_deviation^2).
 
     Parameters
     ----------
-    mean : float
-        mean, in units of the quantity
-    standard_deviation : float
+    mean : float, str or quantity
+        mean, in units of the quantity; or with its unit, as "10 deg/s" or a quantity of pint or
+        astropy
+    standard_deviation : float, str or quantity
         standard deviation, positive, in the same units
 
     Returns
@@ -218,14 +221,14 @@ def normal(mean: float, standard_deviation: float) -> Distribution:
     return distribution("normal", mean, standard_deviation)
 
 
-def uniform(low: float, high: float) -> Distribution:
+def uniform(low: Any, high: Any) -> Distribution:
     """Make a uniform distribution on (low, high).
 
     Parameters
     ----------
-    low : float
-        lower end, in units of the quantity
-    high : float
+    low : float, str or quantity
+        lower end, in units of the quantity; or with its unit, as "10 deg/s"
+    high : float, str or quantity
         upper end, in the same units
 
     Returns
@@ -246,17 +249,18 @@ def uniform(low: float, high: float) -> Distribution:
     return distribution("uniform", low, high)
 
 
-def distribution(name: str, /, *values: float, **parameters: float) -> Distribution:
+def distribution(name: str, /, *values: Any, **parameters: Any) -> Distribution:
     """Make a distribution by its name.
 
     Parameters
     ----------
     name : str
         "normal", "uniform", or a continuous distribution of scipy.stats
-    *values : float
+    *values : float, str or quantity
         (mean, sd) of "normal", (low, high) of "uniform"
-    **parameters : float
-        keywords of a scipy.stats distribution: loc, scale and its shape parameters
+    **parameters : float, str or quantity
+        keywords of a scipy.stats distribution: loc and scale, which may have a unit, and its shape
+        parameters
 
     Returns
     -------
@@ -274,6 +278,16 @@ def distribution(name: str, /, *values: float, **parameters: float) -> Distribut
     >>> decay.ppf(np.array([0.5])).round(6).tolist()  # 2 ln 2
     [1.386294]
     """
+    if len(values) == 2 and not parameters:
+        numbers, unit = common_unit(dict(zip(_NAMES.get(name, "ab"), values, strict=True)), name)
+        if unit:
+            return Measured(distribution(name, *numbers.values()), unit)  # type: ignore[return-value]
+    elif name not in _RULES:
+        lengths: dict[str, Any] = {k: v for k, v in parameters.items() if k in ("loc", "scale")}
+        numbers, unit = common_unit(lengths, name)
+        if unit:
+            made = distribution(name, *values, **{**parameters, **numbers})
+            return Measured(made, unit)  # type: ignore[return-value]
     given = {name: list(values) or parameters}
     if name not in _RULES:
         return _by_scipy(name, given, parameters if not values else None)
@@ -397,6 +411,14 @@ def mixture(*parts: tuple[float, Distribution]) -> Distribution:
     """
     rule = "expected two or more components, each a weight > 0 and a distribution"
     pairs = [part for part in parts if isinstance(part, (tuple, list)) and len(part) == 2]
+    given: Any = pairs
+    measured = [one for _, one in given if isinstance(one, Measured)]
+    if measured:
+        if len(measured) < len(parts) or len({one.unit for one in measured}) > 1:
+            rule = "the components of a mixture must have one unit; in a file, give it beside them"
+            raise SceneError(rule, at="mixture")
+        made = mixture(*((weight, one.value) for weight, one in given))
+        return Measured(made, measured[0].unit)  # type: ignore[return-value]
     known = all(is_number(w) and w > 0 and isinstance(law, Distribution) for w, law in pairs)
     if not known or len(pairs) != len(parts) or len(parts) < 2:
         raise SceneError(rule, at="mixture", value=[str(part) for part in parts])

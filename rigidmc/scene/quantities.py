@@ -14,6 +14,7 @@ from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.functions import power
 from rigidmc.scene.amounts import parse_count
 from rigidmc.scene.distributions import Distribution
+from rigidmc.units import Measured, common_unit
 
 Array = NDArray[np.float64]
 
@@ -72,7 +73,7 @@ class Grid:
         return {"grid": [self.low, self.high, self.count], **more}
 
 
-def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False) -> Grid:
+def grid(low: Any, high: Any, count: int, stride: int = 1, log: bool = False) -> Grid:
     """Make evenly spaced numbers: the centres of equal parts of (low, high).
 
     Member i has number i // stride % count. Two grids, one of count n and stride r and one of
@@ -80,9 +81,9 @@ def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False
 
     Parameters
     ----------
-    low : float
-        lower end of the first part, in units of the quantity
-    high : float
+    low : float, str or quantity
+        lower end of the first part, in units of the quantity; or with its unit, as "10 deg/s"
+    high : float, str or quantity
         upper end of the last part
     count : int
         number of parts
@@ -106,6 +107,9 @@ def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False
     >>> rm.grid(0.0, 1.0, 4).values().tolist()
     [0.125, 0.375, 0.625, 0.875]
     """
+    numbers, unit = common_unit({"low": low, "high": high}, "grid")
+    if unit:
+        return Measured(grid(**numbers, count=count, stride=stride, log=log), unit)  # type: ignore[return-value]
     given = {"grid": [low, high, count], "stride": stride, "log": log}
     if not (is_number(low) and is_number(high) and low < high) or (log and not low > 0):
         above = ", above 0 if log = true" if log else ""

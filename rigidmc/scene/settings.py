@@ -9,6 +9,7 @@ import functools
 import inspect
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from types import NoneType, UnionType
 from typing import (
     Annotated,
@@ -36,10 +37,23 @@ from rigidmc.errors import SceneError, from_pydantic
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.protocol import follows_turns
 from rigidmc.scene.amounts import parse_count, parse_seconds
+from rigidmc.units import Measured, in_units, rule_with_hint
 
 
 def _time(value: Any) -> float:
-    return parse_seconds(value, positive=False)
+    return parse_seconds(_in_units("s", value), positive=False)
+
+
+def _in_units(units: str, value: Any) -> Any:
+    """Return a number in SI units, if the value has a unit, in text or beside it; ValueError."""
+    if isinstance(value, dict) and value.keys() == {"value", "unit"}:
+        value = Measured(value["value"], value["unit"])
+    if units == "s" and isinstance(value, str):
+        return value  # "1h30m" is a time, too, and m are minutes
+    try:
+        return in_units(value, units, "run")
+    except SceneError as error:
+        raise ValueError(rule_with_hint(error)) from None
 
 
 def _count(value: Any) -> int:
@@ -51,6 +65,8 @@ Count = Annotated[int, BeforeValidator(_count), Field(gt=0)]
 Index = Annotated[int, BeforeValidator(_count), Field(ge=0)]
 Digits = Annotated[int, BeforeValidator(_count), Field(ge=1, le=15)]
 Positive = Annotated[float, Field(gt=0)]
+Angle = Annotated[float, BeforeValidator(partial(_in_units, "rad")), Field(gt=0)]
+Rate = Annotated[float, BeforeValidator(partial(_in_units, "rad s-1")), Field(ge=0)]
 Share = Annotated[float, Field(gt=0, lt=1)]
 Points = Literal[
     "independent", "sobol", "latin_hypercube", "antithetic", "saltelli", "neighbours", "tangents"
@@ -114,7 +130,7 @@ class Run(Table):
         "rk4", "a name that `rigidmc integrators` lists, or auto with a tolerance"
     )
     dt: Time = _is(0.01, "time step [s]; reduced if it divides neither t_end nor every")
-    turn: Positive | None = _is(
+    turn: Angle | None = _is(
         None, "instead of dt: each step covers this angle of the member's own motion [rad]"
     )
     t_end: Time = _is(10.0, "end time [s]; like all times also as 90s, 1h30m, 250ms")
@@ -132,7 +148,7 @@ class Run(Table):
         "largest error in 99 % of the members, relative for the momentum, in rad for the attitude;"
         " chooses integrator and step",
     )
-    turn_rate: Annotated[float, Field(ge=0)] | None = _is(
+    turn_rate: Rate | None = _is(
         None, "upper bound on the rate of free motion [rad/s]; by default from the first members"
     )
     checks: bool = _is(True, "flag and freeze members beyond the limits; non-finite members always")
@@ -144,7 +160,7 @@ class Run(Table):
         "drift of `|L|^2`, or of L_z under gravity, that flags a member; by default from integrator"
         " and step",
     )
-    turn_limit: Positive | None = _is(
+    turn_limit: Angle | None = _is(
         None, "`|omega| dt` that flags a member [rad]; by default from the integrator"
     )
     anti_damping: bool = _is(False, "allow negative damping, which drives the body")

@@ -1,7 +1,8 @@
 """The shape of a body: the solids that pictures draw, without effect on the motion."""
 
 import inspect
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
 from rigidmc.errors import SceneError, unknown
+from rigidmc.files.reading import MESHES, sha256_of
 from rigidmc.mechanics import rotation
 from rigidmc.mechanics.solids import COMPONENTS, SOLIDS
 
@@ -20,7 +22,7 @@ MOST_PARTS = 200
 class ShapePart(NamedTuple):
     """A solid of a shape, placed in the described axes of its body.
 
-    solid : a name in `rigidmc.mechanics.solids.SOLIDS`, "particles" or "mesh"
+    solid : a name in `rigidmc.mechanics.solids.SOLIDS`, "particles", "mesh" or "mesh_file"
     sizes : {name: number or tuple of numbers} [m], the arguments of its maker without mass
     at, turned : its origin [m] and its attitude in the described axes
     hole : whether the solid is subtracted
@@ -61,15 +63,20 @@ class ShapePart(NamedTuple):
 
 Shape = tuple[ShapePart, ...]
 
+# solids that are only drawn: {name: their sizes}
+_DRAWN = {
+    "particles": ("masses", "positions"),
+    "mesh": ("corners", "faces"),
+    "mesh_file": ("file", "sha256", "scale"),
+}
+
 
 def sizes_of(solid: str) -> tuple[str, ...]:
     """Return the names of a solid's sizes; SceneError for an unknown solid."""
-    if solid == "particles":
-        return ("masses", "positions")
-    if solid == "mesh":
-        return ("corners", "faces")
+    if solid in _DRAWN:
+        return _DRAWN[solid]
     if solid not in SOLIDS:
-        raise unknown("solid", (*SOLIDS, "particles", "mesh"), at="body.shape.solid", value=solid)
+        raise unknown("solid", (*SOLIDS, *_DRAWN), at="body.shape.solid", value=solid)
     names = inspect.signature(SOLIDS[solid]).parameters
     return tuple(name for name in names if name not in ("mass", "density"))
 
@@ -117,6 +124,17 @@ def _part_of(table: dict[str, Any]) -> ShapePart:
 
 def _size(solid: str, key: str, value: Any) -> Any:
     """Return a checked size as a number or as tuples of numbers."""
+    if solid == "mesh_file" and key != "scale":
+        # pictures hash no file of another kind, whatever a foreign scene names
+        known = isinstance(value, str) and (
+            re.fullmatch("[0-9a-f]{64}", value)
+            if key == "sha256"
+            else value.lower().endswith(MESHES)
+        )
+        if not known:
+            words = "64 hexadecimal digits" if key == "sha256" else "the name of a mesh file"
+            raise SceneError(f"expected {words}", at=f"body.shape.{key}", value=value)
+        return value
     if solid in ("particles", "mesh"):
         columns = () if key == "masses" else (3,)
         array = _numbers(key, value, (np.shape(value)[:1] or (1,)) + columns)
@@ -170,6 +188,14 @@ def shape_of_mesh(triangles: NDArray[np.float64]) -> ShapePart:
     return ShapePart("mesh", {"corners": _tuples(means.round(digits)), "faces": _tuples(faces)})
 
 
+def shape_of_mesh_file(file: str, scale: float) -> ShapePart:
+    """Return the part for a mesh file, which names the file and its sha256; pictures read it.
+
+    scale : metres per unit of the file
+    """
+    return ShapePart("mesh_file", {"file": file, "sha256": sha256_of(file), "scale": float(scale)})
+
+
 def shape_of_particles(masses: NDArray[np.float64], positions: NDArray[np.float64]) -> Shape:
     """Return the shape of particles with masses (N,) at positions (N, 3); () if too many."""
     if masses.size > MOST_CORNERS:
@@ -207,4 +233,4 @@ def _tuples(array: NDArray[Any]) -> Any:
 
 def _listed(value: Any) -> Any:
     """Convert tuples to lists, for TOML."""
-    return [_listed(one) for one in value] if isinstance(value, Sequence) else value
+    return [_listed(one) for one in value] if isinstance(value, (list, tuple)) else value

@@ -18,6 +18,7 @@ from rigidmc.scene.quantities import (
     is_variable,
     vector,
 )
+from rigidmc.scene.units import START, angles_in_si, vector_in_si
 from rigidmc.scene.vector_distributions import check_distribution
 from rigidmc.scene.vector_distributions.ensembles import attitudes_of_ensemble
 from rigidmc.scene.vector_distributions.protocol import (
@@ -39,9 +40,9 @@ class Start(Renamed):
     Parameters
     ----------
     omega : quantities (3,) or distribution, optional [rad/s]
-        angular velocity in the principal axes of the body; give either omega or momentum
+        angular velocity in body axes; give either omega or momentum
     momentum : quantities (3,) or distribution, optional [kg m^2/s]
-        angular momentum in the principal axes of the body
+        angular momentum in body axes
     attitude : quantities (3,) or (4,), array_like (3, 3), Rotation, str or distribution, optional
         a quaternion (w, x, y, z), normalised here; a 3x3 matrix; Euler angles z-x-z
         (phi, theta, psi) [rad], TdC (3.36); a scipy Rotation; "uniform" on SO(3); Fisher or
@@ -77,7 +78,9 @@ class Start(Renamed):
     def __post_init__(self) -> None:
         if (self.omega is None) == (self.momentum is None):
             raise SceneError("give either omega or momentum", at="start.omega")
-        given = self._given
+        name = self.spin_name
+        given = vector_in_si(self._given, START[name], f"start.{name}")
+        object.__setattr__(self, "attitude", angles_in_si(self.attitude, "start.attitude"))
         whole = isinstance(given, VectorDistribution)
         put = (check_distribution if whole else vector)(given, f"start.{self.spin_name}")
         object.__setattr__(self, self.spin_name, put)
@@ -166,7 +169,7 @@ class Start(Renamed):
         name : str
             "omega" or "momentum"
         values : numpy.ndarray (3, count) [rad/s or kg m^2/s]
-            in the principal axes
+            in body axes; for an equilibrium ensemble, in the principal axes of the member
 
         Examples
         --------

@@ -30,7 +30,9 @@ from rigidmc.physics.observables import (
 from rigidmc.physics.observables.histogram import Histogram
 from rigidmc.physics.observables.protocol import Monitored, Observable, size
 from rigidmc.scene.quantities import is_variable, quantity, vector
+from rigidmc.scene.units import effect_in_si, observable_in_si
 from rigidmc.scene.user_parts.integrators import known_facts
+from rigidmc.units import units_text
 
 
 def named_integrators(given: Iterable[Any]) -> dict[str, Integrator]:
@@ -47,6 +49,7 @@ def check_effect(effect: Any, driven: bool) -> Effect:
         rule = f"expected an effect with its parameters, one of {known}"
         raise SceneError(rule, at="effects.effect", value=effect)
     values = []
+    effect = effect_in_si(effect, name_of(effect))
     for name, value in zip(effect._fields, effect, strict=True):
         at = f"effects.{name_of(effect)}.{name}"
         size, (low, high) = shape(effect, name), parameter_limits(effect, name, driven)
@@ -59,7 +62,8 @@ def check_effect(effect: Any, driven: bool) -> Effect:
                 wrong = float(np.min(part) if np.min(part) < low else np.max(part))
                 raise SceneError(outside(effect, low, high), at=at, value=wrong)
         values.append(one)
-    return type(effect)(*values)
+    checked: Effect = type(effect)(*values)
+    return checked
 
 
 def _one_number(effect: Any, name: str, value: Any) -> str:
@@ -68,10 +72,10 @@ def _one_number(effect: Any, name: str, value: Any) -> str:
     if kind not in EFFECTS.values() and not isinstance(value, str):
         how = f'@effect(shapes={{"{name}": {len(value)}}})'
         return f"a field that is a tuple needs its length: {how}"
-    size, unit = shape(effect, name), "" if unit == "1" else f" in {unit}"
+    size, hint = shape(effect, name), f' in {unit}, or text such as "1.5 {units_text(unit)}"'
     what = "one number" if size is None else f"{size} numbers"
     summary = (kind.__doc__ or "").splitlines()[0].rstrip(".")
-    return f"expected {what}{unit}, without a unit; {kind.__name__}: {summary}"
+    return f"expected {what}{hint * (unit != '1')}; {kind.__name__}: {summary}"
 
 
 def observable_order(observable: Any) -> int:
@@ -91,6 +95,7 @@ def check_observable(observable: Any) -> Monitored | Observable:
     if is_own(observable) and word in KNOWN:
         rule = f"'{word}' is an observable of the package: give the class another name"
         raise PartError.of(observable, rule, "observables")
+    observable = observable_in_si(observable, word)
     whole = {}  # 1e2 bins are 100 bins
     for name, kind in type(observable).__annotations__.items():
         value = as_plain_arrays(getattr(observable, name), f"observables.{word}.{name}")

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.errors import OptionError, nearest, unknown
+from rigidmc.errors import OptionError, SceneError, nearest, unknown
 from rigidmc.physics.effects import label_effects
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.parameters import parameter_names, with_parameter
 from rigidmc.scene.quantities import Grid, Varied, count_rows
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.units import in_si, units_of
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 Nominal = dict[str, float | list[float]]
@@ -115,6 +116,15 @@ def stored_values(scene: Scene) -> dict[str, NDArray[np.float64]] | None:
     }
 
 
+def _in_si(scene: Scene, name: str, array: Any) -> Any:
+    """Return values of a parameter in SI units; OptionError for a unit of another dimension."""
+    try:
+        return in_si(array, units_of(scene, name), "values")
+    except SceneError as error:
+        rule = f"{name} {error.rule}"
+        raise OptionError(rule, at="values", nearest=error.nearest) from None
+
+
 def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, int]:
     """Return (scene with the members' values of its varied parameters, number of members).
 
@@ -127,7 +137,9 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
             raise OptionError(rule, at="values", value=name, nearest=nearest(name, known))
         if name not in values:
             raise OptionError(f"lacks {name}, which is varied", at="values")
-    given = {name: np.asarray(array, dtype=float) for name, array in values.items()}
+    given = {
+        name: np.asarray(_in_si(scene, name, array), dtype=float) for name, array in values.items()
+    }
     counts = {name: array.shape[0] if array.ndim else 0 for name, array in given.items()}
     count = max(counts.values())
     for name, array in given.items():

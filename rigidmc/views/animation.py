@@ -21,7 +21,7 @@ from rigidmc.files.opening import check_suffix
 from rigidmc.files.outputs import PartialFile, naming_the_path, refuse_existing
 from rigidmc.mechanics import rotation
 from rigidmc.planning.turns import ATTITUDE, sparse
-from rigidmc.results.frames import in_principal_axes
+from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.scene.scene import scene_of
 from rigidmc.views.sample import fastest
 from rigidmc.views.surfaces import TONES, Surface, body_surface, cut, member_body
@@ -70,7 +70,7 @@ def animate(
 
     Left: the body in space, as its declared solid or the ellipsoid of its moments, on a stick from
     its fixed point, with the trace of axis 3, the vertical and the angular momentum.
-    Right: the angular momentum in body axes on the momentum sphere, with its path so far.
+    Right: the angular momentum on the momentum sphere, in the principal axes, with its path so far.
     Raises the errors of `check_writer`, and OutputExists if the file exists and `force` is False.
     """
     path = str(path)
@@ -112,6 +112,9 @@ def _finished(path: str, writer: animation.AbstractMovieWriter) -> Iterator[None
 
 def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
     """Return (figure, draw); draw(i) shows time i."""
+    # the described axes turn, too; the surface and the sphere are in the principal axes
+    third = rotation.matrix(ds.attitude.transpose("time", "quat", "member").values[..., 0])[:, :, 2]
+    named = "principal" if is_described(ds) else "body"
     ds = in_principal_axes(ds)
     q = ds.attitude.transpose("time", "quat", "member").values[..., 0]
     l = ds.momentum.transpose("time", "axis", "member").values[..., 0]
@@ -122,11 +125,11 @@ def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
     FigureCanvasAgg(figure)
     title = figure.suptitle("", fontsize=11, parse_math=False)
     left = _axes(figure, 0.0, "body in space")
-    right = _axes(figure, 0.5, "angular momentum in body axes")
+    right = _axes(figure, 0.5, f"angular momentum in {named} axes")
     body = scene_of(ds, allow_code=None).body
     parts = (
         _body(left, body_surface(ds, body), member_body(ds, body)[2], rotation.matrix(q)),
-        _trace(left, rotation.matrix(q)[:, :, 2]),
+        _trace(left, third),
         _momentum(left, rotation.matrix(q), l, size),
         _sphere(right, unit),
     )

@@ -13,11 +13,13 @@ from rigidmc.engine.compile_time import list_kernels, seconds, seconds_text
 from rigidmc.engine.inspection import torque_operations, why_scalar
 from rigidmc.engine.program import Program
 from rigidmc.mechanics import inertia
+from rigidmc.mechanics.impossible import can_exist
 from rigidmc.physics.effects import EFFECTS, label_effects
 from rigidmc.physics.effects.protocol import user_parameters
 from rigidmc.physics.integrators.protocol import has_extra_state
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.physics.observables.protocol import EnsembleObservable
+from rigidmc.planning.body_notes import body_notes
 from rigidmc.planning.limits import Limits
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.turns import sparse_saves
@@ -81,7 +83,17 @@ def body_lines(body: Body) -> list[str]:
     if body.axes != IDENTITY:
         rows = "; ".join(" ".join(f"{x:.4g}" for x in row) for row in body.axes)
         lines.append(f"             principal axes (columns) {rows}")
-    return lines
+    return lines + _axes_lines(body)
+
+
+def _axes_lines(body: Body) -> list[str]:
+    """Describe the axes of the scene, if these differ from the principal axes."""
+    if body.axes == IDENTITY and not body.is_turned:
+        return []
+    # the nanoseconds are measured by `python -m bench axes`
+    steps = "; steps are in the principal axes, and turning adds 3 ns to a save or monitored step"
+    steps = steps if body.frame == "described" else ""
+    return [f"axes         start, effects and results are in the {body.frame} axes{steps}"]
 
 
 def _physics(scene: Scene) -> list[str]:
@@ -299,7 +311,8 @@ def body_facts(body: Body) -> dict[str, Any]:
         "order": (order + 1).tolist(),
         "growth_per_turn_rate": float(inertia.growth_rate(moments)),
         "shape": top_type(moments),
-        "exists": not bool(inertia.too_far(moments, body.mass, body.to_principal(body.centre))),
+        "exists": can_exist(body.tensor, body.mass, body.centre),
+        "notes": body_notes(body),
     }
 
 
@@ -326,13 +339,13 @@ def describe_body(body: Body, title: str) -> list[str]:
     lines = [
         f"{title}: {known['shape']}",
         f"mass         {known['mass']:.12g} kg",
-        f"centre       ({_row(centre, size)}) m from the fixed point, in the body's own axes",
-        with_units("tensor       about the fixed point, in the body's own axes", "kg m2"),
+        f"centre       ({_row(centre, size)}) m from the fixed point, in the described axes",
+        with_units("tensor       about the fixed point, in the described axes", "kg m2"),
     ]
     largest = np.abs(known["tensor"]).max()
     clean = [[0.0 if abs(x) < 1e-15 * largest else x for x in row] for row in known["tensor"]]
     lines += ["             " + " ".join(f"{x:18.10g}" for x in row) for row in clean]
-    lines.append(f"principal    {with_units('moment', 'kg m2')}       axis in the body's own axes")
+    lines.append(f"principal    {with_units('moment', 'kg m2')}       axis, in the described axes")
     names = dict(zip(known["order"], ("smallest", "middle", "largest"), strict=True))
     for a, b in ((0, 1), (1, 2), (2, 0)):
         if abs(moments[a] - moments[b]) <= SAME * moments[a]:
@@ -344,21 +357,22 @@ def describe_body(body: Body, title: str) -> list[str]:
         principal = inertia.survives(axes.T, centre)
         words = ", ".join(str(k + 1) for k in range(3) if principal[k]) or "none"
         lines.append(f"axes that are also principal about the centre of mass: {words}")
-    lines += _stability(moments, known)
-    if not known["exists"]:
-        lines.append(f"note         this body cannot exist: {inertia.TOO_FAR}")
-    return lines
+    lines += _stability(moments, known, "" if body.axes == IDENTITY else "principal ")
+    return [*lines, *(f"note         {note}" for note in known["notes"])]
 
 
-def _stability(moments: NDArray[np.float64], known: dict[str, Any]) -> list[str]:
-    """Describe the stability of torque-free rotations and the growth of a disturbance."""
+def _stability(moments: NDArray[np.float64], known: dict[str, Any], named: str) -> list[str]:
+    """Describe the stability of torque-free rotations and the growth of a disturbance.
+
+    named : "principal " if the axes of the moments are not the axes of the scene, else ""
+    """
     low, middle, high = known["order"]
     growth, shape = known["growth_per_turn_rate"], known["shape"]
     if growth > 1e-6:
         turns = np.log(10.0) / growth / (2.0 * np.pi)
         return [
-            f"rotations    without torque: stable about axes {low} and {high}, unstable about axis"
-            f" {middle}: a disturbance grows as exp({growth:.6g} omega t),",
+            f"rotations    without torque: stable about {named}axes {low} and {high}, unstable"
+            f" about axis {middle}: a disturbance grows as exp({growth:.6g} omega t),",
             f"             tenfold every {turns:.3g} turns",
         ]
     if shape.startswith("spherical"):
@@ -366,12 +380,13 @@ def _stability(moments: NDArray[np.float64], known: dict[str, Any]) -> list[str]
     if shape.startswith("symmetric"):
         oblate = moments[middle - 1] - moments[low - 1] < moments[high - 1] - moments[middle - 1]
         return [
-            f"rotations    without torque: stable about axis {high if oblate else low}; steady"
-            " about any perpendicular axis, but a disturbance makes it drift at a constant rate"
+            f"rotations    without torque: stable about {named}axis {high if oblate else low};"
+            " steady about any perpendicular axis, but a disturbance makes it drift at a constant"
+            " rate"
         ]
     return [
-        f"rotations    without torque: two moments are nearly equal, so the growth about axis"
-        f" {middle} is slow: {growth:.2g} omega"
+        f"rotations    without torque: two moments are nearly equal, so the growth about"
+        f" {named}axis {middle} is slow: {growth:.2g} omega"
     ]
 
 

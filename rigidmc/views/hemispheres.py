@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rigidmc.figures import DENSITY, HALO, INK, PATH, add_title, figure_of
 from rigidmc.planning.turns import AXIS, BODY
-from rigidmc.results.frames import in_principal_axes
+from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.views.sample import (
     drawn_members,
     figure_of_result,
@@ -72,7 +72,8 @@ def momentum_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     shown = l if len(l) > 2 else l[-1:]
     _hemispheres(axes, shown[:, order], paths[:, order], [str(i + 1) for i in order], slopes)
     note = "" if free else note_on(part, BODY)  # polhodes need no saves
-    add_title(axes, f"Direction of the angular momentum in body axes, {when}", note)
+    named = "principal" if is_described(ds) else "body"
+    add_title(axes, f"Direction of the angular momentum in {named} axes, {when}", note)
     return figure_of(axes)
 
 

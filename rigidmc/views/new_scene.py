@@ -48,7 +48,7 @@ WORDS = {  # the comment on a key
     "centre": "m, centre of mass relative to the fixed point",
     "pivot": "m, fixed point relative to the origin of the solid",
     "g": "m/s2, along -z",
-    "omega": "rad/s, about the principal axes; normal = [mean, standard deviation]",
+    "omega": "rad/s, about the body axes; normal = [mean, standard deviation]",
     "attitude": 'rad, Euler angles z-x-z (phi, theta, psi), or "uniform": any attitude',
     "integrator": "order 8; `rigidmc integrators` lists others",
     "dt": f"s, step: no member moves by more than {STEP:g} rad per step",
@@ -64,7 +64,7 @@ NO_COLUMNS = DataSources(None, "")
 class FirstMotion(NamedTuple):
     """Start of the members of a new scene, and gravity.
 
-    spin : (3,) about the principal axes [rad/s];  spread : of the spin, relative to it
+    spin : (3,) about the body axes [rad/s];  spread : of the spin, relative to it
     lean : angle of axis 3 from the vertical [rad], or "uniform", or None if the attitude is
         irrelevant
     gravity : [m/s2], 0 for none

@@ -83,9 +83,11 @@ def omega_or_momentum(part: xr.Dataset, name: str) -> tuple[NDArray[np.float64],
                     v = principal(part, prefix + saved)
                     by = v * part.moments if name == "momentum" else v / part.moments
                     found = described(part, by)
-                v = found.transpose(..., "axis", "member").values
-                v = v if v.ndim == 3 else v[None]
-                return v, "at the start (later states were not saved)" if prefix else span(part)
+                values = found.transpose(..., "axis", "member").values
+                values = values if values.ndim == 3 else values[None]
+                return values, "at the start (later states were not saved)" if prefix else span(
+                    part
+                )
     raise ValueError(
         "nothing to draw: neither omega nor momentum was saved, not even at the start:"
         ' run with save=("omega",)'

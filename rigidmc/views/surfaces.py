@@ -1,16 +1,20 @@
 """Surfaces of bodies as triangles, for animations and the viewer."""
 
+import warnings
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.mechanics import inertia, rotation
+from rigidmc.errors import RigidmcError, SceneWarning
+from rigidmc.files.reading import sha256_of
+from rigidmc.mechanics import inertia, mesh, rotation
 from rigidmc.results.frames import in_principal_axes
 from rigidmc.scene.body import Body
-from rigidmc.scene.shape import ShapePart
+from rigidmc.scene.shape import Shape, ShapePart, shape_of_mesh
 
 # light and dark tones for the faces of a box along axes 1, 2 and 3; on a body of revolution, the
 # quarters of the sides (SIDE) and of the caps (CAP) alternate, so that its spin is visible
@@ -45,10 +49,39 @@ def body_surface(ds: xr.Dataset, body: Body) -> Surface:
 
 def surface_of(body: Body) -> Surface:
     """Return the shape of a body in its principal axes; the unit ball if it has none."""
-    if not body.shape:
+    if not (parts := drawn_shape(body)):
         return ball_surface(1.0)
-    whole = _united([_part_surface(part) for part in body.shape])
+    whole = _united([_part_surface(part) for part in parts])
     return whole._replace(corners=body.to_principal(whole.corners))
+
+
+def drawn_shape(body: Body) -> Shape:
+    """Return the shape of a body with the triangles of its mesh files; () with a SceneWarning if a
+    file is missing, or has changed."""
+    parts = []
+    for part in body.shape:
+        if part.solid == "mesh_file":
+            drawn, why = _of_file(**part.sizes)
+            if drawn is None:
+                rule = f"{part.sizes['file']}: {why}: pictures show an ellipsoid with its moments"
+                warnings.warn(rule, SceneWarning, stacklevel=2)
+                return ()
+            part = drawn._replace(at=part.at, turned=part.turned, hole=part.hole)
+        parts.append(part)
+    return tuple(parts)
+
+
+@lru_cache(maxsize=8)  # pictures ask for the shape of a body several times
+def _of_file(file: str, sha256: str, scale: float) -> tuple[ShapePart | None, str]:
+    """Return the part for a mesh file; or None, and why the file cannot be drawn."""
+    try:
+        if sha256_of(file) != sha256:
+            return None, "is not the mesh of this body: its sha256 differs"
+        return shape_of_mesh(mesh.load(file, scale, closed=False)), ""
+    except FileNotFoundError:
+        return None, "the mesh of this body is not there"
+    except (OSError, RigidmcError) as error:
+        return None, getattr(error, "rule", str(error))
 
 
 def surface_radius(surface: Surface) -> float:
@@ -61,7 +94,7 @@ def form_of(ds: xr.Dataset, body: Body) -> Floats:
 
     For a body without a shape, it maps the unit ball to the ellipsoid.
     """
-    if body.shape:
+    if drawn_shape(body):
         return np.eye(3, 4)
     return _ellipsoid(*member_body(ds, body))
 

@@ -11,6 +11,8 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app, new
+from rigidmc.cli.new import read_numbers, read_sizes
+from rigidmc.errors import OptionError
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.views.new_scene import SIZES
 from tests.plans import notes_of, plan_of
@@ -163,3 +165,16 @@ def test_questions_at_a_terminal(tmp_path, monkeypatch):
         written(tmp_path, "--solid", "ball").body.moments
         == rm.Body.solid("ball", **SIZES["ball"]).moments
     )
+
+
+def test_options_have_units():
+    """A unit after the last number alone is the unit of all."""
+    assert read_numbers("10,0,90 deg/s", "spin", 3) == (np.pi / 18.0, 0.0, np.pi / 2.0)
+    assert read_numbers("1 m,2 cm,3", "pivot", 3) == (1.0, 0.02, 3.0)
+    assert read_sizes("mass=12 g,radius=3cm,height=0.008") == {
+        "mass": 0.012,
+        "radius": 0.03,
+        "height": 0.008,
+    }
+    with pytest.raises(OptionError, match="mm is a length"):
+        read_numbers("1,2,3 mm", "spin", 3)

@@ -513,6 +513,6 @@ def test_body_says_that_a_body_cannot_exist(tmp_path):
     for c, words in (("0.16", 1), ("0.05", 0)):
         (tmp_path / "leg.toml").write_text(text.replace("C", c) + "[start]\nomega = [0, 0, 0]\n")
         told = CliRunner().invoke(app, ["body", str(tmp_path / "leg.toml")])
-        assert told.exit_code == 0 and told.output.count("this body cannot exist") == words
+        assert told.exit_code == 0 and told.output.count("the body cannot exist") == words
         told = CliRunner().invoke(app, ["body", str(tmp_path / "leg.toml"), "--json"])
         assert json.loads(told.stdout)["exists"] == (words == 0)

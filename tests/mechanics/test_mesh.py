@@ -122,7 +122,7 @@ def test_body_command_refuses_what_it_cannot_say(tmp_path):
     (tmp_path / "many.toml").write_text(text)
     for words, rule in (
         (["body", str(tmp_path / "many.toml")], "differs from member"),
-        (["body", "dzhanibekov", "--mass", "3"], "to meshes only"),
+        (["body", "dzhanibekov", "--mass", "3"], "files with a body only"),
     ):
         shown = CliRunner().invoke(app, words)
         assert shown.exit_code == 3

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy import stats
 
 import rigidmc as rm
 from rigidmc.errors import OptionError
 from rigidmc.results import estimates
 from rigidmc.results.intervals import correlation
+from rigidmc.results.measures import measure
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 SCENE = rm.Scene(
@@ -120,3 +122,14 @@ def test_a_map_takes_a_condition():
         mine = (np.arange(flips.size) % 6 == p) & good
         both = flips[mine], pixels.omega_max.values[2, mine]
         assert r == pytest.approx(np.corrcoef(*both)[0, 1], rel=1e-12, nan_ok=True)
+
+
+def test_numbers_of_a_measure_have_units():
+    known = {
+        "wait": xr.Variable("member", [0.0], {"units": "s"}),
+        "spin": xr.Variable(("axis", "member"), [[0.0]], {"units": "rad s-1"}),
+    }
+    found = measure("p(wait < 1.5 h | spin[2] >= 90 deg/s)", known, False)
+    assert found.number == 5400.0 and found.given.number == pytest.approx(np.pi / 2.0)
+    with pytest.raises(OptionError, match="mm is a length"):
+        measure("p(wait < 1 mm)", known, False)

@@ -215,4 +215,6 @@ def test_an_own_vector_is_turned_if_it_says_so(kind, stated):
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", SceneWarning)
         rm.simulate(scene, "rk4")
-    assert any("size is not turned" in str(one.message) for one in told) == (stated is None)
+    assert any("size is used along the principal axes" in str(one.message) for one in told) == (
+        stated is None
+    )

@@ -52,8 +52,8 @@ BAD = {  # what is replaced, by what, and what the message must say
     "nan moment": ("[1.0, 2.0, 2.5]", "[nan, 2.0, 2.5]", ["[body]", "moments", "finite"]),
     "text for a number": (
         "9.81",
-        '"9.81 m/s2"',
-        ["[effects.gravity]", "g", "'9.81 m/s2'", "number"],
+        '"9.81"',
+        ["[effects.gravity]", "g", "'9.81'", "number"],
     ),
     "two shapes": (
         "[body]",

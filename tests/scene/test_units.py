@@ -7,6 +7,7 @@ import rigidmc as rm
 from rigidmc.results.variables import member_variables
 from rigidmc.scene.body_changes import BodyChanges
 from rigidmc.scene.body_makers import BodyMakers
+from rigidmc.scene.body_readers import BodyReaders
 from rigidmc.scene.quantities import draw
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
@@ -86,9 +87,10 @@ def bodies(m):
 @pytest.mark.parametrize("mass", [1e-20, 1e20])
 def test_bodies_have_the_same_pure_numbers(mass):
     plain = bodies(1.0)
-    kinds = vars(BodyMakers) | vars(BodyChanges)
+    kinds = vars(BodyMakers) | vars(BodyReaders) | vars(BodyChanges)
     makers = {name for name in kinds if not name.startswith("_")}
-    assert makers - plain.keys() == {"from_mesh"}  # tests/mechanics/test_mesh.py
+    # tests/mechanics/test_mesh.py, tests/scene/body_files
+    assert makers - plain.keys() == {"from_mesh", "read"}
     for name, body in bodies(mass).items():
         one, two = pure(plain[name], 1.0), pure(body, mass)
         assert np.abs(two - one).max() < 1e-13 * np.abs(one).max(), name  # measured 2.9e-16

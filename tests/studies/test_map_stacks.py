@@ -6,12 +6,14 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
+from rigidmc.errors import OptionError
 from rigidmc.runs.directory import resume
 from rigidmc.scene.parameters import with_parameter
 from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.picture import stability_map
 from rigidmc.studies.stability_map.question import make_request
 from rigidmc.studies.stability_map.stored import create_map
+from rigidmc.studies.stability_map.study import read_side
 from tests.axes import unlabelled
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
@@ -24,6 +26,16 @@ RUN = {"integrator": "rk8", "dt": 0.5, "t_end": 30.0}
 @pytest.fixture(scope="module")
 def stack():
     return rm.stability_map(SCENE, *SIDES, OF, (40, 24), 1, z=Z, layers=LAYERS, **RUN)
+
+
+def test_sides_have_units():
+    """An end in text, and a unit beside the upper end alone, which is the unit of both."""
+    x, y = ("start.omega.1", 0.0, "90 deg/s"), read_side("start.omega.2=1:10rpm:log", "y")
+    asked = make_request(x, y, OF, 2, 1, scene=SCENE)
+    assert asked.x == ("start.omega.1", 0.0, pytest.approx(np.pi / 2.0, rel=4e-16), False)
+    assert asked.y[1:3] == pytest.approx((np.pi / 30.0, np.pi / 3.0), rel=4e-16) and asked.y[3]
+    with pytest.raises(OptionError, match="mm is a length"):
+        make_request(("start.omega.1", 0.0, "1 mm"), y, OF, 2, 1, scene=SCENE)
 
 
 def test_a_layer_is_the_map_of_its_value(stack):

@@ -13,6 +13,7 @@ from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
 from rigidmc.studies.section import points
 from rigidmc.studies.section.picture import section_points
+from rigidmc.studies.section.points import crossing_of, period_of
 from rigidmc.studies.section.study import table
 
 BODY = rm.Body((1.0, 2.0, 2.5), centre=(0.1, 0.0, 0.2))
@@ -239,3 +240,10 @@ def test_no_point_at_all():
     found = rm.section(FREE, "omega[1] = 50", t_end=1.0)
     assert found.sizes["point"] == 0 and "  0 points" in table(found)[1]
     section_points(found)
+
+
+def test_values_and_periods_have_units():
+    assert crossing_of(FREE, "omega[1] = 90 deg/s", "rises").value == pytest.approx(np.pi / 2.0)
+    assert period_of(FREE, "every 1h30m") == 5400.0 and period_of(FREE, "every 250 ms") == 0.25
+    with pytest.raises(OptionError, match="mm is a length"):
+        crossing_of(FREE, "omega[1] = 90 mm", "rises")

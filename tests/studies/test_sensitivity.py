@@ -196,16 +196,19 @@ def test_what_hardly_differs_has_no_indices():
     assert np.isnan(indices(single, resolved=resolution("float32"))[0].value).all()
 
 
-def test_an_uncertain_tensor_is_one_number():
+def test_the_moment_about_the_spin_counts():
     """The spin about axis 3 is the smaller the larger the moment there; nothing else matters."""
     spread = np.diag([1e-4, 1e-4, 1e-2, 1e-5, 1e-5, 1e-5])
     body = rm.Body.from_tensor(rm.UncertainInertia(np.diag([1.0, 1.5, 2.0]), spread))
     start = rm.Start(momentum=(0.0, 0.0, rm.normal(1.0, 0.02)))
     scene = rm.Scene(body, start=start).with_run(dt=0.1, t_end=0.1)
     study = rm.sensitivity(scene, ["mean(omega_max[3])", "p(omega_max[3] >= 9)"], 300)
-    assert study.number.values.tolist() == ["body.tensor", "start.momentum.3"]
+    names = [f"body.tensor.{one}" for one in ("1.1", "2.2", "3.3", "2.3", "3.1", "1.2")]
+    assert study.number.values.tolist() == [*names, "start.momentum.3"]
     # (dI/I)^2 is 0.0025 and (dL/L)^2 0.0004
-    assert study.total.values[0] == pytest.approx((0.862, 0.138), abs=0.1)  # measured 0.002
+    total = study.total.values[0]
+    assert total[[2, 6]] == pytest.approx((0.862, 0.138), abs=0.1)  # measured 0.002
+    assert np.abs(np.delete(total, [2, 6])).max() < 1e-3  # measured 1.8e-6
     assert study.differing.values.tolist() == [300, 0] and np.isnan(study.total.values[1]).all()
     assert "indices require 10" in "\n".join(table(study))
     sensitivity_bars(study)
@@ -218,3 +221,25 @@ def test_zero_is_written_without_a_sign():
     for name in ("first", "first_low", "first_high"):
         study[name][:] = -1e-5
     assert "-0.000" not in "\n".join(table(study)) and "0.000 (0.000 to" in table(study)[3]
+
+
+def test_each_independent_element_of_a_tensor_has_an_index():
+    """Spin about (1, 1, 0)/sqrt(2): E = w^2 (I11 + I22 + 2 I12)/4, so that the variances of the
+    elements count as 1 : 1 : 4."""
+    variances = [4e-6, 1e-6, 0.0, 0.0, 0.0, 1e-6]
+    law = rm.UncertainInertia(np.diag([2.0, 2.5, 3.0]), np.diag(variances))
+    scene = rm.Scene(rm.Body.from_tensor(law), start=rm.Start(omega=(1.0, 1.0, 0.0)))
+    ds = rm.sensitivity(scene, of="mean(energy_mean)", families=8192, dt=0.05, t_end=0.1)
+    names = ["body.tensor.1.1", "body.tensor.2.2", "body.tensor.1.2"]
+    assert ds.number.values.tolist() == names
+    # measured 0.0048 with 8,192 families
+    assert ds["first"].values[0] == pytest.approx(np.array([4.0, 1.0, 4.0]) / 9.0, abs=0.02)
+
+
+def test_correlated_elements_of_a_tensor_have_one_index_together():
+    both = np.diag([4e-6, 1e-6, 0.0, 0.0, 0.0, 1e-6])
+    both[0, 1] = both[1, 0] = 1e-6
+    law = rm.UncertainInertia(np.diag([2.0, 2.5, 3.0]), both)
+    assert set(law.names_of_draws()) == {"tensor.1.1+tensor.2.2", "tensor.1.2"}
+    full = rm.UncertainInertia(np.diag([2.0, 2.5, 3.0]), np.eye(6) * 0.01 + 1e-4)
+    assert set(full.names_of_draws()) == {"tensor"}

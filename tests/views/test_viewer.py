@@ -253,6 +253,28 @@ def tab(watched_tab):
     assert troubles == []
 
 
+def test_charts_are_in_the_axes_of_the_description(browser, tmp_path):
+    """Frames are in the principal axes; the charts and the arrows are not."""
+    tensor = [[2.0, 0.5, 0.2], [0.5, 1.6, 0.0], [0.2, 0.0, 2.4]]
+    start = rm.Start(omega=(0.1, 1.0, 0.3), attitude=(1.0, 0.0, 0.0, 0.0))
+    scene = rm.Scene(rm.Body.from_tensor(tensor), start=start)
+    ds = rm.simulate(scene, dt=0.02, t_end=4.0, every=0.02, members=1, save=("omega", "attitude"))
+    view(ds, tmp_path / "page.html")
+    opened = browser.new_page()
+    opened.goto((tmp_path / "page.html").as_uri())
+    opened.evaluate("ready")
+    frames_made = opened.evaluate("DATA.members[0].frames")
+    i = (frames_made - 1) // 2
+    shown = opened.evaluate(f"[0, 1, 2].map(k => VALUES.omega(DATA.members[0], {i}, k))")
+    t = 4.0 * i / (frames_made - 1)
+    omega = ds.omega.interp(time=t).values[:, 0]
+    assert shown == pytest.approx(omega, abs=1e-4)  # measured 1.2e-5: 16 bits
+    third = ds.rigid.euler().theta.interp(time=t).values[0]
+    theta = opened.evaluate(f"VALUES.euler(DATA.members[0], {i}, 1)")
+    assert theta == pytest.approx(np.degrees(third), abs=0.01)  # measured 0.0013
+    opened.close()
+
+
 # the corner of the body that is farthest along (1, 1, 1) at the start, in space
 CORNER = """() => {
   const body = stages.body.objects.body[0], p = body.geometry.attributes.position.array;

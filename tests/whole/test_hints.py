@@ -102,7 +102,7 @@ def test_a_scene_by_its_name_and_a_body_alone(tmp_path):
     ("effect", "words"),
     [
         (rm.Gravity((0, 0, -9.81)), "expected one number in m s-2"),
-        (rm.Gravity("9.81 m/s2"), "expected one number in m s-2, without a unit"),
+        (rm.Gravity("9.81"), 'expected one number in m s-2, or text such as "1.5 m/s2"'),
         (rm.BodyTorque("1 N m"), "expected 3 numbers in N m"),
     ],
 )

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
+from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.runs.directory.gather import verify
 from rigidmc.runs.directory.resume import resume
 
@@ -424,10 +425,10 @@ def test_a_script_and_a_scene_file_run_the_same_parts(own, monkeypatch):
     assert np.abs((ds.start_omega**2).sum("axis") - 0.25).max() < 1e-15  # measured 5.6e-17
 
     captured = names["Captured"](stay=1.0)
-    state, seen = captured.begin(), []
+    state, seen, body = captured.begin(), [], MassProperties(*[1.0] * 9)
     # too short a stay, a fall that does not count, a stay, a tilt that is no fall, and a fall
     for t, tilt in ((0.5, 0.0), (1.0, 2.0), (1.5, 0.2), (2.5, 0.2), (3.0, 1.0), (3.5, 2.0)):
-        state = captured.update(state, t, (np.cos(0.5 * tilt), np.sin(0.5 * tilt), 0.0, 0.0))
+        state = captured.update(state, body, t, (np.cos(0.5 * tilt), np.sin(0.5 * tilt), 0.0, 0.0))
         seen.append(state[2:])
     assert seen == [(-1.0, 0.0)] * 3 + [(2.5, 0.0)] * 2 + [(2.5, 1.0)]
     assert ds.lost.dims == ("member",)

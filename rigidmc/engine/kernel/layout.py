@@ -157,7 +157,7 @@ def monitor_rows(events: Sequence[Any], running: Sequence[Any], shadow: Flag) ->
     return rows.end - rows.events
 
 
-_BODY = MassProperties(*[0.0] * 9, ())
+_BODY = MassProperties(*[0.0] * 9)
 AXES_ROWS = 4  # a quaternion, see `rigidmc.physics.dynamics.body_axes`
 
 

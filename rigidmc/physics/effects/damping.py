@@ -95,7 +95,7 @@ class AxialDamping(NamedTuple):
     kick_order=2,
 )
 class MatrixDamping(NamedTuple):
-    """Viscous damping by a full matrix; its axes may differ from the principal axes.
+    """Viscous damping by a full matrix; its axes may differ from the body axes.
 
     Torque::
 
@@ -106,7 +106,7 @@ class MatrixDamping(NamedTuple):
     Parameters
     ----------
     matrix : quantities (6,) [N m s]
-        xx, yy, zz, yz, zx, xy of the symmetric C, in the principal axes
+        xx, yy, zz, yz, zx, xy of the symmetric C, in body axes
 
     Examples
     --------

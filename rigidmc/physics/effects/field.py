@@ -29,7 +29,7 @@ class UniformField(NamedTuple):
     Parameters
     ----------
     dipole : quantities (3,) [A m^2]
-        moment in the principal axes
+        moment in body axes
     field : quantities (3,) [T]
         in space
 
@@ -73,7 +73,7 @@ class RotatingField(NamedTuple):
     Parameters
     ----------
     dipole : quantities (3,) [A m^2]
-        moment in the principal axes
+        moment in body axes
     field : quantities (3,) [T]
         in space at t = 0
     rate : quantity [rad/s]

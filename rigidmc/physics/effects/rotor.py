@@ -33,9 +33,9 @@ class Rotor(NamedTuple):
     Parameters
     ----------
     momentum : quantities (3,) [kg m^2/s]
-        of the flywheel relative to the body, principal axes
+        of the flywheel relative to the body, body axes
     motor : quantities (3,), optional [N m]
-        torque of the motor on the flywheel, principal axes
+        torque of the motor on the flywheel, body axes
 
     Examples
     --------

@@ -29,7 +29,7 @@ class Spring(NamedTuple):
     stiffness : quantity [N/m]
         of the spring
     at : quantities (3,) [m]
-        point of attachment on the body, principal axes
+        point of attachment on the body, body axes
     to : quantities (3,) [m]
         point of attachment in space, from the fixed point
     length : quantity, optional [m]

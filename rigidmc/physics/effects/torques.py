@@ -26,7 +26,7 @@ class BodyTorque(NamedTuple):
     Parameters
     ----------
     size : quantities (3,) [N m]
-        torque in the principal axes
+        torque in body axes
 
     Examples
     --------
@@ -97,7 +97,7 @@ class PeriodicTorque(NamedTuple):
     Parameters
     ----------
     size : quantities (3,) [N m]
-        amplitude of the torque, principal axes
+        amplitude of the torque, body axes
     frequency : quantity [rad/s]
         angular frequency
     phase : quantity, optional [rad]

@@ -18,6 +18,8 @@ A scene may add custom observables, called `given` below. Their names extend the
 # isort: off
 from rigidmc.physics.observables.state import Omega as Omega
 from rigidmc.physics.observables.state import Momentum as Momentum
+from rigidmc.physics.observables.state import PrincipalOmega as PrincipalOmega
+from rigidmc.physics.observables.state import PrincipalMomentum as PrincipalMomentum
 from rigidmc.physics.observables.state import Attitude as Attitude
 from rigidmc.physics.observables.state import Energy as Energy
 from rigidmc.physics.observables.state import L2 as L2

@@ -38,7 +38,8 @@ class PointingAngle(NamedTuple):
     Parameters
     ----------
     axis : int or sequence of 3 floats
-        1, 2, 3, or -1, -2, -3 for its other end; or a direction in the axes of the body
+        1, 2 or 3, an axis of the body as described, or -1, -2, -3 for its other end; or a direction
+        in these axes
     about : str or sequence of 3 floats, optional
         the direction in space, see `Passage`
 
@@ -116,8 +117,8 @@ class OrbitAngles(NamedTuple):
     Parameters
     ----------
     axes : sequence of 3 ints, optional
-        the axes of the body that lie along x, y and z when all angles are 0: 1, 2 or 3, negative
-        for the other end
+        the axes of the body, as described, that lie along x, y and z when all angles are 0: 1, 2 or
+        3, negative for the other end
 
     Examples
     --------

@@ -71,7 +71,7 @@ class Flips(NamedTuple):
             raise SceneError(rule, at=f"{TABLE}.axis", value=self.axis)
         real = isinstance(self.within, (int, float)) and not isinstance(self.within, bool)
         if not real or not 0.0 < self.within <= 0.5 * math.pi:
-            rule = "expected an angle between 0 and pi/2 [rad]; 60 degrees are 1.0472"
+            rule = 'expected an angle between 0 and pi/2 [rad]; degrees are written "60 deg"'
             raise SceneError(rule, at=f"{TABLE}.within", value=self.within)
 
     def bind(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "FlipLevel":

@@ -38,7 +38,7 @@ class Passage(NamedTuple):
     Parameters
     ----------
     axis : int
-        1, 2, 3, or -1, -2, -3 for its other end
+        1, 2 or 3, an axis of the body as described, or -1, -2, -3 for its other end
     angle : float [rad]
         half the opening of the cone
     way : str, optional
@@ -82,7 +82,7 @@ class Passage(NamedTuple):
             raise SceneError(rule, at=f"{TABLE}.axis", value=self.axis)
         real = isinstance(self.angle, (int, float)) and not isinstance(self.angle, bool)
         if not real or not 0.0 < self.angle < math.pi:
-            rule = "expected an angle between 0 and pi [rad]; 30 degrees are 0.5236"
+            rule = 'expected an angle between 0 and pi [rad]; degrees are written "30 deg"'
             raise SceneError(rule, at=f"{TABLE}.angle", value=self.angle)
         directions.check(self.about, f"{TABLE}.about")
         for key, word, known in (

@@ -40,7 +40,10 @@ class Dimension(NamedTuple):
 
 
 DIMENSIONS = {
-    "axis": Dimension((1, 2, 3), "principal axis of the body"),
+    "axis": Dimension((1, 2, 3), "axis of the body"),
+    "principal_axis": Dimension(
+        (1, 2, 3), "principal axis, numbered as the nearest axis of the body"
+    ),
     "quat": Dimension(("w", "x", "y", "z"), "component of the quaternion, scalar first"),
     "angle": Dimension(("roll", "pitch", "yaw"), "angle of the body in the frame of its orbit"),
 }  # the dimension "effect" has as many components as the scene has effects

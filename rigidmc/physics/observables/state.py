@@ -14,7 +14,7 @@ from rigidmc.physics.observables.protocol import observable
 
 @observable(units="rad s-1", long_name="angular velocity, body axes", dims=("axis",))
 class Omega(NamedTuple):
-    """Angular velocity in the body's principal axes, omega_i = L_i/I_i."""
+    """Angular velocity along the axes of the body, omega = I^-1 L."""
 
     def value(self, body, l):
         return angular_velocity(body, l)
@@ -22,7 +22,27 @@ class Omega(NamedTuple):
 
 @observable(units="kg m2 s-1", long_name="angular momentum, body axes", dims=("axis",))
 class Momentum(NamedTuple):
-    """Angular momentum in the body's principal axes."""
+    """Angular momentum along the axes of the body."""
+
+    def value(self, l):
+        return l
+
+
+@observable(units="rad s-1", long_name="angular velocity, principal axes", dims=("principal_axis",))
+class PrincipalOmega(NamedTuple):
+    """Angular velocity along the principal axes, omega_i = L_i/I_i; differs from `omega` for a body
+    described in other axes."""
+
+    def value(self, body, l):
+        return angular_velocity(body, l)
+
+
+@observable(
+    units="kg m2 s-1", long_name="angular momentum, principal axes", dims=("principal_axis",)
+)
+class PrincipalMomentum(NamedTuple):
+    """Angular momentum along the principal axes; differs from `momentum` for a body described in
+    other axes."""
 
     def value(self, l):
         return l

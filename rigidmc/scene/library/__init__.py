@@ -16,6 +16,8 @@ A scene file is TOML; SI units, angles in rad:
   t_handle = { density, radius, bar, stem }
   mass, centre = [x, y, z]   kg, m; with moments or tensor
   pivot = [x, y, z]          the fixed point of the body, if not the origin
+  axes = "principal"         start, effects and results are in the principal
+                             axes, not in the axes of the tensor or solid
 
 [effects.gravity]
   g                          m/s2
@@ -23,7 +25,7 @@ A scene file is TOML; SI units, angles in rad:
                              parameters; [[effects.NAME]] for several
 
 [start]
-  omega or momentum          rad/s or kg m2/s, in principal axes
+  omega or momentum          rad/s or kg m2/s, in body axes
   attitude                   "uniform", quaternion [w, x, y, z], 3x3 matrix,
                              or Euler angles z-x-z [phi, theta, psi]
 [observables.NAME]           an observable with parameters, monitored at

@@ -27,11 +27,22 @@ from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import WATCHED, WITH_TABLE
 from rigidmc.scene.amounts import count_text
 from rigidmc.scene.body import Body
+from rigidmc.scene.inertia_about import is_about_centre
+from rigidmc.scene.quantities import vector
 from rigidmc.scene.settings import Run, Table, check_table, with_changes
 from rigidmc.scene.shape import read_shape
 from rigidmc.scene.start import Start
-from rigidmc.scene.toml.values import DataSources, check_keys, check_plain, read_quantity
+from rigidmc.scene.toml.values import (
+    DataSources,
+    check_keys,
+    check_plain,
+    read_measured,
+    read_plain,
+    read_quantity,
+)
+from rigidmc.scene.units import BODY, in_si, size_units
 from rigidmc.scene.user_parts.registry import Code, load_user_class, make_stand_in
+from rigidmc.units import list_text
 
 Settings = Sequence[tuple[str, str]]  # (dotted key, value as TOML or as a plain word)
 
@@ -123,6 +134,8 @@ def _value(text: Any) -> Any:
         except SceneError as error:
             if "not valid" not in error.rule:
                 raise
+    if isinstance(text, str) and (parts := list_text(text)):
+        return {"value": _value(parts[0]), "unit": parts[1]}
     return text
 
 
@@ -140,8 +153,9 @@ def _set(data: dict[str, Any], dotted: str, value: str) -> None:
             raise SceneError(f"'{table}' is not a table", at=dotted, table="", value=value)
     data[key] = given
     if tables[-1:] == ["body"] and key in (*BODIES, "mass", "centre"):
-        # the shape belongs to the original body
-        for other in {"shape", *(BODIES if key in BODIES else ())} - {key}:
+        # the shape belongs to the original body, and so do the options of its file
+        others = (*BODIES, *_OF_FILE) if key in BODIES else ()
+        for other in {"shape", *others} - {key, "mass", "about"}:
             data.pop(other, None)
 
 
@@ -157,7 +171,9 @@ SHAPES: dict[str, tuple[tuple[str, ...], Callable[..., Body]]] = {
     },
     "particles": (("masses", "positions"), Body.from_particles),
 }
-BODIES = ("moments", "tensor", *SHAPES)  # a body has exactly one of these keys
+BODIES = ("moments", "tensor", "file", *SHAPES)  # a body has exactly one of these keys
+# other keys of a body from a file, the arguments of Body.read
+_OF_FILE = ("link", "products", "about", "density", "mass", "scale", "solid")
 
 
 def _one_of(keys: list[str], table: dict[str, Any]) -> SceneError:
@@ -171,9 +187,9 @@ def _one_of(keys: list[str], table: dict[str, Any]) -> SceneError:
 
 def read_body(table: dict[str, Any], stored: DataSources) -> Body:
     """Return the body of the table [body]."""
-    check_keys(
-        table, (*BODIES, "mass", "centre", "principal_axes", "axes", "pivot", "shape"), "body"
-    )
+    others = ("about", "mass", "centre", "principal_axes", "axes", "pivot", "shape")
+    more_keys = _OF_FILE if "file" in table else ()
+    check_keys(table, dict.fromkeys((*BODIES, *others, *more_keys)), "body")
     keys = [key for key in BODIES if key in table]
     if len(keys) != 1:
         raise _one_of(keys, table)
@@ -184,42 +200,96 @@ def read_body(table: dict[str, Any], stored: DataSources) -> Body:
     # results until 0.1 with an uncertain tensor have no such key, and are in the principal axes
     is_old = stored.of_result is not None and isinstance(table.get("tensor"), dict)
     frame = table.get("axes", "principal" if is_old else "described")
-    if key in SHAPES:
+    if key == "file":
+        body = replace(_of_file(table, stored), frame=frame)
+    elif key in SHAPES:
         body = replace(_shaped(table, key), frame=frame)
     else:
-        more = {
-            k: read_quantity(table[k], f"body.{k}", stored)
-            for k in ("mass", "centre")
-            if k in table
-        }
-        if key == "moments":
-            body = Body.from_moments(read_quantity(table[key], f"body.{key}", stored), **more)
-            body = replace(body, frame=frame)
-        elif isinstance(table[key], dict):
-            tensor = read_quantity(table[key], f"body.{key}", stored)
-            body = Body.from_tensor(tensor, **more, axes=frame)
-        else:
-            body = Body.from_tensor(check_plain(table[key], f"body.{key}"), **more, axes=frame)
+        body = _of_inertia(table, key, frame, stored)
     if "principal_axes" in table:
         axes = check_plain(table["principal_axes"], "body.principal_axes")
-        body = replace(body, axes=tuple(map(tuple, axes)), frame=frame)
+        body = replace(body, axes=tuple(map(tuple, axes)))
     if "shape" in table:
-        body = replace(body, shape=read_shape(table["shape"]))
+        body = replace(body, shape=read_shape(_shape_in_si(table["shape"])))
     if "pivot" not in table:
         return body
-    pivot = table["pivot"]
+    pivot = read_measured(table["pivot"], "body.pivot", lambda inner: inner)
+    if pivot == "centre" and table.get("about") == "centre" and body.inertia_key == "moments":
+        return body  # its inertia is about the fixed point as given
     return body.with_pivot_at_centre() if pivot == "centre" else body.with_pivot(pivot)
+
+
+def _of_inertia(table: dict[str, Any], key: str, frame: str, stored: DataSources) -> Body:
+    """Return a body given by its moments or its tensor."""
+    more = {
+        k: read_quantity(table[k], f"body.{k}", stored) for k in ("mass", "centre") if k in table
+    }
+    is_whole = isinstance(table[key], dict) and "value" not in table[key]
+    if key == "tensor" and not is_whole:
+        inertia = read_plain(table[key], BODY[key], f"body.{key}")
+    else:
+        inertia = read_quantity(table[key], f"body.{key}", stored)
+    about = table.get("about", "pivot")
+    if is_about_centre(about) and "principal_axes" in table:
+        rule = 'has no principal_axes with about = "centre": give the tensor instead'
+        raise SceneError(rule, at=f"body.{key}")
+    if is_about_centre(about) and table.get("pivot") == "centre":
+        # where the centre of mass was does not matter, and moving there and back costs digits
+        vector(more.pop("centre", (0.0, 0.0, 0.0)), "body.centre")
+        about = "pivot"
+    if key == "moments":
+        return replace(Body.from_moments(inertia, **more, about=about), frame=frame)
+    return Body.from_tensor(inertia, **more, about=about, axes=frame)
+
+
+def _of_file(table: dict[str, Any], stored: DataSources) -> Body:
+    """Return the body of a file, in the folder of the scene unless its path is absolute."""
+    for extra in ("centre", "principal_axes", "shape"):
+        if extra in table:
+            rule = "the file of the body defines this"
+            raise SceneError(rule, at=f"body.{extra}", value=table[extra])
+    if not isinstance(table["file"], str):
+        rule = 'expected the name of a file, such as "arm.urdf"'
+        raise SceneError(rule, at="body.file", value=table["file"])
+    path = os.path.join(stored.folder or "", table["file"])
+    options = {key: table[key] for key in _OF_FILE if key in table}
+    try:
+        return Body.read(path, **options)
+    except FileNotFoundError:
+        where = os.path.abspath(stored.folder or os.curdir)
+        rule = f"no such file in {where}"
+        raise SceneError(rule, at="body.file", value=table["file"]) from None
+
+
+def _shape_in_si(tables: Any) -> Any:
+    """Return the tables [[body.shape]] with the sizes and places that have a unit in SI."""
+    if isinstance(tables, list):
+        return [_shape_in_si(table) for table in tables]
+    if not isinstance(tables, dict):
+        return tables
+    plain = ("solid", "turned", "hole", "faces")
+    return {
+        key: value
+        if key in plain
+        else in_si(
+            read_measured(value, at := f"body.shape.{key}", lambda inner: inner),
+            size_units(key),
+            at,
+        )
+        for key, value in tables.items()
+    }
 
 
 def _shaped(table: dict[str, Any], key: str) -> Body:
     """Return a solid, or a body of particles, from its own table within [body]."""
     keys, make = SHAPES[key]
-    for extra in ("mass", "centre"):
+    for extra in ("mass", "centre", "about"):
         if extra in table:
             rule = f"the table of a {key} defines its mass and centre: {', '.join(keys)}"
             raise SceneError(rule, at=f"body.{extra}", value=table[extra])
     check_keys(table[key], keys, f"body.{key}", required=keys)
-    return make(**{k: check_plain(table[key][k], f"body.{key}.{k}") for k in keys})
+    given = {k: read_plain(table[key][k], size_units(k), f"body.{key}.{k}") for k in keys}
+    return make(**given)
 
 
 def read_start(table: dict[str, Any], stored: DataSources) -> Start:
@@ -269,7 +339,13 @@ def _built(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code
     required = [field for field in made._fields if field not in made._field_defaults]
     check_keys(table, (*made._fields, *more), f"{kind}.{name}", required)
     # compiled code needs tuples
-    return made(**{key: _tuple(value) for key, value in table.items() if key not in more})
+    given = {key: value for key, value in table.items() if key not in more}
+    if kind == "observables":
+        given = {
+            key: read_measured(value, f"{kind}.{name}.{key}", _tuple)
+            for key, value in given.items()
+        }
+    return made(**{key: _tuple(value) for key, value in given.items()})
 
 
 def _tuple(value: Any) -> Any:

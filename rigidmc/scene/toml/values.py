@@ -17,6 +17,7 @@ from rigidmc.files.user_code import source_of
 from rigidmc.physics.dynamics.methods import word_of
 from rigidmc.scene.distributions import Distribution, distribution, is_distribution, mixture
 from rigidmc.scene.quantities import Grid, grid
+from rigidmc.scene.units import in_si
 from rigidmc.scene.user_parts.registry import (
     Code,
     load_user_class,
@@ -29,6 +30,7 @@ from rigidmc.scene.vector_distributions import (
     make_distribution,
 )
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
+from rigidmc.units import Measured, unit_named, unit_of
 
 
 class DataSources(NamedTuple):
@@ -74,12 +76,16 @@ def read_quantity(value: Any, at: str, stored: DataSources) -> Any:
 
     Accepts numbers, lists, { distribution = parameters }, the same with between = [low, high],
     { mixture = [{ weight = w, distribution = parameters }, ...] }, { grid = [low, high, count] },
-    { distribution = table }, { table = file, columns = names } and { stored = name, axis = i }
+    { distribution = table }, { table = file, columns = names } and { stored = name, axis = i };
+    any of these but the last with unit = "deg/s" beside it, and { value = number, unit = "deg/s" },
+    become Measured
     """
     if isinstance(value, list):
         return [read_quantity(v, at, stored) for v in value]
     if not isinstance(value, dict):
         return value
+    if "unit" in value or "value" in value:
+        return read_measured(value, at, lambda inner: read_quantity(inner, at, stored))
     if "stored" in value:
         return _rows_of(value, at, stored.of_result)
     if "table" in value:
@@ -98,18 +104,50 @@ def read_quantity(value: Any, at: str, stored: DataSources) -> Any:
         return _own_law(value, at, stored)
     if len(value) != 1:
         rule = "expected a number or one distribution, e.g. { normal = [0.0, 0.001] }"
-        words = [nearest(word, ["between", "mixture", "grid"]) for word in value]
+        words = [nearest(word, ["between", "mixture", "grid", "unit"]) for word in value]
         raise SceneError(rule, at=at, value=value, nearest=next(filter(None, words), None))
     ((name, parameters),) = value.items()
     law = make_distribution(name, parameters, at, lambda part: read_quantity(part, at, stored))
     if law is not None:
         return law
+    if not is_distribution(name) and (unit := unit_named(name)):
+        rule = f'a unit stands beside the number: {{ value = 10.0, unit = "{unit}" }}'
+        raise SceneError(rule, at=at, value=value)
     if distributions_of(at) and not is_distribution(name):
         raise _no_such_law(name, value, at)
     if isinstance(parameters, dict):
         return _named(at, value, distribution, name, **parameters)
     several = parameters if isinstance(parameters, list) else [parameters]
     return _named(at, value, distribution, name, *several)
+
+
+def read_measured(value: Any, at: str, read: Callable[[Any], Any]) -> Any:
+    """Return { value = ..., unit = "mm" }, or another table with a unit beside its keys, as
+    Measured; anything else unchanged. SceneError.
+
+    read : function that reads what stands beside the unit
+    """
+    if not isinstance(value, dict) or not {"unit", "value"} & value.keys():
+        return value
+    if "unit" not in value:
+        rule = 'expected a unit beside the value, { value = 10.0, unit = "deg/s" }, or a number'
+        close = [nearest(word, ["unit"]) for word in value]
+        raise SceneError(rule, at=at, value=value, nearest=next(filter(None, close), None))
+    inner = {key: part for key, part in value.items() if key != "unit"}
+    if "value" in inner:
+        check_keys(value, ("value", "unit"), at)
+        inner = inner["value"]
+    elif not inner or "stored" in inner:
+        rule = 'expected { value = 10.0, unit = "deg/s" }, or a distribution with its unit'
+        raise SceneError(rule, at=at, value=value)
+    unit_of(value["unit"], at, value)
+    return Measured(read(inner), value["unit"])
+
+
+def read_plain(value: Any, units: str, at: str) -> Any:
+    """Return a number or lists of numbers, converted to SI if they have a unit; SceneError for
+    anything else."""
+    return check_plain(in_si(read_measured(value, at, lambda inner: inner), units, at), at)
 
 
 def _own_law(value: dict[str, Any], at: str, stored: DataSources) -> VectorDistribution:
@@ -130,14 +168,18 @@ def _own_law(value: dict[str, Any], at: str, stored: DataSources) -> VectorDistr
     return law
 
 
-def _truncated(value: dict[str, Any], at: str, stored: DataSources) -> Distribution:
+def _truncated(value: dict[str, Any], at: str, stored: DataSources) -> Distribution | Measured:
     """Return a truncated distribution; SceneError."""
     bounds, inner = value["between"], {k: v for k, v in value.items() if k != "between"}
-    law = read_quantity(inner, at, stored) if inner else None
-    if not isinstance(law, Distribution) or not isinstance(bounds, list) or len(bounds) != 2:
+    law: Any = read_quantity(inner, at, stored) if inner else None
+    known = isinstance(law, Distribution) or (
+        isinstance(law, Measured) and isinstance(law.value, Distribution)
+    )
+    if not known or not isinstance(bounds, list) or len(bounds) != 2:
         rule = "expected one distribution with bounds, { normal = [1, 0.1], between = [0.5, 1.5] }"
         raise SceneError(rule, at=at, value=value)
-    return _named(at, value, law.between, *bounds)
+    cut: Distribution | Measured = _named(at, value, law.between, *bounds)
+    return cut
 
 
 def _mixture(value: dict[str, Any], at: str, stored: DataSources) -> Distribution:

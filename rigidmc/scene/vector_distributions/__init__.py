@@ -18,6 +18,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rigidmc.errors import SceneError, unknown
+from rigidmc.scene.units import parameters_in_si
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution, check_user_distribution
 
 VECTOR_DISTRIBUTIONS: list[type[VectorDistribution]] = [
@@ -37,7 +38,7 @@ def distributions_of(at: str) -> dict[str, type[VectorDistribution]]:
 
 def check_distribution(distribution: VectorDistribution, at: str) -> VectorDistribution:
     """Return a distribution with checked parameters; SceneError."""
-    kinds = distributions_of(at)
+    kinds, distribution = distributions_of(at), parameters_in_si(distribution, at)
     if type(distribution) not in VECTOR_DISTRIBUTIONS:
         return check_user_distribution(distribution, at)
     if type(distribution) not in kinds.values():

@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from rigidmc.errors import SceneError
+from rigidmc.mechanics.impossible import causes_text
 from rigidmc.mechanics.inertia import elements, symmetric
 from rigidmc.mechanics.log_cholesky import cholesky_factor, numbers_of, parameters_of, rates_of
 from rigidmc.scene.distributions import Distribution
@@ -60,6 +62,14 @@ class SecondMoments(VectorDistribution):
         return np.stack([b + c, c + a, a + b])
 
 
+# the parameters of a body in the order of a covariance, as scenes name them
+ELEMENTS = (
+    *(f"tensor.{i}.{j}" for i, j in ((1, 1), (2, 2), (3, 3), (2, 3), (3, 1), (1, 2))),
+    *(f"centre.{i}" for i in (1, 2, 3)),
+    "mass",
+)
+
+
 @dataclass(frozen=True)
 class UncertainInertia(VectorDistribution):
     """An inertia tensor, optionally with centre of mass and mass, with a given covariance.
@@ -75,11 +85,12 @@ class UncertainInertia(VectorDistribution):
     compare.
     Source: Rucker & Wensing, IEEE Robotics and Automation Letters 7 (2022) 2771.
 
-    The principal axes differ between members; each is labelled after the nearest axis of the mean
-    tensor. Give the start, and the body-fixed vectors of effects, in the principal axes of the mean
-    tensor; they are transformed to the axes of each member. Equilibrium ensembles, damping rates
-    and direction potentials refer to the axes of the member. Results are in the axes of the member:
-    `principal_axes` has its attitude, and `ds.rigid.described("omega")` transforms back.
+    The members share the axes of the tensor: the start, the body-fixed vectors of effects and
+    results are in these. The principal axes differ between members, and each has the number of the
+    nearest axis of the tensor; `principal_axes` of the result has their attitude, and
+    `ds.rigid.principal("omega")` transforms to them. With `Body.from_tensor(..., axes="principal")`
+    starts and effects are in the principal axes of the mean tensor, and results in the principal
+    axes of each member.
 
     Parameters
     ----------
@@ -109,6 +120,7 @@ class UncertainInertia(VectorDistribution):
 
     name = "uncertain_inertia"
     variables = ("tensor",)
+    units = {"mean": "kg m2", "covariance": "kg2 m4", "centre": "m"}
 
     def check(self, at: str) -> "UncertainInertia":
         mean = check_semidefinite(self.mean, f"{at}.mean", (3,))
@@ -128,6 +140,30 @@ class UncertainInertia(VectorDistribution):
         six = _about_centre(elements(self.mean), self.centre, mass)
         tensor: Array = symmetric(np.array(six)[:, None])[0]
         return tensor
+
+    def names_of_draws(self) -> tuple[str, ...]:
+        """Return the name of the uncertain number behind each normal deviate.
+
+        An element that is independent of all others has a name of its own, such as "tensor.1.2",
+        "centre.3" or "mass". Correlated elements have one name together, such as
+        "tensor.1.1+tensor.2.2", or "tensor" if this is all: no index belongs to one of them alone.
+        Exact elements, whose deviates change nothing, have the name of the first uncertain ones.
+        """
+        size = len(self.covariance)
+        groups = list(range(size))
+        for i, j in product(range(size), repeat=2):
+            if i < j and self.covariance[i][j] != 0.0:
+                old, new = groups[j], groups[i]
+                groups = [new if group == old else group for group in groups]
+        uncertain = [i for i in range(size) if self.covariance[i][i] > 0.0]
+        names = {
+            group: "+".join(ELEMENTS[i] for i in uncertain if groups[i] == group)
+            for group in dict.fromkeys(groups[i] for i in uncertain)
+        }
+        if len(names) == 1 and len(uncertain) > 1:
+            names = dict.fromkeys(names, "tensor")
+        first = next(iter(names.values()), "tensor")
+        return tuple(names.get(group, first) for group in groups)
 
     def resized(self, mass: float, length: float) -> "UncertainInertia":
         """Return the distribution in units that multiply masses and lengths by these factors."""
@@ -200,7 +236,9 @@ def _spread(
     except (ValueError, ZeroDivisionError):
         rule = "no body can have this tensor, mass and centre of mass, or the body is flat"
         raise SceneError(
-            rule, at="body.tensor", value=[list(row) for row in distribution.mean]
+            rule + causes_text(distribution.mean, mass, centre),
+            at="body.tensor",
+            value=[list(row) for row in distribution.mean],
         ) from None
     columns = zip(*cholesky_factor(distribution.covariance), strict=True)
     rest = [0.0] * (len(parameters) - len(distribution.covariance))

@@ -7,6 +7,7 @@ import numpy as np
 
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import SceneError
+from rigidmc.mechanics.inertia import vectors_into
 from rigidmc.physics.dynamics.functions import exponential_of
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Source, draw, is_seed
@@ -40,8 +41,8 @@ class Shell(EquilibriumEnsemble):
     energy : quantity [J]
         E
     direction : array_like (3,), optional
-        direction of L in the body; by default L is uniform on the shell (microcanonical ensemble),
-        L = sqrt(2 (E - V) I) n with n uniform on the sphere
+        direction of L in body axes; by default L is uniform on the shell (microcanonical
+        ensemble), L = sqrt(2 (E - V) I) n with n uniform on the sphere
 
     Examples
     --------
@@ -83,6 +84,7 @@ class Shell(EquilibriumEnsemble):
             v = np.sqrt(facts.moments) * directions(sampler, name, first, count)
         else:
             v = np.broadcast_to(np.array(self.direction, float)[:, None], (3, count))
+            v = v if facts.turn is None else vectors_into(facts.turn, v)
             v = v / np.sqrt((v * v / facts.moments).sum(0))
         with np.errstate(invalid="ignore"):
             momenta: Array = np.sqrt(twice) * v  # nan if V(q) > E

@@ -26,12 +26,14 @@ class MemberFacts(NamedTuple):
     potential : function of attitudes (4, n) that returns potential energies (n,) [J]
     bound : bounds on the size of the potential energies (n,) [J]
     attitude : attitudes (4, n) of the members
+    turn : the principal axes (3, 3, n) in the axes of the scene; None if these are the same
     """
 
     moments: Array
     potential: Callable[[Array], Array]
     bound: Array
     attitude: Any = None
+    turn: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -44,12 +46,14 @@ class VectorDistribution:
             omega = { cone = { axis = 2, size = 1.0, angle = 0.01 } }
         variables : keys of a scene that accept it, from omega, momentum, moments and attitude
         scaling : {field: power}, how a field scales with the vector; "energy" for a field in joules
+        units : {field: SI units} of fields whose units do not follow from `scaling`
         uses_scipy : whether it uses scipy, whose versions may round differently
     """
 
     name: ClassVar[str]
     variables: ClassVar[tuple[str, ...]]
     scaling: ClassVar[dict[str, Any]] = {}
+    units: ClassVar[dict[str, str]] = {}
     uses_scipy: ClassVar[bool] = False
 
     def __init_subclass__(cls, **more: Any) -> None:

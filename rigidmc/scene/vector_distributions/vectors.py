@@ -27,7 +27,7 @@ AROUND = Distribution("uniform", (0.0, 2.0 * math.pi))
 
 @dataclass(frozen=True)
 class Cone(VectorDistribution):
-    """A vector of given size at a given angle from a principal axis.
+    """A vector of given size at a given angle from an axis of the body.
 
     Components along the axis, the next axis, and the one after it::
 
@@ -59,6 +59,7 @@ class Cone(VectorDistribution):
     name = "cone"
     variables = ("omega", "momentum")
     scaling = {"size": 1}
+    units = {"angle": "rad", "azimuth": "rad"}
 
     def check(self, at: str) -> "Cone":
         if isinstance(self.axis, bool) or self.axis not in (1, 2, 3, -1, -2, -3):

@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.files.outputs import Path
+from rigidmc.physics.dynamics.body_axes import body_axes
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.initial import make_sampler
 from rigidmc.progress import Progress, announce, reporter, say
+from rigidmc.results.frames import is_described
 from rigidmc.results.measures import Variables, save_for_measures
 from rigidmc.results.run_directory import RunDirectory
 from rigidmc.results.variables import variables_of
@@ -251,6 +253,17 @@ def refuse_noise(scene: Scene) -> None:
             raise SceneError(rule, at=f"effects.{label}")
 
 
+def _element(part: xr.Dataset, indices: Sequence[str]) -> Array:
+    """Return an element of the tensors of members (n,); nan unless two indices name one."""
+    if len(indices) != 2 or not is_described(part):
+        return np.full(part.sizes["member"], np.nan)
+    axes = body_axes(tuple(part.principal_axes.transpose("quat", "member").values))
+    rows = [np.array(axes[int(i)]) for i in indices]  # of A in I_ij = sum_k A_ik I_k A_jk
+    moments = part.moments.transpose("axis", "member").values
+    element: Array = (rows[0] * moments * rows[1]).sum(0)
+    return element
+
+
 def start_numbers(part: xr.Dataset, name: str) -> tuple[Array, str]:
     """Return (a parameter of the start of members (n,), its units); nan for a distribution of a
     vector."""
@@ -258,6 +271,8 @@ def start_numbers(part: xr.Dataset, name: str) -> tuple[Array, str]:
     key = first if table == "body" else f"start_{first}"
     if table == "effects":
         key = f"{first}_{rest.pop(0)}"
+    if key == "tensor":
+        return _element(part, rest), "kg m2"
     variable = part.get("start_euler" if key == "start_attitude" else key)
     if variable is None or (variable.ndim > 1) != bool(rest):
         return np.full(part.sizes["member"], np.nan), "1"

@@ -9,8 +9,9 @@ from dataclasses import MISSING, dataclass, field, fields, replace
 from numbers import Real
 from typing import Any, NamedTuple, Self, dataclass_transform, get_args, get_type_hints
 
-from rigidmc.errors import OptionError
+from rigidmc.errors import OptionError, SceneError
 from rigidmc.scene.amounts import read_count, read_seconds, words_of
+from rigidmc.units import in_units
 
 REQUIRED: Any = inspect.Parameter.empty  # default of an option that must be given
 # types of an option: given several times; a list of names such as rk4,rk8, or of named objects;
@@ -83,6 +84,12 @@ class Option:
         return value
 
     def _number(self, value: Any) -> float:
+        try:
+            value = in_units(value, self.unit or "1", self.name)
+        except SceneError as error:
+            raise OptionError(
+                error.rule, at=self.name, value=value, nearest=error.nearest
+            ) from None
         sound = isinstance(value, Real) and not isinstance(value, bool)
         if not sound or not self.above < float(value) < self.below:
             limits = {"above": self.above, "below": self.below}

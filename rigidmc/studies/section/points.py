@@ -25,12 +25,15 @@ from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import blank, is_random, parameter_count
 from rigidmc.physics.integrators import INTEGRATORS
+from rigidmc.physics.observables import find_observable
 from rigidmc.physics.observables.protocol import size
 from rigidmc.planning.initial import block_rows, initial_block_of, make_sampler
 from rigidmc.planning.steps import rate_bounds
 from rigidmc.results.estimates import StateComponent, component_of, rows_in_time
 from rigidmc.results.frames import in_principal_axes
+from rigidmc.scene.amounts import parse_seconds
 from rigidmc.scene.scene import Scene
+from rigidmc.units import in_units, quantity_text
 
 Array = NDArray[np.float64]
 # rad: the error of an rk8 step of this length is 1e-13, so that a section keeps the run's accuracy
@@ -94,8 +97,9 @@ class CrossingPaths:
         fixed = np.array(tree_flatten(observables))
         fixed = np.broadcast_to(fixed, (len(table), fixed.size))
         self._table = np.concatenate([table, fixed], axis=1)
+        body = MassProperties(*[0.0] * BODY_NUMBERS)
         self._kind = AdvancedState(
-            MassProperties(*[0.0] * BODY_NUMBERS, body_axes((1.0, 0.0, 0.0, 0.0)) if axes else ()),
+            body._replace(axes=body_axes((1.0, 0.0, 0.0, 0.0)) if axes else ()),
             blank(scene.effects), observables, INTEGRATORS["rk8"], 0.0, 0.0, (0.0,) * 4, (0.0,) * 3,
         )  # fmt: skip
         self._width = 7 + sum(size(one.dims) for one in observables)
@@ -162,7 +166,7 @@ def _apart(one: Array, two: Array, size: Array) -> Array:
 
 WAYS = ("rises", "falls", "both")
 _CROSSING = re.compile(r"\s*(?P<of>[^=<>]+)=\s*(?P<value>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*")
-_PERIOD = re.compile(r"\s*every\s+(?P<period>orbit|(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*(s\s*)?")
+_PERIOD = re.compile(r"\s*every\s+(?P<period>orbit|[\d.].*)")
 RULE = 'expected "NAME = NUMBER" or "NAME[3] = NUMBER", "every NUMBER" [s] or "every orbit"'
 
 
@@ -193,13 +197,25 @@ def crossing_of(scene: Scene, at: str, way: str) -> Crossing:
         raise OptionError(
             f"expected {', '.join(WAYS)}", at="way", value=way, nearest=nearest(way, WAYS)
         )
-    match = _CROSSING.fullmatch(at)
+    match = _CROSSING.fullmatch(_in_si(scene, at))
     if match is None or math.isinf(float(match["value"])):
         raise OptionError(RULE, at="at", value=at)
     if noisy := [label for label, effect in label_effects(scene.effects) if is_random(effect)]:
         rule = "a section requires a scene without noise: paths between saves are unknown"
         raise SceneError(rule, at=f"effects.{noisy[0]}")
     return Crossing(component_of(scene, match["of"], "at"), float(match["value"]), way)
+
+
+def _in_si(scene: Scene, at: str) -> str:
+    """Return "omega[1] = 0.087" for "omega[1] = 5 deg/s"; another text unchanged; OptionError."""
+    name, equals, value = at.partition("=")
+    if not equals or quantity_text(value) is None:
+        return at
+    of = find_observable(scene.observables, component_of(scene, name, "at").name)
+    try:
+        return f"{name}= {in_units(value, of.units, 'at')!r}"
+    except SceneError as error:
+        raise OptionError(error.rule, at="at", value=at, nearest=error.nearest) from None
 
 
 def period_of(scene: Scene, at: str) -> float | None:
@@ -209,10 +225,10 @@ def period_of(scene: Scene, at: str) -> float | None:
         return None
     word = match["period"]
     if word != "orbit":
-        period = float(word)
-        if not 0.0 < period < math.inf:
-            raise OptionError(RULE, at="at", value=at)
-        return period
+        try:
+            return parse_seconds(word)
+        except ValueError:
+            raise OptionError(RULE, at="at", value=at) from None
     for label, effect in label_effects(scene.effects):
         if label == "gravity_gradient":
             mu, distance = effect.mu, effect.distance

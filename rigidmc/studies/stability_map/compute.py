@@ -49,7 +49,7 @@ class MapRun(NamedTuple):
 def replicas_of(scene: Scene, x: Side, y: Side) -> int:
     """Return REPLICAS if the members of a pixel differ, since a quantity or the attitude is random;
     else 1."""
-    one = make_request(x, y, "status", 1, 1).of_scene(scene)
+    one = make_request(x, y, "status", 1, 1, scene=scene).of_scene(scene)
     drawn = any(isinstance(q, (Distribution, VectorDistribution)) for q in one.model.quantities())
     return REPLICAS if drawn or isinstance(one.start.attitude, str) else 1
 

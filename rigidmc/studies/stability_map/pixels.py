@@ -13,7 +13,8 @@ from rigidmc.results.measures import Measure
 from rigidmc.results.variables import Variable
 from rigidmc.scene.sampling import is_sample
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.stability_map.question import MapRequest, units_of
+from rigidmc.scene.units import units_of
+from rigidmc.studies.stability_map.question import MapRequest
 from rigidmc.version import VERSION
 
 ASKED = "asked"  # attribute of a map with its request

@@ -6,12 +6,13 @@ from typing import Any, NamedTuple
 
 from pydantic import TypeAdapter
 
-from rigidmc.errors import FileError, OptionError, RigidmcError
-from rigidmc.physics.effects import label_effects
+from rigidmc.errors import FileError, OptionError, RigidmcError, SceneError
 from rigidmc.scene.amounts import read_count
-from rigidmc.scene.parameters import with_parameter
+from rigidmc.scene.parameters import parameter_names, with_parameter
 from rigidmc.scene.quantities import Grid, grid
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.units import units_of
+from rigidmc.units import in_units
 
 MOST = 4096  # pixels per side
 LAYERS, MOST_LAYERS = 6, 64
@@ -98,19 +99,23 @@ def make_request(
     replicas: int,
     z: Side | None = None,
     layers: int | None = None,
+    scene: Scene | None = None,
     **more: Any,
 ) -> MapRequest:
-    """Return the MapRequest from user input; OptionError for bad sides, measures and sizes."""
+    """Return the MapRequest from user input; OptionError for bad sides, measures and sizes.
+
+    scene : its parameters convert ends with a unit to SI
+    """
     texts = (of,) if isinstance(of, str) else tuple(of)
     if not texts or not all(isinstance(text, str) for text in texts):
         raise OptionError('expected measures, such as "p(flips >= 1)"', at="of", value=texts)
-    across, upwards = _whole_side("x", x), _whole_side("y", y)
+    across, upwards = _whole_side("x", x, scene), _whole_side("y", y, scene)
     if x[0] == y[0]:
         raise OptionError("is already the parameter of x", at="y", value=y[0])
     if z is None and layers is not None:
         raise OptionError("requires a third parameter: give z", at="layers", value=layers)
     if z is not None:
-        more["z"] = _whole_side("z", z)
+        more["z"] = _whole_side("z", z, scene)
         more["layers"] = read_count(LAYERS if layers is None else layers, "layers", 1, MOST_LAYERS)
         if z[0] in (x[0], y[0]):
             raise OptionError("is already the parameter of x or y", at="z", value=z[0])
@@ -138,13 +143,20 @@ def with_borders(request: MapRequest, adaptive: bool | Borders) -> MapRequest:
     return request._replace(borders=adaptive)
 
 
-def _whole_side(key: str, side: Side) -> Whole:
-    """Return a side with all entries; OptionError."""
+def _whole_side(key: str, side: Side, scene: Scene | None) -> Whole:
+    """Return a side with all entries, its ends in SI units; OptionError."""
     if isinstance(side, str) or len(side) not in (3, 4) or not isinstance(side[0], str):
         rule = "expected (parameter, low, high) or (parameter, low, high, True)"
         example = 'such as ("body.moments.1", 0.1, 0.9)'
         raise OptionError(f"{rule}, {example}", at=key, value=side)
     name, low, high, *log = side
+    if scene is not None and name in parameter_names(scene):
+        try:
+            low, high = (in_units(end, units_of(scene, name), key) for end in (low, high))
+        except SceneError as error:
+            raise OptionError(
+                error.rule, at=key, value=error.value, nearest=error.nearest
+            ) from None
     return name, low, high, bool(log and log[0])
 
 
@@ -171,29 +183,3 @@ def _grid(key: str, side: Whole, count: int, stride: int) -> Grid:
         rule = error.rule if "whole number" in error.rule else rule
         raise OptionError(rule, at=key, value=f"{name} from {low} to {high}") from None
     return values
-
-
-_UNITS = {
-    "angle": "rad",
-    "azimuth": "rad",
-    "phi": "rad",
-    "theta": "rad",
-    "psi": "rad",
-    "energy": "J",
-    "kT": "J",
-    "mass": "kg",
-    "centre": "m",
-    "moments": "kg m2",
-    "omega": "rad s-1",
-    "momentum": "kg m2 s-1",
-}
-
-
-def units_of(scene: Scene, name: str) -> str:
-    """Return the units of a scene parameter."""
-    table, first, *rest = name.split(".")
-    if table == "effects":
-        effect = dict(label_effects(scene.effects))[first]
-        units: dict[str, str] = getattr(effect, "units", {})  # a custom effect may lack them
-        return units.get(rest[0], "1")
-    return _UNITS.get(rest[-1] if rest else first) or _UNITS.get(first, "1")

@@ -54,6 +54,7 @@ from rigidmc.studies.stability_map.question import (
     with_borders,
 )
 from rigidmc.studies.stability_map.stored import create_map, open_map
+from rigidmc.units import as_measured, quantity_text
 
 RESOLUTION = 128  # pixels per side: 262,144 members with REPLICAS
 ENDS = "LOW:HIGH,LOW:HIGH"
@@ -62,20 +63,28 @@ ENDS = "LOW:HIGH,LOW:HIGH"
 def read_side(value: Any, at: str) -> Any:
     """Parse KEY=LOW:HIGH[:log] into (parameter, low, high, whether log-spaced); OptionError.
 
-    `make_request` checks values that are not text.
+    A unit beside HIGH alone is the unit of both. `make_request` converts ends with units, and
+    checks values that are not text.
     """
     if not isinstance(value, str):
         return value
     name, equals, ends = value.partition("=")
     parts = ends.split(":")
     try:
-        low, high = float(parts[0]), float(parts[1])
-    except (ValueError, IndexError):
+        low, high = map(_end_of, parts[:2])
+    except ValueError:
         low = high = float("nan")
+    if isinstance(high, str) and isinstance(low, float):
+        low = f"{low!r} {as_measured(high).unit}"
     if not equals or len(parts) not in (2, 3) or parts[2:] not in ([], ["log"]) or low != low:
         rule = "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9"
         raise OptionError(rule, at=at, value=value)
     return name.strip(), low, high, len(parts) == 3
+
+
+def _end_of(text: str) -> float | str:
+    """Return a number, or a text with a unit; ValueError."""
+    return text if quantity_text(text) else float(text)
 
 
 def read_part(value: Any, at: str) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -191,7 +200,8 @@ class Maps:
         if members is None:
             members = replicas_of(scene, x, y)
         sizes = options.resolution, members, options.z, options.layers
-        request = make_request(x, y, options.of, *sizes, confidence=options.confidence)
+        more = {"scene": scene, "confidence": options.confidence}
+        request = make_request(x, y, options.of, *sizes, **more)
         return prepare_map(
             with_borders(request, options.adaptive), scene, save=settings.get("save", ())
         )

@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError
 from rigidmc.figures import colour_scale
+from rigidmc.physics.dynamics.body_axes import body_axes
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.gravity_gradient import GravityGradient, place
 from rigidmc.physics.effects.protocol import Effect
 from rigidmc.planning.turns import ATTITUDE, BODY, sparse
-from rigidmc.results.frames import in_principal_axes
+from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.results.labels import count_text, long_label, units_text
 from rigidmc.runs.rerun import integrate_member, rerun
 from rigidmc.scene.scene import Scene, scene_of
@@ -93,7 +94,10 @@ def _fastest(shown: xr.Dataset) -> Floats:
 
 def motion_data(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:
     """Return the frames of a member for the page; the body is scaled to a largest distance of 1."""
-    body, shown = scene.body, in_principal_axes(shown)
+    body, axes = scene.body, {}
+    if is_described(shown):
+        rows = body_axes(tuple(shown.principal_axes.values[:, 0].tolist()))
+        axes, shown = {"axes": (rows.x, rows.y, rows.z)}, in_principal_axes(shown)
     l = shown.momentum.transpose("time", "axis", "member").values[..., 0]
     q = shown.attitude.transpose("time", "quat", "member").values[..., 0]
     size = np.linalg.norm(l, axis=1)
@@ -117,6 +121,7 @@ def motion_data(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:
         # at rest L = 0; dividing by 1 keeps it 0
         "u": short(l / np.where(size > 0.0, size, 1.0)[:, None]),
         "size": short(size / largest),
+        **axes,
         **radius(shown, scene.effects),
     }
 

@@ -49,6 +49,15 @@ function matrix([w, x, y, z]) {
 
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 
+// m.axes: the described axes in the principal axes, where they differ
+const inner = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+function described(m, v) {
+  return m.axes ? m.axes.map(axis => inner(axis, v)) : v;
+}
+// the rotation matrix of the described axes, from that of the principal axes
+function describedTurn(m, turn) {
+  return m.axes ? turn.map(row => m.axes.map(axis => inner(row, axis))) : turn;
+}
 // a rotation that takes axis 3 to a unit vector
 function along(d) {
   const k = d.map(Math.abs).indexOf(Math.min(...d.map(Math.abs)));
@@ -434,11 +443,12 @@ let stages, pixels;
 const degrees = x => x * 180 / Math.PI;
 const VALUES = {
   theta: (m, i) => VALUES.euler(m, i, 1),
-  u: (m, i, k) => m.u[3 * i + k],
-  omega: (m, i, k) => m.largest * m.size[i] * m.u[3 * i + k] / m.moments[k],
+  u: (m, i, k) => described(m, [0, 1, 2].map(j => m.u[3 * i + j]))[k],
+  omega: (m, i, k) =>
+    described(m, [0, 1, 2].map(j => m.largest * m.size[i] * m.u[3 * i + j] / m.moments[j]))[k],
   // TdC (3.36): axis 3 of the body in space has the polar angles theta and phi - 90 degrees
   euler: (m, i, k) => {
-    const a = matrix(m.q.subarray(4 * i, 4 * i + 4));
+    const a = describedTurn(m, matrix(m.q.subarray(4 * i, 4 * i + 4)));
     return degrees(k === 1 ? Math.acos(clamp(a[2][2], -1, 1))
       : k === 0 ? Math.atan2(a[0][2], -a[1][2]) : Math.atan2(a[2][0], a[2][1]));
   },
@@ -466,7 +476,9 @@ function drifts() {
 function draw() {
   const m = DATA.members[page.member], s = stateAt(m, page.t);
   const { body, sphere } = stages;
-  for (const part of ["body", "axis1", "axis2", "axis3"]) body.move(part, s.turn);
+  body.move("body", s.turn);
+  const turn = describedTurn(m, s.turn);
+  for (const part of ["axis1", "axis2", "axis3"]) body.move(part, turn);
   const arm = Math.hypot(...m.centre);
   body.move("stick", along(arm > 0 ? sized(times(s.turn, m.centre), 1) : [0, 0, 1]), arm);
   shade(body, "body", s.turn);
@@ -479,9 +491,10 @@ function draw() {
   sphere.renderIfStale();
   for (let a = 0; a < 3; a++) {
     const e = [0, 0, 0]; e[a] = 1.3;
-    body.tag(`${a + 1}`, times(s.turn, e), COLOURS[a]);
+    body.tag(`${a + 1}`, times(turn, e), COLOURS[a]);
     const end = e.map(x => 1.03 * x);
-    sphere.tag(`${a + 1}`, end, COLOURS[a]).style.opacity = sphere.hides(end) ? 0.3 : 1;
+    // polhodes are in the principal axes, whose moments name them where these are not the body's axes
+    sphere.tag(m.axes ? "I" + "₁₂₃"[a] : `${a + 1}`, end, COLOURS[a]).style.opacity = sphere.hides(end) ? 0.3 : 1;
   }
   sphere.tag("", s.u).style.opacity = sphere.hides(s.u) ? 0.4 : 1;
   body.tag("L", sized(toward, 1.3 * s.size), "var(--path)", -14);
@@ -538,7 +551,7 @@ function choose(member) {
   sphere.show(m.family);
   sphere.fill("path", m.frames, i => m.u.subarray(3 * i, 3 * i + 3).map(x => 1.008 * x));
   body.form("body", m.form);
-  body.fill("trace", m.frames, i => matrix(m.q.subarray(4 * i, 4 * i + 4)).map(row => 1.2 * row[2]));
+  body.fill("trace", m.frames, i => describedTurn(m, matrix(m.q.subarray(4 * i, 4 * i + 4))).map(row => 1.2 * row[2]));
   $("note").textContent = `Member ${m.index}: ${m.status === "ok" ? "" : `flagged (${m.status}), frozen at its last good state; `}` +
     `${m.frames.toLocaleString("en")} frames of ${+m.end.toPrecision(4)} s, ${m.steps}` +
     `${m.whole ? "" : "; the run continues after that"}. Drag to rotate, scroll to zoom; space plays, arrows step.`;

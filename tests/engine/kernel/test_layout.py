@@ -3,7 +3,9 @@
 import pytest
 
 import rigidmc as rm
+from rigidmc.engine.compiler.trees import tree_size
 from rigidmc.engine.kernel import layout
+from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects.protocol import parameter_count
 from rigidmc.planning.initial import block_rows, work_flags
 from tests.plans import monitors_of
@@ -24,7 +26,7 @@ def test_rows_follow_each_other_without_gaps():
     for name, count in block:
         assert getattr(layout, name) == row
         row += count
-    assert len(layout.MassProperties._fields) == layout.EFFECTS - layout.BODY
+    assert tree_size(MassProperties.of((1.0,) * 3, (0.0,) * 3)) == layout.EFFECTS - layout.BODY
     assert layout.START == layout.EXTRA + 7 and layout.GOOD_STATE + 7 == layout.STEPS
     assert layout.RECORDS + 2 * layout.RECORD_ROWS == layout.EVENT_ROWS
     assert layout.RECORD_ROWS == 5 + 7  # time, two states and levels, attitude and momentum

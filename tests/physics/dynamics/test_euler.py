@@ -93,4 +93,4 @@ def test_one_body_per_member():
     together = MassProperties.of(moments, np.zeros((3, 5)))
     for m in range(5):
         alone = MassProperties.of(moments[:, m], (0.0, 0.0, 0.0))
-        assert tuple(field[m] for field in together) == tuple(alone)
+        assert tuple(field[m] for field in together[:9]) == alone[:9]

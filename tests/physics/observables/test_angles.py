@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
 from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.observables import bind
 from rigidmc.physics.observables.protocol import value
 from tests.physics.observables.test_directions import ORBIT, RATE, directions
@@ -83,12 +84,15 @@ def test_statistics_are_those_of_the_motion(result):
         assert np.abs(coarse.min(0) - saved.min(0)).max() > 1e-3
 
 
+ALONE = MassProperties.of((1.0, 1.4, 2.0), (0.0, 0.0, 0.0))
+
+
 @pytest.mark.parametrize("tilt", [0.0, 1e-15, 1e-9, 1e-5, 1.0, math.pi - 1e-9, math.pi])
 def test_an_angle_is_exact_near_its_ends(tilt):
     """By mpmath; arccos of the cosine has half of the digits or none."""
     q = (math.cos(0.5 * tilt), 0.6 * math.sin(0.5 * tilt), 0.8 * math.sin(0.5 * tilt), 0.0)
     one = bind(rm.PointingAngle(3), ())
-    (found,) = value(one, None, (), 0.0, q, None, None, None)
+    (found,) = value(one, ALONE, (), 0.0, q, None, None, None)
     with mpmath.workdps(50):
         w, x, y, z = map(mpmath.mpf, q)
         size = w * w + x * x + y * y + z * z

@@ -1,0 +1,58 @@
+"""Units of mass-property texts: "( grams * square millimeters )", "kg m^2", "lb in²"."""
+
+import re
+
+from rigidmc.errors import FileError
+
+Unit = float
+MASS, LENGTH, INERTIA = "mass", "length", "inertia"
+
+_MASSES = {
+    ("kg", "kgs", "kilogram", "kilograms"): 1.0,
+    ("g", "gram", "grams"): 1e-3,
+    ("mg", "milligram", "milligrams"): 1e-6,
+    ("t", "tonne", "tonnes"): 1e3,
+    ("lb", "lbs", "lbm", "pound", "pounds"): 0.45359237,
+    ("oz", "ounce", "ounces"): 0.028349523125,
+    ("slug", "slugs"): 14.593902937,
+}
+_LENGTHS = {
+    ("m", "meter", "meters", "metre", "metres"): 1.0,
+    ("cm", "centimeter", "centimeters", "centimetre", "centimetres"): 1e-2,
+    ("mm", "millimeter", "millimeters", "millimetre", "millimetres"): 1e-3,
+    ("in", "inch", "inches"): 0.0254,
+    ("ft", "foot", "feet"): 0.3048,
+}
+MASSES = {word: factor for words, factor in _MASSES.items() for word in words}
+LENGTHS = {word: factor for words, factor in _LENGTHS.items() for word in words}
+
+
+def find_unit(text: str, kind: str, at: str, file: str) -> Unit:
+    """Return the factor to SI of the unit in a heading or behind a number.
+
+    kind : MASS, LENGTH or INERTIA
+
+    The unit stands in the last brackets, "( millimeters )", or behind the number. FileError for no
+    unit, an unknown unit, or a unit of another kind.
+    """
+    inside = re.findall(r"\(([^()]*)\)", text.replace("(Using", "").replace("(using", ""))
+    found = next((one for one in reversed(inside) if _words(one)), text)
+    words = _words(found)
+    masses = [MASSES[word] for word in words if word in MASSES]
+    lengths = [LENGTHS[word] for word in words if word in LENGTHS]
+    wanted = {MASS: (1, 0), LENGTH: (0, 1), INERTIA: (1, 1)}[kind]
+    squares = "square" in words or re.search(r"(?:\^|\*\*)?\s*2|²", found) is not None
+    fits = (len(masses), len(lengths)) == wanted and squares == (kind == INERTIA)
+    known = set(words) <= {*MASSES, *LENGTHS, "square", "per"}
+    if not fits or not known or "per" in words:
+        example = {MASS: "grams", LENGTH: "millimeters", INERTIA: "grams * square millimeters"}
+        rule = f"expected a unit of {kind}, such as ( {example[kind]} )"
+        raise FileError(rule, at=at, value=found.strip(), file=file)
+    if kind == INERTIA:
+        return masses[0] * lengths[0] ** 2
+    return masses[0] if kind == MASS else lengths[0]
+
+
+def _words(text: str) -> list[str]:
+    """Return the words of a unit, in small letters, without powers."""
+    return re.findall(r"[a-z]+", text.lower())

@@ -1,0 +1,296 @@
+"""MJCF, the model description of MuJoCo: <inertial> of a body, with the bodies welded to it.
+
+    <inertial pos mass diaginertia | fullinertia quat | axisangle | xyaxes | zaxis | euler/>
+
+The tensor is about the centre of mass `pos`, in axes turned by the orientation. fullinertia has the
+elements 11, 22, 33, 12, 13, 23 of the tensor, -int x y dm. A body without joint is welded to its
+parent. Where <inertial> is missing, MuJoCo computes it from geoms; this reader does not.
+Source: MuJoCo documentation, XML reference.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from rigidmc.errors import FileError, SceneError, nearest
+from rigidmc.mechanics import rotation
+from rigidmc.scene.body_files.rigid_parts import (
+    UNMOVED,
+    Array,
+    FoundBody,
+    Pose,
+    RigidPart,
+    first_names,
+    impossible_note,
+    lump,
+)
+from rigidmc.scene.body_files.xml_tree import numbers_of
+
+_ORIENTATIONS = {"quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
+# settings of <compiler> that change masses or inertias: {name: value without effect}
+_CHANGES = {"inertiafromgeom": ("auto", "false"), "settotalmass": ("-1",)}
+_COMPILED = "save the compiled model, mujoco.mj_saveLastXML(FILE, model), and give that file"
+
+
+class _Angles(NamedTuple):
+    """How <compiler> reads angles: radians per unit, and the sequence of Euler angles."""
+
+    unit: float
+    sequence: str
+
+
+class _Body(NamedTuple):
+    """A <body> in the tree: its parent, and its pose in the frame of the parent."""
+
+    name: str
+    element: Element
+    pose: Pose
+    parent: int  # index; -1 for the world
+    moves: bool  # relative to its parent
+
+
+def read_mjcf(root: Element, name: str | None, file: str) -> FoundBody:
+    """Return a body of the model, in the axes of the <body> and about its origin.
+
+    name : of the body; None if all bodies with mass are welded to each other, or one alone has mass
+    """
+    angles = _compiler(root, file)
+    for tag in ("include", "replicate", "attach"):
+        found = root.find(f".//{tag}")
+        if found is not None:
+            named = f" ({found.get('file')})" if found.get("file") else ""
+            rule = f"adds to the model{named}, and is not followed: give that file, or {_COMPILED}"
+            raise FileError(rule, at=f"<{tag}>", file=file)
+    bodies = _tree(root, angles, file)
+    if not bodies:
+        raise FileError("has no <body>", at="worldbody", file=file)
+    if name is None:
+        index = _only_body(bodies, file)
+    else:
+        names = [one.name for one in bodies]
+        if name not in names:
+            rule = f"no such body; known: {first_names(names)}"
+            close = nearest(name, names)
+            raise SceneError(rule, at="body.link", value=name, nearest=close, file=file)
+        index = names.index(name)
+    parts, members = _welded(bodies, index, angles, file)
+    if not parts:
+        rule = "this body, with all that is welded to it, has no mass"
+        raise SceneError(rule, at="body.link", value=bodies[index].name, file=file)
+    return FoundBody(lump(parts), _notes(bodies, index, members))
+
+
+def _compiler(root: Element, file: str) -> _Angles:
+    """Return how angles are read; FileError for a setting that changes masses."""
+    settings: dict[str, str] = {}
+    for one in root.findall("compiler"):
+        settings |= one.attrib
+    for key, same in _CHANGES.items():
+        if settings.get(key, same[0]) not in same:
+            rule = f"changes the masses of the model: {_COMPILED}"
+            raise FileError(rule, at=f"compiler, {key}", value=settings[key], file=file)
+    for key in ("boundmass", "boundinertia"):
+        if settings.get(key, "0").strip("0."):
+            rule = f"raises small masses of the model: {_COMPILED}"
+            raise FileError(rule, at=f"compiler, {key}", value=settings[key], file=file)
+    if settings.get("coordinate", "local") != "local":
+        rule = f"MuJoCo no longer has these: {_COMPILED}"
+        raise FileError(rule, at="compiler, coordinate", value=settings["coordinate"], file=file)
+    unit, sequence = settings.get("angle", "degree"), settings.get("eulerseq", "xyz")
+    if unit not in ("degree", "radian"):
+        raise FileError("expected degree or radian", at="compiler, angle", value=unit, file=file)
+    if len(sequence) != 3 or not set(sequence.lower()) <= set("xyz"):
+        rule = "expected three letters of xyz and XYZ"
+        raise FileError(rule, at="compiler, eulerseq", value=sequence, file=file)
+    return _Angles(np.pi / 180.0 if unit == "degree" else 1.0, sequence)
+
+
+def _tree(root: Element, angles: _Angles, file: str) -> list[_Body]:
+    """Return all bodies, parents first; FileError for a name used twice."""
+    bodies, names = list[_Body](), set[str]()
+    waiting = [(one, UNMOVED, -1) for one in root.findall("worldbody")]
+    while waiting:
+        element, pose, parent = waiting.pop()
+        for one in _through_frames(element, pose, angles, file):
+            name = one[0].get("name") or f"body {len(bodies) + 1}, without name"
+            if name in names:
+                raise FileError("expected a name of its own", at="body", value=name, file=file)
+            names.add(name)
+            inside = _pose(one[0], f"body {name}", angles, file)
+            moves = one[0].get("mocap") == "true" or any(
+                inner.tag in ("joint", "freejoint") for inner in _inside(one[0])
+            )
+            bodies.append(_Body(name, one[0], one[1].of(inside), parent, moves))
+            waiting.append((one[0], UNMOVED, len(bodies) - 1))
+    return bodies
+
+
+def _through_frames(
+    element: Element, pose: Pose, angles: _Angles, file: str
+) -> Iterator[tuple[Element, Pose]]:
+    """Yield (body, pose of the frame around it) of the bodies directly within an element."""
+    for one in element:
+        if one.tag == "body":
+            yield one, pose
+        elif one.tag == "frame":
+            yield from _through_frames(
+                one, pose.of(_pose(one, "frame", angles, file)), angles, file
+            )
+
+
+def _inside(body: Element) -> Iterator[Element]:
+    """Yield the elements directly within a body, also through frames."""
+    for one in body:
+        if one.tag == "frame":
+            yield from _inside(one)
+        else:
+            yield one
+
+
+def _pose(element: Element, at: str, angles: _Angles, file: str) -> Pose:
+    """Return the pose of a body, a frame or an <inertial> in the frame around it."""
+    pos = numbers_of(element, "pos", (3,), at, file) or (0.0, 0.0, 0.0)
+    return Pose(_turn(element, at, angles, file), np.array(pos))
+
+
+def _turn(element: Element, at: str, angles: _Angles, file: str) -> Array:
+    """Return the matrix (3, 3) of an orientation; FileError for several, or without a direction."""
+    given = [key for key in _ORIENTATIONS if element.get(key) is not None]
+    if len(given) > 1:
+        rule = f"expected one of {', '.join(_ORIENTATIONS)}"
+        raise FileError(rule, at=f"{at}, {' and '.join(given)}", file=file)
+    if not given:
+        return np.eye(3)
+    key = given[0]
+    values = np.array(numbers_of(element, key, (_ORIENTATIONS[key],), at, file))
+    if key == "euler":
+        return _euler(values * angles.unit, angles.sequence)
+    try:
+        if key == "quat":
+            return rotation.matrix(_unit(values))
+        if key == "axisangle":
+            return _about(_unit(values[:3]), values[3] * angles.unit)
+        if key == "zaxis":
+            return _to_z(_unit(values))
+        x = _unit(values[:3])
+        y = _unit(values[3:] - (values[3:] @ x) * x)
+        return np.stack([x, y, np.cross(x, y)], -1)
+    except ZeroDivisionError:
+        rule = "has no direction: its length is 0, or its axes are parallel"
+        raise FileError(rule, at=f"{at}, {key}", value=element.get(key), file=file) from None
+
+
+def _unit(vector: Array) -> Array:
+    """Return a vector of length 1; ZeroDivisionError for a vector without direction."""
+    length = float(np.linalg.norm(vector))
+    if length < 1e-14:
+        raise ZeroDivisionError
+    return np.asarray(vector / length)
+
+
+def _about(axis: Array, angle: float) -> Array:
+    """Return the turn about a unit axis."""
+    half = 0.5 * angle
+    return rotation.matrix([np.cos(half), *(np.sin(half) * axis)])
+
+
+def _to_z(axis: Array) -> Array:
+    """Return the smallest turn that takes (0, 0, 1) to a unit axis."""
+    across = np.array([-axis[1], axis[0], 0.0])  # (0, 0, 1) x axis
+    size = float(np.linalg.norm(across))
+    if size < 1e-14:
+        return np.eye(3) if axis[2] > 0.0 else np.diag([1.0, -1.0, -1.0])
+    return _about(across / size, float(np.arctan2(size, axis[2])))
+
+
+def _euler(values: Array, sequence: str) -> Array:
+    """Return the turn of Euler angles [rad]: about the turned axis for a small letter, about the
+    fixed axis for a capital."""
+    turn = np.eye(3)
+    for letter, angle in zip(sequence, values.tolist(), strict=True):
+        one = _about(np.eye(3)["xyz".index(letter.lower())], angle)
+        turn = turn @ one if letter.islower() else one @ turn
+    return turn
+
+
+def _inertial(body: _Body, angles: _Angles, file: str) -> RigidPart | None:
+    """Return the <inertial> of a body in its frame; None for a body without geoms and mass."""
+    inertial, at = body.element.find("inertial"), f"body {body.name}, inertial"
+    if inertial is None:
+        if any(one.tag == "geom" for one in _inside(body.element)):
+            rule = f"is missing, and MuJoCo computes it from the geoms: {_COMPILED}"
+            raise FileError(rule, at=at, file=file)
+        return None
+    mass = numbers_of(inertial, "mass", (1,), at, file)
+    diagonal = numbers_of(inertial, "diaginertia", (3,), at, file)
+    full = numbers_of(inertial, "fullinertia", (6,), at, file)
+    if mass is None or mass[0] < 0.0 or inertial.get("pos") is None:
+        raise FileError("expected pos, and a mass that is not negative", at=at, file=file)
+    if (diagonal is None) == (full is None):
+        raise FileError("expected either diaginertia or fullinertia", at=at, file=file)
+    if full is not None and any(inertial.get(key) for key in _ORIENTATIONS):
+        raise FileError("fullinertia has no orientation, as in MuJoCo", at=at, file=file)
+    if mass[0] == 0.0:
+        return None
+    if full is not None:
+        xx, yy, zz, xy, xz, yz = full
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    else:
+        tensor = np.diag(np.array(diagonal))
+    part = RigidPart(mass[0], np.zeros(3), tensor)
+    return part.placed(_pose(inertial, at, angles, file))
+
+
+def _only_body(bodies: list[_Body], file: str) -> int:
+    """Return the one body that has an <inertial>, or to which all others are welded; SceneError."""
+    heads = list[int]()
+    for index, one in enumerate(bodies):
+        welded = one.parent >= 0 and not one.moves
+        heads.append(heads[one.parent] if welded else index)
+    heavy = sorted(
+        {
+            head
+            for head, one in zip(heads, bodies, strict=True)
+            if one.element.find("inertial") is not None
+        }
+    )
+    if len(heavy) == 1:
+        return heavy[0]
+    names = first_names([bodies[index].name for index in heavy])
+    words = f"choose one of {names}" if heavy else f"none of them has <inertial>: {_COMPILED}"
+    raise SceneError(f"there are {len(bodies):,} bodies: {words}", at="body.link", file=file)
+
+
+def _welded(
+    bodies: list[_Body], index: int, angles: _Angles, file: str
+) -> tuple[list[RigidPart], dict[str, RigidPart]]:
+    """Return the parts of a body and of all that is welded to it in its frame, and {name: part}."""
+    poses = {index: UNMOVED}
+    parts, own = list[RigidPart](), dict[str, RigidPart]()
+    for k, body in enumerate(bodies):  # parents come first
+        if k != index and (body.parent not in poses or body.moves):
+            continue
+        if k != index:
+            poses[k] = poses[body.parent].of(body.pose)
+        part = _inertial(body, angles, file)
+        if part is not None:
+            parts.append(part.placed(poses[k]))
+            own[body.name] = part
+    return parts, own
+
+
+def _notes(bodies: list[_Body], index: int, members: dict[str, RigidPart]) -> tuple[str, ...]:
+    """Return the notes on a body: what is lumped, what is left out, and what cannot exist."""
+    notes, one = list[str](), bodies[index]
+    if others := [name for name in members if name != one.name]:
+        notes.append(f"body {one.name}: includes {first_names(others)}, welded to it")
+    if one.parent >= 0 and not one.moves:
+        parent = bodies[one.parent].name
+        notes.append(
+            f'body {one.name} is welded to {parent}, which is left out: link = "{parent}" has both'
+        )
+    for name, part in members.items():
+        notes.extend(impossible_note(part, f"body {name}"))
+    return tuple(notes)

@@ -1,0 +1,191 @@
+"""URDF, the robot description of ROS: <inertial> of a link, with the links fixed to it.
+
+    <inertial> <origin xyz rpy/> <mass value/> <inertia ixx ixy ixz iyy iyz izz/> </inertial>
+
+The tensor is about the centre of mass `xyz`, in axes turned by rpy about the fixed axes of the
+link: A = R_z(yaw) R_y(pitch) R_x(roll). ixy is the element of the tensor, -int x y dm. A link
+without <inertial> has no mass. Source: wiki.ros.org/urdf/XML/link.
+"""
+
+from collections import deque
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from rigidmc.errors import FileError, SceneError, nearest
+from rigidmc.scene.body_files.rigid_parts import (
+    UNMOVED,
+    Array,
+    FoundBody,
+    Pose,
+    RigidPart,
+    first_names,
+    impossible_note,
+    lump,
+)
+from rigidmc.scene.body_files.xml_tree import numbers_of
+
+_SIX = ("ixx", "iyy", "izz", "iyz", "ixz", "ixy")
+
+
+def read_urdf(root: Element, link: str | None, file: str) -> FoundBody:
+    """Return the body of a link, in the axes of the link and about its origin.
+
+    link : its name; None if all links with mass are fixed to each other, or one alone has mass
+    """
+    if any("xacro" in one.tag or "${" in str(one.attrib) for one in root.iter()):
+        rule = "is a template: make the URDF first, xacro FILE.xacro > FILE.urdf"
+        raise FileError(rule, at="xacro", file=file)
+    links = _named(root.findall("link"), "link", file)
+    if not links:
+        raise FileError("has no <link>", at="robot", file=file)
+    fixed = _fixed_joints(root, links, file)
+    parts = {name: _inertial(one, name, file) for name, one in links.items()}
+    if link is None:
+        link = _only_link(parts, fixed, file)
+    if link not in links:
+        rule = f"no such link; known: {first_names(list(links))}"
+        close = nearest(link, list(links))
+        raise SceneError(rule, at="body.link", value=link, nearest=close, file=file)
+    found, names = _fixed_to(link, fixed, parts, file)
+    if not found:
+        rule = "this link, with all that is fixed to it, has no <inertial> with mass"
+        raise SceneError(rule, at="body.link", value=link, file=file)
+    return FoundBody(lump(found), _notes(link, names, fixed, parts))
+
+
+def rpy(angles: tuple[float, ...]) -> Array:
+    """Return R_z(yaw) R_y(pitch) R_x(roll) of the angles (roll, pitch, yaw) [rad]."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def _named(elements: list[Element], kind: str, file: str) -> dict[str, Element]:
+    """Return {name: element}; FileError for a missing name or one used twice."""
+    named: dict[str, Element] = {}
+    for one in elements:
+        name = one.get("name")
+        if not name or name in named:
+            raise FileError("expected a name of its own", at=kind, value=name, file=file)
+        named[name] = one
+    return named
+
+
+def _origin(element: Element | None, at: str, file: str) -> Pose:
+    """Return the pose of the <origin> of an element."""
+    origin = None if element is None else element.find("origin")
+    if origin is None:
+        return UNMOVED
+    xyz = numbers_of(origin, "xyz", (3,), f"{at}, origin", file) or (0.0, 0.0, 0.0)
+    angles = numbers_of(origin, "rpy", (3,), f"{at}, origin", file) or (0.0, 0.0, 0.0)
+    return Pose(rpy(angles), np.array(xyz))
+
+
+def _inertial(link: Element, name: str, file: str) -> RigidPart | None:
+    """Return the <inertial> of a link in the frame of the link; None without mass."""
+    inertial, at = link.find("inertial"), f"link {name}"
+    if inertial is None:
+        return None
+    numbers: dict[str, float] = {}
+    for tag, keys in (("mass", ("value",)), ("inertia", _SIX)):
+        element = inertial.find(tag)
+        if element is None:
+            raise FileError(f"its <inertial> has no <{tag}>", at=at, file=file)
+        for key in keys:
+            value = numbers_of(element, key, (1,), f"{at}, {tag}", file)
+            if value is None:
+                raise FileError("is missing", at=f"{at}, {tag}, {key}", file=file)
+            numbers[key] = value[0]
+    if numbers["value"] < 0.0:
+        rule = "a mass is not negative"
+        raise FileError(rule, at=f"{at}, mass", value=numbers["value"], file=file)
+    if numbers["value"] == 0.0:
+        return None
+    xx, yy, zz, yz, xz, xy = (numbers[key] for key in _SIX)
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    part = RigidPart(numbers["value"], np.zeros(3), tensor)
+    return part.placed(_origin(inertial, f"{at}, inertial", file))
+
+
+def _fixed_joints(
+    root: Element, links: dict[str, Element], file: str
+) -> dict[str, list[tuple[str, Pose]]]:
+    """Return {parent: [(child, pose)]} of the fixed joints."""
+    fixed: dict[str, list[tuple[str, Pose]]] = {}
+    for name, joint in _named(root.findall("joint"), "joint", file).items():
+        ends = [joint.find(tag) for tag in ("parent", "child")]
+        pair = [None if end is None else end.get("link") for end in ends]
+        for tag, one in zip(("parent", "child"), pair, strict=True):
+            if one not in links:
+                rule = "is not a link of the file"
+                raise FileError(rule, at=f"joint {name}, {tag}", value=one, file=file)
+        if joint.get("type") == "fixed":
+            parent, child = str(pair[0]), str(pair[1])
+            fixed.setdefault(parent, []).append((child, _origin(joint, f"joint {name}", file)))
+    return fixed
+
+
+def _only_link(
+    parts: dict[str, RigidPart | None], fixed: dict[str, list[tuple[str, Pose]]], file: str
+) -> str:
+    """Return the one link that has mass, itself or by what is fixed to it; SceneError."""
+    children = {child for pairs in fixed.values() for child, _ in pairs}
+    heavy = [
+        name for name in parts if name not in children and _fixed_to(name, fixed, parts, file)[0]
+    ]
+    if len(heavy) == 1:
+        return heavy[0]
+    words = f"choose one of {first_names(heavy)}" if heavy else "none of them has mass"
+    raise SceneError(f"there are {len(parts):,} links: {words}", at="body.link", file=file)
+
+
+def _fixed_to(
+    link: str,
+    fixed: dict[str, list[tuple[str, Pose]]],
+    parts: dict[str, RigidPart | None],
+    file: str,
+) -> tuple[list[RigidPart], list[str]]:
+    """Return the parts of a link and of all that is fixed to it, in its frame, and their names."""
+    found, names, seen = list[RigidPart](), list[str](), {link}
+    waiting = deque([(link, UNMOVED)])
+    while waiting:
+        name, pose = waiting.popleft()
+        part = parts[name]
+        if part is not None:
+            found.append(part.placed(pose))
+            names.append(name)
+        for child, inner in fixed.get(name, ()):
+            if child in seen:
+                rule = "is fixed to two links, or to itself"
+                raise FileError(rule, at=f"link {child}", file=file)
+            seen.add(child)
+            waiting.append((child, pose.of(inner)))
+    return found, names
+
+
+def _notes(
+    link: str,
+    names: list[str],
+    fixed: dict[str, list[tuple[str, Pose]]],
+    parts: dict[str, RigidPart | None],
+) -> tuple[str, ...]:
+    """Return the notes on a link: what is lumped, what is left out, and what cannot exist."""
+    notes = list[str]()
+    if others := [name for name in names if name != link]:
+        notes.append(f"link {link}: includes {first_names(others)}, by fixed joints")
+    for parent, pairs in fixed.items():
+        if any(child == link for child, _ in pairs):
+            notes.append(
+                f'link {link} is fixed to {parent}, which is left out: link = "{parent}" has both'
+            )
+    for name in names:
+        part = parts[name]
+        if part is not None:
+            notes.extend(impossible_note(part, f"link {name}"))
+    return tuple(notes)

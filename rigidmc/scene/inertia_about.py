@@ -1,0 +1,84 @@
+"""The point of an inertia: tensors and moments about the centre of mass, moved to the fixed point.
+
+CAD programs, robot descriptions and data sheets give the inertia about the centre of mass; a body
+has it about its fixed point. With c from the fixed point to the centre of mass, TdC (3.26):
+
+    I = I_centre + m (c^2 1 - c c^T)
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.errors import SceneError, unknown
+from rigidmc.mechanics import inertia
+from rigidmc.scene.quantities import is_shared, quantity, vector
+from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+
+ABOUT = ("pivot", "centre")  # the fixed point; the centre of mass
+
+
+def is_about_centre(about: Any) -> bool:
+    """Return whether the word of `about` is "centre"; SceneError unless it is one of ABOUT."""
+    if about not in ABOUT:
+        raise unknown("point", ABOUT, at="body.about", value=about)
+    return bool(about == "centre")
+
+
+def tensor_about_pivot(tensor: Any, mass: Any, centre: Any) -> Any:
+    """Return a tensor (3, 3) or UncertainInertia about the fixed point, from one about the centre
+    of mass.
+
+    mass, centre : of the body, from the fixed point
+
+    An uncertain tensor is moved to first order: its mean by the mean mass and centre, and its
+    covariance S becomes J S J^T with the derivatives J of the moved elements. SceneError for a mass
+    or a centre that differs between members.
+    """
+    m, c = quantity(mass, "body.mass"), vector(centre, "body.centre")
+    if not is_shared(m, c):
+        rule = (
+            'must be plain numbers with about = "centre"; if they are uncertain, give the tensor'
+            " as rm.UncertainInertia, whose covariance includes them"
+        )
+        raise SceneError(rule, at="body.mass" if not is_shared(m) else "body.centre")
+    if isinstance(tensor, UncertainInertia):
+        return _moved(tensor.check("body.tensor"), m, np.array(c))
+    return inertia.about_point(tensor, m, np.array(c))
+
+
+def _moved(distribution: UncertainInertia, mass: float, centre: NDArray[np.float64]) -> Any:
+    """Implement `tensor_about_pivot` for a distribution."""
+    if distribution.centre is not None:
+        rule = (
+            "omit this: an uncertain tensor with a centre of its own is about the origin of this"
+            " centre"
+        )
+        raise SceneError(rule, at="body.about", value="centre")
+    mean = inertia.about_point(distribution.mean, mass, centre)
+    covariance = np.array(distribution.covariance)
+    by = _derivatives(mass, centre)[: len(covariance), : len(covariance)]
+    moved = by @ covariance @ by.T
+    # a sum of products is symmetric only to rounding
+    moved = 0.5 * (moved + moved.T)
+    return UncertainInertia(tuple(map(tuple, mean.tolist())), tuple(map(tuple, moved.tolist())))
+
+
+def _derivatives(mass: float, centre: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the derivatives (10, 10) of xx, yy, zz, yz, zx, xy about the fixed point, of the
+    centre and of the mass, by those about the centre of mass."""
+    x, y, z = centre.tolist()
+    by = np.eye(10)
+    by[:6, 6:9] = mass * np.array(
+        [
+            [0.0, 2.0 * y, 2.0 * z],
+            [2.0 * x, 0.0, 2.0 * z],
+            [2.0 * x, 2.0 * y, 0.0],
+            [0.0, -z, -y],
+            [-z, 0.0, -x],
+            [-y, -x, 0.0],
+        ]
+    )
+    by[:6, 9] = inertia.elements(inertia.shift(centre))
+    return by

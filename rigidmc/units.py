@@ -1,0 +1,433 @@
+"""Units that users may write beside a number, such as "deg/s" and "g mm2", and their conversion to
+SI. Results and stored scenes have SI units alone.
+
+A unit is a product of powers of the symbols in `_SYMBOLS`: "kg m2/s", "N m s", "m^2 s^-1",
+"J/(kg m)". The angle is a dimension: "1/s" is not "rad/s", because it may mean turns. Beside a mass
+it is optional, as in "N m/rad".
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rigidmc.errors import RigidmcError, SceneError, nearest
+
+_PI = Fraction(31415926535897932384626433832795028841971, 10**40)  # rounds once, to float64
+LONGEST = 80  # characters of a unit
+Powers = tuple[int, int, int, int, int]  # of kg, m, s, A, rad
+_INCH, _POUND, _FOOT = Fraction(254, 10**4), Fraction(45359237, 10**8), Fraction(3048, 10**4)
+_STANDARD_GRAVITY = Fraction(980665, 10**5)
+_POUND_FORCE = _POUND * _STANDARD_GRAVITY
+
+# {symbol: (factor of SI, power of pi in it, powers, allowed prefixes)}
+_SYMBOLS: dict[str, tuple[Fraction, int, Powers, str]] = {
+    "g": (Fraction(1, 1000), 0, (1, 0, 0, 0, 0), "kmu"),
+    "t": (Fraction(1000), 0, (1, 0, 0, 0, 0), ""),
+    "lb": (_POUND, 0, (1, 0, 0, 0, 0), ""),
+    "oz": (_POUND / 16, 0, (1, 0, 0, 0, 0), ""),
+    "slug": (_POUND_FORCE / _FOOT, 0, (1, 0, 0, 0, 0), ""),
+    "m": (Fraction(1), 0, (0, 1, 0, 0, 0), "kdcmun"),
+    "in": (_INCH, 0, (0, 1, 0, 0, 0), ""),
+    "ft": (_FOOT, 0, (0, 1, 0, 0, 0), ""),
+    "s": (Fraction(1), 0, (0, 0, 1, 0, 0), "mun"),
+    "min": (Fraction(60), 0, (0, 0, 1, 0, 0), ""),
+    "h": (Fraction(3600), 0, (0, 0, 1, 0, 0), ""),
+    "d": (Fraction(86400), 0, (0, 0, 1, 0, 0), ""),
+    "rad": (Fraction(1), 0, (0, 0, 0, 0, 1), "mu"),
+    "deg": (Fraction(1, 180), 1, (0, 0, 0, 0, 1), ""),
+    "arcmin": (Fraction(1, 180 * 60), 1, (0, 0, 0, 0, 1), ""),
+    "arcsec": (Fraction(1, 180 * 3600), 1, (0, 0, 0, 0, 1), ""),
+    "rev": (Fraction(2), 1, (0, 0, 0, 0, 1), ""),
+    "rpm": (Fraction(2, 60), 1, (0, 0, -1, 0, 1), ""),
+    "N": (Fraction(1), 0, (1, 1, -2, 0, 0), "kmun"),
+    "lbf": (_POUND_FORCE, 0, (1, 1, -2, 0, 0), ""),
+    "J": (Fraction(1), 0, (1, 2, -2, 0, 0), "kmun"),
+    "W": (Fraction(1), 0, (1, 2, -3, 0, 0), "km"),
+    "A": (Fraction(1), 0, (0, 0, 0, 1, 0), "mu"),
+    "T": (Fraction(1), 0, (1, 0, -2, -1, 0), "mun"),
+    "G": (Fraction(1, 10**4), 0, (1, 0, -2, -1, 0), "mu"),
+    "%": (Fraction(1, 100), 0, (0, 0, 0, 0, 0), ""),
+}
+_PREFIXES = {"k": 3, "d": -1, "c": -2, "m": -3, "u": -6, "n": -9}
+KNOWN = {
+    **{symbol: entry[:3] for symbol, entry in _SYMBOLS.items()},
+    **{
+        prefix + symbol: (factor * Fraction(10) ** _PREFIXES[prefix], pi, powers)
+        for symbol, (factor, pi, powers, prefixes) in _SYMBOLS.items()
+        for prefix in prefixes
+    },
+}
+_NAMES = {  # {word: its symbol}, for hints
+    "degree": "deg",
+    "turn": "rev",
+    "revolution": "rev",
+    "radian": "rad",
+    "second": "s",
+    "sec": "s",
+    "minute": "min",
+    "hour": "h",
+    "hr": "h",
+    "day": "d",
+    "metre": "m",
+    "meter": "m",
+    "millimetre": "mm",
+    "millimeter": "mm",
+    "kilometre": "km",
+    "kilometer": "km",
+    "centimetre": "cm",
+    "centimeter": "cm",
+    "inch": "in",
+    "inche": "in",
+    "foot": "ft",
+    "feet": "ft",
+    "gram": "g",
+    "gramme": "g",
+    "kilogram": "kg",
+    "kilo": "kg",
+    "tonne": "t",
+    "pound": "lb",
+    "lbm": "lb",
+    "newton": "N",
+    "joule": "J",
+    "watt": "W",
+    "ampere": "A",
+    "amp": "A",
+    "tesla": "T",
+    "gauss": "G",
+    "rps": "rev/s",
+    "dps": "deg/s",
+    "gm": "g",
+}
+_TEMPERATURE = "temperatures are not taken; kT is an energy, in J"
+_REFUSED = {  # {word: why it is not a unit here}
+    "Hz": "Hz may mean turns or radians per second: write rev/s, rad/s, or 1/s for a rate",
+    **dict.fromkeys(("K", "degC", "degF", "°C", "°F"), _TEMPERATURE),
+}
+_WHAT: dict[str, tuple[str, str]] = {  # {SI: (what it is, other units for it)}
+    "1": ("a number without a unit", "%"),
+    "kg": ("a mass", "g, lb"),
+    "m": ("a length", "mm, cm, km, in, ft"),
+    "s": ("a time", "ms, min, h, d"),
+    "rad": ("an angle", "deg, mrad, arcsec, rev"),
+    "rad/s": ("an angular velocity", "deg/s, rpm, rev/s"),
+    "rad/s2": ("an angular acceleration", "deg/s2"),
+    "1/s": ("a rate", "1/min, 1/h, 1/d"),
+    "m/s": ("a velocity", "mm/s, km/s"),
+    "m/s2": ("an acceleration", "mm/s2, ft/s2"),
+    "m3/s2": ("a gravitational parameter", "km3/s2"),
+    "m2": ("an area", "mm2"),
+    "m3": ("a volume", "mm3"),
+    "kg m2": ("a moment of inertia", "g mm2, kg cm2, lb in2"),
+    "kg2 m4": ("the square of a moment of inertia", "g2 mm4"),
+    "kg m2/s": ("an angular momentum", "N m s, mN m s, g mm2/s"),
+    "N": ("a force", "mN, lbf"),
+    "N m": ("a torque or an energy", "mN m, uN m, J, lbf in"),
+    "N/m": ("a stiffness", "N/mm"),
+    "T": ("a magnetic field", "nT, uT, G"),
+    "A m2": ("a magnetic moment", "mA m2"),
+    "A": ("a current", "mA"),
+    "W": ("a power", "mW"),
+    "kg/m3": ("a density", "g/cm3"),
+}
+# SI units of arguments of functions that take arrays and no scene, by name
+ARGUMENTS = {
+    **dict.fromkeys(("moments", "tensor"), "kg m2"),
+    **dict.fromkeys(("omega", "omega3", "rates"), "rad s-1"),
+    **dict.fromkeys(("theta", "angles"), "rad"),
+    **dict.fromkeys(("positions", "offset", "centre"), "m"),
+    **dict.fromkeys(("mass", "masses"), "kg"),
+    "momentum": "kg m2 s-1",
+    "torque": "N m",
+    "energy": "J",
+    "t": "s",
+}
+
+
+class Unit(NamedTuple):
+    """A unit: its text, the powers of kg, m, s, A and rad, and its factor ratio * pi^turns."""
+
+    text: str
+    powers: Powers
+    ratio: Fraction = Fraction(1)
+    turns: int = 0
+
+    def per(self, other: "Unit") -> "Unit":
+        """Return this unit divided by another."""
+        powers = tuple(a - b for a, b in zip(self.powers, other.powers, strict=True))
+        # five powers, as in both units
+        return Unit(self.text, powers, self.ratio / other.ratio, self.turns - other.turns)  # type: ignore[arg-type]
+
+    def squared(self) -> "Unit":
+        """Return the unit of a variance."""
+        powers = tuple(2 * power for power in self.powers)
+        return Unit(self.text, powers, self.ratio**2, 2 * self.turns)  # type: ignore[arg-type]
+
+    @property
+    def factor(self) -> float:
+        """The number of SI units in this unit, rounded once."""
+        return float(self.ratio * _PI**self.turns)
+
+    def is_for(self, units: "Unit") -> bool:
+        """Return whether a number in this unit can be converted to `units`."""
+        same, optional = self.powers == units.powers, units.powers[0] and not units.powers[4]
+        return same or bool(optional and self.powers[:4] == units.powers[:4])
+
+    def convert(self, number: float) -> float:
+        """Return a number in SI units; as for text, "5.1 mm" is 0.0051 to the bit."""
+        if self.turns or not np.isfinite(number):
+            return number * self.factor
+        try:
+            return float(Fraction(repr(float(number))) * self.ratio)
+        except OverflowError:
+            return float("inf") * number
+
+    def convert_array(self, array: Any) -> Any:
+        """Return an array of numbers in SI units."""
+        with np.errstate(over="ignore", under="ignore"):  # the reader refuses what is not finite
+            if self.ratio.numerator == 1 and not self.turns:
+                return array / float(self.ratio.denominator)
+            return array * self.factor
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A value with its unit, until the room that knows its dimension converts it to SI.
+
+    value : numbers, lists, arrays or distributions of them
+    """
+
+    value: Any
+    unit: str
+
+    def __repr__(self) -> str:
+        return f"{self.value!r} {self.unit}"
+
+    def between(self, low: Any, high: Any) -> "Measured":
+        """Truncate a distribution with a unit; see `rigidmc.scene.distributions.Distribution`."""
+        ends = (in_units(end, self.unit, "between") for end in (low, high))
+        return Measured(self.value.between(*ends), self.unit)
+
+
+_WORD = r"[A-Za-z%°]+(?:\^?-?\d)?"
+_PRODUCT = rf"{_WORD}(?: {_WORD})*"
+_UNIT = re.compile(rf"(1|{_PRODUCT})((?: ?/ ?(?:{_WORD}|\( ?{_PRODUCT} ?\)))*)", re.ASCII)
+_SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹µμ", "-0123456789uu")
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?"
+# not 11/s as 1 1/s, nor 1e999 as 1 e999
+_QUANTITY = re.compile(
+    rf"({_NUMBER})(?:\s*(?![eE][-+]?\d)([A-Za-zµμ°%].*)|\s+(1\s*/.*))", re.ASCII | re.DOTALL
+)
+_LIST = re.compile(r"(\[.*\])\s*([A-Za-zµμ°%].*|1\s*/.*)", re.ASCII | re.DOTALL)
+
+
+def unit_of(text: Any, at: str = "unit", value: Any = None) -> Unit:
+    """Return the unit of a text; SceneError that names the nearest right one.
+
+    value : what the error shows, by default the text
+    """
+    shown = text if value is None else value
+    if not isinstance(text, str) or not text.strip() or len(text) > LONGEST:
+        rule = 'expected a unit, such as "deg/s", "mm" or "kg m2"'
+        raise SceneError(rule, at=at, value=shown)
+    plain = text.translate(_SUPERSCRIPTS).replace("**", "^")
+    plain = " ".join(re.sub(r"[*·⋅]", " ", plain).split())
+    found = _UNIT.fullmatch(plain)
+    if found is None:
+        rule = f"'{text}' is not a product of powers of units, such as deg/s, g mm2, kg m2/s"
+        right = None
+        if after := re.fullmatch(rf"([^/()]+)/ ?({_WORD}(?: {_WORD})+)", plain):
+            rule = f"'{text}' can be read in two ways: put what is below the / in parentheses"
+            right = f"{after[1].strip()}/({after[2]})"
+        raise SceneError(rule, at=at, value=shown, nearest=right)
+    powers, ratio, turns = [0] * 5, Fraction(1), 0
+    for sign, word, power in _factors(*found.groups()):
+        if word not in KNOWN:
+            raise _no_such_unit(word, text, at, shown)
+        factor, pi, each = KNOWN[word]
+        ratio, turns = ratio * factor ** (sign * power), turns + sign * power * pi
+        powers = [a + sign * power * b for a, b in zip(powers, each, strict=True)]
+    return Unit(text.strip(), tuple(powers), ratio, turns)  # type: ignore[arg-type]  # five powers
+
+
+def unit_named(word: str) -> str | None:
+    """Return the unit that a word names, "deg" for "degrees"; None for any other word."""
+    try:
+        return unit_of(word).text
+    except SceneError:
+        return _NAMES.get(word.lower().removesuffix("s"))
+
+
+def _factors(top: str, below: str) -> Iterator[tuple[int, str, int]]:
+    """Yield (1 or -1, symbol, power) for each word of a unit."""
+    for sign, part in ((1, top), (-1, below)):
+        for word in re.finditer(r"([A-Za-z%°]+)\^?(-?\d)?", part):
+            symbol = "deg" if word[1] == "°" else word[1]
+            yield sign, symbol, int(word[2] or 1)
+
+
+def _no_such_unit(word: str, text: str, at: str, value: Any) -> SceneError:
+    """Return the error for an unknown symbol in a unit."""
+    if word in _REFUSED:
+        return SceneError(_REFUSED[word], at=at, value=value)
+    known = {symbol.lower(): symbol for symbol in KNOWN}
+    plain = word.lower().removesuffix("s")
+    right = _NAMES.get(plain) or _NAMES.get(word.lower()) or _divided(word)
+    right = right or known.get(word.lower()) or known.get(plain) or nearest(word, KNOWN)
+    rule = f"'{word}' is not a unit"
+    if right is None:
+        rule += f"; known: {', '.join(_SYMBOLS)}, and some with prefixes, such as mm and uN"
+    whole = re.sub(rf"(?<![A-Za-z]){re.escape(word)}(?![A-Za-z])", right, text) if right else None
+    return SceneError(rule, at=at, value=value, nearest=whole)
+
+
+def _divided(word: str) -> str | None:
+    """Return "N m" for "Nm": a word divided into known symbols, the longest first; else None."""
+    for end in range(len(word) - 1, 0, -1):
+        if word[:end] in KNOWN:
+            rest = word[end:] if word[end:] in KNOWN else _divided(word[end:])
+            rest = "m s" if rest == "ms" else rest  # mNms are newton metre seconds
+            if rest is not None:
+                return f"{word[:end]} {rest}"
+    return None
+
+
+def units_text(units: str) -> str:
+    """Return SI units in the notation of messages: "kg m2/s" for "kg m2 s-1"."""
+    top, below = list[str](), list[str]()
+    for word in units.split():
+        symbol, _, power = word.partition("-")
+        (below if power else top).append(symbol + (power if power not in ("", "1") else ""))
+    low = f"({' '.join(below)})" if len(below) > 1 else "".join(below)
+    return f"{' '.join(top) or '1'}{'/' * bool(low)}{low}"
+
+
+def what_is(unit: Unit) -> str:
+    """Return what a unit measures, in words: "a length"."""
+    return next((what for _, what, _ in _words_for(unit)), "of another kind")
+
+
+def _words_for(unit: Unit) -> Iterator[tuple[str, str, str]]:
+    """Yield (SI, what it is, other units) for units with the dimension of a unit."""
+    for text, (what, others) in _WHAT.items():
+        if unit_of(text).powers == unit.powers:
+            yield text, what, others
+
+
+def converter(text: Any, units: str, at: str, value: Any = None) -> Unit:
+    """Return the unit of a text, relative to SI `units`; SceneError for another dimension.
+
+    >>> converter("rpm", "rad s-1", "start.omega").convert(30.0) == np.pi
+    True
+    """
+    unit, wanted = unit_of(text, at, value), unit_of(units, at)
+    if not unit.is_for(wanted):
+        shown = text if value is None else value
+        raise wrong_dimension(units, f"{unit.text} is {what_is(unit)}", unit.text, at, shown)
+    return unit.per(wanted)
+
+
+def wrong_dimension(units: str, given: str, text: str, at: str, value: Any = None) -> SceneError:
+    """Return the error for a unit of another dimension. given : "mm is a length" """
+    others = next((others for _, _, others in _words_for(unit_of(units))), "").split(", ")
+    right = units_text(units)
+    if right == "1":
+        return SceneError(f"has no unit; {given}", at=at, value=value)
+    more = f", or {', '.join(others)}" if any(others) else ""
+    rule = f"is in {right}{more}; {given}"
+    return SceneError(rule, at=at, value=value, nearest=nearest(text, (right, *others)))
+
+
+def quantity_text(text: str) -> tuple[str, str] | None:
+    """Return (number, unit) of a text such as "9.81 m/s2"; None for any other text."""
+    found = _QUANTITY.fullmatch(text.strip()) if len(text) <= 2 * LONGEST else None
+    return (found[1], (found[2] or found[3]).strip()) if found else None
+
+
+def list_text(text: str) -> tuple[str, str] | None:
+    """Return (list, unit) of a text such as "[10, 0, 0] deg/s"; None for any other text."""
+    found = _LIST.fullmatch(text.strip())
+    return (found[1], found[2].strip()) if found else None
+
+
+def is_foreign(value: Any) -> bool:
+    """Return whether a value is a quantity of pint or astropy; imports neither."""
+    kinds = getattr(type(value), "__mro__", ())
+    return any(kind.__module__.split(".")[0] in ("pint", "astropy") for kind in kinds) and (
+        hasattr(value, "to") and (hasattr(value, "units") or hasattr(value, "unit"))
+    )
+
+
+def from_foreign(value: Any, units: str, at: str) -> Any:
+    """Return the numbers of a quantity of pint or astropy in SI `units`; SceneError."""
+    own = str(value.units if hasattr(value, "units") else value.unit)
+    if "/" not in own and re.search(r"hertz|Hz", own):
+        raise SceneError(_REFUSED["Hz"], at=at, value=own)
+    text = "*".join(re.sub(r"(-?\d)$", r"**\1", word) for word in units.split() if word != "1")
+    try:
+        converted = value.to(text)
+    except Exception:  # each library has its own
+        raise wrong_dimension(units, f"{own} does not convert to it", own, at) from None
+    return converted.magnitude if hasattr(converted, "magnitude") else converted.value
+
+
+def as_measured(value: Any) -> Any:
+    """Return a quantity of pint or astropy, or a text with a unit, as Measured; other values
+    unchanged."""
+    if isinstance(value, str):
+        parts = quantity_text(value)
+        return value if parts is None else Measured(float(parts[0]), parts[1])
+    if not is_foreign(value):
+        return value
+    if hasattr(value, "to_base_units"):
+        base = value.to_base_units()
+        return Measured(base.magnitude, f"{base.units:~C}" or "1")
+    return Measured(value.si.value, value.si.unit.to_string() or "1")
+
+
+def common_unit(values: Mapping[str, Any], at: str) -> tuple[dict[str, Any], str]:
+    """Return (numbers in SI, their SI units) of values by name; "" if no value has a unit.
+
+    0 needs no unit. Raises SceneError if values differ in dimension, or only some have a unit.
+    """
+    given = {name: as_measured(value) for name, value in values.items()}
+    units = {name: unit_of(one.unit, at) for name, one in given.items() if type(one) is Measured}
+    if not units:
+        return dict(values), ""
+    first = next(iter(units.values()))
+    for name, value in given.items():
+        if name not in units and not (isinstance(value, (int, float)) and value == 0.0):
+            raise SceneError(f"give {name} a unit, too, such as {first.text}", at=at)
+        if name in units and units[name].powers != first.powers:
+            given_unit = f"{units[name].text} is {what_is(units[name])}"
+            rule = f"numbers of one distribution have one dimension: {given_unit}"
+            raise SceneError(f"{rule}, {first.text} is {what_is(first)}", at=at)
+    numbers = {
+        name: units[name].convert(float(one.value)) if name in units else one
+        for name, one in given.items()
+    }
+    words = zip(("kg", "m", "s", "A", "rad"), first.powers, strict=True)
+    return numbers, " ".join(f"{word}{n}" if n != 1 else word for word, n in words if n) or "1"
+
+
+def in_units(value: Any, units: str, at: str) -> Any:
+    """Return a number, text or quantity in `units`; a number without a unit unchanged."""
+    if is_foreign(value):
+        found = from_foreign(value, units, at)
+        if np.ndim(found):
+            raise SceneError("expected one number, not an array", at=at)
+        return float(found)
+    one = as_measured(value)
+    if type(one) is not Measured:
+        return value
+    if isinstance(one.value, bool) or not isinstance(one.value, (int, float, np.number)):
+        raise SceneError("expected one number beside a unit", at=at, value=one.value)
+    return converter(one.unit, units, at).convert(float(one.value))
+
+
+def rule_with_hint(error: RigidmcError) -> str:
+    """Return the rule of an error with its nearest right unit, for readers without a place."""
+    return f"{error.rule} (did you mean '{error.nearest}'?)" if error.nearest else error.rule

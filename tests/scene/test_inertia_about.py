@@ -1,0 +1,169 @@
+"""Tensors and moments about the centre of mass, in Python and in scene files."""
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc.mechanics import inertia
+from rigidmc.scene.scene import Scene
+
+TENSOR = np.array([[10.0, 0.4, -0.3], [0.4, 12.0, 0.2], [-0.3, 0.2, 8.0]])
+CENTRE, MASS = np.array([0.3, -0.2, 0.5]), 40.0
+POINTS = np.array([[1, 0, 0], [0, 2, 0], [0, 0, 3], [1, 1, 1.0]])
+
+
+def hand_sum(tensor, mass, c):
+    """I + m (c^2 1 - c c^T), written out."""
+    x, y, z = c
+    moved = np.array(
+        [
+            [y * y + z * z, -x * y, -x * z],
+            [-x * y, z * z + x * x, -y * z],
+            [-x * z, -y * z, x * x + y * y],
+        ]
+    )
+    return np.asarray(tensor) + mass * moved
+
+
+def test_a_tensor_about_the_centre_is_moved_by_the_parallel_axis_theorem():
+    body = rm.Body.from_tensor(TENSOR, MASS, CENTRE, about="centre")
+    # measured 3.6e-15
+    assert np.abs(body.tensor - hand_sum(TENSOR, MASS, CENTRE)).max() < 4e-14
+    again = body.with_pivot_at_centre()
+    assert np.abs(again.tensor - TENSOR).max() < 1e-13  # measured 3.6e-15
+    same = rm.Body.from_tensor(TENSOR, MASS, (0, 0, 0), about="centre")
+    assert np.array_equal(same.tensor, rm.Body.from_tensor(TENSOR, MASS).tensor)
+
+
+def test_particles_about_their_centre_are_the_particles():
+    masses = np.array([1.0, 2.0, 0.5, 3.0])
+    whole = rm.Body.from_particles(masses, POINTS)
+    own = inertia.of_particles(masses, POINTS - whole.centre)
+    body = rm.Body.from_tensor(own, whole.mass, whole.centre, about="centre")
+    assert np.abs(body.tensor - whole.tensor).max() < 4e-14  # measured 3.6e-15
+
+
+def test_moments_about_the_centre():
+    body = rm.Body.from_moments((1.0, 2.0, 2.5), 3.0, CENTRE, about="centre")
+    expected = hand_sum(np.diag([1.0, 2.0, 2.5]), 3.0, CENTRE)
+    assert np.abs(body.tensor - expected).max() < 2e-15  # measured 1.1e-16
+    along = rm.Body.from_moments((1.0, 1.0, 0.5), 2.0, (0, 0, 3), about="centre")
+    assert along.moments == (19.0, 19.0, 0.5)
+
+
+def test_an_impossible_tensor_is_refused_before_it_is_moved():
+    """Moved by m c^2 = 16, the moments (1, 1, 5) would obey the triangle inequality."""
+    with pytest.raises(rm.SceneError, match="no mass distribution has these moments"):
+        rm.Body.from_tensor(np.diag([1.0, 1.0, 5.0]), 1.0, (4.0, 0.0, 0.0), about="centre")
+
+
+@pytest.mark.parametrize("size", [6, 9, 10])
+def test_an_uncertain_tensor_moves_with_its_covariance(size):
+    """The truth: members of a normal sample of (tensor, centre, mass), each moved by itself."""
+    rng = np.random.default_rng(3)
+    ways = rng.normal(size=(10, 10)) * np.array([0.02] * 6 + [1e-3] * 3 + [0.02])[:, None]
+    covariance = (ways @ ways.T)[:size, :size]
+    body = rm.Body.from_tensor(
+        rm.UncertainInertia(TENSOR, covariance), MASS, tuple(CENTRE), about="centre"
+    )
+    mean = np.array([*inertia.elements(TENSOR), *CENTRE, MASS])
+    drawn = np.tile(mean, (50_000, 1))
+    drawn[:, :size] += rng.multivariate_normal(np.zeros(size), covariance, len(drawn))
+    moved = inertia.about_point(inertia.symmetric(drawn[:, :6].T), drawn[:, 9], drawn[:, 6:9])
+    truth = np.array(inertia.elements(np.moveaxis(moved, 0, -1)))
+    made = np.array(body.moments.covariance)[:6, :6]
+    scale = np.sqrt(np.outer(truth.var(1), truth.var(1)))
+    assert np.abs(made - np.cov(truth)).max() / scale.max() < 0.02  # measured 2.9e-3
+    unmoved = np.abs(covariance[:6, :6] - np.cov(truth)).max() / scale.max()
+    assert size == 6 or unmoved > 0.1  # measured 0.60, 0.64
+    off = np.array(inertia.elements(body.moments.mean)) - truth.mean(1)
+    assert np.abs(off).max() < 5e-3  # of 22: second order; measured 1.8e-3
+    assert np.array_equal(
+        np.array(inertia.elements(body.moments.mean)),
+        inertia.elements(inertia.about_point(TENSOR, MASS, CENTRE)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"about": "center"}, r"about = 'center'.*did you mean 'centre'"),
+        ({"about": None}, "no such point"),
+        ({"about": "centre", "mass": rm.uniform(1, 2)}, "mass.*plain numbers.*UncertainInertia"),
+        ({"about": "centre", "centre": (0, 0, rm.normal(0, 1))}, "centre: must be plain numbers"),
+        (
+            {
+                "about": "centre",
+                "tensor": rm.UncertainInertia(TENSOR, 1e-4 * np.eye(6), (0.1, 0, 0)),
+            },
+            "omit this",
+        ),
+    ],
+)
+def test_what_cannot_be_moved_is_refused(options, words):
+    given = {"tensor": TENSOR, "mass": 2.0, "centre": (0.1, 0.0, 0.0)} | options
+    with pytest.raises(rm.SceneError, match=words):
+        rm.Body.from_tensor(**given)
+
+
+def test_moments_that_differ_are_not_moved():
+    with pytest.raises(rm.SceneError, match="must be plain numbers with about"):
+        rm.Body.from_moments((1, 2, rm.uniform(2, 2.5)), 1.0, (0, 0, 1), about="centre")
+
+
+TEXT = """
+[body]
+tensor = [[10.0, 0.4, -0.3], [0.4, 12.0, 0.2], [-0.3, 0.2, 8.0]]
+mass = 40.0
+centre = [0.3, -0.2, 0.5]
+MORE
+[start]
+omega = [0.0, 0.0, 1.0]
+"""
+
+
+def test_a_scene_file_says_about():
+    body = Scene.loads(TEXT.replace("MORE", 'about = "centre"')).body
+    assert np.abs(body.tensor - hand_sum(TENSOR, MASS, CENTRE)).max() < 4e-14
+    plain = Scene.loads(TEXT.replace("MORE", 'about = "pivot"')).body
+    assert np.array_equal(plain.tensor, Scene.loads(TEXT.replace("MORE", "")).body.tensor)
+    # a satellite: the numbers of the sheet, about the point about which it turns
+    satellite = Scene.loads(TEXT.replace("MORE", 'about = "centre"\npivot = "centre"')).body
+    assert satellite.centre == (0.0, 0.0, 0.0) and satellite.mass == MASS
+    assert np.array_equal(satellite.tensor, rm.Body.from_tensor(TENSOR, MASS).tensor)
+
+
+def test_moments_and_uncertain_tensors_of_a_scene_file():
+    text = TEXT.replace(TEXT.splitlines()[2], "moments = [10.0, 12.0, 8.0]")
+    body = Scene.loads(text.replace("MORE", 'about = "centre"')).body
+    expected = hand_sum(np.diag([10.0, 12.0, 8.0]), MASS, CENTRE)
+    assert np.abs(body.tensor - expected).max() < 8e-14  # measured 7.1e-15
+    rows = [[1e-4 * (i == j) for j in range(6)] for i in range(6)]
+    mean = "[[10.0, 0.4, -0.3], [0.4, 12.0, 0.2], [-0.3, 0.2, 8.0]]"
+    law = f"tensor = {{ uncertain_inertia = {{ mean = {mean}, covariance = {rows} }} }}"
+    text = TEXT.replace(TEXT.splitlines()[2], law)
+    body = Scene.loads(text.replace("MORE", 'about = "centre"')).body
+    assert np.abs(np.array(body.moments.mean) - hand_sum(TENSOR, MASS, CENTRE)).max() < 4e-14
+    turning = Scene.loads(text.replace("MORE", 'about = "centre"\npivot = "centre"')).body
+    assert np.abs(np.array(turning.moments.mean) - TENSOR).max() == 0.0
+    assert turning.moments.centre == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ('about = "middle"', "no such point; known: pivot, centre"),
+        ("about = 3", "about = 3"),
+        ('about = "centre"\naxes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]', "give the tensor instead"),
+    ],
+)
+def test_a_mistake_in_a_scene_file_is_named(more, words):
+    with pytest.raises(rm.SceneError) as caught:
+        Scene.loads(TEXT.replace("MORE", more))
+    assert words in str(caught.value)
+
+
+def test_a_solid_has_its_own_point():
+    text = '[body]\nabout = "centre"\ncylinder = { mass = 1.0, radius = 0.1, height = 0.2 }\n'
+    with pytest.raises(rm.SceneError, match="about"):
+        Scene.loads(text + "[start]\nomega = [0, 0, 1]\n")
