@@ -368,7 +368,7 @@ def test_free_bodies_in_closed_form(name):
     body, tensor, _, _ = BODIES[name]()
     scene = rm.Scene(body, start=rm.Start(**START), observables=(rm.PointingAngle(SLANTED),))
     saved = ("omega", "momentum", "attitude", "energy", "pointing_angle")
-    ds = rm.simulate(scene, integrator="closed", dt=DT, t_end=END, every=0.5, members=1, save=saved)
+    ds = rm.simulate(scene, integrator="closed", dt=DT, t_end=1.0, every=0.5, members=1, save=saved)
     assert ("body_axes" in ds.attrs) == body.is_turned
     errors = states_apart(ds.isel(member=0), tensor)
     assert max(errors.values()) < 1e-13, errors  # measured 5.7e-15
@@ -380,7 +380,7 @@ def test_free_bodies_in_closed_form(name):
 
 def states_apart(one, tensor):
     """{name: error} of the saved states of a free member."""
-    motion = Motion(Properties(tensor), (), START["omega"], START["attitude"], END, points=11)
+    motion = Motion(Properties(tensor), (), START["omega"], START["attitude"], 1.0, points=11)
     y = motion.solution(one.time.values)
     q, true = one.attitude.transpose("quat", "time").values, motion.attitude(y)
     return {
@@ -396,10 +396,9 @@ FEW = EFFECTS["gravity"] + EFFECTS["uniform_field"] + EFFECTS["rotor"]
 
 
 def test_monitored_steps():
-    """Events, extremes and means within steps, of members whose axes differ; quaternions of both
-    half turns of axes and small ones."""
-    passage, flips = rm.Passage(1, 0.8), rm.Flips(2, 1.2)
-    saved = ("omega", "attitude", "nutation", "omega_max", passage, flips)
+    """An event and extremes within steps, of axes half a turn away and of members whose axes
+    differ; the slow tests have the other observables."""
+    saved = ("omega", "attitude", "omega_max", rm.Passage(3, 1.8))
     effects = tuple(effect for effect, _ in FEW)
     for make in (BODIES["half turn"], lambda: (UNCERTAIN,)):
         body, *known = make()
@@ -409,7 +408,7 @@ def test_monitored_steps():
         truths = [Properties(*known)] if known else own_bodies(ds)
         for member, truth in enumerate(truths):
             errors = monitored_apart(ds.isel(member=member), truth)
-            assert max(errors.values()) < 2e-6, errors  # measured 2.5e-7, of rk4
+            assert len(errors) == 6 and max(errors.values()) < 5e-8, errors  # measured 9.1e-9
 
 
 def own_bodies(ds):
@@ -423,22 +422,19 @@ def own_bodies(ds):
 def monitored_apart(one, body):
     """{name: error} of the events and extremes of a member."""
     motion = Motion(body, [truth for _, truth in FEW], START["omega"], START["attitude"], END, 601)
-    passages, flips = motion.passages(AXES[0], 0.8), motion.flips(AXES[1], 1.2)
-    assert (one.passages.item(), one.flips.item()) == (len(passages), len(flips))
+    passages = motion.passages(AXES[2], 1.8)
+    assert one.passages.item() == len(passages)
     q = one.attitude.transpose("quat", "time").values
     true = motion.attitude(motion.solution(one.time.values))
     errors = {
         "attitude": np.abs(q * np.sign((q * true).sum(0)) - true).max(),
         "omega": np.abs(one.omega.values[-1] - motion.omega(motion.states[:, -1:])[:, 0]).max(),
-        "nutation_max": abs(one.nutation_max.item() - motion.extremes(motion.angle(AXES[2]))[1]),
     }
     for k in range(3):
         largest = motion.extremes(lambda t, y, k=k: motion.omega(y)[k])[1]
         errors[f"omega_max[{k + 1}]"] = abs(one.omega_max.values[k] - largest)
     if passages:
         errors["passage_first"] = abs(one.passage_first.item() - passages[0])
-    if flips:
-        errors["flip_first"] = abs(one.flip_first.item() - flips[0])
     return errors
 
 
