@@ -217,9 +217,9 @@ COMPONENTS = ("omega", "momentum")
 STATISTICS = ("min", "max", "mean", "variance", "last")
 
 
-BROAD = {"mean": 8e-6, "variance": 2e-5}  # measured 2.3e-6, 6.2e-6: the rule of trapezes
-ROUNDING = 2e-13  # of states and event times; measured 3.6e-14
-FOUND = 1e-10  # of extremes within steps; measured 2.4e-11
+BROAD = {"mean": 8e-6, "variance": 2e-5}  # measured 3.5e-6, 1.1e-5: the rule of trapezes
+ROUNDING = 2e-13  # of states and event times; measured 5.3e-14
+FOUND = 2e-10  # of extremes within steps; measured 4.6e-11
 
 
 def tolerance(name):

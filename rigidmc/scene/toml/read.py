@@ -86,7 +86,11 @@ def read_parts(
         _set(data, key, value)
     overridden = {key.split(".")[1] for key, _ in settings if key.startswith("run.")}
     folder = os.path.dirname(file)
-    columns = DataSources(stored, folder, folder if allow_code else allow_code)
+    is_run = os.path.basename(file) == "scene.toml" and os.path.isfile(
+        os.path.join(folder, "run.json")
+    )
+    code = folder if allow_code else allow_code
+    columns = DataSources(stored, folder, code, stored is not None or is_run)
     tables = check_table(_File, data, "")
     return {
         "effects": read_effects(tables.effects, columns),
@@ -198,7 +202,7 @@ def read_body(table: dict[str, Any], stored: DataSources) -> Body:
         # until 0.1 this key held the principal axes, and scenes with it were in these
         table = {**table, "principal_axes": table["axes"], "axes": "principal"}
     # results until 0.1 with an uncertain tensor have no such key, and are in the principal axes
-    is_old = stored.of_result is not None and isinstance(table.get("tensor"), dict)
+    is_old = stored.is_recorded and isinstance(table.get("tensor"), dict)
     frame = table.get("axes", "principal" if is_old else "described")
     if key == "file":
         body = replace(_of_file(table, stored), frame=frame)
