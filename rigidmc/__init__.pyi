@@ -61,6 +61,7 @@ from rigidmc.scene.vector_distributions.bodies import SecondMoments as SecondMom
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia as UncertainInertia
 from rigidmc.scene.vector_distributions.ensembles import GibbsMomentum as GibbsMomentum
 from rigidmc.scene.vector_distributions.ensembles import Shell as Shell
+from rigidmc.scene.vector_distributions.tensors import TensorRows as TensorRows
 from rigidmc.scene.vector_distributions.vectors import Cone as Cone
 from rigidmc.scene.vector_distributions.vectors import Correlated as Correlated
 from rigidmc.scene.vector_distributions.vectors import Sphere as Sphere

@@ -1,8 +1,10 @@
 """Validation of users' numbers and arrays: the one place where they enter.
 
-The position of a number alone gives its meaning: components come last, and in scenes each row is a
-member. Objects with more than positions (labels, a unit, a mask, no order) would lose it here, so
-they are refused with a suggested replacement.
+The position of a number gives its meaning: components come last, and in scenes each row is a
+member. Where a shape allows both, such as (3, 3), the array is refused: its dimensions need names.
+Labels of pandas and xarray give the meaning themselves (`rigidmc.labelled`). Objects with more than
+positions (a unit, a mask, no order) would lose it here, so they are refused with a suggested
+replacement.
 """
 
 import math
@@ -16,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError
+from rigidmc.labelled import COLUMN, Wanted, has_dims, is_labelled, read_labelled, two_ways
 from rigidmc.units import ARGUMENTS, from_foreign, is_foreign
 
 _SEQUENCES = (list, tuple, range, deque, machine_array)
@@ -42,13 +45,17 @@ def is_number(value: Any) -> bool:
         return False
 
 
-def as_plain_arrays(value: Any, at: str = "input", kinds: str = "fiu") -> Any:
-    """Convert arrays in a value to plain ones; SceneError if positions do not give their meaning.
+def as_plain_arrays(
+    value: Any, at: str = "input", kinds: str = "fiu", wanted: Wanted = COLUMN
+) -> Any:
+    """Convert arrays in a value to plain ones; SceneError if neither positions nor labels give
+    their meaning.
 
     Numbers, text, objects without arrays, and lists and tuples of these stay as they are. The
     elements of lists and tuples obey the same rules.
 
     kinds : allowed kinds of NumPy dtypes
+    wanted : axes that labels have to name
     """
     if type(value) is not np.ndarray and is_foreign(value):
         units = ARGUMENTS.get(at.rpartition(".")[2])
@@ -60,14 +67,16 @@ def as_plain_arrays(value: Any, at: str = "input", kinds: str = "fiu") -> Any:
         raise SceneError(f"its elements {_ELEMENTS['m']}", at=at, value=value)
     if isinstance(value, (str, np.generic, Real)) or value is None:
         return value
+    if is_labelled(value):
+        return _plain(read_labelled(value, at, wanted), at, kinds)
     if isinstance(value, (list, tuple)):
         if all(type(one) in (float, int) for one in value):
             return value
-        inside = [as_plain_arrays(one, at, kinds) for one in value]
+        inside = [as_plain_arrays(one, at, kinds, wanted._replace(sizes=())) for one in value]
         same = all(one is other for one, other in zip(inside, value, strict=True))
         return value if same else inside
     if isinstance(value, _SEQUENCES):
-        return as_plain_arrays(list(value), at, kinds)
+        return as_plain_arrays(list(value), at, kinds, wanted)
     if cure := _cure(value):
         shown = f"{type(value).__module__}.{type(value).__name__}"
         raise SceneError(f"is a {shown.removeprefix('builtins.')}, which {cure}", at=at)
@@ -80,15 +89,19 @@ def floats(
     last: int = 0,
     kinds: str = "fiu",
     rule: str = "expected numbers",
+    wanted: Wanted | None = None,
 ) -> NDArray[Any]:
-    """Convert a user's array to float64; SceneError for anything but numbers in positions.
+    """Convert a user's array to float64; SceneError for anything but numbers in positions, or with
+    labels that name components.
 
     last : required length of the last axis, the components; 0 for any
     kinds : allowed kinds of dtypes; with "c" complex numbers are allowed and stay complex
     rule : start of the error message, which states the expectation
+    wanted : axes that labels have to name; by default `last` components, and any others
     """
     plain = type(value) is np.ndarray and value.dtype == np.float64
-    array: NDArray[Any] = value if plain else _converted(value, at, kinds, rule)
+    wanted = wanted or Wanted((last,) * bool(last), by_member=False)
+    array: NDArray[Any] = value if plain else _converted(value, at, kinds, rule, wanted)
     if last and array.shape[-1:] != (last,):
         turned = " (give its transpose?)" if array.shape[:1] == (last,) else ""
         rule = f"has shape {array.shape}; its last axis must have {last} components{turned}"
@@ -96,9 +109,85 @@ def floats(
     return array
 
 
-def _converted(value: Any, at: str, kinds: str, rule: str) -> NDArray[Any]:
+def member_vectors(value: Any, at: str, size: int) -> NDArray[np.float64]:
+    """Return vectors (..., size), perhaps one for each member; SceneError for anything else, and
+    for an array (size, size) without labels, which reads two ways."""
+    array = floats(value, at, size)
+    if array.shape == (size, size) and not is_labelled(value):
+        raise two_ways(array.shape, at)
+    return array
+
+
+def check_quaternion_rows(array: NDArray[Any], at: str) -> None:
+    """Raise SceneError for three or four attitudes (n, k) whose rows may be components: unless
+    only the rows, not the columns, are unit quaternions."""
+    if array.shape not in ((4, 4), (3, 4), (4, 3)):
+        return
+    rows, columns = (np.abs((array**2).sum(axis) - 1.0).max() < 1e-6 for axis in (1, 0))
+    rows, columns = rows and array.shape[1] == 4, columns and array.shape[0] == 4
+    if columns and not rows:
+        rule = (
+            f"has the shape {array.shape}, and its columns are quaternions: an array must have one"
+            " row per member; give its transpose"
+        )
+        raise SceneError(rule, at=at)
+    if not rows or columns:
+        raise two_ways(array.shape, at, "quat")
+
+
+def split_components(value: Any, at: str, size: int) -> Any:
+    """Return a vector of `size` quantities as a sequence of them, each a number, a column with one
+    number per member, or whatever was given; SceneError.
+
+    An array has the shape (size,) or (members, size), as have lists of lists and lists of rows. A
+    tuple consists of components. What reads two ways is refused: (size, size) without labels, and a
+    list of `size` arrays of this length.
+    """
+    rule = f"expected {size} components, or an array of shape (members, {size})"
+    if is_labelled(value):
+        return _columns(as_plain_arrays(value, at, wanted=Wanted((size,))), at, size)
+    settled = isinstance(value, tuple) or (isinstance(value, list) and any(map(has_dims, value)))
+    plain = as_plain_arrays(value, at)
+    if isinstance(plain, (list, tuple)):
+        plain = _stacked(plain, at, size, settled)
+    if isinstance(plain, np.ndarray) and plain.ndim == 2 and plain.shape == (size, size):
+        raise two_ways(plain.shape, at, "quat" if size == 4 else "axis")
+    if isinstance(plain, np.ndarray):
+        plain = _columns(plain, at, size)
+    if isinstance(plain, str) or not hasattr(plain, "__len__") or len(plain) != size:
+        raise SceneError(rule, at=at, value=value)
+    return plain
+
+
+def _stacked(parts: Any, at: str, size: int, settled: bool) -> Any:
+    """Return rows, given as lists or arrays, as one array; other sequences unchanged."""
+    arrays = [np.shape(part) if isinstance(part, np.ndarray) else None for part in parts]
+    if arrays and all(shape == (size,) for shape in arrays):
+        if len(parts) != size:
+            return np.stack(parts)
+        if not settled:
+            raise two_ways((size, size), at, "quat" if size == 4 else "axis")
+    if not parts or not all(isinstance(part, (list, tuple)) for part in parts):
+        return parts
+    if not all(is_number(x) for part in parts for x in part) or len({*map(len, parts)}) > 1:
+        return parts
+    return np.array(parts, dtype=float)
+
+
+def _columns(array: NDArray[Any], at: str, size: int) -> Any:
+    """Return the components of an array (size,) or (members, size); SceneError."""
+    if array.ndim == 1:
+        return array if array.size == size else ()
+    if array.ndim != 2 or array.shape[1] != size:
+        turned = "; give its transpose" if array.shape == (size, *array.shape[1:2]) else ""
+        rule = f"expected {size} components, or an array of shape (members, {size})"
+        raise SceneError(f"has the shape {array.shape}: {rule}{turned}", at=at)
+    return tuple(np.ascontiguousarray(array[:, i]) for i in range(size))
+
+
+def _converted(value: Any, at: str, kinds: str, rule: str, wanted: Wanted) -> NDArray[Any]:
     """Convert an object that is not yet a float64 array; SceneError."""
-    value = as_plain_arrays(value, at, kinds)
+    value = as_plain_arrays(value, at, kinds, wanted)
     try:
         found = np.asarray(value)
     except ValueError:  # rows of different lengths
@@ -146,6 +235,10 @@ def _why(array: NDArray[Any]) -> str:
 
 def _cure(value: Any) -> str:
     """Return why an object is refused and its replacement; "" for an object without numbers."""
+    if hasattr(value, "data_vars"):
+        return "has several variables: give one of them, x['omega']"
+    if hasattr(value, "as_quat"):
+        return "is an attitude: give it as the attitude, or numbers here"
     if isinstance(value, Mapping):
         return "has keys: give its values in their order, [x[key] for key in (...)]"
     if isinstance(value, Set):

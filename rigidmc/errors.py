@@ -360,8 +360,13 @@ def _escaped(found: re.Match[str]) -> str:
 
 
 def _short(value: object) -> str:
-    # repr raises for an integer of more than 4300 digits
-    text = repr(value) if not isinstance(value, int) or abs(value) < 10**80 else "a huge number"
+    if isinstance(value, (list, tuple)) and len(value) > _MANY:  # a repr of all would take long
+        value = [*value[:3], ...]
+    try:
+        # repr raises for an integer of more than 4300 digits
+        text = repr(value) if not isinstance(value, int) or abs(value) < 10**80 else "a huge number"
+    except Exception:  # of an object of the user
+        text = f"a {type(value).__name__}"
     text = " ".join(text.split())  # the repr of a Series has several lines
     # the end of a path identifies the file
     return text if len(text) <= 80 else f"{text[:38]}...{text[-39:]}"

@@ -209,6 +209,7 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
         save = ("omega", "momentum", "attitude", "energy")
         ds = rm.simulate(one, save=save, t_end=2.0 * t, every=0.05 * t)
         numbers, rigid = of_dataset(ds.rigid.euler()), ds.rigid
+        numbers |= {**of_dataset(rigid.euler("321")), "rotation": (rigid.rotation().as_quat(), "1")}
         arrays = {name: getattr(rigid, name)() for name in ("momentum", "phase", "energy", "drift")}
         arrays |= {"psi": rigid.unwrapped("psi"), "polhode": rigid.polhode(1)}
         arrays["described"] = rigid.described("omega")

@@ -47,7 +47,7 @@ def time_option(key: str, positive: bool = True, **option: Any) -> Any:
 
 
 def _number_option(key: str, units: str, **option: Any) -> Any:
-    """Return an option for a number in SI units, or with a unit: 0.1, "5 deg"."""
+    """Return an option for a number in SI units, or with a unit, such as "5 deg"."""
 
     def read(text: str) -> float:
         try:

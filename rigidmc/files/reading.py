@@ -1,9 +1,10 @@
-"""Readers of untrusted text files: TOML, JSON, CSV and meshes.
+"""Readers of untrusted text files: TOML, JSON and meshes.
 
 They read only regular files, of at most TEXT bytes, and TOML nested at most DEPTH deep: a pipe
 would block for ever, and a device has no end. Python's own readers raise many kinds of errors; here
-each becomes a FileError, or a SceneError for text that is not TOML. CSV files are read a few lines
-at a time, and written so that no spreadsheet interprets a cell as a formula (`harmless`).
+each becomes a FileError, or a SceneError for text that is not TOML. CSV files are read by
+`rigidmc.files.tables`, and written so that no spreadsheet interprets a cell as a formula
+(`harmless`).
 """
 
 import contextlib
@@ -13,10 +14,7 @@ import json
 import os
 import re
 import tomllib
-from typing import IO, Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from rigidmc.errors import FileError, SceneError, path_of
 from rigidmc.files.opening import open_plain, open_regular
@@ -111,48 +109,6 @@ def json_of(text: str) -> Any:
     with contextlib.suppress(RecursionError):
         return json.loads(text)
     raise ValueError("nested too deep")
-
-
-LINE = 2**20  # longest line, in characters: a hole of a sparse file reads as a line of gigabytes
-_LINES, _LETTERS = 20_000, 2**22  # lines and characters converted to numbers at once
-
-
-def read_number_table(path: str | os.PathLike[str]) -> tuple[list[str], NDArray[np.float64]]:
-    """Return (names in the first line, numbers (rows, columns)) of a CSV file; (0, 0) without rows.
-
-    Memory and time grow with the file size. Raises ValueError if lines differ in length or are not
-    UTF-8 (UnicodeDecodeError is a ValueError), and FileError if it is not a text file.
-    """
-    with open(path, encoding="utf-8", opener=open_regular) as file:
-        names = [
-            word.strip().strip('"') for word in _line(file).strip().lstrip("\ufeff").split(",")
-        ]
-        pieces = list[NDArray[np.float64]]()
-        while lines := _some(file):
-            text = [line for line in lines if line.strip()]
-            rows = np.genfromtxt(text, delimiter=",", ndmin=2) if text else np.empty((0, 0))
-            if rows.size:
-                pieces.append(rows)
-    if len({rows.shape[1] for rows in pieces}) > 1:
-        raise ValueError("its rows have different numbers of columns")
-    return names, np.concatenate(pieces) if pieces else np.empty((0, 0))
-
-
-def _line(file: IO[str]) -> str:
-    line = file.readline(LINE + 1)
-    if len(line) > LINE:
-        rule = f"has a line of more than {LINE:,} characters"
-        raise FileError(rule, at="file", file=file.name)
-    return line
-
-
-def _some(file: IO[str]) -> list[str]:
-    """Return the next lines of a file."""
-    lines, letters = list[str](), 0
-    while len(lines) < _LINES and letters < _LETTERS and (line := _line(file)):
-        lines.append(line)
-        letters += len(line)
-    return lines
 
 
 def harmless(cell: Any) -> Any:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
 from rigidmc.errors import SceneError, check_rows
+from rigidmc.labelled import Wanted
 from rigidmc.physics.dynamics.principal_axes import Principal
 
 SLACK = 1e-12  # relative: a flat plate obeys I3 = I1 + I2 only to rounding
@@ -77,7 +78,8 @@ def of_particles(masses: ArrayLike, positions: ArrayLike) -> NDArray[np.float64]
 
     masses (..., N) [kg];  positions (..., N, 3) [m]. SceneError if their shapes do not fit.
     """
-    masses, positions = floats(masses, "masses"), floats(positions, "positions")
+    masses = floats(masses, "masses")
+    positions = floats(positions, "positions", wanted=Wanted((3,), by_member=False))
     vectors = positions.ndim >= 2 and positions.shape[-1] == 3
     if not vectors or masses.shape[-1:] != positions.shape[-2:-1]:
         count = masses.shape[-1] if masses.ndim else 1
@@ -254,14 +256,16 @@ def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.f
     moments = values[:3]
     # particles on a line along no coordinate axis leave a moment of +-6e-17 of the others
     impossible = (violates_triangle(moments) | (moments.min(0) <= 1e-14 * moments.max(0))) & ~bad
-    check_rows(impossible, _why_none(moments[:, np.argmax(impossible)]) if impossible.any() else "")
+    check_rows(
+        impossible, why_impossible(moments[:, np.argmax(impossible)]) if impossible.any() else ""
+    )
     values[:, impossible] = np.nan
     shape = tensor.shape[:-2]
     axes = np.moveaxis(values[3:].reshape(3, 3, -1), -1, 0).swapaxes(1, 2)
     return values[:3].T.reshape(*shape, 3), axes.reshape(*shape, 3, 3)
 
 
-def _why_none(moments: NDArray[np.float64]) -> str:
+def why_impossible(moments: NDArray[np.float64]) -> str:
     """Return why no rotating body can have these moments (3,)."""
     example = ", ".join(f"{m:.4g}" for m in moments)
     low, middle, high = np.sort(moments)

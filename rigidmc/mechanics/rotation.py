@@ -14,6 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
 from rigidmc.errors import SceneError, check_rows
+from rigidmc.labelled import Wanted
+from rigidmc.mechanics.euler_angles import (
+    angles_of_quaternions,
+    check_sequence,
+    quaternions_of_angles,
+)
 from rigidmc.physics.dynamics.functions import sincos
 from rigidmc.physics.dynamics.quaternions import multiply
 
@@ -42,7 +48,7 @@ def quaternion(attitude: Attitude) -> _Floats:
     """
     if isinstance(attitude, Rotations):
         return np.asarray(attitude.as_quat(scalar_first=True))
-    array = floats(attitude, "attitude")
+    array = floats(attitude, "attitude", wanted=Wanted((4,), by_member=False))
     if array.shape[-2:] == (3, 3):
         return quaternion_from_matrix(array)
     if array.shape[-1:] != (4,):
@@ -116,11 +122,15 @@ def quaternion_from_euler(phi: _Numbers, theta: _Numbers, psi: _Numbers) -> _Flo
 
 
 def from_euler(angles: ArrayLike, convention: str = "zxz") -> _Floats:
-    """Return the quaternions (..., 4) of Euler angles (phi, theta, psi) (..., 3) [rad].
+    """Return the quaternions (..., 4) of Euler angles (..., 3) [rad], in order of the rotations.
 
-    "zxz": A = Rz(phi) Rx(theta) Rz(psi), TdC (3.36);  "zyz": A = Rz(phi) Ry(theta) Rz(psi)
+    "zxz": A = Rz(phi) Rx(theta) Rz(psi), TdC (3.36);  "zyz": A = Rz(phi) Ry(theta) Rz(psi); or any
+    sequence of `rigidmc.mechanics.euler_angles`, such as "321": A = Rz(yaw) Ry(pitch) Rx(roll)
     """
     phi, theta, psi = np.moveaxis(floats(angles, "angles", 3), -1, 0)
+    if convention not in CONVENTIONS:
+        sequence = check_sequence(convention, "convention")
+        return np.moveaxis(quaternions_of_angles(sequence, phi, theta, psi), 0, -1)
     w, x, y, z = quaternion_from_euler(phi, theta, psi)
     return np.stack((w, x, y, z) if _is_zxz(convention) else (w, -y, x, z), -1)
 
@@ -128,11 +138,18 @@ def from_euler(angles: ArrayLike, convention: str = "zxz") -> _Floats:
 def euler(attitude: Attitude, convention: str = "zxz") -> _Floats:
     """Return the Euler angles (phi, theta, psi) (..., 3) [rad] of an attitude, 0 <= theta <= pi.
 
+    convention : "zxz", "zyz", or any sequence of `rigidmc.mechanics.euler_angles`, such as "321"
+        with yaw, pitch and roll
+
     phi and psi lie in (-pi, pi]. The angles reproduce the attitude to rounding everywhere. If
     sin(theta) = 0, only phi + psi (theta = 0) or phi - psi (theta = pi) is determined, and psi is
     0; near these poles psi is as accurate as the attitude allows.
     """
-    w, x, y, z = np.moveaxis(quaternion(attitude), -1, 0)
+    q = np.moveaxis(quaternion(attitude), -1, 0)
+    if convention not in CONVENTIONS:
+        sequence = check_sequence(convention, "convention")
+        return np.moveaxis(angles_of_quaternions(sequence, q), 0, -1)
+    w, x, y, z = q
     if not _is_zxz(convention):
         x, y = y, -x
     theta = 2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z))

@@ -5,11 +5,12 @@ A plan is a value. It does not depend on threads, device or blocks, and neither 
 `rigidmc.runs.prepare` calls each step once, in a straight line, and no step reads a later one.
 
 Reading order: `check` (reject impossible scenes), `units` (the units of integration), `initial`
-(members at their start, and the pilot: the first of them), `monitors` (quantities recorded at every
-step), `steps` (the time grid and per-member steps), `scheme` (how the integrator is compiled),
-`limits` (bounds that flag a member), `closed_form` (motions that need no steps), `turns` (how dense
-saves must be), `plan` (all of this in one value), `notes` and `body_notes` (hints to the user), and
-the subpackage `tolerance` (integrator and step for a given accuracy).
+(members at their start, and the pilot: the first of them), `orbit_start` (starts relative to an
+orbit), `monitors` (quantities recorded at every step), `steps` (the time grid and per-member
+steps), `scheme` (how the integrator is compiled), `limits` (bounds that flag a member),
+`closed_form` (motions that need no steps), `turns` (how dense saves must be), `plan` (all of this
+in one value), `notes` and `body_notes` (hints to the user), and the subpackage `tolerance`
+(integrator and step for a given accuracy).
 
 Invariant: a plan is a function of the scene alone, so that a run that is resumed, extended or
 computed elsewhere has the same bits. Where a plan reads drawn members, it reads the first members

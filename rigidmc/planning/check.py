@@ -206,7 +206,7 @@ def _check_parameters(run: Run, label: str, effect: Effect) -> None:
 
 def _check_variables(recording: Recording) -> None:
     """Raise SceneError if a custom observable reuses the name of an existing variable."""
-    taken = {*OUTCOMES, *DIMENSIONS, "member", "time", "moments", "mass", "centre"}
+    taken = {*OUTCOMES, *DIMENSIONS, "member", "time", "moments", "tensor", "mass", "centre"}
     every: list[tuple[Any, list[str]]] = [(recording.observable(n), [n]) for n in recording.names]
     every += [(one, list(outputs(label, one))) for label, one in recording.monitored]
     for one, names in sorted(every, key=lambda pair: is_own(pair[0])):

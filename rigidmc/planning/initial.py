@@ -11,6 +11,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys
 from rigidmc.engine.streams import key_of, stream_of, uniforms
 from rigidmc.errors import SceneError
+from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.mechanics.inertia import (
     quaternions,
     tensors_into,
@@ -25,6 +26,12 @@ from rigidmc.physics.effects import label_effects, shared_parameters
 from rigidmc.physics.effects.protocol import facts as effect_facts
 from rigidmc.physics.effects.protocol import parameter_count, shape, takes_noise
 from rigidmc.physics.effects.sums import total_energy_scale
+from rigidmc.planning.orbit_start import (
+    from_orbit,
+    relative_inputs,
+    relative_to_orbit,
+    with_orbit_rate,
+)
 from rigidmc.planning.steps import Array, physics
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import count_rows, draw, is_shared
@@ -40,6 +47,7 @@ from rigidmc.scene.sampling import (
 )
 from rigidmc.scene.settings import Run
 from rigidmc.scene.validation import PILOT
+from rigidmc.scene.vector_distributions import TensorRows
 from rigidmc.scene.vector_distributions.protocol import (
     EquilibriumEnsemble,
     MemberFacts,
@@ -176,7 +184,7 @@ def _name(model: Model, stream: str, draw: int, word: int) -> str:
     whole = f"{table}.{first}"
     if first == "attitude":
         angles = model.start.has_euler_angles
-        return f"{whole}.{('phi', 'theta', 'psi')[word]}" if angles else whole
+        return f"{whole}.{angle_names(model.start.sequence)[word]}" if angles else whole
     if whole == "body.tensor":
         return f"body.{model.body.moments.names_of_draws()[4 * draw + word]}"
     if whole == "body.mass":
@@ -227,10 +235,14 @@ def fill_initial(
             acting[name] = np.sum([effects[one] for one in sources], axis=0)
         block[layout.EFFECTS : end] = np.concatenate(list(acting.values()))
     block[layout.STATUS], block[layout.STEPS] = layout.STATUSES["ok"], 1.0
-    block[layout.ATTITUDE : layout.MOMENTUM] = np.array([[1.0], [0.0], [0.0], [0.0]])
+    relative = relative_to_orbit(model)
+    attitude = np.array([[1.0], [0.0], [0.0], [0.0]])
+    block[layout.ATTITUDE : layout.MOMENTUM] = attitude
     if has_attitude:
         facts = member_facts(model.effects, block, moments)
         attitude = model.start.sample_attitude(sampler, first, count, facts)
+        if "attitude" in relative:
+            attitude = from_orbit(model.effects, effects, attitude)
         block[layout.ATTITUDE : layout.MOMENTUM] = attitude
         if turn is not None and model.start.attitude != "ensemble":
             axes = multiply(tuple(attitude), quaternions(turn))
@@ -240,10 +252,13 @@ def fill_initial(
     known = member_facts(model.effects, block, moments)._replace(turn=own)
     word, spin = model.start.sample_spin(sampler, first, count, known)
     in_principal = isinstance(getattr(model.start, word), EquilibriumEnsemble)
+    if word in relative:
+        spin = with_orbit_rate(model.effects, effects, attitude, spin)
     told = spin
     if turn is not None and not in_principal:
         spin = vectors_into(turn, spin)
     start = {"moments": moments, "mass": mass, "centre": centre, f"start_{word}": told}
+    start |= relative_inputs(model.start, sampler, first, count)
     if turn is not None:
         start["principal_axes"] = np.stack(quaternions(turn))
         start["principal_centre"] = centre
@@ -254,6 +269,8 @@ def fill_initial(
             start["centre"] = vectors_from(turn, centre)
             if in_principal:
                 start[f"start_{word}"] = vectors_from(turn, spin)
+    if isinstance(model.body.moments, TensorRows):
+        start["tensor"] = draw(model.body.moments.rows, sampler, "body.tensor", first, count)
     start |= {name: values if len(values) > 1 else values[0] for name, values in given.items()}
     if has_attitude:
         start["start_attitude"] = block[layout.ATTITUDE : layout.MOMENTUM].copy()

@@ -19,7 +19,7 @@ from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Grid, Varied, is_shared
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
-from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 # exponents of kilogram, metre and second; amperes are not rescaled
@@ -70,7 +70,7 @@ def scale_scene(scene: Scene, mass: float = 1.0, length: float = 1.0, time: floa
     effects = _scaled_effects(scene.effects, mass, length, time)
     inertia = mass * length**2
     distribution = scene.body.moments
-    whole = isinstance(distribution, UncertainInertia)
+    whole = isinstance(distribution, TensorDistribution)
     body = replace(
         scene.body,
         moments=distribution.resized(mass, length) if whole else _sized(distribution, inertia, 1.0),
@@ -178,9 +178,8 @@ def choose_units(scene: Scene) -> UnitScale | None:
 def _spin_exponents(scene: Scene, moments: Any, sampler: Source) -> list[int]:
     """Return the exponents of the non-zero components of the first member's omega [rad/s]."""
     word = "omega" if scene.start.momentum is None else "momentum"
-    if isinstance(
-        getattr(scene.start, word), VectorDistribution
-    ):  # a distribution, which may depend on the energy
+    whole = isinstance(getattr(scene.start, word), VectorDistribution)
+    if whole or word in scene.start.relative_to_orbit:  # it may depend on the energy or the orbit
         rows = block_rows(scene.effects, False)
         _, start = initial_block(scene.model, sampler, 0, 1, True, rows)
         spin = start[f"start_{word}"]

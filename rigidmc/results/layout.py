@@ -187,5 +187,7 @@ def constant_variables(model: Model) -> frozenset[str]:
     }
     if model.body.inertia_key == "tensor":  # each member has its own axes
         return frozenset()
+    for key in model.start.relative_to_orbit:  # the member's orbit adds to it
+        variables.pop(f"start_{key}")
     shared = frozenset(name for name, value in variables.items() if is_shared(value))
     return shared | {"principal_axes"} if model.body.is_turned else shared

@@ -7,6 +7,7 @@ import numpy as np
 
 from rigidmc.engine.kernel.block import ASSESS_INTERVAL
 from rigidmc.engine.kernel.layout import STATUSES
+from rigidmc.mechanics.euler_angles import TEXTBOOK, angle_names
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import Effect, facts, shape
@@ -20,6 +21,8 @@ from rigidmc.scene.recording import Recording, conservation, make_recording, unt
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import Run
 from rigidmc.scene.start import Start
+from rigidmc.scene.start_tables import relative_components
+from rigidmc.scene.vector_distributions import TensorRows
 
 
 class Variable(NamedTuple):
@@ -203,6 +206,9 @@ def _body_variables(model: Model, own_steps: bool) -> dict[str, Variable]:
         axes = mean if model.body.frame == "principal" else "axes in which the body is described"
         text = f"attitude of the member's principal axes in the {axes}"
         variables["principal_axes"] = _by_member(text, "1", ("quat",))
+    if isinstance(model.body.moments, TensorRows):
+        text = "elements xx, yy, zz, yz, zx, xy of the inertia tensor, described axes"
+        variables["tensor"] = _by_member(text, "kg m2", ("component",))
     if own_steps:
         about = {"long_name": "number of steps of the member, all of equal length"}
         variables["steps"] = Variable(("member",), "i8", about)
@@ -224,6 +230,20 @@ def _start_variables(start: Start, has_attitude: bool) -> dict[str, Variable]:
         text = f"{OBSERVABLES['attitude'].long_name}, at t = 0"
         variables["start_attitude"] = _by_member(text, "1", ("quat",))
         if start.has_euler_angles and not is_shared(start.attitude):
-            text = "Euler angles z-x-z (phi, theta, psi), at t = 0"
-            variables["start_euler"] = _by_member(text, "rad", ("axis",))
+            text, more = "Euler angles z-x-z (phi, theta, psi), at t = 0", {}
+            if start.sequence != TEXTBOOK or "attitude" in start.relative_to_orbit:
+                text, more = _angles_text(start), {"sequence": start.sequence}
+            variables["start_euler"] = _by_member(text, "rad", ("axis",), **more)
+    for key in relative_components(start):
+        text = f"{OBSERVABLES[key].long_name}, relative to the frame of the orbit, at t = 0"
+        dims = ("quat",) if key == "attitude" else ("axis",)
+        variables[f"start_relative_{key}"] = _by_member(text, OBSERVABLES[key].units, dims)
     return variables
+
+
+def _angles_text(start: Start) -> str:
+    """Describe the Euler angles of a start."""
+    relative = "attitude" in start.relative_to_orbit
+    frame = " relative to the frame of the orbit" if relative else ""
+    names = ", ".join(angle_names(start.sequence))
+    return f"Euler angles {start.sequence} ({names}){frame}, at t = 0"

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from rigidmc.arrays import as_plain_arrays
 from rigidmc.errors import SceneError
+from rigidmc.labelled import is_labelled
 from rigidmc.scene.amounts import count_text, read_count
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import count_rows
@@ -26,7 +27,7 @@ def range_of_members(
     Raises SceneError for indices that do not increase.
     """
     if not isinstance(members, (int, range)):
-        members = as_plain_arrays(members, "run.members")
+        members = _plain(members)
     if isinstance(members, (list, tuple)):
         members = np.array(members)
     if not isinstance(members, np.ndarray):
@@ -42,7 +43,7 @@ def select_members(members: Members, run: Run, model: Model) -> range | NDArray[
     elif isinstance(members, range):
         _check_range(members)
     else:
-        members = _indices(np.asarray(members))
+        members = _indices(np.asarray(_plain(members)))
     last = int(members[-1]) + 1
     most, what = count_rows(*model.quantities()), "arrays with rows for"
     if run.strata is not None:
@@ -66,6 +67,11 @@ def with_settings(scene: Scene, members: int | range | None, settings: Mapping[s
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
     return scene
+
+
+def _plain(members: Any) -> Any:
+    """Return members without labels: of ds.member[...] or a Series only the values count."""
+    return as_plain_arrays(np.asarray(members) if is_labelled(members) else members, "run.members")
 
 
 def _indices(members: NDArray[Any]) -> NDArray[np.int64]:

@@ -201,8 +201,9 @@ class PreparedRun:
             replaces the prepared members
         values : dict of array_like, optional
             {name: values of each member} for exactly the parameters prepared as `varied`, in the
-            units of the scene: (members,) for a number, (members, 3) for a vector. Grid, scheme and
-            limits stay, and a member beyond them is flagged
+            units of the scene: (members,) for a number, (members, 3) for a vector. Labels of pandas
+            and xarray are read; an array (3, 3) needs them, or is given as a tuple of columns.
+            Grid, scheme and limits stay, and a member beyond them is flagged
         threads : int, optional
             number of threads; default one for each core that the process may use
         device : str, optional

@@ -7,15 +7,16 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import floats
+from rigidmc.arrays import check_quaternion_rows, floats, member_vectors
 from rigidmc.errors import SceneError, unknown
+from rigidmc.labelled import is_labelled
 from rigidmc.mechanics import inertia, rotation
 from rigidmc.scene.body_changes import BodyChanges
 from rigidmc.scene.quantities import Source, draw, is_shared, is_variable, quantity, vector
 from rigidmc.scene.shape import Shape
 from rigidmc.scene.units import in_si, vector_in_si
 from rigidmc.scene.vector_distributions import check_distribution
-from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution, flat_parameters
 
 Array = NDArray[np.float64]
@@ -113,14 +114,14 @@ class Body(BodyChanges):
     def __post_init__(self) -> None:
         object.__setattr__(self, "moments", vector_in_si(self.moments, "kg m2", "body.moments"))
         whole = isinstance(self.moments, VectorDistribution)
-        uncertain = isinstance(self.moments, UncertainInertia)
+        uncertain = isinstance(self.moments, TensorDistribution)
         check = check_distribution if whole else vector
         object.__setattr__(self, "moments", check(self.moments, f"body.{self.inertia_key}"))
         mass = in_si(self.mass, "kg", "body.mass")
         centre = vector_in_si(self.centre, "m", "body.centre")
         object.__setattr__(self, "mass", quantity(mass, "body.mass"))
         object.__setattr__(self, "centre", vector(centre, "body.centre"))
-        if isinstance(self.moments, UncertainInertia):
+        if isinstance(self.moments, TensorDistribution):
             self._check_uncertain(self.moments)
         else:
             object.__setattr__(self, "axes", _checked_axes(self.axes))
@@ -144,19 +145,11 @@ class Body(BodyChanges):
         >>> rm.Body((1.0, 2.0, 2.5)).inertia_key
         'moments'
         """
-        return "tensor" if isinstance(self.moments, UncertainInertia) else "moments"
+        return "tensor" if isinstance(self.moments, TensorDistribution) else "moments"
 
-    def _check_uncertain(self, distribution: UncertainInertia) -> None:
+    def _check_uncertain(self, distribution: TensorDistribution) -> None:
         """Set the axes to the axes of the mean tensor; SceneError for an impossible mean body."""
-        for key in ("mass", "centre"):
-            if not is_shared(getattr(self, key)):
-                rule = "must be plain numbers, the mean, if the tensor is uncertain"
-                raise SceneError(rule, at=f"body.{key}")
-        if distribution.centre is not None and any(self.centre):
-            rule = (
-                "omit this: the uncertain tensor has its own centre, and the body rotates about it"
-            )
-            raise SceneError(rule, at="body.centre", value=list(self.centre))
+        distribution.check_body(self.mass, self.centre)
         distribution.bodies(0, "body.tensor", 0, 1, self.mass, self.centre)
         find = inertia.principal_axes if self.frame == "principal" else inertia.nearest_axes
         _, axes = find(distribution.mean_tensor(self.mass))
@@ -191,7 +184,7 @@ class Body(BodyChanges):
     )
     def to_principal(self, vector: ArrayLike) -> Array:
         """Resolve vectors in the principal axes, of the mean for an uncertain tensor."""
-        components: Array = floats(vector, "vector", 3) @ np.array(self.axes)
+        components: Array = member_vectors(vector, "vector", 3) @ np.array(self.axes)
         return components
 
     @_between_axes(
@@ -203,7 +196,7 @@ class Body(BodyChanges):
     )
     def to_reference(self, vector: ArrayLike) -> Array:
         """Resolve vectors of the principal axes in the described axes."""
-        components: Array = floats(vector, "vector", 3) @ np.array(self.axes).T
+        components: Array = member_vectors(vector, "vector", 3) @ np.array(self.axes).T
         return components
 
     @_between_axes(
@@ -215,7 +208,7 @@ class Body(BodyChanges):
     def reference_attitude(self, attitude: ArrayLike) -> Array:
         """Convert attitudes of the principal axes to attitudes of the described axes."""
         inverse = rotation.quaternion(np.array(self.axes)) * np.array([1.0, -1.0, -1.0, -1.0])
-        return rotation.product(rotation.quaternion(attitude), inverse)
+        return rotation.product(_member_attitudes(attitude), inverse)
 
     @_between_axes(
         "described",
@@ -226,7 +219,7 @@ class Body(BodyChanges):
     def principal_attitude(self, attitude: ArrayLike) -> Array:
         """Convert attitudes of the described axes to attitudes of the principal axes."""
         axes = rotation.quaternion(np.array(self.axes))
-        return rotation.product(rotation.quaternion(attitude), axes)
+        return rotation.product(_member_attitudes(attitude), axes)
 
     def angular_momentum(self, omega: ArrayLike) -> Array:
         """Compute the angular momentum, TdC (3.25).
@@ -250,7 +243,7 @@ class Body(BodyChanges):
         >>> rm.Body((1.0, 2.0, 2.5)).angular_momentum((1.0, 1.0, 2.0)).tolist()
         [1.0, 2.0, 5.0]
         """
-        return inertia.angular_momentum(self.tensor, omega)
+        return inertia.angular_momentum(self.tensor, member_vectors(omega, "omega", 3))
 
     def kinetic_energy(self, omega: ArrayLike) -> Array:
         """Compute the kinetic energy, TdC (3.16).
@@ -274,7 +267,7 @@ class Body(BodyChanges):
         >>> float(rm.Body((1.0, 2.0, 2.5)).kinetic_energy((1.0, 1.0, 2.0)))
         6.5
         """
-        return inertia.kinetic_energy(self.tensor, omega)
+        return inertia.kinetic_energy(self.tensor, member_vectors(omega, "omega", 3))
 
     @property
     def tensor(self) -> Array:
@@ -305,7 +298,7 @@ class Body(BodyChanges):
         >>> rm.Body((1.0, 2.0, 2.5)).is_turned
         False
         """
-        if isinstance(self.moments, UncertainInertia):
+        if isinstance(self.moments, TensorDistribution):
             return True
         return self.frame == "described" and self.axes != IDENTITY
 
@@ -385,7 +378,7 @@ class Body(BodyChanges):
         >>> rm.Body((1.0, 2.0, 2.5)).sample_turned(0, 0, 5)[3] is None
         True
         """
-        if isinstance(self.moments, UncertainInertia):
+        if isinstance(self.moments, TensorDistribution):
             return self._turned(self.moments, sampler, first, count)
         if isinstance(self.moments, VectorDistribution):
             moments = self.moments.sample(sampler, "body.moments", first, count, None)
@@ -406,7 +399,7 @@ class Body(BodyChanges):
         return np.stack([sum(self.axes[j][i] * vectors[j] for j in range(3)) for i in range(3)])
 
     def _turned(
-        self, distribution: UncertainInertia, sampler: Source, first: int, count: int
+        self, distribution: TensorDistribution, sampler: Source, first: int, count: int
     ) -> tuple[Array, Array, Array, Array]:
         """Implement `sample_turned` for a distribution of tensors."""
         *six, x, y, z, mass = distribution.bodies(
@@ -419,6 +412,15 @@ class Body(BodyChanges):
             return moments, mass, inertia.vectors_into(turn, centre), turn
         moments, turn = inertia.match_axes(moments, axes, self.axes)
         return moments, mass, inertia.vectors_into(turn, self._along_axes(centre)), turn
+
+
+def _member_attitudes(attitude: Any) -> Array:
+    """Return the quaternions (..., 4) of attitudes, perhaps one for each member; SceneError for
+    four rows that may be components."""
+    q = rotation.quaternion(attitude)
+    if q.ndim == 2 and len(q) == 4 and np.shape(attitude) == (4, 4) and not is_labelled(attitude):
+        check_quaternion_rows(floats(attitude, "attitude"), "attitude")
+    return q
 
 
 def _checked_axes(axes: Any) -> tuple[tuple[float, ...], ...]:

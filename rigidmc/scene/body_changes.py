@@ -14,10 +14,11 @@ from rigidmc.mechanics import inertia, rotation
 from rigidmc.scene import shape
 from rigidmc.scene.body_makers import BodyMakers
 from rigidmc.scene.body_readers import BodyReaders
-from rigidmc.scene.quantities import is_shared, vector
+from rigidmc.scene.quantities import is_shared, is_variable, vector
 from rigidmc.scene.shape import Shape
 from rigidmc.scene.units import in_si
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+from rigidmc.scene.vector_distributions.tensors import TensorRows
 
 
 class BodyChanges(BodyReaders):
@@ -110,6 +111,9 @@ class BodyChanges(BodyReaders):
                 else replace(distribution, centre=self.centre)
             )
             return type(self)(distribution, self.mass, shape=self.shape, frame=self.frame)
+        if isinstance(self.moments, TensorRows) and not is_variable(self.mass, self.centre):
+            about = self.moments.with_centre(self.mass, self.centre)
+            return type(self)(about, self.mass, shape=self.shape, frame=self.frame)
         return self.with_pivot(self.centre)
 
     def join(

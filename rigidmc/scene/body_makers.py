@@ -13,14 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import as_plain_arrays, floats
 from rigidmc.errors import Renamed, SceneError, nearest, unknown
+from rigidmc.labelled import Wanted
 from rigidmc.mechanics import inertia, solids
 from rigidmc.mechanics.impossible import causes_text
 from rigidmc.scene import shape
 from rigidmc.scene.inertia_about import is_about_centre, tensor_about_pivot
 from rigidmc.scene.quantities import is_shared, quantity, vector
 from rigidmc.scene.shape import Shape
-from rigidmc.scene.units import in_si, size_units
-from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+from rigidmc.scene.units import in_si, size_units, vector_in_si
+from rigidmc.scene.vector_distributions.bodies import TensorDistribution
+from rigidmc.scene.vector_distributions.tensors import TensorRows
 
 
 class _Hints(type):
@@ -102,7 +104,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
     @classmethod
     def from_tensor(
         cls,
-        tensor: ArrayLike | UncertainInertia,
+        tensor: ArrayLike | TensorDistribution,
         mass: Any = 1.0,
         centre: Any = (0.0, 0.0, 0.0),
         about: str = "pivot",
@@ -115,8 +117,8 @@ class BodyMakers(Renamed, metaclass=_Hints):
 
         Parameters
         ----------
-        tensor : array_like (3, 3) or UncertainInertia [kg m^2]
-            symmetric tensor, I_xy = -int x y dm
+        tensor : array_like (3, 3) or (members, 3, 3), UncertainInertia or TensorRows [kg m^2]
+            symmetric tensor, I_xy = -int x y dm, or one for each member
         mass : float, optional [kg]
             mass of the body
         centre : array_like (3,), optional [m]
@@ -153,13 +155,19 @@ class BodyMakers(Renamed, metaclass=_Hints):
         array([18., 20.,  8.])
         """
         tensor = in_si(tensor, "kg m2", "body.tensor")
+        # TOML gives the columns of a table as a tuple
+        if (isinstance(tensor, tuple) and len(tensor) == 6) or _has_rows(tensor):
+            tensor = TensorRows(tensor)
         if is_about_centre(about):
-            if not isinstance(tensor, UncertainInertia):
+            if isinstance(tensor, TensorRows):
+                rule = "tensors of single members must be about the fixed point, not the centre"
+                raise SceneError(rule, at="body.about", value=about)
+            if not isinstance(tensor, TensorDistribution):
                 tensor = _checked_tensor(tensor)
                 # moved to the fixed point, an impossible tensor may look possible
                 _principal_axes(tensor, mass, (0.0, 0.0, 0.0))
             tensor = tensor_about_pivot(tensor, mass, centre)
-        if isinstance(tensor, UncertainInertia):
+        if isinstance(tensor, TensorDistribution):
             return cls(tensor, mass, centre, frame=axes)
         return cls._of_tensor(tensor, mass, centre, frame=axes)
 
@@ -210,7 +218,8 @@ class BodyMakers(Renamed, metaclass=_Hints):
         (8.0, 2.0, 10.0)
         """
         m = floats(in_si(masses, "kg", at := "body.particles.masses"), at)
-        x = floats(in_si(positions, "m", at := "body.particles.positions"), at)
+        wanted = Wanted((3,), by_member=False)
+        x = floats(in_si(positions, "m", at := "body.particles.positions"), at, wanted=wanted)
         if m.ndim != 1 or x.shape != (m.size, 3):
             rule = f"{m.size} masses need positions of shape ({m.size}, 3), not {x.shape}"
             raise SceneError(rule, at="body.particles")
@@ -393,8 +402,14 @@ def _checked_tensor(tensor: Any) -> NDArray[np.float64]:
     """Return a tensor as an array (3, 3); SceneError."""
     tensor = in_si(tensor, "kg m2", "body.tensor")
     wanted = "expected 3x3 finite numbers, not"
-    cure = "; give bodies that differ by moments, or by rm.UncertainInertia"
-    matrix = floats(tensor, "body.tensor", rule=f"{wanted} distributions or text{cure}")
+    cure = (
+        "; bodies that differ have one tensor each, (members, 3, 3), or rm.UncertainInertia;"
+        " moments are an argument of Body.from_moments"
+    )
+    of_tensor = Wanted((3,), is_matrix=True)
+    matrix = floats(
+        tensor, "body.tensor", rule=f"{wanted} distributions or text{cure}", wanted=of_tensor
+    )
     if matrix.shape != (3, 3):
         rule = f"{wanted} {matrix.shape or 'one number'}{cure}"
         raise SceneError(rule, at="body.tensor")
@@ -410,10 +425,21 @@ def _principal_axes(
     try:
         return find(matrix)
     except SceneError as error:
-        m, c = quantity(mass, "body.mass"), vector(centre, "body.centre")
+        m = quantity(in_si(mass, "kg", "body.mass"), "body.mass")
+        c = vector(vector_in_si(centre, "m", "body.centre"), "body.centre")
         causes = causes_text(matrix, m, c) if is_shared(m, c) else ""
         rule = error.rule + causes
         raise SceneError(rule, at="body.tensor", value=matrix.tolist()) from None
+
+
+def _has_rows(tensor: Any) -> bool:
+    """Return whether a value has three dimensions, as one tensor for each member."""
+    if not isinstance(tensor, (list, tuple)):
+        return getattr(tensor, "ndim", 0) == 3
+    try:
+        return np.ndim(tensor) == 3
+    except (ValueError, TypeError, AttributeError):  # rows of different lengths, or other objects
+        return False
 
 
 def positive_number(value: Any, at: str) -> float:

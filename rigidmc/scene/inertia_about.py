@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import SceneError, unknown
 from rigidmc.mechanics import inertia
 from rigidmc.scene.quantities import is_shared, quantity, vector
+from rigidmc.scene.units import in_si, vector_in_si
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 
 ABOUT = ("pivot", "centre")  # the fixed point; the centre of mass
@@ -36,7 +37,8 @@ def tensor_about_pivot(tensor: Any, mass: Any, centre: Any) -> Any:
     covariance S becomes J S J^T with the derivatives J of the moved elements. SceneError for a mass
     or a centre that differs between members.
     """
-    m, c = quantity(mass, "body.mass"), vector(centre, "body.centre")
+    m = quantity(in_si(mass, "kg", "body.mass"), "body.mass")
+    c = vector(vector_in_si(centre, "m", "body.centre"), "body.centre")
     if not is_shared(m, c):
         rule = (
             'must be plain numbers with about = "centre"; if they are uncertain, give the tensor'

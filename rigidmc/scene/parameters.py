@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 
 from rigidmc.errors import SceneError, unknown
+from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import shape, user_parameters
 from rigidmc.scene.body import Body
 from rigidmc.scene.quantities import Grid
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.vector_distributions.bodies import UncertainInertia
+from rigidmc.scene.start import Start
+from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
-_ANGLES = {"phi": 0, "theta": 1, "psi": 2}
 _BY_MASS = [name for name, make in SOLIDS.items() if "mass" in signature(make).parameters]
 _FIXED = ("axis", "covariance", "direction")  # fields of distributions that no map varies
 
@@ -34,7 +35,7 @@ def parameter_names(scene: Scene) -> list[str]:
     which = scene.start.spin_name
     names += _of(f"start.{which}", getattr(scene.start, which))
     if scene.start.has_euler_angles:
-        names += [f"start.attitude.{name}" for name in _ANGLES]
+        names += [f"start.attitude.{name}" for name in angle_names(scene.start.sequence)]
     for label, effect in label_effects(scene.effects):
         for field in user_parameters(effect):
             name, size = f"effects.{label}.{field}", shape(effect, field)
@@ -46,7 +47,7 @@ def _of(name: str, value: Any) -> list[str]:
     """Return the names of three components, or of the parameters of a distribution."""
     if not isinstance(value, VectorDistribution):
         return [f"{name}.{i}" for i in (1, 2, 3)]
-    if isinstance(value, UncertainInertia):
+    if isinstance(value, TensorDistribution):
         return []  # its parts are matrices: no single element of one may change alone
     names = []
     for field, part in value.as_dict().items():
@@ -75,6 +76,8 @@ def with_parameter(
         return replace(scene, body=_of_mass(scene.body, solid, name, value, key))
     if name not in names:
         raise unknown("scene parameter", names, at=key, value=name)
+    if table == "start":
+        rest = [component_of(scene.start, word) for word in rest]
     if table in ("body", "start"):
         part = getattr(scene, table)
         changed = {first: _put(getattr(part, first), rest, value)}
@@ -87,6 +90,12 @@ def with_parameter(
         for label, effect in label_effects(scene.effects)
     )
     return replace(scene, effects=effects)
+
+
+def component_of(start: Start, word: str) -> str:
+    """Return the number, from 1, of an angle of the attitude; other words as they are."""
+    names = angle_names(start.sequence)
+    return str(names.index(word) + 1) if word in names else word
 
 
 def _solid_of(body: Any) -> str | None:
@@ -134,5 +143,5 @@ def _put(whole: Any, path: Sequence[str], value: Any) -> Any:
         return replace(whole, **{field: _put(getattr(whole, field), rest, value)})
     if hasattr(whole, "_replace"):  # an effect
         return whole._replace(**{field: _put(getattr(whole, field), rest, value)})
-    i = _ANGLES[field] if field in _ANGLES else int(field) - 1
+    i = int(field) - 1
     return (*whole[:i], _put(whole[i], rest, value), *whole[i + 1 :])

@@ -22,6 +22,7 @@ from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import count_rows
 from rigidmc.scene.settings import Run, with_changes
 from rigidmc.scene.start import Start
+from rigidmc.scene.start_tables import check_orbit
 from rigidmc.scene.validation import (
     check_effect,
     check_histogram,
@@ -123,6 +124,7 @@ class Parts:
         object.__setattr__(self, "observables", tuple(observables))
         own = named_integrators(self.integrators)
         object.__setattr__(self, "integrators", tuple(own.values()))
+        check_orbit(self.start.relative_to_orbit, effects)
         count_rows(*self.model.quantities())
 
     def __getattr__(self, name: str) -> Any:

@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.arrays import as_plain_arrays, is_number
+from rigidmc.arrays import as_plain_arrays, is_number, split_components
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.functions import power
@@ -163,16 +163,9 @@ def quantity(value: Any, at: str) -> Any:
 
 
 def vector(values: Any, at: str, size: int = 3) -> tuple[Any, ...]:
-    """Return a tuple of `size` quantities, from a sequence of them or an array (members, size)."""
-    values = as_plain_arrays(values, at)
-    rule = f"expected {size} components, or an array of shape (members, {size})"
-    if isinstance(values, np.ndarray) and values.ndim != 1:
-        if values.ndim != 2 or values.shape[1] != size:
-            turned = "; give its transpose" if values.shape == (size, *values.shape[1:2]) else ""
-            raise SceneError(f"has the shape {values.shape}: {rule}{turned}", at=at)
-        values = [np.ascontiguousarray(values[:, i]) for i in range(size)]
-    if isinstance(values, str) or not hasattr(values, "__len__") or len(values) != size:
-        raise SceneError(rule, at=at, value=values)
+    """Return a tuple of `size` quantities, from a sequence of them or an array (members, size); see
+    `rigidmc.arrays.split_components`."""
+    values = split_components(values, at, size)
     return tuple(quantity(v, at) for v in values)
 
 

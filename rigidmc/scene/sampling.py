@@ -28,6 +28,7 @@ from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import Grid, count_rows
 from rigidmc.scene.settings import Run
+from rigidmc.scene.start_tables import KINDS
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution, flat_parameters
 
 Array = NDArray[np.float64]
@@ -308,6 +309,8 @@ def _differs(value: Any) -> bool:
     """Return whether a value of a scene file contains a distribution or a table."""
     if isinstance(value, list):
         return any(map(_differs, value))
+    if isinstance(value, dict) and not KINDS.isdisjoint(value):
+        return any(map(_differs, value.values()))
     return isinstance(value, dict) and "grid" not in value
 
 

@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.arrays import as_plain_arrays, floats
+from rigidmc.arrays import as_plain_arrays, check_quaternion_rows, floats
 from rigidmc.errors import Renamed, SceneError, unknown
+from rigidmc.labelled import Wanted, has_dims, is_labelled, two_ways
+from rigidmc.mechanics.euler_angles import TEXTBOOK, check_sequence, quaternions_of_angles
 from rigidmc.mechanics.rotation import quaternion_from_euler, quaternion_from_matrix
 from rigidmc.scene.quantities import (
     Source,
@@ -17,6 +19,11 @@ from rigidmc.scene.quantities import (
     is_shared,
     is_variable,
     vector,
+)
+from rigidmc.scene.start_tables import (
+    check_relative,
+    is_start_table,
+    read_start_table,
 )
 from rigidmc.scene.units import START, angles_in_si, vector_in_si
 from rigidmc.scene.vector_distributions import check_distribution
@@ -37,28 +44,44 @@ class Start(Renamed):
     """Initial conditions of the members. Each component is a number, a distribution, a grid, or an
     array with one row per member.
 
+    Whole vectors may also be arrays (members, 3) or (members, 4). Labels of pandas and xarray name
+    members and components (docs/how_to/tables.md); a shape that reads two ways, such as (3, 3),
+    needs them.
+
     Parameters
     ----------
     omega : quantities (3,) or distribution, optional [rad/s]
         angular velocity in body axes; give either omega or momentum
     momentum : quantities (3,) or distribution, optional [kg m^2/s]
         angular momentum in body axes
-    attitude : quantities (3,) or (4,), array_like (3, 3), Rotation, str or distribution, optional
-        a quaternion (w, x, y, z), normalised here; a 3x3 matrix; Euler angles z-x-z
-        (phi, theta, psi) [rad], TdC (3.36); a scipy Rotation; "uniform" on SO(3); Fisher or
-        Pointing; or "ensemble", whose density follows from the distribution of the momentum:
-        exp(-V/kT) with GibbsMomentum (canonical ensemble), sqrt(E - V) with Shell (microcanonical
-        ensemble). By default the body axes are parallel to the space axes
+    attitude : quantities (3,) or (4,), array_like (3, 3), Rotation, dict, str or distribution
+        a quaternion (w, x, y, z), normalised here; a 3x3 matrix; three Euler angles of `sequence`
+        [rad], in the order of the rotations; a scipy Rotation, one or one per member; "uniform" on
+        SO(3); Fisher or Pointing; or "ensemble", whose density follows from the distribution of the
+        momentum: exp(-V/kT) with GibbsMomentum (canonical ensemble), sqrt(E - V) with Shell
+        (microcanonical ensemble); or the table of a scene file as a dict, which may state sequence,
+        unit and order. By default the body axes are parallel to the space axes
+    sequence : str, optional
+        sequence of three Euler angles, each about an axis of the body: by default "313", z-x-z
+        with (phi, theta, psi), TdC (3.36); "321" has (yaw, pitch, roll). scipy writes "ZYX" for it
+    relative_to_orbit : str or sequence of str, optional
+        "omega", "attitude" or both: relative to the local frame of the orbit of the scene's
+        GravityGradient, the frame of `OrbitAngles`, which turns with the true anomaly
 
     Raises
     ------
     SceneError
-        for a wrong shape, a non-finite number, a quaternion of norm 0, a matrix that is not a
-        rotation, and for both or neither of omega and momentum
+        for a wrong shape or one that reads two ways, for labels that do not name components or
+        members, for a non-finite number, a quaternion of norm 0, a matrix that is not a rotation,
+        and for both or neither of omega and momentum
 
     Examples
     --------
     >>> start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0), attitude="uniform")
+    >>> tilt = {"euler": "321", "angles": (0.0, rm.normal(0.0, 5.0), 0.0), "unit": "deg"}
+    >>> start = rm.Start(omega=(0.0, 0.0, 1.0), attitude=tilt)
+    >>> start.sequence
+    '321'
     >>> rm.Start()
     Traceback (most recent call last):
     rigidmc.errors.SceneError: [start] omega: give either omega or momentum
@@ -74,8 +97,11 @@ class Start(Renamed):
     omega: Any = None
     momentum: Any = None
     attitude: Any = (1.0, 0.0, 0.0, 0.0)
+    sequence: str = TEXTBOOK
+    relative_to_orbit: Any = ()
 
     def __post_init__(self) -> None:
+        self._read_tables()
         if (self.omega is None) == (self.momentum is None):
             raise SceneError("give either omega or momentum", at="start.omega")
         name = self.spin_name
@@ -84,13 +110,17 @@ class Start(Renamed):
         whole = isinstance(given, VectorDistribution)
         put = (check_distribution if whole else vector)(given, f"start.{self.spin_name}")
         object.__setattr__(self, self.spin_name, put)
-        whole = isinstance(self.attitude, VectorDistribution)
-        attitude = (
-            check_distribution(self.attitude, "start.attitude")
-            if whole
-            else _attitude(self.attitude)
-        )
+        if isinstance(self.attitude, VectorDistribution):
+            attitude: Any = check_distribution(self.attitude, "start.attitude")
+        elif self.sequence != TEXTBOOK and self.has_euler_angles:  # even if they look like a matrix
+            attitude = vector(self.attitude, "start.attitude")
+        else:
+            attitude = _attitude(self.attitude)
         object.__setattr__(self, "attitude", attitude)
+        sequence = check_sequence(self.sequence, "start.sequence")
+        object.__setattr__(self, "sequence", sequence if self.has_euler_angles else TEXTBOOK)
+        relative = check_relative(self.relative_to_orbit, self.spin_name, attitude)
+        object.__setattr__(self, "relative_to_orbit", relative)
         if self.attitude == "ensemble" and not (
             isinstance(given, EquilibriumEnsemble) and given.direction is None
         ):
@@ -99,6 +129,20 @@ class Start(Renamed):
                 " { shell = { energy = E } } without a direction"
             )
             raise SceneError(rule, at="start.attitude", value=self.attitude)
+
+    def _read_tables(self) -> None:
+        """Replace tables by the values that they contain."""
+        for key in ("omega", "momentum", "attitude"):
+            if not is_start_table(key, getattr(self, key)):
+                continue
+            given = read_start_table(key, getattr(self, key))
+            object.__setattr__(self, key, given.value)
+            if given.sequence is not None:
+                object.__setattr__(self, "sequence", given.sequence)
+            if given.relative:
+                known = self.relative_to_orbit
+                known = tuple(known) if isinstance(known, (list, tuple)) else (known,)
+                object.__setattr__(self, "relative_to_orbit", (*known, key))
 
     @property
     def spin_name(self) -> str:
@@ -202,7 +246,8 @@ class Start(Renamed):
         Returns
         -------
         numpy.ndarray (4, count)
-            unit quaternions, from body to space components
+            unit quaternions, from body to space components, or to components in the frame of the
+            orbit if the attitude is relative to it
 
         Examples
         --------
@@ -221,6 +266,8 @@ class Start(Renamed):
         if isinstance(self.attitude, VectorDistribution):
             return self.attitude.sample(sampler, name, first, count, None)
         values = draw(self.attitude, sampler, name, first, count)
+        if len(values) == 3 and self.sequence != TEXTBOOK:
+            return quaternions_of_angles(self.sequence, *values)
         if len(values) == 3:
             return quaternion_from_euler(*values)
         square = values[0] ** 2 + values[1] ** 2 + values[2] ** 2 + values[3] ** 2
@@ -236,39 +283,60 @@ def _attitude(value: Any) -> Any:
             raise unknown("attitude", ["uniform", "ensemble"], at="start.attitude", value=value)
         return value
     if hasattr(value, "as_quat"):  # scipy's Rotation
-        value = np.asarray(value.as_quat(scalar_first=True))
-        value = value if value.ndim == 2 else tuple(value.tolist())
-    value = as_plain_arrays(value, "start.attitude")
-    if not hasattr(value, "__len__"):
-        rule = (
-            'expected "uniform", "ensemble", a quaternion (w, x, y, z), Euler angles (phi, theta,'
-            " psi), or a 3x3 matrix"
-        )
-        raise SceneError(rule, at="start.attitude", value=value)
-    shape = _shape(value)
-    if shape in ((3, 3), (len(value), 3, 3)) and not _is_columns(value):
-        matrices = floats(value, "start.attitude")
-        q = quaternion_from_matrix(matrices, "start.attitude")
-        value = tuple(q.tolist()) if q.ndim == 1 else q
-    by_member = isinstance(value, np.ndarray) and len(shape) == 2
-    if by_member and shape[0] == 4:
-        _refuse_turned(value)
-    size = 3 if (shape[1] if by_member else len(value)) == 3 else 4
+        value = _components_of(np.asarray(value.as_quat(scalar_first=True)))
+    elif is_labelled(value):
+        value = _components_of(as_plain_arrays(value, "start.attitude", wanted=Wanted((4, 3))))
+    else:
+        value = _members_first(value)
+    size = 3 if len(value) == 3 else 4
     parts = vector(value, "start.attitude", size)
     if size == 4:
         _check_quaternion(parts, value)
     return parts
 
 
-def _refuse_turned(value: Any) -> None:
-    """Raise SceneError for four rows that hold components of quaternions instead of members."""
-    rows, columns = (np.abs((value.astype(float) ** 2).sum(axis) - 1.0).max() for axis in (1, 0))
-    if columns < 1e-6 and (value.shape[1] != 4 or rows >= 1e-6):
-        rule = (
-            f"has the shape {value.shape}, and its columns are quaternions: an array must have one"
-            " row per member; give its transpose"
-        )
+def _components_of(array: Array) -> tuple[Any, ...]:
+    """Return the components of attitudes whose axes are known, (k,) or (members, k)."""
+    if array.ndim > 2:
+        rule = f"has the shape {array.shape}: expected one attitude, or one for each member"
         raise SceneError(rule, at="start.attitude")
+    return tuple(array.tolist()) if array.ndim == 1 else tuple(np.ascontiguousarray(array.T))
+
+
+def _members_first(value: Any) -> Any:
+    """Return an attitude without labels as its components, or as an array with one row per member;
+    SceneError for a shape that reads two ways."""
+    settled = isinstance(value, tuple) or (isinstance(value, list) and any(map(has_dims, value)))
+    value = as_plain_arrays(value, "start.attitude")
+    if not hasattr(value, "__len__"):
+        rule = (
+            'expected "uniform", "ensemble", a quaternion (w, x, y, z), Euler angles (phi, theta,'
+            ' psi), a 3x3 matrix, or a table such as { euler = "321", angles = [0, 0.1, 0] }'
+        )
+        raise SceneError(rule, at="start.attitude", value=value)
+    shape = _shape(value)
+    if shape in ((3, 3), (len(value), 3, 3)) and not _is_columns(value):
+        q = quaternion_from_matrix(floats(value, "start.attitude"), "start.attitude")
+        return _components_of(q)
+    if len(shape) != 2:
+        return tuple(value) if settled else value
+    columns = not isinstance(value, np.ndarray) and not _is_nested(value)
+    if columns and shape[0] in (3, 4):
+        if not settled and shape[1] in (3, 4):
+            raise two_ways(shape, "start.attitude", "quat")
+        return tuple(value)
+    array = floats(value, "start.attitude")
+    check_quaternion_rows(array, "start.attitude")
+    if shape[1] not in (3, 4):
+        turned = "; give its transpose" if shape[0] in (3, 4) else ""
+        rule = f"has the shape {shape}: expected (members, 4) or, for Euler angles, (members, 3)"
+        raise SceneError(f"{rule}{turned}", at="start.attitude")
+    return _components_of(array)
+
+
+def _is_nested(value: Any) -> bool:
+    """Return whether a value is a list of lists."""
+    return len(value) > 0 and all(isinstance(one, (list, tuple)) for one in value)
 
 
 def _is_columns(value: Any) -> bool:
@@ -296,9 +364,9 @@ def _check_quaternion(parts: tuple[Any, ...], value: Any) -> None:
             rule = "components of a quaternion must be distributions or arrays, not both"
             raise SceneError(rule, at="start.attitude")
     # pure: components of a quaternion
-    elif np.min(sum(p * p for p in parts)) < 1e-200:
-        shown = value if is_shared(parts) else None
-        raise SceneError("a quaternion must be nonzero", at="start.attitude", value=shown)
+    elif (zeros := np.flatnonzero(np.asarray(sum(p * p for p in parts)) < 1e-200)).size:
+        shown, row = (value, "") if is_shared(parts) else (None, f"row {zeros[0]}: ")
+        raise SceneError(f"{row}a quaternion must be nonzero", at="start.attitude", value=shown)
 
 
 def _shape(value: Any) -> tuple[int, ...]:

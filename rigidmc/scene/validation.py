@@ -53,7 +53,7 @@ def check_effect(effect: Any, driven: bool) -> Effect:
     for name, value in zip(effect._fields, effect, strict=True):
         at = f"effects.{name_of(effect)}.{name}"
         size, (low, high) = shape(effect, name), parameter_limits(effect, name, driven)
-        value = as_plain_arrays(value, at)
+        value = as_plain_arrays(value, at) if size is None else value
         if isinstance(value, str) or (size is None and isinstance(value, (tuple, list))):
             raise SceneError(_one_number(effect, name, value), at=at, value=value)
         one = quantity(value, at) if size is None else vector(value, at, size)

@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.arrays import floats, is_number
 from rigidmc.errors import OptionError, SceneError, nearest, unknown
+from rigidmc.labelled import COLUMN, Wanted, is_labelled, two_ways
+from rigidmc.mechanics.euler_angles import ANGLES
 from rigidmc.physics.effects import label_effects
 from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.parameters import parameter_names, with_parameter
+from rigidmc.scene.parameters import component_of, parameter_names, with_parameter
 from rigidmc.scene.quantities import Grid, Varied, count_rows
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.units import in_si, units_of
@@ -35,7 +38,7 @@ def variable_names(scene: Scene) -> list[str]:
 def _vector(name: str) -> str:
     """Return the name of the vector that contains a component; "" for a scalar."""
     whole, _, last = name.rpartition(".")
-    return whole if last.isdecimal() or last in ("phi", "theta", "psi") else ""
+    return whole if last.isdecimal() or (whole == "start.attitude" and last in ANGLES) else ""
 
 
 def nominal_of(scene: Scene, names: Iterable[str]) -> Nominal:
@@ -69,10 +72,8 @@ def value_at(scene: Scene, name: str) -> Any:
         getattr(scene, table) if table != "effects" else dict(label_effects(scene.effects))[first]
     )
     for word in (first, *rest) if table != "effects" else rest:
-        place = {"phi": 0, "theta": 1, "psi": 2}.get(word)
-        if place is None and word.isdecimal():
-            place = int(word) - 1
-        value = getattr(value, word) if place is None else value[place]
+        word = component_of(scene.start, word) if table == "start" else word
+        value = value[int(word) - 1] if word.isdecimal() else getattr(value, word)
     return value
 
 
@@ -96,8 +97,9 @@ def close_varied(scene: Scene) -> Scene:
     return scene.with_model(model)
 
 
-def stored_values(scene: Scene) -> dict[str, NDArray[np.float64]] | None:
-    """Return {name: values by row} of a scene with varied parameters.
+def stored_values(scene: Scene) -> dict[str, Any] | None:
+    """Return {name: values by row, or a tuple of the columns of a vector} of a scene with varied
+    parameters.
 
     None if it has only nominal values.
     """
@@ -111,7 +113,7 @@ def stored_values(scene: Scene) -> dict[str, NDArray[np.float64]] | None:
         return np.broadcast_to(x, count)
 
     return {
-        name: np.stack(list(map(each, value)), axis=-1) if type(value) is tuple else each(value)
+        name: tuple(map(each, value)) if type(value) is tuple else each(value)
         for name, value in values.items()
     }
 
@@ -137,13 +139,13 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
             raise OptionError(rule, at="values", value=name, nearest=nearest(name, known))
         if name not in values:
             raise OptionError(f"lacks {name}, which is varied", at="values")
+    sizes = {name: len(v) if isinstance(v, list) else None for name, v in known.items()}
     given = {
-        name: np.asarray(_in_si(scene, name, array), dtype=float) for name, array in values.items()
+        name: _rows(_in_si(scene, name, value), name, sizes[name]) for name, value in values.items()
     }
-    counts = {name: array.shape[0] if array.ndim else 0 for name, array in given.items()}
-    count = max(counts.values())
+    count = max(array.shape[0] if array.ndim else 0 for array in given.values())
     for name, array in given.items():
-        size = len(value) if isinstance(value := known[name], list) else None
+        size = sizes[name]
         wanted = (count,) if size is None else (count, size)
         if array.shape != wanted or not count:
             rule = f"{name} has the shape {array.shape}, expected {wanted}"
@@ -152,3 +154,15 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
             scene, name, array if size is None else tuple(np.ascontiguousarray(array.T))
         )
     return replace(scene, run=scene.run.model_copy(update={"first": 0, "members": count})), count
+
+
+def _rows(value: Any, name: str, size: int | None) -> NDArray[np.float64]:
+    """Return values of the members as an array (members,) or (members, size), also those given as
+    a tuple of `size` columns; SceneError."""
+    at = f"values.{name}"
+    if isinstance(value, tuple) and len(value) == size and not is_number(value[0]):
+        return np.stack([floats(column, at, wanted=COLUMN) for column in value], axis=-1)
+    array = floats(value, at, wanted=Wanted(() if size is None else (size,)))
+    if size is not None and array.shape == (size, size) and not is_labelled(value):
+        raise two_ways(array.shape, at)
+    return array

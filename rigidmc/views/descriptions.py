@@ -13,6 +13,7 @@ from rigidmc.engine.compile_time import list_kernels, seconds, seconds_text
 from rigidmc.engine.inspection import torque_operations, why_scalar
 from rigidmc.engine.program import Program
 from rigidmc.mechanics import inertia
+from rigidmc.mechanics.euler_angles import TEXTBOOK, angle_names
 from rigidmc.mechanics.impossible import can_exist
 from rigidmc.physics.effects import EFFECTS, label_effects
 from rigidmc.physics.effects.protocol import user_parameters
@@ -107,6 +108,12 @@ def _physics(scene: Scene) -> list[str]:
     named = {"uniform": "uniform on SO(3)", "ensemble": "from the momentum's ensemble"}
     attitude = start.attitude
     attitude = named[attitude] if isinstance(attitude, str) else _words(attitude)
+    if start.sequence != TEXTBOOK:
+        attitude += f" rad ({start.sequence}: {', '.join(angle_names(start.sequence))})"
+    if "attitude" in start.relative_to_orbit:
+        attitude += " from the frame of the orbit"
+    if name in start.relative_to_orbit:
+        spin += " relative to the frame of the orbit"
     lines.append(f"start        {spin}; attitude {attitude}")
     if through := drawn_through(scene.model, scene.run):
         lines.append(f"drawn        {through}")
@@ -285,6 +292,8 @@ def _words(value: Any) -> str:
         words = [f"{k} = {v if isinstance(v, int) else _words(v)}" for k, v in fields.items()]
         return f"{value.name}({', '.join(words)})"
     if isinstance(value, tuple):
+        if len(value) == 6 and all(isinstance(v, np.ndarray) for v in value):  # tensors
+            return _words(value[0])
         return f"({', '.join(_words(v) for v in value)})"
     if isinstance(value, Grid):
         return f"grid({value.low:g} to {value.high:g}, {value.count})"

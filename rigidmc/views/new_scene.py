@@ -17,7 +17,8 @@ from rigidmc.planning.turns import turning_at_start
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.toml.read import read_body, read_start
+from rigidmc.scene.toml.bodies import read_body
+from rigidmc.scene.toml.read import read_start
 from rigidmc.scene.toml.values import DataSources
 
 # one example of each solid, hand-sized [m, kg, kg/m3]

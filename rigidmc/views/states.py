@@ -213,18 +213,66 @@ class ResultStates:
 
         return principal(self._dataset.assign(momentum=self.momentum()), "momentum")
 
-    def euler(self) -> xr.Dataset:
-        """Compute Euler angles of the saved attitudes, TdC (3.36).
+    def rotation(self) -> Any:
+        """Return the saved attitudes as a scipy Rotation, from body to space.
 
         Returns
         -------
-        xarray.Dataset
-            phi, theta, psi (time, member) [rad]
+        scipy.spatial.transform.Rotation
+            one rotation for each time and member, in this order: all members at the first time,
+            then all members at the second; as_quat().reshape(times, members, 4) separates them.
+            `ds.isel(time=-1)` gives one for each member, `ds.isel(member=0)` one for each time
 
         Raises
         ------
         ValueError
-            if the attitude was not saved
+            if the attitude was not saved, or is nan, as for members with an impossible start
+
+        Examples
+        --------
+        >>> scene = rm.Scene.load("dzhanibekov").with_run(members=4, t_end=1.0, every=0.5)
+        >>> ds = rm.simulate(scene, save=("attitude",))
+        >>> len(ds.rigid.rotation()), len(ds.isel(time=-1).rigid.rotation())
+        (12, 4)
+        """
+        from rigidmc.views.attitudes import rotation_of
+
+        return rotation_of(self._dataset)
+
+    def euler(self, sequence: str = "313", unwrap: bool = False) -> xr.Dataset:
+        """Compute Euler angles of the saved attitudes, of any of the 12 sequences.
+
+        The sequence names the body axes of the three rotations::
+
+            A = R_i(first) R_j(second) R_k(third)
+
+        By default, z-x-z with phi, theta and psi, TdC (3.36). "321" has yaw, pitch and roll; scipy
+        calls it "ZYX".
+
+        Parameters
+        ----------
+        sequence : str, optional
+            digits of the axes, such as "321", or scipy's word in capitals
+        unwrap : bool, optional
+            remove the jumps of 2 pi of the first and third angle over the saves; this reads all
+            saves, others are lazy if the result is lazy and dask is installed
+
+        Returns
+        -------
+        xarray.Dataset
+            phi, theta, psi of a proper sequence, or roll, pitch, yaw about the axes 1, 2, 3 of a
+            Tait-Bryan sequence, in the order of the rotations (time, member) [rad]. phi, psi and
+            the first and third angle lie in (-pi, pi], theta in [0, pi], the second angle of a
+            Tait-Bryan sequence in [-pi/2, pi/2]. At the ends of the latter two ranges (gimbal
+            lock), the third angle is 0. Write ["roll"]: `.roll` is a method of Datasets
+
+        Raises
+        ------
+        ValueError
+            if the attitude was not saved; with `unwrap`, if an angle may turn by more than 2 rad
+            between saves, so that turns could be lost
+        SceneError
+            for an unknown sequence
 
         Examples
         --------
@@ -232,29 +280,12 @@ class ResultStates:
         >>> ds = rm.simulate(scene, save=("omega", "attitude"))
         >>> ds.rigid.euler().theta[:, 0].values.round(3).tolist()
         [0.0, 0.011, 0.064]
+        >>> list(ds.rigid.euler("321"))
+        ['yaw', 'pitch', 'roll']
         """
-        from rigidmc.mechanics.rotation import euler
+        from rigidmc.views.attitudes import euler_of
 
-        if "attitude" not in self._dataset:
-            raise ValueError(
-                "the attitude was not saved at all times:"
-                ' run with save=("attitude",) and keep="full"'
-            )
-        q = self._dataset.attitude.transpose("time", "member", "quat")
-        three = {"three": 3}
-        words = {"phi": "precession", "theta": "nutation", "psi": "proper rotation"}
-        angles = apply_lazily(
-            euler, [(q.rename(quat="angle").drop_vars("angle"), ["angle"])], ["three"], three
-        )
-        variables = {
-            name: (
-                ("time", "member"),
-                angles[..., i].variable.data,
-                {"units": "rad", "long_name": f"angle of {word}"},
-            )
-            for i, (name, word) in enumerate(words.items())
-        }
-        return xr.Dataset(variables, {name: q[name] for name in ("time", "member")})
+        return euler_of(self._dataset, sequence, unwrap)
 
     def unwrapped(self, name: str) -> xr.DataArray:
         """Unwrap an angle over the saves: remove the jumps of 2 pi.

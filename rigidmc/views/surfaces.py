@@ -52,7 +52,7 @@ def surface_of(body: Body) -> Surface:
     if not (parts := drawn_shape(body)):
         return ball_surface(1.0)
     whole = _united([_part_surface(part) for part in parts])
-    return whole._replace(corners=body.to_principal(whole.corners))
+    return whole._replace(corners=whole.corners @ np.array(body.axes))
 
 
 def drawn_shape(body: Body) -> Shape:

@@ -26,7 +26,7 @@ RACKET = rm.Scene(
     rm.Gravity(0.5),
     rm.Start(omega=(0.1, 2.0, 0.1), attitude=(0.1, 0.4, 0.0)),
 ).with_run(dt=0.05, t_end=2.0, every=0.5, save=("omega", "attitude", "energy"))
-OMEGA = np.array([[0.1, 2.0, 0.1], [0.3, 1.5, 0.0], [1.0, 0.0, 2.0]])
+OMEGA = np.array([[0.1, 2.0, 0.1], [0.3, 1.5, 0.0], [1.0, 0.0, 2.0], [0.5, 0.5, 0.5]])
 
 
 def same(one, other):
@@ -62,7 +62,7 @@ def test_other_numbers_are_those_of_a_scene_with_them(integrator, units):
     """Also in units of which squares leave the range of numbers."""
     body = rm.Body((1.0 * units, 2.0 * units, 2.5 * units))
     scene = replace(RACKET, body=body, effects=()).with_run(integrator=integrator)
-    varied = {"start.omega": OMEGA, "body.moments.1": units * np.array([1.0, 1.2, 0.9])}
+    varied = {"start.omega": OMEGA, "body.moments.1": units * np.array([1.0, 1.2, 0.9, 1.1])}
     ds = rm.prepare(scene, varied=varied).run(values=varied)
     own = rm.simulate(scene_of(ds))
     assert same(ds, own) and ds.attrs == own.attrs
@@ -95,8 +95,8 @@ def test_a_symmetry_of_the_plan_is_none_of_its_members():
 
 def test_a_member_beyond_the_plan_is_flagged():
     run = rm.prepare(RACKET.with_run(turn_limit=0.5), varied="start.omega")
-    ds = run.run(values={"start.omega": OMEGA * [[1.0], [1.0], [9.0]]})
-    assert (ds.status.values != 0).tolist() == [False, False, True]
+    ds = run.run(values={"start.omega": OMEGA * [[1.0], [1.0], [9.0], [1.0]]})
+    assert (ds.status.values != 0).tolist() == [False, False, True, False]
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_a_member_beyond_the_plan_is_flagged():
         ("start.omega", {}, "lacks start.omega"),
         ("start.omega", {"start.omga": OMEGA, "start.omega": OMEGA}, "start.omega'?"),
         ("start.omega", {"start.omega": OMEGA[0]}, "has the shape (3,)"),
-        ("start.omega", {"start.omega": OMEGA[:, :2]}, "expected (3, 3)"),
+        ("start.omega", {"start.omega": OMEGA[:, :2]}, "expected (4, 3)"),
         ("start.omega", {"start.omega": np.full((2, 3), np.nan)}, "not finite"),
         ("start.omega", None, "run varies start.omega"),
     ],
@@ -119,7 +119,7 @@ def test_wrong_values_are_refused(varied, values, words):
 
 def test_members_that_a_scene_lacks_are_refused():
     rows = replace(RACKET, start=replace(RACKET.start, omega=OMEGA))
-    for scene, members in ((rows, 4), (rows, range(2, 5)), (RACKET, [3, 1]), (RACKET, range(0))):
+    for scene, members in ((rows, 5), (rows, range(3, 6)), (RACKET, [3, 1]), (RACKET, range(0))):
         with pytest.raises(rm.SceneError):
             rm.prepare(scene).run(members=members)
 
@@ -138,7 +138,7 @@ def compared(kind, seed):
     """Whether a random scene was taken; its bits are compared."""
     scene, names, chance = drawn(kind, seed)
     try:
-        run, values = rm.prepare(scene, varied=names), numbers(scene, names, 3, chance)
+        run, values = rm.prepare(scene, varied=names), numbers(scene, names, 4, chance)
         ds = run.run(values=values)
     except rm.SceneError as error:
         assert "no closed form" in str(error), error

@@ -286,7 +286,7 @@ def test_starts_from_a_table(tmp_path):
         ('{ table = "w.csv", columns = ["wx", "wy", "wz"] }', "wx,wy,wz\n1,2\n", "names 3 columns"),
         ('{ table = "w.csv", columns = ["wx", "wy", "wz"] }', "wx,wy,wz\n1,2,3\n1,b,3\n", "row 2"),
         ('{ table = "w.csv", columns = ["wx", "wy", "wz"] }', "wx,wy,wz\n", "no rows"),
-        ('{ table = "w.csv", columns = ["wx", "wy", "wz"] }', "wx;wy;wz\n1;2;3\n", "commas"),
+        ('{ table = "w.csv", columns = ["wx", "wy", "wz"] }', "wx,wy,wz\n1;2;3\n", "semicolons"),
         ('{ table = "v.csv", columns = ["wx", "wy", "wz"] }', "", "no such file"),
         ('{ table = "w.txt", columns = ["wx", "wy", "wz"] }', "", ".csv"),
         ('{ table = "w.csv", colums = ["wx", "wy", "wz"] }', "", "columns"),

@@ -1,4 +1,5 @@
-"""Arrays count by their places alone: every door takes the same, and refuses what means more."""
+"""Arrays count by their places, or by their labels: every door takes the same, and refuses what
+means more, or what reads two ways."""
 
 import itertools
 import re
@@ -18,10 +19,9 @@ from rigidmc.views.sphere import draw_polhodes
 BODY = rm.Body((1.0, 2.0, 2.5))
 BOX = rm.Body.box(12.0, (1.0, 2.0, 3.0))
 UP = (1.0, 0.0, 0.0, 0.0)
-V = np.array([[1.0, 2.0, 2.5], [1.5, 2.0, 2.25], [2.0, 2.5, 3.0]])  # also moments of three bodies
-Q = np.array(
-    [[1.0, 2.0, 3.0, 4.0], [2.0, 1.0, 4.0, 3.0], [3.0, 4.0, 1.0, 2.0], [4.0, 3.0, 2.0, 1.0]]
-)
+# also moments of four bodies: (3, 3) reads two ways
+V = np.array([[1.0, 2.0, 2.5], [1.5, 2.0, 2.25], [2.0, 2.5, 3.0], [2.0, 3.0, 4.0]])
+Q = np.array([[1, 2, 3, 4], [2, 1, 4, 3], [3, 4, 1, 2], [4, 3, 2, 1], [1, 1, 2, 3]], float)
 T = np.diag([1.0, 2.0, 2.5])
 COLUMN = np.array([1.0, 2.0, 3.0])
 
@@ -46,7 +46,7 @@ DOORS = {
     "axes": (np.eye(3), lambda x: rm.Body((1, 2, 2.5), axes=x).axes),
     "tensor": (T, lambda x: rm.Body.from_tensor(x).moments),
     "masses": (COLUMN, lambda x: rm.Body.from_particles(x, np.eye(3)).moments),
-    "positions": (V, lambda x: rm.Body.from_particles([1, 2, 3], x).moments),
+    "positions": (V[:3], lambda x: rm.Body.from_particles([1, 2, 3], x).moments),
     "size": (COLUMN, lambda x: rm.Body.box(1.0, x).moments),
     "pivot": (COLUMN, lambda x: BOX.with_pivot(x).moments),
     "at": (COLUMN, lambda x: BOX.join(BOX, at=x).moments),
@@ -84,7 +84,7 @@ DOORS = {
     "hat": (V, rotation.hat),
     "rates": (V, lambda x: rotation.omega_from_euler_rates(V, x)),
     "coordinates": (V, lambda x: coordinates.rate_matrix("zxz", x)),
-    "of_particles": (COLUMN, lambda x: inertia.of_particles(x, V)),
+    "of_particles": (COLUMN, lambda x: inertia.of_particles(x, V[:3])),
     "about_point": (V, lambda x: inertia.about_point(T, 1.0, x)),
     "growth_rate": (V, inertia.growth_rate),
     "symmetric_omega": (V, lambda x: textbook.symmetric_omega((1, 1, 2), x, 0.5)),
@@ -139,14 +139,18 @@ def named(x):
 # {what: (of an array, a word of the message)}
 REFUSED = {
     "masked": (masked, "row 1 is masked"),
-    "DataFrame": (lambda x: pd.DataFrame(np.atleast_2d(x)), "has labels"),
-    "Series": (lambda x: pd.Series(list(x)), "x.to_numpy()"),
-    "nullable Series": (lambda x: pd.Series(x.ravel(), dtype="Float64"), "x.to_numpy()"),
+    "DataFrame": (
+        lambda x: pd.DataFrame(np.atleast_2d(x)).rename(columns="abcdef".__getitem__),
+        "",
+    ),
+    "Series": (lambda x: pd.Series(list(x), index=range(5, 5 + len(x))), "label"),
+    "nullable Series": (lambda x: pd.Series([*x.ravel(), None], dtype="Float64"), "missing"),
     "dict": (lambda x: dict(enumerate(x)), "has keys"),
     "values of a dict": (lambda x: dict(enumerate(x)).values(), "give list(x)"),
     "set": (lambda x: set(x.ravel()), "has no order"),
     "generator": (lambda x: (one for one in x), "give list(x)"),
-    "DataArray": (xr.DataArray, "named dimensions"),
+    "DataArray": (lambda x: xr.DataArray(x, attrs={"units": "deg/h"}), "deg/h"),
+    "Dataset": (lambda x: xr.Dataset({"w": (("n", "k")[: x.ndim], x)}), "several variables"),
     "polars": (Polars, "x.to_numpy()"),
     "pint": (Pint, "has a unit"),
     "astropy": (lambda x: x.view(Astropy), "has a unit"),
@@ -160,7 +164,7 @@ REFUSED = {
     "columns with names": (named, "have names"),
     "text": (lambda x: x.astype(str), "number"),
     "a list with a masked entry": (lambda x: [*x[:-1], np.ma.masked], "masked"),
-    "a list with a Series": (lambda x: [*x[:-1], pd.Series(np.ravel(x[-1]))], "x.to_numpy()"),
+    "a list with a frame": (lambda x: [*x[:-1], pd.DataFrame([np.ravel(x[-1])])], "is a table"),
     "components first": (lambda x: np.ones((x.shape[-1], 7)), "shape"),
 }
 COMPLEX = {"hat", "coordinates"}  # a derivative may be taken by a complex step
@@ -205,15 +209,24 @@ def test_every_plain_array_of_the_same_numbers_is_the_same(door, tmp_path):
 
 
 def test_rows_are_members_whatever_their_number():
-    """(members, 3) and (members, 4) for 1 to 6 members; other shapes are refused."""
+    """(members, 3) and (members, 4) for 1 to 6 members; other shapes are refused, and those that
+    read two ways."""
     for count, size in itertools.product(range(1, 7), (3, 4)):
         x = np.arange(1.0, 1.0 + count * size).reshape(count, size)
-        start = rm.Start(omega=x if size == 3 else (0, 0, 1), attitude=x if size == 4 else UP)
-        found = start.omega if size == 3 else start.attitude
-        assert np.array_equal(np.transpose(found), x)
-        if count != size and (count, size) != (3, 4):  # (4, 3) are Euler angles of four members
-            with pytest.raises(rm.SceneError, match="give its transpose"):
-                rm.Start(omega=x.T if size == 3 else (0, 0, 1), attitude=x.T if size == 4 else UP)
+
+        def start(x, size=size):
+            made = rm.Start(omega=x if size == 3 else (0, 0, 1), attitude=x if size == 4 else UP)
+            return made.omega if size == 3 else made.attitude
+
+        ambiguous = count == size or (count, size) == (3, 4)  # Euler angles of four members
+        for one, rule in ((x, ""), (x.T, "give its transpose")):
+            if rule or ambiguous:
+                with pytest.raises(rm.SceneError, match="reads two ways" if ambiguous else rule):
+                    start(one)
+            else:
+                assert np.array_equal(np.transpose(start(one)), x)
+                assert np.array_equal(np.transpose(start(one.tolist())), x)
+                assert np.array_equal(np.transpose(start(list(one))), x)
 
 
 def test_components_of_quaternions_are_no_members():
@@ -224,8 +237,11 @@ def test_components_of_quaternions_are_no_members():
             rm.Start(omega=(0, 0, 1), attitude=q)
         rows = rm.Start(omega=(0, 0, 1), attitude=q.T)
         assert np.abs(rows.sample_attitude(0, 0, count) - q).max() == 0.0
-    turned = np.eye(4)[[1, 0, 3, 2]]  # both
-    assert np.array_equal(rm.Start(omega=(0, 0, 1), attitude=turned).attitude, turned)
+    with pytest.raises(rm.SceneError, match="reads two ways"):
+        rm.Start(omega=(0, 0, 1), attitude=np.eye(4)[[1, 2, 3, 0]])  # rows and columns
+    for rows in (np.ones((4, 3)), list(np.ones((4, 3))), list(np.ones((3, 4)))):
+        with pytest.raises(rm.SceneError, match="reads two ways"):
+            rm.Start(omega=(0, 0, 1), attitude=rows)
 
 
 def test_euler_angles_of_three_members_are_no_matrix():
@@ -259,7 +275,10 @@ def test_members_of_a_run_are_indices():
     scene = rm.Scene(BODY).with_run(dt=0.1, t_end=0.1, integrator="exact")
     for which, word in (
         (np.ma.masked_array([1, 2, 3], [0, 1, 0]), "row 1 is masked"),
-        (pd.Series([1, 2]), "x.to_numpy()"),
+        (pd.Series([2, 1]), "increasing member indices"),
+        (pd.DataFrame({"member": [1, 2]}), "increasing member indices"),
+        (pd.Series([1, None], dtype="Int64"), "expected"),
+        (np.array([False, True]), "booleans"),
         ({1, 2}, "has no order"),
         ([2, 1], "increasing member indices"),
         ([1.0, 2.0], "increasing member indices"),
@@ -267,7 +286,15 @@ def test_members_of_a_run_are_indices():
     ):
         with pytest.raises(rm.SceneError, match=re.escape(word)):
             rm.simulate(scene, members=which)
-    for which in ([1, 2, 5], (1, 2, 5), np.array([1, 2, 5])):
+    ds = rm.simulate(scene, members=6)
+    for which in (
+        *([1, 2, 5], (1, 2, 5), np.array([1, 2, 5]), pd.Index([1, 2, 5])),
+        *(
+            ds.member[[1, 2, 5]],
+            pd.Series([1, 2, 5], [7, 8, 9]),
+            pd.Series([1, 2, 5], dtype="Int8"),
+        ),
+    ):
         assert rm.simulate(scene, members=which).member.values.tolist() == [1, 2, 5]
 
 
@@ -278,8 +305,8 @@ def test_axes_are_a_right_handed_set():
 
 
 def test_polhodes_of_labels():
-    with pytest.raises(rm.SceneError, match="has labels"):
-        draw_polhodes(pd.Series([1.0, 2.0, 3.0]), COLUMN)
+    with pytest.raises(rm.SceneError, match="which component is which"):
+        draw_polhodes(pd.Series([1.0, 2.0, 3.0], list("abc")), COLUMN)
 
 
 TABLE = """

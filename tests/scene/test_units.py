@@ -29,6 +29,9 @@ TENSOR = rm.UncertainInertia(np.diag([2.0, 2.5, 3.0]), 0.01 * np.eye(6))
 BODIES = {
     rm.SecondMoments: rm.Body(rm.SecondMoments((1.0, 2.0, rm.uniform(0.5, 1.5)))),
     rm.UncertainInertia: rm.Body.from_tensor(TENSOR),
+    rm.TensorRows: rm.Body.from_tensor(
+        np.eye(3) * np.linspace(2.0, 3.0, 64)[:, None, None] + [[0, 0.1, 0], [0.1, 0, 0], [0, 0, 1]]
+    ),
 }
 SCENES = {kind: rm.Scene(BODY, WEIGHT, rm.Start(**start)) for kind, start in STARTS.items()}
 SCENES |= {kind: rm.Scene(body, start=rm.Start(**SPIN)) for kind, body in BODIES.items()}

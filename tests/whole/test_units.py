@@ -56,7 +56,7 @@ NO_NUMBERS = {
 NO_METHODS = {"scene", "summary", "view", "export"}
 METHODS = {
     *("measure", "rerun", "momentum", "euler", "unwrapped", "phase", "energy", "drift"),
-    *("polhode", "described"),
+    *("polhode", "described", "rotation"),
 }
 
 

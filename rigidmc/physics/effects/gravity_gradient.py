@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from rigidmc.physics.dynamics.so3 import cross, into_body, nearest_integer, sincos
+from rigidmc.physics.dynamics.so3 import cross, into_body, nearest_integer, root, sincos
 from rigidmc.physics.effects.protocol import Number, effect
 
 _TURN = 6.283185307179586
@@ -90,6 +90,17 @@ def place(orbit, t):
     return x, y
 
 
+def anomaly_rate(orbit, cosine):
+    """Return the rate [rad/s] of the true anomaly of a GravityGradient where it has this cosine.
+
+    n (1 + e cosine)^2 / (1 - e^2)^(3/2), the rate at which the local vertical turns
+    """
+    e = orbit.eccentricity
+    n = root(orbit.mu / orbit.distance / orbit.distance / orbit.distance)
+    over, square = 1.0 + e * cosine, 1.0 - e * e
+    return n * (over * over) / (square * root(square))
+
+
 def _differences(body, size):
     """Return size (I3 - I2), cyclic, from the coefficients of Euler's equations.
 
@@ -108,11 +119,11 @@ def _pull(mu, distance, e, anomaly, t):
     (tests/physics/effects/test_gravity_gradient.py).
     """
     square = mu / distance / distance / distance  # the cube of 1e13 m overflows in float32
-    m = math.sqrt(square) * t + anomaly
+    m = root(square) * t + anomaly
     # Within half a turn of 0, the sine keeps its digits.
     m = m - _TURN * nearest_integer(m * (1.0 / _TURN))
     s, c = sincos(m)
-    at = m + e * s / math.sqrt(1.0 + e * (e - 2.0 * c))
+    at = m + e * s / root(1.0 + e * (e - 2.0 * c))
     s, c = sincos(at)
     at = at + _nearer(at - m, e * s, e * c)
     s, c = sincos(at)
@@ -123,7 +134,7 @@ def _pull(mu, distance, e, anomaly, t):
     return (
         3.0 * square * (nearness * nearness * nearness),
         (c - e) * nearness,
-        math.sqrt(1.0 - e * e) * (s * nearness),
+        root(1.0 - e * e) * (s * nearness),
     )
 
 

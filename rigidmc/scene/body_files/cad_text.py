@@ -1,4 +1,4 @@
-"""Mass properties as text, as SolidWorks and Onshape show them.
+"""Mass properties as text, as SolidWorks and Onshape show them::
 
     Mass = 13.5 grams
     Center of mass: ( millimeters )   X = ...  Y = ...  Z = ...

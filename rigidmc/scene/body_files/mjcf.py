@@ -3,7 +3,7 @@
     <inertial pos mass diaginertia | fullinertia quat | axisangle | xyaxes | zaxis | euler/>
 
 The tensor is about the centre of mass `pos`, in axes turned by the orientation. fullinertia has the
-elements 11, 22, 33, 12, 13, 23 of the tensor, -int x y dm. A body without joint is welded to its
+elements xx, yy, zz, xy, xz, yz of the tensor, -int x y dm. A body without joint is welded to its
 parent. Where <inertial> is missing, MuJoCo computes it from geoms; this reader does not.
 Source: MuJoCo documentation, XML reference.
 """

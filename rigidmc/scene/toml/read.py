@@ -1,14 +1,11 @@
-"""Reading of scene files: body, effects, observables, start. They execute nothing.
+"""Reading of scene files: effects, observables, start, settings. They execute nothing.
 
 A result contains the text of its scene, and the rows to which the text refers (`stored_rows`).
 """
 
-import inspect
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,28 +16,22 @@ from rigidmc.errors import FileError, PartError, SceneError, unknown
 from rigidmc.files.opening import is_zarr
 from rigidmc.files.reading import toml
 from rigidmc.files.user_code import source_of
-from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import Effect, user_parameters
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import WATCHED, WITH_TABLE
 from rigidmc.scene.amounts import count_text
-from rigidmc.scene.body import Body
-from rigidmc.scene.inertia_about import is_about_centre
-from rigidmc.scene.quantities import vector
 from rigidmc.scene.settings import Run, Table, check_table, with_changes
-from rigidmc.scene.shape import read_shape
 from rigidmc.scene.start import Start
+from rigidmc.scene.start_tables import WORDS, has_convention, is_start_table
+from rigidmc.scene.toml.bodies import BODIES, OF_FILE, read_body
 from rigidmc.scene.toml.values import (
     DataSources,
     check_keys,
-    check_plain,
     read_measured,
-    read_plain,
     read_quantity,
 )
-from rigidmc.scene.units import BODY, in_si, size_units
 from rigidmc.scene.user_parts.registry import Code, load_user_class, make_stand_in
 from rigidmc.units import list_text
 
@@ -158,7 +149,7 @@ def _set(data: dict[str, Any], dotted: str, value: str) -> None:
     data[key] = given
     if tables[-1:] == ["body"] and key in (*BODIES, "mass", "centre"):
         # the shape belongs to the original body, and so do the options of its file
-        others = (*BODIES, *_OF_FILE) if key in BODIES else ()
+        others = (*BODIES, *OF_FILE) if key in BODIES else ()
         for other in {"shape", *others} - {key, "mass", "about"}:
             data.pop(other, None)
 
@@ -167,141 +158,26 @@ def _set(data: dict[str, Any], dotted: str, value: str) -> None:
 # springs takes a minute
 MOST = 100
 
-# bodies given by plain numbers: {key: (keys of its own table, maker)}
-SHAPES: dict[str, tuple[tuple[str, ...], Callable[..., Body]]] = {
-    **{
-        name: (tuple(inspect.signature(make).parameters), partial(Body.solid, name))
-        for name, make in SOLIDS.items()
-    },
-    "particles": (("masses", "positions"), Body.from_particles),
-}
-BODIES = ("moments", "tensor", "file", *SHAPES)  # a body has exactly one of these keys
-# other keys of a body from a file, the arguments of Body.read
-_OF_FILE = ("link", "products", "about", "density", "mass", "scale", "solid")
-
-
-def _one_of(keys: list[str], table: dict[str, Any]) -> SceneError:
-    """Return the error of a body that has no key of BODIES, or several."""
-    if keys:
-        rule = "keep one of these keys; in Python, body.join makes one body of two"
-        return SceneError(rule, at=f"body.{', '.join(keys)}")
-    drawn = "a shape is only drawn; " if "shape" in table else ""
-    return SceneError(f"{drawn}give one of these keys: {', '.join(BODIES)}", at="body.moments")
-
-
-def read_body(table: dict[str, Any], stored: DataSources) -> Body:
-    """Return the body of the table [body]."""
-    others = ("about", "mass", "centre", "principal_axes", "axes", "pivot", "shape")
-    more_keys = _OF_FILE if "file" in table else ()
-    check_keys(table, dict.fromkeys((*BODIES, *others, *more_keys)), "body")
-    keys = [key for key in BODIES if key in table]
-    if len(keys) != 1:
-        raise _one_of(keys, table)
-    key = keys[0]
-    if isinstance(table.get("axes"), list):
-        # until 0.1 this key held the principal axes, and scenes with it were in these
-        table = {**table, "principal_axes": table["axes"], "axes": "principal"}
-    # results until 0.1 with an uncertain tensor have no such key, and are in the principal axes
-    is_old = stored.is_recorded and isinstance(table.get("tensor"), dict)
-    frame = table.get("axes", "principal" if is_old else "described")
-    if key == "file":
-        body = replace(_of_file(table, stored), frame=frame)
-    elif key in SHAPES:
-        body = replace(_shaped(table, key), frame=frame)
-    else:
-        body = _of_inertia(table, key, frame, stored)
-    if "principal_axes" in table:
-        axes = check_plain(table["principal_axes"], "body.principal_axes")
-        body = replace(body, axes=tuple(map(tuple, axes)))
-    if "shape" in table:
-        body = replace(body, shape=read_shape(_shape_in_si(table["shape"])))
-    if "pivot" not in table:
-        return body
-    pivot = read_measured(table["pivot"], "body.pivot", lambda inner: inner)
-    if pivot == "centre" and table.get("about") == "centre" and body.inertia_key == "moments":
-        return body  # its inertia is about the fixed point as given
-    return body.with_pivot_at_centre() if pivot == "centre" else body.with_pivot(pivot)
-
-
-def _of_inertia(table: dict[str, Any], key: str, frame: str, stored: DataSources) -> Body:
-    """Return a body given by its moments or its tensor."""
-    more = {
-        k: read_quantity(table[k], f"body.{k}", stored) for k in ("mass", "centre") if k in table
-    }
-    is_whole = isinstance(table[key], dict) and "value" not in table[key]
-    if key == "tensor" and not is_whole:
-        inertia = read_plain(table[key], BODY[key], f"body.{key}")
-    else:
-        inertia = read_quantity(table[key], f"body.{key}", stored)
-    about = table.get("about", "pivot")
-    if is_about_centre(about) and "principal_axes" in table:
-        rule = 'has no principal_axes with about = "centre": give the tensor instead'
-        raise SceneError(rule, at=f"body.{key}")
-    if is_about_centre(about) and table.get("pivot") == "centre":
-        # where the centre of mass was does not matter, and moving there and back costs digits
-        vector(more.pop("centre", (0.0, 0.0, 0.0)), "body.centre")
-        about = "pivot"
-    if key == "moments":
-        return replace(Body.from_moments(inertia, **more, about=about), frame=frame)
-    return Body.from_tensor(inertia, **more, about=about, axes=frame)
-
-
-def _of_file(table: dict[str, Any], stored: DataSources) -> Body:
-    """Return the body of a file, in the folder of the scene unless its path is absolute."""
-    for extra in ("centre", "principal_axes", "shape"):
-        if extra in table:
-            rule = "the file of the body defines this"
-            raise SceneError(rule, at=f"body.{extra}", value=table[extra])
-    if not isinstance(table["file"], str):
-        rule = 'expected the name of a file, such as "arm.urdf"'
-        raise SceneError(rule, at="body.file", value=table["file"])
-    path = os.path.join(stored.folder or "", table["file"])
-    options = {key: table[key] for key in _OF_FILE if key in table}
-    try:
-        return Body.read(path, **options)
-    except FileNotFoundError:
-        where = os.path.abspath(stored.folder or os.curdir)
-        rule = f"no such file in {where}"
-        raise SceneError(rule, at="body.file", value=table["file"]) from None
-
-
-def _shape_in_si(tables: Any) -> Any:
-    """Return the tables [[body.shape]] with the sizes and places that have a unit in SI."""
-    if isinstance(tables, list):
-        return [_shape_in_si(table) for table in tables]
-    if not isinstance(tables, dict):
-        return tables
-    plain = ("solid", "turned", "hole", "faces")
-    return {
-        key: value
-        if key in plain
-        else in_si(
-            read_measured(value, at := f"body.shape.{key}", lambda inner: inner),
-            size_units(key),
-            at,
-        )
-        for key, value in tables.items()
-    }
-
-
-def _shaped(table: dict[str, Any], key: str) -> Body:
-    """Return a solid, or a body of particles, from its own table within [body]."""
-    keys, make = SHAPES[key]
-    for extra in ("mass", "centre", "about"):
-        if extra in table:
-            rule = f"the table of a {key} defines its mass and centre: {', '.join(keys)}"
-            raise SceneError(rule, at=f"body.{extra}", value=table[extra])
-    check_keys(table[key], keys, f"body.{key}", required=keys)
-    given = {k: read_plain(table[key][k], size_units(k), f"body.{key}.{k}") for k in keys}
-    return make(**given)
-
 
 def read_start(table: dict[str, Any], stored: DataSources) -> Start:
     """Return the start of the table [start]."""
     check_keys(table, ("omega", "momentum", "attitude"), "start")
-    return Start(
-        **{key: read_quantity(value, f"start.{key}", stored) for key, value in table.items()}
-    )
+    return Start(**{key: _start_value(key, value, stored) for key, value in table.items()})
+
+
+def _start_value(key: str, value: Any, stored: DataSources) -> Any:
+    """Return a value of the table [start] with its quantities, in a table of its own or not."""
+    at = f"start.{key}"
+    if not is_start_table(key, value):
+        return read_quantity(value, at, stored)
+    if not has_convention(key, value):  # a distribution, or columns
+        other = {name: one for name, one in value.items() if name != "relative_to"}
+        own = {"relative_to": value["relative_to"]}
+        return {"value": read_quantity(other, at, stored), **own} if other else own
+    return {
+        name: one if name in WORDS else read_quantity(one, f"{at}.{name}", stored)
+        for name, one in value.items()
+    }
 
 
 def read_effects(tables: dict[str, Any], stored: DataSources) -> tuple[Effect, ...]:

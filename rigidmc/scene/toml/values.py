@@ -3,6 +3,7 @@ grids, vector distributions, and columns of CSV and netCDF files, with one row p
 """
 
 import os
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, TypeVar
@@ -10,8 +11,16 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.errors import PartError, RigidmcError, SceneError, nearest, rule_of, unknown
-from rigidmc.files.reading import read_number_table
+from rigidmc.errors import (
+    PartError,
+    RigidmcError,
+    SceneError,
+    SceneWarning,
+    nearest,
+    rule_of,
+    unknown,
+)
+from rigidmc.files.tables import TextColumn, read_number_table
 from rigidmc.files.trial import refuse_unreadable
 from rigidmc.files.user_code import source_of
 from rigidmc.physics.dynamics.methods import word_of
@@ -83,7 +92,9 @@ def read_quantity(value: Any, at: str, stored: DataSources) -> Any:
     become Measured
     """
     if isinstance(value, list):
-        return [read_quantity(v, at, stored) for v in value]
+        parts = [read_quantity(v, at, stored) for v in value]
+        # columns with names are components, even if a column is as long as a vector
+        return tuple(parts) if any(isinstance(part, np.ndarray) for part in parts) else parts
     if not isinstance(value, dict):
         return value
     if "unit" in value or "value" in value:
@@ -226,10 +237,17 @@ def _columns_of(value: dict[str, Any], at: str, folder: str) -> Any:
     if not isinstance(names, list) or not words:
         rule = 'expected { table = "file.csv", columns = ["w1", "w2", "w3"] }, or column = "w1"'
         raise SceneError(rule, at=at, value=value)
-    columns = [read_column(folder, value["table"], name, at) for name in names]
-    if not single and len(columns) not in (3, 4):
+    columns = read_columns(folder, value["table"], names, at)
+    if not single and len(columns) not in ((6,) if at == "body.tensor" else (3, 4)):
         rule = f"{len(columns)} columns: a vector has 3 components, a quaternion 4"
+        rule += ", a tensor 6, xx, yy, zz, yz, zx, xy" if at == "body.tensor" else ""
         raise SceneError(rule, at=at, value=value)
+    if at == "start.attitude" and len(columns) == 4:
+        # pure: components of a quaternion
+        zero = np.flatnonzero(sum(column**2 for column in columns) < 1e-200)
+        if zero.size:
+            rule = f"row {zero[0] + 1} is zero: a quaternion must be nonzero"
+            raise SceneError(rule, at=at, value=value["table"])
     return columns[0] if single else columns
 
 
@@ -297,14 +315,22 @@ _MOST = 6  # components of a variable
 
 
 def read_column(folder: str, file: str, name: str, at: str) -> NDArray[np.float64]:
-    """Return a column of a file as an array; SceneError that names the file and its columns.
+    """Return a column of a file as an array, see `read_columns`."""
+    return read_columns(folder, file, [name], at)[0]
 
-    CSV : comma-separated, with the names of the columns in the first line
+
+def read_columns(
+    folder: str, file: str, names: list[str], at: str
+) -> tuple[NDArray[np.float64], ...]:
+    """Return columns of a file as arrays; SceneError that names the file and its columns.
+
+    CSV : separated by commas or semicolons, with the names of the columns in the first line, see
+        `rigidmc.files.tables`
     netCDF : a variable with one dimension, or `name[i]` of a variable with the dimensions axis or
         quat and member; without these names, the last dimension is the member, of length > 6
     """
     path = os.path.join(folder or "", file)
-    if not file.endswith(SUFFIXES):
+    if not file.lower().endswith(SUFFIXES):
         raise SceneError(
             f"expected a file that ends in {' or '.join(SUFFIXES)}",
             at=at,
@@ -313,23 +339,29 @@ def read_column(folder: str, file: str, name: str, at: str) -> NDArray[np.float6
     if not os.path.exists(path):
         where = os.path.abspath(folder or os.curdir)
         raise SceneError(f"no such file in {where}", at=at, value=file)
+    is_text = file.lower().endswith(".csv")
     try:
-        columns = _csv(path) if file.endswith(".csv") else _netcdf(path)
+        columns = _csv(path, file) if is_text else _netcdf(path)
     except ValueError as error:
         raise SceneError(rule_of(error), at=at, value=file) from None
-    if name not in columns:
-        wrong = unknown(f"column of {file}", columns, at=at, value=name)
-        wrong.rule += (
-            "; columns are separated by commas"
-            if file.endswith(".csv")
-            else "; columns are variables with one number per member, and NAME[1], NAME[2], ... for"
-            " variables with the dimensions (axis, member)"
-        )
-        raise wrong
-    if columns[name] is None:
-        rule = f"several columns have the name {name}: give each its own name"
-        raise SceneError(rule, at=at, value=file)
-    values = np.ascontiguousarray(columns[name], float)
+    for name in names:
+        if name not in columns:
+            wrong = unknown(f"column of {file}", columns, at=at, value=name)
+            wrong.rule += (
+                "; columns are separated by commas or semicolons"
+                if is_text
+                else "; columns are variables with one number per member, and NAME[1], NAME[2], ..."
+                " for variables with the dimensions (axis, member)"
+            )
+            raise wrong
+    return tuple(_finite(columns[name], file, name, at) for name in names)
+
+
+def _finite(column: Any, file: str, name: str, at: str) -> NDArray[np.float64]:
+    """Return a column of finite numbers; SceneError that names its first bad row."""
+    if isinstance(column, str):
+        raise SceneError(column, at=at, value=f"{file}: {name}")
+    values = np.ascontiguousarray(column, float)
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         rule = f"row {bad[0] + 1} is not finite ({bad.size} of {values.size} rows are not)"
@@ -337,26 +369,46 @@ def read_column(folder: str, file: str, name: str, at: str) -> NDArray[np.float6
     return values
 
 
-def _csv(path: str) -> dict[str, Any]:
-    """Return {name: values} of the columns of a CSV file, None for a repeated name; ValueError."""
+def _csv(path: str, file: str) -> dict[str, Any]:
+    """Return {name: numbers, or the rule that forbids the column} of a CSV file; ValueError."""
     try:
-        names, rows = read_number_table(path)
+        table = read_number_table(path)
     except UnicodeDecodeError:
         raise ValueError("is not UTF-8 text") from None
     except RigidmcError:
         raise
     except ValueError as error:
-        why = str(error).splitlines()[-1].strip()
-        raise ValueError(f"not a table of numbers: {why}") from None
-    if not rows.size:
+        raise ValueError(f"not a table of numbers: {error}") from None
+    if not table.rows:
         raise ValueError("has no rows below its first line, the names of the columns")
-    if rows.shape[1] != len(names):
-        raise ValueError(
-            f"its first line names {len(names)} columns ({', '.join(names[:20])}), but its rows"
-            f" have {rows.shape[1]}; columns are separated by commas"
+    if table.notes:
+        warnings.warn(f"{file}: {'; '.join(table.notes)}", SceneWarning, stacklevel=2)
+    counts = Counter(table.names)
+    return {
+        name: f"several columns have the name {name}: give each its own name"
+        if counts[name] > 1
+        else _rule_of_column(column, name)
+        for name, column in zip(table.names, table.columns, strict=True)
+    }
+
+
+def _rule_of_column(column: NDArray[np.float64] | TextColumn | None, name: str) -> Any:
+    """Return the numbers of a column, or why it has none."""
+    if column is None:
+        return (
+            "has decimal points, but other columns have decimal commas: write all numbers with one"
+            " kind"
         )
-    counts, pairs = Counter(names), zip(names, rows.T, strict=True)
-    return {name: None if counts[name] > 1 else values for name, values in pairs}
+    if not isinstance(column, TextColumn):
+        return column
+    if not column.cell.strip():
+        return f"row {column.row} is empty: give its number, or delete the row"
+    more = ""
+    if "," in column.cell and "." in column.cell:
+        more = ": write it without marks between thousands"
+    elif "," in column.cell:
+        more = "; a comma is the decimal point only if semicolons separate the columns"
+    return f"row {column.row} is text, '{column.cell}', not a number{more}"
 
 
 def _netcdf(path: str) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from rigidmc.physics.observables import is_own, word_of_observable
 from rigidmc.scene.body import IDENTITY
 from rigidmc.scene.parts import Parts
 from rigidmc.scene.settings import Run
+from rigidmc.scene.start_tables import attitude_as_table, omega_as_table
 from rigidmc.scene.toml.values import as_toml
 from rigidmc.scene.user_parts.registry import module_of
 
@@ -40,7 +41,7 @@ def dumps(scene: Parts, run: Run | None = None) -> str:
 
 def _body(scene: Parts) -> dict[str, Any]:
     body = scene.body
-    table = {body.inertia_key: as_toml(body.moments, "moments")}
+    table = {body.inertia_key: as_toml(body.moments, body.inertia_key)}
     table |= {key: as_toml(getattr(body, key), key) for key in ("mass", "centre")}
     if body.inertia_key == "moments" and body.axes != IDENTITY:
         table["principal_axes"] = [list(row) for row in body.axes]
@@ -62,10 +63,15 @@ def _effects(scene: Parts) -> dict[str, Any]:
 
 def _start(scene: Parts) -> dict[str, Any]:
     start, which = scene.start, scene.start.spin_name
-    attitude = "start_euler" if start.has_euler_angles else "start_attitude"
+    relative = {key: key in start.relative_to_orbit for key in (which, "attitude")}
+    names = {key: f"start_{'relative_' if relative[key] else ''}{key}" for key in relative}
+    names["attitude"] = "start_euler" if start.has_euler_angles else names["attitude"]
+    written = {key: as_toml(getattr(start, key), names[key]) for key in relative}
     return {
-        which: as_toml(getattr(start, which), f"start_{which}"),
-        "attitude": as_toml(start.attitude, attitude),
+        which: omega_as_table(written[which], relative[which]),
+        "attitude": attitude_as_table(
+            start.attitude, written["attitude"], start.sequence, relative["attitude"]
+        ),
     }
 
 

@@ -13,7 +13,7 @@ from rigidmc.mechanics.impossible import causes_text
 from rigidmc.mechanics.inertia import elements, symmetric
 from rigidmc.mechanics.log_cholesky import cholesky_factor, numbers_of, parameters_of, rates_of
 from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.quantities import Source, draw
+from rigidmc.scene.quantities import Source, draw, is_shared
 from rigidmc.scene.vector_distributions.protocol import (
     Array,
     MemberFacts,
@@ -62,6 +62,28 @@ class SecondMoments(VectorDistribution):
         return np.stack([b + c, c + a, a + b])
 
 
+class TensorDistribution(VectorDistribution):
+    """Inertia tensors that differ between members, each with principal axes of its own."""
+
+    def mean_tensor(self, mass: Any) -> Array:
+        """Return the tensor (3, 3) whose axes label the axes of the members."""
+        raise NotImplementedError
+
+    def resized(self, mass: float, length: float) -> "TensorDistribution":
+        """Return the distribution in units that multiply masses and lengths by these factors."""
+        raise NotImplementedError
+
+    def bodies(
+        self, sampler: Source, name: str, first: int, count: int, mass: Any, centre: Sequence[Any]
+    ) -> Array:
+        """Return parameters (10, count) of the members, see `rigidmc.mechanics.log_cholesky`."""
+        raise NotImplementedError
+
+    def check_body(self, mass: Any, centre: Sequence[Any]) -> None:
+        """Raise SceneError for a mass or a centre of mass that the distribution excludes."""
+        raise NotImplementedError
+
+
 # the parameters of a body in the order of a covariance, as scenes name them
 ELEMENTS = (
     *(f"tensor.{i}.{j}" for i, j in ((1, 1), (2, 2), (3, 3), (2, 3), (3, 1), (1, 2))),
@@ -71,7 +93,7 @@ ELEMENTS = (
 
 
 @dataclass(frozen=True)
-class UncertainInertia(VectorDistribution):
+class UncertainInertia(TensorDistribution):
     """An inertia tensor, optionally with centre of mass and mass, with a given covariance.
 
     The log-Cholesky numbers of the body are normal (`rigidmc.mechanics.log_cholesky`); the given
@@ -130,6 +152,17 @@ class UncertainInertia(VectorDistribution):
             raise SceneError("expected plain numbers, the mean", at=f"{at}.centre")
         return UncertainInertia(mean, covariance, centre)
 
+    def check_body(self, mass: Any, centre: Sequence[Any]) -> None:
+        for key, value in (("mass", mass), ("centre", tuple(centre))):
+            if not is_shared(value):
+                rule = "must be plain numbers, the mean, if the tensor is uncertain"
+                raise SceneError(rule, at=f"body.{key}")
+        if self.centre is not None and any(centre):
+            rule = (
+                "omit this: the uncertain tensor has its own centre, and the body rotates about it"
+            )
+            raise SceneError(rule, at="body.centre", value=list(centre))
+
     def mean_tensor(self, mass: float) -> Array:
         """Return the mean tensor (3, 3) about the fixed point of the body.
 
@@ -137,7 +170,7 @@ class UncertainInertia(VectorDistribution):
         """
         if self.centre is None:
             return np.array(self.mean)
-        six = _about_centre(elements(self.mean), self.centre, mass)
+        six = about_centre(elements(self.mean), self.centre, mass)
         tensor: Array = symmetric(np.array(six)[:, None])[0]
         return tensor
 
@@ -184,8 +217,8 @@ class UncertainInertia(VectorDistribution):
         name: str,
         first: int,
         count: int,
-        mass: float,
-        centre: Sequence[float],
+        mass: Any,
+        centre: Sequence[Any],
     ) -> Array:
         """Return parameters (10, count) of the members, see `rigidmc.mechanics.log_cholesky`.
 
@@ -205,11 +238,11 @@ class UncertainInertia(VectorDistribution):
             )
         )
         if turns:
-            found[:6], found[6:9] = _about_centre(found[:6], found[6:9], found[9]), 0.0
+            found[:6], found[6:9] = about_centre(found[:6], found[6:9], found[9]), 0.0
         return found
 
 
-def _about_centre(six: Any, centre: Any, mass: Any) -> tuple[Any, ...]:
+def about_centre(six: Any, centre: Any, mass: Any) -> tuple[Any, ...]:
     """Return xx, yy, zz, yz, zx, xy of I - m (c^2 1 - c c^T), TdC (3.28), element by element, so
     that no bit depends on a library."""
     xx, yy, zz, yz, zx, xy = six

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rigidmc.arrays import as_plain_arrays, floats
 from rigidmc.errors import PartError, RigidmcError, SceneError
+from rigidmc.labelled import Wanted
 from rigidmc.physics.dynamics.methods import implements, word_of
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Source, quantity
@@ -117,7 +118,10 @@ def flat_parameters(distribution: VectorDistribution) -> tuple[Any, ...]:
     flat: list[Any] = []
     for value in distribution.as_dict().values():
         several = isinstance(value, (tuple, list))
-        flat += list(np.ravel(np.array(value, object))) if several else [value]
+        if several and not any(isinstance(x, np.ndarray) for x in value):
+            flat += list(np.ravel(np.array(value, object)))
+        else:
+            flat += value if several else [value]
     return tuple(x for x in flat if x is not None)
 
 
@@ -141,7 +145,7 @@ def number(value: Any, at: str, least: float = -np.inf) -> Any:
 
 def numbers(values: Any, at: str, size: int) -> tuple[Any, ...]:
     """Check `size` numbers, distributions or grids; SceneError."""
-    values = as_plain_arrays(values, at)
+    values = as_plain_arrays(values, at, wanted=Wanted((size,)))
     if isinstance(values, str) or not hasattr(values, "__len__") or len(values) != size:
         raise SceneError(f"expected {size} numbers", at=at, value=values)
     return tuple(number(x, at) for x in values)
@@ -152,7 +156,7 @@ def check_semidefinite(value: Any, at: str, sizes: Sequence[int]) -> tuple[Any, 
     of rows; SceneError."""
     wanted = " or ".join(f"{size}x{size}" for size in sizes)
     rule = f"expected a symmetric matrix of {wanted} finite numbers without negative eigenvalues"
-    array = floats(value, at, rule=rule)
+    array = floats(value, at, rule=rule, wanted=Wanted(tuple(sizes), is_matrix=True))
     if array.shape not in {(size, size) for size in sizes} or not np.isfinite(array).all():
         raise SceneError(rule, at=at, value=array.tolist())
     scale = np.sqrt(np.abs(array.diagonal()))

@@ -10,6 +10,7 @@ import numpy as np
 
 from rigidmc.arrays import floats
 from rigidmc.errors import SceneError
+from rigidmc.labelled import Wanted
 from rigidmc.physics.dynamics.functions import cosine, sine
 from rigidmc.physics.dynamics.so3 import sincos
 from rigidmc.scene.distributions import Distribution, uniform
@@ -178,7 +179,7 @@ def lower_factor(c: Any) -> tuple[tuple[float, ...], ...]:
 def _covariance(value: Any, at: str) -> tuple[tuple[float, ...], ...]:
     """Return a symmetric positive definite 3x3 matrix as a tuple of rows; SceneError."""
     rule = "expected a symmetric matrix of 3x3 finite numbers"
-    matrix = floats(value, at, rule=rule)
+    matrix = floats(value, at, rule=rule, wanted=Wanted((3,), is_matrix=True))
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         raise SceneError(rule, at=at, value=matrix.tolist())
     if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():

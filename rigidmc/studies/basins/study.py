@@ -176,7 +176,7 @@ def is_resolved(scene: Scene) -> NDArray[np.bool_]:
     _, start = members_at_start(scene.model, scene.run, 0, SAMPLE * groups_of * size)
     apart = np.zeros((SAMPLE * groups_of, size))
     for name, values in start.items():
-        if name == "start_euler":  # start_attitude contains it
+        if name == "start_euler" or name.startswith("start_relative_"):  # others contain them
             continue
         families = np.atleast_2d(values).reshape(-1, *apart.shape)
         length = np.sqrt((families[..., 0] ** 2).sum(axis=0))

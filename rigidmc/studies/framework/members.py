@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.files.outputs import Path
+from rigidmc.mechanics.euler_angles import TEXTBOOK, angle_names
 from rigidmc.physics.dynamics.body_axes import body_axes
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import is_random
@@ -223,7 +224,6 @@ Array = NDArray[np.float64]
 # the run settings that a study of families leaves to the user
 TUNING = ("integrator", "dt", "turn", "t_end", "tolerance", "seed", "dtype", "compensated")
 KEPT = 64  # least memory of a member in a study [bytes]: a few numbers, and copies of them
-_ANGLES = {"phi": 0, "theta": 1, "psi": 2}
 
 
 def family_size(scene: Scene) -> int:
@@ -273,9 +273,13 @@ def start_numbers(part: xr.Dataset, name: str) -> tuple[Array, str]:
         key = f"{first}_{rest.pop(0)}"
     if key == "tensor":
         return _element(part, rest), "kg m2"
+    relative = key.replace("start_", "start_relative_", 1)
     variable = part.get("start_euler" if key == "start_attitude" else key)
+    variable = part.get(relative, variable)  # what the scene says, not what follows from its orbit
     if variable is None or (variable.ndim > 1) != bool(rest):
         return np.full(part.sizes["member"], np.nan), "1"
     values = variable.transpose(..., "member").values.reshape(-1, part.sizes["member"])
-    row = _ANGLES.get(rest[0]) if rest else 0
-    return values[int(rest[0]) - 1 if row is None else row], variable.attrs["units"]
+    names = angle_names(variable.attrs.get("sequence", TEXTBOOK))
+    word = rest[0] if rest else "1"
+    row = names.index(word) if word in names else int(word) - 1
+    return values[row], variable.attrs["units"]

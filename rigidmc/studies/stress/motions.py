@@ -216,7 +216,8 @@ def tops(
     members = max(len(c) if c.ndim == 2 else 0 for c in columns)
     if members:
         columns = [np.array(np.broadcast_to(c, (members, c.shape[-1]))) for c in columns]
-    given: list[Any] = [c if members else tuple(c.tolist()) for c in columns]
+    # components: three or four rows would read two ways
+    given: list[Any] = [tuple(c.T) if members else tuple(c.tolist()) for c in columns]
     effects: tuple[Any, ...] = (Gravity(g),) if np.any(columns[3]) else ()
     effects += (ViscousDamping(damping),) if damping else ()
     body = Body.from_moments(given[0], centre=given[3])

@@ -253,10 +253,8 @@ def test_calls_change_nothing_that_is_watched(effects, watched, monkeypatch):
 
 
 def test_a_flagged_member_has_no_summary():
-    scene = rm.Scene(
-        rm.Body.from_moments((1.0, 2.0, 3.0)),
-        start=rm.Start(omega=np.array([[0.01, 1.0, 0.0], [1e200, 1e200, 1e200], [0.01, 1.0, 0.0]])),
-    )
+    spins = np.array([[0.01, 1.0, 0.0], [1e200, 1e200, 1e200], [0.01, 1.0, 0.0]])
+    scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=tuple(spins.T)))
     ds = rm.simulate(scene, "rk8", dt=0.05, t_end=10.0, every=0.05, save=("omega", *STATISTICS))
     assert (
         ds.status.values[1] > 0
