@@ -2,6 +2,7 @@
 effects, and likely errors of units and signs. Each function in LOOKS yields notes.
 """
 
+import inspect
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -15,13 +16,15 @@ from rigidmc.engine.inspection import refusal_of, scalar_parts
 from rigidmc.engine.machine import is_uncompiled
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
-from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.dynamics.methods import arguments, implements
 from rigidmc.physics.effects import EFFECTS, label_effects
 from rigidmc.physics.effects.bath import Bath
 from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.physics.effects.pivot import MovingPivot
 from rigidmc.physics.effects.protocol import blank, facts, from_numbers, numbers, shape, torque
+from rigidmc.physics.observables import KNOWN, label_observables, word_of_observable
+from rigidmc.physics.observables.protocol import is_attitude, is_body_vector
 from rigidmc.planning.body_notes import impossible_bodies, is_mapped, unlike_matter
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.units import UnitScale
@@ -158,20 +161,70 @@ def _orbit_inside(seen: PilotFacts) -> Iterator[str]:
 
 
 def _not_turned(seen: PilotFacts) -> Iterator[str]:
-    """Find vectors of custom effects that do not declare whether they are fixed in the body, where
-    the axes of the scene are not the principal axes of each member."""
+    """Find custom effects, observables and events that do not declare what is fixed in the body,
+    where the axes of the scene are not the principal axes of each member."""
     if not seen.model.body.is_turned:
         return
     for label, effect in seen.effects:
         if is_shipped(effect) or hasattr(effect, "in_body"):
             continue
-        for name in effect._fields:
-            if shape(effect, name) == 3:
-                yield (
-                    f"[effects.{label}] {name} is used along the principal axes of each member,"
-                    f' which are not the axes of the scene: @effect(in_body=("{name}",)) turns a'
-                    " vector that is fixed in the body, and in_body=() declares that no vector is"
-                )
+        vectors = [name for name in effect._fields if shape(effect, name) == 3]
+        for name in vectors:
+            yield (
+                f"[effects.{label}] {name} is used along the principal axes of each member,"
+                f' which are not the axes of the scene: @effect(in_body=("{name}",)) turns a'
+                " vector that is fixed in the body, and in_body=() declares that no vector is"
+            )
+        used = _states_used(type(effect))
+        if not vectors and used:
+            yield (
+                f"[effects.{label}] takes {used} in the principal axes of each member, and the"
+                " scene is in other axes: directions of the body in its code belong in a"
+                " field that @effect(in_body=...) names; in_body=() declares that it has none"
+            )
+    if seen.model.body.frame == "principal":
+        return
+    for label, one in label_observables(seen.plan.recording.observables):
+        if word_of_observable(one) in KNOWN or hasattr(one, "in_body") or _turns_itself(type(one)):
+            continue
+        turns = bool(is_body_vector(one) or is_attitude(one))
+        if (used := _states_used(type(one))) and turns:
+            yield (
+                f"[observables.{label}] its values, with dims {one.dims}, are taken along the"
+                " principal axes of each member and turned into the axes of the scene:"
+                ' in_body=("value",) declares that they are; in_body=() turns no value'
+            )
+        elif used:
+            yield (
+                f"[observables.{label}] takes {used} in the principal axes of each member, and"
+                " the scene is in other axes: described(body, v) and described_attitude(body, q) of"
+                " rigidmc.protocols turn them into these; in_body=() declares that nothing depends"
+                " on the axes of the body"
+            )
+
+
+# methods in compiled code, by which a class of a user may depend on axes
+_COMPILED = (
+    "torque", "energy", "kick", "slip", "value", "begin", "update", "extrema", "level", "armed",
+)  # fmt: skip
+
+
+def _compiled(cls: type) -> list[Callable[..., Any]]:
+    """Return the functions of a class that run in compiled code."""
+    found = (getattr(cls, name, None) for name in _COMPILED)
+    return [one for one in found if inspect.isfunction(one)]
+
+
+def _states_used(cls: type) -> str:
+    """Return which of q and l the compiled methods of a class take, as words; "" if none."""
+    taken = {name for one in _compiled(cls) for name in arguments(one)}
+    return " and ".join(name for name in ("q", "l") if name in taken)
+
+
+def _turns_itself(cls: type) -> bool:
+    """Return whether a compiled method of a class turns states into the described axes."""
+    known = {"described", "described_attitude"}
+    return any(known & {*one.__code__.co_names} for one in _compiled(cls))
 
 
 def _angles(seen: PilotFacts) -> Iterator[str]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rigidmc.figures import BAND, CORE, INK, MEDIAN, PATH, add_title, figure_of, legend_above
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.turns import BODY
+from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.results.labels import axis_label, count_text, with_units
 from rigidmc.views.hemispheres import axis_sphere, momentum_sphere
 from rigidmc.views.sample import (
@@ -63,7 +64,7 @@ def middle_component(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
 
     ds : result with omega or momentum at three or more times
     """
-    part = thin_result(ds)
+    part = in_principal_axes(thin_result(ds))
     omega, _ = omega_or_momentum(part, "omega")
     if len(omega) < 3:
         raise ValueError(
@@ -85,7 +86,9 @@ def middle_component(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
         few = few[:, np.argmax(np.ptp(few, axis=0)), None]
     for k, line in enumerate(axes.plot(t, few, color=PATH, linewidth=0.8)):
         line.set_label("_" if k else "one member" if few.shape[1] == 1 else "single members")
-    name = f"$\\omega_{axis[0] + 1}$" if np.ptp(axis) == 0 else "$\\omega_\\mathrm{mid}$"
+    # the number of an axis is one of the axes of the result
+    is_numbered = np.ptp(axis) == 0 and not is_described(ds)
+    name = f"$\\omega_{axis[0] + 1}$" if is_numbered else "$\\omega_\\mathrm{mid}$"
     up = with_units(name, OBSERVABLES["omega"].units)
     axes.set(xlabel=axis_label(part.time), ylabel=up, xlim=(t[0], t[-1]))
     symmetric = central_axis(np.median(moments, axis=1)) != axis[0]

@@ -10,6 +10,7 @@ import xarray as xr
 pytest.importorskip("matplotlib")
 
 from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
 from rigidmc import views
@@ -225,6 +226,29 @@ def test_middle_component_follows_the_middle_moment_of_each_member(free):
     assert axes.get_ylabel() == "$\\omega_\\mathrm{mid}$ [rad/s]"
     assert np.array_equal(axes.lines[0].get_ydata(), np.median(free.omega.sel(axis=2), axis=1))
     assert "separatrices" not in legend(ensemble.momentum_sphere(mixed).axes[0])  # not one body
+
+
+def test_pictures_in_principal_axes_do_not_depend_on_the_axes_of_the_description():
+    """One motion, described in turned axes and in principal axes; the middle axis is principal."""
+    turn = Rotation.from_euler("ZYX", (0.9, -0.6, 1.7))
+    tensor = turn.as_matrix() @ np.diag([1.0, 1.6, 2.1]) @ turn.as_matrix().T
+    described = rm.Body.from_tensor(0.5 * (tensor + tensor.T))
+    axes, omega = np.array(described.axes), np.array([0.9, -1.3, 0.7])
+    settings = {"dt": 0.1, "t_end": 5.0, "every": 0.5, "members": 2, "save": ("omega",)}
+    results = [
+        rm.simulate(rm.Scene(body, start=rm.Start(omega=tuple(w))), "closed", **settings)
+        for body, w in ((described, omega), (rm.Body(described.moments), omega @ axes))
+    ]
+    assert abs(results[0].omega - results[1].omega).max() > 0.1
+    for picture in (ensemble.middle_component, ensemble.momentum_sphere):
+        one, other = (
+            [line.get_xydata() for line in picture(ds).axes[0].lines] for ds in results
+        )  # fmt: skip
+        assert len(one) == len(other) > 2
+        apart = [np.abs(a - b).max() for a, b in zip(one, other, strict=True)]
+        assert max(apart) < 1e-13  # measured 1.3e-15
+    labels = [ensemble.middle_component(ds).axes[0].get_ylabel() for ds in results]
+    assert "mid" in labels[0] and "mid" not in labels[1]  # the number is one of principal axes
 
 
 def test_symmetric_tops_are_seen_along_their_symmetry_axis(free):

@@ -9,6 +9,11 @@ Compiled code calls `value`, `monotone`, `begin`, `update`, `extrema`, `extremum
 `is_terminal`. Like the methods of effects, they name the arguments they depend on and receive no
 others: body, effects, t, q, l, and for `value` also start and works. They are plain arithmetic, see
 `rigidmc.physics.dynamics.methods`. All other methods are Python and take arrays, members last.
+
+States and effects are in the principal axes of the member. `described(body, v)` turns a vector into
+the axes in which the body is described, `described_attitude(body, q)` an attitude. Values with dims
+("axis",) are taken as a vector of the body, those with ("quat",) as its attitude, and are turned;
+in_body=() declares that nothing of a class is along the axes of the body, and turns no value.
 """
 
 import inspect
@@ -229,7 +234,8 @@ OLD_WORDS = {
     "marks": "state_size",
     "words": "label_fields",
 }
-_STATED = ("word", "squares")  # of statistics, see `rigidmc.physics.observables.statistics`
+# word and squares are of statistics, see `rigidmc.physics.observables.statistics`
+_STATED = ("word", "squares", "in_body")
 Kind = TypeVar("Kind", bound=type)
 
 
@@ -254,8 +260,7 @@ def _decorator(protocol: type) -> Callable[..., Callable[[Kind], Kind]]:
                     setattr(cls, name, default)
             if facts.get("conserved"):
                 cast(Any, cls).is_conserved = _conserved
-            if getattr(cls, "dims", ()) in _OF_AXES:
-                setattr(cls, _OF_AXES[cls.dims], _is_on)  # type: ignore[attr-defined]
+            _state_axes(cls)
             if missing := [name for name in _members(protocol) if not hasattr(cls, name)]:
                 words = ", ".join(missing)
                 raise TypeError(f"{cls.__name__} has no {words}: see {protocol.__name__}")
@@ -264,6 +269,19 @@ def _decorator(protocol: type) -> Callable[..., Callable[[Kind], Kind]]:
         return complete
 
     return decorator
+
+
+def _state_axes(cls: Any) -> None:
+    """Let the values be turned into the described axes if they are along the axes of the body."""
+    turns = getattr(cls, "dims", ()) in _OF_AXES
+    stated = getattr(cls, "in_body", ("value",) if turns else ())
+    if stated not in ((), ("value",)):
+        cure = "its methods turn a field by `described`; () or ('value',) are allowed"
+        raise TypeError(f"{cls.__name__}: in_body = {stated!r}: {cure}")
+    if stated and not turns:
+        raise TypeError(f"{cls.__name__}: in_body: values with dims {cls.dims} have no axes")
+    if stated:
+        setattr(cls, _OF_AXES[cls.dims], _is_on)
 
 
 def _members(protocol: type) -> Sequence[str]:

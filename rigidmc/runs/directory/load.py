@@ -72,6 +72,8 @@ def scene_of_run(directory: RunDirectory, allow_code: bool | None = False) -> Sc
             raise FileError(rule, at="code", value=", ".join(changed), file=directory.path)
     scene = scene_in(directory.path, facts, allow_code)
     known = hash_of(scene)
+    if known != facts["scene"] and scene.body.frame == "principal":
+        known = _former_hash(scene)
     if allow_code is None:  # placeholders for code have no file that the text could name
         text = text_of_run(directory, members=1, first=0)
         known = hashlib.sha256(text.encode()).hexdigest()
@@ -102,6 +104,15 @@ def scene_in(folder: str, facts: dict[str, Any], allow_code: bool | None) -> Sce
     name = os.path.join(folder, "scene.toml")
     scene: Scene = loads(text_of(name, links=False), name, stored=stored, allow_code=allow_code)
     return scene
+
+
+def _former_hash(scene: Scene) -> str:
+    """Return `hash_of` a scene in principal axes by the text that was written until 0.1."""
+    tables = toml(scene.with_run(members=1, first=0).dumps())
+    body = {key: value for key, value in tables["body"].items() if key != "axes"}
+    names = {"principal_axes": "axes"}
+    tables["body"] = {names.get(key, key): value for key, value in body.items()}
+    return hashlib.sha256(tomli_w.dumps(tables).encode()).hexdigest()
 
 
 def check_versions(directory: RunDirectory, accept: bool) -> None:

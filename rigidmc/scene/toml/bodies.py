@@ -58,7 +58,7 @@ def read_body(table: dict[str, Any], stored: DataSources) -> Body:
         # until 0.1 this key held the principal axes, and scenes with it were in these
         table = {**table, "principal_axes": table["axes"], "axes": "principal"}
     # results until 0.1 with an uncertain tensor have no such key, and are in the principal axes
-    is_old = stored.of_result is not None and isinstance(table.get("tensor"), dict)
+    is_old = stored.is_recorded and isinstance(table.get("tensor"), dict)
     frame = table.get("axes", "principal" if is_old else "described")
     if key == "file":
         body = replace(_of_file(table, stored), frame=frame)

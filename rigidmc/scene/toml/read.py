@@ -77,7 +77,11 @@ def read_parts(
         _set(data, key, value)
     overridden = {key.split(".")[1] for key, _ in settings if key.startswith("run.")}
     folder = os.path.dirname(file)
-    columns = DataSources(stored, folder, folder if allow_code else allow_code)
+    is_run = os.path.basename(file) == "scene.toml" and os.path.isfile(
+        os.path.join(folder, "run.json")
+    )
+    code = folder if allow_code else allow_code
+    columns = DataSources(stored, folder, code, stored is not None or is_run)
     tables = check_table(_File, data, "")
     return {
         "effects": read_effects(tables.effects, columns),

@@ -48,11 +48,13 @@ class DataSources(NamedTuple):
     of_result : function that returns the rows of a name in a result; None without a result
     folder : folder of the data files
     code : Python files that may be run, see `rigidmc.scene.user_parts.registry`
+    is_recorded : whether the scene is that of a result or of a run directory
     """
 
     of_result: Callable[[str], np.ndarray | None] | None
     folder: str
     code: Code = False
+    is_recorded: bool = False
 
 
 def check_plain(value: Any, at: str) -> Any:
