@@ -140,7 +140,10 @@ def load_body(source: str, options: dict[str, Any] | None = None) -> "tuple[Body
     scene = Scene.load(source)
     if not is_shared(*scene.body.quantities()):
         rule = "the body differs from member to member; to describe one, replace the distributions"
-        raise SceneError(f"{rule} by plain numbers, e.g. in a copy of the scene", at="body.moments")
+        raise SceneError(
+            f"{rule} by plain numbers, e.g. in a copy of the scene",
+            at=f"body.{scene.body.inertia_key}",
+        )
     return scene.body, scene.title
 
 

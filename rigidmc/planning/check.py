@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rigidmc.errors import PartError, SceneError
-from rigidmc.mechanics.inertia import violates_triangle
+from rigidmc.mechanics.inertia import vectors_from, violates_triangle
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import label_effects, name_of
 from rigidmc.physics.effects.gravity_gradient import GravityGradient
@@ -159,7 +159,7 @@ def _check_orbit(model: Model, seed: int) -> None:
     """
     if not any(isinstance(effect, GravityGradient) for effect in model.effects):
         return
-    moments, mass, centre = model.body.sample(seed, 0, PILOT)
+    moments, mass, centre, turn = model.body.sample_turned(seed, 0, PILOT)
     off = mass * (centre * centre).sum(0) > 1e-12 * moments.max(0)
     if off.any():
         uncertain = model.body.inertia_key == "tensor"
@@ -175,7 +175,8 @@ def _check_orbit(model: Model, seed: int) -> None:
             if uncertain or known
             else "give moments about the centre of mass and leave centre out"
         )
-        raise SceneError(rule, at="body.centre", value=centre[:, off][:, 0].tolist())
+        told = centre if turn is None else vectors_from(turn, centre)  # as the scene gives it
+        raise SceneError(rule, at="body.centre", value=told[:, off][:, 0].round(12).tolist())
 
 
 def _check_parameters(run: Run, label: str, effect: Effect) -> None:

@@ -21,12 +21,13 @@ from rigidmc.mechanics.euler_angles import TEXTBOOK, check_sequence
 from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Grid, is_shared, vector
-from rigidmc.scene.units import angles_in_si
+from rigidmc.scene.units import angles_in_si, in_si
+from rigidmc.units import Measured
 
 UNITS = {"rad": 1.0, "deg": math.pi / 180.0}
 ORDERS = ("wxyz", "xyzw")
 RELATIVE = ("omega", "attitude")  # what may be relative to the frame of the orbit
-_MORE = {"euler": ("angles", "unit"), "quaternion": ("order",), "matrix": (), "rate": ()}
+_MORE = {"euler": ("angles", "unit"), "quaternion": ("order",), "matrix": (), "rate": ("unit",)}
 KINDS = frozenset(_MORE)  # the word that tells what a table contains
 _OF_KEY = {"attitude": ("euler", "quaternion", "matrix"), "omega": ("rate",), "momentum": ()}
 WORDS = ("euler", "unit", "order", "relative_to")  # keys whose values are words, not quantities
@@ -90,7 +91,10 @@ def read_start_table(key: str, table: dict[str, Any]) -> Given:
         raise SceneError(rule, at=f"{at}.relative_to")
     if kind == "matrix":
         return Given(_read_matrix(table[kind], f"{at}.matrix"), relative=relative)
-    return Given(table[kind], relative=relative)
+    rate = table[kind]
+    if "unit" in table:
+        rate = in_si(Measured(vector(rate, f"{at}.rate"), table["unit"]), "rad s-1", f"{at}.rate")
+    return Given(rate, relative=relative)
 
 
 def _read_frame(key: str, table: dict[str, Any], at: str) -> bool:

@@ -146,7 +146,7 @@ def test_moments_and_uncertain_tensors_of_a_scene_file():
     assert np.abs(np.array(body.moments.mean) - hand_sum(TENSOR, MASS, CENTRE)).max() < 4e-14
     turning = Scene.loads(text.replace("MORE", 'about = "centre"\npivot = "centre"')).body
     assert np.abs(np.array(turning.moments.mean) - TENSOR).max() == 0.0
-    assert turning.moments.centre == (0.0, 0.0, 0.0)
+    assert turning.moments.centre is None and turning.centre == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(

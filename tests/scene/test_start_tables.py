@@ -260,3 +260,11 @@ def test_the_command_line_names_the_place(tmp_path):
     assert "s.toml: [start.attitude] euler = '331': expected three axes" in found.output
     found = CliRunner().invoke(app, ["check", str(file), "--set", "start.attitude.euler=321"])
     assert found.exit_code == 0
+
+
+def test_rates_have_a_unit():
+    rate = '{ rate = [{ normal = [0.0, 0.01] }, 0, 1], unit = "deg/s", relative_to = "orbit" }'
+    start = rm.Scene.loads(ORBIT + SCENE.replace("[0.0, 0.1, 1.0]", rate) + "[1, 0, 0, 0]").start
+    drawn, fixed, last = start.omega
+    assert drawn.parameters == pytest.approx((0.0, 0.01 * np.pi / 180.0), rel=1e-15)
+    assert (fixed, last) == (0.0, pytest.approx(np.pi / 180.0, rel=1e-15))

@@ -230,3 +230,22 @@ def test_the_small_moment_of_a_slender_body_spreads_more(together, low, high):
     assert low < moments[0].std() / known[0] - 1.0 < high  # measured 0.007 and 0.51
     off = (moments.mean(1) - mean) / known
     assert np.abs(off).max() < 0.03  # measured 0.019
+
+
+def test_a_tensor_about_the_centre_that_turns_there_has_no_uncertain_centre():
+    """Moved to the structure and back, it would lose 2 m s^2."""
+    rows = np.diag([45.0, 60.0, 30.0]).tolist()
+    spread = np.diag([1e-6] * 6 + [0.01] * 3).tolist()  # 10 cm
+    text = f"""
+[body]
+tensor = {{ uncertain_inertia = {{ mean = {rows}, covariance = {spread} }} }}
+mass = 120.0
+centre = [0.01, 0.0, 0.4]
+about = "centre"
+pivot = "centre"
+[start]
+omega = [0.0, 0.0, 1.0]
+"""
+    moments, _, centre = rm.Scene.loads(text).body.sample(0, 0, 200)
+    assert np.abs(moments.mean(1) - (45.0, 60.0, 30.0)).max() < 1e-3  # measured 2e-4
+    assert not centre.any()

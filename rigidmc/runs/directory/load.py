@@ -107,7 +107,7 @@ def scene_in(folder: str, facts: dict[str, Any], allow_code: bool | None) -> Sce
 
 
 def _former_hash(scene: Scene) -> str:
-    """Return `hash_of` a scene in principal axes by the text that was written until 0.1."""
+    """Return `hash_of` a scene in principal axes by the text that the first version wrote."""
     tables = toml(scene.with_run(members=1, first=0).dumps())
     body = {key: value for key, value in tables["body"].items() if key != "axes"}
     names = {"principal_axes": "axes"}

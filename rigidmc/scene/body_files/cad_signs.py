@@ -95,6 +95,9 @@ def _notation(
         if given is not None and shown is not None and given != shown:
             rule = f"{who} {given} notation, but its numbers fit {shown} notation alone"
             raise FileError(rule, at="products of inertia", file=found.file)
+    if None not in (products, words) and products != words and shown is None:
+        rule = f"products asks for {products} notation, but its words say {words} notation"
+        raise FileError(rule, at="products of inertia", file=found.file)
     notation = products or shown or words
     if notation is None:
         rule = (

@@ -22,6 +22,7 @@ from rigidmc.scene.toml.values import (
     read_quantity,
 )
 from rigidmc.scene.units import BODY, in_si, size_units, vector_in_si
+from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 
 # bodies given by plain numbers: {key: (keys of its own table, maker)}
 SHAPES: dict[str, tuple[tuple[str, ...], Callable[..., Body]]] = {
@@ -74,7 +75,7 @@ def read_body(table: dict[str, Any], stored: DataSources) -> Body:
     if "pivot" not in table:
         return body
     pivot = read_measured(table["pivot"], "body.pivot", lambda inner: inner)
-    if pivot == "centre" and table.get("about") == "centre" and body.inertia_key == "moments":
+    if pivot == "centre" and table.get("about") == "centre":
         return body  # its inertia is about the fixed point as given
     return body.with_pivot_at_centre() if pivot == "centre" else body.with_pivot(pivot)
 
@@ -98,6 +99,8 @@ def _of_inertia(table: dict[str, Any], key: str, frame: str, stored: DataSources
         centre = vector_in_si(more.pop("centre", (0.0, 0.0, 0.0)), "m", "body.centre")
         vector(centre, "body.centre")
         about = "pivot"
+        if isinstance(inertia, UncertainInertia):
+            inertia = inertia.check("body.tensor").with_exact_centre()
     if key == "moments":
         return replace(Body.from_moments(inertia, **more, about=about), frame=frame)
     return Body.from_tensor(inertia, **more, about=about, axes=frame)

@@ -1,7 +1,7 @@
 """Distributions of the principal moments of inertia, and of the inertia tensor of a body."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 from typing import Any
@@ -173,6 +173,16 @@ class UncertainInertia(TensorDistribution):
         six = about_centre(elements(self.mean), self.centre, mass)
         tensor: Array = symmetric(np.array(six)[:, None])[0]
         return tensor
+
+    def with_exact_centre(self) -> "UncertainInertia":
+        """Return the distribution without the uncertainty of the centre of mass, as for a tensor
+        about the centre of mass that is also the fixed point."""
+        free = range(6, 9)
+        covariance = tuple(
+            tuple(0.0 if i in free or j in free else x for j, x in enumerate(row))
+            for i, row in enumerate(self.covariance)
+        )
+        return replace(self, covariance=covariance)
 
     def names_of_draws(self) -> tuple[str, ...]:
         """Return the name of the uncertain number behind each normal deviate.
