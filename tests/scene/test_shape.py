@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
 from rigidmc.errors import SceneError
@@ -61,6 +62,11 @@ def test_bodies_without_a_known_part_have_no_shape():
     known, unknown = rm.Body.box(1.0, (1, 2, 3)), rm.Body.from_moments((1, 2, 2.5))
     assert known.join(unknown).shape == () == unknown.join(known).shape
     assert len(known.join(known, at=(5, 0, 0)).shape) == 2
+    turn = Rotation.from_rotvec([0.3, 0.5, 0.2])
+    ways = (turn, turn.as_matrix(), turn.as_quat(scalar_first=True))
+    one, *others = (known.join(known, (5, 0, 0), way).shape[1].turned for way in ways)
+    assert np.abs(np.array(one) - turn.as_quat(scalar_first=True)).max() < 1e-15  # measured 0
+    assert all(np.allclose(other, one, rtol=0, atol=1e-15) for other in others)
     curved = ((-1.0, 1.0), lambda x: (-1 + 0 * x, 1 + x * x), lambda x, y: (0 * x, 1 + 0 * x))
     assert rm.Body.from_density(1.0, curved).shape == ()
     many = np.random.default_rng(1).normal(size=(3000, 3))
