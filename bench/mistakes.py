@@ -72,7 +72,7 @@ TABLES = {
         "[effects.gravity]", '[[body.shape]]\nsolid = "cylindre"\nradius = 1.0\n[effects.gravity]',
     ),
     "shape without a solid": ("[effects.gravity]", "[[body.shape]]\nradius = 1\n[effects.gravity]"),
-    "text for a number": ("9.81", '"9.81 m/s2"'),
+    "text for a number": ("9.81", '"9.81 m"'),
     "infinite number": ("9.81", "inf"),
     "negative damping": ("rate = 0.1", "rate = -0.1"),
     "vector for a number": ("rate = 0.1", "rate = [0.1, 0.1, 0.1]"),

@@ -188,7 +188,7 @@ STUDIES = "sensitivity", "section", "frequencies", "basins", "ftle", "rare", "mu
 @LINUX
 def test_some_kills(tmp_path):
     """As `python tests/torture.py --kills 200`, and the twenty kills below."""
-    told = torture.kills(2, str(tmp_path), random.Random(5), 40_000, 0.4, ("table",))
+    told = torture.kills(2, str(tmp_path), random.Random(5), 100_000, 1, ("table",))
     assert told["kills"] == 2 and told["torn shards seen"] == 0
     assert told["sha256 equal"] == told["runs resumed to the end"] == told["runs"] >= 1
 
