@@ -68,6 +68,7 @@ def cost_per_step(
 
     best, steps = math.inf, 16
     if on_device:
+        timed(steps)  # the driver compiles the code at its first launch, for seconds
         while (took := timed(2 * steps) - timed(steps)) < LAUNCHED:
             steps *= 2
         return 1e9 * took / (members * steps)
