@@ -34,6 +34,8 @@ ENERGY = 0.5 * np.sum(np.square(L) / MOMENTS) + 9.81 * (rotation(Q) @ STATIC)[2]
 TRUE = {
     "omega": np.divide(L, MOMENTS),
     "momentum": L,
+    "principal_omega": np.divide(L, MOMENTS),
+    "principal_momentum": L,
     "attitude": Q,
     "energy": ENERGY,
     "l2": np.dot(L, L),
