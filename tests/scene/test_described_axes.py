@@ -491,6 +491,7 @@ def test_all_observables_of_uncertain_bodies():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*has no effect")  # a sphere dissipates nothing
 @pytest.mark.parametrize("name", EFFECTS)
 def test_every_effect(name):
     """Each effect alone, of every body."""
