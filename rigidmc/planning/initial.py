@@ -53,7 +53,7 @@ from rigidmc.scene.vector_distributions.protocol import (
     MemberFacts,
     VectorDistribution,
 )
-from rigidmc.scene.vector_distributions.vectors import uniform_attitudes
+from rigidmc.scene.vector_distributions.vectors import uniform_attitudes, whole_of
 
 APART = 256  # building this many unused members takes less time than another call
 RANGE = 2**14  # most members built at once: 8 MB
@@ -180,7 +180,8 @@ def _name(model: Model, stream: str, draw: int, word: int) -> str:
     table, first, *rest = stream.split(".")
     if table == "effects":
         effect = dict(label_effects(model.effects))[first]
-        return f"{stream}.{4 * draw + word + 1}" if shape(effect, rest[0]) else stream
+        alone = shape(effect, rest[0]) and whole_of(getattr(effect, rest[0])) is None
+        return f"{stream}.{4 * draw + word + 1}" if alone else stream
     whole = f"{table}.{first}"
     if first == "attitude":
         angles = model.start.has_euler_angles

@@ -48,6 +48,10 @@ class Distribution:
         a, b = map(float, self.parameters)
         return a + b * normal_quantile(u) if self.name == "normal" else a + (b - a) * u
 
+    def of_words(self, words: Array, own: int) -> Array:
+        """Return values from the words (4, n) of a draw, of which this number has word `own`."""
+        return self.ppf(words[own])
+
     def times(self, by: float) -> "Distribution":
         """Return the distribution of the number times a positive factor."""
         if not self.uses_scipy:

@@ -19,6 +19,7 @@ from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
+from rigidmc.scene.vector_distributions.vectors import whole_of
 
 _BY_MASS = [name for name, make in SOLIDS.items() if "mass" in signature(make).parameters]
 _FIXED = ("axis", "covariance", "direction")  # fields of distributions that no map varies
@@ -39,6 +40,8 @@ def parameter_names(scene: Scene) -> list[str]:
     for label, effect in label_effects(scene.effects):
         for field in user_parameters(effect):
             name, size = f"effects.{label}.{field}", shape(effect, field)
+            if whole_of(getattr(effect, field)) is not None:
+                continue  # no component of a correlated vector may change alone
             names += [name] if size is None else [f"{name}.{i + 1}" for i in range(size)]
     return names
 

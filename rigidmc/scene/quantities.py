@@ -236,7 +236,7 @@ def draw(quantities: Sequence[Any], sampler: Source, name: str, first: int, coun
                 group = range(i, min(len(quantities), i // 4 * 4 + 4))
                 used = tuple(j % 4 for j in group if isinstance(quantities[j], Distribution))
                 words[i // 4] = draw_uniforms(sampler, name, first, count, i // 4, used)
-            values[i] = q.ppf(words[i // 4][i % 4])
+            values[i] = q.of_words(words[i // 4], i % 4)
         elif isinstance(q, Grid):
             values[i] = q.at(first, count)
         elif isinstance(q, np.ndarray):

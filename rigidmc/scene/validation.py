@@ -29,9 +29,12 @@ from rigidmc.physics.observables import (
 )
 from rigidmc.physics.observables.histogram import Histogram
 from rigidmc.physics.observables.protocol import Monitored, Observable, size
-from rigidmc.scene.quantities import is_variable, quantity, vector
+from rigidmc.scene.quantities import is_shared, is_variable, quantity, vector
 from rigidmc.scene.units import effect_in_si, observable_in_si
 from rigidmc.scene.user_parts.integrators import known_facts
+from rigidmc.scene.vector_distributions import check_distribution
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution
+from rigidmc.scene.vector_distributions.vectors import Correlated, parts_of
 from rigidmc.units import units_text
 
 
@@ -56,7 +59,10 @@ def check_effect(effect: Any, driven: bool) -> Effect:
         value = as_plain_arrays(value, at) if size is None else value
         if isinstance(value, str) or (size is None and isinstance(value, (tuple, list))):
             raise SceneError(_one_number(effect, name, value), at=at, value=value)
-        one = quantity(value, at) if size is None else vector(value, at, size)
+        if isinstance(value, VectorDistribution):
+            one: Any = _components(value, at, size)
+        else:
+            one = quantity(value, at) if size is None else vector(value, at, size)
         for part in (one,) if size is None else one:
             if not is_variable(part) and not (low <= np.min(part) and np.max(part) <= high):
                 wrong = float(np.min(part) if np.min(part) < low else np.max(part))
@@ -64,6 +70,15 @@ def check_effect(effect: Any, driven: bool) -> Effect:
         values.append(one)
     checked: Effect = type(effect)(*values)
     return checked
+
+
+def _components(value: VectorDistribution, at: str, size: int | None) -> tuple[Any, ...]:
+    """Return the components of a Correlated vector; SceneError for anything else."""
+    checked = check_distribution(value, at) if size == 3 else None
+    if not isinstance(checked, Correlated) or not is_shared(*checked.mean):
+        rule = "expected numbers or distributions of numbers; a vector may be Correlated"
+        raise SceneError(rule, at=at, value=value)
+    return parts_of(checked)
 
 
 def _one_number(effect: Any, name: str, value: Any) -> str:

@@ -14,7 +14,10 @@ import rigidmc as rm
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
 from rigidmc.physics.effects.sums import total_energy
+from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.planning.steps import physics
+from rigidmc.planning.units import scale_scene
+from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.quantities import Grid
 from tests.plans import starts
 
@@ -524,3 +527,25 @@ def test_a_bath_takes_no_part_in_the_law_of_its_ensemble():
         for e in ((rm.Gravity(9.81),), (rm.Gravity(9.81), rm.Bath(1.0, 1.5)))
     ]
     assert np.array_equal(*both)
+
+
+def test_a_vector_of_an_effect_may_be_correlated():
+    """Means and covariance by numpy; the same members from the scene file, and in other units."""
+    covariance = np.array([[1e-2, 5e-3, 0.0], [5e-3, 2e-2, -3e-3], [0.0, -3e-3, 1e-2]])
+    wheel = rm.Rotor(rm.Correlated((0.0, 0.1, 1.0), covariance))
+    scene = rm.Scene(rm.Body.from_moments((1, 2, 2.5)), wheel, rm.Start(omega=(0.1, 1.0, 0.2)))
+    drawn = starts(scene, 0, 20000, False)[1]["rotor_momentum"]
+    assert np.abs(drawn.mean(1) - (0.0, 0.1, 1.0)).max() < 4e-3  # measured 1.0e-3
+    assert np.abs(np.cov(drawn) - covariance).max() < 6e-4  # measured 2.4e-4
+    z = np.linalg.solve(np.linalg.cholesky(covariance), drawn - [[0.0], [0.1], [1.0]])
+    assert stats.kstest(z.ravel(), "norm").pvalue > 0.01
+    again = rm.Scene.loads(scene.dumps())
+    assert np.array_equal(starts(again, 0, 100, False)[1]["rotor_momentum"], drawn[:, :100])
+    assert again.dumps() == scene.dumps()
+    assert uncertain_numbers(scene.model)[0] == ["effects.rotor.momentum"]
+    moved = scale_scene(scene, 2.0, 3.0, 5.0).effects[0].momentum  # kg m2/s times 2 9/5
+    assert moved[0].whole.covariance[1][1] == pytest.approx(2e-2 * 3.6**2, rel=1e-15)
+    assert all("rotor.momentum" not in name for name in parameter_names(scene))
+    for wrong in (rm.Gravity(wheel.momentum), rm.Rotor(rm.Cone(1, 1.0, 0.1))):
+        with pytest.raises(SceneError, match="[Cc]orrelated"):
+            rm.Scene(rm.Body.from_moments((1, 2, 2.5)), (wrong,), rm.Start(omega=(0.1, 1.0, 0.2)))

@@ -39,6 +39,7 @@ from rigidmc.scene.vector_distributions import (
     make_distribution,
 )
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
+from rigidmc.scene.vector_distributions.vectors import whole_of
 from rigidmc.units import Measured, unit_named, unit_of
 
 
@@ -301,6 +302,8 @@ def as_toml(value: Any, name: str, axis: int | None = None) -> Any:
         if type(value) in VECTOR_DISTRIBUTIONS:
             return {value.name: fields}
         return {word_of(type(value)): fields, **module_of(value)}
+    if (whole := whole_of(value)) is not None:
+        return as_toml(whole, name)
     if isinstance(value, tuple):
         return [as_toml(v, name, i + 1) for i, v in enumerate(value)]
     if isinstance(value, (Distribution, Grid)):

@@ -33,6 +33,8 @@ VECTOR_DISTRIBUTIONS: list[type[VectorDistribution]] = [
 
 def distributions_of(at: str) -> dict[str, type[VectorDistribution]]:
     """Return {name: distribution} for a key of a scene, such as "omega" or "start.omega"."""
+    if at.startswith("effects."):  # a parameter that is a vector
+        return {Correlated.name: Correlated}
     key = at.rpartition(".")[2]
     return {kind.name: kind for kind in VECTOR_DISTRIBUTIONS if key in kind.variables}
 

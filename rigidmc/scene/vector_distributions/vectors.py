@@ -11,7 +11,7 @@ import numpy as np
 from rigidmc.arrays import floats
 from rigidmc.errors import SceneError
 from rigidmc.labelled import Wanted
-from rigidmc.physics.dynamics.functions import cosine, sine
+from rigidmc.physics.dynamics.functions import cosine, normal_quantile, sine
 from rigidmc.physics.dynamics.so3 import sincos
 from rigidmc.scene.distributions import Distribution, uniform
 from rigidmc.scene.quantities import Source, draw
@@ -165,6 +165,56 @@ class Correlated(VectorDistribution):
         return np.stack(
             [self.mean[i] + sum(factor[i][j] * z[j] for j in range(i + 1)) for i in range(3)]
         )
+
+
+@dataclass(frozen=True)
+class CorrelatedPart(Distribution):
+    """A component of a Correlated vector that is a parameter of an effect.
+
+    Its parameters are its mean and its row of C. The three components of a vector are drawn from
+    the three words of one draw.
+    """
+
+    whole: Correlated
+    index: int
+
+    @property
+    def uses_scipy(self) -> bool:
+        return False
+
+    def of_words(self, words: Array, own: int) -> Array:
+        mean, *row = self.parameters
+        found: Array = mean + sum(by * normal_quantile(words[j]) for j, by in enumerate(row))
+        return found
+
+    def ppf(self, u: Array) -> Array:
+        """Return the quantiles of this component alone."""
+        mean, *row = self.parameters
+        found: Array = mean + math.hypot(*row) * normal_quantile(u)
+        return found
+
+    def times(self, by: float) -> "CorrelatedPart":
+        whole = self.whole
+        covariance = tuple(tuple(by * by * x for x in row) for row in whole.covariance)
+        return parts_of(Correlated(tuple(by * x for x in whole.mean), covariance))[self.index]
+
+    def as_table(self) -> dict[str, Any]:
+        raise SceneError("is one component of a correlated vector: give the whole vector")
+
+
+def parts_of(whole: Correlated) -> tuple[CorrelatedPart, ...]:
+    """Return the three components of a checked Correlated vector of plain numbers."""
+    rows = enumerate(zip(whole.mean, lower_factor(whole.covariance), strict=True))
+    return tuple(CorrelatedPart("correlated", (mean, *row), whole, i) for i, (mean, row) in rows)
+
+
+def whole_of(value: Any) -> Correlated | None:
+    """Return the Correlated vector of three components, None for other values."""
+    if not (isinstance(value, tuple) and len(value) == 3):
+        return None
+    whole = getattr(value[0], "whole", None)
+    is_one = all(isinstance(x, CorrelatedPart) and x.whole == whole for x in value)
+    return whole if is_one else None
 
 
 def lower_factor(c: Any) -> tuple[tuple[float, ...], ...]:
