@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rigidmc.mechanics.impossible import causes_text
 from rigidmc.mechanics.inertia import TOO_FAR, too_far, violates_triangle
-from rigidmc.scene.body import Body
+from rigidmc.scene.body import IDENTITY, Body
 from rigidmc.scene.quantities import Grid, is_shared
 from rigidmc.scene.settings import Run
 from rigidmc.scene.validation import PILOT
@@ -68,6 +68,28 @@ def impossible_bodies(body: Body, run: Run, mapped: bool) -> Iterator[str]:
             f"[body] centre: {which} cannot exist: {TOO_FAR}{causes}; computed anyway, because the"
             " motion depends only on the moments and on m c"
         )
+
+
+# Relative difference of two moments below which errors of 1e-8 in a tensor, as in printed digits,
+# turn its principal axes by 0.01 rad or more.
+NEARLY_EQUAL = 1e-6
+
+
+def undetermined_axes(body: Body, run: Run) -> Iterator[str]:
+    """Find principal axes that a tensor hardly determines, if the scene asks for components along
+    them."""
+    asks = body.frame == "principal" or any("principal_" in str(name) for name in run.save)
+    if not asks or not (body.is_turned or body.axes != IDENTITY):
+        return
+    moments = body.sample(run.seed, 0, 1)[0][:, 0]
+    for i, j in ((0, 1), (1, 2), (0, 2)):
+        apart = abs(moments[i] - moments[j]) / max(moments[i], moments[j])
+        if apart < NEARLY_EQUAL:
+            yield (
+                f"[body] tensor: moments {i + 1} and {j + 1} differ by {apart:.1g} of themselves: its"
+                f" last digits determine the principal axes {i + 1} and {j + 1}, and all"
+                " components along these; components in the described axes do not depend on them"
+            )
 
 
 def _millimetres(moments: Array, mass: Array, centre: Array) -> str:

@@ -25,7 +25,12 @@ from rigidmc.physics.effects.pivot import MovingPivot
 from rigidmc.physics.effects.protocol import blank, facts, from_numbers, numbers, shape, torque
 from rigidmc.physics.observables import KNOWN, label_observables, word_of_observable
 from rigidmc.physics.observables.protocol import is_attitude, is_body_vector
-from rigidmc.planning.body_notes import impossible_bodies, is_mapped, unlike_matter
+from rigidmc.planning.body_notes import (
+    impossible_bodies,
+    is_mapped,
+    undetermined_axes,
+    unlike_matter,
+)
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.units import UnitScale
 from rigidmc.scene.amounts import count_text
@@ -251,6 +256,10 @@ def _angles(seen: PilotFacts) -> Iterator[str]:
                     yield f"[effects.{label}] {field} = {worst:g} {rule.format(2)}"
 
 
+def _axes(seen: PilotFacts) -> Iterator[str]:
+    yield from undetermined_axes(seen.model.coarse().body, seen.run)
+
+
 def _quaternions(seen: PilotFacts) -> Iterator[str]:
     attitude = seen.model.start.attitude
     if not isinstance(attitude, tuple) or len(attitude) != 4:
@@ -296,6 +305,7 @@ LOOKS: tuple[Callable[[PilotFacts], Iterator[str]], ...] = (
     _not_turned,
     _angles,
     _quaternions,
+    _axes,
     _bodies,
     _density,
     _hot,

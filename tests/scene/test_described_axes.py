@@ -4,6 +4,7 @@ The truth is Euler's equations with the full tensor, by scipy (`tests.body_truth
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -625,3 +626,17 @@ def test_custom_observables_in_described_axes():
     assert np.abs(one.in_space.values - momentum).max() < 1e-13  # measured 2.7e-15
     up = a[:, 2, 2] >= 0.0
     assert one.rises.item() == up[0] + (up[1:] & ~up[:-1]).sum()  # a start above counts
+
+
+def test_a_tensor_that_hardly_determines_its_axes_says_so():
+    tensor = np.diag([2.0, 2.0, 3.0]) + 1e-9 * np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]])
+    start = rm.Start(omega=(0.1, 0.2, 1.0))
+    run = {"dt": 0.1, "t_end": 0.1, "members": 1}
+    rm.simulate(rm.Scene(rm.Body.from_tensor(tensor), start=start), **run)  # no note
+    asked = rm.Scene(rm.Body.from_tensor(tensor, axes="principal"), start=start)
+    for scene, save in (
+        (asked, "omega"),
+        (replace(asked, body=rm.Body.from_tensor(tensor)), "principal_omega"),
+    ):
+        with pytest.warns(rm.SceneWarning, match="determine the principal axes 1 and 2"):
+            rm.simulate(scene, save=(save,), **run)

@@ -547,5 +547,5 @@ def test_a_vector_of_an_effect_may_be_correlated():
     assert moved[0].whole.covariance[1][1] == pytest.approx(2e-2 * 3.6**2, rel=1e-15)
     assert all("rotor.momentum" not in name for name in parameter_names(scene))
     for wrong in (rm.Gravity(wheel.momentum), rm.Rotor(rm.Cone(1, 1.0, 0.1))):
-        with pytest.raises(SceneError, match="[Cc]orrelated"):
+        with pytest.raises(SceneError, match=r"[Cc]orrelated"):
             rm.Scene(rm.Body.from_moments((1, 2, 2.5)), (wrong,), rm.Start(omega=(0.1, 1.0, 0.2)))
