@@ -86,8 +86,8 @@ def undetermined_axes(body: Body, run: Run) -> Iterator[str]:
         apart = abs(moments[i] - moments[j]) / max(moments[i], moments[j])
         if apart < NEARLY_EQUAL:
             yield (
-                f"[body] tensor: moments {i + 1} and {j + 1} differ by {apart:.1g} of themselves: its"
-                f" last digits determine the principal axes {i + 1} and {j + 1}, and all"
+                f"[body] tensor: moments {i + 1} and {j + 1} differ by {apart:.1g} of themselves:"
+                f" its last digits determine the principal axes {i + 1} and {j + 1}, and all"
                 " components along these; components in the described axes do not depend on them"
             )
 
