@@ -92,14 +92,14 @@ def accuracy(rows, machine):
             )
     columns = (
         "tops",
-        "largest error after 10 s",
+        "error limit after 10 s",
         "integrator, step",
         "members per second",
-        "others",
+        "other integrators",
     )
     words = (
         "For 99 % of random tops the errors of momentum (relative) and attitude (rad) are below "
-        "the limit. A step in rad is an angle: every top has its own time step, in which it turns "
+        "this limit. A step in rad is an angle: every top has its own time step, in which it turns "
         "by that angle"
     )
     return with_note(table(columns, lines), f"{words}. Measured on {_machine(machine)}.")
