@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError
+from rigidmc.units import unit_of
 
 
 class Wanted(NamedTuple):
@@ -56,18 +57,6 @@ _UNITS = {  # {quantity: exponents of kg, m, s, A}
     "centre": (0, 1, 0, 0),
     "positions": (0, 1, 0, 0),
     "attitude": (0, 0, 0, 0),
-}
-_SI = {
-    "1": (0, 0, 0, 0),
-    "rad": (0, 0, 0, 0),
-    "kg": (1, 0, 0, 0),
-    "m": (0, 1, 0, 0),
-    "s": (0, 0, 1, 0),
-    "A": (0, 0, 0, 1),
-    "N": (1, 1, -2, 0),
-    "J": (1, 2, -2, 0),
-    "W": (1, 2, -3, 0),
-    "T": (1, 0, -2, -1),
 }
 
 
@@ -363,19 +352,13 @@ def _check_unit(unit: Any, at: str) -> None:
 def _exponents(unit: str) -> tuple[int, ...] | None:
     """Return the exponents of kg, m, s, A in a unit such as "kg m2 s-1" or "rad/s"; None for
     other units."""
-    text = unit[:100].replace("**", "").replace("^", "").replace("⁻¹", "-1")
-    text = text.translate(str.maketrans("²³·⋅*", "23   "))
-    text = re.sub(r"(?<=\w)\.(?=[A-Za-z])", " ", text)
-    top, *below = text.split("/")
-    total = [0, 0, 0, 0]
-    for sign, part in ((1, top), *((-1, part) for part in below)):
-        for word in part.split():
-            parts = re.fullmatch(r"([A-Za-z]+|1)(-?\d+)?", word)
-            if not parts or parts[1] not in _SI:
-                return None
-            for i, exponent in enumerate(_SI[parts[1]]):
-                total[i] += sign * exponent * int(parts[2] or 1)
-    return tuple(total)
+    text = re.sub(r"(?<=\w)\.(?=[A-Za-z])", " ", unit)  # kg.m2, as in SI brochures
+    try:
+        found = unit_of(text)
+    except SceneError:
+        return None
+    # the angle is a pure number here: torques and energies of labelled columns may name it or not
+    return found.powers[:4] if found.factor == 1.0 else None
 
 
 def _key(at: str) -> str:

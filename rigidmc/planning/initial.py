@@ -211,31 +211,9 @@ def fill_initial(
     values that the members are built from."""
     count = block.shape[1]
     moments, mass, centre, turn = model.body.sample_turned(sampler, first, count)
-    effects = {
-        f"{label}_{field}": draw(
-            value if shape(e, field) else (value,),
-            sampler,
-            f"effects.{label}.{field}",
-            first,
-            count,
-        )
-        for label, e in label_effects(model.effects)
-        for field, value in zip(e._fields, e, strict=True)
-    }
-    given = effects
-    if turn is not None:
-        effects = _turned(model.effects, effects, turn)
-    with np.errstate(all="ignore"):
-        body = MassProperties.of(tuple(moments), tuple(mass * centre))
-    for row, values in zip(block[layout.BODY : layout.EFFECTS], body[:BODY_NUMBERS], strict=True):
-        row[:] = values
-    if effects:
-        end = layout.EFFECTS + parameter_count(*model.effects)
-        acting = dict(effects)
-        for name, sources in shared_parameters(model.effects).items():
-            acting[name] = np.sum([effects[one] for one in sources], axis=0)
-        block[layout.EFFECTS : end] = np.concatenate(list(acting.values()))
-    block[layout.STATUS], block[layout.STEPS] = layout.STATUSES["ok"], 1.0
+    given = _drawn_parameters(model.effects, sampler, first, count)
+    effects = given if turn is None else _turned(model.effects, given, turn)
+    _fill_body_and_effects(block, model.effects, effects, moments, mass, centre)
     relative = relative_to_orbit(model)
     attitude = np.array([[1.0], [0.0], [0.0], [0.0]])
     block[layout.ATTITUDE : layout.MOMENTUM] = attitude
@@ -251,14 +229,12 @@ def fill_initial(
     # the principal frame of an uncertain tensor has the axes of each member
     own = turn if model.body.frame == "described" else None
     known = member_facts(model.effects, block, moments)._replace(turn=own)
-    word, spin = model.start.sample_spin(sampler, first, count, known)
+    word, drawn = model.start.sample_spin(sampler, first, count, known)
     in_principal = isinstance(getattr(model.start, word), EquilibriumEnsemble)
     if word in relative:
-        spin = with_orbit_rate(model.effects, effects, attitude, spin)
-    told = spin
-    if turn is not None and not in_principal:
-        spin = vectors_into(turn, spin)
-    start = {"moments": moments, "mass": mass, "centre": centre, f"start_{word}": told}
+        drawn = with_orbit_rate(model.effects, effects, attitude, drawn)
+    spin = drawn if turn is None or in_principal else vectors_into(turn, drawn)
+    start = {"moments": moments, "mass": mass, "centre": centre, f"start_{word}": drawn}
     start |= relative_inputs(model.start, sampler, first, count)
     if turn is not None:
         start["principal_axes"] = np.stack(quaternions(turn))
@@ -274,12 +250,7 @@ def fill_initial(
         start["tensor"] = draw(model.body.moments.rows, sampler, "body.tensor", first, count)
     start |= {name: values if len(values) > 1 else values[0] for name, values in given.items()}
     if has_attitude:
-        start["start_attitude"] = block[layout.ATTITUDE : layout.MOMENTUM].copy()
-        if turn is not None and model.body.frame != "principal":
-            back = conjugate(tuple(start["principal_axes"]))
-            is_drawn_there = model.start.attitude == "ensemble"
-            told_turn = multiply(tuple(attitude), back) if is_drawn_there else tuple(attitude)
-            start["start_attitude"] = np.stack(told_turn)
+        start["start_attitude"] = _attitude_of_result(model, block, attitude, start)
         if model.start.has_euler_angles:
             start["start_euler"] = draw(
                 model.start.attitude, sampler, "start.attitude", first, count
@@ -294,6 +265,55 @@ def fill_initial(
     )
     block[layout.STATUS, bad] = layout.STATUSES["invalid_input"]
     return start
+
+
+def _drawn_parameters(
+    effects: Sequence[Any], sampler: Source, first: int, count: int
+) -> dict[str, Array]:
+    """Return the parameters of effects as the scene gives them, {label_field: values (size, n)}."""
+    return {
+        f"{label}_{field}": draw(
+            value if shape(e, field) else (value,),
+            sampler,
+            f"effects.{label}.{field}",
+            first,
+            count,
+        )
+        for label, e in label_effects(effects)
+        for field, value in zip(e._fields, e, strict=True)
+    }
+
+
+def _fill_body_and_effects(
+    block: Array,
+    effects: Sequence[Any],
+    drawn: Mapping[str, Array],
+    moments: Array,
+    mass: Array,
+    centre: Array,
+) -> None:
+    """Set the rows of bodies and effects, and begin as ok; all in the principal axes."""
+    with np.errstate(all="ignore"):
+        body = MassProperties.of(tuple(moments), tuple(mass * centre))
+    for row, values in zip(block[layout.BODY : layout.EFFECTS], body[:BODY_NUMBERS], strict=True):
+        row[:] = values
+    if drawn:
+        end = layout.EFFECTS + parameter_count(*effects)
+        acting = dict(drawn)
+        for name, sources in shared_parameters(effects).items():
+            acting[name] = np.sum([drawn[one] for one in sources], axis=0)
+        block[layout.EFFECTS : end] = np.concatenate(list(acting.values()))
+    block[layout.STATUS], block[layout.STEPS] = layout.STATUSES["ok"], 1.0
+
+
+def _attitude_of_result(model: Model, block: Array, drawn: Any, start: Start) -> Array:
+    """Return the attitudes at the start in the axes of the result; drawn : as the scene says."""
+    if "principal_axes" not in start or model.body.frame == "principal":
+        return block[layout.ATTITUDE : layout.MOMENTUM].copy()
+    if model.start.attitude != "ensemble":
+        return np.stack(tuple(drawn))
+    back = conjugate(tuple(start["principal_axes"]))
+    return np.stack(multiply(tuple(drawn), back))
 
 
 def _turned(effects: Sequence[Any], drawn: Mapping[str, Array], turn: Array) -> dict[str, Array]:

@@ -3,28 +3,29 @@
 import re
 
 from rigidmc.errors import FileError
+from rigidmc.units import unit_of
 
 Unit = float
 MASS, LENGTH, INERTIA = "mass", "length", "inertia"
 
 _MASSES = {
-    ("kg", "kgs", "kilogram", "kilograms"): 1.0,
-    ("g", "gram", "grams"): 1e-3,
-    ("mg", "milligram", "milligrams"): 1e-6,
-    ("t", "tonne", "tonnes"): 1e3,
-    ("lb", "lbs", "lbm", "pound", "pounds"): 0.45359237,
-    ("oz", "ounce", "ounces"): 0.028349523125,
-    ("slug", "slugs"): 14.593902937,
+    "kg": ("kg", "kgs", "kilogram", "kilograms"),
+    "g": ("g", "gram", "grams"),
+    "mg": ("mg", "milligram", "milligrams"),
+    "t": ("t", "tonne", "tonnes"),
+    "lb": ("lb", "lbs", "lbm", "pound", "pounds"),
+    "oz": ("oz", "ounce", "ounces"),
+    "slug": ("slug", "slugs"),
 }
 _LENGTHS = {
-    ("m", "meter", "meters", "metre", "metres"): 1.0,
-    ("cm", "centimeter", "centimeters", "centimetre", "centimetres"): 1e-2,
-    ("mm", "millimeter", "millimeters", "millimetre", "millimetres"): 1e-3,
-    ("in", "inch", "inches"): 0.0254,
-    ("ft", "foot", "feet"): 0.3048,
+    "m": ("m", "meter", "meters", "metre", "metres"),
+    "cm": ("cm", "centimeter", "centimeters", "centimetre", "centimetres"),
+    "mm": ("mm", "millimeter", "millimeters", "millimetre", "millimetres"),
+    "in": ("in", "inch", "inches"),
+    "ft": ("ft", "foot", "feet"),
 }
-MASSES = {word: factor for words, factor in _MASSES.items() for word in words}
-LENGTHS = {word: factor for words, factor in _LENGTHS.items() for word in words}
+MASSES = {word: unit_of(unit).factor for unit, words in _MASSES.items() for word in words}
+LENGTHS = {word: unit_of(unit).factor for unit, words in _LENGTHS.items() for word in words}
 
 
 def find_unit(text: str, kind: str, at: str, file: str) -> Unit:
