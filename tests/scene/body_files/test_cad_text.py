@@ -156,7 +156,7 @@ Lzz: 0.0425 kg m²
         ("kg m^2", INERTIA, 1.0),
         ("kg*mm2", INERTIA, 1e-6),
         ("lb in²", INERTIA, 0.45359237 * 0.0254**2),
-        ("slugs * square feet", INERTIA, 14.593902937 * 0.3048**2),
+        ("slugs * square feet", INERTIA, 4.4482216152605 * 0.3048),  # lbf ft s2
         ("grams", MASS, 1e-3),
         (" lb", MASS, 0.45359237),
         ("( inches )", LENGTH, 0.0254),
