@@ -9,7 +9,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import StepRange
 from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.engine.threads import run_block
-from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.effects.protocol import blank, numbers, parameter_count
 from rigidmc.planning.steps import count_member_steps, order_by_steps, rate_bounds
 from rigidmc.runs.blocks import BlockJob
@@ -32,7 +32,7 @@ class Tops(NamedTuple):
 
     @property
     def body(self):
-        return np.array(MassProperties.of(self.moments, self.static))
+        return np.array(MassProperties.of(self.moments, self.static)[:BODY_NUMBERS])
 
 
 def random_tops(members, seed=7):
