@@ -22,12 +22,10 @@ from rigidmc.engine.kernel.layout import (  # fmt: skip
     COUNT,
     EVENT_ROWS,
     INDEX,
-    IS_STOPPED,
     MEMBER_ROWS,
     MEMBER_STEPS,
     ROUND_START,
     START,
-    STATUS,
     STEP_LENGTH,
 )
 from rigidmc.physics.dynamics.functions import as_float
@@ -213,14 +211,9 @@ def assess_members(frame, rounds, slot, late, planned):
 
     Return True if all members are stopped or frozen.
     """
-    lanes, flat = frame.lanes, block_memory(frame)
-    work, moving = flat.work, 0
-    arguments = flat.substeps, flat.state, work, rounds, slot * 1.0, late, planned
-    call_address(frame.assess, arguments)
-    for k in range(lanes):
-        if work[(MEMBER_ROWS + STATUS) * lanes + k] == 0.0 and work[IS_STOPPED * lanes + k] == 0.0:
-            moving += 1
-    return moving == 0
+    flat = block_memory(frame)
+    arguments = flat.substeps, flat.state, flat.work, rounds, slot * 1.0, late, planned
+    return call_address(frame.assess, arguments) == 0
 
 
 def exchange_shadow(frame, stores):

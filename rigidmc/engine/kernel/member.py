@@ -18,7 +18,7 @@ import math
 import sys
 
 from rigidmc.engine.compiler.compose import inline_all
-from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
+from rigidmc.engine.compiler.intrinsics import any_of, cast_like, in_precision
 from rigidmc.engine.compiler.memory import (
     four_at,
     load_lanes,
@@ -65,6 +65,7 @@ from rigidmc.physics.dynamics.so3 import (
     dot,
     first_three,
     inverse,
+    logical_not,
     maximum,
     scale,
     select,
@@ -186,6 +187,8 @@ def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
     This updates the drifts and the status. A member that is no longer ok returns to its last good
     state and stays there. If works are saved, the drift of the energy is the excess over the work
     of effects without an energy.
+
+    Return 0 if all members are stopped or frozen, else 1.
     """
     integrator, effects, attitude, compensated, limits, work_flags = tree_unpack(tree, numbers)
     body, present = body_and_effects(effects, work)
@@ -228,7 +231,7 @@ def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
     # The true state, in rows for the stepping form: whatever steps make of it, the next assessment
     # resets it, and nothing else reads it.
     restore_good(frozen | stopped, good, state)
-    return 0
+    return 1 if any_of(logical_not(frozen | stopped)) else 0
 
 
 def record(tree, numbers, work, axes_row, out, at, width, t, skips_cache):
