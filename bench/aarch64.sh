@@ -4,8 +4,8 @@
 #     apt-get install qemu-user-static
 #     bench/aarch64.sh FOLDER -m bench bits
 #
-# The first call puts Debian's Python for arm64 and wheels for it into FOLDER, 0.7 GB, and needs no
-# rights. FOLDER/python is then an interpreter. Ubuntu needs a source of arm64 packages for apt.
+# The first call puts Debian's Python for arm64 and wheels for it into FOLDER and needs no rights.
+# FOLDER/python is then an interpreter. Ubuntu needs a source of arm64 packages for apt.
 set -eu
 [ $# -gt 0 ] || { sed -n '2,8s/^# \{0,1\}//p' "$0"; exit 3; }
 tree=$(cd "$(dirname "$0")/.." && pwd)

@@ -1,7 +1,7 @@
 """Equal bits everywhere: sha256 of results over vector widths, CPUs and architectures.
 
-A run on one architecture keeps the rows of the others: `bench/aarch64.sh FOLDER -m bench bits`
-makes those of ARM on another machine.
+A run on one architecture keeps the rows of the others. On x86-64, `bench/aarch64.sh FOLDER -m
+bench bits` makes the rows of ARM.
 """
 
 import contextlib
@@ -100,7 +100,7 @@ def elsewhere(processor, widths, integrators=None, motions=None, names=None):
 
 
 def run(quick):
-    """Return all rows of the bench: those of other architectures as they are recorded."""
+    """Return all rows of the bench; rows of other architectures are as recorded."""
     some = QUICK if quick else None
     digests = {"this processor": elsewhere("this processor", WIDTHS, some)}
     for processor in list(PROCESSORS)[1:]:

@@ -230,8 +230,8 @@ def in_written_order() -> Iterator[None]:
     """Keep machine code in the order in which the physics is written, for 32 vector registers.
 
     The bits are the same in any order. In the order of LLVM's scheduler numbers wait in memory for
-    their use: with 512 bits splittings are slower, and on ARM rk8 with gravity has 973 instructions
-    a step and not 807.
+    their use: with 512 bits splittings are slower; on ARM rk8 with gravity has a fifth more
+    instructions (tests/arm.py).
     """
     if vector_registers() < 32:
         yield
