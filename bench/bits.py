@@ -15,6 +15,7 @@ import tempfile
 from bench import harness
 
 WIDTHS = (1, 2, 4, 8, 16)
+OWN = (0,)  # the width that suits the CPU
 FILE = os.path.join(harness.HERE, "results", "bits.json")
 ARCHITECTURE = harness.architecture()
 
@@ -105,14 +106,15 @@ def run(quick):
     digests = {"this processor": elsewhere("this processor", WIDTHS, some)}
     for processor in list(PROCESSORS)[1:]:
         with contextlib.suppress(NotImplementedError):
-            digests[processor] = elsewhere(processor, (0,), some)  # the width that suits the CPU
+            digests[processor] = elsewhere(processor, OWN, some)
     here = {"architecture": ARCHITECTURE}
     rows = [
         {"kind": "machine", **here, **harness.machine_card()},
         *(
-            {"kind": "bits", **here, "processor": word, "case": case, "sums": each}
+            {"kind": "bits", **here, "processor": word, "case": case, "widths": w, "sums": each}
             for word, by_case in digests.items()
             for case, each in by_case.items()
+            for w in [WIDTHS if len(each) > 1 else OWN]
         ),
     ]
     cases = digests["this processor"]
@@ -148,7 +150,7 @@ def report(rows):
     for row in rows:
         if row["kind"] == "bits":
             word, one = row["architecture"], row["processor"]
-            named = [f"x{width}" for width in WIDTHS] if len(row["sums"]) > 1 else [one]
+            named = [f"x{width}" if width else one for width in row["widths"]]
             heads.setdefault(word, {}).update(dict.fromkeys(named))
             table.setdefault(word, {}).setdefault(row["case"], []).extend(row["sums"])
     for word, lines in table.items():

@@ -365,7 +365,7 @@ def bits(rows, machine):
     for (word, processor), mine in lines.items():
         own = processor == "this processor"
         name = machines[word]["cpu"] if own else f"the same, code for {processor}"
-        width = "1, 2, 4, 8, 16" if len(mine[0]["sums"]) > 1 else "its own"
+        width = ", ".join(str(one or "its own") for one in mine[0]["widths"])
         same = sum(set(row["sums"]) == {truth[row["case"]]} for row in mine)
         found.append((word.replace("_", "-"), name, width, f"{same} of {len(mine)}"))
     columns = ("", "CPU", "members side by side", "cases with the same bits")
