@@ -1,7 +1,13 @@
-"""Equal bits everywhere: sha256 of results over vector widths and over CPUs."""
+"""Equal bits everywhere: sha256 of results over vector widths, CPUs and architectures.
 
+A run on one architecture keeps the rows of the others. On x86-64, `bench/aarch64.sh FOLDER -m
+bench bits` makes the rows of ARM.
+"""
+
+import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -9,17 +15,33 @@ import tempfile
 from bench import harness
 
 WIDTHS = (1, 2, 4, 8, 16)
+OWN = (0,)  # the width that suits the CPU
+FILE = os.path.join(harness.HERE, "results", "bits.json")
+ARCHITECTURE = harness.architecture()
+
+
+def _code_for(cpu):
+    """Return the settings that make Numba compile for a CPU."""
+    return {"NUMBA_CPU_NAME": cpu, "NUMBA_CPU_FEATURES": ""}
+
+
+PLAIN = {"NPY_DISABLE_CPU_FEATURES": "all"}  # NumPy without its code for single CPUs
+OLD = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-AVX,-FMA,-FMA4,-AVX512F"}
 PROCESSORS = {
-    "this processor": {},
-    "haswell": {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": ""},
-    "znver2": {"NUMBA_CPU_NAME": "znver2", "NUMBA_CPU_FEATURES": ""},
-    "nehalem (no fused multiply-add)": {"NUMBA_CPU_NAME": "nehalem", "NUMBA_CPU_FEATURES": ""},
-    "haswell, plain libraries": {
-        "NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "",
-        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-AVX,-FMA,-FMA4,-AVX512F",
-        "NPY_DISABLE_CPU_FEATURES": "all",
+    "x86_64": {
+        "this processor": {},
+        "haswell": _code_for("haswell"),
+        "znver2": _code_for("znver2"),
+        "nehalem (no fused multiply-add)": _code_for("nehalem"),
+        "haswell, plain libraries": {**_code_for("haswell"), **OLD, **PLAIN},
     },
-}  # fmt: skip
+    "aarch64": {
+        "this processor": {},
+        "neoverse-v1 (SVE)": _code_for("neoverse-v1"),
+        "apple-m1": _code_for("apple-m1"),
+        "cortex-a53, plain libraries": {**_code_for("cortex-a53"), **PLAIN},
+    },
+}.get(ARCHITECTURE, {"this processor": {}})
 QUICK = ("rk4", "exact", "strang")  # integrators of a quick run; strang covers the bath
 
 
@@ -40,15 +62,23 @@ def sums(widths, integrators=None, motions=None, names=None, device=None):
     return digests
 
 
-def elsewhere(processor, widths, integrators=None, motions=None, names=None):
-    """Compute `sums` in a process with code for another CPU and with its own cache."""
-    environment = {**os.environ, **PROCESSORS[processor]}
-    if environment.get("NPY_DISABLE_CPU_FEATURES") == "all":
+def environment(processor):
+    """Return the environment of a process with code for another CPU."""
+    found = {**os.environ, **PROCESSORS[processor]}
+    if found.get("NPY_DISABLE_CPU_FEATURES") == "all":
         from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
 
-        environment["NPY_DISABLE_CPU_FEATURES"] = " ".join(
+        found["NPY_DISABLE_CPU_FEATURES"] = " ".join(
             name for name in __cpu_dispatch__ if __cpu_features__.get(name)
         )
+    return found
+
+
+def elsewhere(processor, widths, integrators=None, motions=None, names=None):
+    """Compute `sums` in a process with code for another CPU and with its own cache.
+
+    Raises NotImplementedError if this CPU lacks an instruction of the other.
+    """
     code = (
         "import json, sys, warnings; warnings.simplefilter('ignore'); from bench.bits "
         "import sums; from rigidmc.engine import compile_helper; "
@@ -59,48 +89,74 @@ def elsewhere(processor, widths, integrators=None, motions=None, names=None):
         done = subprocess.run(
             [sys.executable, "-c", code],
             input=json.dumps([widths, integrators, motions, names]),
-            env={**environment, "RIGIDMC_CACHE_DIR": cache},
+            env={**environment(processor), "RIGIDMC_CACHE_DIR": cache},
             capture_output=True,
             text=True,
         )
+    if done.returncode == -signal.SIGILL:
+        raise NotImplementedError(f"this CPU lacks instructions of {processor}")
     if done.returncode:
         raise RuntimeError(f"{processor}: {done.stderr[-2000:]}")
     return json.loads(done.stdout.splitlines()[-1])
 
 
 def run(quick):
-    """Return all rows of the bench."""
+    """Return all rows of the bench; rows of other architectures are as recorded."""
     some = QUICK if quick else None
     digests = {"this processor": elsewhere("this processor", WIDTHS, some)}
     for processor in list(PROCESSORS)[1:]:
-        digests[processor] = elsewhere(processor, (0,), some)  # the width that suits the CPU
+        with contextlib.suppress(NotImplementedError):
+            digests[processor] = elsewhere(processor, OWN, some)
+    here = {"architecture": ARCHITECTURE}
     rows = [
-        {"kind": "bits", "processor": word, "case": case, "sums": each}
-        for word, by_case in digests.items()
-        for case, each in by_case.items()
-    ]
-    same = sum(
-        len({one for by_case in digests.values() for one in by_case[case]}) == 1
-        for case in digests["this processor"]
-    )
-    return [
-        *rows,
-        harness.target(
-            "cases whose results are the same everywhere", len(digests["this processor"]), same, ""
+        {"kind": "machine", **here, **harness.machine_card()},
+        *(
+            {"kind": "bits", **here, "processor": word, "case": case, "widths": w, "sums": each}
+            for word, by_case in digests.items()
+            for case, each in by_case.items()
+            for w in [WIDTHS if len(each) > 1 else OWN]
         ),
     ]
+    cases = digests["this processor"]
+    rows += [
+        row
+        for row in recorded()
+        if row.get("architecture", ARCHITECTURE) != ARCHITECTURE
+        and row.get("case") in (None, *cases)
+    ]
+    return [*rows, equal(rows)]
+
+
+def recorded():
+    """Return the rows of the committed file."""
+    with open(FILE) as file:
+        return json.load(file)["rows"]
+
+
+def equal(rows):
+    """Return the target: the cases whose sums are the same in all rows."""
+    sums = {}
+    for row in rows:
+        if row["kind"] == "bits":
+            sums.setdefault(row["case"], set()).update(row["sums"])
+    same = sum(len(each) == 1 for each in sums.values())
+    what = "cases whose results are the same everywhere"
+    return harness.target(what, len(sums), same, "")
 
 
 def report(rows):
-    """Print the results."""
-    table = {}
+    """Print the results, a table for each architecture."""
+    table, heads = {}, {}
     for row in rows:
         if row["kind"] == "bits":
-            table.setdefault(row["case"], []).extend(row["sums"])
-    head = ["", *(f"x{width}" for width in WIDTHS), *list(PROCESSORS)[1:]]
-    harness.table(
-        "sha256 of results, members side by side and processors",
-        head,
-        [[case, *(one[:6] for one in each)] for case, each in table.items()],
-    )
+            word, one = row["architecture"], row["processor"]
+            named = [f"x{width}" if width else one for width in row["widths"]]
+            heads.setdefault(word, {}).update(dict.fromkeys(named))
+            table.setdefault(word, {}).setdefault(row["case"], []).extend(row["sums"])
+    for word, lines in table.items():
+        harness.table(
+            f"sha256 of results on {word}, members side by side and processors",
+            ["", *heads[word]],
+            [[case, *(one[:6] for one in each)] for case, each in lines.items()],
+        )
     harness.report_targets(rows)

@@ -17,12 +17,15 @@ import rigidmc
 from bench.baselines import compiler_version
 from rigidmc.engine.machine import threads_available, use_widest_vectors, vector_bits
 
+HERE = os.path.dirname(os.path.abspath(__file__))
+
 
 def machine_card():
     """Describe the machine, on which the figures depend, as a dict."""
     use_widest_vectors()  # as a kernel does before its first compilation
     return {
         "cpu": _cpu(),
+        "architecture": architecture(),
         "cores": threads_available(),
         "memory_gb": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9, 1),
         "vector_bits": vector_bits(),
@@ -36,6 +39,12 @@ def machine_card():
     }
 
 
+def architecture():
+    """Return the name of the instruction set, x86_64 or aarch64: the same on every system."""
+    word = platform.machine().lower()
+    return {"amd64": "x86_64", "arm64": "aarch64"}.get(word, word)
+
+
 def _cpu():
     try:
         with open("/proc/cpuinfo") as file:
@@ -45,10 +54,13 @@ def _cpu():
                 if ":" in line
             )
         facts = {key.strip(): value.strip() for key, value in facts.items()}
-        return (
+        name = (
             f"{facts['model name']} (family {facts.get('cpu family', '?')}, model "
             f"{facts.get('model', '?')})"
         )
+        # QEMU shows the file of the CPU that it runs on
+        emulated = "cpu family" in facts and architecture() != "x86_64"
+        return f"emulated on {name}" if emulated else name
     except (OSError, KeyError):
         return platform.processor() or platform.machine()
 

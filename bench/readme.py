@@ -353,6 +353,25 @@ def coming_from(rows, machine, page, tasks):
     return with_note(table(("", "program", "error", "s"), lines), words)
 
 
+def bits(rows, machine):
+    """Return a table of the CPUs, widths and cases whose checksums are compared."""
+    truth, lines, found = {}, {}, []
+    for row in rows:
+        if row["kind"] == "bits":
+            truth.setdefault(row["case"], row["sums"][0])
+            words = row["architecture"], row["processor"]
+            lines.setdefault(words, []).append(row)
+    machines = {row["architecture"]: row for row in rows if row["kind"] == "machine"}
+    for (word, processor), mine in lines.items():
+        own = processor == "this processor"
+        name = machines[word]["cpu"] if own else f"the same, code for {processor}"
+        width = ", ".join(str(one or "its own") for one in mine[0]["widths"])
+        same = sum(set(row["sums"]) == {truth[row["case"]]} for row in mine)
+        found.append((word.replace("_", "-"), name, width, f"{same} of {len(mine)}"))
+    columns = ("", "CPU", "members side by side", "cases with the same bits")
+    return table(columns, found)
+
+
 PAGES = {  # page on coming from another program: {task: words}
     "basilisk": {"one": "one hub", "ensemble": "4,096 hubs"},
     "mujoco": {"one": "one top", "ensemble": "64 tops"},
@@ -381,6 +400,7 @@ def _count(number):
 
 DRAWN = {
     "accuracy": accuracy,
+    "bits": bits,
     "peers": peers,
     "throughput": throughput,
     "maps": maps,

@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import platform
 import shutil
 import subprocess
 import tempfile
@@ -10,10 +11,10 @@ FLAGS = (
     "-O3",
     "-march=native",
     "-ffast-math",
-    "-mprefer-vector-width=512",
     "-fopenmp",
     "-shared",
     "-fPIC",
+    *(("-mprefer-vector-width=512",) if platform.machine() in ("x86_64", "AMD64") else ()),
 )
 _HERE = os.path.dirname(os.path.abspath(__file__))
 

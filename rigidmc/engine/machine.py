@@ -27,12 +27,22 @@ def use_widest_vectors() -> None:
 
 
 def vector_bits() -> int:
-    """Return the width of the widest vector registers that kernels may use [bit]."""
+    """Return the width of the widest vector registers that kernels may use [bit].
+
+    On ARM these are the 128 bits of NEON: LLVM makes no other code of vectors of a fixed length,
+    whatever the length of the CPU's SVE registers.
+    """
     text = config.CPU_FEATURES
     features = (llvm.get_host_cpu_features().flatten() if text is None else text).split(",")
     if "+avx512f" in features and "+prefer-256-bit" not in features:
         return 512
     return 256 if "+avx2" in features or "+avx512f" in features else 128
+
+
+def vector_registers() -> int:
+    """Return how many vector registers kernels may use: 32 of 512 bits or of ARM, else 16."""
+    on_arm = platform.machine().lower() in ("aarch64", "arm64")
+    return 32 if on_arm or vector_bits() == 512 else 16
 
 
 def threads_available() -> int:

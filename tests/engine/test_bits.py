@@ -1,30 +1,26 @@
-"""The bits of a member depend on scene, seed and index: not on vector width or processor.
+"""The bits of a member depend on scene, seed and index: not on vector width, CPU or architecture.
 
 Draws and events included. `python -m bench bits` runs all cases and writes what is compared here:
 do that after any change that is meant to change bits.
 """
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from bench.bits import QUICK, elsewhere, sums
+from bench.bits import PROCESSORS, QUICK, elsewhere, equal, recorded, sums
 from rigidmc.engine.program import Program
 from rigidmc.physics.dynamics import functions
 from rigidmc.scene.vector_distributions.vectors import lower_factor
-from rigidmc.studies.bits import cases
 
 # steps too long for what is watched
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 
 
-FILE = Path(__file__).parents[2] / "bench" / "results" / "bits.json"
+ROWS = [row for row in recorded() if row["kind"] == "bits"]
 RECORDED = {  # by an Intel Xeon with 512-bit vectors
     row["case"]: row["sums"][0]
-    for row in json.loads(FILE.read_text())["rows"]
-    if row.get("processor") == "this processor"
+    for row in ROWS
+    if (row["architecture"], row["processor"]) == ("x86_64", "this processor")
 }
 
 
@@ -39,11 +35,6 @@ NAMES = (
 EXACT, OWN = NAMES[1], NAMES[3]
 
 
-def others():
-    """The other cases of the quick integrators."""
-    return [case.name for case in cases(QUICK) if case.name not in NAMES]
-
-
 def changed(digests):
     """The cases whose result, at any width, is not that of the committed file."""
     return [case for case, each in digests.items() if set(each) != {RECORDED[case]}]
@@ -54,9 +45,10 @@ def test_the_bits_are_those_recorded_on_another_machine():
     assert set(found) == set(NAMES) and not changed(found)
 
 
-@pytest.mark.slow
-def test_the_bits_of_the_other_cases():
-    assert not changed(sums((0,), QUICK, names=others()))
+@pytest.mark.slow  # 2 min
+def test_the_bits_of_all_cases():
+    found = sums((0,))
+    assert set(found) == set(RECORDED) and not changed(found)
     assert not changed(sums((1, 16), QUICK))
 
 
@@ -74,8 +66,16 @@ def test_widths_change_no_bit(monkeypatch):
 
 def test_another_processor_with_other_libraries_changes_no_bit():
     names = NAMES[-2:]  # with sines of the time, and with deviates
-    found = elsewhere("haswell, plain libraries", (0,), QUICK, names=names)
+    found = elsewhere(list(PROCESSORS)[-1], (0,), QUICK, names=names)
     assert len(found) == 2 and not changed(found)
+
+
+def test_two_architectures_recorded_the_same_bits():
+    for word in ("x86_64", "aarch64"):
+        assert {row["case"] for row in ROWS if row["architecture"] == word} == set(RECORDED)
+    assert equal(ROWS)["measured"] == len(RECORDED)
+    other = {**ROWS[-1], "sums": ["0" * 64]}
+    assert equal([*ROWS, other])["measured"] == len(RECORDED) - 1
 
 
 def test_the_comparison_sees_one_bit(monkeypatch):

@@ -22,6 +22,7 @@ import pytest
 from typer.testing import CliRunner
 
 import rigidmc as rm
+from bench.bits import PROCESSORS, environment
 from rigidmc.cli import app
 from rigidmc.errors import FileError, NoRoom, OptionError, OutputExists, SceneWarning
 from rigidmc.files.netcdf import read
@@ -100,14 +101,10 @@ def test_no_byte_depends_on_threads_blocks_or_order(whole, tmp_path, threads, bl
 def test_another_processor_goes_on_with_the_same_bytes(whole, tmp_path):
     started(tmp_path / "run")
     resume.resume(tmp_path / "run", only=range(2))
-    environment = {
-        **os.environ,
-        "NUMBA_CPU_NAME": "haswell",
-        "NUMBA_CPU_FEATURES": "",
-        "RIGIDMC_CACHE_DIR": str(tmp_path / "cache"),
-    }
+    cache = {"RIGIDMC_CACHE_DIR": str(tmp_path / "cache")}
+    other = {**environment(list(PROCESSORS)[-1]), **cache}
     words = [*ALONE_COMMAND, "resume", str(tmp_path / "run")]
-    done = subprocess.run(words, env=environment, capture_output=True, text=True)
+    done = subprocess.run(words, env=other, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert sums(tmp_path / "run") == sums(whole)
 

@@ -26,7 +26,7 @@ from numba.core.typeinfer import TypeInferer
 from rigidmc.engine.compiler.fma import fuse
 from rigidmc.engine.compiler.lean_passes import LEAN, UNUSED_PASSES, LeanPasses
 from rigidmc.engine.compiler.user_stamps import compare_globals, tag_of
-from rigidmc.engine.machine import vector_bits
+from rigidmc.engine.machine import vector_registers
 
 _POWERS = operator.pow, operator.ipow  # with special code for a constant exponent
 _signatures: dict[Any, Any] = {}  # of calls, by the types of function and arguments
@@ -227,12 +227,13 @@ class InlineLibrary(JITCodeLibrary):
 
 @contextlib.contextmanager
 def in_written_order() -> Iterator[None]:
-    """Keep machine code in the order in which the physics is written, for 512-bit vectors.
+    """Keep machine code in the order in which the physics is written, for 32 vector registers.
 
     The bits are the same in any order. In the order of LLVM's scheduler numbers wait in memory for
-    their use, and splittings are slower.
+    their use: with 512 bits splittings are slower; on ARM rk8 with gravity has a fifth more
+    instructions (tests/arm.py).
     """
-    if vector_bits() < 512:
+    if vector_registers() < 32:
         yield
         return
     llvm.set_option("rigidmc", "-enable-misched=0")

@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numba
@@ -279,6 +280,17 @@ def test_a_kernel_with_any_flipped_bit_is_not_loaded(kept, caplog):
         and file.read_bytes()[-32:] == hashlib.sha256(file.read_bytes()[:-32]).digest()
     )
     assert made._cache._cache_file.load(key) is not None and not caplog.records
+
+
+def test_a_kernel_for_another_cpu_is_not_loaded(kept):
+    """CPUs with the same Python, x86-64 and ARM among them, may share a folder."""
+    made, key, _ = kept
+    here = made.targetctx.codegen().magic_tuple()
+    for place, word in enumerate(("aarch64-unknown-linux-gnu", "neoverse-n1", "+neon")):
+        told = *here[:place], word, *here[place + 1 :]
+        other = SimpleNamespace(magic_tuple=lambda told=told: told)
+        assert made._cache._cache_file.load(made._cache._index_key(key[0], other)) is None
+    assert made._cache._cache_file.load(key) is not None
 
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EIO, errno.EROFS])

@@ -1,0 +1,69 @@
+"""The machine code of steps for ARM, made on any computer: `python -m tests.arm` counts it."""
+
+import json
+import os
+import re
+import sys
+
+TRIPLE, CPU = "aarch64-unknown-linux-gnu", "neoverse-n1"
+ARITHMETIC = re.compile(r"f(mla|mls|mul|add|sub|div|sqrt|neg|abs)\s+(v\d+\.2d)?")
+STACK = re.compile(r"(ld|st)[rp]\s+[qd]\d+.*\[sp")
+BRANCH = re.compile(r"\t(?:b(?:\.\w+)?|cbn?z|tbn?z)\s+(?:.*, ?)?(\.?\w+)$")
+CASES = ("exact", ()), ("strang", (9.81,)), ("rk4", ()), ("rk4", (9.81,)), ("rk8", (9.81,))
+
+
+def use_arm():
+    """Make Numba compile for ARM; before it is imported. Nothing of that code can run."""
+    os.environ.update(NUMBA_CPU_NAME=CPU, NUMBA_CPU_FEATURES="")
+    import llvmlite.binding as llvm
+
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    llvm.get_process_triple = llvm.targets.get_process_triple = lambda: TRIPLE
+
+    from rigidmc.engine import machine
+
+    machine.platform.machine = lambda: "aarch64"
+
+
+def loop_of(assembly):
+    """The loop with most arithmetic, of those without another in them."""
+    lines = [line for line in assembly.splitlines() if not line.startswith("\t.")]
+    labels = {line.split(":")[0]: i for i, line in enumerate(lines) if re.match(r"[.\w$]+:", line)}
+    ends = {}
+    for i, line in enumerate(lines):
+        jump = BRANCH.match(line)
+        if jump and labels.get(jump[1], i) < i:
+            ends[labels[jump[1]]] = i
+    inner = [
+        lines[begin : end + 1]
+        for begin, end in ends.items()
+        if not any(begin < other < end for other in ends)
+    ]
+    loops = [[line.strip() for line in loop if line.startswith("\t")] for loop in inner]
+    return max(loops, key=lambda loop: sum(bool(ARITHMETIC.match(line)) for line in loop))
+
+
+def counted():
+    """{integrator, with gravity or not: {members side by side: what a member and step takes}}."""
+    from rigidmc.physics.effects import Gravity
+    from tests.assembly import assembly_of, case
+
+    found = {}
+    for name, weight in CASES:
+        made = case(name, tuple(map(Gravity, weight)))
+        for lanes in (2, 4, 8):
+            loop = loop_of(assembly_of(made, lanes))
+            packed = [line for line in loop if (m := ARITHMETIC.match(line)) and m[2]]
+            found.setdefault(f"{name}, {'heavy' if weight else 'free'}", {})[lanes] = {
+                "instructions": len(loop) / lanes,
+                "packed": len(packed) / lanes,
+                "stack": sum(bool(STACK.match(line)) for line in loop) / lanes,
+                "calls": sum(line.startswith("bl") for line in loop),
+            }
+    return found
+
+
+if __name__ == "__main__":
+    use_arm()
+    json.dump(counted(), sys.stdout, indent=1)
