@@ -25,9 +25,11 @@ import math
 import os
 import platform
 import re
+import shutil
 import tempfile
 import time
 import warnings
+import weakref
 from collections.abc import Callable, Iterator, Sized
 from functools import cached_property
 from typing import Annotated, Any
@@ -160,8 +162,9 @@ class RunDirectory:
         if is_url(self.path):
             self.path = self.path.rstrip("/")
             self.store = Store(self.path)
-            self._copies = tempfile.TemporaryDirectory(prefix="rigidmc-")
-            self.folder = self._copies.name
+            self.folder = tempfile.mkdtemp(prefix="rigidmc-")
+            weakref.finalize(self, shutil.rmtree, self.folder, True)
+            os.mkdir(self._folder)
             for name in FILES:
                 self.store.download(name, os.path.join(self.folder, name))
         self.facts = self._read_facts()

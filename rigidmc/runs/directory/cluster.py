@@ -207,6 +207,7 @@ class _Tasks:
         poll : called repeatedly while waiting
         """
         from distributed import CancelledError, KilledWorker, as_completed
+        from distributed.comm.core import CommClosedError
 
         futures, lost = as_completed(self._submit()), Counter[str]()
         try:
@@ -228,7 +229,7 @@ class _Tasks:
                 self._done += len(good)
                 self._waiting -= len(good)
                 futures.update(self._submit())
-        except (KilledWorker, CancelledError) as error:
+        except (KilledWorker, CancelledError, CommClosedError) as error:
             why = str(error).partition("\n")[0]
             rule = f"the cluster was lost ({why}); `rigidmc resume` continues the run"
             raise OSError(f"{self._cluster}: {rule}") from None
