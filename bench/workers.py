@@ -34,13 +34,17 @@ SETTINGS = {  # the simulation shares few cores, so nobody answers as fast as al
 ASKED = 500.0  # tasks a second: a thousand workers with shards of 2 s
 
 
+def stub_name(i):
+    """Return the name of the stub of shard i."""
+    return f"{i:08d}-0-{hashlib.sha256(b'%d' % i).hexdigest()[:16]}.nc"
+
+
 def stub(directory, i, allow_code, accept, device):
     """Write a shard of a few bytes."""
     from rigidmc.files.outputs import write_bytes
 
-    data = b"%d" % i
-    name = directory.final(f"{i:08d}-0-{hashlib.sha256(data).hexdigest()[:16]}.nc")
-    write_bytes(name, data, True)
+    name = directory.final(stub_name(i))
+    write_bytes(name, b"%d" % i, True)
     directory.publish(name)
     return {"ok": 1}
 
@@ -55,7 +59,7 @@ async def schedule(port):
     """Be the scheduler."""
     from distributed import Scheduler
 
-    scheduler = await Scheduler(host="127.0.0.1", port=int(port), dashboard=False)
+    scheduler = await Scheduler(host="127.0.0.1", port=int(port), dashboard_address=":0")
     await scheduler.finished()
 
 
@@ -161,16 +165,19 @@ def make(path, shards):
         file.write(facts_text({**facts, "members": shards * facts["shard"]}))
 
 
-def simulate(folder, kind, shards, workers, way="", work="stub", restart=0):
+def simulate(folder, kind, shards, workers, way="", work="stub", restart=0, there=0):
     """Return a row: a run of stubs on a simulated cluster.
 
+    there : shards that exist before
     restart : shards after which the scheduler is killed; another starts at the same address, then
         the run is resumed, by new workers
     """
     port = 18800 + os.getpid() % 1000
     path = os.path.join(folder, f"{kind}-{shards}-{workers}")
     make(path, shards)
-    row = {"kind": kind, "count": workers}
+    for i in range(there):
+        open(os.path.join(path, "shards", stub_name(i)), "w").close()
+    row = {"kind": kind, "count": workers, "there": there}
     first = once(port, path, workers, way, work, restart)
     if restart:
         row["before"] = first
@@ -210,17 +217,22 @@ def once(port, path, workers, way, work, restart):
             process.wait()
 
 
+def total(row):
+    """Return the number of shards at the end of a row."""
+    return row["there"] + row["shards"]
+
+
 def targets(rows):
     """Return the rows of the closing table."""
-    most = max((row for row in rows if row["kind"] == "many"), key=lambda row: row["shards"])
+    most = max((row for row in rows if row["kind"] == "many"), key=total)
     slowest = max(most[name]["ms"] for name in ("scheduler", "client"))
-    what = f"tasks a second that the scheduler can give, {most['shards']:,} shards"
+    what = f"tasks a second that the scheduler can give, {total(most):,} shards"
     found = [harness.target(what, ASKED, 1e3 / slowest)]
     for name in ("scheduler", "client"):
-        what = f"memory of the {name} after {most['shards']:,} shards"
+        what = f"memory of the {name} after {total(most):,} shards"
         megabytes = most[name]["megabytes"][1]
         found.append(harness.target(what, 1000.0, megabytes, "MB", at_most=True))
-    what = f"status of {most['shards']:,} shards"
+    what = f"status of {total(most):,} shards"
     return [*found, harness.target(what, 2.0, most["status"], "s", at_most=True)]
 
 
@@ -230,8 +242,8 @@ def run(quick):
         few = 200 if quick else 10_000
         rows = [simulate(folder, "many", few, 10 if quick else 100)]
         if not quick:
-            rows.append(simulate(folder, "many", 100_000, 300))
             rows.append(simulate(folder, "wide", 10_000, 1000))
+            rows.append(simulate(folder, "many", 100_000, 100, there=80_000))
         few = 100 if quick else 3000
         rows.append(simulate(folder, "lost", few, 10 if quick else 100, "lose"))
         rows.append(simulate(folder, "adaptive", few // 2, 10 if quick else 100, "adapt", "slow"))
@@ -244,7 +256,7 @@ def report(rows):
     lines = [
         (
             row["kind"],
-            f"{row['shards']:,}",
+            f"{total(row):,}",
             row["count"],
             f"{row['seconds']:.0f}",
             *(f"{row[name]['ms']:.2f}" for name in ("scheduler", "client", "workers")),

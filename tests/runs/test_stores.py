@@ -2,6 +2,14 @@
 
 import contextlib
 import hashlib
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
 from unittest.mock import patch
 
 import fsspec
@@ -21,6 +29,7 @@ from rigidmc.runs.directory.create import create
 from tests.runs import test_resume
 from tests.torture import sums
 
+ROOT = Path(__file__).resolve().parents[2]
 SCENE = test_resume.SCENE.with_run(members=160)  # its kernels
 
 
@@ -148,34 +157,69 @@ def test_a_path_here_is_no_url():
         assert not stores.is_url(path)
 
 
-@pytest.mark.slow  # pytest -m slow tests/runs/test_stores.py
-def test_s3_has_the_bytes_of_a_run_here(whole, tmp_path, monkeypatch):
-    """The same with a local S3 server, and by two processes of a cluster."""
+@pytest.fixture
+def s3(monkeypatch):
+    """The URL of a bucket of a local S3 server."""
     boto3, server = pytest.importorskip("boto3"), pytest.importorskip("moto.server")
     pytest.importorskip("s3fs")
-    s3 = server.ThreadedMotoServer(port=0, verbose=False)
-    s3.start()
-    host, port = s3.get_host_and_port()
+    local = server.ThreadedMotoServer(port=0, verbose=False)
+    local.start()
+    host, port = local.get_host_and_port()
     for name, value in {
         "AWS_ENDPOINT_URL": f"http://{host}:{port}", "AWS_ACCESS_KEY_ID": "a",
         "AWS_SECRET_ACCESS_KEY": "b", "AWS_DEFAULT_REGION": "us-east-1",
         "AWS_EC2_METADATA_DISABLED": "true",
     }.items():  # fmt: skip
         monkeypatch.setenv(name, value)
-    try:
-        boto3.client("s3").create_bucket(Bucket="bucket")
-        use(whole, "s3://bucket/run", tmp_path)
-        url = begun(whole, "s3://bucket/cluster")
-        resume.resume(url, cluster="local:2")
-        assert objects(url) == sums(whole)
-        with pytest.raises(FileError, match="there is no bucket 'none'"):
-            RunDirectory("s3://none/run")
-        with pytest.raises(FileError, match="there is no bucket 'none'"):
-            create(SCENE, "s3://none/run")
-        with (
-            patch.object(stores.Store, "listed", dict),
-            pytest.raises(OutputExists, match=r"scene.toml appeared meanwhile"),
-        ):
-            create(SCENE, url)
-    finally:
-        s3.stop()
+    urllib.request.urlopen(f"http://{host}:{port}/moto-api/reset", b"").close()  # of other tests
+    boto3.client("s3").create_bucket(Bucket="bucket")
+    yield "s3://bucket"
+    local.stop()
+
+
+@pytest.mark.slow  # pytest -m slow tests/runs/test_stores.py
+@pytest.mark.filterwarnings("ignore:Port 8787", "ignore:.*unclosed", "ignore:Exception ignored in")
+def test_s3_has_the_bytes_of_a_run_here(whole, tmp_path, s3):
+    """The same with a local S3 server, and by two processes of a cluster."""
+    use(whole, f"{s3}/run", tmp_path)
+    url = begun(whole, f"{s3}/cluster")
+    resume.resume(url, cluster="local:2")
+    assert objects(url) == sums(whole)
+    with pytest.raises(FileError, match="there is no bucket 'none'"):
+        RunDirectory("s3://none/run")
+    with pytest.raises(FileError, match="there is no bucket 'none'"):
+        create(SCENE, "s3://none/run")
+    with (
+        patch.object(stores.Store, "listed", dict),
+        pytest.raises(OutputExists, match=r"scene.toml appeared meanwhile"),
+    ):
+        create(SCENE, url)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not shutil.which("bash"), reason="needs a shell")
+def test_the_job_arrays_of_the_page_make_one_run(tmp_path, s3):
+    """Three jobs, one of which starts again, in directories and in a store: the run of one job."""
+    page = (ROOT / "docs" / "how_to" / "clusters.md").read_text("utf-8")
+    job, gather_all, jobs = re.findall(r"```bash\n(.*?)```", page, re.S)
+    once, part = jobs.splitlines()
+    (tmp_path / "scene.toml").write_text(SCENE.dumps(), "utf-8")
+    command = f"{shlex.quote(sys.executable)} -c 'from rigidmc.cli import main; main()'"
+
+    def run(text, number=0):
+        for old, new in {"100": "2", "1e9": "20000", "MB 64": "", "-size 64": "-size 0.2"}.items():
+            text = text.replace(old, new)
+        text = f'rigidmc() {{ {command} "$@"; }}\nI={number}\n{text}'
+        environment = {**os.environ, "SLURM_ARRAY_TASK_ID": str(number)}
+        words = ["bash", "-e", "-c", text]
+        done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert done.returncode in (0, 5), done.stdout + done.stderr
+        return done.returncode
+
+    run(once.replace(f"{s3}/run/", "all/").partition("--shards")[0])
+    assert [run(job, i) for i in (0, 1, 1, 2)] == [0] * 4
+    run(gather_all)
+    assert sums(tmp_path / "run") == sums(tmp_path / "all") and len(sums(tmp_path / "run")) == 5
+    run(once)
+    assert [run(part, i) for i in (2, 1, 0)] == [0] * 3
+    assert objects(f"{s3}/run") == sums(tmp_path / "all")
