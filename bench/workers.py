@@ -50,8 +50,8 @@ def stub(directory, i, allow_code, accept, device):
 
 
 def slow(directory, *arguments):
-    """Write such a shard after half a second."""
-    time.sleep(0.5)
+    """Write such a shard after three seconds."""
+    time.sleep(3.0)
     return stub(directory, *arguments)
 
 
@@ -242,11 +242,11 @@ def run(quick):
         few = 200 if quick else 10_000
         rows = [simulate(folder, "many", few, 10 if quick else 100)]
         if not quick:
-            rows.append(simulate(folder, "wide", 10_000, 1000))
-            rows.append(simulate(folder, "many", 100_000, 100, there=80_000))
+            rows.append(simulate(folder, "wide", 3000, 1000))
+            rows.append(simulate(folder, "many", 100_000, 100, there=90_000))
         few = 100 if quick else 3000
         rows.append(simulate(folder, "lost", few, 10 if quick else 100, "lose"))
-        rows.append(simulate(folder, "adaptive", few // 2, 10 if quick else 100, "adapt", "slow"))
+        rows.append(simulate(folder, "adaptive", 4 if quick else 400, 50, "adapt", "slow"))
         rows.append(simulate(folder, "restart", few, 10 if quick else 100, restart=few // 3))
     return [*rows, *targets(rows)]
 

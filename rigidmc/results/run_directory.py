@@ -15,6 +15,9 @@
 
 A shard is written as a temporary file, closed, synced (fsync) and renamed, so a file with the name
 of a shard is complete. The list of shards is the state of the run.
+
+A run directory can be a URL of a store, see `rigidmc.files.stores`. It has neither `unfinished` nor
+`lock`; a shard is written here, then put whole.
 """
 
 import contextlib
