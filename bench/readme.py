@@ -219,14 +219,14 @@ def workers(rows, machine):
         "many": "",
         "wide": "",
         "lost": "one worker lost every second",
-        "adaptive": "from none, shards of 0.5 s",
+        "adaptive": "started without workers, shards of 3 s",
         "restart": "scheduler lost, then resumed",
     }
     lines = [
         (
-            f"{r['shards']:,}",
+            f"{r['there'] + r['shards'] + r.get('before', {}).get('done', 0):,}",
             f"{r['count']:,}",
-            words[r["kind"]],
+            words[r["kind"]] or f"the last {r['shards']:,}" * bool(r["there"]),
             *(f"{r[name]['ms']:.2f}" for name in ("scheduler", "client", "workers")),
             *(f"{r[name]['megabytes'][1]:.0f}" for name in ("scheduler", "client")),
             f"{r['status']:.2f}",
@@ -236,7 +236,7 @@ def workers(rows, machine):
     ]
     columns = ("shards", "workers", "", "ms of scheduler", "of client", "of worker",
                "MB of scheduler", "of client", "s of status")  # fmt: skip
-    most = max((r for r in rows if r["kind"] in words), key=lambda r: r["shards"])
+    most = max((r for r in rows if r["kind"] in words), key=lambda r: r["there"])
     note = (
         "CPU time of a task in each process, and memory at the end, of shards without work:"
         f" {1e3 / most['scheduler']['ms']:.0f} tasks a second keep one scheduler busy. All workers"
