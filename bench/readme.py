@@ -213,6 +213,40 @@ def runs(rows, machine):
     return with_note(table(columns, lines), f"{words}; {_machine(machine)}.")
 
 
+def workers(rows, machine):
+    """Return a table of stubs of shards on simulated clusters."""
+    words = {
+        "many": "",
+        "wide": "",
+        "lost": "one worker lost every second",
+        "adaptive": "started without workers, shards of 3 s",
+        "restart": "scheduler lost, then resumed",
+    }
+    lines = [
+        (
+            f"{r['there'] + r['shards'] + r.get('before', {}).get('done', 0):,}",
+            f"{r['count']:,}",
+            words[r["kind"]] or f"the last {r['shards']:,}" * bool(r["there"]),
+            *(f"{r[name]['ms']:.2f}" for name in ("scheduler", "client", "workers")),
+            *(f"{r[name]['megabytes'][1]:.0f}" for name in ("scheduler", "client")),
+            f"{r['status']:.2f}",
+        )
+        for r in rows
+        if r["kind"] in words
+    ]
+    columns = ("shards", "workers", "", "ms of scheduler", "of client", "of worker",
+               "MB of scheduler", "of client", "s of status")  # fmt: skip
+    most = max((r for r in rows if r["kind"] in words), key=lambda r: r["there"])
+    note = (
+        "CPU time of a task in each process, and memory at the end, of shards without work:"
+        f" {1e3 / most['scheduler']['ms']:.0f} tasks a second keep one scheduler busy. All workers"
+        " are objects in one process. journal.jsonl has"
+        f" {most['journal.jsonl']:,} bytes at the end, and run.json {most['run.json']:,}: neither"
+        f" grows with the shards. {_machine(machine)}."
+    )
+    return with_note(table(columns, lines), note)
+
+
 def maps(rows, machine):
     """Return a table of time and memory of maps and large studies."""
     lines = [
@@ -405,6 +439,7 @@ DRAWN = {
     "throughput": throughput,
     "maps": maps,
     "runs": runs,
+    "workers": workers,
     "gpu": gpu,
     "device": device,
     **{

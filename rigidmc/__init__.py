@@ -14,7 +14,6 @@ xarray are imported, every Dataset has `ds.rigid`, see `rigidmc.views.accessor`.
 
 from importlib import import_module
 from os import PathLike
-from os.path import isdir
 from typing import TYPE_CHECKING, Any
 
 from rigidmc.studies import STUDIES
@@ -102,9 +101,10 @@ def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
     """
     result: Dataset
     maps = import_module("rigidmc.studies.stability_map.stored")
+    folder = import_module("rigidmc.files.stores").is_folder(path)
     if maps.is_map(path):
         result = maps.open_map(path, allow_code)
-    elif isdir(path) and not import_module("rigidmc.files.opening").is_zarr(path):
+    elif folder and not import_module("rigidmc.files.opening").is_zarr(path):
         result = import_module("rigidmc.runs.directory.dataset").open_run(path, allow_code)
     else:
         result = import_module("rigidmc.results.reader").open_result(path)

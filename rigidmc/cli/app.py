@@ -186,6 +186,7 @@ def load_scene(
 def load_result(path: str, allow_code: bool = False) -> "xr.Dataset":
     """Open the Dataset of a result file or a run directory; FileError with advice for others."""
     from rigidmc.files.opening import is_zarr
+    from rigidmc.files.stores import is_folder
     from rigidmc.scene.library import shipped_names
 
     there = os.path.exists(path)
@@ -195,7 +196,7 @@ def load_result(path: str, allow_code: bool = False) -> "xr.Dataset":
             f" watch it turn with `rigidmc view {path}`"
         )
         raise FileError(rule, at="result", value=path)
-    if os.path.isdir(path) and not is_zarr(path):
+    if is_folder(path) and not is_zarr(path):
         from rigidmc.runs.directory.dataset import open_run
 
         return open_run(path, allow_code)

@@ -26,6 +26,7 @@ from rigidmc.cli.options import (
 )
 from rigidmc.cli.reporting import report_errors, report_files
 from rigidmc.errors import OptionError
+from rigidmc.files.stores import is_folder
 from rigidmc.results.labels import count_text
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ with_directory_options = gather_options(  # decorates a command with a parameter
 
 def names_a_run(output: str) -> bool:
     """Whether an output is a run directory: a folder, but not a zarr store."""
-    folder = output.endswith(os.sep) or os.path.isdir(output)
+    folder = output.endswith(os.sep) or is_folder(output)
     return folder and not output.lower().rstrip(os.sep).endswith(".zarr")
 
 

@@ -31,6 +31,7 @@ from rigidmc.cli.reporting import (
 )
 from rigidmc.errors import OptionError, RigidmcError, in_file, unknown
 from rigidmc.files.outputs import refuse_existing
+from rigidmc.files.stores import is_folder
 from rigidmc.results.labels import count_text
 from rigidmc.scene.library import shipped_names
 from rigidmc.views import PICTURES
@@ -285,7 +286,7 @@ def _map(source: str) -> "xr.Dataset | None":
 
 def _result(source: str, settings: list[str], allow_code: bool) -> "xr.Dataset":
     """Open a result, or run the first MEMBERS members of a scene."""
-    if os.path.isdir(source) or source.lower().endswith((".nc", ".zarr")):
+    if is_folder(source) or source.lower().endswith((".nc", ".zarr")):
         if settings:
             raise OptionError(
                 "is for scenes; a result is already computed", at="set", value=settings[0]

@@ -4,7 +4,6 @@
 """
 
 import inspect
-import os
 from collections.abc import Callable
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -50,6 +49,7 @@ from rigidmc.cli.reporting import (
     write_study,
 )
 from rigidmc.errors import OptionError, in_file
+from rigidmc.files.stores import is_folder
 from rigidmc.studies import STUDIES, load_study
 
 if TYPE_CHECKING:
@@ -264,7 +264,7 @@ def _run_study(
 
     file = None if folder_of(where.output) else where.output
     refuse_outputs(where.force, plot=where.plot, study=file)
-    if os.path.isdir(name) or name.lower().endswith(".nc"):
+    if is_folder(name) or name.lower().endswith(".nc"):
         _refuse_new({"set": where.settings or None, **new, **run, **where.ways._asdict()})
         return stored(name), where.output
 

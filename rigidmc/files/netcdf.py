@@ -25,6 +25,7 @@ from rigidmc.files.opening import is_zarr, open_plain, refuse_irregular
 from rigidmc.files.outputs import Path
 from rigidmc.files.processes import unlock_in_fork
 from rigidmc.files.reading import bytes_of, json_of
+from rigidmc.files.stores import local_copy
 from rigidmc.files.trial import refuse_unreadable
 from rigidmc.threads import Task, threads_of
 
@@ -132,9 +133,17 @@ def read(
         value that replaces them
     Raises FileError for a shard with another `mark`, a damaged file, or a missing variable.
     """
+    with local_copy(path) as file:
+        return _read(file, names, mark, newer or {})
+
+
+def _read(
+    path: str, names: tuple[str, ...], mark: str | None, newer: Mapping[str, Any]
+) -> dict[str, NDArray[Any]]:
+    """Read variables of a file here; see `read`."""
 
     def values_of(file: netCDF4.Dataset, name: str) -> NDArray[Any]:
-        if newer and name in newer and name not in file.variables:
+        if name in newer and name not in file.variables:
             return np.full(file["member"].shape, newer[name])
         return np.asarray(file[name][:])
 

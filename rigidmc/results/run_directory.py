@@ -15,6 +15,9 @@
 
 A shard is written as a temporary file, closed, synced (fsync) and renamed, so a file with the name
 of a shard is complete. The list of shards is the state of the run.
+
+A run directory can be a URL of a store, see `rigidmc.files.stores`. It has neither `unfinished` nor
+`lock`; a shard is written here, then put whole.
 """
 
 import contextlib
@@ -25,8 +28,11 @@ import math
 import os
 import platform
 import re
+import shutil
+import tempfile
 import time
 import warnings
+import weakref
 from collections.abc import Callable, Iterator, Sized
 from functools import cached_property
 from typing import Annotated, Any
@@ -40,6 +46,7 @@ from rigidmc.files.locks import lock, unlock
 from rigidmc.files.opening import data_bytes, open_below, open_plain, open_regular, refuse_unnamed
 from rigidmc.files.outputs import Path, clear, is_part
 from rigidmc.files.reading import bytes_of, json_of, text_of
+from rigidmc.files.stores import Store, is_url, join
 from rigidmc.scene.scene import Scene
 
 FORMAT = 1
@@ -112,6 +119,7 @@ def facts_text(facts: dict[str, Any]) -> str:
 _SHARD = re.compile(r"([0-9]{8})-([0-9]{1,12})-([0-9a-f]{16})\.nc")
 _OLD = 3600.0  # s, after which an unfinished file of another computer counts as abandoned
 CHOSEN = "members.i64"
+FILES = ("run.json", "scene.toml", "columns.nc", CHOSEN)  # all that defines a run
 _JOURNAL = 2**20  # bytes read from the end of a journal; each resume adds two lines of 300 bytes
 
 
@@ -142,12 +150,28 @@ def hash_of(scene: Scene) -> str:
 
 
 class RunDirectory:
-    """An existing run directory. path : of the directory;  facts : of its run.json"""
+    """An existing run directory.
+
+    path : of the directory, or its URL;  facts : of its run.json
+    store : of a URL, else None
+    folder : of its FILES here: the directory itself, or copies of those in a store
+    written : path of the last shard that this object has written
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = os.fspath(path)
         refuse_unnamed(self.path)
+        self.store, self.folder = None, self.path
+        if is_url(self.path):
+            self.path = self.path.rstrip("/")
+            self.store = Store(self.path)
+            self.folder = tempfile.mkdtemp(prefix="rigidmc-")
+            weakref.finalize(self, shutil.rmtree, self.folder, True)
+            os.mkdir(self._folder)
+            for name in FILES:
+                self.store.download(name, os.path.join(self.folder, name))
         self.facts = self._read_facts()
+        self.written = ""
         for folder in (self._folder, self.unfinished):
             if os.path.islink(folder):
                 rule = "is a link; a run must stay in its folder"
@@ -155,18 +179,20 @@ class RunDirectory:
 
     @property
     def _folder(self) -> str:
-        return os.path.join(self.path, "shards")
+        return os.path.join(self.folder, "shards")
 
     @property
     def unfinished(self) -> str:
         """The folder for incomplete shards."""
-        return os.path.join(self.path, "unfinished")
+        return os.path.join(self.folder, "unfinished")
 
     def _read_facts(self) -> dict[str, Any]:
-        name = os.path.join(self.path, "run.json")
-        if not os.path.lexists(self.path):
+        name = os.path.join(self.folder, "run.json")
+        if not os.path.lexists(self.folder):
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), self.path)
         if not os.path.isfile(name):
+            if self.store is not None:
+                self.store.refuse_no_bucket()
             raise FileError("is not a run directory: no run.json", at="run", value=self.path)
         return read_facts(name)
 
@@ -191,7 +217,7 @@ class RunDirectory:
         """
         if not self.facts.get("chosen"):
             return None
-        name = os.path.join(self.path, CHOSEN)
+        name = os.path.join(self.folder, CHOSEN)
         if not os.path.isfile(name):
             raise FileError("is missing", at=CHOSEN, file=self.path)
         with open(name, "rb", opener=open_plain) as file:
@@ -223,19 +249,39 @@ class RunDirectory:
         shards of this run, because of their names or numbers, or because their number is taken."""
         shards: dict[int, str] = {}
         strays = list[str]()
-        with contextlib.suppress(FileNotFoundError), os.scandir(self._folder) as entries:
-            for entry in sorted(entries, key=lambda entry: entry.name):
-                name = _SHARD.fullmatch(entry.name)
-                if (
-                    name
-                    and int(name[1]) < self.count
-                    and int(name[1]) not in shards
-                    and entry.is_file(follow_symlinks=False)
-                ):
-                    shards[int(name[1])] = entry.path
-                elif not is_part(entry.name):
-                    strays.append(entry.path)
+        for file, path, regular in self._files():
+            name = _SHARD.fullmatch(file)
+            if name and regular and int(name[1]) < self.count and int(name[1]) not in shards:
+                shards[int(name[1])] = path
+            elif not is_part(file):
+                strays.append(path)
         return shards, strays
+
+    def _files(self) -> list[tuple[str, str, bool]]:
+        """Return (name, path, whether it is a regular file) of all in the folder of shards."""
+        if self.store is not None:
+            return [(name, self.final(name), True) for name in sorted(self.store.listed("shards"))]
+        try:
+            with os.scandir(self._folder) as entries:
+                return sorted(
+                    (one.name, one.path, one.is_file(follow_symlinks=False)) for one in entries
+                )
+        except FileNotFoundError:
+            return []
+
+    def final(self, name: str) -> str:
+        """Return the path or URL of a shard with this name."""
+        return join(join(self.path, "shards"), name)
+
+    def times(self, shards: dict[int, str]) -> dict[int, float]:
+        """Return {i: time at which it appeared} of shards that are still there."""
+        found = dict[int, float]()
+        there = None if self.store is None else self.store.listed("shards")
+        for i, path in shards.items():
+            with contextlib.suppress(FileNotFoundError, KeyError):
+                name = os.path.basename(path)
+                found[i] = os.stat(path).st_mtime if there is None else there[name]
+        return found
 
     def shards(self) -> dict[int, str]:
         """Return {i: path} of the existing shards."""
@@ -258,6 +304,28 @@ class RunDirectory:
         """Return the final path of a finished file as shard i with `flagged` flagged members."""
         return os.path.join(self._folder, f"{i:08d}-{flagged}-{hash_of_file(file)[:16]}.nc")
 
+    def publish(self, path: str) -> None:
+        """Record a shard that has been written under its final path here; move it to the store."""
+        name = os.path.basename(path)
+        if self.store is not None:
+            self.store.upload(path, f"shards/{name}")
+            os.unlink(path)
+        self.written = self.final(name)
+
+    def delete(self, path: str) -> None:
+        """Delete a shard or stray."""
+        if self.store is None:
+            os.unlink(path)
+        else:
+            self.store.delete(f"shards/{os.path.basename(path)}")
+
+    def refuse_store(self, what: str) -> None:
+        """Raise FileError for a run in a store, where `what` would need a lock."""
+        if self.store is not None:
+            cure = f"make a directory of it with `rigidmc merge RUN/ {self.path}`"
+            rule = f"{what} needs a lock, and stores have none: {cure}"
+            raise FileError(rule, at="run", value=self.path)
+
     def missing(self) -> NDArray[np.int64]:
         """Return the numbers of the missing shards, 8 bytes each."""
         gone = np.ones(self.count, bool)
@@ -273,6 +341,11 @@ class RunDirectory:
         """Add a line to the journal, ignoring failures: nothing depends on it."""
         about = {"time": round(time.time(), 3), "host": platform.node(), "pid": os.getpid()}
         line = json.dumps({**about, **facts})
+        if self.store is not None:  # lines of a process that writes at the same time may be lost
+            with contextlib.suppress(FileError):
+                old = self.store.get("journal.jsonl") or b""
+                self.store.put("journal.jsonl", old[-_JOURNAL:] + line.encode() + b"\n")
+            return
         name = os.path.join(self.path, "journal.jsonl")
         with (
             contextlib.suppress(OSError, FileError),
@@ -283,9 +356,12 @@ class RunDirectory:
     def journal(self) -> list[dict[str, Any]]:
         """Read the last lines of the journal. Nothing depends on it, so torn or impossible lines
         are ignored with a SceneWarning."""
-        name = os.path.join(self.path, "journal.jsonl")
+        name = join(self.path, "journal.jsonl")
         try:
-            text = bytes_of(name, _JOURNAL, last=True, links=False)
+            if self.store is None:
+                text = bytes_of(name, _JOURNAL, last=True, links=False)
+            else:
+                text = (self.store.get("journal.jsonl") or b"")[-_JOURNAL:]
         except (OSError, FileError):
             return []
         # the first line of a partial read is incomplete
@@ -301,10 +377,17 @@ class RunDirectory:
     def locked(self) -> Iterator[None]:
         """Hold the lock of the writing process.
 
+        A store has no locks. Two processes may compute the same shard there, and put the same
+        object, because the name and the bytes of a shard are a function of the run and its number.
+        What changes other objects is refused, see `refuse_store`.
+
         Raises OutputExists if another process holds the lock, or has written since this process
         read run.json. The lock ends with the process, however that ends.
         """
         os.makedirs(self._folder, exist_ok=True)
+        if self.store is not None:
+            yield
+            return
         name = os.path.join(self.path, "lock")
         with open(name, "ab+", buffering=0, opener=open_plain) as file:
             try:
@@ -327,7 +410,7 @@ class RunDirectory:
 
     def clear(self) -> None:
         """Delete the unfinished files of killed writers."""
-        for folder in (self.path, self._folder, self.unfinished):
+        for folder in (self.folder, self._folder, self.unfinished):
             clear(folder, _OLD)
 
 
@@ -370,10 +453,8 @@ def status(path: Path) -> dict[str, Any]:
     (shards, strays), journal = directory.listed(), directory.journal()
     members = sum(len(directory.places(i)) for i in shards)
     begun = max((line["time"] for line in journal if line["event"] == "begun"), default=math.inf)
-    appeared = list[tuple[float, int]]()
-    for i, shard in shards.items():
-        with contextlib.suppress(FileNotFoundError):  # just deleted
-            appeared.append((os.stat(shard).st_mtime, len(directory.places(i))))
+    times = directory.times(shards)
+    appeared = [(at, len(directory.places(i))) for i, at in times.items()]
     new = sum(count for at, count in appeared if at > begun)
     seconds = max((at for at, _ in appeared), default=0.0) - begun
     for line in journal:

@@ -153,11 +153,13 @@ class Writer:
         digits = self._digits.get(name)
         return values if digits is None else round_digits(values, digits)
 
-    def finish(self) -> None:
-        """Close the file, make it durable and rename it."""
+    def finish(self) -> str:
+        """Close the file, make it durable and rename it; return its path."""
         with naming_failures(self.path):
             in_netcdf_thread(self._close)
-        self._part.finish(None if self._named is None else self._named(self._part.path))
+        final = os.fspath(self.path) if self._named is None else self._named(self._part.path)
+        self._part.finish(final)
+        return final
 
     def discard(self) -> None:
         """Close and delete the partial file."""
@@ -176,8 +178,9 @@ def write_columns(
     columns: Arrays,
     attrs: Mapping[str, str] = {},
     named: Callable[[str], str] | None = None,
-) -> None:
-    """Write {name: array} as a separate small file; dimensions are named by their lengths.
+) -> str:
+    """Write {name: array} as a separate small file and return its path; dimensions are named by
+    their lengths.
 
     named : returns the final path for the path of the written file
     """
@@ -199,7 +202,9 @@ def write_columns(
     try:
         with naming_failures(path):
             in_netcdf_thread(write_to, part.path)
-        part.finish(named and named(part.path))
+        final = os.fspath(path) if named is None else named(part.path)
+        part.finish(final)
+        return final
     except BaseException:
         part.discard()
         raise

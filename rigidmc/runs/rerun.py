@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning, in_file
 from rigidmc.files.opening import is_zarr
 from rigidmc.files.outputs import Path, refuse_existing
+from rigidmc.files.stores import is_folder
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import OBSERVABLES, OUTCOMES, outputs, own
 from rigidmc.physics.observables.saving import summaries
@@ -97,7 +98,7 @@ def rerun(
         refuse_existing(os.fspath(output), force)
     if not isinstance(source, xr.Dataset):
         path = os.fspath(source)
-        run = os.path.isdir(path) and not is_zarr(path)
+        run = is_folder(path) and not is_zarr(path)
         with open_run(path, allow_code) if run else open_result(path) as result:
             return rerun(result, member, every, save, allow_code, output, force, **options)
     if "member" not in source.coords:

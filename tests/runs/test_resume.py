@@ -455,7 +455,7 @@ def test_a_cluster_makes_the_same_bytes(whole, tmp_path):
     told = torture.lost(1, str(tmp_path), random.Random(8), 200_000)
     assert told == {"workers killed": 1, "runs": 1, "runs that ended well": 1, "sha256 equal": 1}
     texts = tuple(content_of(str(whole), name) for name in cluster.FILES)
-    i, found, name, data = cluster.shard(str(tmp_path / "elsewhere"), texts, 5)
+    i, found, name, data = cluster.shard(5, str(tmp_path / "elsewhere"), texts)
     assert (i, found["ok"]) == (5, 40) and hashlib.sha256(data).hexdigest() == sums(whole)[name]
     for where in ("here:2", "local:0", "tcp"):
         with pytest.raises(OptionError, match="cluster = "):

@@ -11,5 +11,6 @@ merge, consolidate), `dataset` (all shards as one Dataset), `tasks` (directories
 tasks instead of members).
 
 Invariants: run.json of earlier versions can be read; a complete shard never changes; a lock lets
-only one process write a directory at a time.
+only one process write a directory at a time. A store has no locks: there, processes may put the
+same shards twice, and whatever changes a run is refused.
 """

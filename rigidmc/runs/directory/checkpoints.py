@@ -10,6 +10,7 @@ deleted when the shard is written.
 import contextlib
 import hashlib
 import json
+import math
 import os
 import re
 import time
@@ -98,6 +99,13 @@ class Checkpoints:
     def _key_of_shard(self, shard: MemorySink) -> str:
         return f"{self._key} {shard.layout.first} {shard.layout.members}"
 
+    def drop_written(self) -> None:
+        """Delete the checkpoints of shards that were written before a kill. Without checkpoints the
+        shards are not listed, because each task of a cluster would list all of them."""
+        with contextlib.suppress(OSError):
+            if os.listdir(self._folder):
+                self.drop(self.directory.shards().keys())
+
     def drop(self, shards: Collection[int]) -> None:
         """Delete the checkpoints of shards that are written."""
         with contextlib.suppress(OSError), os.scandir(self._folder) as entries:
@@ -120,6 +128,9 @@ class Checkpoints:
         return time.monotonic() >= self._due.setdefault(name, time.monotonic() + EVERY)
 
     def _write(self, name: str, key: str, arrays: dict[str, NDArray[Any]]) -> None:
+        if self.directory.store is not None:  # nobody would find it: the folder here is temporary
+            self._due[name] = math.inf
+            return
         began = time.monotonic()
         write_checkpoint(os.path.join(self._folder, name), key, arrays)
         now = time.monotonic()

@@ -5,14 +5,13 @@ Workers that see the run directory write their shards there directly. Other work
 whole shard, and this process writes it. If a worker is lost, another one computes its shard; files
 already written stay.
 
-Ten billion (10^10) members on a thousand workers, from the rows of `python -m bench runs` (final
-state of free tops with attitude after 1,200 rk4 steps; tests/whole/test_claims.py):
+Ten billion (10^10) members on a thousand workers, from the rows of `python -m bench runs workers`
+(final state of free tops with attitude after 1,200 rk4 steps; tests/whole/test_claims.py):
 
     computing   38,000 s of one thread: less than a minute of a thousand workers
     files       1.22 TB; in shards of 500 MB (--shard-size 500) 2,400 files, each 16 s of one
                 worker; 67 MB, the default, would be 18,000 files
-    scheduler   4.2 ms of CPU a task: 10 s for 2,400 tasks, besides that minute; 77 s for 18,000,
-                which is longer than the work
+    scheduler   1.1 ms of CPU a task: 3 s for 2,400 tasks, 20 s for 18,000
     messages    some kB a task: scene.toml goes once to each worker; two tasks wait for each thread
     memory      of a worker: a few blocks and up to four shards
     status      6 ms for 1,000 shards, from their names alone; rm.open 0.27 s
@@ -23,19 +22,23 @@ which reads and writes every byte once more.
 
 import contextlib
 import hashlib
+import itertools
 import logging
+import math
 import os
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.kernel.layout import STATUSES
-from rigidmc.errors import OptionError
+from rigidmc.errors import OptionError, RigidmcError
 from rigidmc.files.outputs import content_of, write_bytes
+from rigidmc.files.stores import Store, absolute, is_url
 from rigidmc.progress import Progress, reporter
-from rigidmc.results.run_directory import CHOSEN, RunDirectory
+from rigidmc.results.run_directory import FILES, RunDirectory
 from rigidmc.runs.directory.load import block_of_run, check_versions, load_run
 from rigidmc.runs.directory.shards import Numbers, compute_shards
 
@@ -44,9 +47,9 @@ if TYPE_CHECKING:
 
 # tasks waiting for each thread of the workers: the scheduler holds few, however many shards exist
 AHEAD = 2
+RECOUNT = 1.0  # seconds between two counts of the threads, because workers come and go
 LOST = 20  # how often a shard is restarted because its worker was lost
 QUIET = 60.0  # seconds without any worker, or until another computer's file is visible here
-FILES = ("run.json", "scene.toml", "columns.nc", CHOSEN)  # files of a directory that workers need
 
 SETTINGS = {  # of a cluster on this machine
     # by default dask gives up at the third loss, as if the task were the cause
@@ -60,8 +63,8 @@ SETTINGS = {  # of a cluster on this machine
 }
 
 
-# (path, i, allow_code, accept, device) -> {status: members}
-Work = Callable[[str, int, bool, bool, str | None], dict[str, int]]
+# (directory, i, allow_code, accept, device) -> {status: members}
+Work = Callable[[RunDirectory, int, bool, bool, str | None], dict[str, int]]
 
 
 class ComputedShard(NamedTuple):
@@ -103,13 +106,13 @@ def compute_on(
     cluster : "tcp://host:8786" of a scheduler, or "local:4" for four processes of one thread each
         on this machine; these need an importable main module (`if __name__ == "__main__":`)
     stop : time limit on the clock of time.monotonic(); no shard starts that would end later
-    work : function that computes a shard in a folder, by default its members
+    work : function that computes a shard of a directory, by default its members
     device : where workers move members, as in `simulate`
 
     Raises OptionError if dask or the cluster is missing, OSError if the cluster is lost, and any
     error of a worker.
     """
-    texts = tuple(content_of(directory.path, name) for name in FILES)
+    texts = tuple(content_of(directory.folder, name) for name in FILES)
     flagged = dict.fromkeys(STATUSES, 0)
     with (
         _connected(cluster, directory) as client,
@@ -168,24 +171,33 @@ class _Tasks:
         stop: float | None,
         options: tuple[bool, bool, Work | None, str | None],
     ) -> None:
-        self._client, self._cluster, self._stop, self._options = client, cluster, stop, options
-        self._path = os.path.abspath(directory.path)
-        self._texts = client.scatter(texts, broadcast=True, hash=True)
+        self._client, self._cluster, self._stop = client, cluster, stop
+        path = absolute(directory.path)
         # fixed keys: a shard of this directory that is requested twice is one task
-        self._name = hashlib.sha256(self._path.encode() + texts[0]).hexdigest()
-        self._numbers = map(int, numbers)
+        self._name = f"rigidmc-{hashlib.sha256(path.encode() + texts[0]).hexdigest()}"
+        # A task, not scattered data: the scheduler gives it to workers that join later, and repeats
+        # it if every worker that holds the texts is lost.
+        files = client.submit(_texts, texts, key=f"{self._name}-files")
+        self._given: dict[str, Any] = {"path": path, "texts": files, "options": options}
+        self._numbers, self._waiting = map(int, numbers), 0
         self._began, self._done = time.monotonic(), 0
-        self._threads = sum(client.nthreads().values()) or 1
+        self._threads, self._counted = 1, -math.inf
 
     def _submit(self) -> "list[Future[Any]]":
-        """Submit the next shard and return [its task]; [] if none is left or none may start."""
-        took = (time.monotonic() - self._began) * self._threads / self._done if self._done else 0.0
-        late = self._stop is not None and time.monotonic() + AHEAD * took > self._stop
-        if late or (i := next(self._numbers, None)) is None:
+        """Submit shards until AHEAD wait for each thread; return [their tasks], [] if none is left
+        or none may start."""
+        now = time.monotonic()
+        if now > self._counted + RECOUNT:
+            # adaptive clusters grow only while tasks wait
+            self._threads = sum(self._client.nthreads().values()) or 1
+            self._counted = now
+        took = (now - self._began) * self._threads / self._done if self._done else 0.0
+        if self._stop is not None and now + AHEAD * took > self._stop:
             return []
-        key = f"rigidmc-{self._name}-{i}"
-        given = (self._path, self._texts, i, *self._options)
-        return [self._client.submit(shard, *given, key=key)]
+        more = list(itertools.islice(self._numbers, max(0, AHEAD * self._threads - self._waiting)))
+        self._waiting += len(more)
+        keys = [f"{self._name}-{i}" for i in more]
+        return self._client.map(shard, more, key=keys, **self._given) if more else []
 
     def results(self, poll: Callable[[], None]) -> Iterator[ComputedShard]:
         """Yield the shards as they finish. A shard whose worker is lost is restarted; OSError if
@@ -194,29 +206,37 @@ class _Tasks:
         poll : called repeatedly while waiting
         """
         from distributed import CancelledError, KilledWorker, as_completed
+        from distributed.comm.core import CommClosedError
 
-        first = [future for _ in range(AHEAD * self._threads) for future in self._submit()]
-        futures, lost = as_completed(first), 0
-        while not futures.is_empty():
-            _wait(self._client, futures, poll)
-            future = next(futures)
-            killed = future.status == "error" and isinstance(future.exception(), KilledWorker)
-            if killed and lost < LOST:
-                lost += 1
-                future.retry()
-                futures.add(future)
-                continue
-            try:
-                computed = future.result()
-            except (KilledWorker, CancelledError) as error:
-                why = str(error).partition("\n")[0]
-                rule = f"the cluster was lost ({why}); `rigidmc resume` continues the run"
-                raise OSError(f"{self._cluster}: {rule}") from None
-            yield computed
-            future.release()
-            self._done += 1
-            for more in self._submit():
-                futures.add(more)
+        futures, lost = as_completed(self._submit()), Counter[str]()
+        try:
+            while not futures.is_empty():
+                _wait(self._client, futures, poll)
+                good = list["Future[Any]"]()
+                for future in futures.next_batch(block=False):
+                    killed = future.status == "error" and isinstance(
+                        future.exception(), KilledWorker
+                    )
+                    if killed and lost[future.key] < LOST:
+                        lost[future.key] += 1
+                        future.retry()
+                        futures.add(future)
+                    else:
+                        good.append(future)
+                # one message for a batch: a third of the CPU time of one for each
+                yield from self._client.gather(good)
+                self._done += len(good)
+                self._waiting -= len(good)
+                futures.update(self._submit())
+        except (KilledWorker, CancelledError, CommClosedError) as error:
+            why = str(error).partition("\n")[0]
+            rule = f"the cluster was lost ({why}); `rigidmc resume` continues the run"
+            raise OSError(f"{self._cluster}: {rule}") from None
+
+
+def _texts(texts: tuple[bytes, ...]) -> tuple[bytes, ...]:
+    """Return the contents of FILES, on a worker."""
+    return texts
 
 
 def _wait(client: "Client", futures: Any, poll: Callable[[], None]) -> None:
@@ -233,10 +253,11 @@ def _wait(client: "Client", futures: Any, poll: Callable[[], None]) -> None:
 
 def _store(computed: ComputedShard, cluster: str, directory: RunDirectory) -> None:
     """Write a shard that a worker sent; OptionError if a worker wrote it to another directory."""
-    final = os.path.join(directory.path, "shards", computed.name)
     if computed.data is not None:
+        final = os.path.join(directory.folder, "shards", computed.name)
         write_bytes(final, computed.data, True)
-    elif not _appeared(final):
+        directory.publish(final)
+    elif directory.store is None and not _appeared(final := directory.final(computed.name)):
         rule = (
             f"a worker has its own directory at {directory.path}, and {computed.name} is not in"
             " this one: give a path that is the same directory on all machines, or that exists only"
@@ -254,41 +275,47 @@ def _appeared(path: str) -> bool:
 
 
 def shard(
+    i: int,
     path: str,
     texts: tuple[bytes, ...],
-    i: int,
-    allow_code: bool = False,
-    accept: bool = False,
-    work: Work | None = None,
-    device: str | None = None,
+    options: tuple[bool, bool, Work | None, str | None] = (False, False, None, None),
 ) -> ComputedShard:
     """Compute shard i of a run, on a worker.
 
-    path, texts : of the run directory, and the contents of its FILES;  work : as in `compute_on`
-    device : where members move, as in `simulate`
+    path, texts : of the run directory, and the contents of its FILES
+    options : allow_code, accept, work and device as in `compute_on`
     """
+    allow_code, accept, work, device = options
     compute = work or _compute
-    if content_of(path, "run.json") == texts[0]:
-        flagged = compute(path, i, allow_code, accept, device)
-        return ComputedShard(i, flagged, os.path.basename(RunDirectory(path).shards()[i]), None)
+    if _reaches(path, texts[0]):
+        directory = RunDirectory(path)
+        flagged = compute(directory, i, allow_code, accept, device)
+        return ComputedShard(i, flagged, os.path.basename(directory.written), None)
     with tempfile.TemporaryDirectory(prefix="rigidmc-") as folder:
         os.mkdir(os.path.join(folder, "shards"))
         for name, text in zip(FILES, texts, strict=True):
             if text:
                 with open(os.path.join(folder, name), "wb") as file:
                     file.write(text)
-        flagged = compute(folder, i, allow_code, accept, device)
-        (written,) = RunDirectory(folder).shards().values()
-        return ComputedShard(
-            i, flagged, os.path.basename(written), content_of(*os.path.split(written))
-        )
+        directory = RunDirectory(folder)
+        flagged = compute(directory, i, allow_code, accept, device)
+        written = os.path.split(directory.written)
+        return ComputedShard(i, flagged, written[1], content_of(*written))
+
+
+def _reaches(path: str, text: bytes) -> bool:
+    """Return whether a worker reads this run.json in a folder or store."""
+    if not is_url(path):
+        return content_of(path, "run.json") == text
+    with contextlib.suppress(RigidmcError):  # no package or no permission, or no network
+        return Store(path).get("run.json") == text
+    return False
 
 
 def _compute(
-    path: str, i: int, allow_code: bool, accept: bool, device: str | None
+    directory: RunDirectory, i: int, allow_code: bool, accept: bool, device: str | None
 ) -> dict[str, int]:
     """Compute one shard of a run directory; return {status: members}."""
-    directory = RunDirectory(path)
     check_versions(directory, accept)
     run, device = load_run(directory, allow_code), resolve_device(device)
     block = block_of_run(directory, run, device)

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import math
 import os
+import tempfile
 import tomllib
 import warnings
 from collections.abc import Iterator, Mapping
@@ -20,11 +21,13 @@ from rigidmc.files.locks import refuse_lockless
 from rigidmc.files.opening import refuse_unnamed
 from rigidmc.files.outputs import (
     Path,
+    content_of,
     folder_beside,
     make_durable,
     refuse_unwritable,
     write_bytes,
 )
+from rigidmc.files.stores import Store, is_url
 from rigidmc.files.user_code import sources_of
 from rigidmc.planning.initial import block_rows, initial_block, make_sampler
 from rigidmc.results.layout import ResultLayout
@@ -115,12 +118,15 @@ def create(
         block, shard = shorten_shards(run, block, shard, limit, device)
     members = run.plan.members
     count = -(-members // shard)
+    here, disk = path, members
+    if is_url(path):  # each shard leaves this disk before the next is written
+        here, disk = os.path.join(tempfile.gettempdir(), "shards"), min(shard, members)
     refuse_shards_beyond(only, count)
     refuse_many(count)
     threads = threads or threads_available()
     more = memory_of_shards(run, min(shard, members), block, threads)
-    room = needs(run.layout, run.plan, members, block, threads)
-    check_resources(room, members, threads, path, more)
+    room = needs(run.layout, run.plan, disk, block, threads)
+    check_resources(room, disk, threads, here, more)
     return write_run_files(path, run, shard, block, about, chosen)
 
 
@@ -143,6 +149,9 @@ def write_run_files(
     chosen: MemberSelection | None,
 ) -> RunDirectory:
     """Write the files of a new run at a free place; about, chosen : as in `create`."""
+    if chosen is not None and chosen.level and is_url(path):
+        rule = "this study adds members to its run, which needs a lock: stores have none"
+        raise OptionError(rule, at="output", value=path)
     facts = _facts(run, shard, block, about)
     if chosen is not None:
         facts |= {"first": 0, **selection_facts(chosen.members), "growing": chosen.level}
@@ -222,8 +231,19 @@ def new_directory(path: str) -> Iterator[str]:
     """Create a folder for a new run, with an empty folder of shards. It is built next to its place
     and moved there when complete, so a killed process leaves nothing under that name.
 
+    In a store, the scene is put first and refused if there is one; run.json, which makes it a run,
+    is put last.
+
     Raises OutputExists if something appeared at that place.
     """
+    if is_url(path):
+        with tempfile.TemporaryDirectory(prefix="rigidmc-") as folder:
+            yield folder
+            store = Store(path)
+            for name in ("scene.toml", "columns.nc", CHOSEN, "run.json"):
+                if data := content_of(folder, name):
+                    store.put(name, data, new=name == "scene.toml")
+        return
     with folder_beside(path) as folder:
         os.mkdir(os.path.join(folder, "shards"))
         yield folder
@@ -243,6 +263,10 @@ def free_place(path: Path) -> str:
     """Return the path of a new run directory; OutputExists if anything is there, OSError if the
     folder cannot be used."""
     path = place_of(path)
+    if is_url(path):
+        if not is_free(path):
+            raise OutputExists(f"{path} exists; nothing was written")
+        return path
     refuse_unnamed(path)
     if not is_free(path):
         hint = ""
@@ -255,12 +279,16 @@ def free_place(path: Path) -> str:
 
 def place_of(path: Path) -> str:
     """Return the path of a new run directory; a link to a folder is resolved to that folder."""
+    if is_url(path):
+        return os.fspath(path).rstrip("/")
     path = os.path.normpath(os.fspath(path))
     return os.path.realpath(path) if os.path.islink(path) else path
 
 
 def is_free(path: str) -> bool:
     """Return whether a new run directory may use this path: it is free, or an empty folder."""
+    if is_url(path):
+        return not Store(path).listed()
     return not os.path.lexists(path) or (os.path.isdir(path) and not os.listdir(path))
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import FileError, SceneWarning, in_file
 from rigidmc.files.netcdf import open_undecoded, read
 from rigidmc.files.outputs import Path
+from rigidmc.files.stores import absolute, local_copy
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.reader import check_result
 from rigidmc.results.run_directory import RunDirectory, flagged_count
@@ -60,7 +61,7 @@ def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
     }
     attrs = {**layout.attributes, **directory.facts["attributes"]}
     dataset = xr.Dataset(variables, layout.coordinates, attrs)
-    dataset.encoding |= {"source": os.path.abspath(directory.path), "allow_code": allow_code}
+    dataset.encoding |= {"source": absolute(directory.path), "allow_code": allow_code}
     return dataset
 
 
@@ -96,7 +97,7 @@ def _of_shard(directory: RunDirectory, path: str) -> _Layout:
     scene = scene_of_run(directory, None)  # this also checks the scene
     names = ("members", "first") if directory.chosen is None else ()
     text = text_of_run(directory, **{name: int(directory.facts[name]) for name in names})
-    with open_undecoded(path) as shard:
+    with local_copy(path) as file, open_undecoded(file) as shard:
         with in_file(path):
             result, _ = check_result(shard.assign_attrs(scene=text), path)
         variables = {
@@ -120,7 +121,7 @@ class _Chunks:
 
     def __init__(self, directory: RunDirectory) -> None:
         shards = directory.shards()
-        self.paths = [os.path.abspath(shards[i]) for i in sorted(shards)]
+        self.paths = [absolute(shards[i]) for i in sorted(shards)]
         self.members = [directory.members(i) for i in sorted(shards)]
         self._counts = {
             "member": [len(members) for members in self.members],

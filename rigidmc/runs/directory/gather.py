@@ -21,6 +21,7 @@ from rigidmc.files.outputs import (
     refuse_existing,
     write_bytes,
 )
+from rigidmc.files.stores import is_url, local_copy
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.run_directory import CHOSEN, RunDirectory, flagged_count
 from rigidmc.results.sinks import Arrays, concat_flagged
@@ -94,7 +95,7 @@ def repair(path: Path) -> int:
         bad = [shard for i, shard in shards.items() if fault_of(directory, i, shard)]
         bad += [stray for stray in strays if not os.path.isdir(stray) or os.path.islink(stray)]
         for file in bad:
-            os.unlink(file)
+            directory.delete(file)
         directory.note(event="repaired", shards=[os.path.basename(file) for file in bad])
     return len(bad)
 
@@ -113,11 +114,12 @@ def merge(path: Path, others: Sequence[Path]) -> tuple[RunDirectory, int]:
     for part in parts[1:]:
         _refuse_unlike(parts[0], part)
     if is_free(path):
-        refuse_unusable(path)
+        if not is_url(path):
+            refuse_unusable(path)
         with new_directory(path) as folder:
             for name in ("columns.nc", CHOSEN, "scene.toml", "run.json"):
-                if os.path.isfile(os.path.join(parts[0].path, name)):
-                    write_bytes(os.path.join(folder, name), content_of(parts[0].path, name))
+                if os.path.isfile(os.path.join(parts[0].folder, name)):
+                    write_bytes(os.path.join(folder, name), content_of(parts[0].folder, name))
     directory = RunDirectory(path)
     for part in parts:
         _refuse_unlike(directory, part)
@@ -141,9 +143,14 @@ def _copy_shards(source: RunDirectory, target: RunDirectory) -> int:
             continue
         if fault := fault_of(source, i, shard):
             raise FileError(fault, at="run", value=source.path)
-        final = os.path.join(target.path, "shards", os.path.basename(shard))
-        with PartialFile(final, True) as unfinished, naming_the_path(final, unfinished):
-            copy(shard, unfinished)
+        final = os.path.join(target.folder, "shards", os.path.basename(shard))
+        with (
+            local_copy(shard) as file,
+            PartialFile(final, True) as unfinished,
+            naming_the_path(final, unfinished),
+        ):
+            copy(file, unfinished)
+        target.publish(final)
         copied += 1
     return copied
 
@@ -155,7 +162,7 @@ def _refuse_unlike(one: RunDirectory, other: RunDirectory) -> None:
     apart += [
         name
         for name in ("scene.toml", "columns.nc")
-        if content_of(one.path, name) != content_of(other.path, name)
+        if content_of(one.folder, name) != content_of(other.folder, name)
     ]
     if apart:
         rule = f"is of another run than {one.path}: {', '.join(apart)} differ"
@@ -198,10 +205,11 @@ def _write_shards(writer: Writer, directory: RunDirectory, layout: ResultLayout)
         if fault := fault_of(directory, i, shards[i]):
             rule = f"{fault}; `rigidmc resume --repair` recomputes it"
             raise FileError(rule, at="run", value=directory.path)
-        of_members = read(shards[i], *by_member, newer=NEWER)
-        writer.write(places.start, len(places), of_members)
-        for name, values in (read(shards[i], *summed) if summed else {}).items():
-            sums[name] = sums.get(name, 0) + values
-        if of_flagged and flagged_count(shards[i]):
-            pieces.append(read(shards[i], *of_flagged))
+        with local_copy(shards[i]) as shard:
+            of_members = read(shard, *by_member, newer=NEWER)
+            writer.write(places.start, len(places), of_members)
+            for name, values in (read(shard, *summed) if summed else {}).items():
+                sums[name] = sums.get(name, 0) + values
+            if of_flagged and flagged_count(shard):
+                pieces.append(read(shard, *of_flagged))
     writer.write_all({**sums, **concat_flagged(pieces)})

@@ -70,7 +70,7 @@ def scene_of_run(directory: RunDirectory, allow_code: bool | None = False) -> Sc
         if changed:
             rule = "is not the file that the run was started with"
             raise FileError(rule, at="code", value=", ".join(changed), file=directory.path)
-    scene = scene_in(directory.path, facts, allow_code)
+    scene = scene_in(directory.folder, facts, allow_code)
     known = hash_of(scene)
     if known != facts["scene"] and scene.body.frame == "principal":
         known = _former_hash(scene)
@@ -87,7 +87,7 @@ def scene_of_run(directory: RunDirectory, allow_code: bool | None = False) -> Sc
 
 def text_of_run(directory: RunDirectory, **settings: int) -> str:
     """Return the text of a run's scene with other settings of [run], without checking its parts."""
-    tables = toml(text_of(os.path.join(directory.path, "scene.toml"), links=False))
+    tables = toml(text_of(os.path.join(directory.folder, "scene.toml"), links=False))
     tables["run"] = {**tables.get("run", {}), **settings}
     return tomli_w.dumps(tables)
 

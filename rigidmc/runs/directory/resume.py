@@ -118,7 +118,9 @@ def _refuse_hopeless(
     left = directory.members_of(numbers)
     shard = min(directory.facts["shard"], left)
     more = memory_of_shards(run, shard, block, threads)
-    place = os.path.join(directory.path, "shards")
+    place = os.path.join(directory.folder, "shards")
+    if directory.store is not None:
+        left = shard  # each shard leaves this disk before the next is written
     room = needs(run.layout, run.plan, left, block, threads)
     check_resources(room, left, threads, place, more)
 
@@ -149,6 +151,7 @@ def add_members(directory: RunDirectory, members: NDArray[np.int64], level: int)
     All existing shards must be complete. The longer list of members, which includes the old one, is
     on disk before run.json refers to it.
     """
+    directory.refuse_store("adding members")
     facts, chosen = directory.facts, directory.chosen
     assert chosen is not None and (not members.size or facts["members"] % facts["shard"] == 0)
     more = np.concatenate([chosen, members])
@@ -172,6 +175,7 @@ def extend(
     """
     directory = RunDirectory(path)
     refuse_study(directory)
+    directory.refuse_store("adding members")
     facts, members = directory.facts, read_count(members, "members")
     check_versions(directory, accept)
     if directory.chosen is not None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.kernel.layout import BLOCK, LANES
 from rigidmc.errors import FileError, RigidmcError
 from rigidmc.files.netcdf import read
+from rigidmc.files.stores import local_copy
 from rigidmc.progress import Progress, say
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.run_directory import RunDirectory, flagged_count, is_damaged
@@ -76,6 +77,12 @@ def memory_of_shards(run: PreparedRun, shard: int, block: int, threads: int) -> 
 def fault_of(directory: RunDirectory, i: int, path: str) -> str:
     """Describe the fault of shard i in its checksum, run, members, or number of flagged members;
     "" if there is none."""
+    with local_copy(path) as file:
+        return _fault_in(directory, i, file).replace(file, path)
+
+
+def _fault_in(directory: RunDirectory, i: int, path: str) -> str:
+    """Describe the fault of shard i in a file here; see `fault_of`."""
     if is_damaged(path):
         return f"{path}: was changed: its checksum differs from the one in its name"
     members = directory.members(i)
@@ -160,7 +167,7 @@ class ShardSink:
         self._open: dict[int, MemorySink] = {}  # shards that are being filled
         self._there: dict[int, set[int]] = {}  # the places of their finished blocks
         self.keeper = Checkpoints(directory, layout)
-        self.keeper.drop(directory.shards().keys())  # of shards that were written before a kill
+        self.keeper.drop_written()
         self._dropped = False
         self._thread, self._writing = Threads(1), Task(self._work)
         self._thread.begin(self._writing)
@@ -257,7 +264,7 @@ class ShardSink:
             first, count = shard.layout.first, shard.layout.members
             writer.write(first, count, {name: values[name] for name in by_member})
             writer.write_all({name: v for name, v in values.items() if name not in by_member})
-            writer.finish()
+            self.directory.publish(writer.finish())
             self.keeper.drop([i])
         except BaseException:
             writer.discard()

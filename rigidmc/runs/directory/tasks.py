@@ -97,7 +97,8 @@ def _write(directory: RunDirectory, i: int, number: int, found: TaskArrays) -> N
         return directory.shard_path(i, 0, file)
 
     columns = {"member": np.array([number]), "status": np.zeros(1, "i1"), **found}
-    write_columns(directory.temporary(i), columns, {"run": directory.mark}, named)
+    path = write_columns(directory.temporary(i), columns, {"run": directory.mark}, named)
+    directory.publish(path)
 
 
 def resume_tasks(

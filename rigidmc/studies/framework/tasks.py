@@ -248,9 +248,10 @@ def load_tasks(
     return scene_of_run(directory, allow_code), study[2], done
 
 
-def work(path: str, i: int, allow_code: bool, accept: bool, device: str | None) -> dict[str, int]:
+def work(
+    directory: RunDirectory, i: int, allow_code: bool, accept: bool, device: str | None
+) -> dict[str, int]:
     """Compute one task of a run directory, as a worker on a cluster."""
-    directory = RunDirectory(path)
     check_versions(directory, accept)
     tasks, request = _known(directory)
     scene = scene_of_run(directory, allow_code)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.netcdf import open_undecoded, read
 from rigidmc.files.outputs import Path
+from rigidmc.files.stores import is_folder, is_url
 from rigidmc.results.run_directory import RunDirectory
 from rigidmc.results.variables import NEWER, variables_of
 from rigidmc.runs.directory.create import MemberSelection, create
@@ -78,8 +79,8 @@ def create_map(
 
 def is_map(path: Path) -> bool:
     """Return whether a path is a map: a netCDF file, or a run directory."""
-    if os.path.isdir(path):
-        run = os.path.isfile(os.path.join(path, "run.json"))
+    if is_folder(path):
+        run = is_url(path) or os.path.isfile(os.path.join(path, "run.json"))
         return run and MAP in RunDirectory(path).facts["attributes"]
     if not (os.path.isfile(path) and os.fspath(path).lower().endswith(".nc")):
         return False
@@ -89,7 +90,7 @@ def is_map(path: Path) -> bool:
 
 def open_map(path: Path, allow_code: bool = False) -> xr.Dataset:
     """Return the Dataset of a map, see `rigidmc.open`; FileError for anything else."""
-    if os.path.isdir(path):
+    if is_folder(path):
         return map_of_run(path, allow_code)
     return _map_in_file(os.fspath(path), allow_code)
 
@@ -100,7 +101,7 @@ def read_request(source: Path | xr.Dataset, allow_code: bool = False) -> tuple[M
         name = str(source.encoding.get("source", "the Dataset"))
         request = read_stored_request(str(source.attrs.get(ASKED, "")), name)
         return request, scene_of(source, allow_code=allow_code)
-    if os.path.isdir(source):
+    if is_folder(source):
         directory = RunDirectory(source)
         return request_of(directory), scene_of_run(directory, allow_code)
     with open_undecoded(os.fspath(source)) as file:
