@@ -163,7 +163,10 @@ class Program:
             return KernelKey(function, parts, self.dtype, self.lanes, arguments) if wanted else None
 
         is_monitored = events or running
-        stops, steps = (form, effects, events, axes), (form, effects, events, running, dense, axes)
+        stops = form, effects, events, axes
+        # monitors compute in float64: one register per number
+        registers = static_count(max(1, 64 * self.lanes // vector_bits()))
+        steps = form, effects, events, running, dense, axes, registers
         last = form, effects, flags[1], works
         table = KernelTable(
             gather=key(True, member.gather, (), "piiiiffsw"),

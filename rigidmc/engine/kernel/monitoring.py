@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
-from rigidmc.engine.compiler.memory import four_at, put_rows, three_at, tuple_at
+from rigidmc.engine.compiler.memory import four_at, group_of, put_rows, three_at, tuple_at
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
 from rigidmc.engine.kernel.dense_output import (
     AHEAD,
@@ -89,17 +89,30 @@ def monitor_steps(tree, numbers, substeps, state, work, trace, row, axes_row, fi
 
     nodes : monitored states per step, the last of them at its end
     """
-    integrator, effects, events, running, dense, axes = tree_unpack(tree, numbers)
+    parts = tree_unpack(tree, numbers)
+    groups = parts[6]
+    # One group after the other: a branch that one member needs then costs only its own group, and
+    # the numbers of a group fit in the registers.
+    for i in range(len(groups)):
+        monitor_group(
+            parts, substeps, group_of(state, groups, i), group_of(work, groups, i),
+            group_of(trace, groups, i), row, axes_row, first, last, nodes,
+        )  # fmt: skip
+    return 0
+
+
+def monitor_group(parts, substeps, state, work, trace, row, axes_row, first, last, nodes):
+    """Do the same as `monitor_steps` for a group of members."""
+    integrator, effects, events, running, dense, axes, _ = parts
     body, present = observed_body_and_effects(effects, axes, work, axes_row)
-    h, steps, running_row = work[STEP_LENGTH], work[MEMBER_STEPS], row + EVENT_ROWS * len(events)
+    reading, running_row = trace_reading(substeps, work), row + EVENT_ROWS * len(events)
+    h, steps = reading.length, work[MEMBER_STEPS]
     levels, totals = levels_at(events, work, row), states_at(running, work, running_row)
-    t, q, l = traced_state(integrator, body, present, substeps, state, work, trace, first, first)
+    t, q, l = traced_state(integrator, body, present, reading, state, work, trace, first, first)
     node = node_at(dense, events, running, Step(body, present, t, h, q, l, q, l))
     for s in range(first, last):
         p, m = q, l
-        t, q, l = traced_state(
-            integrator, body, present, substeps, state, work, trace, s + 1, first
-        )
+        t, q, l = traced_state(integrator, body, present, reading, state, work, trace, s + 1, first)
         # Lanes go on together until the slowest member of a round has made its steps. The states of
         # the others do not change, and must not count twice.
         moves = (steps > s) & (is_stopped(events, work, row) <= 0.0)
@@ -114,12 +127,33 @@ def monitor_steps(tree, numbers, substeps, state, work, trace, row, axes_row, fi
     return 0
 
 
-def traced_state(integrator, body, effects, substeps, state, work, trace, s, first):
+class TraceReading(NamedTuple):
+    """Constants with which states are read from a trace.
+
+    Read before the loop over steps: after each record of an event LLVM would read them again, and
+    repeat the divisions by them.
+
+    began, length : when the round began, and the length of its steps [s]
+    substep, when : the opening substep, and the time of its torque, in steps
+    """
+
+    began: Any
+    length: Any
+    substep: Any
+    when: Any
+
+
+def trace_reading(substeps, work):
+    """Return the TraceReading of a group of members."""
+    length = work[STEP_LENGTH]
+    return TraceReading(work[ROUND_START], length, opening_substep(substeps, length), substeps[3])
+
+
+def traced_state(integrator, body, effects, reading, state, work, trace, s, first):
     """Return (t, q, L) after step s of a round, from the trace of the steps from `first` on."""
-    began, length = work[ROUND_START], work[STEP_LENGTH]
-    substep = opening_substep(substeps, length)
+    began, length, substep, when = reading
     at, extra = 7 * (s - first), tuple_at(extra_state(integrator), state, EXTRA)
-    torque_time = began + (s * 1.0 + substeps[3]) * length
+    torque_time = began + (s * 1.0 + when) * length
     q, l = four_at(trace, at), concat(three_at(trace, at + 4), extra)
     q, l = in_precision(q, work), in_precision(l, work)
     q, l = from_stepping(integrator, body, effects, torque_time, substep, q, l)
