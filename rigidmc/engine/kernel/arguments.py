@@ -130,6 +130,7 @@ class Workspace(NamedTuple):
     state, shadow_state : two states
     work, spare_work : two copies of the rows of `work`, see `rigidmc.engine.kernel.layout`
     trace : the states before and after TRACE steps, and one more
+    kept : running states before each of TRACE steps
     saved : a save
     skips_cache : whether saves may bypass the cache
     """
@@ -144,6 +145,7 @@ class Workspace(NamedTuple):
     work: Memory
     spare_work: Memory
     trace: Memory
+    kept: Memory
     saved: Memory
     skips_cache: int
 

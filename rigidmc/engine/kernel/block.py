@@ -273,8 +273,8 @@ def make_steps(frame, round_first, first, last):
             call_address(frame.renormalise_shadow, arguments)
         if frame.monitors != 0:
             arguments = (
-                substeps, state, work, flat.trace, frame.monitor_row, frame.axes_row, now, stop,
-                frame.nodes,
+                substeps, state, work, flat.trace, memory(frame.kept, 1.0), frame.monitor_row,
+                frame.axes_row, now, stop, frame.nodes,
             )  # fmt: skip
             call_address(frame.monitor_steps, arguments)
         now = stop
