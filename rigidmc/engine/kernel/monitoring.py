@@ -74,7 +74,6 @@ from rigidmc.engine.kernel.layout import (  # fmt: skip
 )
 from rigidmc.engine.kernel.noted import (
     first_note,
-    keep_states,
     kept_rows,
     kept_states,
     merge_states,
@@ -143,14 +142,13 @@ def monitor_group(
         levels, totals, node = monitor_step(
             dense, deferred, events, running, moves, step, nodes, levels, totals, node, work, row
         )
-        if len(deferred) > 0:
-            keep_states(running, earlier, kept, (s - first) * size)
-            notes = note_step(notes, running, moves, earlier, levels, before, node)
-    if len(deferred) > 0:
-        totals = search_noted(
-            integrator, dense, running, body, present, reading, state, work, trace, kept, size,
-            notes, first, last, at_first, totals,
-        )  # fmt: skip
+        notes = note_step(
+            deferred, notes, running, moves, earlier, levels, before, node, kept, (s - first) * size
+        )
+    totals = search_noted(
+        deferred, integrator, dense, running, body, present, reading, state, work, trace, kept,
+        size, notes, first, last, at_first, totals,
+    )  # fmt: skip
     # Kept in registers over all steps of the call, and written back once.
     put_levels(levels, work, row)
     put_states(totals, work, running_row)
@@ -198,8 +196,8 @@ def true_state(integrator, body, effects, reading, state, work, s, q, l):
 
 
 def search_noted(
-    integrator, dense, running, body, effects, reading, state, work, trace, kept, size, notes,
-    first, last, at_first, totals,
+    deferred, integrator, dense, running, body, effects, reading, state, work, trace, kept, size,
+    notes, first, last, at_first, totals,
 ):  # fmt: skip
     """Return the running states with the extrema of the noted steps, see
     `rigidmc.engine.kernel.noted`.
@@ -207,6 +205,8 @@ def search_noted(
     size : rows of `kept` for each step
     at_first, totals : the running states before the first step and after the last
     """
+    if len(deferred) == 0:
+        return totals
     found = at_first
     while any_of(notes > 0.0):
         note = first_note(notes)
@@ -363,22 +363,37 @@ def monitor_interval(
         events, moving, step, interval, levels, before.numbers, before.slopes, now.numbers,
         now.slopes,
     )  # fmt: skip
+    befores, levels, totals = search_now(
+        deferred, events, running, of_events, moves, step, interval, before, now, levels, totals,
+        work, row,
+    )  # fmt: skip
+    levels = update_interval_events(events, moving, step, interval, now, befores, levels, work, row)
+    return levels, totals
+
+
+def search_now(
+    deferred, events, running, of_events, moves, step, interval, before, now, levels, totals, work,
+    row,
+):  # fmt: skip
+    """Return (starts of events, levels, totals) after the extrema of a SubInterval.
+
+    of_events : the Extremum of each event
+    deferred : ON if only extrema of events are searched here
+    """
     befores = interval_starts(levels, interval)
-    if len(deferred) > 0:
-        befores, levels, _ = refine_extrema(
-            events, (), of_events, step, interval, before, now, befores, levels, (), work, row
-        )
-    else:
+    if len(deferred) == 0:
         of_running = running_extrema(
             running, moves, interval, totals, rest(levels, before.numbers),
             rest(levels, before.slopes), rest(levels, now.numbers), rest(levels, now.slopes),
         )  # fmt: skip
-        befores, levels, totals = refine_extrema(
+        return refine_extrema(
             events, running, concat(of_events, of_running), step, interval, before, now, befores,
             levels, totals, work, row,
         )  # fmt: skip
-    levels = update_interval_events(events, moving, step, interval, now, befores, levels, work, row)
-    return levels, totals
+    befores, levels, _ = refine_extrema(
+        events, (), of_events, step, interval, before, now, befores, levels, (), work, row
+    )
+    return befores, levels, totals
 
 
 def update_interval_events(events, moves, step, interval, now, befores, levels, work, row):
@@ -427,7 +442,8 @@ def update_midway(averages, running, moves, step, interval, totals):
     """Return the totals of means over time after the middle of a SubInterval."""
     if len(averages) == 0:
         return totals
-    middle = 0.0 * step.h + 0.5 * (interval.a + interval.b)
+    # A constant if there is no inner node: so are the weights of the interpolation then.
+    middle = cast_like(0.5 * (interval.a + interval.b), step.h)
     q, l = interpolate(make_interpolant(step), middle)
     return update_averages(running, moves, step, time_within(step, middle), q, l, totals)
 

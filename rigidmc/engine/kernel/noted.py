@@ -32,12 +32,15 @@ _BIAS = 4503599627370496.0 + 1023.0
 DOUBT = 1.01 * PARABOLA_DOUBT  # 1 %: far more than rounding of the products
 
 
-def note_step(notes, running, moves, totals, levels, before, now):
+def note_step(deferred, notes, running, moves, totals, levels, before, now, kept, row):
     """Return the notes after one more step: whether a search in it may change a state.
 
-    totals : the running states before the step
+    totals : the running states before the step, which are written to `kept` from `row` on
     before, now : the Nodes at its ends; `levels` has as many numbers as their first, the events'
     """
+    if len(deferred) == 0:
+        return notes
+    keep_states(running, totals, kept, row)
     # `moves != moves` is False as a mask of this width.
     mark = may_change(
         moves != moves, running, totals, rest(levels, before.numbers), rest(levels, before.slopes),
