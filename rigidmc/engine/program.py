@@ -127,7 +127,8 @@ class Program:
             monitor_row=MEMBER_ROWS + rows.events,
             axes_row=MEMBER_ROWS + rows.axes,
             shadow_row=rows.in_state(rows.shadow),
-            monitors=int(bool(events or running)),
+            # monitors compute in float64: one register per number
+            monitors=max(1, 64 * self.lanes // vector_bits()) if events or running else 0,
             nodes=nodes,
             shadow=len(shadow),
             records=2 * len(events),
@@ -165,8 +166,7 @@ class Program:
 
         is_monitored = events or running
         stops = form, effects, events, axes
-        # monitors compute in float64: one register per number
-        registers = static_count(max(1, 64 * self.lanes // vector_bits()))
+        registers = static_count(shape.monitors)
         steps = form, effects, events, running, dense, axes, self.deferred, registers
         last = form, effects, flags[1], works
         table = KernelTable(
@@ -179,7 +179,7 @@ class Program:
             begin_monitors=key(
                 is_monitored, monitoring.begin_monitors, (effects, events, running, axes), "pswii"
             ),
-            monitor_steps=key(is_monitored, monitoring.monitor_steps, steps, "pswswiiiii"),
+            monitor_steps=key(is_monitored, monitoring.monitor_steps, steps, "pswswiiiiii"),
             refine_event=key(events, refine_event, stops, "pwswiiiiff"),
             begin_shadow=key(shadow, begin_shadow, (form, effects), "pswsif"),
             renormalise_shadow=key(shadow, renormalise_shadow, (form, effects), "pswsifff"),

@@ -52,7 +52,8 @@ class KernelShape(NamedTuple):
     work_row, works : the first row of the works in `state`, and the number of saved works
     monitor_row, axes_row, shadow_row : the first row of monitors and of axes in `work`, and of the
         shadow in `state`
-    monitors, shadow : whether steps are monitored, and whether there is a shadow trajectory
+    monitors, shadow : groups of members that are monitored one after the other, 0 if steps are not
+        monitored, and whether there is a shadow trajectory
     nodes : monitored states per step, the last of them at its end
     records : of events, two each
     tries : steps back to find the time of an event

@@ -100,9 +100,9 @@ def begin_monitors(tree, numbers, substeps, state, work, row, axes_row):
 
 
 def monitor_steps(
-    tree, numbers, substeps, state, work, trace, kept, row, axes_row, first, last, nodes
+    tree, numbers, substeps, state, work, trace, kept, row, axes_row, first, last, nodes, group
 ):  # fmt: skip
-    """Monitor the steps from `first` to `last` of a round, whose states are in `trace`.
+    """Monitor the steps of a group from `first` to `last` of a round, whose states are in `trace`.
 
     kept : memory for running states, see `rigidmc.engine.kernel.noted`
     nodes : monitored states per step, the last of them at its end
@@ -110,13 +110,13 @@ def monitor_steps(
     parts = tree_unpack(tree, numbers)
     groups = parts[7]
     # One group after the other: a branch that one member needs then costs only its own group, and
-    # the numbers of a group fit in the registers.
-    for i in range(len(groups)):
-        monitor_group(
-            parts, substeps, group_of(state, groups, i), group_of(work, groups, i),
-            group_of(trace, groups, i), group_of(kept, groups, i), row, axes_row, first, last,
-            nodes,
-        )  # fmt: skip
+    # the numbers of a group fit in the registers. The groups are counted by the caller, since LLVM
+    # would write this code once for each.
+    monitor_group(
+        parts, substeps, group_of(state, groups, group), group_of(work, groups, group),
+        group_of(trace, groups, group), group_of(kept, groups, group), row, axes_row, first, last,
+        nodes,
+    )  # fmt: skip
     return 0
 
 
