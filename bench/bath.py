@@ -1,10 +1,12 @@
 """A bath against the Gibbs distribution with a million members: moments of L, energy, Langevin
 mean.
 
-Also how the bias falls with the step.
+Also how the bias falls with the step, and the cost of a step of strang in a bath against one
+without: noise, and two halves of the free motion in place of one.
 """
 
 import math
+import statistics
 
 import numpy as np
 
@@ -15,6 +17,8 @@ from rigidmc.physics.dynamics.so3 import vertical
 MOMENTS, KT, WEIGHT = (1.0, 1.4, 2.0), 0.7, 1.5
 # of order h^2: at 0.05 the bias of <L^2> is a quarter of its standard error
 STEPS = (0.8, 0.4, 0.2, 0.1, 0.05)
+COSTS = {"": (), "bath": (Bath(1.0, KT),)}
+COST_MEMBERS, COST_STEPS = 8128, 500  # two blocks: everything except steps takes 5 %
 
 
 def scene():
@@ -54,9 +58,31 @@ def moments(dt, members):
     return rows
 
 
+def costs(rounds):
+    """Return rows with the CPU time of a step on one thread, and against one without noise."""
+    body, start = scene().body, Start(omega=(0.3, 0.4, 0.5), attitude="uniform")
+    cpu = {}
+
+    def candidate(effects):
+        one = Scene(body, (Gravity(WEIGHT / 0.3), *effects), start).with_run(
+            integrator="strang", dt=0.1, t_end=0.1 * COST_STEPS, members=COST_MEMBERS, seed=1
+        )
+        return lambda: simulate(one, save=("attitude",), threads=1)
+
+    harness.interleaved({name: candidate(e) for name, e in COSTS.items()}, rounds, cpu)
+    for name in COSTS:
+        yield {
+            "kind": "cost",
+            "what": name,
+            "ns": 1e9 * statistics.median(cpu[name]) / (COST_MEMBERS * COST_STEPS),
+            "ratio": statistics.median(a / b for a, b in zip(cpu[name], cpu[""], strict=True)),
+        }
+
+
 def run(quick):
     """Return all rows of the bench."""
-    members, rows = 100_000 if quick else 1_000_000, []
+    members, rows = 100_000 if quick else 1_000_000, list(costs(5 if quick else 15))
+    bath_cost = rows[-1]["ratio"]
     for dt in STEPS:
         rows += [
             {"kind": "moment", "dt": dt, "what": w, "theory": t, "mean": m, "error": e}
@@ -79,6 +105,12 @@ def run(quick):
             1.85,
             math.log2(bias[0.8] / bias[0.4]),
             "",
+        ),
+        harness.target(
+            "a step of strang in a bath, of one without",
+            1.6,
+            bath_cost,
+            at_most=True,
         ),
     ]
 
@@ -111,4 +143,6 @@ def report(rows):
         if r["what"] == "<T>/kT"
     ]
     harness.table("bias of <T>", ["dt", "of 3/2 kT", "standard error"], heat)
+    cost = [(r["what"], f"{r['ns']:.1f}", f"{r['ratio']:.2f}") for r in rows if r["kind"] == "cost"]
+    harness.table("a step of strang", ["effect besides gravity", "ns", "of one without"], cost)
     harness.report_targets(rows)

@@ -28,7 +28,7 @@ COSTS = {
     "flips": ("flips",), "omega_mean": ("omega_mean",), "omega_max": ("omega_max",),
 }  # fmt: skip
 STEPS = 1000  # of a member: everything except steps takes 2 % of a run of rk8
-ASKED = {("rk8", 1.6): 15.0, ("rk4", 0.3): 10.0}  # percent of a step, for one quantity
+ASKED = {("rk8", 1.6): 15.0, ("rk4", 0.3): 20.0}  # percent of a step, for one quantity
 
 
 def run(quick):

@@ -53,6 +53,7 @@ from rigidmc.physics.observables.protocol import (
     is_terminal,
     is_time_average,
     level,
+    merged,
     reweighed,
     update,
     value,
@@ -311,6 +312,7 @@ def _probe_observable(tree, numbers, at):
     put_rows(update(observable, totals, body, effects_here, t, q, l), at, 0)
     put_rows(extrema(observable, body, effects_here, t, q, l), at, 0)
     put_pairs(extremum_limits(observable, totals), at)
+    put_rows(merged(observable, totals, totals, totals), at, 0)
     put_rows(reweighed(observable, totals, t), at, 0)
     return (
         len(is_time_average(observable))

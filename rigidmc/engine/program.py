@@ -127,7 +127,8 @@ class Program:
             monitor_row=MEMBER_ROWS + rows.events,
             axes_row=MEMBER_ROWS + rows.axes,
             shadow_row=rows.in_state(rows.shadow),
-            monitors=int(bool(events or running)),
+            # monitors compute in float64: one register per number
+            monitors=max(1, 64 * self.lanes // vector_bits()) if events or running else 0,
             nodes=nodes,
             shadow=len(shadow),
             records=2 * len(events),
@@ -137,7 +138,8 @@ class Program:
             reweighs=int(shortens and bool(running)),
         )
         kept = flag(attitude), flag(compensated)
-        self.paired = flag(paired)
+        self.paired, self.deferred = flag(paired), flag(nodes == 1 and all_merge(running))
+        self.kept = TRACE * sum(marks) if self.deferred else 0
         self.kernel_keys = self._make_keys(
             kept, observables, tuple(limits), works, events, running, shadow,
             static_count(AXES_ROWS * axes),
@@ -163,7 +165,9 @@ class Program:
             return KernelKey(function, parts, self.dtype, self.lanes, arguments) if wanted else None
 
         is_monitored = events or running
-        stops, steps = (form, effects, events, axes), (form, effects, events, running, dense, axes)
+        stops = form, effects, events, axes
+        registers = static_count(shape.monitors)
+        steps = form, effects, events, running, dense, axes, self.deferred, registers
         last = form, effects, flags[1], works
         table = KernelTable(
             gather=key(True, member.gather, (), "piiiiffsw"),
@@ -175,7 +179,7 @@ class Program:
             begin_monitors=key(
                 is_monitored, monitoring.begin_monitors, (effects, events, running, axes), "pswii"
             ),
-            monitor_steps=key(is_monitored, monitoring.monitor_steps, steps, "pswsiiiii"),
+            monitor_steps=key(is_monitored, monitoring.monitor_steps, steps, "pswswiiiiii"),
             refine_event=key(events, refine_event, stops, "pwswiiiiff"),
             begin_shadow=key(shadow, begin_shadow, (form, effects), "pswsif"),
             renormalise_shadow=key(shadow, renormalise_shadow, (form, effects), "pswsifff"),
@@ -294,8 +298,15 @@ class Program:
             "work": (MEMBER_ROWS + rows, float),
             "spare_work": (MEMBER_ROWS, float),
             "trace": (7 * (TRACE + 1) + START + self.shape.works, self.dtype),
+            "kept": (max(1, self.kept), float),
             "saved": (max(1, self.shape.values), float),
         }
+
+
+def all_merge(running: Sequence[Any]) -> bool:
+    """Return whether running observables have extrema, which can be found after later steps."""
+    sought = [one for one, _ in running if implements(one, "extrema")]
+    return bool(sought) and all(implements(one, "merged") for one in sought)
 
 
 def advance_key(dtype: str) -> KernelKey:

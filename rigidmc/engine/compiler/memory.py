@@ -215,6 +215,39 @@ def _tuple_at(typing_context, marks, rows, row):
     return _following(len(marks), marks, rows, row)
 
 
+def picked_rows(marks, rows, index, row):
+    """Return len(marks) numbers from as many rows, for each member from its own row on.
+
+    index : that row less `row`, a whole number as a float
+    """
+    at = int(index) + row
+    return tuple(rows[at + i] for i in range(len(marks)))
+
+
+@intrinsic(picked_rows)
+def _picked_rows(typing_context, marks, rows, index, row):
+    numbers = types.UniTuple(rows.item, len(marks))
+
+    def generate(context, builder, sig, args):
+        pitch, vector, each = _WORD(rows.pitch), llvm_type(rows.item), [None] * len(marks)
+        for k in range(rows.count):
+            lane = ir.Constant(ir.IntType(32), k)
+            own = builder.fptosi(builder.extract_element(args[2], lane), _WORD)
+            first = builder.mul(builder.add(own, args[3]), pitch)
+            # A whole row, of which one number is used: a load that merges by a mask is one
+            # instruction, an insertion two or more.
+            this = ir.Constant(
+                ir.VectorType(ir.IntType(1), rows.count), [i == k for i in range(rows.count)]
+            )
+            for i in range(len(marks)):
+                at = builder.add(first, _WORD(i * rows.pitch))
+                row = builder.load(_place(builder, rows, args[1], at, vector), align=_align(rows))
+                each[i] = builder.select(this, row, each[i]) if k else row
+        return context.make_tuple(builder, numbers, each)
+
+    return numbers(marks, rows, index, types.intp), generate
+
+
 def put_rows(values, rows, row):
     """Write a tuple to rows, and return the row after it."""
     for i, value in enumerate(values):

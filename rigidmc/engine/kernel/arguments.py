@@ -52,7 +52,8 @@ class KernelShape(NamedTuple):
     work_row, works : the first row of the works in `state`, and the number of saved works
     monitor_row, axes_row, shadow_row : the first row of monitors and of axes in `work`, and of the
         shadow in `state`
-    monitors, shadow : whether steps are monitored, and whether there is a shadow trajectory
+    monitors, shadow : groups of members that are monitored one after the other, 0 if steps are not
+        monitored, and whether there is a shadow trajectory
     nodes : monitored states per step, the last of them at its end
     records : of events, two each
     tries : steps back to find the time of an event
@@ -130,6 +131,7 @@ class Workspace(NamedTuple):
     state, shadow_state : two states
     work, spare_work : two copies of the rows of `work`, see `rigidmc.engine.kernel.layout`
     trace : the states before and after TRACE steps, and one more
+    kept : running states before each of TRACE steps
     saved : a save
     skips_cache : whether saves may bypass the cache
     """
@@ -144,6 +146,7 @@ class Workspace(NamedTuple):
     work: Memory
     spare_work: Memory
     trace: Memory
+    kept: Memory
     saved: Memory
     skips_cache: int
 

@@ -264,10 +264,10 @@ def make_steps(frame, round_first, first, last):
             at, before = position(frame, stop), position(frame, last_renormalisation(stop))
             arguments = substeps, state, work, shadow, frame.shadow_row, stop * 1.0, at, before
             call_address(frame.renormalise_shadow, arguments)
-        if frame.monitors != 0:
+        for group in range(frame.monitors):
             arguments = (
-                substeps, state, work, flat.trace, frame.monitor_row, frame.axes_row, now, stop,
-                frame.nodes,
+                substeps, state, work, flat.trace, memory(frame.kept, 1.0), frame.monitor_row,
+                frame.axes_row, now, stop, frame.nodes, group,
             )  # fmt: skip
             call_address(frame.monitor_steps, arguments)
         now = stop

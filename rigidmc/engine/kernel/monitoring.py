@@ -20,8 +20,15 @@ import sys
 from typing import Any, NamedTuple
 
 from rigidmc.engine.compiler.compose import inline_all
-from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
-from rigidmc.engine.compiler.memory import four_at, put_rows, three_at, tuple_at
+from rigidmc.engine.compiler.intrinsics import any_of, cast_like, in_precision
+from rigidmc.engine.compiler.memory import (
+    four_at,
+    group_of,
+    picked_rows,
+    put_rows,
+    three_at,
+    tuple_at,
+)
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
 from rigidmc.engine.kernel.dense_output import (
     AHEAD,
@@ -65,6 +72,14 @@ from rigidmc.engine.kernel.layout import (  # fmt: skip
     observed_body_and_effects,
     opening_substep,
 )
+from rigidmc.engine.kernel.noted import (
+    first_note,
+    kept_rows,
+    kept_states,
+    merge_states,
+    note_step,
+    noted_step,
+)
 from rigidmc.physics.dynamics.methods import OFF
 from rigidmc.physics.dynamics.so3 import concat, first_three, select_all
 from rigidmc.physics.effects.sums import either
@@ -84,29 +99,56 @@ def begin_monitors(tree, numbers, substeps, state, work, row, axes_row):
     return 0
 
 
-def monitor_steps(tree, numbers, substeps, state, work, trace, row, axes_row, first, last, nodes):
-    """Monitor the steps from `first` to `last` of a round, whose states are in `trace`.
+def monitor_steps(
+    tree, numbers, substeps, state, work, trace, kept, row, axes_row, first, last, nodes, group
+):  # fmt: skip
+    """Monitor the steps of a group from `first` to `last` of a round, whose states are in `trace`.
 
+    kept : memory for running states, see `rigidmc.engine.kernel.noted`
     nodes : monitored states per step, the last of them at its end
     """
-    integrator, effects, events, running, dense, axes = tree_unpack(tree, numbers)
+    parts = tree_unpack(tree, numbers)
+    groups = parts[7]
+    # One group after the other: a branch that one member needs then costs only its own group, and
+    # the numbers of a group fit in the registers. The groups are counted by the caller, since LLVM
+    # would write this code once for each.
+    monitor_group(
+        parts, substeps, group_of(state, groups, group), group_of(work, groups, group),
+        group_of(trace, groups, group), group_of(kept, groups, group), row, axes_row, first, last,
+        nodes,
+    )  # fmt: skip
+    return 0
+
+
+def monitor_group(
+    parts, substeps, state, work, trace, kept, row, axes_row, first, last, nodes
+):  # fmt: skip
+    """Do the same as `monitor_steps` for a group of members."""
+    integrator, effects, events, running, dense, axes, deferred, _ = parts
     body, present = observed_body_and_effects(effects, axes, work, axes_row)
-    h, steps, running_row = work[STEP_LENGTH], work[MEMBER_STEPS], row + EVENT_ROWS * len(events)
+    reading, running_row = trace_reading(substeps, work), row + EVENT_ROWS * len(events)
+    h, steps = reading.length, work[MEMBER_STEPS]
     levels, totals = levels_at(events, work, row), states_at(running, work, running_row)
-    t, q, l = traced_state(integrator, body, present, substeps, state, work, trace, first, first)
+    t, q, l = traced_state(integrator, body, present, reading, state, work, trace, first, first)
     node = node_at(dense, events, running, Step(body, present, t, h, q, l, q, l))
+    notes, at_first, size = cast_like(0.0, work), totals, kept_rows(running, totals)
     for s in range(first, last):
-        p, m = q, l
-        t, q, l = traced_state(
-            integrator, body, present, substeps, state, work, trace, s + 1, first
-        )
+        p, m, before, earlier = q, l, node, totals
+        t, q, l = traced_state(integrator, body, present, reading, state, work, trace, s + 1, first)
         # Lanes go on together until the slowest member of a round has made its steps. The states of
         # the others do not change, and must not count twice.
         moves = (steps > s) & (is_stopped(events, work, row) <= 0.0)
         step = Step(body, present, t, h, q, l, p, m)
         levels, totals, node = monitor_step(
-            dense, events, running, moves, step, nodes, levels, totals, node, work, row
+            dense, deferred, events, running, moves, step, nodes, levels, totals, node, work, row
         )
+        notes = note_step(
+            deferred, notes, running, moves, earlier, levels, before, node, kept, (s - first) * size
+        )
+    totals = search_noted(
+        deferred, integrator, dense, running, body, present, reading, state, work, trace, kept,
+        size, notes, first, last, at_first, totals,
+    )  # fmt: skip
     # Kept in registers over all steps of the call, and written back once.
     put_levels(levels, work, row)
     put_states(totals, work, running_row)
@@ -114,16 +156,87 @@ def monitor_steps(tree, numbers, substeps, state, work, trace, row, axes_row, fi
     return 0
 
 
-def traced_state(integrator, body, effects, substeps, state, work, trace, s, first):
+class TraceReading(NamedTuple):
+    """Constants with which states are read from a trace.
+
+    Read before the loop over steps: after each record of an event LLVM would read them again, and
+    repeat the divisions by them.
+
+    began, length : when the round began, and the length of its steps [s]
+    substep, when : the opening substep, and the time of its torque, in steps
+    """
+
+    began: Any
+    length: Any
+    substep: Any
+    when: Any
+
+
+def trace_reading(substeps, work):
+    """Return the TraceReading of a group of members."""
+    length = work[STEP_LENGTH]
+    return TraceReading(work[ROUND_START], length, opening_substep(substeps, length), substeps[3])
+
+
+def traced_state(integrator, body, effects, reading, state, work, trace, s, first):
     """Return (t, q, L) after step s of a round, from the trace of the steps from `first` on."""
-    began, length = work[ROUND_START], work[STEP_LENGTH]
-    substep = opening_substep(substeps, length)
-    at, extra = 7 * (s - first), tuple_at(extra_state(integrator), state, EXTRA)
-    torque_time = began + (s * 1.0 + substeps[3]) * length
-    q, l = four_at(trace, at), concat(three_at(trace, at + 4), extra)
+    at = 7 * (s - first)
+    q, l = four_at(trace, at), three_at(trace, at + 4)
+    return true_state(integrator, body, effects, reading, state, work, s * 1.0, q, l)
+
+
+def true_state(integrator, body, effects, reading, state, work, s, q, l):
+    """Return (t, q, L) after step s of a round, from the numbers of a trace."""
+    began, length, substep, when = reading
+    torque_time = began + (s + when) * length
+    l = concat(l, tuple_at(extra_state(integrator), state, EXTRA))
     q, l = in_precision(q, work), in_precision(l, work)
     q, l = from_stepping(integrator, body, effects, torque_time, substep, q, l)
-    return began + (s * 1.0) * length, q, first_three(l)
+    return began + s * length, q, first_three(l)
+
+
+def search_noted(
+    deferred, integrator, dense, running, body, effects, reading, state, work, trace, kept, size,
+    notes, first, last, at_first, totals,
+):  # fmt: skip
+    """Return the running states with the extrema of the noted steps, see
+    `rigidmc.engine.kernel.noted`.
+
+    size : rows of `kept` for each step
+    at_first, totals : the running states before the first step and after the last
+    """
+    if len(deferred) == 0:
+        return totals
+    found = at_first
+    while any_of(notes > 0.0):
+        note = first_note(notes)
+        there, s, notes = note > 0.0, noted_step(note, (last - first) * 1.0), notes - note
+        seven = picked_rows((0, 0, 0, 0, 0, 0, 0), trace, 7.0 * s, 0)
+        earlier_t, p, m = true_state(
+            integrator, body, effects, reading, state, work, first + s, seven[:4], seven[4:]
+        )
+        seven = picked_rows((0, 0, 0, 0, 0, 0, 0), trace, 7.0 * s, 7)
+        t, q, l = true_state(
+            integrator, body, effects, reading, state, work, first + s + 1.0, seven[:4], seven[4:]
+        )
+        h = reading.length
+        step, interval = Step(body, effects, t, h, q, l, p, m), SubInterval(0.0, 1.0, t, q, l)
+        before = node_at(dense, (), running, Step(body, effects, earlier_t, h, p, m, p, m))
+        now = node_at(dense, (), running, step)
+        earlier = kept_states(running, totals, kept, size * s, 0)
+        earlier = merge_states(running, there, earlier, found, found)
+        extrema = running_extrema(
+            running, there, interval, earlier, before.numbers, before.slopes, now.numbers,
+            now.slopes,
+        )  # fmt: skip
+        _, _, later = refine_extrema(
+            (), running, extrema, step, interval, before, now, (), (), earlier, work, 0
+        )
+        inserted = update_states(running, there, step, t, q, l, later)
+        without = update_states(running, there, step, t, q, l, earlier)
+        found = merge_states(running, there, found, without, inserted)
+        totals = merge_states(running, there, totals, without, inserted)
+    return totals
 
 
 def write_stopped(events, state, work, row):
@@ -192,10 +305,13 @@ def slopes_of(later, now):
     return ((later[0] - now[0]) * (1.0 / AHEAD),) + slopes_of(later[1:], now[1:])
 
 
-def monitor_step(dense, events, running, moves, step, nodes, levels, totals, node, work, row):
+def monitor_step(
+    dense, deferred, events, running, moves, step, nodes, levels, totals, node, work, row
+):  # fmt: skip
     """Return (levels, totals, Node) at the end of a step, from their values at its start.
 
     dense : its length is 0 if only the end of the step is monitored, 1 if there is no inner node
+    deferred : ON if extrema of running observables are searched later
     """
     if len(dense) == 0:
         totals = update_states(running, moves, step, step.t, step.q, step.l, totals)
@@ -203,16 +319,18 @@ def monitor_step(dense, events, running, moves, step, nodes, levels, totals, nod
     # The node at the end of this step is the first of the next: it is computed once.
     end = node_at(dense, events, running, step)
     before, levels, totals, node = monitor_nodes(
-        dense, events, running, moves, step, nodes, levels, totals, node, work, row
+        dense, deferred, events, running, moves, step, nodes, levels, totals, node, work, row
     )
     interval = SubInterval(before, 1.0, step.t, step.q, step.l)
     levels, totals = monitor_interval(
-        events, running, moves, step, interval, node, end, levels, totals, work, row
+        deferred, events, running, moves, step, interval, node, end, levels, totals, work, row
     )
     return levels, update_states(running, moves, step, step.t, step.q, step.l, totals), end
 
 
-def monitor_nodes(dense, events, running, moves, step, nodes, levels, totals, node, work, row):
+def monitor_nodes(
+    dense, deferred, events, running, moves, step, nodes, levels, totals, node, work, row
+):  # fmt: skip
     """Return (completed fraction, levels, totals, Node) at the last node within a step."""
     if len(dense) == 1:
         return 0.0, levels, totals, node
@@ -224,7 +342,7 @@ def monitor_nodes(dense, events, running, moves, step, nodes, levels, totals, no
         late = time_within(step, x + AHEAD)
         now = make_node(events, running, step, interval.t, late, (q, l), ahead_state)
         levels, totals = monitor_interval(
-            events, running, moves, step, interval, node, now, levels, totals, work, row
+            deferred, events, running, moves, step, interval, node, now, levels, totals, work, row
         )
         totals = update_averages(running, moves, step, interval.t, q, l, totals)
         node = now
@@ -232,7 +350,7 @@ def monitor_nodes(dense, events, running, moves, step, nodes, levels, totals, no
 
 
 def monitor_interval(
-    events, running, moves, step, interval, before, now, levels, totals, work, row
+    deferred, events, running, moves, step, interval, before, now, levels, totals, work, row
 ):
     """Return (levels, totals) after a SubInterval; before, now : the Nodes at its ends.
 
@@ -245,16 +363,37 @@ def monitor_interval(
         events, moving, step, interval, levels, before.numbers, before.slopes, now.numbers,
         now.slopes,
     )  # fmt: skip
-    of_running = running_extrema(
-        running, moves, interval, totals, rest(levels, before.numbers), rest(levels, before.slopes),
-        rest(levels, now.numbers), rest(levels, now.slopes),
-    )  # fmt: skip
-    befores, levels, totals = refine_extrema(
-        events, running, concat(of_events, of_running), step, interval, before, now,
-        interval_starts(levels, interval), levels, totals, work, row,
+    befores, levels, totals = search_now(
+        deferred, events, running, of_events, moves, step, interval, before, now, levels, totals,
+        work, row,
     )  # fmt: skip
     levels = update_interval_events(events, moving, step, interval, now, befores, levels, work, row)
     return levels, totals
+
+
+def search_now(
+    deferred, events, running, of_events, moves, step, interval, before, now, levels, totals, work,
+    row,
+):  # fmt: skip
+    """Return (starts of events, levels, totals) after the extrema of a SubInterval.
+
+    of_events : the Extremum of each event
+    deferred : ON if only extrema of events are searched here
+    """
+    befores = interval_starts(levels, interval)
+    if len(deferred) == 0:
+        of_running = running_extrema(
+            running, moves, interval, totals, rest(levels, before.numbers),
+            rest(levels, before.slopes), rest(levels, now.numbers), rest(levels, now.slopes),
+        )  # fmt: skip
+        return refine_extrema(
+            events, running, concat(of_events, of_running), step, interval, before, now, befores,
+            levels, totals, work, row,
+        )  # fmt: skip
+    befores, levels, _ = refine_extrema(
+        events, (), of_events, step, interval, before, now, befores, levels, (), work, row
+    )
+    return befores, levels, totals
 
 
 def update_interval_events(events, moves, step, interval, now, befores, levels, work, row):
@@ -303,7 +442,8 @@ def update_midway(averages, running, moves, step, interval, totals):
     """Return the totals of means over time after the middle of a SubInterval."""
     if len(averages) == 0:
         return totals
-    middle = 0.0 * step.h + 0.5 * (interval.a + interval.b)
+    # A constant if there is no inner node: so are the weights of the interpolation then.
+    middle = cast_like(0.5 * (interval.a + interval.b), step.h)
     q, l = interpolate(make_interpolant(step), middle)
     return update_averages(running, moves, step, time_within(step, middle), q, l, totals)
 

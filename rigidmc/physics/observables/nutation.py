@@ -45,6 +45,10 @@ class Nutation(NamedTuple):
     def extremum_limits(self, state):
         return ((state[0], state[1]),)
 
+    def merged(self, state, inserted):
+        low, high = inserted
+        return select(low < state[0], low, state[0]), select(high > state[1], high, state[1])
+
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """Return the outputs from the running state (2, n)."""
         # Rounding may push the state one digit beyond 0 or 1.
@@ -85,6 +89,10 @@ class Precession(NamedTuple):
 
     def extremum_limits(self):
         return ((CLOSE, math.inf),)
+
+    def merged(self, state, without, inserted):
+        # Counts are whole numbers: their sum is exact in any order.
+        return state[0], state[1], state[2] + (inserted[2] - without[2]), state[3], state[4]
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """Return the outputs from the running state (5, n)."""

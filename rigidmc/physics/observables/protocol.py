@@ -5,10 +5,11 @@ class, adds defaults and rejects a class that lacks a required member. The field
 the parameters of a table [observables.NAME] in a scene.
 
 Compiled code calls `value`, `monotone`, `begin`, `update`, `extrema`, `extremum_limits`,
-`is_time_average`, `reweighed`, `is_conserved`, `level`, `armed`, `counts_at_start`, `dwell` and
-`is_terminal`. Like the methods of effects, they name the arguments they depend on and receive no
-others: body, effects, t, q, l, and for `value` also start and works. They are plain arithmetic, see
-`rigidmc.physics.dynamics.methods`. All other methods are Python and take arrays, members last.
+`merged`, `is_time_average`, `reweighed`, `is_conserved`, `level`, `armed`, `counts_at_start`,
+`dwell` and `is_terminal`. Like the methods of effects, they name the arguments they depend on and
+receive no others: body, effects, t, q, l, and for `value` also start and works. They are plain
+arithmetic, see `rigidmc.physics.dynamics.methods`. All other methods are Python and take arrays,
+members last.
 
 States and effects are in the principal axes of the member. `described(body, v)` turns a vector into
 the axes in which the body is described, `described_attitude(body, q)` an attitude. Values with dims
@@ -361,6 +362,18 @@ def extremum_limits(observable, state):
     The running observable is updated at a minimum below `low` and at a maximum above `high`.
     """
     return ()
+
+
+@method
+def merged(observable, state, without, inserted):
+    """Return a running state as if an extremum had been inserted in an earlier step.
+
+    without, inserted : the states after that step, without the extremum and with it
+
+    The searches in many steps are made together if all observables of a run with `extrema` have
+    this method. The `extremum_limits` of a merged state must be those after an update in its step.
+    """
+    return state
 
 
 @method

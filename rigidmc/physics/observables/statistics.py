@@ -187,6 +187,9 @@ class Minimum(NamedTuple):
     def extremum_limits(self, state):
         return below(extremal_numbers(self.of, state))
 
+    def merged(self, state, inserted):
+        return smaller(state, inserted)
+
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """Return the smallest values."""
         return {"min": by_rows(self.of, 1, state)[0]}
@@ -214,6 +217,9 @@ class Maximum(NamedTuple):
 
     def extremum_limits(self, state):
         return above(extremal_numbers(self.of, state))
+
+    def merged(self, state, inserted):
+        return larger(state, inserted)
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """Return the largest values."""

@@ -26,6 +26,7 @@ from rigidmc.physics.observables.protocol import (
     is_terminal,
     is_time_average,
     level,
+    merged,
     reweighed,
     size,
     update,
@@ -133,7 +134,7 @@ def _check_event(trial: Trial, effects: Any) -> None:
 
 
 def _check_running(trial: Trial, effects: Any, size_of_state: int) -> None:
-    trial.read(begin, update, extrema, extremum_limits, is_time_average, reweighed)
+    trial.read(begin, update, extrema, extremum_limits, merged, is_time_average, reweighed)
     numbers = None
     for state in states():
         some = {"body": BODY, "effects": effects, **state._asdict()}
@@ -147,6 +148,8 @@ def _check_running(trial: Trial, effects: Any, size_of_state: int) -> None:
             raise trial.complaint("extremum_limits", rule)
     trial.numbers(is_time_average, {})
     trial.numbers(reweighed, {"state": numbers, "longer": 1.5}, size_of_state)
+    same = {"state": numbers, "without": numbers, "inserted": numbers}
+    trial.numbers(merged, same, size_of_state)
 
 
 def _check_results(trial: Trial, outputs: Mapping[str, Any], found: Any) -> None:
