@@ -78,13 +78,20 @@ class HistogramCounts:
         self.histograms = histograms
         self.counts: Arrays = {}
 
-    def add(self, job: Any, parts: Arrays, status: NDArray[Any]) -> None:
-        """Count the healthy members of a block; parts : its values by name, at all times."""
-        healthy = status[: job.size] == 0
+    def of(self, job: Any, parts: Arrays, status: NDArray[Any]) -> Arrays:
+        """Return the counts of the healthy members of a block; parts : its values by name, at all
+        times."""
+        healthy, counts = status[: job.size] == 0, {}
         for label, one in self.histograms:
             values = parts[one.name][..., : job.size]
             values = values[:, one.component] if values.ndim == 3 else values
-            self.counts[label] = self.counts.get(label, 0) + one.counts(values[:, healthy])
+            counts[label] = one.counts(values[:, healthy])
+        return counts
+
+    def add(self, counts: Arrays) -> None:
+        """Add the counts of a block."""
+        for label, some in counts.items():
+            self.counts[label] = self.counts.get(label, 0) + some
 
     def variables(self) -> Arrays:
         """Return {name: counts} of the results."""
@@ -108,6 +115,10 @@ class WholeSink:
     def resumed(self, job: Any) -> Any:
         """Return a block in the state of an earlier run: at its start."""
         return job
+
+    def gather(self, job: Any, results: Arrays) -> Any:
+        """Return what `take` needs of a block: by default the block and its members' results."""
+        return job, results
 
 
 _ARRAY, _COUNTS, _FLAGGED = "array ", "counts ", "flagged "  # prefixes of the names in a part
@@ -154,18 +165,19 @@ class MemorySink(WholeSink):
             return self.out, self.width if self.layout.values else 0, low
         return make_buffer(self.layout, count)
 
-    def take(self, job: Any, results: Arrays) -> None:
-        """Take the results of a finished block."""
-        layout = self.layout
+    def gather(self, job: Any, results: Arrays) -> tuple[Arrays, Arrays]:
+        """Copy the values of a finished block to their places; return its counts and its flagged
+        values."""
+        layout, counts, flagged = self.layout, Arrays(), Arrays()
         low = job.first - layout.first
         part = slice(low, low + job.size)
         if layout.values and (self.counts.histograms or not self.direct):
             values = job.out.reshape(self.times, layout.values, -1)
             values = values[..., job.column : job.column + job.size]
             parts = _split(layout, values)
-            self.counts.add(job, parts, results["status"])
+            counts = self.counts.of(job, parts, results["status"])
             status = results["status"][: job.size]
-            self.flagged.append(flagged_values(layout, job.members, parts, status))
+            flagged = flagged_values(layout, job.members, parts, status)
             if not self.direct:
                 for name, kept in kept_values(layout, parts).items():
                     self.arrays[name][..., part] = kept
@@ -176,6 +188,13 @@ class MemorySink(WholeSink):
                 self.arrays[name] = np.broadcast_to(column.copy(), shape)
             elif name not in layout.constant:
                 self.arrays[name][..., part] = results[name][..., : job.size]
+        return counts, flagged
+
+    def take(self, found: tuple[Arrays, Arrays]) -> None:
+        """Take the counts and the flagged values of a finished block."""
+        counts, flagged = found
+        self.counts.add(counts)
+        self.flagged.append(flagged)
 
     def values(self) -> Arrays:
         """Return {variable: array} of the result."""
@@ -313,18 +332,26 @@ class FileSink(WholeSink):
         """Return the place for the values of `count` members."""
         return make_buffer(self.layout, count)
 
-    def take(self, job: Any, results: Arrays) -> None:
-        """Write the results of a finished block."""
-        layout = self.layout
+    def gather(self, job: Any, results: Arrays) -> tuple[int, int, Arrays, Arrays, Arrays]:
+        """Return place and size of a finished block, its kept values, its counts and its flagged
+        values."""
+        layout, counts, flagged = self.layout, Arrays(), Arrays()
         values = {name: array for name, array in results.items() if name in layout.by_member}
         if layout.values:
             saved = job.out.reshape(layout.axes.times.size, layout.values, job.width)
             parts = _split(layout, saved)
-            self.counts.add(job, parts, results["status"])
+            counts = self.counts.of(job, parts, results["status"])
             status = results["status"][: job.size]
-            self.flagged.append(flagged_values(layout, job.members, parts, status))
+            flagged = flagged_values(layout, job.members, parts, status)
             values |= kept_values(layout, parts)
-        self.writer.write(job.first, job.size, values)
+        return job.first, job.size, values, counts, flagged
+
+    def take(self, found: tuple[int, int, Arrays, Arrays, Arrays]) -> None:
+        """Write the values of a finished block."""
+        first, size, values, counts, flagged = found
+        self.counts.add(counts)
+        self.flagged.append(flagged)
+        self.writer.write(first, size, values)
 
     def finish(self) -> xr.Dataset:
         """Finish the file and open it."""
