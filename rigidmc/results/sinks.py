@@ -1,28 +1,26 @@
-"""Sinks collect the results of finished blocks: in one Dataset in memory, which may be written at
-the end, or in a netCDF file."""
+"""Sinks collect the results of finished blocks in memory; those of files are in
+`rigidmc.results.file_sinks`."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.compiler.memory import allocate_aligned
 from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.threads import Keeper
-from rigidmc.files.netcdf import open_trusted
-from rigidmc.files.outputs import Path
-from rigidmc.results.export import write
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.writer import Writer, round_digits
 from rigidmc.scene.recording import Labelled
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Arrays = dict[str, NDArray[Any]]
 Place = tuple[NDArray[np.float64], int, int]  # an array, its width, and the column of a block in it
 
 
-def _split(layout: ResultLayout, values: NDArray[Any]) -> Arrays:
+def split_values(layout: ResultLayout, values: NDArray[Any]) -> Arrays:
     """Return {name: view} of the rows of values (time, row, member) of each observable."""
     return {
         name: values[:, rows if layout.recording.observable(name).dims else rows.start]
@@ -140,7 +138,7 @@ class MemorySink(WholeSink):
         layout: ResultLayout,
         more: Mapping[str, Any],
         direct: bool = True,
-        blank: xr.Dataset | None = None,
+        blank: "xr.Dataset | None" = None,
     ) -> None:
         """more : further attributes;  direct : whether blocks may write directly to the result
         blank : see `Blanks`
@@ -174,7 +172,7 @@ class MemorySink(WholeSink):
         if layout.values and (self.counts.histograms or not self.direct):
             values = job.out.reshape(self.times, layout.values, -1)
             values = values[..., job.column : job.column + job.size]
-            parts = _split(layout, values)
+            parts = split_values(layout, values)
             counts = self.counts.of(job, parts, results["status"])
             status = results["status"][: job.size]
             flagged = flagged_values(layout, job.members, parts, status)
@@ -201,7 +199,7 @@ class MemorySink(WholeSink):
         arrays = {**self.arrays, **self.counts.variables(), **concat_flagged(self.flagged)}
         if self.direct:
             values = self.out.reshape(self.times, self.layout.values, self.width)
-            arrays |= _split(self.layout, values[..., : self.layout.members])
+            arrays |= split_values(self.layout, values[..., : self.layout.members])
         return arrays
 
     def part(self) -> Arrays:
@@ -239,22 +237,45 @@ class MemorySink(WholeSink):
         """Return the names of arrays with a value for each member."""
         return [name for name in self.arrays if name not in self.layout.constant]
 
-    def finish(self) -> xr.Dataset:
+    def finish(self) -> "xr.Dataset":
         """Return the result."""
         arrays, layout = self.values(), self.layout
         if self.blank is not None:
             dataset = self.blank.copy(data=arrays)
             dataset.attrs.update(self.more)
             return dataset
-        return xr.Dataset(
-            {name: (v.dims, arrays[name], v.attrs) for name, v in layout.variables.items()},
-            layout.coordinates(),
-            {**layout.attributes(), **self.more},
-        )
+        return _make_dataset(layout, arrays, self.more)
 
     def discard(self) -> None:
         """Free the memory."""
         self.out = np.empty(0)
+
+
+def _make_dataset(
+    layout: ResultLayout, arrays: Arrays, more: Mapping[str, Any] | None = None
+) -> "xr.Dataset":
+    """Return the Dataset of a layout with the arrays of its variables; more : further attributes.
+
+    Variables and indexes are made here: from plain arrays, xarray would make the same ones after
+    importing dask and pint, to see that the arrays are not theirs: 0.4 s of a process.
+    """
+    import pandas as pd
+    import xarray as xr  # 0.3 s of a process, in which only results need it
+
+    variables, indexes = dict[str, xr.Variable](), dict[str, xr.indexes.PandasIndex]()
+    for name, (dims, values, attrs) in layout.coordinates().items():
+        index = xr.indexes.PandasIndex(pd.Index(values), name, coord_dtype=values.dtype)
+        named = {name: xr.Variable(dims, values, attrs, fastpath=True)}
+        variables.update(index.create_variables(named))
+        indexes[name] = index
+    return xr.Dataset(
+        {
+            name: xr.Variable(v.dims, arrays[name], v.attrs, fastpath=True)
+            for name, v in layout.variables.items()
+        },
+        xr.Coordinates(variables, indexes),
+        {**layout.attributes(), **(more or {})},
+    )
 
 
 class Blanks:
@@ -265,7 +286,7 @@ class Blanks:
         # a single attribute, so that several threads may use the same run
         self._last: tuple[object, xr.Dataset | None] = None, None
 
-    def of(self, layout: ResultLayout) -> xr.Dataset | None:
+    def of(self, layout: ResultLayout) -> "xr.Dataset | None":
         """Return a result to copy, from the second consecutive request for a layout on; else None.
         Also None if the number of flagged members is unknown, which makes copies impossible."""
         if layout.of_flagged or layout.which is not None:
@@ -273,38 +294,14 @@ class Blanks:
         key, (last, blank) = (layout.first, layout.members), self._last
         if key == last and blank is None:
             sizes, nothing = layout.lengths(), np.zeros(())
-            blank = xr.Dataset(
-                {
-                    name: (v.dims, np.broadcast_to(nothing, [sizes[d] for d in v.dims]), v.attrs)
-                    for name, v in layout.variables.items()
-                },
-                layout.coordinates(),
-                layout.attributes(),
-            )
+            blanks = {
+                name: np.broadcast_to(nothing, [sizes[d] for d in v.dims])
+                for name, v in layout.variables.items()
+            }
+            blank = _make_dataset(layout, blanks)
         blank = blank if key == last else None
         self._last = key, blank
         return blank
-
-
-class ExportSink(MemorySink):
-    """A sink that collects blocks in one Dataset, and writes it as zarr or a table at the end."""
-
-    def __init__(
-        self, path: Path, layout: ResultLayout, force: bool, more: Mapping[str, Any]
-    ) -> None:
-        super().__init__(layout, more)
-        self.path, self.force = path, force
-
-    def finish(self) -> xr.Dataset:
-        """Write the result and return it, rounded to the digits of a netCDF file."""
-        dataset, digits = super().finish(), self.layout.scene.run.digits
-        for name in self.layout.at_saves:
-            if digits is not None and self.layout.is_rounded(name):
-                variable = dataset[name]
-                variable.values = round_digits(variable.values, digits)
-                variable.attrs["significant_digits"] = digits
-        write(dataset, self.path, self.force)
-        return dataset
 
 
 def make_buffer(layout: ResultLayout, count: int) -> Place:
@@ -312,53 +309,3 @@ def make_buffer(layout: ResultLayout, count: int) -> Place:
     width = whole_lanes(count)
     values = allocate_aligned(layout.axes.times.size * layout.values * width, float, np.empty)
     return values, width if layout.values else 0, 0
-
-
-class FileSink(WholeSink):
-    """A sink that writes finished blocks to a netCDF file."""
-
-    def __init__(
-        self,
-        path: Path,
-        layout: ResultLayout,
-        force: bool,
-        more: Mapping[str, Any] | None = None,
-    ) -> None:
-        self.layout, self.path = layout, path
-        self.counts, self.flagged = HistogramCounts(layout.recording.histograms), list[Arrays]()
-        self.writer = Writer(path, layout, force, more)
-
-    def reserve(self, low: int, count: int) -> Place:
-        """Return the place for the values of `count` members."""
-        return make_buffer(self.layout, count)
-
-    def gather(self, job: Any, results: Arrays) -> tuple[int, int, Arrays, Arrays, Arrays]:
-        """Return place and size of a finished block, its kept values, its counts and its flagged
-        values."""
-        layout, counts, flagged = self.layout, Arrays(), Arrays()
-        values = {name: array for name, array in results.items() if name in layout.by_member}
-        if layout.values:
-            saved = job.out.reshape(layout.axes.times.size, layout.values, job.width)
-            parts = _split(layout, saved)
-            counts = self.counts.of(job, parts, results["status"])
-            status = results["status"][: job.size]
-            flagged = flagged_values(layout, job.members, parts, status)
-            values |= kept_values(layout, parts)
-        return job.first, job.size, values, counts, flagged
-
-    def take(self, found: tuple[int, int, Arrays, Arrays, Arrays]) -> None:
-        """Write the values of a finished block."""
-        first, size, values, counts, flagged = found
-        self.counts.add(counts)
-        self.flagged.append(flagged)
-        self.writer.write(first, size, values)
-
-    def finish(self) -> xr.Dataset:
-        """Finish the file and open it."""
-        self.writer.write_all({**self.counts.variables(), **concat_flagged(self.flagged)})
-        self.writer.finish()
-        return open_trusted(self.path)
-
-    def discard(self) -> None:
-        """Delete the partial file."""
-        self.writer.discard()

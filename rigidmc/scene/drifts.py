@@ -7,14 +7,16 @@ removes 1e-4 of the energy of a top, and with it all of its wobble of 0.01 rad
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.scene.amounts import count_text
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 LAWS = {"not_judged": 0, "rounding": 1, "bounded": 2, "one_way": 3}
 # A drift is one way if, in the second half of the run, it never falls below this fraction of its
@@ -79,7 +81,7 @@ def drift_laws(
     return laws
 
 
-def one_way(dataset: xr.Dataset, least: float = 0.0) -> str:
+def one_way(dataset: "xr.Dataset", least: float = 0.0) -> str:
     """Return a warning about one-way drifts of `least` or more; "" for none, or if so few members
     drift that it may be chance."""
     if "drift_law" not in dataset:

@@ -82,8 +82,9 @@ def with_parameters(
     names: Sequence[str] | None = None,
     **others: Any,
 ) -> Scene:
-    """Replace several parameters of a scene, as `with_parameter` does, each part once: a part checks
-    all its numbers when it is made.
+    """Replace several parameters of a scene, as `with_parameter` does.
+
+    Each part is replaced once, because a part checks all its numbers when it is made.
 
     others : further fields of the scene to replace
     """
