@@ -16,8 +16,8 @@ from rigidmc.threads import Late, Task, drop, is_late, threads_of
 
 # s that a thread waits at most for another one to build or to end a block: hundreds of short
 # operations of NumPy. Side by side, threads would take turns at each operation, which takes three
-# times as long (1.4 ms in place of 0.5 ms), and blocks of equal length would stay in step. Only workers take this
-# lock.
+# times as long (1.4 ms in place of 0.5 ms), and blocks of equal length would stay in step. Only
+# workers take this lock.
 TURN = 0.002
 EVERY = np.empty(0, np.int64)  # members in their original order
 
