@@ -35,7 +35,7 @@ CALLS = {
     "statistics": ([("rk4", HEAVY, ("omega", "omega_max", "energy_mean", "energy_variance"))], 5.0),
     "noise": ([("strang", ("bath",), WATCHED)], 5.0),
     "MEGNO": ([("rk4", HEAVY, ("omega", "megno"))], 5.0),
-    "all built-in effects but the random one": ([("rk4", None, WATCHED)], 10.0),
+    "all built-in effects but the random one": ([("cf4", None, WATCHED)], 10.0),
     "another save": ([("rk4", HEAVY, WATCHED), ("rk4", HEAVY, (*WATCHED, "energy"))], 1.0),
     "another event": (
         [("rk4", HEAVY, (*WATCHED, "flips")), ("rk4", HEAVY, (*WATCHED, "passage"))],
