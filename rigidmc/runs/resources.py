@@ -54,11 +54,12 @@ def block_of(plan: Plan, threads: int, device: str, streaming: bool) -> int:
         block = min(BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
         return min(block, members_within(plan, SLAB))
     blocks = min(blocks, max(1, math.ceil(plan.members * plan.mean_steps / LEAST)))
-    blocks = max(blocks, math.ceil(plan.members / BLOCK))
+    most = BLOCK + 2 * LANES  # 4,096 members fit
+    blocks = max(blocks, math.ceil(plan.members / most))
     if blocks > threads:  # as many for each thread, so that none waits for the last block
         blocks = threads * math.ceil(blocks / threads)
     block = whole_lanes(math.ceil(plan.members / blocks))
-    return block + LANES if block % PAGE == 0 and block < BLOCK else min(block, BLOCK)
+    return block + LANES if block % PAGE == 0 else block
 
 
 def members_within(plan: Plan, slab: int) -> int:
