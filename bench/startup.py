@@ -99,7 +99,12 @@ def call(name):
     taken, scene = [], None
     for integrator, names, save in CALLS[name][0]:
         wanted = (
-            [word for word, kind in EFFECTS.items() if not is_random(kind)]
+            [
+                # a body on an orbit has no centre off its fixed point
+                word
+                for word, kind in EFFECTS.items()
+                if not is_random(kind) and word != "gravity_gradient"
+            ]
             if names is None
             else names
         )
