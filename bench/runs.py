@@ -46,7 +46,7 @@ class Nothing(WholeSink):
     def reserve(self, low, count):
         return make_buffer(self.layout, count)
 
-    def take(self, job, results):
+    def take(self, found):
         pass
 
 

@@ -152,6 +152,20 @@ def targets(seconds, cpu, field, cores):
             c_fastest + "free",
         ),
         row(
+            "prepared run of other tops, free / C with 512-bit intrinsics",
+            0.92,
+            "x",
+            "prepared rk4 free, final state",
+            c_fastest + "free",
+        ),
+        row(
+            "prepared run of other tops, heavy / C with 512-bit intrinsics",
+            0.93,
+            "x",
+            "prepared rk4 heavy, final state",
+            c_fastest + "heavy",
+        ),
+        row(
             "simulate(), free, 4,000 steps / C with 512-bit intrinsics",
             1.0,
             "x",

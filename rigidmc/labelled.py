@@ -62,6 +62,8 @@ _UNITS = {  # {quantity: exponents of kg, m, s, A}
 
 def is_labelled(value: Any) -> bool:
     """Return whether a value is an object of pandas or xarray that has labels."""
+    if type(value) in (np.ndarray, float, int, tuple, list):
+        return False  # quickly: a scene asks this of every number
     return _is(value, "pandas", "Series", "DataFrame", "Index") or _is(
         value, "xarray", "DataArray", "Variable"
     )

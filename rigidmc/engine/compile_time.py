@@ -20,29 +20,28 @@ from rigidmc.progress import say
 log = logging.getLogger("rigidmc")
 compiled: list[str] = []  # labels of the programs this process has compiled
 
-# CPU seconds in a process that compiles nothing else, on 2 cores of Intel Xeon (family 6, model
-# 167): within 15 % of the times of programs of rk4, rk8 and strang before
-# `rigidmc.engine.compiler.pipeline`, times the 0.78 that it saves.
+# CPU seconds in a process that has compiled the shared functions, on 2 cores of Intel Xeon (family
+# 6, model 167).
 KERNELS = {
-    "gather": 0.08, "scatter": 0.08, "initialise": 0.3, "assess": 0.4, "record": 0.12,
-    "advance": 0.85, "begin_monitors": 0.27, "monitor_steps": 0.55, "refine_event": 0.27,
-    "begin_shadow": 0.2, "renormalise_shadow": 0.3,
+    "gather": 0.08, "scatter": 0.04, "initialise": 0.2, "assess": 0.2, "record": 0.12,
+    "advance": 0.8, "begin_monitors": 0.14, "monitor_steps": 0.95, "refine_event": 0.12,
+    "begin_shadow": 0.1, "renormalise_shadow": 0.12,
     "formulas": 0.8,  # 0.4 to 1.5
     "kernel": 2.5,  # of a GPU, all kernels for one member in one: 2.2 (rk4) to 5.4 (rk8)
 }  # fmt: skip
-MARCH = {"rk8": 1.6}  # of a free body
-OTHERS = 0.8  # 0.7 (cf4, rk4); splittings 1.8, including the extra time of their `begin`
-TORQUE = 0.15  # with gravity 0.8 (cf4), 0.9 (rk4), 1.7 (rk8)
+MARCH = {"rk8": 1.2}  # of a free body
+OTHERS = 0.5  # 0.46 (rk4, midpoint), 0.4 (exact); splittings 0.3, and 0.3 more to initialise
+TORQUE = 0.05  # with gravity 0.51 (rk4), 1.27 (rk8)
 # Each further effect; for rk8 multiplied by the ratio of free steps. All 17 that are not random:
 # 3.9 by rk4 (this table: 4.2), 8.8 by rk8 (this table: 8.2).
 EFFECT = 0.2
 FIRST = 0.3  # once a process
-START = 0.4  # until a second process has begun: 0.3 to 0.4
-APART = 1.3  # a second process takes longer by this factor: it lacks the shared functions
+START = 0.5  # until a second process compiles its first kernel
+APART = 1.1  # a second process takes longer by this factor: it lacks the shared functions
 GAIN = 0.5  # smallest saving of waiting time that justifies a second process
 # Factor once a process has compiled a program, because the functions that kernels share are there:
-# 0.3 to 0.6.
-LATER = 0.45
+# 0.3 to 0.8.
+LATER = 0.6
 
 
 @contextlib.contextmanager

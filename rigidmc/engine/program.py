@@ -1,6 +1,6 @@
 """The compiled kernels that move the members of a scene, and their working memory."""
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -89,6 +89,7 @@ class Program:
     shortens : whether the last interval may have steps of another length
     axes : whether observables and events are of axes other than the principal axes, see
         `rigidmc.physics.dynamics.body_axes`
+    meanwhile : called once this process has compiled its share, while another one may still compile
     """
 
     def __init__(
@@ -97,7 +98,7 @@ class Program:
         limits: Sequence[float] = (), works: Sequence[Any] = (), events: Sequence[Any] = (),
         running: Sequence[Any] = (), shadow: Flag = OFF, lanes: int | None = None,
         ask: bool = False, nodes: int = 0, paired: bool = False, shortens: bool = False,
-        axes: bool = False,
+        axes: bool = False, meanwhile: Callable[[], None] | None = None,
     ) -> None:  # fmt: skip
         # An integrator with extra state compensates its rounding there.
         compensated = compensated and not has_extra_state(scheme.integrator)
@@ -145,7 +146,7 @@ class Program:
             static_count(AXES_ROWS * axes),
         )  # fmt: skip
         if not ask:
-            self._compile()
+            self._compile(meanwhile)
 
     def _make_keys(
         self, flags: tuple[Any, Any], observables: Any, limits: Any, works: Any, events: Any,
@@ -188,10 +189,10 @@ class Program:
         )
         return {**table._asdict(), "advance": advance_key(self.dtype)}
 
-    def _compile(self) -> None:
+    def _compile(self, meanwhile: Callable[[], None] | None = None) -> None:
         """Take the kernels from memory, and compile the missing ones."""
         if missing := self.missing():
-            self._compile_missing(missing)
+            self._compile_missing(missing, meanwhile)
         compiled = [
             compile_kernel(key) if key else (NO_FUNCTION, None) for key in self.kernel_keys.values()
         ]
@@ -202,7 +203,9 @@ class Program:
         empty = SimpleNamespace(real=1.0) if config.DISABLE_JIT else np.zeros(1, record)
         self._frame = fill_record(empty, KernelTable(*table), self.shape)
 
-    def _compile_missing(self, missing: Sequence[str]) -> None:
+    def _compile_missing(
+        self, missing: Sequence[str], meanwhile: Callable[[], None] | None
+    ) -> None:
         """Compile kernels by name, some of them in a second process."""
         theirs = self.helper_share()
         keys = {name: key for name in missing if (key := self.kernel_keys[name])}
@@ -211,6 +214,8 @@ class Program:
                 for name in missing:
                     if name not in theirs:
                         compile_kernel(keys[name])
+                if meanwhile is not None:
+                    meanwhile()
             for name in theirs:  # from the disk cache
                 compile_kernel(keys[name])
 

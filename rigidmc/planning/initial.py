@@ -34,7 +34,7 @@ from rigidmc.planning.orbit_start import (
 )
 from rigidmc.planning.steps import Array, physics
 from rigidmc.scene.model import Model
-from rigidmc.scene.quantities import count_rows, draw, is_shared
+from rigidmc.scene.quantities import count_rows, draw, is_shared, is_variable
 from rigidmc.scene.sampling import (
     DESIGNS,
     AntitheticPairs,
@@ -79,7 +79,10 @@ def initial_block(
 
     has_attitude : whether the attitude is followed;  rows : of the block, see `block_rows`
     """
-    block = np.zeros((rows, count))
+    block = np.empty((rows, count))
+    low = 0
+    for some in (*rows_to_fill(model.effects), slice(rows, rows)):  # zero the rows between
+        block[low : some.start], low = 0.0, some.stop
     return block, fill_initial(block, model, sampler, first, has_attitude)
 
 
@@ -217,8 +220,10 @@ def fill_initial(
     relative = relative_to_orbit(model)
     attitude = np.array([[1.0], [0.0], [0.0], [0.0]])
     block[layout.ATTITUDE : layout.MOMENTUM] = attitude
+    # only distributions of the spin, and attitudes that follow from them, ask for facts
+    asks = isinstance(getattr(model.start, model.start.spin_name), VectorDistribution)
     if has_attitude:
-        facts = member_facts(model.effects, block, moments)
+        facts = member_facts(model.effects, block, moments) if asks else None
         attitude = model.start.sample_attitude(sampler, first, count, facts)
         if "attitude" in relative:
             attitude = from_orbit(model.effects, effects, attitude)
@@ -228,7 +233,7 @@ def fill_initial(
             block[layout.ATTITUDE : layout.MOMENTUM] = axes
     # the principal frame of an uncertain tensor has the axes of each member
     own = turn if model.body.frame == "described" else None
-    known = member_facts(model.effects, block, moments)._replace(turn=own)
+    known = member_facts(model.effects, block, moments)._replace(turn=own) if asks else None
     word, drawn = model.start.sample_spin(sampler, first, count, known)
     in_principal = isinstance(getattr(model.start, word), EquilibriumEnsemble)
     if word in relative:
@@ -257,12 +262,9 @@ def fill_initial(
             )
     block[layout.MOMENTUM : layout.EXTRA] = spin * moments if word == "omega" else spin
     # the spin is nan if a distribution on an energy shell gets too little energy
-    bad = (
-        violates_triangle(moments)
-        | ~(mass > 0)
-        | np.isnan(spin).any(0)
-        | np.isnan(block[layout.ATTITUDE])
-    )
+    bad = np.isnan(spin).any(0) | np.isnan(block[layout.ATTITUDE])
+    if is_variable(model.body.moments, model.body.mass):  # a Body checks plain numbers and rows
+        bad |= violates_triangle(moments) | ~(mass > 0)
     block[layout.STATUS, bad] = layout.STATUSES["invalid_input"]
     return start
 

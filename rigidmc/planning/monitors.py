@@ -72,6 +72,11 @@ class Monitors(NamedTuple):
         return self.events, self.running, self.shadow
 
     @property
+    def labelled(self) -> Labelled:
+        """All (label, observable)."""
+        return *self.of_events, *self.of_running, *self.of_shadow
+
+    @property
     def each_step(self) -> list[str]:
         """Labels of the monitors that see only the end of each step, so that long steps hide
         motion from them."""
@@ -181,6 +186,8 @@ def results(
     clock : when steps of the members end;  total : steps that each member has made
     nodes : as in a Plan
     """
+    if not monitors.labelled:
+        return {}
     healthy, everyone = block[layout.STATUS] == 0.0, np.ones(block.shape[1], bool)
     known_until = clock.time(np.where(healthy, total, block[layout.GOOD_STEP]))
     variables: dict[str, NDArray[np.float64]] = {}

@@ -1,28 +1,26 @@
-"""Sinks collect the results of finished blocks: in one Dataset in memory, which may be written at
-the end, or in a netCDF file."""
+"""Sinks collect the results of finished blocks: here in memory, in `rigidmc.results.file_sinks` in
+files."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.compiler.memory import allocate_aligned
 from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.threads import Keeper
-from rigidmc.files.netcdf import open_trusted
-from rigidmc.files.outputs import Path
-from rigidmc.results.export import write
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.writer import Writer, round_digits
 from rigidmc.scene.recording import Labelled
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Arrays = dict[str, NDArray[Any]]
 Place = tuple[NDArray[np.float64], int, int]  # an array, its width, and the column of a block in it
 
 
-def _split(layout: ResultLayout, values: NDArray[Any]) -> Arrays:
+def split_values(layout: ResultLayout, values: NDArray[Any]) -> Arrays:
     """Return {name: view} of the rows of values (time, row, member) of each observable."""
     return {
         name: values[:, rows if layout.recording.observable(name).dims else rows.start]
@@ -78,13 +76,20 @@ class HistogramCounts:
         self.histograms = histograms
         self.counts: Arrays = {}
 
-    def add(self, job: Any, parts: Arrays, status: NDArray[Any]) -> None:
-        """Count the healthy members of a block; parts : its values by name, at all times."""
-        healthy = status[: job.size] == 0
+    def of(self, job: Any, parts: Arrays, status: NDArray[Any]) -> Arrays:
+        """Return the counts of the healthy members of a block; parts : its values by name, at all
+        times."""
+        healthy, counts = status[: job.size] == 0, {}
         for label, one in self.histograms:
             values = parts[one.name][..., : job.size]
             values = values[:, one.component] if values.ndim == 3 else values
-            self.counts[label] = self.counts.get(label, 0) + one.counts(values[:, healthy])
+            counts[label] = one.counts(values[:, healthy])
+        return counts
+
+    def add(self, counts: Arrays) -> None:
+        """Add the counts of a block."""
+        for label, some in counts.items():
+            self.counts[label] = self.counts.get(label, 0) + some
 
     def variables(self) -> Arrays:
         """Return {name: counts} of the results."""
@@ -109,6 +114,10 @@ class WholeSink:
         """Return a block in the state of an earlier run: at its start."""
         return job
 
+    def gather(self, job: Any, results: Arrays) -> Any:
+        """Return what `take` needs of a block: by default the block and its members' results."""
+        return job, results
+
 
 _ARRAY, _COUNTS, _FLAGGED = "array ", "counts ", "flagged "  # prefixes of the names in a part
 
@@ -129,7 +138,7 @@ class MemorySink(WholeSink):
         layout: ResultLayout,
         more: Mapping[str, Any],
         direct: bool = True,
-        blank: xr.Dataset | None = None,
+        blank: "xr.Dataset | None" = None,
     ) -> None:
         """more : further attributes;  direct : whether blocks may write directly to the result
         blank : see `Blanks`
@@ -154,18 +163,19 @@ class MemorySink(WholeSink):
             return self.out, self.width if self.layout.values else 0, low
         return make_buffer(self.layout, count)
 
-    def take(self, job: Any, results: Arrays) -> None:
-        """Take the results of a finished block."""
-        layout = self.layout
+    def gather(self, job: Any, results: Arrays) -> tuple[Arrays, Arrays]:
+        """Copy the values of a finished block to their places; return its counts and its flagged
+        values."""
+        layout, counts, flagged = self.layout, Arrays(), Arrays()
         low = job.first - layout.first
         part = slice(low, low + job.size)
         if layout.values and (self.counts.histograms or not self.direct):
             values = job.out.reshape(self.times, layout.values, -1)
             values = values[..., job.column : job.column + job.size]
-            parts = _split(layout, values)
-            self.counts.add(job, parts, results["status"])
+            parts = split_values(layout, values)
+            counts = self.counts.of(job, parts, results["status"])
             status = results["status"][: job.size]
-            self.flagged.append(flagged_values(layout, job.members, parts, status))
+            flagged = flagged_values(layout, job.members, parts, status)
             if not self.direct:
                 for name, kept in kept_values(layout, parts).items():
                     self.arrays[name][..., part] = kept
@@ -176,13 +186,20 @@ class MemorySink(WholeSink):
                 self.arrays[name] = np.broadcast_to(column.copy(), shape)
             elif name not in layout.constant:
                 self.arrays[name][..., part] = results[name][..., : job.size]
+        return counts, flagged
+
+    def take(self, found: tuple[Arrays, Arrays]) -> None:
+        """Take the counts and the flagged values of a finished block."""
+        counts, flagged = found
+        self.counts.add(counts)
+        self.flagged.append(flagged)
 
     def values(self) -> Arrays:
         """Return {variable: array} of the result."""
         arrays = {**self.arrays, **self.counts.variables(), **concat_flagged(self.flagged)}
         if self.direct:
             values = self.out.reshape(self.times, self.layout.values, self.width)
-            arrays |= _split(self.layout, values[..., : self.layout.members])
+            arrays |= split_values(self.layout, values[..., : self.layout.members])
         return arrays
 
     def part(self) -> Arrays:
@@ -220,22 +237,46 @@ class MemorySink(WholeSink):
         """Return the names of arrays with a value for each member."""
         return [name for name in self.arrays if name not in self.layout.constant]
 
-    def finish(self) -> xr.Dataset:
+    def finish(self) -> "xr.Dataset":
         """Return the result."""
         arrays, layout = self.values(), self.layout
         if self.blank is not None:
             dataset = self.blank.copy(data=arrays)
             dataset.attrs.update(self.more)
             return dataset
-        return xr.Dataset(
-            {name: (v.dims, arrays[name], v.attrs) for name, v in layout.variables.items()},
-            layout.coordinates(),
-            {**layout.attributes(), **self.more},
-        )
+        return _make_dataset(layout, arrays, self.more)
 
     def discard(self) -> None:
         """Free the memory."""
         self.out = np.empty(0)
+
+
+def _make_dataset(
+    layout: ResultLayout, arrays: Arrays, more: Mapping[str, Any] | None = None
+) -> "xr.Dataset":
+    """Return the Dataset of a layout with the arrays of its variables; more : further attributes.
+
+    Variables and indexes are made here: from plain arrays, xarray would make the same ones after
+    importing dask and pint, to see that the arrays are not theirs: 0.4 s of a process
+    (`python -m bench startup`).
+    """
+    import pandas as pd
+    import xarray as xr  # 0.3 s of a process, in which only results need it
+
+    variables, indexes = dict[str, xr.Variable](), dict[str, xr.indexes.PandasIndex]()
+    for name, (dims, values, attrs) in layout.coordinates().items():
+        index = xr.indexes.PandasIndex(pd.Index(values), name, coord_dtype=values.dtype)
+        named = {name: xr.Variable(dims, values, attrs, fastpath=True)}
+        variables.update(index.create_variables(named))
+        indexes[name] = index
+    return xr.Dataset(
+        {
+            name: xr.Variable(v.dims, arrays[name], v.attrs, fastpath=True)
+            for name, v in layout.variables.items()
+        },
+        xr.Coordinates(variables, indexes),
+        {**layout.attributes(), **(more or {})},
+    )
 
 
 class Blanks:
@@ -246,7 +287,7 @@ class Blanks:
         # a single attribute, so that several threads may use the same run
         self._last: tuple[object, xr.Dataset | None] = None, None
 
-    def of(self, layout: ResultLayout) -> xr.Dataset | None:
+    def of(self, layout: ResultLayout) -> "xr.Dataset | None":
         """Return a result to copy, from the second consecutive request for a layout on; else None.
         Also None if the number of flagged members is unknown, which makes copies impossible."""
         if layout.of_flagged or layout.which is not None:
@@ -254,38 +295,14 @@ class Blanks:
         key, (last, blank) = (layout.first, layout.members), self._last
         if key == last and blank is None:
             sizes, nothing = layout.lengths(), np.zeros(())
-            blank = xr.Dataset(
-                {
-                    name: (v.dims, np.broadcast_to(nothing, [sizes[d] for d in v.dims]), v.attrs)
-                    for name, v in layout.variables.items()
-                },
-                layout.coordinates(),
-                layout.attributes(),
-            )
+            blanks = {
+                name: np.broadcast_to(nothing, [sizes[d] for d in v.dims])
+                for name, v in layout.variables.items()
+            }
+            blank = _make_dataset(layout, blanks)
         blank = blank if key == last else None
         self._last = key, blank
         return blank
-
-
-class ExportSink(MemorySink):
-    """A sink that collects blocks in one Dataset, and writes it as zarr or a table at the end."""
-
-    def __init__(
-        self, path: Path, layout: ResultLayout, force: bool, more: Mapping[str, Any]
-    ) -> None:
-        super().__init__(layout, more)
-        self.path, self.force = path, force
-
-    def finish(self) -> xr.Dataset:
-        """Write the result and return it, rounded to the digits of a netCDF file."""
-        dataset, digits = super().finish(), self.layout.scene.run.digits
-        for name in self.layout.at_saves:
-            if digits is not None and self.layout.is_rounded(name):
-                variable = dataset[name]
-                variable.values = round_digits(variable.values, digits)
-                variable.attrs["significant_digits"] = digits
-        write(dataset, self.path, self.force)
-        return dataset
 
 
 def make_buffer(layout: ResultLayout, count: int) -> Place:
@@ -293,45 +310,3 @@ def make_buffer(layout: ResultLayout, count: int) -> Place:
     width = whole_lanes(count)
     values = allocate_aligned(layout.axes.times.size * layout.values * width, float, np.empty)
     return values, width if layout.values else 0, 0
-
-
-class FileSink(WholeSink):
-    """A sink that writes finished blocks to a netCDF file."""
-
-    def __init__(
-        self,
-        path: Path,
-        layout: ResultLayout,
-        force: bool,
-        more: Mapping[str, Any] | None = None,
-    ) -> None:
-        self.layout, self.path = layout, path
-        self.counts, self.flagged = HistogramCounts(layout.recording.histograms), list[Arrays]()
-        self.writer = Writer(path, layout, force, more)
-
-    def reserve(self, low: int, count: int) -> Place:
-        """Return the place for the values of `count` members."""
-        return make_buffer(self.layout, count)
-
-    def take(self, job: Any, results: Arrays) -> None:
-        """Write the results of a finished block."""
-        layout = self.layout
-        values = {name: array for name, array in results.items() if name in layout.by_member}
-        if layout.values:
-            saved = job.out.reshape(layout.axes.times.size, layout.values, job.width)
-            parts = _split(layout, saved)
-            self.counts.add(job, parts, results["status"])
-            status = results["status"][: job.size]
-            self.flagged.append(flagged_values(layout, job.members, parts, status))
-            values |= kept_values(layout, parts)
-        self.writer.write(job.first, job.size, values)
-
-    def finish(self) -> xr.Dataset:
-        """Finish the file and open it."""
-        self.writer.write_all({**self.counts.variables(), **concat_flagged(self.flagged)})
-        self.writer.finish()
-        return open_trusted(self.path)
-
-    def discard(self) -> None:
-        """Delete the partial file."""
-        self.writer.discard()

@@ -78,8 +78,12 @@ class Sink(Protocol):
     def keeper(self) -> Keeper | None:
         """Return the object that stores states of blocks in progress, None if there is none."""
 
-    def take(self, job: "BlockJob", results: dict[str, np.ndarray]) -> None:
-        """Store a finished block and the results of its members."""
+    def gather(self, job: "BlockJob", results: dict[str, np.ndarray]) -> Any:
+        """Gather the values of a finished block, in the thread that moved it; return what `take`
+        needs. Several blocks may do this at once."""
+
+    def take(self, found: Any) -> None:
+        """Store a finished block, in the main thread; found : what `gather` returned."""
 
     def finish(self) -> Any:
         """Complete the result and return it."""
@@ -119,17 +123,20 @@ def compute(
         job = _make_job(plan, program, *place)
         return job if program is None else sink.resumed(job)
 
-    def finished(job: BlockJob) -> None:
+    # returns no job that the sink does not need: the next block then reuses its memory, which is
+    # still in the cache of this core
+    def end(job: BlockJob) -> tuple[list[int], Any]:
         results = _results(job, plan)
-        for status, count in zip(
-            layout.STATUSES,
-            np.bincount(results["status"], minlength=len(layout.STATUSES)),
-            strict=True,
-        ):
-            flagged[status] += int(count)
+        counts = np.bincount(results["status"], minlength=len(layout.STATUSES))
         if units is not None:
             results = _in_units_of_scene(job, results, plan, result, units)
-        sink.take(job, results)
+        return counts.tolist(), sink.gather(job, results)
+
+    def finished(ended: tuple[list[int], Any]) -> None:
+        counts, found = ended
+        for status, count in zip(layout.STATUSES, counts, strict=True):
+            flagged[status] += count
+        sink.take(found)
 
     members = plan.members if members is None else members
     which = range(math.ceil(plan.members / block)) if blocks is None else blocks
@@ -139,9 +146,9 @@ def compute(
     with reporter(progress, members, plan.grid.steps) as report:
         left = _left(which, plan, block, sink, report)
         if blocks is None and plan.members <= block and sink.keeper is None:
-            run_alone(make, left, finished, report.step, report.poll)
+            run_alone(make, left, finished, report.step, report.poll, end)
         else:
-            run_blocks(make, left, threads, finished, report.step, report.poll, sink.keeper)
+            run_blocks(make, left, threads, finished, report.step, report.poll, sink.keeper, end)
     return flagged
 
 
@@ -220,19 +227,23 @@ def _results(job: BlockJob, plan: Plan) -> dict[str, np.ndarray]:
     rows = job.block if job.order is None else job.block[:, np.argsort(job.order)]
     status = rows[layout.STATUS, : job.size].astype("i1")
     flagged, fault = rows[layout.STATUS] > 0.0, rows[layout.FAULT_STEP]
-    each = rows[layout.STEPS]
+    step, time = np.array(-1.0), np.array(np.nan)  # of a fault that most blocks do not have
+    # one clock for all members saves a pass over them for each operation
+    each = rows[layout.STEPS] if plan.has_member_steps or plan.monitors.labelled else 1.0
     made, clock = plan.grid.steps * each, plan.grid.clock.of(each)
     stops = any(one.stop for _, one in plan.monitors.of_events)
     law = drift_laws(plan.conserved, plan.kind.is_reversible, stops, rows, made, plan.dtype)
+    if flagged.any():
+        step, time = np.where(flagged, fault, step), np.where(flagged, clock.time(fault), time)
     return {
         "energy_drift_max": rows[layout.DRIFT],
         "l2_drift_max": rows[layout.DRIFT + 1],
         "drift_law": law,
         **monitors.results(plan.monitors, plan.places, rows, clock, made, plan.nodes),
-        "status_step": np.where(flagged, fault, -1.0),
-        "status_time": np.where(flagged, clock.time(fault), np.nan),
+        "status_step": np.broadcast_to(step, flagged.shape),
+        "status_time": np.broadcast_to(time, flagged.shape),
         "status": status,
-        "steps": made,
+        "steps": np.broadcast_to(made, flagged.shape),
         **job.start,
     }
 

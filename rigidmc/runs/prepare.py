@@ -6,10 +6,9 @@ objects. The result runs any number of times, with other members, threads or dev
 
 import time
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.engine.cuda.devices import resolve_device
@@ -34,9 +33,8 @@ from rigidmc.planning.plan import Plan, make_plan
 from rigidmc.planning.tolerance.choose import Choice, choose_integrator
 from rigidmc.planning.units import UnitScale, choose_units, scale_scene
 from rigidmc.progress import Progress
-from rigidmc.results.export import is_streamed
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.sinks import Blanks, ExportSink, FileSink, MemorySink
+from rigidmc.results.sinks import Blanks, MemorySink
 from rigidmc.runs.assemble import make_layout, make_program
 from rigidmc.runs.blocks import Sink, compute
 from rigidmc.runs.members import range_of_members, select_members, with_settings
@@ -48,6 +46,9 @@ from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings
 from rigidmc.scene.validation import PILOT
 from rigidmc.scene.varied import close_varied, nominal_of, open_varied, stored_values, with_values
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Array = NDArray[np.float64]
 
@@ -189,7 +190,7 @@ class PreparedRun:
         block: int | None = None,
         attrs: Mapping[str, Any] | None = None,
         progress: Progress = False,
-    ) -> xr.Dataset:
+    ) -> "xr.Dataset":
         """Integrate the members.
 
         The bits of a member do not depend on any argument except `values`.
@@ -261,7 +262,11 @@ class PreparedRun:
             raise OptionError(rule, at="values")
         threads = threads_available() if threads is None else read_count(threads, "threads")
         device = "cpu" if self.plan.scheme is None else resolve_device(device)
-        streaming = output is not None and is_streamed(output)
+        streaming = False
+        if output is not None:
+            from rigidmc.results import export, file_sinks  # with xarray and netCDF4
+
+            streaming = export.is_streamed(output)
         size = block or block_of(self.plan, threads, device, streaming)
         room = needs(self.layout, self.plan, self.plan.members, size, threads)
         check_resources(room, self.plan.members, threads, output if streaming else None)
@@ -274,7 +279,8 @@ class PreparedRun:
         if output is None:
             sink: Sink = MemorySink(layout, more, blank=self._blanks.of(layout))
         else:
-            sink = (FileSink if streaming else ExportSink)(output, layout, force, more)
+            kind = file_sinks.FileSink if streaming else file_sinks.ExportSink
+            sink = kind(output, layout, force, more)
         began = time.perf_counter()
         try:
             flagged = compute(

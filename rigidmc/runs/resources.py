@@ -21,6 +21,7 @@ SLAB = 32 * 2**20  # bytes of saved values that a block may hold before they go 
 # waves, of which the last may be short.
 DEVICE_BLOCK, DEVICE_SLAB = 2**19, 2**27
 LEAST = 2**17  # member-steps of a block: 1 ms at 130 M/s, plus 0.3 ms of overhead
+PAGE = 512  # members whose row is a whole number of pages: rows compete for a cache set, see BLOCK
 WAVE = 2**16  # members that take as long on a GPU as a single member
 LITTLE = 2**26  # bytes; a smaller need does not justify 0.5 ms to query the free memory
 BASE = 0.25e9  # interpreter, libraries and kernels [bytes]
@@ -49,10 +50,16 @@ def block_of(plan: Plan, threads: int, device: str, streaming: bool) -> int:
         block = min(DEVICE_BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
         # in memory, most saves are written directly to their final place
         return min(block, members_within(plan, DEVICE_SLAB if streaming else 16 * DEVICE_SLAB))
-    if not streaming:
-        blocks = min(blocks, max(1, math.ceil(plan.members * plan.mean_steps / LEAST)))
-    block = min(BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
-    return min(block, members_within(plan, SLAB)) if streaming else block
+    if streaming:
+        block = min(BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
+        return min(block, members_within(plan, SLAB))
+    blocks = min(blocks, max(1, math.ceil(plan.members * plan.mean_steps / LEAST)))
+    most = BLOCK + 2 * LANES  # 4,096 members fit
+    blocks = max(blocks, math.ceil(plan.members / most))
+    if blocks > threads:  # as many for each thread, so that none waits for the last block
+        blocks = threads * math.ceil(blocks / threads)
+    block = whole_lanes(math.ceil(plan.members / blocks))
+    return block + LANES if block % PAGE == 0 else block
 
 
 def members_within(plan: Plan, slab: int) -> int:

@@ -4,10 +4,9 @@ import os
 import sys
 import warnings
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.machine import threads_available
@@ -15,11 +14,13 @@ from rigidmc.errors import SceneWarning
 from rigidmc.files.outputs import refuse_existing
 from rigidmc.progress import Progress, announce
 from rigidmc.runs.prepare import prepare
-from rigidmc.runs.price import predicted_seconds
 from rigidmc.scene.amounts import read_count
 from rigidmc.scene.drifts import LARGE, one_way
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @takes_settings
@@ -37,7 +38,7 @@ def simulate(
     attrs: Mapping[str, Any] | None = None,
     device: str | None = None,
     **settings: Any,
-) -> xr.Dataset:
+) -> "xr.Dataset":
     """Integrate an ensemble.
 
     The parameters from `dt` on are settings of the run (`Run`) that replace the scene's own; None
@@ -104,6 +105,8 @@ def simulate(
             _warn(note)
         expected = None
         if run.choice is not None:
+            from rigidmc.runs.price import predicted_seconds
+
             expected = predicted_seconds(run, threads, device, output)
             if run.choice.short:
                 _warn(run.choice.short)

@@ -163,10 +163,9 @@ class Body(BodyChanges):
             raise SceneError("principal moments must be positive", at="body.moments", value=shown)
         if len(known) < 3:
             return
-        moments = np.array(np.broadcast_arrays(*self.moments)).reshape(3, -1)
-        bad = np.flatnonzero(inertia.violates_triangle(moments))
+        bad = np.flatnonzero(inertia.violates_triangle(self.moments))
         if bad.size:
-            values = moments[:, bad[0]].tolist()
+            values = [float(m if is_shared(m) else m[bad[0]]) for m in self.moments]
             large, rest = max(values), sum(values) - max(values)
             row = "" if is_shared(self.moments) else f"row {bad[0]}: "
             rule = (

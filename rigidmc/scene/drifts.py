@@ -7,19 +7,22 @@ removes 1e-4 of the energy of a top, and with it all of its wobble of 0.01 rad
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.scene.amounts import count_text
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 LAWS = {"not_judged": 0, "rounding": 1, "bounded": 2, "one_way": 3}
 # A drift is one way if, in the second half of the run, it never falls below this fraction of its
 # maximum in the first half. A bounded error returns to 0 within a few turns.
 BACK = 0.7
+EPSILON = {dtype: float(np.finfo(dtype).eps) for dtype in ("float32", "float64")}
 JUDGED = 512  # fewest steps of a classified run: at least 4 health checks in each half
 FEW = 0.05  # fraction of members: bounded errors that by chance did not return
 LARGE = 5e-5  # one-way drift that causes a warning: the energy of a wobble of 0.01 rad
@@ -49,27 +52,36 @@ def drift_laws(
     reversible integrators in float64 always count as bounded: they return, although health checks
     synchronous with the motion may miss it. In float32 rounded coefficients break reversibility.
     """
-    laws = np.zeros(rows.shape[1], np.int8)
-    floor = np.finfo(dtype).eps * (100.0 + 30.0 * np.sqrt(steps))
+    laws = np.full(rows.shape[1], LAWS["not_judged"], np.int8)
+    known = [i for i, name in enumerate(("energy_drift", "l2")) if conserved[name] == "yes"]
+    if stops or not known or np.max(steps, initial=0.0) < JUDGED:
+        return laws
+    floor = EPSILON[dtype] * (100.0 + 30.0 * np.sqrt(steps))
     returns = is_reversible and dtype == "float64"
+    stays, rounds = np.zeros(laws.size, bool), np.ones(laws.size, bool)
     with np.errstate(all="ignore"):
-        # relative to the energies involved, not to the initial energy, which may be near 0
-        play = rows[layout.START + 1] / rows[layout.START + 3]
-        for i, (name, scale) in enumerate((("energy_drift", play), ("l2", 1.0))):
-            if conserved[name] != "yes":
-                continue
-            most, early, least = (
-                rows[at + i] for at in (layout.DRIFT, layout.EARLY_DRIFT, layout.LATE_DRIFT)
-            )
-            stays = (least >= BACK * early) & (not returns)
-            law = np.where(stays, LAWS["one_way"], LAWS["bounded"])
-            law = np.where(most * scale <= floor, LAWS["rounding"], law)
-            laws = np.maximum(laws, law.astype(np.int8))
-    judged = (rows[layout.STATUS] == 0.0) & (steps >= JUDGED) & (not stops)
-    return np.where(judged, laws, np.int8(LAWS["not_judged"]))
+        for i in known:
+            most = rows[layout.DRIFT + i]
+            if i == 0:
+                # relative to the energies involved, not to the initial energy, which may be near 0
+                most = most * (rows[layout.START + 1] / rows[layout.START + 3])
+            small = most <= floor
+            rounds &= small
+            if not returns:
+                stays |= (
+                    rows[layout.LATE_DRIFT + i] >= BACK * rows[layout.EARLY_DRIFT + i]
+                ) & ~small
+    judged = (rows[layout.STATUS] == 0.0) & (steps >= JUDGED)
+    for law, where in (
+        ("bounded", judged),
+        ("rounding", rounds & judged),
+        ("one_way", stays & judged),
+    ):
+        np.copyto(laws, LAWS[law], where=where)
+    return laws
 
 
-def one_way(dataset: xr.Dataset, least: float = 0.0) -> str:
+def one_way(dataset: "xr.Dataset", least: float = 0.0) -> str:
     """Return a warning about one-way drifts of `least` or more; "" for none, or if so few members
     drift that it may be chance."""
     if "drift_law" not in dataset:

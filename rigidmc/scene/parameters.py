@@ -1,7 +1,7 @@
 """The parameters of a scene by name, such as body.moments.1, start.omega.angle or
 effects.gravity.g, which a map may vary."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from inspect import signature
 from typing import Any
@@ -72,27 +72,43 @@ def with_parameter(
 
     key : name of the argument in the error;  names : known parameters, by default `parameter_names`
     """
+    return with_parameters(scene, {name: value}, key, names)
+
+
+def with_parameters(
+    scene: Scene,
+    values: Mapping[str, Any],
+    key: str = "parameter",
+    names: Sequence[str] | None = None,
+    **others: Any,
+) -> Scene:
+    """Replace several parameters of a scene, as `with_parameter` does.
+
+    Each part is replaced once, because a part checks all its numbers when it is made.
+
+    others : further fields of the scene to replace
+    """
     names = parameter_names(scene) if names is None else names
-    table, first, *rest = name.split(".")
-    solid = _solid_of(scene.body) if table == "body" else None
-    if solid is not None:
-        return replace(scene, body=_of_mass(scene.body, solid, name, value, key))
-    if name not in names:
-        raise unknown("scene parameter", names, at=key, value=name)
-    if table == "start":
-        rest = [component_of(scene.start, word) for word in rest]
-    if table in ("body", "start"):
-        part = getattr(scene, table)
-        changed = {first: _put(getattr(part, first), rest, value)}
-        if table == "body":
-            changed["shape"] = ()  # the shape belongs to the original body
-        part = replace(part, **changed)
-        return replace(scene, **{table: part})
-    effects = tuple(
-        _put(effect, rest, value) if label == first else effect
-        for label, effect in label_effects(scene.effects)
-    )
-    return replace(scene, effects=effects)
+    changed: dict[str, dict[str, Any]] = {"body": {}, "start": {}}
+    body, effects = scene.body, dict(label_effects(scene.effects))
+    for name, value in values.items():
+        table, first, *rest = name.split(".")
+        if table == "body" and (solid := _solid_of(scene.body)):
+            body = _of_mass(body, solid, name, value, key)
+            continue
+        if name not in names:
+            raise unknown("scene parameter", names, at=key, value=name)
+        if table == "effects":
+            effects[first] = _put(effects[first], rest, value)
+            continue
+        if table == "start":
+            rest = [component_of(scene.start, word) for word in rest]
+        known = changed[table]
+        known[first] = _put(known.get(first, getattr(getattr(scene, table), first)), rest, value)
+    if changed["body"]:
+        body = replace(body, **changed["body"], shape=())  # the shape belongs to the original body
+    start = replace(scene.start, **changed["start"]) if changed["start"] else scene.start
+    return replace(scene, body=body, start=start, effects=tuple(effects.values()), **others)
 
 
 def component_of(start: Start, word: str) -> str:

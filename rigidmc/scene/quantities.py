@@ -149,8 +149,10 @@ def quantity(value: Any, at: str) -> Any:
     if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiu":
         if not value.size:
             raise SceneError("an array needs at least one row", at=at)
-        with np.errstate(over="ignore"):  # of long doubles
-            column = np.array(value, dtype=float)
+        column = value
+        if not is_frozen(value):
+            with np.errstate(over="ignore"):  # of long doubles
+                column = np.array(value, dtype=float)
         if not np.isfinite(column).all():
             row = int(np.flatnonzero(~np.isfinite(column))[0])
             raise SceneError(f"row {row} is not finite", at=at, value=float(column[row]))
@@ -160,6 +162,18 @@ def quantity(value: Any, at: str) -> Any:
         "expected a finite number, a distribution, a grid, or a 1-D array with one entry per member"
     )
     raise SceneError(rule, at=at, value=value)
+
+
+def is_frozen(array: NDArray[Any]) -> bool:
+    """Return whether an array is float64 and neither it nor the memory that it views can change."""
+    if array.dtype != np.float64:
+        return False
+    memory: Any = array
+    while isinstance(memory, np.ndarray):
+        if memory.flags.writeable:
+            return False
+        memory = memory.base
+    return memory is None
 
 
 def vector(values: Any, at: str, size: int = 3) -> tuple[Any, ...]:

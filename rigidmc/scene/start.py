@@ -270,10 +270,11 @@ class Start(Renamed):
             return quaternions_of_angles(self.sequence, *values)
         if len(values) == 3:
             return quaternion_from_euler(*values)
-        square = values[0] ** 2 + values[1] ** 2 + values[2] ** 2 + values[3] ** 2
+        one, two, three, four = np.square(values)
+        square = one + two + three + four
         # a normalised quaternion keeps its bits, so that stored starts can be rerun identically
-        values /= np.where(np.abs(square - 1.0) < 1e-15, 1.0, np.sqrt(square))
-        return values
+        is_unit = np.abs(square - 1.0) < 1e-15
+        return values if is_unit.all() else values / np.where(is_unit, 1.0, np.sqrt(square))
 
 
 def _attitude(value: Any) -> Any:

@@ -2,7 +2,6 @@
 values of the members."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from rigidmc.labelled import COLUMN, Wanted, is_labelled, two_ways
 from rigidmc.mechanics.euler_angles import ANGLES
 from rigidmc.physics.effects import label_effects
 from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.parameters import component_of, parameter_names, with_parameter
+from rigidmc.scene.parameters import component_of, parameter_names, with_parameters
 from rigidmc.scene.quantities import Grid, Varied, count_rows
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.units import in_si, units_of
@@ -77,18 +76,19 @@ def value_at(scene: Scene, name: str) -> Any:
     return value
 
 
-def put_value(scene: Scene, name: str, value: Any) -> Scene:
-    """Return the scene with a new value of a parameter or a vector."""
-    return with_parameter(scene, name, value, "varied", variable_names(scene))
+def put_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
+    """Return the scene with new values of parameters or vectors; SceneError for unknown names."""
+    return with_parameters(scene, values, "varied", variable_names(scene))
 
 
 def open_varied(scene: Scene) -> Scene:
     """Return the scene for planning: its varied parameters have the nominal values, marked as not
     constant."""
-    for name, value in (scene.run.varied or {}).items():
-        marked = tuple(map(Varied, value)) if isinstance(value, list) else Varied(value)
-        scene = put_value(scene, name, marked)
-    return scene
+    marked = {
+        name: tuple(map(Varied, value)) if isinstance(value, list) else Varied(value)
+        for name, value in (scene.run.varied or {}).items()
+    }
+    return put_values(scene, marked)
 
 
 def close_varied(scene: Scene) -> Scene:
@@ -143,17 +143,19 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
     given = {
         name: _rows(_in_si(scene, name, value), name, sizes[name]) for name, value in values.items()
     }
-    count = max(array.shape[0] if array.ndim else 0 for array in given.values())
+    count, changed = max(array.shape[0] if array.ndim else 0 for array in given.values()), {}
     for name, array in given.items():
         size = sizes[name]
         wanted = (count,) if size is None else (count, size)
         if array.shape != wanted or not count:
             rule = f"{name} has the shape {array.shape}, expected {wanted}"
             raise OptionError(rule, at="values")
-        scene = put_value(
-            scene, name, array if size is None else tuple(np.ascontiguousarray(array.T))
-        )
-    return replace(scene, run=scene.run.model_copy(update={"first": 0, "members": count})), count
+        columns = np.array(array.T, order="C")  # frozen, so that the scene copies no column again
+        columns.flags.writeable = False
+        changed[name] = columns if size is None else tuple(columns)
+    run = scene.run.model_copy(update={"first": 0, "members": count})
+    # `open_varied` has checked the names: to list all that a solid has takes 1 ms
+    return with_parameters(scene, changed, "varied", list(known), run=run), count
 
 
 def _rows(value: Any, name: str, size: int | None) -> NDArray[np.float64]:

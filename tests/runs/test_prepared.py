@@ -6,6 +6,7 @@
 """
 
 import gc
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ import xarray as xr
 
 import rigidmc as rm
 from rigidmc.physics.effects.protocol import is_random
+from rigidmc.runs.resources import block_of
 from rigidmc.scene.scene import scene_of
 from rigidmc.scene.varied import variable_names
 from tests import random_scenes
@@ -193,3 +195,24 @@ def test_results_of_one_run_share_nothing():
         for _ in range(2):
             expected = rm.prepare(scene, members=members).run()
             xr.testing.assert_identical(run.run(members=members), expected)
+
+
+def test_a_result_is_what_xarray_makes_of_its_arrays():
+    found = rm.simulate("dzhanibekov", members=2, t_end=0.1, every=0.05)
+    parts = [
+        {name: (v.dims, v.values, v.attrs) for name, v in some.items()}
+        for some in (found.data_vars, found.coords)
+    ]
+    plain = xr.Dataset(*parts, found.attrs)
+    xr.testing.assert_identical(found, plain)
+    for name in found.coords:
+        assert found[name].dtype == plain[name].dtype
+        assert found.xindexes[name].equals(plain.xindexes[name])
+
+
+def test_threads_have_as_many_blocks():
+    """With 17 blocks on two threads, one of them waited for half a block."""
+    plan = rm.prepare("dzhanibekov", members=65_536, t_end=1.0).plan
+    for threads in (2, 3):
+        assert math.ceil(65_536 / block_of(plan, threads, "cpu", False)) % threads == 0
+    assert block_of(plan._replace(members=4096, mean_steps=1.0), 1, "cpu", False) >= 4096

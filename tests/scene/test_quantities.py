@@ -6,7 +6,7 @@ import scipy.stats
 
 import rigidmc as rm
 from rigidmc.mechanics.rotation import matrix, quaternion_from_euler
-from rigidmc.scene.quantities import draw
+from rigidmc.scene.quantities import draw, quantity
 from rigidmc.scene.sampling import drawn_through
 
 COUNT = 1 << 16
@@ -225,3 +225,14 @@ def test_bad_laws_in_a_file(written, rule):
     with pytest.raises(rm.SceneError, match=rule) as error:
         rm.Scene.loads(text)
     assert "omega" in str(error.value)
+
+
+def test_an_array_is_shared_only_if_nothing_can_change_it():
+    memory = np.ones(3)
+    view = memory.view()
+    view.flags.writeable = False
+    copied = quantity(view, "body.mass")
+    memory[0] = 5.0  # still changes the view
+    assert view[0] == 5.0 and copied[0] == 1.0
+    memory.flags.writeable = False
+    assert quantity(view, "body.mass") is view

@@ -10,7 +10,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from typing import Any
 
 import numpy as np
@@ -75,7 +75,7 @@ class CudaProgram(Program):
         """Return an empty list: one process compiles the one kernel."""
         return []
 
-    def _compile(self) -> None:
+    def _compile(self, meanwhile: Callable[[], None] | None = None) -> None:
         with announce_compiling(self.label, self.missing(), self.effects):
             self._code = self.ptx(self._capability)
         self._frame = np.zeros(1, record_type(self.dtype))

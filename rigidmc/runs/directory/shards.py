@@ -184,11 +184,17 @@ class ShardSink:
         """Return a block continued from its checkpoint."""
         return self.keeper.resumed(job)
 
-    def take(self, job: BlockJob, results: Arrays) -> None:
+    def gather(self, job: BlockJob, results: Arrays) -> tuple[BlockJob, Arrays]:
+        """Return a block and its results: it belongs to a shard that the main thread opens."""
+        return job, results
+
+    def take(self, found: tuple[BlockJob, Arrays]) -> None:
         """Add a finished block to its shard; a complete shard goes to the writing thread."""
+        job, results = found
         i = self._shard_of(job.first)
         there, places = self._opened(i), self.directory.places(i)
-        self._open[i].take(job, results)
+        shard = self._open[i]
+        shard.take(shard.gather(job, results))
         there.add(job.first)
         if len(there) == -(-len(places) // self.layout.block):
             del self._there[i]

@@ -6,10 +6,9 @@ A result contains the text of its scene, and the rows to which the text refers (
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import FileError, PartError, SceneError, unknown
@@ -34,6 +33,9 @@ from rigidmc.scene.toml.values import (
 )
 from rigidmc.scene.user_parts.registry import Code, load_user_class, make_stand_in
 from rigidmc.units import list_text
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Settings = Sequence[tuple[str, str]]  # (dotted key, value as TOML or as a plain word)
 
@@ -269,7 +271,7 @@ def _kind(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code)
 ROWS = 10_000_000  # up to this many indices, a selection is expanded to all of them: 80 MB a column
 
 
-def scene_text(dataset: xr.Dataset) -> str:
+def scene_text(dataset: "xr.Dataset") -> str:
     """Return the TOML text of the scene of a result; FileError if the Dataset is not a result."""
     text = dataset.attrs.get("scene")
     if not isinstance(text, str):
@@ -278,7 +280,7 @@ def scene_text(dataset: xr.Dataset) -> str:
     return text
 
 
-def stored_rows(dataset: xr.Dataset) -> Callable[[str], NDArray[Any] | None]:
+def stored_rows(dataset: "xr.Dataset") -> Callable[[str], NDArray[Any] | None]:
     """Return a function that returns the rows (..., members) of a variable of a result, or None.
 
     The members may be any selection, in any order: members that are not selected need no rows.
@@ -305,7 +307,7 @@ def stored_rows(dataset: xr.Dataset) -> Callable[[str], NDArray[Any] | None]:
     return stored
 
 
-def _members(dataset: xr.Dataset) -> NDArray[Any]:
+def _members(dataset: "xr.Dataset") -> NDArray[Any]:
     """Return the indices of the members; FileError if a result cannot have them."""
     if "member" not in dataset.variables or dataset.sizes["member"] < 1:
         raise FileError("a result must have at least one member", at="member")
