@@ -23,7 +23,7 @@ from rigidmc.results.run_directory import RunDirectory, flagged_count
 from rigidmc.results.variables import NEWER, Variable
 
 GROWING = ("member", "flagged")  # the dimensions that grow with the shards
-GROUP = 2**25  # bytes of the largest variable in a group of shards
+GROUP = 2**24  # bytes of the largest variable in a group of shards
 
 Chunked = tuple[tuple[str, ...], Any, dict[str, Any]]  # dims, array, attrs
 
