@@ -10,6 +10,7 @@ say what it is.
 
 import math
 import os
+import threading
 import zlib
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -32,9 +33,10 @@ from rigidmc.files.hdf5 import (
 from rigidmc.files.opening import open_plain
 
 LARGEST = 2**28  # bytes of a variable in a file; the C library reads larger ones no slower
-_BATCH = 2**20  # bytes of chunks whose checksums are computed together: they stay in the cache
+_BATCH = 2**19  # bytes of chunks whose checksums are computed together: they stay in the cache
 _ROW = 512  # words of eight bytes in a row of a checksum
 _KINDS = 64  # kinds of metadata to remember
+_RECENT = 4096  # files to remember: several variables of a group of them are read one by one
 
 
 class Part(NamedTuple):
@@ -73,15 +75,13 @@ def _read_part(part: Part, name: str, mark: str, batch: "_Batch") -> None:
         raise Unfamiliar("large")
     file = open_plain(part.path, os.O_RDONLY)
     try:
-        known = _metadata(file)
-        stored, member = known.variables.get(name), known.variables.get("member")
-        if stored is None or member is None or known.texts.get("run") != mark:
+        known, first = _opened(part.path, file)
+        stored, member = known.variables.get(name), known.variables["member"]
+        if stored is None or known.texts.get("run") != mark:
             raise Unfamiliar("another run, or a file of an earlier version")
         if (stored.shape, np.dtype(stored.dtype)) != (out.shape, out.dtype):
             raise Unfamiliar("shape")
-        if member.filters != (-1,) or (member.shape, member.dtype) != ((part.members,), "<i8"):
-            raise Unfamiliar("members")
-        if int.from_bytes(_bytes(file, member.at, 8), "little", signed=True) != part.first:
+        if (member.shape, first) != ((part.members,), part.first):
             raise Unfamiliar("members of another shard")
         if stored.filters == (-1,):
             out[...] = np.frombuffer(_bytes(file, stored.at, out.nbytes), out.dtype).reshape(
@@ -107,6 +107,27 @@ def _bytes(file: int, at: int, size: int) -> bytes:
     if len(data) < size:
         raise Unfamiliar("beyond the end")
     return data
+
+
+_files: dict[str, tuple[tuple[int, ...], Metadata, int]] = {}  # by path
+
+
+def _opened(path: str, file: int) -> tuple[Metadata, int]:
+    """Return (metadata, first member) of an open file; Unfamiliar."""
+    facts = os.fstat(file)
+    state = (facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns)
+    found = _files.get(path)
+    if found is not None and found[0] == state:
+        return found[1:]
+    known = _metadata(file)
+    member = known.variables.get("member")
+    if member is None or member.filters != (-1,) or member.dtype != "<i8":
+        raise Unfamiliar("members")
+    first = int.from_bytes(_bytes(file, member.at, 8), "little", signed=True)
+    if len(_files) >= _RECENT:
+        _files.clear()
+    _files[path] = state, known, first
+    return known, first
 
 
 _known: dict[tuple[tuple[int, int], ...], dict[bytes, Metadata]] = {}  # by spans, by their bytes
@@ -209,17 +230,33 @@ def fletcher32(rows: NDArray[np.uint8], size: int) -> tuple[NDArray[Any], NDArra
     """
     lanes, low, half = np.uint64(0x0000FFFF0000FFFF), np.uint64(0xFFFFFFFF), np.uint64(32)
     words = rows.view("<u8").reshape(len(rows), -1, _ROW)
-    even, odd = words & lanes, (words >> np.uint64(16)) & lanes
-    by_even, by_odd, by_column = even.sum(2), odd.sum(2), (even + odd).sum(1)
+    # new arrays would take three times as long: their pages are cleared each time
+    even, odd = _scratch(words.shape)
+    np.bitwise_and(words, lanes, even)
+    np.bitwise_and(np.right_shift(words, np.uint64(16), odd), lanes, odd)
+    by_even, by_odd = even.sum(2), odd.sum(2)
+    by_column = np.add(even, odd, even).sum(1)
     # within four words of 16 bits, the places 1, 2 and 3
     within = (by_odd & low) + 2 * (by_even >> half) + 3 * (by_odd >> half)
-    by_row, by_column = (((x & low) + (x >> half)) % 65535 for x in (by_even + by_odd, by_column))
+    by_row, by_column = ((x & low) + (x >> half) for x in (by_even + by_odd, by_column))
     row, column = (np.arange(n, dtype=np.uint64) for n in (by_row.shape[1], _ROW))
     one = by_row.sum(1) % 65535
     places = _ROW * ((by_row * row).sum(1) % 65535) + (by_column * column).sum(1)
     weighted = (4 * (places % 65535) + within.sum(1)) % 65535
     two = (-(-size // 2) % 65535 * one + 65535 - weighted) % 65535
     return one * 256 % 65535, two * 256 % 65535
+
+
+_local = threading.local()
+
+
+def _scratch(shape: tuple[int, ...]) -> NDArray[np.uint64]:
+    """Return two arrays of a shape, which the next call in this thread overwrites."""
+    size = 2 * math.prod(shape)
+    if getattr(_local, "words", np.empty(0)).size < size:
+        _local.words = np.empty(size, np.uint64)
+    found: NDArray[np.uint64] = _local.words[:size].reshape(2, *shape)
+    return found
 
 
 def _unpacked(data: bytes, stored: Stored, whole: int) -> NDArray[Any]:

@@ -11,6 +11,7 @@ followed twice.
 Source: HDF5 File Format Specification, version 3.0, sections II.A to IV.A.
 """
 
+import math
 import struct
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
@@ -92,9 +93,7 @@ def read_metadata(head: bytes) -> Metadata:
 def chunks_of(stored: Stored, read: Read) -> list[Chunk]:
     """Read the tree of a chunked variable; Unfamiliar if it is not complete and in order."""
     grid = [-(-n // c) for n, c in zip(stored.shape, stored.chunk, strict=True)]
-    count = 1
-    for n in grid:
-        count *= n
+    count = math.prod(grid)
     if not 0 < count <= MOST or stored.at == NOWHERE:
         raise Unfamiliar("chunks")
     found: list[Chunk] = []
@@ -120,16 +119,17 @@ def _offsets(grid: list[int], chunk: tuple[int, ...]) -> Iterator[tuple[int, ...
 
 def _walk(at: int, rank: int, read: Read, most: int, level: int | None, found: list[Chunk]) -> None:
     """Append the chunks below a node of a tree (version 1, type 1) to `found`."""
-    head = read(at, 24)
-    signature, kind, mine, used = struct.unpack("<4sBBH", head[:8])
+    each = 8 + 8 * (rank + 1) + 8
+    data = read(at, 24 + each)
+    signature, kind, mine, used = struct.unpack_from("<4sBBH", data)
     if signature != b"TREE" or kind != 1 or mine > DEEP or level not in (None, mine):
         raise Unfamiliar("tree")
     if not 0 < used <= most - len(found):
         raise Unfamiliar("entries of a tree")
-    each = 8 + 8 * (rank + 1) + 8
-    data = read(at + 24, used * each)
+    if used > 1:
+        data = read(at, 24 + used * each)
     for i in range(used):
-        size, mask, *offset, child = struct.unpack_from(f"<II{rank + 2}Q", data, i * each)
+        size, mask, *offset, child = struct.unpack_from(f"<II{rank + 2}Q", data, 24 + i * each)
         if mine:
             _walk(child, rank, read, most, mine - 1, found)
         else:

@@ -19,7 +19,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.engine.machine import threads_available
 from rigidmc.results import intervals
 from rigidmc.threads import Task, drop, threads_of
@@ -65,49 +64,55 @@ class Spread(NamedTuple):
 
 
 def spreads(
-    dataset: xr.Dataset, rows: Sequence[Row], quantiles: Sequence[float]
-) -> tuple[dict[str, int], list[Spread]]:
-    """Return ({status: members}, Spread of each row).
+    dataset: xr.Dataset,
+    rows: Sequence[Row],
+    quantiles: Sequence[float],
+    codes: Sequence[str] = ("status",),
+) -> tuple[dict[str, NDArray[np.int64]], list[Spread]]:
+    """Return ({name: members with each code} of variables, Spread of each row).
 
     quantiles : numbers between 0 and 1, see numpy.quantile
+    codes : names of variables of small counts; all members are counted
     """
     size = dataset.sizes["member"]
     states = [_State(row, [_Bracket(q) for q in quantiles]) for row in rows]
-    statuses = np.zeros(len(STATUSES), np.int64)
+    counted = {name: np.zeros(256, np.int64) for name in codes}
     if size > KEPT:
         each, count = SAMPLE
         steps = np.linspace(0, size - each, count).astype(int)
-        pieces = [_numbers(dataset, rows, slice(at, at + each)) for at in steps]
+        pieces = [_block(dataset, rows, slice(at, at + each))[0] for at in steps]
         for i, state in enumerate(states):
-            numbers = np.concatenate([_finite(piece[i]) for _, piece in pieces])
+            numbers = np.concatenate([_finite(piece[i]) for piece in pieces])
             state.begin(np.sort(numbers))
     left, first = states, True
     while left or first:
         asked = [state.row for state in left]
-        for found, parts in _passed(dataset, asked, [state.search(first) for state in left]):
-            statuses += found if first else 0
+        searches = [state.search(first) for state in left]
+        for found, parts in _passed(dataset, asked, searches, codes if first else ()):
+            for name, counts in zip(codes, found, strict=False):
+                counted[name] += counts
             for state, some in zip(left, parts, strict=True):
                 for part in some:
                     state.take(part)
         left, first = [state for state in left if not state.is_known()], False
-    counts = {word: int(statuses[code]) for word, code in STATUSES.items()}
-    return counts, [state.spread() for state in states]
+    return counted, [state.spread() for state in states]
 
 
-def _numbers(
-    dataset: xr.Dataset, rows: Sequence[Row], part: slice
-) -> tuple[NDArray[np.int64], list[Array]]:
-    """Return (members of each status, numbers of the good members for each row) of a block."""
-    names = dict.fromkeys(row.name for row in rows)
-    block = dataset[["status", *names]].isel(member=part)
+def _block(
+    dataset: xr.Dataset, rows: Sequence[Row], part: slice, codes: Sequence[str] = ()
+) -> tuple[list[Array], list[NDArray[np.int64]]]:
+    """Return (numbers of the good members for each row, members with each code) of a block."""
+    names = dict.fromkeys(("status", *codes, *(row.name for row in rows)))
+    block = dataset[list(names)].isel(member=part)
     if dataset.chunks:  # other threads read other blocks
         block = block.compute(scheduler="synchronous")
-    status = block.status.values
-    counts = np.bincount(status, minlength=len(STATUSES))
-    good: Any = slice(None) if counts[0] == status.size else status == 0
     values = {name: block[name].values for name in names}
-    of_rows = [values[row.name][... if row.component is None else row.component] for row in rows]
-    return counts, [np.asarray(numbers[good], float) for numbers in of_rows]
+    good = values["status"] == 0
+    some: Any = slice(None) if good.all() else good
+    numbers = [values[row.name][... if row.component is None else row.component] for row in rows]
+    # as bytes: a file of others may have any numbers
+    counts = [np.bincount(values[name].astype("u1"), minlength=256) for name in codes]
+    return [np.asarray(x[some], float) for x in numbers], counts
 
 
 def _finite(numbers: Array) -> Array:
@@ -119,12 +124,13 @@ Search = Callable[[Array], "list[_Part]"]
 
 
 def _passed(
-    dataset: xr.Dataset, rows: Sequence[Row], searches: Sequence[Search]
-) -> Iterator[tuple[NDArray[np.int64], list["list[_Part]"]]]:
-    """Yield the parts of all blocks in order, which threads make; few are in memory at once."""
+    dataset: xr.Dataset, rows: Sequence[Row], searches: Sequence[Search], codes: Sequence[str]
+) -> Iterator[tuple[list[NDArray[np.int64]], list["list[_Part]"]]]:
+    """Yield (members with each code, parts of each row) of all blocks in order, which threads make;
+    few are in memory at once."""
 
-    def work(block: slice) -> tuple[NDArray[np.int64], list[list[_Part]]]:
-        counts, numbers = _numbers(dataset, rows, block)
+    def work(part: slice) -> tuple[list[NDArray[np.int64]], list[list[_Part]]]:
+        numbers, counts = _block(dataset, rows, part, codes)
         return counts, [search(x) for search, x in zip(searches, numbers, strict=True)]
 
     blocks = _blocks(dataset)
@@ -186,12 +192,12 @@ def _search(numbers: Array, brackets: list[tuple[float, float]], first: bool) ->
         members = numbers.size if first else 0
         return _Part(members, unknown, 0, np.nan, np.inf, -np.inf, 0.0, 0.0, found)
     unknown = int(np.isnan(numbers).sum()) if x.size < numbers.size else 0
+    low, high = float(x.min()), float(x.max())
     with np.errstate(over="ignore", invalid="ignore"):
         total = float(x.sum())
         apart = x - total / x.size
         squares = float(np.square(apart, apart).sum())
-    about = float(x[0]), float(x.min()), float(x.max())
-    return _Part(numbers.size, unknown, x.size, *about, total, squares, found)
+    return _Part(numbers.size, unknown, x.size, float(x[0]), low, high, total, squares, found)
 
 
 def _find(x: Array, low: float, high: float) -> _Found:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError
@@ -14,7 +15,7 @@ from rigidmc.results import censored, intervals
 from rigidmc.results.estimates import estimate, why_no_interval
 from rigidmc.results.labels import count_text, units_text
 from rigidmc.results.spread import Row, Spread, spreads
-from rigidmc.scene.drifts import one_way
+from rigidmc.scene.drifts import LAWS, one_way
 from rigidmc.scene.toml.read import scene_text
 
 QUANTILES = (0.05, 0.5, 0.95)
@@ -46,9 +47,12 @@ def summary_text(
     unknown = why_no_interval(dataset)
     texts = (of,) if isinstance(of, str) else tuple(of)
     rows = {} if texts else _rows(dataset)
-    statuses, found = spreads(dataset, list(rows.values()), QUANTILES)
-    lines = [_heading(dataset, settings["members"]), _flagged(statuses)]
-    lines += [f"  {line}" for line in (one_way(dataset),) if line]
+    codes = [name for name in ("status", "drift_law") if name in dataset]
+    counted, found = spreads(dataset, list(rows.values()), QUANTILES, codes)
+    lines = [_heading(dataset, settings["members"]), _flagged(counted["status"])]
+    if "drift_law" in counted:
+        drifts = one_way(dataset, drifting=int(counted["drift_law"][LAWS["one_way"]]))
+        lines += [f"  {drifts}"] if drifts else []
     lines += [_measured(dataset, text, confidence) for text in texts]
     sure = None if unknown else confidence
     for (label, row), spread in zip(rows.items(), found, strict=True):
@@ -90,9 +94,9 @@ def _measured(dataset: xr.Dataset, text: str, confidence: float) -> str:
         raise
 
 
-def _flagged(statuses: dict[str, int]) -> str:
-    """Return a line on the number of flagged members and the reasons."""
-    flags = [f"{count:,} {word}" for word, count in statuses.items() if STATUSES[word] and count]
+def _flagged(counts: NDArray[np.int64]) -> str:
+    """Return a line on the number of flagged members and the reasons; counts : of each status."""
+    flags = [f"{counts[i]:,} {word}" for word, i in STATUSES.items() if i and counts[i]]
     if not flags:
         return "  flagged: none"
     return f"  flagged: {', '.join(flags)}; excluded below"
