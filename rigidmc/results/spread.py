@@ -1,7 +1,7 @@
 """Means and exact quantiles of the members of a result, block by block, in bounded memory.
 
 A quantile of n numbers lies between two ranks of them. One pass over the members counts the numbers
-below a bracket and keeps those inside; the bracket comes from a sample of 2^18 members and holds
+below a bracket and keeps those inside; the bracket comes from a sample of 2^19 members and holds
 both ranks with near certainty. If it does not, or if too many numbers are inside, the counts give a
 better bracket and another pass follows, so that the result is that of numpy.quantile in any case.
 
@@ -12,22 +12,21 @@ Source: Munro & Paterson, Theor. Comput. Sci. 12 (1980) 315; Floyd & Rivest, Com
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.engine.machine import threads_available
 from rigidmc.results import intervals
 from rigidmc.threads import Task, drop, threads_of
 
 BLOCK = 2**19  # members of a block, unless dask has its own
-PIECE = 2**16  # numbers searched at once: half a MB, which stays in the cache
-SAMPLE = 2**14, 16  # members of each piece of the sample, and number of pieces
+PIECE = 2**18  # numbers searched at once: each call must outlast a switch between threads
+SAMPLE = 2**15, 16  # members of each piece of the sample, and number of pieces
 KEPT = 2**20  # numbers kept of a bracket; a sample of all is kept of more
-SURE = 6.0  # half the width of a bracket, in standard deviations of the rank
+SURE = 4.5  # half the width of a bracket, in standard deviations of the rank
 
 Array = NDArray[np.float64]
 
@@ -82,18 +81,15 @@ def spreads(
         steps = np.linspace(0, size - each, count).astype(int)
         pieces = [_block(dataset, rows, slice(at, at + each))[0] for at in steps]
         for i, state in enumerate(states):
-            numbers = np.concatenate([_finite(piece[i]) for piece in pieces])
-            state.begin(np.sort(numbers))
+            state.begin(np.sort(np.concatenate([_finite(piece[i]) for piece in pieces])))
     left, first = states, True
     while left or first:
         asked = [state.row for state in left]
-        searches = [state.search(first) for state in left]
-        for found, parts in _passed(dataset, asked, searches, codes if first else ()):
-            for name, counts in zip(codes, found, strict=False):
-                counted[name] += counts
-            for state, some in zip(left, parts, strict=True):
-                for part in some:
-                    state.take(part)
+        for numbers, found in _passed(dataset, asked, codes if first else ()):
+            for name, members in zip(codes, found, strict=False):
+                counted[name] += members
+            for state, x in zip(left, numbers, strict=True):
+                state.take(x, first)
         left, first = [state for state in left if not state.is_known()], False
     return counted, [state.spread() for state in states]
 
@@ -120,33 +116,22 @@ def _finite(numbers: Array) -> Array:
     return numbers if there.all() else numbers[there]
 
 
-Search = Callable[[Array], "list[_Part]"]
-
-
 def _passed(
-    dataset: xr.Dataset, rows: Sequence[Row], searches: Sequence[Search], codes: Sequence[str]
-) -> Iterator[tuple[list[NDArray[np.int64]], list["list[_Part]"]]]:
-    """Yield (members with each code, parts of each row) of all blocks in order, which threads make;
-    few are in memory at once."""
-
-    def work(part: slice) -> tuple[list[NDArray[np.int64]], list[list[_Part]]]:
-        numbers, counts = _block(dataset, rows, part, codes)
-        return counts, [search(x) for search, x in zip(searches, numbers, strict=True)]
-
-    blocks = _blocks(dataset)
+    dataset: xr.Dataset, rows: Sequence[Row], codes: Sequence[str]
+) -> Iterator[tuple[list[Array], list[NDArray[np.int64]]]]:
+    """Yield the numbers and counts of all blocks in order. A thread reads the next block meanwhile;
+    more threads would wait for each other in the many short reads of shards."""
+    blocks, tasks = _blocks(dataset), list[Task]()
     if len(blocks) == 1:
-        yield work(blocks[0])
+        yield _block(dataset, rows, blocks[0], codes)
         return
-    threads = threads_available()
-    pool, tasks = threads_of("spread", threads), list[Task]()
     try:
-        for block in blocks:
-            tasks.append(Task(work, block))
-            pool.begin(tasks[-1])
-            if len(tasks) > threads:
+        for part in blocks:
+            tasks.append(Task(_block, dataset, rows, part, codes))
+            threads_of("spread", 1).begin(tasks[-1])
+            if len(tasks) > 1:
                 yield tasks.pop(0).wait()
-        while tasks:
-            yield tasks.pop(0).wait()
+        yield tasks.pop().wait()
     finally:
         drop(tasks)
 
@@ -294,17 +279,13 @@ class _State:
         for bracket in self._brackets:
             bracket.begin(numbers, bracket.q)
 
-    def search(self, first: bool) -> Search:
-        """Return the function that makes the parts of a block in this pass."""
+    def take(self, numbers: Array, first: bool) -> None:
+        """Add the numbers of a block; first : whether this is the first pass."""
         brackets = [(bracket.low, bracket.high) for bracket in self._left]
+        for i in range(0, numbers.size, PIECE):
+            self._add(_search(numbers[i : i + PIECE], brackets, first))
 
-        def parts(numbers: Array) -> list[_Part]:
-            pieces = (numbers[i : i + PIECE] for i in range(0, numbers.size, PIECE))
-            return [_search(piece, brackets, first) for piece in pieces]
-
-        return parts
-
-    def take(self, part: _Part) -> None:
+    def _add(self, part: _Part) -> None:
         """Add the part of a piece."""
         for bracket, found in zip(self._left, part.found, strict=True):
             bracket.take(found)
