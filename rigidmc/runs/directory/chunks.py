@@ -64,20 +64,20 @@ class ShardChunks:
     def group(self, variables: Mapping[str, Variable], lengths: Mapping[Any, Any]) -> None:
         """Choose the shards of each chunk, so that the largest of the variables has about GROUP
         bytes in it."""
-        each = max(
-            np.dtype(v.dtype).itemsize
-            * math.prod(lengths[dim] for dim in v.dims if dim not in GROWING)
-            for v in variables.values()
-        )
-        size, groups = 0, self._groups
+        each = dict.fromkeys(GROWING, 0)  # bytes of a member, and of a flagged one
+        for v in variables.values():
+            size = math.prod(lengths[dim] for dim in v.dims if dim not in GROWING)
+            for along in {*v.dims} & {*GROWING}:
+                each[along] = max(each[along], size * np.dtype(v.dtype).itemsize)
+        total, groups = 0, self._groups
         for path, members in zip(self.paths, self.members, strict=True):
-            bytes_of_it = each * len(members)
-            if not groups or size + bytes_of_it > GROUP:
-                groups.append([])
-                size = 0
             sizes = {"member": len(members), "flagged": flagged_count(path)}
+            more = max(each[dim] * count for dim, count in sizes.items())
+            if not groups or total + more > GROUP:
+                groups.append([])
+                total = 0
             groups[-1].append(_Shard(path, int(members[0]), sizes))
-            size += bytes_of_it
+            total += more
 
     def joined(self, name: str, variable: Variable, lengths: Mapping[Any, Any]) -> Chunked:
         """Return (dims, array, attrs) of a variable over members or flagged members, joined."""
