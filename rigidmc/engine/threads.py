@@ -79,6 +79,7 @@ def run_alone(
     finished: Callable[[Any], Any],
     progress: Callable[[float], Any],
     poll: Callable[[], Any],
+    conclude: Callable[[Any], Any],
 ) -> None:
     """Run like `run_blocks`, but in this thread: starting another thread would cost time."""
 
@@ -89,7 +90,7 @@ def run_alone(
             raise Late
 
     for i in indices:
-        finished(run_block(make(i), None, between_calls))
+        finished(conclude(run_block(make(i), None, between_calls)))
 
 
 def run_blocks(
@@ -100,8 +101,10 @@ def run_blocks(
     progress: Callable[[float], Any] | None = None,
     poll: Callable[[], Any] | None = None,
     keeper: Keeper | None = None,
+    conclude: Callable[[Any], Any] = lambda job: job,
 ) -> None:
-    """Run make(i) -> job for each index on threads, and finished(job) in this thread.
+    """Run conclude(job) after make(i) -> job for each index on threads, and finished(conclusion) in
+    this thread.
 
     At most threads + 2 blocks are alive at once. `poll` is called in this thread five times a
     second. Any exception here or in a worker, Ctrl-C included, stops all workers within one kernel
@@ -115,7 +118,7 @@ def run_blocks(
     def work(i: int) -> Any:
         if stop.is_set():
             raise Stopped
-        return run_block(make(i), stop, progress, keeper)
+        return conclude(run_block(make(i), stop, progress, keeper))
 
     pool, answers = threads_of("blocks", threads), SimpleQueue[Task]()
     pending: set[Task] = set()

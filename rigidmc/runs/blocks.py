@@ -119,16 +119,21 @@ def compute(
         job = _make_job(plan, program, *place)
         return job if program is None else sink.resumed(job)
 
-    def finished(job: BlockJob) -> None:
+    # in the threads of the blocks: short runs would wait for one thread that concludes them all
+    def conclude(job: BlockJob) -> tuple[BlockJob, dict[str, np.ndarray]]:
         results = _results(job, plan)
+        if units is not None:
+            results = _in_units_of_scene(job, results, plan, result, units)
+        return job, results
+
+    def finished(concluded: tuple[BlockJob, dict[str, np.ndarray]]) -> None:
+        job, results = concluded
         for status, count in zip(
             layout.STATUSES,
             np.bincount(results["status"], minlength=len(layout.STATUSES)),
             strict=True,
         ):
             flagged[status] += int(count)
-        if units is not None:
-            results = _in_units_of_scene(job, results, plan, result, units)
         sink.take(job, results)
 
     members = plan.members if members is None else members
@@ -139,9 +144,11 @@ def compute(
     with reporter(progress, members, plan.grid.steps) as report:
         left = _left(which, plan, block, sink, report)
         if blocks is None and plan.members <= block and sink.keeper is None:
-            run_alone(make, left, finished, report.step, report.poll)
+            run_alone(make, left, finished, report.step, report.poll, conclude)
         else:
-            run_blocks(make, left, threads, finished, report.step, report.poll, sink.keeper)
+            run_blocks(
+                make, left, threads, finished, report.step, report.poll, sink.keeper, conclude
+            )
     return flagged
 
 
