@@ -27,6 +27,8 @@ BENCHES = {
     "tolerance": "bench.tolerance",
     "maps": "bench.maps",
     "runs": "bench.runs",
+    "reading": "bench.reading",
+    "billion": "bench.billion",
     "peers": "bench.peers",
     "coming_from": "bench.coming_from",
     "coverage": "bench.coverage",

@@ -16,7 +16,7 @@ from bench.memory import peak
 from bench.runs import Nothing
 from rigidmc.runs.blocks import compute
 from rigidmc.runs.resources import block_of
-from rigidmc.studies.totals import simulate_totals
+from rigidmc.studies.totals import MORE, simulate_totals
 
 MEMBERS = 10_000_000, 40_000_000
 ROUNDS = 3
@@ -50,7 +50,7 @@ def rates(members, rounds):
     """Return [members a second of the kernel, and of the run with totals], interleaved."""
     threads, rows = len(os.sched_getaffinity(0)), []
     run = rm.prepare(scene(members)).compile()
-    size = block_of(run.plan, threads, "cpu", True)
+    size = MORE * block_of(run.plan, threads, "cpu", True)
     layout = run.layout._replace(block=size)
     simulate_totals(scene(100_000), MEASURES)
     for _ in range(rounds):

@@ -80,7 +80,9 @@ class HistogramCounts:
 
     def add(self, job: Any, parts: Arrays, status: NDArray[Any]) -> None:
         """Count the healthy members of a block; parts : its values by name, at all times."""
-        healthy = status[: job.size] == 0
+        healthy: Any = status[: job.size] == 0
+        if healthy.all():
+            healthy = slice(None)  # copies nothing
         for label, one in self.histograms:
             values = parts[one.name][..., : job.size]
             values = values[:, one.component] if values.ndim == 3 else values

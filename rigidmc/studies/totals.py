@@ -29,6 +29,7 @@ from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.studies.until import without_saves
 
 PART = 2**24  # bytes of the results of members whose totals are taken at once
+MORE = 4  # times the members of a block of a file: runs of 100 steps are 1.8 times as fast
 KINDS = ("p", "mean")  # of measures that are sums over members
 
 
@@ -90,7 +91,7 @@ def simulate_totals(
     with announce(progress):
         run = prepare(scene)
         device = "cpu" if run.plan.scheme is None else resolve_device(device)
-        block = block_of(run.plan, threads, device, True)
+        block = MORE * block_of(run.plan, threads, device, True)
         sink = _TotalsSink(run.layout._replace(block=block), asked)
         compute(
             run.plan,
