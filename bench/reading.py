@@ -1,7 +1,7 @@
 """A run directory of many shards: open, status, mean of one variable, summary, and peak memory.
 
 A few shards are computed, and the others are their copies with the indices of other members: the
-files are those of a real run, the values repeat.
+files are as in a real run, but the values repeat.
 """
 
 import hashlib

@@ -118,7 +118,7 @@ class _Sum(NamedTuple):
     squares: float = 0.0
 
     def plus(self, part: xr.Dataset) -> "_Sum":
-        """Return the totals with those of more members."""
+        """Return the totals with the members of a part added."""
         one = self.measure
         who = one.asks(part)
         values = one.values(part)
