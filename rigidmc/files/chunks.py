@@ -1,8 +1,8 @@
 """Read one variable of many netCDF4 files of the same kind, with plain reads of their chunks.
 
 The shards of a run differ in values, not in metadata: the metadata of the first one say where the
-chunks are in all others with the same bytes of metadata. A read costs 0.05 ms a shard instead of the 3 ms
-of opening it in the C library, and threads read side by side (python -m bench reading).
+chunks are in all others with the same bytes of metadata. A read costs 0.05 ms a shard, opening it
+in the C library 3 ms (python -m bench reading).
 
 Whatever is unexpected in a file, such as a wrong checksum, is left to the C library, whose errors
 say what it is.
