@@ -59,6 +59,9 @@ class BlockJob(NamedTuple):
     done: int = 0
 
 
+Concluded = tuple[BlockJob, dict[str, np.ndarray], NDArray[np.intp]]  # with counts of statuses
+
+
 class Sink(Protocol):
     """A destination for the results of blocks: memory, a file, or the shards of a run directory."""
 
@@ -120,19 +123,16 @@ def compute(
         return job if program is None else sink.resumed(job)
 
     # in the threads of the blocks: short runs would wait for one thread that concludes them all
-    def conclude(job: BlockJob) -> tuple[BlockJob, dict[str, np.ndarray]]:
+    def conclude(job: BlockJob) -> Concluded:
         results = _results(job, plan)
+        counts = np.bincount(results["status"], minlength=len(layout.STATUSES))
         if units is not None:
             results = _in_units_of_scene(job, results, plan, result, units)
-        return job, results
+        return job, results, counts
 
-    def finished(concluded: tuple[BlockJob, dict[str, np.ndarray]]) -> None:
-        job, results = concluded
-        for status, count in zip(
-            layout.STATUSES,
-            np.bincount(results["status"], minlength=len(layout.STATUSES)),
-            strict=True,
-        ):
+    def finished(concluded: Concluded) -> None:
+        job, results, counts = concluded
+        for status, count in zip(layout.STATUSES, counts, strict=True):
             flagged[status] += int(count)
         sink.take(job, results)
 
