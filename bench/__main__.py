@@ -28,6 +28,8 @@ BENCHES = {
     "maps": "bench.maps",
     "runs": "bench.runs",
     "workers": "bench.workers",
+    "reading": "bench.reading",
+    "billion": "bench.billion",
     "peers": "bench.peers",
     "coming_from": "bench.coming_from",
     "coverage": "bench.coverage",

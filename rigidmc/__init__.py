@@ -35,6 +35,7 @@ _HOMES = {name: f"studies.{name}.study" for name in STUDIES} | {
     "zoom_map": "studies.stability_map.stored",
     "simulate_until": "studies.until",
     "estimate_rqmc": "studies.until",
+    "simulate_totals": "studies.totals",
     "precompile": "runs.precompile",
     "solve_free_top": "mechanics.free_top",
     "analyse_free_top": "mechanics.free_top",

@@ -76,6 +76,7 @@ from rigidmc.studies.sensitivity.study import sensitivity as sensitivity
 from rigidmc.studies.stability_map.stored import zoom_map as zoom_map
 from rigidmc.studies.stability_map.study import stability_map as stability_map
 from rigidmc.studies.stress.study import stress as stress
+from rigidmc.studies.totals import simulate_totals as simulate_totals
 from rigidmc.studies.until import estimate_rqmc as estimate_rqmc
 from rigidmc.studies.until import simulate_until as simulate_until
 

@@ -141,9 +141,17 @@ def mean(values: ArrayLike, axis: int = -1, confidence: float = 0.95) -> Interva
     with np.errstate(all="ignore"):
         value = np.where(n > 0, np.nansum(x, axis) / n, np.nan)
         variance = np.nansum((x - np.expand_dims(value, axis)) ** 2, axis) / (n - 1.0)
-        t = special.stdtrit(np.maximum(n - 1, 1), 0.5 + 0.5 * confidence)
-        half = np.where(n > 1, t * np.sqrt(variance / n), np.nan)
+        half = half_of_mean(variance, n, confidence)
     return Interval(value, value - half, value + half)
+
+
+def half_of_mean(variance: ArrayLike, count: ArrayLike, confidence: float = 0.95) -> Any:
+    """Return half the width of Student's interval for the mean of `count` independent values with
+    this sample variance; nan for fewer than two."""
+    n = np.asarray(count)
+    with np.errstate(all="ignore"):
+        t = special.stdtrit(np.maximum(n - 1, 1), 0.5 + 0.5 * confidence)
+        return np.where(n > 1, t * np.sqrt(np.asarray(variance) / n), np.nan)
 
 
 def correlation(

@@ -287,9 +287,9 @@ class RunDirectory:
         """Return {i: path} of the existing shards."""
         return self.listed()[0]
 
-    def refuse_strays(self) -> None:
-        """Raise FileError if there are strays among the shards."""
-        if strays := self.listed()[1]:
+    def refuse_strays(self, strays: list[str] | None = None) -> None:
+        """Raise FileError if there are strays among the shards. strays : from `listed`"""
+        if strays := self.listed()[1] if strays is None else strays:
             rule = (
                 f"{', '.join(strays)}: not a shard of this run; "
                 "remove it first, or see `rigidmc verify`"

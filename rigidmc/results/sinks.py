@@ -79,7 +79,10 @@ class HistogramCounts:
     def of(self, job: Any, parts: Arrays, status: NDArray[Any]) -> Arrays:
         """Return the counts of the healthy members of a block; parts : its values by name, at all
         times."""
-        healthy, counts = status[: job.size] == 0, {}
+        healthy: Any = status[: job.size] == 0
+        if healthy.all():
+            healthy = slice(None)  # copies nothing
+        counts = {}
         for label, one in self.histograms:
             values = parts[one.name][..., : job.size]
             values = values[:, one.component] if values.ndim == 3 else values

@@ -81,10 +81,15 @@ def drift_laws(
     return laws
 
 
-def one_way(dataset: "xr.Dataset", least: float = 0.0) -> str:
+def one_way(dataset: "xr.Dataset", least: float = 0.0, drifting: int | None = None) -> str:
     """Return a warning about one-way drifts of `least` or more; "" for none, or if so few members
-    drift that it may be chance."""
-    if "drift_law" not in dataset:
+    drift that it may be chance.
+
+    drifting : how many members drift one way, if known
+    """
+    if "drift_law" not in dataset or (
+        drifting is not None and drifting < FEW * dataset.sizes["member"]
+    ):
         return ""
     which = dataset["drift_law"].values == LAWS["one_way"]
     if which.mean() < FEW:

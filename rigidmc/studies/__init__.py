@@ -9,8 +9,9 @@ Reading order: `framework` (the record is in `framework/study`); `ftle`, the sho
 `basins`, `sensitivity`, `frequencies`, `section` (members of a design, by `framework/members`),
 `stability_map` (parameters against measures), `rare` and `multilevel` (tasks, by
 `framework/tasks`), `accuracy` and `stress` (integrators against truths, by `framework/direct`).
-Three files are verbs, not studies: `until` (grow an ensemble until a measure is known),
-`closed_form` (compare one top with its formula), `bits` (compare CPUs and GPUs).
+Four files are verbs, not studies: `until` (grow an ensemble until a measure is known), `totals`
+(keep only sums over the members), `closed_form` (compare one top with its formula), `bits` (compare
+CPUs and GPUs).
 
 Two promises never change: an answer carries its interval, or says why it has none; and it is the
 same for any number of threads, batches and restarts.

@@ -136,7 +136,7 @@ def simulate_until(
         refuse_existing(output, force)
     scene = save_for_measures(scene.with_run(**options), [_SIGN.split(until)[0]])
     _refuse_no_sample(scene, until)
-    lean = _without_saves(scene)
+    lean = without_saves(scene)
     if (count := count_rows(*scene.model.quantities())) is not None:
         most = min(most, count - scene.run.first)
     size, interval = _grown(
@@ -173,7 +173,7 @@ def _refuse_no_sample(scene: Scene, until: str) -> None:
     refuse_indexed(scene.model, "the first members have only its first values", tables=False)
 
 
-def _without_saves(scene: Scene) -> Scene:
+def without_saves(scene: Scene) -> Scene:
     """Return the scene, saving only final values of its members."""
     at_times = make_recording(scene).names
     save = tuple(name for name in scene.run.save if name not in at_times)
@@ -311,7 +311,7 @@ def estimate_rqmc(
     True
     """
     refuse_count(read_count(randomisations, "randomisations"), "randomisations", 64)
-    scene = _without_saves(save_for_measures(scene.with_run(members=members, **options), [text]))
+    scene = without_saves(save_for_measures(scene.with_run(members=members, **options), [text]))
     asked = measure(text, variables_of(scene))
     values: list[float] = []
     for i in range(randomisations):

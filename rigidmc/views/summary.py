@@ -1,6 +1,7 @@
 """Summarise a result in a few lines: flagged members, and statistics with their intervals."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,11 +13,12 @@ from rigidmc.files.reading import toml
 from rigidmc.physics.observables.saving import is_event_time
 from rigidmc.results import censored, intervals
 from rigidmc.results.estimates import estimate, why_no_interval
-from rigidmc.results.intervals import is_constant
 from rigidmc.results.labels import count_text, units_text
-from rigidmc.scene.drifts import one_way
+from rigidmc.results.spread import Row, Spread, spreads
+from rigidmc.scene.drifts import LAWS, one_way
 from rigidmc.scene.toml.read import scene_text
 
+QUANTILES = (0.05, 0.5, 0.95)
 # not in the summary
 _PLAIN = (
     "status",
@@ -43,17 +45,22 @@ def summary_text(
     """
     settings = toml(scene_text(dataset))["run"]
     unknown = why_no_interval(dataset)
-    good = dataset.status.values == 0
-    lines = [_heading(dataset, settings["members"]), _flagged(dataset)]
-    lines += [f"  {line}" for line in (one_way(dataset),) if line]
-    if texts := (of,) if isinstance(of, str) else tuple(of):
-        lines += [_measured(dataset, text, confidence) for text in texts]
+    texts = (of,) if isinstance(of, str) else tuple(of)
+    rows = {} if texts else _rows(dataset)
+    codes = [name for name in ("status", "drift_law") if name in dataset]
+    counted, found = spreads(dataset, list(rows.values()), QUANTILES, codes)
+    lines = [_heading(dataset, settings["members"]), _flagged(counted["status"])]
+    if "drift_law" in counted:
+        drifts = one_way(dataset, drifting=int(counted["drift_law"][LAWS["one_way"]]))
+        lines += [f"  {drifts}"] if drifts else []
+    lines += [_measured(dataset, text, confidence) for text in texts]
     sure = None if unknown else confidence
-    for label, numbers in () if texts else _numbers(dataset):
-        if is_event_time(label, numbers.attrs) and _are_left(numbers.values[good]):
+    for (label, row), spread in zip(rows.items(), found, strict=True):
+        attrs = dataset[row.name].attrs
+        if is_event_time(label, attrs) and spread.unknown:  # it has not occurred in some members
             line: str | None = _time(dataset, label, sure)
         else:
-            line = _line(label, numbers, numbers.values[good], sure)
+            line = _line(label, attrs, spread, sure)
         lines += [line] if line else []
     if unknown:
         lines.append(f"  {unknown}")
@@ -87,21 +94,17 @@ def _measured(dataset: xr.Dataset, text: str, confidence: float) -> str:
         raise
 
 
-def _flagged(dataset: xr.Dataset) -> str:
-    """Return a line on the number of flagged members and the reasons."""
-    status = dataset.status.values
-    flags = [
-        f"{int((status == code).sum()):,} {word}"
-        for word, code in STATUSES.items()
-        if code and (status == code).any()
-    ]
+def _flagged(counts: NDArray[np.int64]) -> str:
+    """Return a line on the number of flagged members and the reasons; counts : of each status."""
+    flags = [f"{counts[i]:,} {word}" for word, i in STATUSES.items() if i and counts[i]]
     if not flags:
         return "  flagged: none"
     return f"  flagged: {', '.join(flags)}; excluded below"
 
 
-def _numbers(dataset: xr.Dataset) -> Iterator[tuple[str, xr.DataArray]]:
-    """Yield (label, values) of each quantity per member for the summary."""
+def _rows(dataset: xr.Dataset) -> dict[str, Row]:
+    """Return {label: Row} of each quantity per member for the summary."""
+    rows = {}
     for name, variable in dataset.data_vars.items():
         over = set(variable.dims)
         if {"time", "thinned_time"} & over or "member" not in over:
@@ -109,15 +112,11 @@ def _numbers(dataset: xr.Dataset) -> Iterator[tuple[str, xr.DataArray]]:
         if name in _PLAIN or str(name).startswith("start_"):
             continue
         if variable.ndim == 1:
-            yield str(name), variable
+            rows[str(name)] = Row(str(name))
         else:
-            for i in range(1, variable.shape[0] + 1):
-                yield f"{name}[{i}]", variable.isel({variable.dims[0]: i - 1})
-
-
-def _are_left(times: NDArray[np.float64]) -> bool:
-    """Whether the event has not occurred in some members."""
-    return bool(np.isnan(times).any())
+            more = {f"{name}[{i + 1}]": Row(str(name), i) for i in range(variable.shape[0])}
+            rows |= more
+    return rows
 
 
 def _time(dataset: xr.Dataset, name: str, confidence: float | None) -> str:
@@ -142,30 +141,27 @@ def _time(dataset: xr.Dataset, name: str, confidence: float | None) -> str:
     return f"  {name:24s} median {median}, {spread}; not {left}"
 
 
-def _line(
-    label: str, variable: xr.DataArray, values: NDArray[np.float64], confidence: float | None
-) -> str | None:
+def _line(label: str, attrs: dict[str, Any], of: Spread, confidence: float | None) -> str | None:
     """Return a line on one quantity of the good members, None if it is not worth a line.
 
     confidence : None if the spread of the members gives no interval
     """
-    finite = values[np.isfinite(values)]
-    units = units_text(variable.attrs.get("units", "1"))
-    if not finite.size:
-        return f"  {label:24s} no value in any of {count_text(values.size, 'member')}"
-    if finite.size == values.size and is_constant(finite):
+    units, all_members = units_text(attrs.get("units", "1")), count_text(of.members, "member")
+    if not of.finite:
+        return f"  {label:24s} no value in any of {all_members}"
+    if of.finite == of.members and of.is_constant:
         if label.startswith("moments"):
             return None
-        every = "" if finite.size == 1 else f" in all {finite.size:,} members"
-        if is_event_time(label, variable.attrs) and finite[0] == 0.0:
+        every = "" if of.finite == 1 else f" in all {of.finite:,} members"
+        if is_event_time(label, attrs) and of.first == 0.0:
             every += ": each starts past it"  # such as an axis that starts beyond its cone
-        return f"  {label:24s} {finite[0]:.6g} {units}".rstrip() + every
-    mean = intervals.mean(finite, confidence=confidence or 0.95)
-    width = f" +- {mean.half:.2g}" if confidence else ""
-    low, median, high = np.quantile(finite, (0.05, 0.5, 0.95))
-    missing, all_members = values.size - finite.size, count_text(values.size, "member")
+        return f"  {label:24s} {of.first:.6g} {units}".rstrip() + every
+    half = intervals.half_of_mean(of.variance, of.finite, confidence or 0.95)
+    width = f" +- {half:.2g}" if confidence else ""
+    low, median, high = of.quantiles
+    missing = of.members - of.finite
     never = f"; no value for {missing:,} of {all_members}" if missing else ""
     spread = f"median {median:.6g}, 90 % in {low:.4g} to {high:.4g} {units}{never}".rstrip()
-    conserved = variable.attrs.get("conserved", "yes")
+    conserved = attrs.get("conserved", "yes")
     why = "" if conserved == "yes" else f"   (not conserved: {conserved.removeprefix('no: ')})"
-    return f"  {label:24s} {mean.value:.6g}{width}, {spread}{why}"
+    return f"  {label:24s} {of.mean:.6g}{width}, {spread}{why}"

@@ -77,7 +77,9 @@ class Histogram(NamedTuple):
 
     def counts(self, values: Array) -> NDArray[np.intp]:
         """Count values (times, members) into (times, bins + 2): below, in each bin, above."""
-        share = np.floor((values - self.low) * (self.bins / (self.high - self.low)))
+        place = (values - self.low) * (self.bins / (self.high - self.low))
+        np.clip(np.floor(place, place), -1, self.bins, place)
         # nan counts as below all bins: its conversion to an integer would depend on the machine.
-        place = np.clip(np.nan_to_num(share, nan=-1.0), -1, self.bins).astype(np.intp) + 1
-        return np.stack([np.bincount(row, minlength=self.bins + 2) for row in place])
+        place[np.isnan(place)] = -1.0
+        rows = place.astype(np.intp) + 1
+        return np.stack([np.bincount(row, minlength=self.bins + 2) for row in rows])

@@ -1,23 +1,21 @@
 """Open a run directory as one Dataset, which dask reads from the shards."""
 
-import hashlib
 import os
 import warnings
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.errors import FileError, SceneWarning, in_file
-from rigidmc.files.netcdf import open_undecoded, read
+from rigidmc.files.netcdf import open_undecoded
 from rigidmc.files.outputs import Path
 from rigidmc.files.stores import absolute, local_copy
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.reader import check_result
-from rigidmc.results.run_directory import RunDirectory, flagged_count
-from rigidmc.results.variables import NEWER, Variable
+from rigidmc.results.run_directory import RunDirectory
+from rigidmc.results.variables import Variable
+from rigidmc.runs.directory.chunks import GROWING, ShardChunks
 from rigidmc.runs.directory.load import load_run, scene_of_run, text_of_run
 from rigidmc.scene.amounts import count_text
 
@@ -38,8 +36,9 @@ def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
     directory = RunDirectory(path)
     own = bool(directory.facts["code"]) and not allow_code
     run = None if own else load_run(directory, allow_code)
-    directory.refuse_strays()
-    shards = _Chunks(directory)
+    found, strays = directory.listed()
+    directory.refuse_strays(strays)
+    shards = ShardChunks(directory, found)
     if not shards.paths:
         raise FileError("no shard exists yet: resume it first", at="run", value=directory.path)
     if len(shards.paths) < directory.count:
@@ -50,11 +49,12 @@ def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
             SceneWarning,
             stacklevel=3,
         )
-    members = np.concatenate([np.asarray(members) for members in shards.members])
-    layout = _of_shard(directory, shards.paths[0]) if run is None else _of_run(run.layout, members)
-    layout.coordinates["member"] = (("member",), members, layout.coordinates["member"][2])
+    layout = _of_shard(directory, shards.paths[0]) if run is None else _of_run(run.layout)
+    about = layout.coordinates["member"][2]
+    layout.coordinates["member"] = xr.IndexVariable(("member",), shards.indices(), about)
+    shards.group(layout.variables, layout.sizes)
     variables = {
-        name: (shards.joined if {*variable.dims} & {*_GROW} else shards.summed)(
+        name: (shards.joined if {*variable.dims} & {*GROWING} else shards.summed)(
             name, variable, layout.sizes
         )
         for name, variable in layout.variables.items()
@@ -63,9 +63,6 @@ def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
     dataset = xr.Dataset(variables, layout.coordinates, attrs)
     dataset.encoding |= {"source": absolute(directory.path), "allow_code": allow_code}
     return dataset
-
-
-_GROW = ("member", "flagged")  # the dimensions that grow with the shards
 
 
 class _Layout(NamedTuple):
@@ -77,7 +74,7 @@ class _Layout(NamedTuple):
     attributes: dict[str, Any]
 
 
-def _of_run(layout: ResultLayout, members: NDArray[np.int64]) -> _Layout:
+def _of_run(layout: ResultLayout) -> _Layout:
     variables = {
         **layout.by_member,
         **layout.at_saves,
@@ -88,7 +85,7 @@ def _of_run(layout: ResultLayout, members: NDArray[np.int64]) -> _Layout:
         if layout.is_rounded(name):
             more = {**attrs, "significant_digits": layout.scene.run.digits}
             variables[name] = Variable(dims, dtype, more)
-    known = layout.axes.coordinates(members)
+    known = dict[str, Any](layout.axes.coordinates())
     return _Layout(variables, layout.lengths(), known, layout.attributes())
 
 
@@ -108,89 +105,3 @@ def _of_shard(directory: RunDirectory, path: str) -> _Layout:
         told = {name: value for name, value in result.attrs.items() if name != "run"}
         told["title"] = scene.title
         return _Layout(variables, dict(result.sizes), known, told)
-
-
-_Chunked = tuple[tuple[str, ...], Any, dict[str, Any]]  # dims, array, attrs
-
-
-class _Chunks:
-    """The existing shards as chunks of dask arrays.
-
-    paths, members : of each shard, in the order of their members
-    """
-
-    def __init__(self, directory: RunDirectory) -> None:
-        shards = directory.shards()
-        self.paths = [absolute(shards[i]) for i in sorted(shards)]
-        self.members = [directory.members(i) for i in sorted(shards)]
-        self._counts = {
-            "member": [len(members) for members in self.members],
-            "flagged": [flagged_count(path) for path in self.paths],
-        }
-        self._mark = directory.mark
-        # shard names encode contents, so arrays with other contents get other labels in dask
-        self._contents = hashlib.sha256("\n".join(self.paths).encode()).hexdigest()[:16]
-
-    def joined(self, name: str, variable: Variable, lengths: Mapping[Any, Any]) -> _Chunked:
-        """Return (dims, array, attrs) of a variable over members or flagged members, joined."""
-        import dask.array as da
-
-        dims, dtype, attrs = variable
-        counts = self._counts
-        along = next(dim for dim in dims if dim in counts)
-        sizes = tuple(tuple(counts[dim]) if dim in counts else (lengths[dim],) for dim in dims)
-        label, graph = f"{name}-{self._contents}", {}
-        for j, count in enumerate(counts[along]):
-            key = (label, *[j if dim == along else 0 for dim in dims])
-            shape = [s[j if dim == along else 0] for dim, s in zip(dims, sizes, strict=True)]
-            task = (_read, *self._shard(j, name), shape, dtype)
-            graph[key] = task if count else (np.empty, shape, dtype)
-        return dims, da.Array(graph, label, sizes, np.dtype(dtype)), attrs
-
-    def summed(self, name: str, variable: Variable, lengths: Mapping[Any, Any]) -> _Chunked:
-        """Return (dims, array, attrs) of a variable that is summed over the shards."""
-        import dask.array as da
-
-        dims, dtype, attrs = variable
-        shape = [lengths[dim] for dim in dims]
-        label, count = f"{name}-{self._contents}", len(self.paths)
-        graph = {
-            (label, j, *[0] * len(shape)): (_read_one, *self._shard(j, name), shape, dtype)
-            for j in range(count)
-        }
-        sizes = ((1,) * count, *((size,) for size in shape))
-        stacked = da.Array(graph, label, sizes, np.dtype(dtype))
-        return dims, stacked.sum(0, dtype=dtype), attrs
-
-    def _shard(self, j: int, name: str) -> tuple[str, str, str, int]:
-        """Return the first arguments of `_read`."""
-        return self.paths[j], self._mark, name, int(self.members[j][0])
-
-
-def _read(
-    path: str, mark: str, name: str, first: int, shape: list[int], dtype: str
-) -> NDArray[Any]:
-    """Read a variable of a shard, and check its mark, first member, shape and type."""
-    try:
-        values = read(path, "member", name, mark=mark, newer=NEWER)
-    except OSError as error:  # the file is gone
-        rule = f"cannot be read: {error}; see `rigidmc verify`"
-        raise FileError(rule, at=name, file=path) from None
-    except FileError as error:
-        # a chunk with a wrong checksum, a file that is not netCDF, or a shard of another run
-        error.rule = f"cannot be read: {error.rule}; see `rigidmc verify`"
-        raise
-    array = values[name]
-    # ravel: a malicious shard may have one number for all members
-    members_agree = values["member"].ravel()[:1].tolist() == [first]
-    if not members_agree or (array.shape, array.dtype) != (tuple(shape), np.dtype(dtype)):
-        rule = "has the members of another shard; see `rigidmc verify`"
-        raise FileError(rule, at=name, file=path)
-    return array
-
-
-def _read_one(
-    path: str, mark: str, name: str, first: int, shape: list[int], dtype: str
-) -> NDArray[Any]:
-    """Read a variable of a shard as one element of a stack."""
-    return _read(path, mark, name, first, shape, dtype)[None]
