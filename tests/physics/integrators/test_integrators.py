@@ -17,24 +17,23 @@ from rigidmc.physics.effects import Gravity, ViscousDamping
 from rigidmc.physics.integrators import INTEGRATORS, integrators_for
 from rigidmc.physics.observables import Attitude, Energy, Momentum
 from rigidmc.studies.stress.problems import PROBLEMS
-from tests.kernels import block_of, make_block, march, prepare, run, turn, turn_rate_of
+from tests.kernels import (
+    block_of,
+    make_block,
+    march,
+    prepare,
+    run,
+    stepping,
+    turn,
+    turn_rate_of,
+)
 from tests.reference import NAIVE, attitude_error, naive_rk4, rotation, true_end
 
 FREE, HEAVY = PROBLEMS["hairer_free"], PROBLEMS["hairer_heavy"]
 DAMPING = 0.1
 # it makes no steps: see tests/planning/test_closed_form.py
-# Its kernels compile for 2.5 s each; tests/physics/integrators/test_gbs12.py measures its order.
-DEAR = ("gbs12",)
-
-
-def names(effects=()):
-    """The integrators that make steps, the dear ones in slow tests."""
-    able = [name for name in integrators_for(effects) if name != "closed"]
-    return [pytest.param(n, marks=pytest.mark.slow) if n in DEAR else n for n in able]
-
-
-EVERY = pytest.mark.parametrize("name", names())
-HEAVY_ONES = pytest.mark.parametrize("name", names((Gravity(1.0),)))
+EVERY = pytest.mark.parametrize("name", stepping())
+HEAVY_ONES = pytest.mark.parametrize("name", stepping((Gravity(1.0),)))
 
 
 def end_error(name, problem, steps, effects=None, end=None):
@@ -120,7 +119,7 @@ def damped_end():
 DAMPED = Gravity(HEAVY.gravity), ViscousDamping(DAMPING)
 
 
-@pytest.mark.parametrize("name", names(DAMPED))
+@pytest.mark.parametrize("name", stepping(DAMPED))
 def test_order_with_damping(name):
     order = INTEGRATORS[name].order
     few, many = {8: (45, 181), 12: (20, 64)}.get(order, (400, 800))
