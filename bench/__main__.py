@@ -27,6 +27,7 @@ BENCHES = {
     "tolerance": "bench.tolerance",
     "maps": "bench.maps",
     "runs": "bench.runs",
+    "orders": "bench.orders",
     "peers": "bench.peers",
     "coming_from": "bench.coming_from",
     "coverage": "bench.coverage",

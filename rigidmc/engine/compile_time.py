@@ -30,9 +30,9 @@ KERNELS = {
     "formulas": 0.8,  # 0.4 to 1.5
     "kernel": 2.5,  # of a GPU, all kernels for one member in one: 2.2 (rk4) to 5.4 (rk8)
 }  # fmt: skip
-MARCH = {"rk8": 1.6}  # of a free body
+MARCH = {"rk8": 1.6, "gbs12": 2.5}  # of a free body
 OTHERS = 0.8  # 0.7 (cf4, rk4); splittings 1.8, including the extra time of their `begin`
-TORQUE = 0.15  # with gravity 0.8 (cf4), 0.9 (rk4), 1.7 (rk8)
+TORQUE = 0.15  # with gravity 0.8 (cf4), 0.9 (rk4), 1.7 (rk8), 2.7 (gbs12)
 # Each further effect; for rk8 multiplied by the ratio of free steps. All 17 that are not random:
 # 3.9 by rk4 (this table: 4.2), 8.8 by rk8 (this table: 8.2).
 EFFECT = 0.2
