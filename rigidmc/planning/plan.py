@@ -291,8 +291,9 @@ def longest_step(kind: Integrator) -> float:
 
     For 64 heavy tops, a step's error reaches 1e-3 rad (median) at 0.86 rad with rk4, 0.9 to 1.2
     with the Lie-group methods, 2.8 with rk8 and 3.4 with gbs12 (free tops: 1.1, 1.2 to 1.8, 4.9
-    and 6.2; tests/planning/test_limits.py). From pi on, checks flag every step. `midpoint`, of order 2, can solve for at most 0.5. A splitting
-    turns exactly at any speed: a long step only samples the torque less often.
+    and 6.2; tests/planning/test_limits.py). From pi on, checks flag every step.
+    `midpoint`, of order 2, can solve for at most 0.5. A splitting turns exactly at any speed: a
+    long step only samples the torque less often.
     """
     most = 3.0
     return most if kind.is_splitting else round(min(most, max(1.0, (kind.order / 4.0) ** 1.45)), 1)

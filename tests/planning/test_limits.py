@@ -196,7 +196,8 @@ FAR = {"rk4": (0.86, 1.09), "rkmk4": (0.93, 1.22), "cf4": (1.03, 1.72), "ck45": 
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps
 @pytest.mark.parametrize("name", [
-    "rk4", "rk8", *(pytest.param(one, marks=pytest.mark.slow) for one in ("rkmk4", "cf4", "ck45", "gbs12")),
+    "rk4", "rk8",
+    *(pytest.param(one, marks=pytest.mark.slow) for one in ("rkmk4", "cf4", "ck45", "gbs12")),
 ])  # fmt: skip
 def test_how_far_one_step_may_turn_a_top(name):
     """Median errors of one step are 1e-3 rad: rk4 0.9, Lie groups 0.9 to 1.2, rk8 2.8,
