@@ -4,6 +4,10 @@ All in `long double`, so that no rounding hides an error. Each top makes its own
 `turn`. An operation is a product, a sum or a fused multiply-add. An evaluation of the rates under
 gravity takes 32; a Runge-Kutta method adds 7 for each coefficient that is not 0, extrapolation 7
 for each evaluation, and a Taylor series of order p needs 21 products of series.
+
+Measured once with published coefficients, in operations of rk8 for 1e-12 and 1e-13: order 9
+(Verner, 15 stages) 0.71 and 0.67; order 10 (17 stages; Ono) 0.90 and 0.84, (Hairer; Feagin) 1.1 and
+1.05; order 12 (25 stages; Ono) 1.06 and 0.95, (Feagin) 1.25 and 1.12.
 """
 
 import numpy as np

@@ -108,7 +108,7 @@ def midpoint_change(pairs, part, given, zero):
 
 
 def extrapolate(b, c, changes, onto):
-    """Return onto plus the changes: those of q and of works times b, those of u times c."""
+    """Return onto plus all changes; b weights q and works, c weights u."""
     if len(changes) == 0:
         return onto
     dq, du = changes[0]
