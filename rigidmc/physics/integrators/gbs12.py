@@ -37,7 +37,8 @@ def weights(substeps, power):
         w_n = prod_m n^2/(n^2 - m^2), times (n/2)^(power - 1)
 
     Sequence n sums n/2 changes of size (2/n)^power. Rounded weights and rounded 2/n would make each
-    step too long by up to 1e-15 of itself; the first weight, the smallest, corrects that.
+    step too long by 1e-15 of itself (tests/physics/integrators/test_gbs12.py); the first weight,
+    the smallest, corrects that.
     """
     exact = [Fraction(n, 2) ** (power - 1) for n in substeps]
     for i, n in enumerate(substeps):
