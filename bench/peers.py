@@ -264,10 +264,10 @@ def rigidmc_prepared(many, kind, limit, true, again=True):
         if tolerance < 0.05 * limit:
             return None
         try:
-            prepared = rigidmc.prepare(scene, tolerance=tolerance, varied=names)
+            chosen = rigidmc.prepare(scene, tolerance=tolerance).scene
         except rigidmc.SceneError:
             return None
-        chosen = prepared.scene
+        prepared = rigidmc.prepare(chosen, varied=names)
         end = read(prepared.run(values=given if again else None))
     settings = chosen.run
     step = f"turn {settings.turn:.3g} rad" if settings.turn else f"dt {settings.dt:.3g} s"
