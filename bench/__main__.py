@@ -30,6 +30,7 @@ BENCHES = {
     "workers": "bench.workers",
     "reading": "bench.reading",
     "billion": "bench.billion",
+    "orders": "bench.orders",
     "peers": "bench.peers",
     "coming_from": "bench.coming_from",
     "coverage": "bench.coverage",

@@ -64,9 +64,14 @@ def blocks(tops, effects, size=BLOCK):
     return [np.ascontiguousarray(rows[:, low : low + size]) for low in range(0, n, size)]
 
 
-def advance(parts, steps_form, effects, attitude, h, steps, pool, dtype="float64", limits=()):
+def advance(
+    parts, steps_form, effects, attitude, h, steps, pool, dtype="float64", limits=(),
+    compensated=False,
+):  # fmt: skip
     """Move blocks by `steps` steps h of a scheme on the threads of a pool, final state only."""
-    program = Program(steps_form, blank(effects), (), attitude, dtype=dtype, limits=limits)
+    program = Program(
+        steps_form, blank(effects), (), attitude, compensated, dtype=dtype, limits=limits
+    )
 
     def move(block):
         program.advance(block, StepRange(h, 1, steps, steps, 0, 0, steps))

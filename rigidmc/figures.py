@@ -34,7 +34,7 @@ COLOURS = (
     "#d94801", "#8c2d04", "#7a7a7a", "#9e7bb5", "#2a9d6f",
     "#2171b5", "#08306b", "#000000", "#4a1486", "#6baed6",
 )  # fmt: skip
-MARKERS = ("o", "s", "^", "v", "<", "x", "P", "X", "D", ">", "p", "h", "d", "*", "H", "+")
+MARKERS = ("o", "s", "^", "v", "<", "x", "P", "X", "D", ">", "p", "h", "d", "*", "H", "+", "1")
 DASHES = ("-", "--", ":", "-.")
 
 # low, middle and high of three values, dark to light

@@ -62,6 +62,7 @@ _WORDS = {
     # integrators
     "rk4": "runge_kutta",
     "rk8": "rk45 dopri dopri5 dop853 dopri8",
+    "gbs12": "gbs bulirsch_stoer gragg odex extrapolation feagin12 taylor",
     "strang": "verlet leapfrog symplectic splitting",
     "midpoint": "gauss_legendre implicit_midpoint",
     "closed": "analytic analytical closed_form",

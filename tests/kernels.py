@@ -6,6 +6,7 @@ Nothing of the package above the engine.
 from itertools import pairwise
 
 import numpy as np
+import pytest
 
 from rigidmc.engine import program as programs
 from rigidmc.engine.kernel import arguments
@@ -13,11 +14,19 @@ from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects.protocol import blank, numbers, parameter_count
-from rigidmc.physics.integrators import TurnBounds, scheme_of
+from rigidmc.physics.integrators import TurnBounds, integrators_for, scheme_of
 from rigidmc.physics.integrators.protocol import from_stepping, precompute, step, to_stepping
 from rigidmc.physics.observables.protocol import size
 
 NOTHING = np.empty(0)
+# Their kernels compile for 2.5 s each; tests/physics/integrators/test_gbs12.py has quick tests.
+DEAR = ("gbs12",)
+
+
+def stepping(effects=()):
+    """Parameters of a test: the integrators that make steps, the dear ones for slow tests."""
+    able = [name for name in integrators_for(effects) if name != "closed"]
+    return [pytest.param(n, marks=pytest.mark.slow) if n in DEAR else n for n in able]
 
 
 def make_block(body, effects, attitude, momentum, more=0):

@@ -29,7 +29,7 @@ KERNELS = {
     "formulas": 0.8,  # 0.4 to 1.5
     "kernel": 2.5,  # of a GPU, all kernels for one member in one: 2.2 (rk4) to 5.4 (rk8)
 }  # fmt: skip
-MARCH = {"rk8": 1.2}  # of a free body
+MARCH = {"rk8": 1.2, "gbs12": 1.9}  # of a free body
 OTHERS = 0.5  # 0.46 (rk4, midpoint), 0.4 (exact); splittings 0.3, and 0.3 more to initialise
 TORQUE = 0.05  # with gravity 0.51 (rk4), 1.27 (rk8)
 # Each further effect; for rk8 multiplied by the ratio of free steps. All 17 that are not random:

@@ -290,11 +290,13 @@ def longest_step(kind: Integrator) -> float:
     """Return the largest turn [rad] that a step may make without a note about large errors.
 
     For 64 heavy tops, a step's error reaches 1e-3 rad (median) at 0.86 rad with rk4, 0.9 to 1.2
-    with the Lie-group methods and 2.8 with rk8 (free tops: 1.1, 1.2 to 1.8 and 4.9;
-    tests/planning/test_limits.py). `midpoint`, of order 2, can solve for at most 0.5. A splitting
-    turns exactly at any speed: a long step only samples the torque less often.
+    with the Lie-group methods, 2.8 with rk8 and 3.4 with gbs12 (free tops: 1.1, 1.2 to 1.8, 4.9
+    and 6.2; tests/planning/test_limits.py). From pi on, checks flag every step.
+    `midpoint`, of order 2, can solve for at most 0.5. A splitting turns exactly at any speed: a
+    long step only samples the torque less often.
     """
-    return 3.0 if kind.is_splitting else round(max(1.0, (kind.order / 4.0) ** 1.45), 1)
+    most = 3.0
+    return most if kind.is_splitting else round(min(most, max(1.0, (kind.order / 4.0) ** 1.45)), 1)
 
 
 def nodes(effects: Sequence[Any], monitors: Monitors, theta: float) -> int:

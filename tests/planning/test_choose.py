@@ -81,6 +81,12 @@ def test_a_step_costs_the_same_where_the_method_throws_members_off():
     assert costs[0] > 0.3 * costs[1]
 
 
+def test_extrapolation_is_tried_where_it_pays():
+    scene = rm.Scene.load("heavy_top")
+    assert "gbs12" in choose._contenders(scene, 1e-8)
+    assert "gbs12" not in choose._contenders(scene, 1e-7)
+
+
 @pytest.mark.slow
 def test_a_short_heavy_run_is_rk8_or_a_splitting_of_high_order():
     scene = rm.Scene(

@@ -35,6 +35,7 @@ __all__ = [
 _FILES = (
     "rk4",
     "rk8",
+    "gbs12",
     "lie",
     "midpoint",
     "compositions",

@@ -92,8 +92,9 @@ def test_the_order_of_steps_of_a_free_body(name):
     if "T" in kind.conserves and name != "midpoint":  # exact for a free body at any step
         assert error(name, (), 5) < 3e-14  # measured 6e-15
     else:
-        order = measured_order(name, (), {2: 40, 4: 40, 8: 10}.get(kind.order, 20))
-        assert abs(order - kind.order) < 0.15  # measured 0.07 for rk8, 0.01 for the others
+        order = measured_order(name, (), {2: 40, 4: 40, 8: 10, 12: 3}.get(kind.order, 20))
+        # measured 0.07 for rk8, 0.01 for the others
+        assert abs(order - kind.order) < (0.6 if kind.order == 12 else 0.15)
 
 
 @pytest.mark.parametrize(("name", "compensated", "effect"), [
@@ -106,10 +107,11 @@ def test_the_order_of_steps_of_a_free_body(name):
 def test_order_with_a_torque_that_depends_on_time(name, compensated, effect):
     """Each part of a step takes the torque at its own time."""
     kind = INTEGRATORS[name]
-    few = {2: 40, 4: 40, 6: 8, 8: 6}.get(kind.order, 20)
+    few = {2: 40, 4: 40, 6: 8, 8: 6, 12: 3}.get(kind.order, 20)
     order = measured_order(name, (effect,), few, compensated)
     # aba864 and aba1064 reach orders 8 and 10 only if torques are small
-    assert abs(order - kind.order) < 0.4 or (name.startswith("aba") and order > 4.0)
+    off = 1.2 if kind.order == 12 else 0.4  # errors of three long steps are far from their limit
+    assert abs(order - kind.order) < off or (name.startswith("aba") and order > 4.0)
 
 
 class Leaning(NamedTuple):
