@@ -192,6 +192,11 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
         ds, interval = rm.simulate_until(single, f"mean({fast}) +- 20%", most=256)
         return {**of_dataset(ds), **_interval(interval, "rad s-1")}
 
+    def totals() -> Any:
+        ds = rm.simulate_totals(single, [f"mean({fast})", "p(flips >= 1)"], members=64)
+        numbers = np.stack([ds.value.values, ds.low.values, ds.high.values])
+        return {"mean": (numbers[:, 0], "rad s-1"), "p": (numbers[:, 1], "1")}
+
     def spread() -> Any:
         points = single.with_run(points="sobol")
         return _interval(rm.estimate_rqmc(points, f"mean({fast})", 64), "rad s-1")
@@ -263,7 +268,8 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
 
     return {
         "simulate": simulated, "rerun": again, "simulate(tolerance)": chosen,
-        "simulate_until": until, "estimate_rqmc": spread, "rigid.measure": measured,
+        "simulate_until": until, "simulate_totals": totals,
+        "estimate_rqmc": spread, "rigid.measure": measured,
         "rigid": followed, "stability_map": mapped, "zoom_map": nearer, "section": cross,
         "section, every": periodic, "frequencies": spectra, "ftle": grown, "sensitivity": shares,
         "basins": sure, "rare, event": seldom, "rare, tail": tail, "multilevel": levels,

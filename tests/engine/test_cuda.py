@@ -62,7 +62,7 @@ from rigidmc.runs.resources import (
 from rigidmc.studies import bits
 from rigidmc.studies.bits import cases
 from tests.engine.kernel.test_last_interval import scene as shortened
-from tests.engine.test_bits import EXACT, NAMES, changed, others
+from tests.engine.test_bits import EXACT, NAMES, changed
 from tests.fake_cuda import fake as fake
 from tests.plans import plan_of, program_of
 
@@ -97,7 +97,7 @@ def test_the_launches_give_the_recorded_bits(fake):
 @pytest.mark.slow
 def test_the_launches_give_the_recorded_bits_of_the_other_cases(fake):
     fake()
-    names = others() + [name for name in NAMES if name not in FEW]
+    names = [case.name for case in cases(QUICK) if case.name not in FEW]
     assert not changed(sums((0,), QUICK, names=names, device="cuda"))
 
 

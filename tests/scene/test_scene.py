@@ -41,7 +41,7 @@ BAD = {  # what is replaced, by what, and what the message must say
         ["[run]", "integrator", "'rkm4'", "did you mean 'rkmk4'"],
     ),
     "integrator no word": ('"rk4"', "4", ["[run]", "integrator", "string"]),
-    "exact under gravity": ('"rk4"', '"exact"', ["[run]", "takes no torque", "gravity", "use rk8"]),
+    "exact under gravity": ('"rk4"', '"exact"', ["[run]", "takes no torque", "gravity", "or rk8"]),
     "triangle": (
         "[1.0, 2.0, 2.5]",
         "[1.0, 2.0, 9.0]",

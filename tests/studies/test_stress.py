@@ -35,7 +35,11 @@ from rigidmc.studies.stress.motions import (
     worst,
 )
 from rigidmc.studies.stress.processes import run_case
-from rigidmc.studies.stress.truths import closed_states, distance_to_closed_form, flips
+from rigidmc.studies.stress.truths import (
+    closed_states,
+    distance_to_closed_form,
+    flips,
+)
 from tests.axes import unlabelled
 
 
@@ -68,6 +72,12 @@ def test_the_catalogue_is_complete():
             assert math.isfinite(bound) or uncovered, (case.name, name)
             assert uncovered or measured <= bound, (case.name, name)
     assert set(known) <= {(case.name, name) for case in cases() for name in case.integrators()}
+
+
+def test_calls_are_refused_for_their_reasons():
+    for case in numerical_cases.refusals():
+        for name in {"rk8", "gbs12"} & set(case.integrators()):
+            assert run_case(case, name, H.SHORT)[0] == 0.0, (case.name, name)
 
 
 @pytest.mark.parametrize("name", ["rk4", "exact", "closed"])

@@ -399,7 +399,7 @@ def _helper(pilot: Pilot, candidates: Sequence[Precision]) -> subprocess.Popen[s
     try:
         text = pilot.scene.dumps()
         Scene.loads(text)
-    except (SceneError, ValueError):  # rows of arrays, custom effects
+    except (SceneError, ValueError, TypeError):  # arrays, custom effects, varied parameters
         return None
     task = json.dumps({"scene": text, "own": pilot.member_steps, "candidates": candidates})
     helper = start_helper(__name__, answers=False)

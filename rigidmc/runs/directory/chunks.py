@@ -1,7 +1,7 @@
 """The shards of a run as the chunks of dask arrays.
 
 A chunk holds the members of a group of shards, so that the graphs of dask stay small: a task costs
-more than a small shard, and 20,000 shards of 30 variables would be 600,000 tasks.
+more than a small shard.
 """
 
 import hashlib

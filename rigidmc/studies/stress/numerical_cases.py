@@ -276,7 +276,7 @@ REFUSED_CALLS: dict[str, Refusal] = {
     ),
     "a quaternion of norm 0": (
         lambda name: tops((1.0, 1.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)),
-        "norm 0",
+        "nonzero",
         makes_steps,
     ),
 }
