@@ -43,6 +43,7 @@ from rigidmc.engine.cuda import devices as cuda_device
 from rigidmc.engine.cuda import program as cuda
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.errors import NoRoom
+from rigidmc.files.outputs import content_of
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.monitors import Monitors
 from rigidmc.protocols import effect
@@ -569,8 +570,9 @@ def test_a_cluster_moves_members_on_devices(fake, tmp_path, monkeypatch):
     """What a worker is asked names the device."""
     driver = fake()
     create(SCENE, tmp_path / "run", 1e3)
-    texts = tuple(cluster.content_of(str(tmp_path / "run"), name) for name in cluster.FILES)
-    done = cluster.shard(str(tmp_path / "run"), texts, 0, device="cuda")
+    texts = tuple(content_of(str(tmp_path / "run"), name) for name in cluster.FILES)
+    options = False, False, None, "cuda"
+    done = cluster.shard(0, str(tmp_path / "run"), texts, options)
     assert driver.launches and sum(done.flagged.values()) == 70
 
 
