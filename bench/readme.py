@@ -247,6 +247,18 @@ def workers(rows, machine):
     return with_note(table(columns, lines), note)
 
 
+def reading(rows, machine):
+    """Return a table of the times to read a run directory."""
+    row = next(r for r in rows if r["kind"] == "reading")
+    memory = next(r["measured"] for r in rows if r.get("unit") == "GB")
+    words = {"open": "`rm.open`", "mean": "mean of one variable", "summary": "`rigidmc summary`"}
+    note = (
+        f"{row['members']:,} members in {row['shards']:,} shards, in the cache of the system; at"
+        f" most {memory:.1f} GB of memory; {_machine(machine)}."
+    )
+    return with_note(table(("", "s"), [(w, f"{row[n]:.2g}") for n, w in words.items()]), note)
+
+
 def maps(rows, machine):
     """Return a table of time and memory of maps and large studies."""
     lines = [
@@ -440,6 +452,7 @@ DRAWN = {
     "maps": maps,
     "runs": runs,
     "workers": workers,
+    "reading": reading,
     "gpu": gpu,
     "device": device,
     **{
