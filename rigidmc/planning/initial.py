@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.engine.compiler.memory import allocate_block
 from rigidmc.engine.formulas import energies
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys
@@ -79,7 +80,7 @@ def initial_block(
 
     has_attitude : whether the attitude is followed;  rows : of the block, see `block_rows`
     """
-    block = np.empty((rows, count))
+    block = allocate_block(rows, count)
     low = 0
     for some in (*rows_to_fill(model.effects), slice(rows, rows)):  # zero the rows between
         block[low : some.start], low = 0.0, some.stop
@@ -123,7 +124,7 @@ class InitialMembers(NamedTuple):
 
     def part(self, model: Model, first: int, count: int, rows: int) -> tuple[Array, Start]:
         """Return members that are among these; see `initial_block`."""
-        block, part = np.zeros((rows, count)), slice(first, first + count)
+        block, part = allocate_block(rows, count, np.zeros), slice(first, first + count)
         for some in rows_to_fill(model.effects):
             block[some] = self.block[some, part]
         return block, {name: values[..., part] for name, values in self.start.items()}

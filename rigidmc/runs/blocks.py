@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.engine.compiler.memory import allocate_block
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys
 from rigidmc.engine.program import NO_NOISE, Program
@@ -187,7 +188,8 @@ def _make_job(
         random = noise_keys(plan.model.effects, plan.run.seed, members)
         if plan.has_member_steps:
             order = order_by_steps(rows)
-            rows = np.take(rows, order, axis=1)  # rows[:, order] would have another memory layout
+            # rows[:, order] would have another memory layout; "raise" would copy the rows twice
+            rows = np.take(rows, order, axis=1, out=allocate_block(*rows.shape), mode="clip")
             slots = int(rows[layout.STEPS].max(initial=1.0))
     return BlockJob(
         first=first,
