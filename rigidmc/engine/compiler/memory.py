@@ -42,7 +42,7 @@ def allocate_block(
 ) -> NDArray[np.float64]:
     """Return the rows of a block, each on whole cache lines.
 
-    Across two of them, loads take 3 % of 26 steps of rk8.
+    Across two of them, loads take 3 % of a short run of rk8.
     """
     return allocate_aligned(rows * members, float, make).reshape(rows, members)
 
