@@ -31,8 +31,8 @@ from rigidmc.engine.kernel.layout import (  # fmt: skip
 from rigidmc.physics.dynamics.functions import as_float
 from rigidmc.physics.observables.chaos import RENORMALISE_EVERY
 
-# Steps between two assessments of drift and health: one assessment takes as long as 3 steps of rk4
-# without effects, 5 % of 64 steps.
+# Steps between two assessments of drift and health: one assessment takes as long as 2 steps of rk4
+# without effects, 3 % of 64 steps.
 ASSESS_INTERVAL = 64
 # Steps made before they are monitored: their states for 16 members, 7 x 33 x 16 numbers, fit in a
 # first-level cache of 32 kB.

@@ -26,7 +26,7 @@ from rigidmc.engine.kernel.layout import (  # fmt: skip
     opening_substep,
 )
 from rigidmc.engine.kernel.member import state_in_double
-from rigidmc.engine.kernel.monitoring import put_states, states_at
+from rigidmc.engine.kernel.running import put_states, states_at
 from rigidmc.physics.dynamics.so3 import concat, first_three
 from rigidmc.physics.integrators.protocol import extra_state, from_stepping, to_stepping
 from rigidmc.physics.observables.protocol import reweighed

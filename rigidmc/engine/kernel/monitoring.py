@@ -29,7 +29,7 @@ from rigidmc.engine.compiler.memory import (
     three_at,
     tuple_at,
 )
-from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
+from rigidmc.engine.compiler.trees import tree_unpack
 from rigidmc.engine.kernel.dense_output import (
     AHEAD,
     Step,
@@ -80,11 +80,16 @@ from rigidmc.engine.kernel.noted import (
     note_step,
     noted_step,
 )
-from rigidmc.physics.dynamics.methods import OFF
-from rigidmc.physics.dynamics.so3 import concat, first_three, select_all
-from rigidmc.physics.effects.sums import either
+from rigidmc.engine.kernel.running import (
+    any_averages,
+    begin_running,
+    put_states,
+    states_at,
+    update_averages,
+    update_states,
+)
+from rigidmc.physics.dynamics.so3 import concat, first_three
 from rigidmc.physics.integrators.protocol import extra_state, from_stepping
-from rigidmc.physics.observables.protocol import begin, is_time_average, update
 from rigidmc.physics.observables.statistics import head, rest
 
 
@@ -249,29 +254,6 @@ def write_stopped(events, state, work, row):
     return 0
 
 
-def begin_running(running, body, effects, t, q, l, work, row):
-    """Set the rows of running observables at the start."""
-    if len(running) == 0:
-        return 0
-    put_rows(begin(running[0][0], body, effects, t, q, l), work, row)
-    return begin_running(running[1:], body, effects, t, q, l, work, row + len(running[0][1]))
-
-
-def states_at(running, work, row):
-    """Return the states of running observables, from their rows."""
-    if len(running) == 0:
-        return ()
-    first = tree_unflatten(running[0][1], work, row)
-    return (first,) + states_at(running[1:], work, row + len(running[0][1]))
-
-
-def put_states(totals, work, row):
-    """Write the rows that `states_at` reads."""
-    if len(totals) == 0:
-        return row
-    return put_states(totals[1:], work, put_rows(totals[0], work, row))
-
-
 class Node(NamedTuple):
     """The numbers at a node, and their slopes.
 
@@ -403,39 +385,6 @@ def update_interval_events(events, moves, step, interval, now, befores, levels, 
     after, at_end = (1.0 - interval.b, widening(interval.b)), head(levels, now.numbers)
     q, l = interval.q, interval.l
     return update_events(events, moves, step, befores, levels, after, q, l, at_end, work, row)
-
-
-def update_states(running, moves, step, t, q, l, totals):
-    """Return the states of running observables after a state, changed for members that move."""
-    if len(running) == 0:
-        return ()
-    new = update(running[0][0], totals[0], step.body, step.effects, t, q, l)
-    rest = update_states(running[1:], moves, step, t, q, l, totals[1:])
-    return (select_all(moves, new, totals[0]),) + rest
-
-
-def update_averages(running, moves, step, t, q, l, totals):
-    """Do the same as `update_states`, only for means over time."""
-    if len(running) == 0:
-        return ()
-    first = update_average(
-        is_time_average(running[0][0]), running[0][0], moves, step, t, q, l, totals[0]
-    )
-    return (first,) + update_averages(running[1:], moves, step, t, q, l, totals[1:])
-
-
-def update_average(averages, observable, moves, step, t, q, l, totals):
-    """Return the state of one running observable, updated if it is a mean."""
-    if len(averages) == 0:
-        return totals
-    return select_all(moves, update(observable, totals, step.body, step.effects, t, q, l), totals)
-
-
-def any_averages(running):
-    """Return ON if any running observable is a mean over time."""
-    if len(running) == 0:
-        return OFF
-    return either(is_time_average(running[0][0]), any_averages(running[1:]))
 
 
 def update_midway(averages, running, moves, step, interval, totals):
