@@ -11,8 +11,10 @@ from rigidmc.engine.compile_helper import compile_in_helper, helper_can
 from rigidmc.engine.compile_time import announce_compiling, split_work
 from rigidmc.engine.compiler.kernels import (
     NO_FUNCTION,
+    NO_TANGENTS,
     CompiledFunction,
     KernelKey,
+    Tangents,
     call_kernel,
     compile_kernel,
     config,
@@ -63,6 +65,23 @@ NO_SAVES = SaveTarget(np.empty(0), 0, 0, np.empty(0, np.int64))
 CALL = 3_000_000  # member-steps per call: 10 to 60 ms at 50 to 300 M/s on two threads
 
 
+class Derivatives(NamedTuple):
+    """The derivatives that a block has besides its rows.
+
+    at_once : derivatives of each number that one pass through the steps computes, 0 for none
+    passes : passes; a block has rows for at_once * passes derivatives
+    of_body, of_effects : whether those of bodies and of the parameters of effects may differ from 0
+    """
+
+    at_once: int = 0
+    passes: int = 1
+    of_body: bool = True
+    of_effects: bool = True
+
+
+NO_DERIVATIVES = Derivatives()
+
+
 class Program:
     """The compiled kernels of a scene.
 
@@ -89,6 +108,7 @@ class Program:
     shortens : whether the last interval may have steps of another length
     axes : whether observables and events are of axes other than the principal axes, see
         `rigidmc.physics.dynamics.body_axes`
+    derivatives : the derivatives that a block has
     meanwhile : called once this process has compiled its share, while another one may still compile
     """
 
@@ -98,7 +118,8 @@ class Program:
         limits: Sequence[float] = (), works: Sequence[Any] = (), events: Sequence[Any] = (),
         running: Sequence[Any] = (), shadow: Flag = OFF, lanes: int | None = None,
         ask: bool = False, nodes: int = 0, paired: bool = False, shortens: bool = False,
-        axes: bool = False, meanwhile: Callable[[], None] | None = None,
+        axes: bool = False, derivatives: Derivatives = NO_DERIVATIVES,
+        meanwhile: Callable[[], None] | None = None,
     ) -> None:  # fmt: skip
         # An integrator with extra state compensates its rounding there.
         compensated = compensated and not has_extra_state(scheme.integrator)
@@ -113,12 +134,24 @@ class Program:
         watches = *observables, *events, *(observable for observable, _ in running)
         scalar = config.DISABLE_JIT or scalar_parts(scheme.integrator, effects, watches)
         # A branch on a member's number compiles for one lane only: members then go one at a time.
-        self.lanes = 1 if scalar else lanes or lanes_for(dtype)
+        # With derivatives, a number and its derivatives fill the registers.
+        self.lanes = 1 if scalar else lanes or lanes_for(dtype) // (1 + bool(derivatives.at_once))
         self.substeps = np.ascontiguousarray(scheme.substeps, dtype=float).ravel()
 
         marks = [len(m) for _, m in running]
         rows = map_rows(tree_size(effects), len(works), len(events), marks, bool(shadow), axes)
         self.rows = rows.end
+        self.tangents = (
+            Tangents(
+                derivatives.at_once,
+                _rounded_up(BODY_AT + rows.end - BODY),
+                _rounded_up(MEMBER_ROWS + rows.end),
+                derivatives.of_body,
+                derivatives.of_effects,
+            )
+            if derivatives.at_once
+            else NO_TANGENTS
+        )
         random = any(map(takes_noise, effects))
         self.shape = KernelShape(
             lanes=self.lanes,
@@ -137,6 +170,10 @@ class Program:
             is_random=int(random),
             changes_length=int(shortens and changes_state_form(scheme.integrator)),
             reweighs=int(shortens and bool(running)),
+            tangents=self.tangents.count,
+            passes=derivatives.passes,
+            tangents_in_state=self.tangents.in_state,
+            tangents_in_work=self.tangents.in_work,
         )
         kept = flag(attitude), flag(compensated)
         self.paired, self.deferred = flag(paired), flag(nodes == 1 and all_merge(running))
@@ -157,13 +194,19 @@ class Program:
         flags : flags of attitude and of compensated sums
         """
         integrator, effects, shape = self.scheme.integrator, self.effects, self.shape
-        groups = static_count(min(self.lanes, interleaving(integrator)))
+        several_groups = min(self.lanes, interleaving(integrator))
+        groups = static_count(1 if self.tangents.count else several_groups)
         several, count = flag(len(self.scheme.substeps) > 2), static_count(len(works))
         stepped = (integrator, effects, *flags, count, groups, several, self.paired)
         form, dense = stepping_form(integrator), static_count(min(shape.nodes, 2))
 
         def key(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
             return KernelKey(function, parts, self.dtype, self.lanes, arguments) if wanted else None
+
+        def dual(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
+            """The same for a kernel that takes derivatives along."""
+            plain = key(wanted, function, parts, arguments)
+            return plain and plain._replace(tangents=self.tangents)
 
         is_monitored = events or running
         stops = form, effects, events, axes
@@ -173,10 +216,12 @@ class Program:
         table = KernelTable(
             gather=key(True, member.gather, (), "piiiiffsw"),
             scatter=key(True, member.scatter, (), "piiiiiiisw"),
-            initialise=key(True, member.initialise, (form, effects, limits, works), "psw"),
-            march=key(True, march, stepped, MARCH),
-            assess=key(True, member.assess, (form, effects, *flags, limits, works), "pswffff"),
-            record=key(observables, member.record, (observables, effects, works, axes), "wipiifi"),
+            initialise=dual(True, member.initialise, (form, effects, limits, works), "psw"),
+            march=dual(True, march, stepped, MARCH),
+            assess=dual(True, member.assess, (form, effects, *flags, limits, works), "pswffff"),
+            record=dual(
+                observables, member.record, (observables, effects, works, axes), "wipiifiii"
+            ),
             begin_monitors=key(
                 is_monitored, monitoring.begin_monitors, (effects, events, running, axes), "pswii"
             ),
@@ -184,7 +229,7 @@ class Program:
             refine_event=key(events, refine_event, stops, "pwswiiiiff"),
             begin_shadow=key(shadow, begin_shadow, (form, effects), "pswsif"),
             renormalise_shadow=key(shadow, renormalise_shadow, (form, effects), "pswsifff"),
-            change_length=key(shape.changes_length, last_interval.change_length, last, "pswfffi"),
+            change_length=dual(shape.changes_length, last_interval.change_length, last, "pswfffi"),
             reweigh=key(shape.reweighs, last_interval.reweigh, (events, running), "wif"),
         )
         return {**table._asdict(), "advance": advance_key(self.dtype)}
@@ -273,6 +318,7 @@ class Program:
     ) -> None:  # fmt: skip
         """Take a block through these steps; see `rigidmc.engine.kernel.block.advance`."""
         lanes, (rows, members) = self.lanes, block.shape
+        rows //= 1 + self.shape.tangents * self.shape.passes
         noise = noise or NO_NOISE._replace(members=np.arange(members))
         saves = saves or NO_SAVES
         offsets = 8 * lanes, saves.out.ctypes.data, 8 * saves.columns, 8 * saves.column
@@ -296,16 +342,23 @@ class Program:
 
         rows : of its block
         """
-        state = BODY_AT + rows - BODY, self.dtype
+        count, in_state, in_work, *_ = self.tangents
+        state = BODY_AT + rows - BODY + count * in_state, self.dtype
+        parked = (1 + count) * (START + self.shape.works)
         return {
             "state": state,
             "shadow_state": state,
-            "work": (MEMBER_ROWS + rows, float),
-            "spare_work": (MEMBER_ROWS, float),
-            "trace": (7 * (TRACE + 1) + START + self.shape.works, self.dtype),
+            "work": (MEMBER_ROWS + rows + count * in_work, float),
+            "spare_work": (MEMBER_ROWS + count * in_work, float),
+            "trace": (7 * (TRACE + 1) + parked, self.dtype),
             "kept": (max(1, self.kept), float),
-            "saved": (max(1, self.shape.values), float),
+            "saved": (max(1, self.shape.values * (1 + count)), float),
         }
+
+
+def _rounded_up(rows: int) -> int:
+    """Return rows rounded up: fewer kernels differ only in their number of rows."""
+    return -(-rows // 32) * 32
 
 
 def all_merge(running: Sequence[Any]) -> bool:

@@ -23,6 +23,7 @@ from numba.core.typing.templates import AbstractTemplate, fold_arguments
 import rigidmc.physics.effects.protocol
 import rigidmc.physics.integrators.protocol
 import rigidmc.physics.observables.protocol  # noqa: F401  (imported so that METHODS is complete)
+from rigidmc.engine.compiler.derivatives import rule_for
 from rigidmc.engine.compiler.inlined import compile_inlined
 from rigidmc.engine.compiler.intrinsics import INTRINSICS, intrinsic, register_template
 from rigidmc.engine.compiler.pipeline import INLINE, is_of_package
@@ -103,7 +104,7 @@ class InlinedFunction(DispatchedFunction):
             self.parameters, args, kws, _given, _omitted, lambda *each: types.StarArgTuple(each[2])
         )
         if folded not in self.signatures:
-            code = compile_inlined(self.function, folded)
+            code = compile_inlined(rule_for(self.function, folded), folded)
             self.compiled[folded] = code.entry_point
             self.signatures[folded] = code.signature.replace(pysig=self.parameters)
         return self.signatures[folded]
@@ -204,6 +205,7 @@ def inline_names(module: str, names: Mapping[str, Any]) -> None:
         _done.update(seen)
 
 
+inline_all(sys.modules["rigidmc.engine.compiler.derivatives"])
 for _call in METHODS:
     inline_all(sys.modules[_call.default.__module__])
     compile_method(_call)

@@ -12,6 +12,15 @@ from numba.core import types
 from numba.core.typing.templates import infer, infer_global, make_intrinsic_template
 from numba.extending import intrinsic as numba_intrinsic
 
+from rigidmc.engine.compiler.dual_types import (
+    DualType,
+    Operand,
+    choose,
+    dual_among,
+    dual_root,
+    make_dual,
+    tangents_of,
+)
 from rigidmc.engine.compiler.vector_types import (
     MaskType,
     VectorType,
@@ -53,6 +62,14 @@ def _first_argument(context, builder, sig, args):
     return args[0]
 
 
+def _select_parts(context, builder, condition, dual, kinds, values):
+    """Return LLVM code that selects the value and the tangents of one of two numbers."""
+    operands = (
+        Operand(context, builder, dual, kind, x) for kind, x in zip(kinds, values, strict=True)
+    )
+    return make_dual(builder, dual, *choose(builder, dual, condition, *operands))
+
+
 @intrinsic(select)
 def _select(typing_context, condition, one, other):
     if isinstance(condition, types.Boolean):
@@ -63,6 +80,10 @@ def _select(typing_context, condition, one, other):
         )
     if not isinstance(condition, MaskType):
         return None
+    if (dual := dual_among((one, other))) is not None:
+        return dual(condition, one, other), lambda context, builder, sig, args: _select_parts(
+            context, builder, args[0], dual, sig.args[1:], args[1:]
+        )
     vectors = [t for t in (one, other) if isinstance(t, (VectorType, MaskType))]
     if any(t != vectors[0] for t in vectors):
         return None
@@ -85,12 +106,16 @@ def _select_each(typing_context, condition, one, other):
     kinds = types.Tuple([signature.return_type for signature, _ in definitions])
 
     def generate(context, builder, sig, args):
-        both = [
-            context.cast(builder, value, ty, kinds)
-            for value, ty in zip(args[1:], sig.args[1:], strict=True)
-        ]
-        each = [[builder.extract_value(x, i) for x in both] for i in range(len(kinds))]
-        return context.make_tuple(builder, kinds, [builder.select(args[0], a, b) for a, b in each])
+        chosen = []
+        for i, ty in enumerate(kinds):
+            both = [builder.extract_value(x, i) for x in args[1:]]
+            given = [tuple_ty[i] for tuple_ty in sig.args[1:]]
+            if isinstance(ty, DualType) and isinstance(condition, MaskType):
+                chosen.append(_select_parts(context, builder, args[0], ty, given, both))
+            else:
+                pair = [context.cast(builder, *each, ty) for each in zip(both, given, strict=True)]
+                chosen.append(builder.select(args[0], *pair))
+        return context.make_tuple(builder, kinds, chosen)
 
     return kinds(condition, one, other), generate
 
@@ -110,6 +135,10 @@ def _opposite(typing_context, condition):
 def _root(typing_context, x):
     if isinstance(x, VectorType):
         return x(x), lambda context, builder, sig, args: of_llvm("sqrt")(builder, x, *args)
+    if isinstance(x, DualType):
+        return x(x), lambda context, builder, sig, args: make_dual(
+            builder, x, *dual_root(builder, x, Operand(context, builder, x, x, args[0]))
+        )
     ty = x if isinstance(x, types.Float) else types.float64
     return ty(ty), lambda context, builder, sig, args: builder.call(
         builder.module.declare_intrinsic("llvm.sqrt", [args[0].type]), args
@@ -118,7 +147,8 @@ def _root(typing_context, x):
 
 @intrinsic(by_precision)
 def _by_precision(typing_context, x, double, single):
-    place = 2 if isinstance(x, VectorType) and x.dtype == types.float32 else 1
+    is_single = isinstance(x, (VectorType, DualType)) and x.dtype == types.float32
+    place = 2 if is_single else 1
     ty = types.unliteral((double, single)[place - 1])
     return ty(x, double, single), lambda context, builder, sig, args: args[place]
 
@@ -142,6 +172,11 @@ def _reinterpret(ty: Any) -> Define:
     """Return the definition of a function that reinterprets the bits of numbers as another type."""
 
     def define(typing_context, x):
+        if isinstance(x, DualType):  # bits have no derivatives
+            other = VectorType(ty, x.count)
+            return other(x), lambda context, builder, sig, args: builder.bitcast(
+                builder.extract_value(args[0], 0), llvm_type(other)
+            )
         other = VectorType(ty, x.count) if isinstance(x, VectorType) else ty
         return other(x), lambda context, builder, sig, args: builder.bitcast(
             args[0], context.get_value_type(other)
@@ -155,13 +190,22 @@ intrinsic(as_word)(_reinterpret(types.uint64))
 
 
 def _convert(context: Any, builder: Any, x: Any, ty: VectorType, value: Any) -> Any:
-    """Convert a number of type x to type `ty`."""
+    """Convert a number of type x to type `ty`, with its tangents."""
+    if isinstance(x, DualType):
+        parts = [builder.extract_value(value, 0), *tangents_of(builder, x, value)]
+        first, *rest = (_convert(context, builder, x.vector, ty, part) for part in parts)
+        return make_dual(builder, DualType(ty, x.tangents), first, rest)
     if not isinstance(x, VectorType):
         return context.cast(builder, value, x, ty)
     if x.dtype == ty.dtype:
         return value
     convert = builder.fptrunc if ty.dtype == types.float32 else builder.fpext
     return convert(value, llvm_type(ty))
+
+
+def _like(x: Any, ty: VectorType) -> Any:
+    """Return the type of a number of type x as `ty`: the tangents of x stay."""
+    return DualType(ty, x.tangents) if isinstance(x, DualType) else ty
 
 
 def cast_like(x, other):
@@ -174,7 +218,7 @@ def _cast_like(typing_context, x, other):
     if not getattr(other, "count", 0):  # Vecs and Rows of vectors have one
         return x(x, other), _first_argument
     ty = VectorType(other.dtype, other.count)
-    return ty(x, other), lambda context, builder, sig, args: _convert(
+    return _like(x, ty)(x, other), lambda context, builder, sig, args: _convert(
         context, builder, x, ty, args[0]
     )
 
@@ -202,15 +246,17 @@ def _in_precision(typing_context, values, other):
         )
         return context.make_tuple(builder, sig.return_type, list(each))
 
-    return types.UniTuple(ty, len(values))(values, other), generate
+    return types.Tuple([_like(x, ty) for x in values])(values, other), generate
 
 
 @intrinsic(double)
 def _double(typing_context, x):
-    if not (isinstance(x, VectorType) and x.dtype == types.float32):
+    if not (isinstance(x, (VectorType, DualType)) and x.dtype == types.float32):
         return x(x), _first_argument
     ty = VectorType(types.float64, x.count)
-    return ty(x), lambda context, builder, sig, args: builder.fpext(args[0], llvm_type(ty))
+    return _like(x, ty)(x), lambda context, builder, sig, args: _convert(
+        context, builder, x, ty, args[0]
+    )
 
 
 @numba_intrinsic

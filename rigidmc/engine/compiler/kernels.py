@@ -30,8 +30,9 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.compiler import disk_cache
 from rigidmc.engine.compiler.compose import inline, inline_all
+from rigidmc.engine.compiler.dual_types import DualType
 from rigidmc.engine.compiler.intrinsics import cast_like, first_number, intrinsic
-from rigidmc.engine.compiler.memory import Rows
+from rigidmc.engine.compiler.memory import DualRows, Rows
 from rigidmc.engine.compiler.pipeline import FLAGS, INLINE
 from rigidmc.engine.compiler.trees import StaticTree, tree_flatten
 from rigidmc.engine.compiler.vector_types import VectorType
@@ -72,6 +73,25 @@ class CompiledFunction(NamedTuple):
 NO_FUNCTION = CompiledFunction(0, 0, 0)  # for a kernel that a scene does not use
 
 
+class Tangents(NamedTuple):
+    """The derivatives that a kernel computes along with its numbers.
+
+    count : derivatives of each number, 0 for none
+    in_state, in_work : vectors from a number to its first derivative in `state` and in `work`, see
+        `DualRows`
+    of_body, of_effects : whether those of the body and of the effects' parameters may differ from 0
+    """
+
+    count: int
+    in_state: int = 0
+    in_work: int = 0
+    of_body: bool = True
+    of_effects: bool = True
+
+
+NO_TANGENTS = Tangents(0)
+
+
 class KernelKey(NamedTuple):
     """The inputs of a kernel's compilation: function(tree, numbers, *arguments).
 
@@ -80,6 +100,7 @@ class KernelKey(NamedTuple):
     arguments : the types of the other arguments in letters: s for rows in the precision of the run,
         w for rows in float64, p for plain numbers in memory, n and u for integers and words in
         memory, i for an integer, k for a word, f for a number, r for a record of the type `record`
+    tangents : of the numbers in rows
     """
 
     function: Function
@@ -88,6 +109,7 @@ class KernelKey(NamedTuple):
     lanes: int
     arguments: str
     record: Any = None
+    tangents: Tangents = NO_TANGENTS
 
     @property
     def of_types(self) -> Any:
@@ -99,8 +121,8 @@ def signature_of(key: KernelKey) -> Any:
     """Return the types of the arguments of a kernel, and of its result."""
     real = types.float64 if key.dtype == "float64" else types.float32
     types_of = {
-        "s": Rows(real, key.lanes),
-        "w": Rows(_REAL, key.lanes),
+        "s": _rows(key, real, key.tangents.in_state),
+        "w": _rows(key, _REAL, key.tangents.in_work),
         "p": _PLAIN,
         "n": Rows(_INT, 0),
         "u": Rows(types.uint64, 0),
@@ -112,6 +134,14 @@ def signature_of(key: KernelKey) -> Any:
         types_of["r"] = numba.from_dtype(key.record)
     arguments = (types_of[letter] for letter in key.arguments)
     return _INT(typeof(StaticTree(*key.parts)), _PLAIN, *arguments)
+
+
+def _rows(key: KernelKey, real: Any, apart: int) -> Rows:
+    """Return the type of a workspace of a kernel."""
+    count, _, _, *active = key.tangents
+    if not count:
+        return Rows(real, key.lanes)
+    return DualRows(real, key.lanes, count, apart, tuple(active))
 
 
 def compile_kernel(key: KernelKey) -> tuple[CompiledFunction, NDArray[np.float64]]:
@@ -304,6 +334,7 @@ _OF_TWO_ARGUMENTS: dict[Any, Any] = {
     math.pow: functions.power,
     math.hypot: functions.hypotenuse,
 }
+_NUMBERS = (VectorType, DualType)
 _SCALAR_ONLY = (
     math.gamma, math.lgamma, math.erf, math.erfc, math.log10, math.log2, math.log1p, math.asinh,
     math.acosh, math.atanh, math.degrees, math.radians,
@@ -332,13 +363,13 @@ def _overload_vector(known: Callable[..., Any], straight: Callable[..., Any], co
 
         @overload(known, jit_options=INLINE)
         def one(x):
-            return (lambda x: straight(x)) if isinstance(x, VectorType) else None
+            return (lambda x: straight(x)) if isinstance(x, _NUMBERS) else None
 
     else:
 
         @overload(known, jit_options=INLINE)
         def two(x, y):
-            vector = isinstance(x, VectorType) or isinstance(y, VectorType)
+            vector = isinstance(x, _NUMBERS) or isinstance(y, _NUMBERS)
             return (lambda x, y: straight(x, y)) if vector else None
 
 
@@ -353,8 +384,8 @@ for _known in _SCALAR_ONLY:
 
 @overload(operator.pow, jit_options=INLINE)
 def _compiled_power(x, y):
-    if isinstance(x, VectorType) and isinstance(y, types.Integer):
+    if isinstance(x, _NUMBERS) and isinstance(y, types.Integer):
         return lambda x, y: functions.whole_power(x, y)
-    if isinstance(x, VectorType) and isinstance(y, (VectorType, types.Float)):
+    if isinstance(x, _NUMBERS) and isinstance(y, (*_NUMBERS, types.Float)):
         return lambda x, y: functions.power(x, y)
     return None

@@ -18,6 +18,7 @@ from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numpy.typing import DTypeLike, NDArray
 
+from rigidmc.engine.compiler.dual_types import DualType, make_dual, tangents_of
 from rigidmc.engine.compiler.intrinsics import intrinsic
 from rigidmc.engine.compiler.pipeline import LINE
 from rigidmc.engine.compiler.vector_types import ELEMENT, VectorType, llvm_type
@@ -64,6 +65,69 @@ class Rows(types.Type):
 
 
 register_default(Rows)(OpaqueModel)
+
+
+class DualRows(Rows):
+    """Memory as consecutive vectors with tangents: rows[i] is a Dual.
+
+    Its value is vector i, as in Rows, and tangent j is vector i + (1 + j) apart. So code for values
+    alone takes the same memory as Rows.
+
+    apart : vectors from a value to its first tangent, and from one tangent to the next
+    active : whether the body, and whether effects have tangents other than 0
+    """
+
+    def __init__(
+        self,
+        dtype: Any,
+        count: int,
+        tangents: int,
+        apart: int,
+        active: tuple[bool, bool],
+        pitch: int | None = None,
+    ) -> None:
+        super().__init__(dtype, count, pitch)
+        self.tangents, self.apart, self.active = tangents, apart, active
+        words = "".join(
+            word for word, is_active in zip(("b", "e"), active, strict=True) if is_active
+        )
+        self.name += f" with {tangents} tangents {apart} apart, {words or 'state'}"
+
+    @property
+    def item(self) -> Any:
+        """The type of rows[i]."""
+        return DualType(VectorType(self.dtype, self.count), self.tangents)
+
+
+register_default(DualRows)(OpaqueModel)
+
+
+def _load(builder: Any, rows: Rows, memory: Any, index: Any) -> Any:
+    """Return LLVM code for rows[index]."""
+
+    def vector(i: Any) -> Any:
+        return builder.load(_row(builder, rows, memory, i), align=_align(rows))
+
+    if not isinstance(rows, DualRows):
+        return vector(index)
+    apart = (_WORD((1 + j) * rows.apart) for j in range(rows.tangents))
+    tangents = [vector(builder.add(index, each)) for each in apart]
+    return make_dual(builder, rows.item, vector(index), tangents)
+
+
+def _store(
+    context: Any, builder: Any, rows: Rows, memory: Any, index: Any, kind: Any, x: Any
+) -> None:
+    """Write LLVM code for rows[index] = x, x of type `kind`; of a Dual, its value to plain rows."""
+    if isinstance(kind, DualType) and not isinstance(rows, DualRows):
+        kind, x = kind.vector, builder.extract_value(x, 0)
+    x, parts = context.cast(builder, x, kind, rows.item), [index]
+    values = [x]
+    if isinstance(rows, DualRows):
+        parts += [builder.add(index, _WORD((1 + j) * rows.apart)) for j in range(rows.tangents)]
+        values = [builder.extract_value(x, 0), *tangents_of(builder, rows.item, x)]
+    for place, value in zip(parts, values, strict=True):
+        builder.store(value, _row(builder, rows, memory, place), align=_align(rows))
 
 
 def _place(builder: Any, ty: Any, array: Any, index: Any, item: Any) -> Any:
@@ -134,7 +198,10 @@ def group_of(rows, marks, number):
 
 @intrinsic(group_of)
 def _group_of(typing_context, rows, marks, number):
-    ty = Rows(rows.dtype, rows.count // len(marks), rows.count)
+    ty: Rows = Rows(rows.dtype, rows.count // len(marks), rows.count)
+    if isinstance(rows, DualRows):
+        known = rows.tangents, rows.apart, rows.active
+        ty = DualRows(rows.dtype, ty.count, *known, pitch=rows.count)
 
     def generate(context, builder, sig, args):
         at = builder.mul(args[2], ir.Constant(_WORD, ty.count))
@@ -144,12 +211,60 @@ def _group_of(typing_context, rows, marks, number):
     return ty(rows, marks, types.intp), generate
 
 
+def without_tangents(rows):
+    """Return rows as rows of their values alone."""
+    return rows
+
+
+@intrinsic(without_tangents)
+def _without_tangents(typing_context, rows):
+    ty = Rows(rows.dtype, rows.count, rows.pitch) if isinstance(rows, DualRows) else rows
+    return ty(rows), lambda context, builder, sig, args: args[0]
+
+
+def of_body(rows):
+    """Return rows for the numbers of bodies: without tangents if all these tangents are 0."""
+    return rows
+
+
+def of_effects(rows):
+    """Return rows for the parameters of effects: without tangents if all these tangents are 0."""
+    return rows
+
+
+def _if_active(which: int) -> Callable[..., Any]:
+    def define(typing_context, rows):
+        is_plain = not isinstance(rows, DualRows) or rows.active[which]
+        ty = rows if is_plain else Rows(rows.dtype, rows.count, rows.pitch)
+        return ty(rows), lambda context, builder, sig, args: args[0]
+
+    return define
+
+
+intrinsic(of_body)(_if_active(0))
+intrinsic(of_effects)(_if_active(1))
+
+
+def shifted(array, count):
+    """Return plain memory from number `count` on."""
+    return array[count:]
+
+
+@intrinsic(shifted)
+def _shifted(typing_context, array, count):
+    def generate(context, builder, sig, args):
+        place = _place(builder, array, args[0], args[1], ELEMENT[array.dtype.name])
+        return builder.bitcast(place, context.get_value_type(array))
+
+    return array(array, types.intp), generate
+
+
 def _row(builder: Any, ty: Any, rows: Any, index: Any) -> Any:
     """Return the address of rows[index]."""
     if not ty.count:
         return _place(builder, ty, rows, index, ELEMENT[ty.dtype.name])
     first = builder.mul(index, ir.Constant(_WORD, ty.pitch))
-    return _place(builder, ty, rows, first, llvm_type(ty.item))
+    return _place(builder, ty, rows, first, llvm_type(VectorType(ty.dtype, ty.count)))
 
 
 @infer_global(operator.getitem)
@@ -163,7 +278,7 @@ class _GetRow(AbstractTemplate):
 @lower_builtin(operator.getitem, Rows, types.Integer)
 def get_row(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """Return LLVM code for rows[index]."""
-    return builder.load(_row(builder, sig.args[0], *args), align=_align(sig.args[0]))
+    return _load(builder, sig.args[0], *args)
 
 
 @infer_global(operator.setitem)
@@ -176,7 +291,7 @@ class _SetRow(AbstractTemplate):
 
 @lower_builtin(operator.setitem, Rows, types.Integer, types.Any)
 def _set_row(context, builder, sig, args):
-    builder.store(args[2], _row(builder, sig.args[0], *args[:2]), align=_align(sig.args[0]))
+    _store(context, builder, sig.args[0], *args[:2], sig.args[2], args[2])
     return context.get_dummy_value()
 
 
@@ -204,7 +319,7 @@ def _following(count: int, *arguments: Any) -> tuple[Any, Callable[..., Any]]:
 
     def generate(context, builder, sig, args):
         at = [builder.add(args[-1], ir.Constant(_WORD, i)) for i in range(count)]
-        each = [builder.load(_row(builder, rows, args[-2], i), align=_align(rows)) for i in at]
+        each = [_load(builder, rows, args[-2], i) for i in at]
         return context.make_tuple(builder, sig.return_type, each)
 
     return types.UniTuple(rows.item, count)(*arguments[:-1], types.intp), generate
@@ -270,20 +385,17 @@ def _put_rows(typing_context, values, rows, row):
     def generate(context, builder, sig, args):
         for i, ty in enumerate(values):
             at, x = builder.add(args[2], ir.Constant(_WORD, i)), builder.extract_value(args[0], i)
-            builder.store(
-                context.cast(builder, x, ty, rows.item),
-                _row(builder, rows, args[1], at),
-                align=_align(rows),
-            )
+            _store(context, builder, rows, args[1], at, ty, x)
         return builder.add(args[2], ir.Constant(_WORD, len(values)))
 
     return types.intp(values, rows, types.intp), generate
 
 
-def store_rows(values, rows, array, at, pitch, past):
+def store_rows(values, rows, array, at, pitch, past, tangent, apart):
     """Write a tuple to a flat array, at `at`, at + pitch, ..., and return the index after it.
 
     past : whether the stores bypass the cache, which requires whole cache lines
+    tangent, apart : the first tangent of a number is `tangent` after it, others follow `apart`
     """
     for i, value in enumerate(values):
         store_lanes(array, at + i * pitch, value)
@@ -291,21 +403,27 @@ def store_rows(values, rows, array, at, pitch, past):
 
 
 @intrinsic(store_rows)
-def _store_rows(typing_context, values, rows, array, at, pitch, past):
+def _store_rows(typing_context, values, rows, array, at, pitch, past, tangent, apart):
     ty = rows.item
 
     def generate(context, builder, sig, args):
-        indices = [args[3]]
-        for _ in values:
-            indices.append(builder.add(indices[-1], args[4]))
-        numbers = [
-            context.cast(builder, builder.extract_value(args[0], i), given_ty, ty)
-            for i, given_ty in enumerate(values)
-        ]
+        at, pitch, _, tangent, apart = args[3:]
+        places, numbers = [], []
+        for i, given_ty in enumerate(values):
+            number = context.cast(builder, builder.extract_value(args[0], i), given_ty, ty)
+            places.append(at)
+            if isinstance(ty, DualType):
+                places.append(builder.add(at, tangent))
+                for _ in range(ty.tangents - 1):
+                    places.append(builder.add(places[-1], apart))
+                numbers += [builder.extract_value(number, 0), *tangents_of(builder, ty, number)]
+            else:
+                numbers.append(number)
+            at = builder.add(at, pitch)
 
         def write(align):
-            vector = llvm_type(ty)
-            to = (_place(builder, array, args[2], place, vector) for place in indices[:-1])
+            vector = llvm_type(VectorType(rows.dtype, rows.count))
+            to = (_place(builder, array, args[2], place, vector) for place in places)
             return [builder.store(x, p, align=align) for x, p in zip(numbers, to, strict=True)]
 
         # Rows of a result are 2^15 bytes or more apart and map to the same cache set: through the
@@ -318,6 +436,6 @@ def _store_rows(typing_context, values, rows, array, at, pitch, past):
                     written.set_metadata("nontemporal", flag)
             with otherwise:
                 write(_align(array))
-        return indices[-1]
+        return at
 
-    return types.intp(values, rows, array, types.intp, types.intp, types.intp), generate
+    return types.intp(values, rows, array, *[types.intp] * 5), generate

@@ -169,5 +169,5 @@ def with_noise(effect, deviates):
 def _with_noise(typing_context, effect, deviates):
     index = effect.instance_class._fields.index("noise")
     return effect(effect, deviates), lambda context, builder, sig, args: builder.insert_value(
-        args[0], args[1], index
+        args[0], context.cast(builder, args[1], deviates, effect[index]), index
     )

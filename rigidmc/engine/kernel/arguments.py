@@ -60,6 +60,9 @@ class KernelShape(NamedTuple):
     is_random : whether effects are random
     changes_length, reweighs : whether the kernels `change_length` and `reweigh` begin the last
         interval
+    tangents, passes : derivatives of each number in a pass, and passes through the steps
+    tangents_in_state, tangents_in_work : vectors from a number to its first derivative, see
+        `rigidmc.engine.compiler.memory.DualRows`
     """
 
     lanes: int
@@ -77,6 +80,10 @@ class KernelShape(NamedTuple):
     is_random: int
     changes_length: int
     reweighs: int
+    tangents: int
+    passes: int
+    tangents_in_state: int
+    tangents_in_work: int
 
 
 class StepRange(NamedTuple):
@@ -111,10 +118,12 @@ class NoiseKeys(NamedTuple):
 
 
 class SaveTarget(NamedTuple):
-    """The target of saves: out[(s*R + r)*columns + column + m], R = number of value rows.
+    """The target of saves: out[((s*R + r)*(1 + P) + d)*columns + column + m], R = number of value
+    rows, P = number of derivatives of each.
 
     s, r, m : save, value row and member. If the members of a block are reordered, the last term is
         order[m]
+    d : 0 for the value, 1 + p for its derivative by parameter p
     """
 
     out: Memory
@@ -127,7 +136,8 @@ class Workspace(NamedTuple):
     """The addresses of all memory.
 
     substeps, substep_rows : of a StepScheme, and their number
-    block, rows, width : the block, its rows and its members
+    block, rows, width : the block, its rows and its members; behind the block are as many rows of
+        derivatives by each parameter
     state, shadow_state : two states
     work, spare_work : two copies of the rows of `work`, see `rigidmc.engine.kernel.layout`
     trace : the states before and after TRACE steps, and one more

@@ -15,7 +15,7 @@ import numpy as np
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.kernels import call_address
-from rigidmc.engine.compiler.memory import memory
+from rigidmc.engine.compiler.memory import memory, shifted
 from rigidmc.engine.kernel.layout import (  # fmt: skip
     BODY,
     BODY_AT,
@@ -74,11 +74,23 @@ def advance(tree, numbers, frame):
 
 
 def run_lanes(frame, low):
-    """Take the members of a block from `low` on, one per lane, through the steps."""
+    """Take the members of a block from `low` on, one per lane, through the steps: once for each
+    pass, with other derivatives.
+
+    All passes begin with the rows of the block; only the last one changes the members themselves.
+    """
+    for part in range(frame.passes):
+        run_pass(frame, low, part)
+    return 0
+
+
+def run_pass(frame, low, part):
+    """Take the members of a block from `low` on through the steps; part : the pass."""
     flat = block_memory(frame)
     gather_members(frame, low)
+    gather_tangents(frame, low, part)
     if frame.first == 0:
-        initialise_members(frame, low)
+        initialise_members(frame, low, part)
     elif frame.shadow != 0:
         exchange_shadow(frame, 0)
     # Once all lanes are stopped or frozen, no more steps are made, but saves go on to the end.
@@ -104,8 +116,8 @@ def run_lanes(frame, low):
             is_late = 1.0 if 2 * now > frame.total else 0.0
             idle = assess_members(frame, rounds, slot, is_late, 1.0 if is_planned else 0.0)
         if is_saved:
-            save_members(frame, low, now)
-    scatter_members(frame, low)
+            save_members(frame, low, now, part)
+    scatter_members(frame, low, part)
     return 0
 
 
@@ -126,6 +138,19 @@ def gather_members(frame, low):
         # The bits of index + 1 as a float: rows of `work` are float64, and no arithmetic touches
         # them.
         work[INDEX * lanes + k] = as_float(np.uint64(indices[index] + 1))
+
+
+def gather_tangents(frame, low, part):
+    """Copy the derivatives of the members from `low` on to the workspace; part : the pass."""
+    flat, lanes, rows, members = block_memory(frame), frame.lanes, frame.rows, frame.width
+    for j in range(frame.tangents):
+        column = 1 + part * frame.tangents + j
+        block = shifted(flat.block, column * rows * members)
+        state = shifted(flat.state, (1 + j) * frame.tangents_in_state * lanes)
+        work = shifted(flat.work, (1 + j) * frame.tangents_in_work * lanes)
+        call_address(frame.gather, (block, rows, members, low, 0, 0.0, 0.0, state, work))
+        for k in range(lanes):
+            work[MEMBER_STEPS * lanes + k] = 0.0
 
 
 def begin_last_interval(frame, slot):
@@ -173,7 +198,7 @@ def position(frame, now):
     return frame.head + (now - frame.head) * (frame.last_h / frame.h)
 
 
-def initialise_members(frame, low):
+def initialise_members(frame, low, part):
     """Classify, monitor and save the start of the members."""
     flat = block_memory(frame)
     substeps, state, work = flat.substeps, flat.state, flat.work
@@ -186,7 +211,7 @@ def initialise_members(frame, low):
         duration = time_at(frame, frame.total)
         arguments = substeps, state, work, flat.shadow, frame.shadow_row, duration
         call_address(frame.begin_shadow, arguments)
-    save_members(frame, low, 0)
+    save_members(frame, low, 0, part)
 
 
 def next_stop(frame, now, round_first):
@@ -336,17 +361,20 @@ def park_finished(frame, state, now, stores):
     for k in range(lanes):
         if work[MEMBER_STEPS * lanes + k] <= float(now):
             is_any_finished = True
-            for i in range(START + frame.works):
-                at = (i if i < START else frame.work_row + i - START) * lanes + k
-                if stores != 0:
-                    trace[parking + i * lanes + k] = state[at]
-                else:
-                    state[at] = trace[parking + i * lanes + k]
+            for j in range(1 + frame.tangents):
+                for i in range(START + frame.works):
+                    row = i if i < START else frame.work_row + i - START
+                    at = (j * frame.tangents_in_state + row) * lanes + k
+                    place = parking + (j * (START + frame.works) + i) * lanes + k
+                    if stores != 0:
+                        trace[place] = state[at]
+                    else:
+                        state[at] = trace[place]
     return is_any_finished
 
 
-def save_members(frame, low, now):
-    """Write the saved values of the members at step `now`.
+def save_members(frame, low, now, part):
+    """Write the saved values of the members at step `now`, and their derivatives of a pass.
 
     Members with their own steps are sorted by steps: their values go to `saved` first.
     """
@@ -356,23 +384,37 @@ def save_members(frame, low, now):
         # The last save has its own slot, whatever the stride.
         last = (frame.total + frame.stride - 1) // frame.stride
         slot = last if now == frame.total else now // frame.stride
-        base = slot * frame.values * frame.columns + frame.column
-        t, reorders = time_at(frame, now), frame.member_steps != 0
-        to, at, pitch = (saved, 0, lanes) if reorders else (out, base + low, frame.columns)
-        arguments = (
-            work, frame.axes_row, to, at, pitch, t, 0 if reorders else frame.skips_cache,
-        )  # fmt: skip
+        tangents, each = frame.tangents, 1 + frame.passes * frame.tangents
+        base = slot * frame.values * each * frame.columns + frame.column
+        first, t, reorders = 1 + part * tangents, time_at(frame, now), frame.member_steps != 0
+        if reorders:
+            arguments = (
+                work, frame.axes_row, saved, 0, (1 + tangents) * lanes, t, 0, lanes, lanes,
+            )  # fmt: skip
+        else:
+            pitch = frame.columns
+            arguments = (
+                work, frame.axes_row, out, base + low, each * pitch, t, frame.skips_cache,
+                first * pitch, pitch,
+            )  # fmt: skip
         call_address(frame.record, arguments)
         for i in range(frame.values if reorders else 0):
-            for k in range(lanes):
-                out[base + i * frame.columns + order[low + k]] = saved[i * lanes + k]
+            for j in range(1 + tangents):
+                row = i * each + (0 if j == 0 else first + j - 1)
+                for k in range(lanes):
+                    at = (i * (1 + tangents) + j) * lanes + k
+                    out[base + row * frame.columns + order[low + k]] = saved[at]
 
 
-def scatter_members(frame, low):
-    """Copy the rows of the members back to the block.
+def scatter_members(frame, low, part):
+    """Copy the rows of the members back to the block: their derivatives of a pass, and after the
+    last pass all others.
 
     At the end of the run they contain the last good state and the exact times of events.
     """
+    scatter_tangents(frame, low, part)
+    if part < frame.passes - 1:
+        return
     done = 1 if frame.last == frame.total else 0
     if frame.shadow != 0:
         exchange_shadow(frame, 1)
@@ -385,6 +427,19 @@ def scatter_members(frame, low):
         frame.scatter,
         (flat.block, rows, members, low, works, work_row, shadow_row, done, state, work),
     )
+
+
+def scatter_tangents(frame, low, part):
+    """Copy the derivatives of the members from `low` on to the block; part : the pass."""
+    flat, lanes, rows, members = block_memory(frame), frame.lanes, frame.rows, frame.width
+    work_row, shadow_row = BODY + frame.work_row - BODY_AT, BODY + frame.shadow_row - BODY_AT
+    done = 1 if frame.last == frame.total else 0
+    for j in range(frame.tangents):
+        block = shifted(flat.block, (1 + part * frame.tangents + j) * rows * members)
+        state = shifted(flat.state, (1 + j) * frame.tangents_in_state * lanes)
+        work = shifted(flat.work, (1 + j) * frame.tangents_in_work * lanes)
+        at = rows, members, low, frame.works, work_row, shadow_row, done
+        call_address(frame.scatter, (block, *at, state, work))
 
 
 def refine_events(frame):

@@ -13,7 +13,14 @@ from itertools import accumulate
 from typing import Any, NamedTuple
 
 from rigidmc.engine.compiler.compose import inline_all
-from rigidmc.engine.compiler.memory import four_at, put_rows, three_at, tuple_at
+from rigidmc.engine.compiler.memory import (
+    four_at,
+    of_body,
+    of_effects,
+    put_rows,
+    three_at,
+    tuple_at,
+)
 from rigidmc.engine.compiler.trees import tree_unflatten
 from rigidmc.physics.dynamics.body_axes import with_axes
 from rigidmc.physics.dynamics.euler import MassProperties
@@ -168,7 +175,8 @@ def body_at(rows, row):
 
 def body_and_effects(effects, work):
     """Return the MassProperties and the effects with the members' numbers, from their rows."""
-    return body_at(work, MEMBER_ROWS + BODY), tree_unflatten(effects, work, MEMBER_ROWS + EFFECTS)
+    body = body_at(of_body(work), MEMBER_ROWS + BODY)
+    return body, tree_unflatten(effects, of_effects(work), MEMBER_ROWS + EFFECTS)
 
 
 def observed_body_and_effects(effects, axes, work, row):

@@ -14,7 +14,13 @@ import numpy as np
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
-from rigidmc.engine.compiler.memory import group_of, put_rows
+from rigidmc.engine.compiler.memory import (
+    group_of,
+    of_body,
+    of_effects,
+    put_rows,
+    without_tangents,
+)
 from rigidmc.engine.compiler.trees import (
     noise_of,
     tree_size,
@@ -124,11 +130,11 @@ def make_constants(integrator, effects, substeps, states, groups, i, state, work
     """Return the StepConstants of each group."""
     if len(states) == 0:
         return ()
-    rows, member = group_of(state, groups, i), group_of(work, groups, i)
-    body, h = body_at(rows, BODY_AT), cast_like(member[STEP_LENGTH], rows)
+    rows, member = group_of(state, groups, i), without_tangents(group_of(work, groups, i))
+    body, h = body_at(of_body(rows), BODY_AT), cast_like(member[STEP_LENGTH], rows)
     substep = substeps[4] * h, substeps[5] * h, substeps[6] * h
     precomputed = precompute(integrator, body, substep, states[0][1])
-    present, began = tree_unflatten(effects, rows, EFFECTS_AT), member[ROUND_START]
+    present, began = tree_unflatten(effects, of_effects(rows), EFFECTS_AT), member[ROUND_START]
     first = StepConstants(body, present, began, member[STEP_LENGTH], h, member[INDEX], precomputed)
     rest = make_constants(integrator, effects, substeps, states[1:], groups, i + 1, state, work)
     return (first,) + rest

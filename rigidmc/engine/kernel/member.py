@@ -234,11 +234,11 @@ def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
     return 1 if any_of(logical_not(frozen | stopped)) else 0
 
 
-def record(tree, numbers, work, axes_row, out, at, width, t, skips_cache):
+def record(tree, numbers, work, axes_row, out, at, width, t, skips_cache, tangent, apart):
     """Write the values of all observables in the last good state to `out`, from `at` on.
 
     width : from one value to the next
-    skips_cache : as in `store_rows`
+    skips_cache, tangent, apart : as in `store_rows`
     """
     observables, effects, work_flags, axes = tree_unpack(tree, numbers)
     body, present = observed_body_and_effects(effects, axes, work, axes_row)
@@ -247,9 +247,8 @@ def record(tree, numbers, work, axes_row, out, at, width, t, skips_cache):
     kinetic = kinetic_energy(body, l)
     max_kinetic = largest_kinetic_energy(has_untracked(work_flags), work, 6, kinetic)
     start = start_values(work, work_flags, works, max_kinetic, dot(l, l))
-    write_values(
-        observables, body, present, t, q, l, start, works, work, out, at, width, skips_cache
-    )
+    target = out, at, width, skips_cache, tangent, apart
+    write_values(observables, body, present, t, q, l, start, works, work, target)
     return 0
 
 
@@ -386,17 +385,18 @@ def keep_good_works(frozen, good, works, work, row, state, at):
     return 0
 
 
-def write_values(
-    observables, body, effects, t, q, l, start, works, work, out, at, width, skips_cache
-):
-    """Write the values of observables, one after the other; return the place after them."""
+def write_values(observables, body, effects, t, q, l, start, works, work, target):
+    """Write the values of observables, one after the other; return the place after them.
+
+    target : arguments of `store_rows`
+    """
+    out, at, width, skips_cache, tangent, apart = target
     if len(observables) == 0:
         return at
     values = observed(observables[0], body, effects, t, q, l, start, works)
-    at = store_rows(values, work, out, at, width, skips_cache)
-    return write_values(
-        observables[1:], body, effects, t, q, l, start, works, work, out, at, width, skips_cache
-    )
+    at = store_rows(values, work, out, at, width, skips_cache, tangent, apart)
+    target = out, at, width, skips_cache, tangent, apart
+    return write_values(observables[1:], body, effects, t, q, l, start, works, work, target)
 
 
 inline_all(sys.modules[__name__])

@@ -1,0 +1,98 @@
+"""Derivatives of functions that have a better rule than their code.
+
+The code of a function, compiled for Duals, differentiates its operations one by one. Some functions
+need another way: rounding to an integer would count as the identity, and the derivative of a
+polynomial that approximates a sine costs more than the cosine. A rule is a function of the same
+arguments; `chained` gives a value with the tangents of its argument times a derivative.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from rigidmc.engine.compiler.dual_types import DualType, make_dual, tangents_of
+from rigidmc.engine.compiler.intrinsics import intrinsic
+from rigidmc.physics.dynamics import vectors
+from rigidmc.physics.dynamics.functions import arctan2, expm1, exponential_of, logarithm_of, sincos
+from rigidmc.physics.dynamics.vectors import nearest_integer, select
+
+
+def without_derivatives(x):
+    """Return the value of a number, without its tangents."""
+    return x
+
+
+@intrinsic(without_derivatives)
+def _without_derivatives(typing_context, x):
+    if not isinstance(x, DualType):
+        return x(x), lambda context, builder, sig, args: args[0]
+    return x.vector(x), lambda context, builder, sig, args: builder.extract_value(args[0], 0)
+
+
+def chained(x, value, derivative):
+    """Return a number with this value whose tangents are those of x times the derivative."""
+    return value
+
+
+@intrinsic(chained)
+def _chained(typing_context, x, value, derivative):
+    if not isinstance(x, DualType):
+        return value(x, value, derivative), lambda context, builder, sig, args: args[1]
+
+    def generate(context, builder, sig, args):
+        tangents = [builder.fmul(p, args[2]) for p in tangents_of(builder, x, args[0])]
+        return make_dual(builder, x, args[1], tangents)
+
+    return x(x, x.vector, x.vector), generate
+
+
+def _nearest_integer(x):
+    return nearest_integer(without_derivatives(x))
+
+
+def _sincos(x):
+    s, c = sincos(without_derivatives(x))
+    return chained(x, s, c), chained(x, c, -s)
+
+
+def _exponential_of(x):
+    e = exponential_of(without_derivatives(x))
+    return chained(x, e, e)
+
+
+def _expm1(x):
+    e = expm1(without_derivatives(x))
+    return chained(x, e, e + 1.0)
+
+
+def _logarithm_of(x):
+    wide = without_derivatives(x)
+    return chained(x, logarithm_of(wide), 1.0 / wide)
+
+
+def _arctan2(y, x):
+    a, b = without_derivatives(y), without_derivatives(x)
+    # d atan2 = (x dy - y dx) / (x^2 + y^2), by halves so that no square overflows; (0, 0) has none
+    largest = vectors.maximum(abs(a), abs(b))
+    scale = 1.0 / select(largest > 0.0, largest, math.inf)
+    p, q = a * scale, b * scale
+    over = scale / select(largest > 0.0, p * p + q * q, 1.0)
+    angle = arctan2(a, b)
+    return chained(y, angle, q * over) + chained(x, 0.0 * angle, -p * over)
+
+
+RULES: dict[Callable[..., Any], Callable[..., Any]] = {
+    nearest_integer: _nearest_integer,
+    sincos: _sincos,
+    exponential_of: _exponential_of,
+    expm1: _expm1,
+    logarithm_of: _logarithm_of,
+    arctan2: _arctan2,
+}
+
+
+def rule_for(function: Any, kinds: Any) -> Any:
+    """Return the rule of a function if one of its arguments is a Dual, else the function."""
+    return (
+        RULES.get(function, function) if any(isinstance(ty, DualType) for ty in kinds) else function
+    )

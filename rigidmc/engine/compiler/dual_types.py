@@ -1,0 +1,309 @@
+"""Numbers with derivatives as types of the compiler: a vector and its tangents.
+
+A `DualType` is a vector of numbers, its value, with their derivatives by k parameters, its
+tangents. A function written for one number is compiled for Duals by calling it with them. The value
+makes the operations of a vector in the same order, so it keeps every bit; tangents never flow back
+into values. A vector or a plain number next to a Dual has no tangents and costs one product for
+each tangent in place of two (forward mode: Griewank & Walther, Evaluating Derivatives, 2nd ed.,
+SIAM 2008, chapter 3).
+"""
+
+import math
+import operator
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from llvmlite import ir
+from numba.core import types
+from numba.core.datamodel.models import PrimitiveModel
+from numba.core.datamodel.registry import register_default
+from numba.core.imputils import lower_builtin, lower_cast
+from numba.core.typeconv.castgraph import Conversion
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+
+from rigidmc.engine.compiler.vector_types import (
+    MaskType,
+    VectorType,
+    broadcast,
+    llvm_type,
+    of_llvm,
+)
+
+_PLAIN = (types.Float, types.Integer)
+# An empty field after value and tangents: no tuple of Numba has this type, so `fuse` recognises the
+# parts of a Dual by it.
+_MARK = ir.ArrayType(ir.IntType(8), 0)
+
+
+class DualType(types.Type):
+    """Vectors of the type `vector`, each with `tangents` derivatives."""
+
+    def __init__(self, vector: VectorType, tangents: int) -> None:
+        self.vector, self.tangents = vector, tangents
+        self.dtype, self.count = vector.dtype, vector.count
+        super().__init__(name=f"{vector} with {tangents} tangents")
+
+    def can_convert_from(self, typingctx: Any, other: Any) -> Conversion | None:
+        """Accept numbers and vectors; their tangents are 0."""
+        is_constant = isinstance(other, _PLAIN) or other == self.vector
+        return Conversion.safe if is_constant else None
+
+
+@register_default(DualType)
+class _Model(PrimitiveModel):
+    def __init__(self, manager: Any, ty: Any) -> None:
+        vector = llvm_type(ty.vector)
+        fields = [vector, ir.ArrayType(vector, ty.tangents), _MARK]
+        super().__init__(manager, ty, ir.LiteralStructType(fields))
+
+
+def is_dual_llvm(ty: Any) -> bool:
+    """Return whether a type of LLVM is that of a Dual."""
+    return isinstance(ty, ir.LiteralStructType) and len(ty) == 3 and ty.elements[2] == _MARK
+
+
+def value_of_dual(builder: Any, ty: DualType, x: Any) -> Any:
+    """Return LLVM code for the value of a Dual."""
+    return builder.extract_value(x, 0)
+
+
+def tangents_of(builder: Any, ty: DualType, x: Any) -> list[Any]:
+    """Return LLVM code for the tangents of a Dual."""
+    return [builder.extract_value(x, (1, j)) for j in range(ty.tangents)]
+
+
+def make_dual(builder: Any, ty: DualType, value: Any, tangents: Sequence[Any]) -> Any:
+    """Return LLVM code for a Dual of a value and its tangents."""
+    vector = llvm_type(ty.vector)
+    fields = [vector, ir.ArrayType(vector, ty.tangents), _MARK]
+    x = ir.Constant(ir.LiteralStructType(fields), ir.Undefined)
+    x = builder.insert_value(x, value, 0)
+    for j, tangent in enumerate(tangents):
+        x = builder.insert_value(x, tangent, (1, j))
+    return x
+
+
+def zeros(ty: DualType) -> list[Any]:
+    """Return the tangents of a constant."""
+    return [ir.Constant(llvm_type(ty.vector), None)] * ty.tangents
+
+
+@lower_cast(VectorType, DualType)
+def _from_vector(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any:
+    return make_dual(builder, toty, value, zeros(toty))
+
+
+@lower_cast(types.Float, DualType)
+@lower_cast(types.Integer, DualType)
+def _from_plain(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any:
+    number = context.cast(builder, value, fromty, toty.dtype)
+    return make_dual(builder, toty, broadcast(builder, llvm_type(toty.vector), number), zeros(toty))
+
+
+def dual_among(kinds: Sequence[Any]) -> DualType | None:
+    """Return the Dual among types that may meet in one operation; None if there is none."""
+    dual = next((ty for ty in kinds if isinstance(ty, DualType)), None)
+    if dual is None or not all(ty in (dual, dual.vector) or isinstance(ty, _PLAIN) for ty in kinds):
+        return None
+    return dual
+
+
+class Operand:
+    """An argument of an operation: its value, and its tangents; None for a constant."""
+
+    def __init__(self, context: Any, builder: Any, ty: DualType, kind: Any, x: Any) -> None:
+        self.tangents: list[Any] | None = None
+        if isinstance(kind, DualType):
+            self.value, self.tangents = builder.extract_value(x, 0), tangents_of(builder, kind, x)
+        elif isinstance(kind, VectorType):
+            self.value = x
+        else:
+            number = context.cast(builder, x, kind, ty.dtype)
+            self.value = broadcast(builder, llvm_type(ty.vector), number)
+
+
+Build = Callable[..., tuple[Any, list[Any]]]  # build(builder, type, *operands): value and tangents
+
+
+def _define(operation: Any, arity: int, build: Build) -> None:
+    """Register an operation on Duals with the compiler; one of several operands must be a Dual."""
+
+    @infer_global(operation)
+    class Template(AbstractTemplate):
+        def generic(self, args: Any, kws: Any) -> Any:
+            dual = dual_among(args) if len(args) == arity else None
+            return None if dual is None else signature(dual, *args)
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        ty = sig.return_type
+        operands = [
+            Operand(context, builder, ty, kind, x) for kind, x in zip(sig.args, args, strict=True)
+        ]
+        return make_dual(builder, ty, *build(builder, ty, *operands))
+
+    for kinds in _kinds(arity):
+        lower_builtin(operation, *kinds)(lower)
+
+
+def _kinds(arity: int) -> list[tuple[type, ...]]:
+    """Return the classes of operands of which one is a Dual."""
+    if arity == 1:
+        return [(DualType,)]
+    others = (VectorType, *_PLAIN)
+    mixed = [pair for other in others for pair in ((DualType, other), (other, DualType))]
+    return [(DualType, DualType), *mixed]
+
+
+def _add(b: Any, ty: DualType, x: Operand, y: Operand) -> tuple[Any, list[Any]]:
+    value = b.fadd(x.value, y.value)
+    if x.tangents is None or y.tangents is None:
+        return value, x.tangents or y.tangents or []
+    return value, [b.fadd(p, q) for p, q in zip(x.tangents, y.tangents, strict=True)]
+
+
+def _subtract(b: Any, ty: DualType, x: Operand, y: Operand) -> tuple[Any, list[Any]]:
+    value = b.fsub(x.value, y.value)
+    if y.tangents is None:
+        return value, x.tangents or []
+    if x.tangents is None:
+        return value, [b.fneg(q) for q in y.tangents]
+    return value, [b.fsub(p, q) for p, q in zip(x.tangents, y.tangents, strict=True)]
+
+
+def _multiply(b: Any, ty: DualType, x: Operand, y: Operand) -> tuple[Any, list[Any]]:
+    value = b.fmul(x.value, y.value)
+    if y.tangents is None:
+        return value, [b.fmul(p, y.value) for p in x.tangents or []]
+    if x.tangents is None:
+        return value, [b.fmul(x.value, q) for q in y.tangents]
+    pairs = zip(x.tangents, y.tangents, strict=True)
+    return value, [b.fadd(b.fmul(x.value, q), b.fmul(p, y.value)) for p, q in pairs]
+
+
+def _divide(b: Any, ty: DualType, x: Operand, y: Operand) -> tuple[Any, list[Any]]:
+    # (x/y)' = (x' - (x/y) y') / y, with one division for all tangents
+    value = b.fdiv(x.value, y.value)
+    over = b.fdiv(constant(ty, 1.0), y.value)
+    if y.tangents is None:
+        return value, [b.fmul(p, over) for p in x.tangents or []]
+    if x.tangents is None:
+        return value, [b.fneg(b.fmul(b.fmul(value, q), over)) for q in y.tangents]
+    pairs = zip(x.tangents, y.tangents, strict=True)
+    return value, [b.fmul(b.fsub(p, b.fmul(value, q)), over) for p, q in pairs]
+
+
+def constant(ty: DualType, number: float) -> Any:
+    """Return LLVM code for a vector with one number in every lane."""
+    return ir.Constant(llvm_type(ty.vector), [number] * ty.count)
+
+
+def choose(b: Any, ty: DualType, mask: Any, one: Operand, other: Operand) -> Any:
+    """Return (value, tangents) of one operand where a mask holds, else of the other."""
+    tangents = zip(one.tangents or zeros(ty), other.tangents or zeros(ty), strict=True)
+    value = b.select(mask, one.value, other.value)
+    return value, [b.select(mask, p, q) for p, q in tangents]
+
+
+def _extreme(sign: str) -> Build:
+    """Return `max` or `min` as in Python: max(a, b) is b if b > a else a."""
+    return lambda b, ty, x, y: choose(b, ty, b.fcmp_ordered(sign, y.value, x.value), y, x)
+
+
+def dual_root(b: Any, ty: DualType, x: Operand) -> tuple[Any, list[Any]]:
+    """Return (value, tangents) of a square root; tangents of 0 at 0, where there are none."""
+    value = of_llvm("sqrt")(b, ty.vector, x.value)
+    # the divisor is guarded: 0 * inf would be nan, and a later product with 0 would keep it
+    divisor = b.select(b.fcmp_ordered(">", value, constant(ty, 0.0)), value, constant(ty, math.inf))
+    half = b.fdiv(constant(ty, 0.5), divisor)
+    return value, [b.fmul(p, half) for p in x.tangents or []]
+
+
+def _absolute(b: Any, ty: DualType, x: Operand) -> tuple[Any, list[Any]]:
+    negative = b.fcmp_ordered("<", x.value, constant(ty, 0.0))
+    tangents = [b.select(negative, b.fneg(p), p) for p in x.tangents or []]
+    return of_llvm("fabs")(b, ty.vector, x.value), tangents
+
+
+def _copy_sign(b: Any, ty: DualType, x: Operand, y: Operand) -> tuple[Any, list[Any]]:
+    value = of_llvm("copysign")(b, ty.vector, x.value, y.value)
+    # copysign(1, x y) without the product: whether the sign of x changes
+    one = constant(ty, 1.0)
+    by = b.fmul(
+        of_llvm("copysign")(b, ty.vector, one, x.value),
+        of_llvm("copysign")(b, ty.vector, one, y.value),
+    )
+    return value, [b.fmul(p, by) for p in x.tangents or zeros(ty)]
+
+
+def _step_function(name: str) -> Build:
+    """Return a function whose derivative is 0 wherever it has one."""
+    return lambda b, ty, x: (of_llvm(name)(b, ty.vector, x.value), zeros(ty))
+
+
+for _operation, _build in (
+    (operator.add, _add),
+    (operator.iadd, _add),
+    (operator.sub, _subtract),
+    (operator.isub, _subtract),
+    (operator.mul, _multiply),
+    (operator.imul, _multiply),
+    (operator.truediv, _divide),
+    (operator.itruediv, _divide),
+    (max, _extreme(">")),
+    (min, _extreme("<")),
+    (math.copysign, _copy_sign),
+):
+    _define(_operation, 2, _build)
+_define(operator.neg, 1, lambda b, ty, x: (b.fneg(x.value), [b.fneg(p) for p in x.tangents]))
+_define(operator.pos, 1, lambda b, ty, x: (x.value, x.tangents))
+for _operation in (abs, math.fabs):
+    _define(_operation, 1, _absolute)
+_define(math.sqrt, 1, dual_root)
+for _operation in (math.floor, math.ceil, math.trunc):
+    _define(_operation, 1, _step_function(_operation.__name__))
+
+
+def _define_comparison(operation: Any, sign: str) -> None:
+    """Register a comparison of values with the compiler."""
+
+    @infer_global(operation)
+    class Template(AbstractTemplate):
+        def generic(self, args: Any, kws: Any) -> Any:
+            dual = dual_among(args) if len(args) == 2 else None
+            return dual and signature(MaskType(dual.dtype, dual.count), *args)
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        ty = dual_among(sig.args)
+        x, y = (
+            Operand(context, builder, ty, kind, a).value  # type: ignore[arg-type]
+            for kind, a in zip(sig.args, args, strict=True)
+        )
+        compare = builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered
+        return compare(sign, x, y)
+
+    for kinds in _kinds(2):
+        lower_builtin(operation, *kinds)(lower)
+
+
+for _operation, _sign in (
+    (operator.lt, "<"),
+    (operator.le, "<="),
+    (operator.gt, ">"),
+    (operator.ge, ">="),
+    (operator.eq, "=="),
+    (operator.ne, "!="),
+):
+    _define_comparison(_operation, _sign)
+
+
+@infer_global(math.isnan)
+class _IsNan(AbstractTemplate):
+    def generic(self, args: Any, kws: Any) -> Any:
+        (x,) = args
+        return signature(MaskType(x.dtype, x.count), x) if isinstance(x, DualType) else None
+
+
+@lower_builtin(math.isnan, DualType)
+def _is_nan(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    value = builder.extract_value(args[0], 0)
+    return builder.fcmp_unordered("uno", value, value)
