@@ -154,11 +154,63 @@ def _kinds(arity: int) -> list[tuple[type, ...]]:
     return [(DualType, DualType), *mixed]
 
 
+def part_of_dual(value: Any) -> Any:
+    """Return the value or tangent that was put into a Dual and is taken from it; others unchanged.
+
+    Vectors are put into nothing: code that looks for a product then sees the same one as for them.
+    """
+    while getattr(value, "opname", None) == "extractvalue" and is_dual_llvm(value.operands[0].type):
+        dual, place = value.operands[0], tuple(value.indices)
+        while getattr(dual, "opname", None) == "insertvalue" and tuple(dual.indices) != place:
+            dual = dual.operands[0]
+        if getattr(dual, "opname", None) != "insertvalue":
+            return value
+        value = dual.operands[1]
+    return value
+
+
+def _products(b: Any, ty: DualType, factors: Sequence[tuple[Any, Any]]) -> Any:
+    """Return LLVM code for a sum of products, which remembers its factors."""
+    (one, other), *rest = factors
+    total = b.fmul(one, other)
+    for one, other in rest:
+        total = of_llvm("fma")(b, ty.vector, one, other, total)
+    total.factors = factors
+    return total
+
+
+def _factors_of(tangent: Any) -> list[tuple[Any, Any]]:
+    """Return the factors of a sum of products that is made in this function, else []."""
+    return getattr(part_of_dual(tangent), "factors", [])
+
+
+def _plus(b: Any, ty: DualType, p: Any, q: Any) -> Any:
+    """Return LLVM code for the sum of two tangents."""
+    # The order of sums in tangents is free, in values it is not: products become part of fused
+    # multiply-adds from the last to the first, 2 operations for (x y)' + z' in place of 3.
+    if not _factors_of(p):
+        p, q = q, p
+    factors = _factors_of(p)
+    for one, other in factors:
+        q = of_llvm("fma")(b, ty.vector, one, other, q)
+    return q if factors else b.fadd(p, q)
+
+
+def _minus(b: Any, ty: DualType, p: Any, q: Any) -> Any:
+    """Return LLVM code for the difference of two tangents."""
+    if _factors_of(p):
+        return _plus(b, ty, p, b.fneg(q))
+    factors = _factors_of(q)
+    for one, other in factors:
+        p = of_llvm("fma")(b, ty.vector, b.fneg(one), other, p)
+    return p if factors else b.fsub(p, q)
+
+
 def _add(b: Any, ty: DualType, x: Operand, y: Operand) -> tuple[Any, list[Any]]:
     value = b.fadd(x.value, y.value)
     if x.tangents is None or y.tangents is None:
         return value, x.tangents or y.tangents or []
-    return value, [b.fadd(p, q) for p, q in zip(x.tangents, y.tangents, strict=True)]
+    return value, [_plus(b, ty, p, q) for p, q in zip(x.tangents, y.tangents, strict=True)]
 
 
 def _subtract(b: Any, ty: DualType, x: Operand, y: Operand) -> tuple[Any, list[Any]]:
@@ -167,17 +219,17 @@ def _subtract(b: Any, ty: DualType, x: Operand, y: Operand) -> tuple[Any, list[A
         return value, x.tangents or []
     if x.tangents is None:
         return value, [b.fneg(q) for q in y.tangents]
-    return value, [b.fsub(p, q) for p, q in zip(x.tangents, y.tangents, strict=True)]
+    return value, [_minus(b, ty, p, q) for p, q in zip(x.tangents, y.tangents, strict=True)]
 
 
 def _multiply(b: Any, ty: DualType, x: Operand, y: Operand) -> tuple[Any, list[Any]]:
     value = b.fmul(x.value, y.value)
     if y.tangents is None:
-        return value, [b.fmul(p, y.value) for p in x.tangents or []]
+        return value, [_products(b, ty, [(p, y.value)]) for p in x.tangents or []]
     if x.tangents is None:
-        return value, [b.fmul(x.value, q) for q in y.tangents]
+        return value, [_products(b, ty, [(x.value, q)]) for q in y.tangents]
     pairs = zip(x.tangents, y.tangents, strict=True)
-    return value, [b.fadd(b.fmul(x.value, q), b.fmul(p, y.value)) for p, q in pairs]
+    return value, [_products(b, ty, [(p, y.value), (x.value, q)]) for p, q in pairs]
 
 
 def _divide(b: Any, ty: DualType, x: Operand, y: Operand) -> tuple[Any, list[Any]]:
@@ -185,11 +237,12 @@ def _divide(b: Any, ty: DualType, x: Operand, y: Operand) -> tuple[Any, list[Any
     value = b.fdiv(x.value, y.value)
     over = b.fdiv(constant(ty, 1.0), y.value)
     if y.tangents is None:
-        return value, [b.fmul(p, over) for p in x.tangents or []]
+        return value, [_products(b, ty, [(p, over)]) for p in x.tangents or []]
+    away = b.fneg(value)
     if x.tangents is None:
-        return value, [b.fneg(b.fmul(b.fmul(value, q), over)) for q in y.tangents]
+        return value, [b.fmul(b.fmul(away, q), over) for q in y.tangents]
     pairs = zip(x.tangents, y.tangents, strict=True)
-    return value, [b.fmul(b.fsub(p, b.fmul(value, q)), over) for p, q in pairs]
+    return value, [b.fmul(of_llvm("fma")(b, ty.vector, away, q, p), over) for p, q in pairs]
 
 
 def constant(ty: DualType, number: float) -> Any:

@@ -11,7 +11,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from rigidmc.engine.compiler.dual_types import is_dual_llvm
+from rigidmc.engine.compiler.dual_types import part_of_dual
 
 
 def fuse(function: ir.Function) -> None:
@@ -57,24 +57,9 @@ def _fuse_sum(module: Any, block: Any, instruction: Any) -> list[Any]:
     return [*added, fma]
 
 
-def _part_of_dual(value: Any) -> Any:
-    """Return the value or tangent that was put into a Dual and is taken from it; others unchanged.
-
-    The rule then sees the same products as for plain vectors, which are put into nothing.
-    """
-    while getattr(value, "opname", None) == "extractvalue" and is_dual_llvm(value.operands[0].type):
-        dual, place = value.operands[0], tuple(value.indices)
-        while getattr(dual, "opname", None) == "insertvalue" and tuple(dual.indices) != place:
-            dual = dual.operands[0]
-        if getattr(dual, "opname", None) != "insertvalue":
-            return value
-        value = dual.operands[1]
-    return value
-
-
 def _factors(value: Any) -> Any:
     """Return the factors of a product made in this function, broadcast or not; else None."""
-    value = _part_of_dual(value)
+    value = part_of_dual(value)
     operation = getattr(value, "opname", None)  # arguments and constants have none
     if operation == "fmul":
         return value.operands
