@@ -59,7 +59,8 @@ from rigidmc.physics.integrators.protocol import (
 )
 from rigidmc.physics.observables.protocol import size
 
-MARCH = "piswsikkuiii"  # the arguments of `march`, see `KernelKey`
+TRACE_ROWS = 7 * (TRACE + 1)  # the states before and after each of TRACE steps
+MARCH = "piswtikkuiii"  # the arguments of `march`, see `KernelKey`
 NO_NOISE = NoiseKeys(np.uint64(0), np.uint64(0), np.zeros(1, np.uint64), np.zeros(0, np.int64))
 NO_SAVES = SaveTarget(np.empty(0), 0, 0, np.empty(0, np.int64))
 CALL = 3_000_000  # member-steps per call: 10 to 60 ms at 50 to 300 M/s on two threads
@@ -141,18 +142,15 @@ class Program:
         marks = [len(m) for _, m in running]
         rows = map_rows(tree_size(effects), len(works), len(events), marks, bool(shadow), axes)
         self.rows = rows.end
-        self.tangents = (
-            Tangents(
-                derivatives.at_once,
-                _rounded_up(BODY_AT + rows.end - BODY),
-                _rounded_up(MEMBER_ROWS + rows.end),
-                derivatives.of_body,
-                derivatives.of_effects,
-            )
-            if derivatives.at_once
-            else NO_TANGENTS
-        )
         random = any(map(takes_noise, effects))
+        self.paired, self.deferred = flag(paired), flag(nodes == 1 and all_merge(running))
+        self.kept = TRACE * sum(marks) if self.deferred else 0
+        self.tangents = NO_TANGENTS
+        if derivatives.at_once:
+            counts = self.row_counts(rows.end)
+            aparts = (_rounded_up(counts[name]) for name in ("state", "work", "trace", "kept"))
+            active = derivatives.of_body, derivatives.of_effects
+            self.tangents = Tangents(derivatives.at_once, *aparts, *active)
         self.shape = KernelShape(
             lanes=self.lanes,
             values=sum(size(o.dims, len(works)) for o in observables),
@@ -174,10 +172,9 @@ class Program:
             passes=derivatives.passes,
             tangents_in_state=self.tangents.in_state,
             tangents_in_work=self.tangents.in_work,
+            parking=TRACE_ROWS + self.tangents.count * self.tangents.in_trace,
         )
         kept = flag(attitude), flag(compensated)
-        self.paired, self.deferred = flag(paired), flag(nodes == 1 and all_merge(running))
-        self.kept = TRACE * sum(marks) if self.deferred else 0
         self.kernel_keys = self._make_keys(
             kept, observables, tuple(limits), works, events, running, shadow,
             static_count(AXES_ROWS * axes),
@@ -209,7 +206,7 @@ class Program:
             return plain and plain._replace(tangents=self.tangents)
 
         is_monitored = events or running
-        stops = form, effects, events, axes
+        stops = form, effects, events, axes, flag(self.tangents.count > 0)
         registers = static_count(shape.monitors)
         steps = form, effects, events, running, dense, axes, self.deferred, registers
         last = form, effects, flags[1], works
@@ -222,15 +219,15 @@ class Program:
             record=dual(
                 observables, member.record, (observables, effects, works, axes), "wipiifiii"
             ),
-            begin_monitors=key(
+            begin_monitors=dual(
                 is_monitored, monitoring.begin_monitors, (effects, events, running, axes), "pswii"
             ),
-            monitor_steps=key(is_monitored, monitoring.monitor_steps, steps, "pswswiiiiii"),
-            refine_event=key(events, refine_event, stops, "pwswiiiiff"),
+            monitor_steps=dual(is_monitored, monitoring.monitor_steps, steps, "pswtdiiiiii"),
+            refine_event=dual(events, refine_event, stops, "pwswiiiiff"),
             begin_shadow=key(shadow, begin_shadow, (form, effects), "pswsif"),
             renormalise_shadow=key(shadow, renormalise_shadow, (form, effects), "pswsifff"),
             change_length=dual(shape.changes_length, last_interval.change_length, last, "pswfffi"),
-            reweigh=key(shape.reweighs, last_interval.reweigh, (events, running), "wif"),
+            reweigh=dual(shape.reweighs, last_interval.reweigh, (events, running), "wif"),
         )
         return {**table._asdict(), "advance": advance_key(self.dtype)}
 
@@ -337,21 +334,33 @@ class Program:
         )
         call_kernel(self._advance, "p", fill_record(self._frame, steps, noise, saves, workspace))
 
+    def row_counts(self, rows: int) -> dict[str, int]:
+        """Return {name: rows} of the memory with rows that may have derivatives; rows : of a
+        block."""
+        return {
+            "state": BODY_AT + rows - BODY,
+            "work": MEMBER_ROWS + rows,
+            "trace": TRACE_ROWS,
+            "kept": max(1, self.kept),
+        }
+
     def working_memory(self, rows: int) -> dict[str, tuple[int, DTypeLike]]:
         """Return {name in Workspace: (count, type)} of the numbers that one member works in.
 
         rows : of its block
         """
-        count, in_state, in_work, *_ = self.tangents
-        state = BODY_AT + rows - BODY + count * in_state, self.dtype
+        count, counts = self.tangents.count, self.row_counts(rows)
+        state, work, trace, kept = (
+            counts[name] + count * getattr(self.tangents, f"in_{name}") for name in counts
+        )
         parked = (1 + count) * (START + self.shape.works)
         return {
-            "state": state,
-            "shadow_state": state,
-            "work": (MEMBER_ROWS + rows + count * in_work, float),
-            "spare_work": (MEMBER_ROWS + count * in_work, float),
-            "trace": (7 * (TRACE + 1) + parked, self.dtype),
-            "kept": (max(1, self.kept), float),
+            "state": (state, self.dtype),
+            "shadow_state": (state, self.dtype),
+            "work": (work, float),
+            "spare_work": (MEMBER_ROWS + count * self.tangents.in_work, float),
+            "trace": (trace + parked, self.dtype),
+            "kept": (kept, float),
             "saved": (max(1, self.shape.values * (1 + count)), float),
         }
 

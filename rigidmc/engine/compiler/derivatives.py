@@ -46,6 +46,29 @@ def _chained(typing_context, x, value, derivative):
     return x(x, x.vector, x.vector), generate
 
 
+def moving(x, change):
+    """Return a number whose only derivative is `change`; compiled only."""
+    raise NotImplementedError
+
+
+@intrinsic(moving)
+def _moving(typing_context, x, change):
+    ty = DualType(x, 1)
+    return ty(x, x), lambda context, builder, sig, args: make_dual(builder, ty, args[0], args[1:])
+
+
+def change_of(x):
+    """Return the only derivative of a number; compiled only."""
+    raise NotImplementedError
+
+
+@intrinsic(change_of)
+def _change_of(typing_context, x):
+    if not isinstance(x, DualType):  # a level that does not move
+        return x(x), lambda context, builder, sig, args: context.get_constant_null(x)
+    return x.vector(x), lambda context, builder, sig, args: tangents_of(builder, x, args[0])[0]
+
+
 def _nearest_integer(x):
     return nearest_integer(without_derivatives(x))
 

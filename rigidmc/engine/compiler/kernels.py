@@ -77,14 +77,16 @@ class Tangents(NamedTuple):
     """The derivatives that a kernel computes along with its numbers.
 
     count : derivatives of each number, 0 for none
-    in_state, in_work : vectors from a number to its first derivative in `state` and in `work`, see
-        `DualRows`
+    in_state, in_work, in_trace, in_kept : vectors from a number to its first derivative in this
+        memory, see `DualRows`
     of_body, of_effects : whether those of the body and of the effects' parameters may differ from 0
     """
 
     count: int
     in_state: int = 0
     in_work: int = 0
+    in_trace: int = 0
+    in_kept: int = 0
     of_body: bool = True
     of_effects: bool = True
 
@@ -98,8 +100,9 @@ class KernelKey(NamedTuple):
     parts : NamedTuples; their types decide the code, which reads their numbers
     dtype, lanes : precision of the run, and how many members are worked on side by side
     arguments : the types of the other arguments in letters: s for rows in the precision of the run,
-        w for rows in float64, p for plain numbers in memory, n and u for integers and words in
-        memory, i for an integer, k for a word, f for a number, r for a record of the type `record`
+        w for rows in float64, t for the trace and d for running states before its steps, p for
+        plain numbers in memory, n and u for integers and words in memory, i for an integer, k for a
+        word, f for a number, r for a record of the type `record`
     tangents : of the numbers in rows
     """
 
@@ -123,6 +126,8 @@ def signature_of(key: KernelKey) -> Any:
     types_of = {
         "s": _rows(key, real, key.tangents.in_state),
         "w": _rows(key, _REAL, key.tangents.in_work),
+        "t": _rows(key, real, key.tangents.in_trace),
+        "d": _rows(key, _REAL, key.tangents.in_kept),
         "p": _PLAIN,
         "n": Rows(_INT, 0),
         "u": Rows(types.uint64, 0),
@@ -138,10 +143,10 @@ def signature_of(key: KernelKey) -> Any:
 
 def _rows(key: KernelKey, real: Any, apart: int) -> Rows:
     """Return the type of a workspace of a kernel."""
-    count, _, _, *active = key.tangents
+    count, *_, of_body, of_effects = key.tangents
     if not count:
         return Rows(real, key.lanes)
-    return DualRows(real, key.lanes, count, apart, tuple(active))
+    return DualRows(real, key.lanes, count, apart, (of_body, of_effects))
 
 
 def compile_kernel(key: KernelKey) -> tuple[CompiledFunction, NDArray[np.float64]]:

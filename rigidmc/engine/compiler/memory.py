@@ -352,22 +352,33 @@ def picked_rows(marks, rows, index, row):
 @intrinsic(picked_rows)
 def _picked_rows(typing_context, marks, rows, index, row):
     numbers = types.UniTuple(rows.item, len(marks))
+    tangents = rows.tangents if isinstance(rows, DualRows) else 0
+    vector = llvm_type(VectorType(rows.dtype, rows.count))
 
     def generate(context, builder, sig, args):
-        pitch, vector, each = _WORD(rows.pitch), llvm_type(rows.item), [None] * len(marks)
+        pitch = _WORD(rows.pitch)
+        places = [
+            i + (j * rows.apart if j else 0) for i in range(len(marks)) for j in range(1 + tangents)
+        ]
+        is_dual = isinstance(index, DualType)
+        own_rows = builder.extract_value(args[2], 0) if is_dual else args[2]
+        each: list[Any] = [None] * len(places)
         for k in range(rows.count):
             lane = ir.Constant(ir.IntType(32), k)
-            own = builder.fptosi(builder.extract_element(args[2], lane), _WORD)
+            own = builder.fptosi(builder.extract_element(own_rows, lane), _WORD)
             first = builder.mul(builder.add(own, args[3]), pitch)
             # A whole row, of which one number is used: a load that merges by a mask is one
             # instruction, an insertion two or more.
             this = ir.Constant(
                 ir.VectorType(ir.IntType(1), rows.count), [i == k for i in range(rows.count)]
             )
-            for i in range(len(marks)):
-                at = builder.add(first, _WORD(i * rows.pitch))
+            for i, place in enumerate(places):
+                at = builder.add(first, _WORD(place * rows.pitch))
                 row = builder.load(_place(builder, rows, args[1], at, vector), align=_align(rows))
                 each[i] = builder.select(this, row, each[i]) if k else row
+        if tangents:
+            parts = (each[i : i + 1 + tangents] for i in range(0, len(each), 1 + tangents))
+            each = [make_dual(builder, rows.item, value, rest) for value, *rest in parts]
         return context.make_tuple(builder, numbers, each)
 
     return numbers(marks, rows, index, types.intp), generate

@@ -63,6 +63,7 @@ class KernelShape(NamedTuple):
     tangents, passes : derivatives of each number in a pass, and passes through the steps
     tangents_in_state, tangents_in_work : vectors from a number to its first derivative, see
         `rigidmc.engine.compiler.memory.DualRows`
+    parking : the row of the trace from which on the states of finished members are kept
     """
 
     lanes: int
@@ -84,6 +85,7 @@ class KernelShape(NamedTuple):
     passes: int
     tangents_in_state: int
     tangents_in_work: int
+    parking: int
 
 
 class StepRange(NamedTuple):

@@ -355,7 +355,7 @@ def park_finished(frame, state, now, stores):
 
     Return True if there are any.
     """
-    lanes, is_any_finished, parking = frame.lanes, False, 7 * (TRACE + 1) * frame.lanes
+    lanes, is_any_finished, parking = frame.lanes, False, frame.parking * frame.lanes
     flat = block_memory(frame)
     trace, work = flat.trace, flat.work
     for k in range(lanes):
@@ -412,14 +412,14 @@ def scatter_members(frame, low, part):
 
     At the end of the run they contain the last good state and the exact times of events.
     """
-    scatter_tangents(frame, low, part)
-    if part < frame.passes - 1:
-        return
     done = 1 if frame.last == frame.total else 0
     if frame.shadow != 0:
         exchange_shadow(frame, 1)
     if done != 0 and frame.records > 0:
         refine_events(frame)
+    scatter_tangents(frame, low, part)
+    if part < frame.passes - 1:
+        return
     flat, rows, members, works = block_memory(frame), frame.rows, frame.width, frame.works
     work_row, shadow_row = BODY + frame.work_row - BODY_AT, BODY + frame.shadow_row - BODY_AT
     state, work = flat.state, flat.work
@@ -453,10 +453,13 @@ def refine_events(frame):
     long_until = time_at(frame, min_integer(frame.total, frame.head))
     # Steps back need body, effects and the lengths of steps, and must not change the members
     # themselves.
-    for i in range(MEMBER_ROWS * lanes):
-        spare_work[i] = work[i]
-    for i in range((BODY_AT + frame.rows - BODY) * lanes):
-        spare_state[i] = state[i]
+    for j in range(1 + frame.tangents):
+        at = j * frame.tangents_in_work * lanes
+        for i in range(at, at + MEMBER_ROWS * lanes):
+            spare_work[i] = work[i]
+        at = j * frame.tangents_in_state * lanes
+        for i in range(at, at + (BODY_AT + frame.rows - BODY) * lanes):
+            spare_state[i] = state[i]
     for record in range(frame.records):
         count = 0.0
         for k in range(lanes):

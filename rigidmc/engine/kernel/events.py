@@ -20,8 +20,9 @@ import sys
 import numpy as np
 
 from rigidmc.engine.compiler.compose import inline_all
+from rigidmc.engine.compiler.derivatives import chained, change_of, moving, without_derivatives
 from rigidmc.engine.compiler.intrinsics import any_of, in_precision
-from rigidmc.engine.compiler.memory import four_at, put_rows, three_at
+from rigidmc.engine.compiler.memory import four_at, put_rows, three_at, without_tangents
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
 from rigidmc.engine.kernel.dense_output import interpolate, make_interpolant, time_within
 from rigidmc.engine.kernel.layout import (  # fmt: skip
@@ -44,7 +45,9 @@ from rigidmc.engine.kernel.layout import (  # fmt: skip
     opening_substep,
     put_stepping,
 )
+from rigidmc.physics.dynamics.euler import scaled
 from rigidmc.physics.dynamics.so3 import logical_not, select, select_all
+from rigidmc.physics.effects.sums import state_rates
 from rigidmc.physics.integrators.protocol import from_stepping, to_stepping
 from rigidmc.physics.observables.protocol import (
     EventRecord,
@@ -260,15 +263,18 @@ def refine_event(
     long_until, ratio : when the steps before the last interval end [s], and their length relative
         to its steps
     """
-    integrator, effects, events, axes = tree_unpack(tree, numbers)
+    integrator, effects, events, axes, derived = tree_unpack(tree, numbers)
     at = row + record // 2 * EVENT_ROWS + RECORDS + record % 2 * RECORD_ROWS
+    place = row + record // 2 * EVENT_ROWS + TIMES + record % 2
     body, present = observed_body_and_effects(effects, axes, work, axes_row)
-    t, last_h, bracket = work[at], work[STEP_LENGTH], four_at(work, at + 1)
+    # The bracket and the step back have no derivatives: the time gets its own at the end.
+    plain, spare = without_tangents(work), without_tangents(spare_work)
+    t, last_h, bracket = plain[at], plain[STEP_LENGTH], four_at(plain, at + 1)
     # The end time of a step shows whether it belongs to the last interval.
     h = select(t < long_until + 0.5 * last_h, last_h * ratio, last_h)
     older, level_before = bracket[1], bracket[3]
     if steps_back > 0:
-        fraction = spare_work[CHECKED_STATE + 4]
+        fraction = spare[CHECKED_STATE + 4]
         back_step = -fraction * h
         substep = opening_substep(substeps, back_step)
         q = in_precision(four_at(spare_state, ATTITUDE), work)
@@ -276,19 +282,61 @@ def refine_event(
         torque_time = t + back_step + substeps[3] * back_step
         q, l = from_stepping(integrator, body, present, torque_time, substep, q, l)
         level_here = level_at(events, record // 2, body, present, t + back_step, q, l)
-        bracket = shrink_bracket(four_at(spare_work, CHECKED_STATE), fraction, level_here)
+        here = without_derivatives(level_here)
+        bracket = shrink_bracket(four_at(spare, CHECKED_STATE), fraction, here)
+        keep_time_change(
+            derived, effects, events, axes, record // 2, t + back_step, h, q, l, level_here, work,
+            axes_row, place, row + record // 2 * EVENT_ROWS + COUNT,
+        )  # fmt: skip
     fraction = interpolate_root(bracket)
     back_step = -fraction * h
-    put_rows(bracket + (fraction,), spare_work, CHECKED_STATE)
+    put_rows(bracket + (fraction,), spare, CHECKED_STATE)
     substep = opening_substep(substeps, back_step)
     q, l = four_at(work, at + 5), three_at(work, at + 9)
     q, l = to_stepping(integrator, body, present, t + substeps[3] * back_step, substep, q, l)
     put_stepping(in_precision(q, spare_state), in_precision(l, spare_state), spare_state)
-    put_rows((t, back_step), spare_work, ROUND_START)  # and STEP_LENGTH, the row after it
+    put_rows((t, back_step), spare, ROUND_START)  # and STEP_LENGTH, the row after it
     # Both ends have one sign: no crossing was bracketed, because the event counted at the start.
     at_start = (level_before < 0.0) == (older < 0.0)
-    work[row + record // 2 * EVENT_ROWS + TIMES + record % 2] = select(at_start, t, t + back_step)
+    plain[place] = select(at_start, t, t + back_step)
     return 0
+
+
+def keep_time_change(
+    derived, effects, events, axes, index, t, h, q, l, level_here, work, axes_row, place,
+    count_row,
+):  # fmt: skip
+    """Write the derivatives of the time of an event, -dg/dp / (dg/dt) of its level g (implicit
+    function theorem), to a row whose value is written later.
+
+    derived : ON if there are derivatives
+    """
+    if len(derived) == 0:
+        return 0
+    plain = without_tangents(work)
+    body, present = observed_body_and_effects(effects, axes, plain, axes_row)
+    q, l = first_values(q), first_values(l[:3])
+    dq, dl = state_rates(scaled(body, h), present, body, t, h, q, l)
+    q, l = moving_each(q, dq), moving_each(l, dl)
+    rate = change_of(level_at(events, index, body, present, moving(t, h), q, l))
+    # no time depends on a parameter if there is no event, or if its level stands still
+    is_timed = (rate != 0.0) & (plain[count_row] > 0.0)
+    work[place] = chained(level_here, t, -h / select(is_timed, rate, math.inf))
+    return 0
+
+
+def first_values(numbers):
+    """Return a tuple of numbers without their derivatives."""
+    if len(numbers) == 0:
+        return ()
+    return (without_derivatives(numbers[0]),) + first_values(numbers[1:])
+
+
+def moving_each(numbers, changes):
+    """Return a tuple of numbers, each with its change as its only derivative."""
+    if len(numbers) == 0:
+        return ()
+    return (moving(numbers[0], changes[0]),) + moving_each(numbers[1:], changes[1:])
 
 
 def level_at(events, index, body, effects, t, q, l):

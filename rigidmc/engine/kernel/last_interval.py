@@ -10,7 +10,7 @@ import sys
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
-from rigidmc.engine.compiler.memory import put_rows, tuple_at
+from rigidmc.engine.compiler.memory import put_rows, tuple_at, without_tangents
 from rigidmc.engine.compiler.trees import tree_size, tree_unpack
 from rigidmc.engine.kernel.layout import (  # fmt: skip
     ATTITUDE,
@@ -44,13 +44,14 @@ def change_length(tree, numbers, substeps, state, work, slot, round_start, h, me
     q, l = state_in_double(state, work, compensated)
     extra = tuple_at(extra_flags(extra_state(integrator), work_flags), state, row)
     l = concat(l, in_precision(extra, work))
-    old_h, steps_done = work[STEP_LENGTH], min(work[MEMBER_STEPS], slot)
-    t = work[ROUND_START] + (steps_done + substeps[3]) * old_h
+    times = without_tangents(work)
+    old_h, steps_done = times[STEP_LENGTH], min(times[MEMBER_STEPS], slot)
+    t = times[ROUND_START] + (steps_done + substeps[3]) * old_h
     q, l = from_stepping(integrator, body, present, t, opening_substep(substeps, old_h), q, l)
-    new_h = member_length(work, h, member_steps)
+    new_h = member_length(times, h, member_steps)
     first_step = 0.0 if member_steps != 0 else slot  # each round begins with step 0
     # The opening substep is undone with the old length and redone with the new one.
-    t = cast_like(round_start, work) + (first_step + substeps[3]) * new_h
+    t = cast_like(round_start, times) + (first_step + substeps[3]) * new_h
     q, l = to_stepping(integrator, body, present, t, opening_substep(substeps, new_h), q, l)
     put_rows(in_precision(q + first_three(l), state), state, ATTITUDE)
     put_rows(in_precision(l[3:], state), state, row)

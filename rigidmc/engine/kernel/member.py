@@ -27,6 +27,7 @@ from rigidmc.engine.compiler.memory import (
     store_rows,
     three_at,
     tuple_at,
+    without_tangents,
 )
 from rigidmc.engine.compiler.trees import tree_size, tree_unflatten, tree_unpack
 from rigidmc.engine.kernel.layout import (  # fmt: skip
@@ -142,7 +143,8 @@ def initialise(tree, numbers, substeps, state, work):
     integrator, effects, limits, work_flags = tree_unpack(tree, numbers)
     body, present = body_and_effects(effects, work)
     q, l = four_at(work, MEMBER_ROWS + ATTITUDE), three_at(work, MEMBER_ROWS + MOMENTUM)
-    h = work[STEP_LENGTH]
+    times = without_tangents(work)
+    h = times[STEP_LENGTH]
     kinetic, l2 = kinetic_energy(body, l), dot(l, l)
     energy = kinetic + total_energy(present, body, q)
     # a custom potential may state no bound
@@ -170,7 +172,7 @@ def initialise(tree, numbers, substeps, state, work):
     put_rows(q + l, work, MEMBER_ROWS + GOOD_STATE)
 
     l = concat(l, tuple_at(work_flags, work, MEMBER_ROWS + EFFECTS + tree_size(effects)))
-    t, substep = work[ROUND_START] + substeps[3] * h, opening_substep(substeps, h)
+    t, substep = times[ROUND_START] + substeps[3] * h, opening_substep(substeps, h)
     q, l = to_stepping(integrator, body, present, t, substep, q, l)
     put_rows(in_precision(q + first_three(l), state), state, ATTITUDE)
     row = extra_row(extra_state(integrator), EFFECTS_AT + tree_size(effects))
@@ -194,12 +196,13 @@ def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
     body, present = body_and_effects(effects, work)
     work_row = EFFECTS_AT + tree_size(effects)
     good_work_row = MEMBER_ROWS + EFFECTS + tree_size(effects) + len(work_flags)
-    h, steps_done = work[STEP_LENGTH], min(work[MEMBER_STEPS], slot)
+    times = without_tangents(work)
+    h, steps_done = times[STEP_LENGTH], min(times[MEMBER_STEPS], slot)
     q, l = state_in_double(state, work, compensated)
     extra = extra_flags(extra_state(integrator), work_flags)
     row = extra_row(extra_state(integrator), work_row)
     l = concat(l, in_precision(tuple_at(extra, state, row), work))
-    t = work[ROUND_START] + (steps_done + substeps[3]) * h
+    t = times[ROUND_START] + (steps_done + substeps[3]) * h
     q, l = from_stepping(integrator, body, present, t, opening_substep(substeps, h), q, l)
     works, stopped = l[3:], work[IS_STOPPED] > 0.0
     q = next_attitude(attitude, q, four_at(work, MEMBER_ROWS + GOOD_STATE))
@@ -223,7 +226,7 @@ def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
     fault = classify_state(
         limits, not_finite, work, work_flags, works, max_kinetic, q, l, omega, h, energy, l2
     )
-    steps = rounds * work[MEMBER_STEPS] + steps_done
+    steps = rounds * times[MEMBER_STEPS] + steps_done
     good = update_status(fault, start, energy, l2, steps, q, l, work, late)
     frozen = work[MEMBER_ROWS + STATUS] > 0.0
     last_good = tuple_at(work_flags, work, good_work_row)

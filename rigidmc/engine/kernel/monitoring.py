@@ -28,6 +28,7 @@ from rigidmc.engine.compiler.memory import (
     put_rows,
     three_at,
     tuple_at,
+    without_tangents,
 )
 from rigidmc.engine.compiler.trees import tree_unpack
 from rigidmc.engine.kernel.dense_output import (
@@ -132,7 +133,7 @@ def monitor_group(
     integrator, effects, events, running, dense, axes, deferred, _ = parts
     body, present = observed_body_and_effects(effects, axes, work, axes_row)
     reading, running_row = trace_reading(substeps, work), row + EVENT_ROWS * len(events)
-    h, steps = reading.length, work[MEMBER_STEPS]
+    h, steps = reading.length, without_tangents(work)[MEMBER_STEPS]
     levels, totals = levels_at(events, work, row), states_at(running, work, running_row)
     t, q, l = traced_state(integrator, body, present, reading, state, work, trace, first, first)
     node = node_at(dense, events, running, Step(body, present, t, h, q, l, q, l))
@@ -179,8 +180,9 @@ class TraceReading(NamedTuple):
 
 def trace_reading(substeps, work):
     """Return the TraceReading of a group of members."""
-    length = work[STEP_LENGTH]
-    return TraceReading(work[ROUND_START], length, opening_substep(substeps, length), substeps[3])
+    times = without_tangents(work)
+    length = times[STEP_LENGTH]
+    return TraceReading(times[ROUND_START], length, opening_substep(substeps, length), substeps[3])
 
 
 def traced_state(integrator, body, effects, reading, state, work, trace, s, first):
