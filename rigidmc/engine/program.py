@@ -262,6 +262,16 @@ class Program:
                 compile_kernel(keys[name])
 
     @property
+    def copies(self) -> int:
+        """Number of rows, in a block and in a save, for each number: its value and derivatives."""
+        return 1 + self.shape.tangents * self.shape.passes
+
+    @property
+    def saved_values(self) -> int:
+        """Numbers of a member's save, with their derivatives."""
+        return self.shape.values * self.copies
+
+    @property
     def label(self) -> str:
         """Display name: integrator and effects."""
         integrator = self.scheme.name or type(self.scheme.integrator).__name__
@@ -315,7 +325,7 @@ class Program:
     ) -> None:  # fmt: skip
         """Take a block through these steps; see `rigidmc.engine.kernel.block.advance`."""
         lanes, (rows, members) = self.lanes, block.shape
-        rows //= 1 + self.shape.tangents * self.shape.passes
+        rows //= self.copies
         noise = noise or NO_NOISE._replace(members=np.arange(members))
         saves = saves or NO_SAVES
         offsets = 8 * lanes, saves.out.ctypes.data, 8 * saves.columns, 8 * saves.column

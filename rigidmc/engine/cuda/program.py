@@ -112,8 +112,8 @@ class CudaProgram(Program):
         """Do the same as `Program.workers`; return at least one thread per GPU."""
         threads = max(threads, len(self.devices))
         blocks = min(threads, blocks)  # at once
-        count = self.shape.values * members
-        each = 8 * (self.rows * members + count + min(count * saves, max(count, SAVED // 8)))
+        count = self.saved_values * members
+        each = 8 * (self.rows * self.copies * members + count + min(count * saves, max(count, SAVED // 8)))
         need = each * -(-blocks // len(self.devices))
         with self._stream().module.entered():
             free, _ = call_driver("cuMemGetInfo")
@@ -172,7 +172,7 @@ class CudaProgram(Program):
         saves: SaveTarget,
     ) -> Generator[int, bool | None, None]:
         members = block.shape[1]
-        count = self.shape.values * members if saves.columns else 0  # numbers of a save
+        count = self.saved_values * members if saves.columns else 0  # numbers of a save
         max_saves = min(-(-steps.total // steps.stride), max(1, SAVED // (8 * count or 1)))
         frame, block_at = self._on_device(stream, block, noise)
         order, frame_at = stream.put(saves.order), stream.room(frame.nbytes)
@@ -202,6 +202,7 @@ class CudaProgram(Program):
         """Return (the frame of a block now on the GPU, the address of the block there)."""
         *kernels, substeps = stream.module.numbers
         block_at, (rows, members) = stream.put(block), block.shape
+        rows //= self.copies
         workspace = Workspace(
             substeps=substeps,
             substep_rows=self.substeps.size // 4,
@@ -221,10 +222,10 @@ class CudaProgram(Program):
         self, stream: CudaStream, values: int, slots: range, saves: SaveTarget, members: int
     ) -> None:
         """Copy the saves of a launch from the GPU to their destination."""
-        shape = len(slots), self.shape.values, members
+        shape = len(slots), self.saved_values, members
         got = stream.pinned(math.prod(shape))
         stream.read(got, values)
-        size = self.shape.values * saves.columns
+        size = self.saved_values * saves.columns
         out = saves.out.reshape(-1)[size * slots.start : size * slots.stop]
         wide = out.reshape(*shape[:2], saves.columns)
         wide[:, :, saves.column : saves.column + members] = got.reshape(shape)
