@@ -47,10 +47,9 @@ def directions(run, count=2):
 def moved(run, change=None, at_once=0):
     """(saves, rows at the end) of a run, with derivatives along changes of its start."""
     plan, columns = run.plan, 0 if change is None else len(change)
-    derivatives = (
-        Derivatives(at_once or columns, columns // (at_once or columns)) if columns else None
-    )
-    program = make_program(plan) if derivatives is None else with_derivatives(plan, derivatives)
+    at_once = at_once or columns
+    passes = columns // at_once if columns else 1
+    program = with_derivatives(plan, Derivatives(at_once, passes))
     rows = run.initial(0, MEMBERS)[0]
     block = rows if change is None else np.concatenate([rows, *change])
     out = np.full((plan.times.size, plan.values, 1 + columns, MEMBERS), np.nan)
