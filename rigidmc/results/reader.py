@@ -145,6 +145,13 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
     """Return (axes of a result, {name: Variable} of all variables that results of a scene may have,
     names of the required ones)."""
     model, run, recorded = scene.model, scene.run, make_recording(scene)
+    opaque = [
+        (label, effect)
+        for label, effect in label_effects(scene.effects)
+        if hasattr(effect, "stand_in")
+    ]
+    # only the code defines the units of their parameters
+    own = tuple(f"effects.{label}." for label, _ in opaque)
     parameters = parameters_of_run(scene)
     bins = tuple(
         (f"{label}_bin", one.edges(), _units(recorded, one.name, f"{label}_bin", dataset))
@@ -159,7 +166,9 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
         bins=bins,
         dims=dimensions(recorded.recorded, recorded.monitored),
         parameters=parameters,
-        parameter_units=tuple(units_of(scene, name) for name in parameters),
+        parameter_units=tuple(
+            "" if name.startswith(own) else units_of(scene, name) for name in parameters
+        ),
     )
     always = member_variables(model, run, recorded, False)
     saved, flagged = saved_variables(scene.effects, recorded), flagged_variables(recorded)
@@ -172,11 +181,6 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
         **flagged,
         **derivative_variables(flagged, axes.parameter_units),
     }
-    opaque = [
-        (label, effect)
-        for label, effect in label_effects(scene.effects)
-        if hasattr(effect, "stand_in")
-    ]
     if (
         scene.body.inertia_key == "tensor"
     ):  # only the code defines which vectors are turned into each body

@@ -28,7 +28,8 @@ def kept_values(layout: ResultLayout, parts: Arrays) -> Arrays:
     kept = {}
     for observable, word in layout.recording.retained.items():
         for axis, name in enumerate(layout.names_of(observable)):  # axis : of times
-            values, before = parts[name], (slice(None),) * axis
+            values: Any = parts[name]
+            before = (slice(None),) * axis
             if word == "full":
                 kept[name] = values
             elif word == "thinned":

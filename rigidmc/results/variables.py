@@ -69,6 +69,8 @@ def derivative_variables(
 ) -> dict[str, Variable]:
     """Return the variables with the derivatives of saved variables, {} without parameters.
 
+    parameter_units : of each parameter, "" if unknown; units of derivatives are then unknown, too
+
     The derivative of an attitude q is the vector of the rotation in body axes, 2 vec(q* dq/dp),
     with q* the conjugate of q.
     """
@@ -81,6 +83,8 @@ def derivative_variables(
             units, text = "rad", f"{text}, as a rotation vector in body axes"
             dims = tuple("axis" if dim in ROTATED else dim for dim in dims)
         about = {"units": derivative_units(units, parameter_units), "long_name": text}
+        if "" in parameter_units:
+            del about["units"]
         found[derivative_name(name)] = Variable(("parameter", *dims), "f8", about)
     return found
 

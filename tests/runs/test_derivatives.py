@@ -16,13 +16,15 @@ from rigidmc.physics.dynamics.so3 import multiply
 from rigidmc.planning import plan
 from rigidmc.planning.plan import Plan
 from rigidmc.results.export import member_table
-from rigidmc.results.sinks import make_buffer
+from rigidmc.results.frames import in_principal_axes
+from rigidmc.results.sinks import MemorySink, make_buffer
 from rigidmc.runs import assemble, blocks, prepare
 from rigidmc.runs.directory import checkpoints, gather, resume
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.dataset import open_run
 from rigidmc.scene.derivatives import derivative_units, parameters_of_run, quotient
 from rigidmc.views.descriptions import outline
+from rigidmc.views.sample import drive_of
 from tests.runs.test_resume import changed
 
 WRT = ("body.moments.2", "start.omega.1", "start.omega.3")
@@ -191,6 +193,20 @@ def test_a_block_in_progress_keeps_its_derivatives(tmp_path, monkeypatch):
     assert checkpoints._saved(job._replace(stride=4, total=8), 4) == 2 * 8 * 4 * 32
 
 
+def test_a_shard_in_progress_keeps_its_derivatives():
+    run = rm.prepare(SCENE, wrt=WRT, keep={"omega": "final"})
+    result = run.layout._replace(block=32)
+    first, second = MemorySink(result, {}, False), MemorySink(result, {}, False)
+    for sink, some in ((first, [0]), (second, [1, 2])):
+        if sink is second:
+            part = first.part()
+            assert sum(array.nbytes for array in part.values()) <= first.largest()
+            assert second.fill(part)
+        parts = run.plan, result, run.initial, run.program(), sink
+        blocks.compute(*parts, threads=1, block=32, blocks=some, members=70)
+    assert check(second.finish()).equals(run.run())
+
+
 def test_rows_of_derivatives_keep_their_members(monkeypatch):
     """Members with steps of their own are sorted in a block: their derivatives with them."""
 
@@ -304,3 +320,34 @@ def test_studies_read_values_alone():
         rm.ftle(SCENE, wrt=WRT)
     scene, _ = rm.frequencies.designed(SCENE.with_run(wrt=WRT), {"of": "omega[1]"}, {})
     assert scene.run.wrt is None
+
+
+def test_a_result_with_code_is_opened_without_running_it(tmp_path):
+    """Only the code knows the unit of the parameter, so the file's own is shown."""
+    text = (
+        "from typing import NamedTuple\nimport rigidmc as rm\n"
+        "@rm.protocols.effect(units={'size': 'N m'}, limits={'size': (0.0, 1.0)}, example=(0.1,))\n"
+        "class Wind(NamedTuple):\n    size: float\n"
+        "    def torque(self, t, l):\n        return self.size, 0.0, 0.0\n"
+    )
+    (tmp_path / "wind.py").write_text(text)
+    wind = '[effects.Wind]\nmodule = "wind.py"\nsize = 0.1\n[start]'
+    (tmp_path / "s.toml").write_text(
+        SCENE.dumps().replace("[effects]", "").replace("[start]", wind)
+    )
+    scene = rm.Scene.load(tmp_path / "s.toml", allow_code=True)
+    rm.simulate(scene, wrt="effects.Wind.size", output=tmp_path / "r.nc").close()
+    with rm.open(tmp_path / "r.nc") as ds:
+        assert ds.d_omega.attrs["units"] == "rad s-1 N-1 m-1"
+        assert ds.parameter_unit.values.tolist() == [""]
+        assert np.array_equal(ds.d_omega[0], ds.omega)
+
+
+def test_derivatives_are_not_taken_for_vectors_of_the_body():
+    """d_momentum ends like the momentum of a rotor, and has axes: both decided by name once."""
+    ds = rm.simulate(SCENE, wrt=WRT).rename(omega="momentum", d_omega="d_momentum")
+    assert drive_of(ds) == drive_of(ds.drop_dims("parameter"))
+    turn = ("quat", "member"), np.broadcast_to([[0.6], [0.8], [0.0], [0.0]], (4, 70))
+    turned = in_principal_axes(ds.assign(principal_axes=turn).assign_attrs(body_axes="described"))
+    assert turned.d_momentum.identical(ds.d_momentum)
+    assert not turned.momentum.equals(ds.momentum)
