@@ -191,9 +191,9 @@ def _make_job(
         random = noise_keys(plan.model.effects, plan.run.seed, members)
         if plan.has_member_steps:
             order = order_by_steps(rows)
-            for some in rows_to_fill(plan.model.effects):  # the others are 0 so far
+            # the others are 0 so far; derivatives follow the axes
+            for some in (*rows_to_fill(plan.model.effects), slice(plan.places.axes, None)):
                 _reorder(rows[some], order)
-            _reorder(rows[plan.places.end :], order)
             slots = int(rows[layout.STEPS].max(initial=1.0))
     return BlockJob(
         first=first,
