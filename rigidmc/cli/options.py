@@ -107,7 +107,7 @@ def _observables() -> Iterable[str]:
 
 
 _COMPLETED = {"integrator": make_completion(_integrators), "save": make_completion(_observables)}
-_TEXTS: dict[str, Callable[[str], Any]] = {"save": words_of, "keep": _keep_of}
+_TEXTS: dict[str, Callable[[str], Any]] = {"save": words_of, "wrt": words_of, "keep": _keep_of}
 
 
 def setting(name: str, words: str | None = None) -> Any:

@@ -170,7 +170,7 @@ def command_of(study: "Study") -> Callable[..., None]:
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     if is_direct:
         return gather_options("where", OF_FILES, where_of)(command)
-    settings = add_setting_options(*(study.settings or ()), words=study.settings_help)
+    settings = add_setting_options(*(study.settings or ()), but=("wrt",), words=study.settings_help)
     return settings(gather_options("where", OF_MEMBERS, where_of)(command))
 
 

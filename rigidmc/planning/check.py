@@ -16,6 +16,7 @@ from rigidmc.physics.integrators import refusal
 from rigidmc.physics.observables import OUTCOMES, is_own, outputs
 from rigidmc.physics.observables.protocol import DIMENSIONS, EnsembleObservable, Neighbour
 from rigidmc.scene.amounts import count_text
+from rigidmc.scene.derivatives import derivative_name
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import Grid, count_rows, draw, is_shared
 from rigidmc.scene.recording import Recording
@@ -44,6 +45,9 @@ def check_scene(scene: Scene, recording: Recording) -> None:
     if works and run.dtype == "float32":
         rule = "needs float64: sums in float32 keep their remainders, but sums of work cannot"
         raise SceneError(rule, at="run.save", value="work")
+    if run.wrt and run.integrator == "closed":
+        rule = 'closed forms have no derivatives: use integrator = "exact" or "rk8"'
+        raise SceneError(rule, at="run.wrt", value=", ".join(run.wrt))
     if run.integrator != "auto":
         refused = refusal(
             run.integrator, model.effects, run.compensated, works, scene.known_integrators()
@@ -54,7 +58,7 @@ def check_scene(scene: Scene, recording: Recording) -> None:
     _check_points(model, run)
     model = model.coarse()
     _check_parts(model.effects, scene.observables, scene.integrators)
-    _check_variables(recording)
+    _check_variables(run, recording)
     _check_sampled(model, run)
 
 
@@ -205,9 +209,11 @@ def _check_parameters(run: Run, label: str, effect: Effect) -> None:
             raise SceneError(rule, at=f"{at}.{effect._fields[0]}")
 
 
-def _check_variables(recording: Recording) -> None:
+def _check_variables(run: Run, recording: Recording) -> None:
     """Raise SceneError if a custom observable reuses the name of an existing variable."""
     taken = {*OUTCOMES, *DIMENSIONS, "member", "time", "moments", "tensor", "mass", "centre"}
+    if run.wrt:
+        taken |= {"parameter", "parameter_unit", *map(derivative_name, recording.names)}
     every: list[tuple[Any, list[str]]] = [(recording.observable(n), [n]) for n in recording.names]
     every += [(one, list(outputs(label, one))) for label, one in recording.monitored]
     for one, names in sorted(every, key=lambda pair: is_own(pair[0])):

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.engine.compiler.memory import allocate_block
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.layout import RowMap, whole_lanes
 from rigidmc.errors import SceneError
@@ -73,6 +74,10 @@ class Plan(NamedTuple):
     conserved : see `rigidmc.scene.recording.conservation`
     paired : whether a step has the noise of two steps of half its length, as in coarse paths of a
         multilevel study, see `rigidmc.studies.multilevel.levels`
+    wrt : parameters by which saved values are differentiated
+    columns : derivatives that each number of a block and of a save has, at least one per parameter;
+        those beyond are 0 and fill the last pass
+    at_once : columns of a pass; a run makes columns/at_once passes over its members
     """
 
     model: Model
@@ -103,6 +108,9 @@ class Plan(NamedTuple):
     conserved: dict[str, str]
     which: NDArray[np.int64] | None = None
     paired: bool = False
+    wrt: tuple[str, ...] = ()
+    columns: int = 0
+    at_once: int = 0
 
     def indices(self, first: int, count: int) -> NDArray[np.int64]:
         """Return the indices of `count` members from place `first` on.
@@ -127,12 +135,19 @@ class Plan(NamedTuple):
         """Number of values that a member records at a save."""
         return max((rows.stop for rows in self.saved.values()), default=0)
 
+    @property
+    def passes(self) -> int:
+        """Number of passes of `at_once` columns; 0 without derivatives."""
+        return self.columns // max(1, self.at_once)
+
     def initial(
         self, sampler: Source, first: int, count: int, pilot: InitialMembers | None = None
     ) -> tuple[NDArray[np.float64], Start]:
         """Build `count` members from place `first` on, and more to fill lanes.
 
-        Returns their rows, and the sampled values they were built from.
+        Returns their rows, and the sampled values they were built from. With derivatives, the
+        `places.end` rows are followed by as many for each column j, from row places.end (1 + j) on:
+        their derivatives by parameter j.
         pilot : the first members, if they are already built
         """
         members = self.indices(first, whole_lanes(count))
@@ -148,7 +163,14 @@ class Plan(NamedTuple):
         if self.has_member_steps:
             rate = rate_bounds(self.model.effects, block)
             block[layout.STEPS] = count_member_steps(rate, self.grid.dt, self.run.turn)
-        return block, start
+        return self._with_tangents(block) if self.columns else block, start
+
+    def _with_tangents(self, block: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a block with the rows of its derivatives."""
+        rows, members = block.shape
+        whole = allocate_block(rows * (1 + self.columns), members)
+        whole[:rows], whole[rows:] = block, 0.0
+        return whole
 
     def bounds(self) -> dict[str, float]:
         """Return the finite limits among those a scene may set, under their names in the scene."""
@@ -186,11 +208,12 @@ def make_plan(
     monitors: Monitors,
     attitude: bool,
     pilot: InitialMembers,
+    wrt: tuple[str, ...] = (),
 ) -> Plan:
     """Return the Plan of a checked run; raise SceneError if it cannot run.
 
     kind : the integrator of `run`;  attitude : whether the attitude is followed
-    pilot : the first members of the coarse model
+    pilot : the first members of the coarse model;  wrt : as in Plan
     """
     effects, is_closed = model.effects, run.integrator == "closed"
     steps = _steps(effects, run, pilot.block)
@@ -219,6 +242,7 @@ def make_plan(
     watches = bool(recording.recorded or monitors.events or monitors.running)
     has_axes = model.body.is_turned and model.body.frame == "described" and watches
     bounds = run, kind, conserved, attitude, steps.theta, mean, scheme, spin
+    columns, at_once = choose_columns(len(wrt))
     return Plan(
         model=model,
         run=run,
@@ -247,7 +271,15 @@ def make_plan(
         nodes=nodes(effects, monitors, reach),
         saved=value_rows(recording.recorded, len(effects)),
         conserved=conserved,
+        wrt=wrt,
+        columns=columns,
+        at_once=at_once,
     )
+
+
+def choose_columns(parameters: int) -> tuple[int, int]:
+    """Return (columns, columns of a pass) of a run with derivatives by a number of parameters."""
+    return parameters, parameters
 
 
 def _steps(effects: Sequence[Any], run: Run, pilot: NDArray[np.float64]) -> _Steps:

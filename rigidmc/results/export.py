@@ -17,6 +17,7 @@ import xarray as xr
 from rigidmc.files.outputs import PartialFile, Path, naming_the_path, refuse_existing, write_bytes
 from rigidmc.files.reading import harmless
 from rigidmc.results.writer import netcdf_bytes
+from rigidmc.scene.derivatives import EACH
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,11 +71,12 @@ def member_table(dataset: xr.Dataset) -> "pd.DataFrame":
             if time in variable.dims and "member" in variable.dims:
                 name = f"{name.removesuffix(ending)}_final"
                 variable = variable.isel({time: -1})
-        if "member" not in variable.dims or variable.ndim > 2:
+        several = variable.ndim > 2 and "parameter" not in variable.dims
+        if "member" not in variable.dims or several:
             continue
         for label, part in _parts(name, variable):
             columns[label] = part.values
-            units[label] = str(variable.attrs.get("units", "1"))
+            units[label] = _units(part)
     frame = pd.DataFrame(columns)
     frame.attrs = {key: _plain(value) for key, value in dataset.attrs.items()} | {"units": units}
     return frame
@@ -87,7 +89,19 @@ def _parts(name: str, variable: xr.DataArray) -> list[tuple[str, xr.DataArray]]:
         return [(name, variable)]
     dim = others[0]
     labels = variable[dim].values if dim in variable.coords else range(1, variable.sizes[dim] + 1)
-    return [(f"{name}_{label}", variable.isel({dim: i})) for i, label in enumerate(labels)]
+    return [
+        part
+        for i, label in enumerate(labels)
+        for part in _parts(f"{name}_{label}", variable.isel({dim: i}))
+    ]
+
+
+def _units(part: xr.DataArray) -> str:
+    """Return the units of a column; of a derivative, with the unit of its parameter."""
+    units = str(part.attrs.get("units", "1"))
+    if units.endswith(EACH):
+        return f"{units.removesuffix(EACH)}per {part.parameter_unit.item()}"
+    return units
 
 
 def _plain(value: Any) -> Any:

@@ -19,7 +19,6 @@ from rigidmc.results.sinks import (
     flagged_values,
     kept_values,
     make_buffer,
-    split_values,
 )
 from rigidmc.results.writer import Writer, round_digits
 
@@ -69,8 +68,7 @@ class FileSink(WholeSink):
         layout, counts, flagged = self.layout, Arrays(), Arrays()
         values = {name: array for name, array in results.items() if name in layout.by_member}
         if layout.values:
-            saved = job.out.reshape(layout.axes.times.size, layout.values, job.width)
-            parts = split_values(layout, saved)
+            parts = layout.split(layout.saves(job.out, job.width))
             counts = self.counts.of(job, parts, results["status"])
             status = results["status"][: job.size]
             flagged = flagged_values(layout, job.members, parts, status)

@@ -54,7 +54,8 @@ def in_principal_axes(ds: xr.Dataset) -> xr.Dataset:
     rotors = [
         name
         for name in map(str, ds.data_vars)
-        if name.endswith("_momentum") and name not in _VECTORS and "axis" in ds[name].dims
+        if name.endswith("_momentum") and name not in _VECTORS
+        if "axis" in ds[name].dims and "parameter" not in ds[name].dims
     ]
     names = [name for name in (*_VECTORS, *_ATTITUDES, *rotors) if name in ds]
     turned = ds.assign({name: principal(ds, name) for name in names})

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.physics.observables.protocol import DIMENSIONS
-from rigidmc.results.variables import Variable
+from rigidmc.results.variables import ROTATED, Variable
+from rigidmc.scene.derivatives import derivative_name
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.recording import Recording
@@ -27,6 +28,7 @@ class Axes(NamedTuple):
     times : of the saves [s];  thinned : indices of the saves kept for thinned observables
     labels : of the effects whose works are saved
     bins : (dimension, edges, units) of each histogram;  dims : dimensions of all kept observables
+    parameters, parameter_units : of the derivatives
     """
 
     times: NDArray[np.float64]
@@ -34,6 +36,8 @@ class Axes(NamedTuple):
     labels: tuple[str, ...]
     bins: tuple[tuple[str, NDArray[np.float64], str], ...]
     dims: tuple[str, ...]
+    parameters: tuple[str, ...] = ()
+    parameter_units: tuple[str, ...] = ()
 
     def coordinates(self, members: Sequence[int] | NDArray[Any] = ()) -> dict[str, Coordinate]:
         """Return coordinates as {name: (dims, values, attrs)}; members : their indices."""
@@ -50,9 +54,16 @@ class Axes(NamedTuple):
             middles, width = 0.5 * (edges[1:] + edges[:-1]), edges[1] - edges[0]
             text = {"units": units, "long_name": "middle of the bin", "width": width}
             bins[name] = ((name,), middles, text)
+        derivatives: dict[str, Coordinate] = {}
+        if self.parameters:
+            about = {"long_name": "parameter of the derivatives"}
+            derivatives["parameter"] = (("parameter",), np.array(self.parameters), about)
+            about = {"long_name": "unit of the parameter"}
+            derivatives["parameter_unit"] = (("parameter",), np.array(self.parameter_units), about)
         indices = np.asarray(members, np.int64)
         return {
             **effects,
+            **derivatives,
             **bins,
             "member": (("member",), indices, {"long_name": "index of the member"}),
             "time": (("time",), self.times.copy(), {"units": "s", "long_name": "time"}),
@@ -74,6 +85,7 @@ class Axes(NamedTuple):
             "member": members,
             "flagged": None,
             "effect": len(self.labels),
+            "parameter": len(self.parameters),
             "component": 6,
             **{name: len(labels) for name, (labels, _) in DIMENSIONS.items()},
         }
@@ -91,6 +103,7 @@ class ResultLayout(NamedTuple):
     by_member, at_saves, of_ensemble, of_flagged : {name: Variable}
     constant : names of variables that all members share, stored once in memory
     block : members of a chunk of a file
+    columns : derivatives of a saved value in memory, see `rigidmc.planning.plan.Plan`
     """
 
     scene: Scene
@@ -108,11 +121,44 @@ class ResultLayout(NamedTuple):
     of_flagged: dict[str, Variable]
     constant: frozenset[str]
     block: int = 0
+    columns: int = 0
 
     @property
     def values(self) -> int:
         """Number of values that a member records at a save."""
         return max((rows.stop for rows in self.saved.values()), default=0)
+
+    def names_of(self, observable: str) -> tuple[str, ...]:
+        """Return the names of a saved observable and, if the run has them, of its derivatives."""
+        more = (derivative_name(observable),) if self.axes.parameters else ()
+        return observable, *more
+
+    @property
+    def numbers(self) -> int:
+        """Number of values and derivatives that a member saves in all."""
+        return self.axes.times.size * self.values * (1 + self.columns)
+
+    def saves(self, out: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+        """Return the memory of saves as an array (time, value, 1 + columns, width): in column 0
+        the values, in column 1 + j their derivatives by parameter j."""
+        return out.reshape(self.axes.times.size, self.values, 1 + self.columns, width)
+
+    def split(self, saves: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+        """Return {name: view} of the members in `saves`, for each observable and its derivatives.
+
+        Values are (time, component, member), derivatives (parameter, time, component, member);
+        scalars have no components.
+        """
+        found = {}
+        for name, rows in self.saved.items():
+            dims = self.recording.observable(name).dims
+            found[name] = saves[:, rows if dims else rows.start, 0]
+            if self.axes.parameters:
+                turns = dims == ROTATED  # three numbers in place of four
+                some = slice(rows.start, rows.start + 3) if turns else rows if dims else rows.start
+                columns = slice(1, 1 + len(self.axes.parameters))
+                found[derivative_name(name)] = np.moveaxis(saves[:, some, columns], -2, 0)
+        return found
 
     def indices(self, first: int, count: int) -> NDArray[np.int64]:
         """Return the indices of `count` members from place `first` on; beyond the end, repeat the
@@ -160,7 +206,7 @@ class ResultLayout(NamedTuple):
         dims, dtype, _ = self.variables[name]
         return (
             self.scene.run.digits is not None
-            and dims[0] in ("time", "thinned_time")
+            and not {"time", "thinned_time"}.isdisjoint(dims)
             and dims[-1] == "member"
             and dtype == "f8"
         )

@@ -24,16 +24,19 @@ from rigidmc.results.layout import Axes
 from rigidmc.results.variables import (
     NEWER,
     Variable,
+    derivative_variables,
     ensemble_variables,
     flagged_variables,
     member_variables,
     parameter_variable,
     saved_variables,
 )
+from rigidmc.scene.derivatives import parameters_of_run
 from rigidmc.scene.recording import Recording, make_recording
 from rigidmc.scene.scene import Scene, loads
 from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.read import scene_text
+from rigidmc.scene.units import units_of
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -81,7 +84,7 @@ def _added(dataset: xr.Dataset, name: str) -> xr.Variable:
     return variable
 
 
-_OVER = ("time", "thinned_time", "member", "flagged")
+_OVER = ("time", "thinned_time", "parameter", "member", "flagged")
 
 
 def check_result(dataset: xr.Dataset, path: str) -> tuple[xr.Dataset, list[str]]:
@@ -142,6 +145,14 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
     """Return (axes of a result, {name: Variable} of all variables that results of a scene may have,
     names of the required ones)."""
     model, run, recorded = scene.model, scene.run, make_recording(scene)
+    opaque = [
+        (label, effect)
+        for label, effect in label_effects(scene.effects)
+        if hasattr(effect, "stand_in")
+    ]
+    # only the code defines the units of their parameters
+    own = tuple(f"effects.{label}." for label, _ in opaque)
+    parameters = parameters_of_run(scene)
     bins = tuple(
         (f"{label}_bin", one.edges(), _units(recorded, one.name, f"{label}_bin", dataset))
         for label, one in recorded.histograms
@@ -154,20 +165,22 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
         else (),
         bins=bins,
         dims=dimensions(recorded.recorded, recorded.monitored),
+        parameters=parameters,
+        parameter_units=tuple(
+            "" if name.startswith(own) else units_of(scene, name) for name in parameters
+        ),
     )
     always = member_variables(model, run, recorded, False)
+    saved, flagged = saved_variables(scene.effects, recorded), flagged_variables(recorded)
     known = {
         **always,
         **member_variables(model, run, recorded, True),
-        **saved_variables(scene.effects, recorded),
+        **saved,
+        **derivative_variables(saved, axes.parameter_units),
         **ensemble_variables(recorded),
-        **flagged_variables(recorded),
+        **flagged,
+        **derivative_variables(flagged, axes.parameter_units),
     }
-    opaque = [
-        (label, effect)
-        for label, effect in label_effects(scene.effects)
-        if hasattr(effect, "stand_in")
-    ]
     if (
         scene.body.inertia_key == "tensor"
     ):  # only the code defines which vectors are turned into each body

@@ -20,27 +20,22 @@ Arrays = dict[str, NDArray[Any]]
 Place = tuple[NDArray[np.float64], int, int]  # an array, its width, and the column of a block in it
 
 
-def split_values(layout: ResultLayout, values: NDArray[Any]) -> Arrays:
-    """Return {name: view} of the rows of values (time, row, member) of each observable."""
-    return {
-        name: values[:, rows if layout.recording.observable(name).dims else rows.start]
-        for name, rows in layout.saved.items()
-    }
-
-
 def kept_values(layout: ResultLayout, parts: Arrays) -> Arrays:
     """Return {variable: array, members last} of the kept values.
 
-    parts : saved values by name, with all times first
+    parts : saved values and derivatives by name, at all times, see `ResultLayout.split`
     """
     kept = {}
-    for name, word in layout.recording.retained.items():
-        if word == "full":
-            kept[name] = parts[name]
-        elif word == "thinned":
-            kept[f"{name}_thinned"] = parts[name][layout.axes.thinned]
-        elif word == "final":
-            kept[f"{name}_final"] = parts[name][-1]
+    for observable, word in layout.recording.retained.items():
+        for axis, name in enumerate(layout.names_of(observable)):  # axis : of times
+            values: Any = parts[name]
+            before = (slice(None),) * axis
+            if word == "full":
+                kept[name] = values
+            elif word == "thinned":
+                kept[f"{name}_thinned"] = values[(*before, layout.axes.thinned)]
+            elif word == "final":
+                kept[f"{name}_final"] = values[(*before, -1)]
     return kept
 
 
@@ -55,7 +50,11 @@ def flagged_values(
     bad = np.flatnonzero(status)
     return {
         "flagged_member": members[bad],
-        **{f"{name}_flagged": parts[name][..., bad] for name in names},
+        **{
+            f"{part}_flagged": parts[part][..., bad]
+            for name in names
+            for part in layout.names_of(name)
+        },
     }
 
 
@@ -151,7 +150,7 @@ class MemorySink(WholeSink):
         all_kept = set(known.retained.values()) <= {"full"}
         self.direct = direct and tuple(known.recorded) == known.names and all_kept
         self.width, self.times = whole_lanes(layout.members), layout.axes.times.size
-        size = self.times * layout.values * self.width if self.direct else 0
+        size = layout.numbers * self.width if self.direct else 0
         self.out = allocate_aligned(size, float, np.empty)
         sizes, saved = layout.lengths(), {} if self.direct else layout.at_saves
         self.arrays = {
@@ -173,9 +172,8 @@ class MemorySink(WholeSink):
         low = job.first - layout.first
         part = slice(low, low + job.size)
         if layout.values and (self.counts.histograms or not self.direct):
-            values = job.out.reshape(self.times, layout.values, -1)
-            values = values[..., job.column : job.column + job.size]
-            parts = split_values(layout, values)
+            saves = layout.saves(job.out, job.width)
+            parts = layout.split(saves[..., job.column : job.column + job.size])
             counts = self.counts.of(job, parts, results["status"])
             status = results["status"][: job.size]
             flagged = flagged_values(layout, job.members, parts, status)
@@ -201,8 +199,8 @@ class MemorySink(WholeSink):
         """Return {variable: array} of the result."""
         arrays = {**self.arrays, **self.counts.variables(), **concat_flagged(self.flagged)}
         if self.direct:
-            values = self.out.reshape(self.times, self.layout.values, self.width)
-            arrays |= split_values(self.layout, values[..., : self.layout.members])
+            saves = self.layout.saves(self.out, self.width)
+            arrays |= self.layout.split(saves[..., : self.layout.members])
         return arrays
 
     def part(self) -> Arrays:
@@ -232,7 +230,7 @@ class MemorySink(WholeSink):
 
     def largest(self) -> int:
         """Return the maximum bytes of `part`, which has all saves of flagged members."""
-        saves = self.times * max(1, self.layout.values) * self.layout.members
+        saves = max(self.times, self.layout.numbers) * self.layout.members
         counts = sum(values.nbytes for values in self.counts.counts.values())
         return sum(self.arrays[name].nbytes for name in self._own()) + 16 * saves + counts + 2**20
 
@@ -268,6 +266,9 @@ def _make_dataset(
 
     variables, indexes = dict[str, xr.Variable](), dict[str, xr.indexes.PandasIndex]()
     for name, (dims, values, attrs) in layout.coordinates().items():
+        if dims != (name,):
+            variables[name] = xr.Variable(dims, values, attrs, fastpath=True)
+            continue
         index = xr.indexes.PandasIndex(pd.Index(values), name, coord_dtype=values.dtype)
         named = {name: xr.Variable(dims, values, attrs, fastpath=True)}
         variables.update(index.create_variables(named))
@@ -311,5 +312,5 @@ class Blanks:
 def make_buffer(layout: ResultLayout, count: int) -> Place:
     """Return a place for the saved values of a block of `count` members."""
     width = whole_lanes(count)
-    values = allocate_aligned(layout.axes.times.size * layout.values * width, float, np.empty)
+    values = allocate_aligned(layout.numbers * width, float, np.empty)
     return values, width if layout.values else 0, 0

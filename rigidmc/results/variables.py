@@ -14,6 +14,7 @@ from rigidmc.physics.effects.protocol import Effect, facts, shape
 from rigidmc.physics.observables import OBSERVABLES, outputs, title
 from rigidmc.physics.observables.saving import CENSORED, FOLLOWED, LAG, event_times
 from rigidmc.scene.body import Body
+from rigidmc.scene.derivatives import derivative_name, derivative_units
 from rigidmc.scene.drifts import LAWS
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import is_shared
@@ -58,6 +59,34 @@ def saved_variables(effects: Sequence[Any], recording: Recording) -> dict[str, V
             attrs |= {"long_name": f"{title(kind)}, at the end"}
             variables[f"{name}_final"] = Variable(dims, "f8", attrs)
     return variables
+
+
+ROTATED = ("quat",)  # dimensions of attitudes, which change by a rotation
+
+
+def derivative_variables(
+    variables: Mapping[str, Variable], parameter_units: Sequence[str]
+) -> dict[str, Variable]:
+    """Return the variables with the derivatives of saved variables, {} without parameters.
+
+    parameter_units : of each parameter, "" if unknown; units of derivatives are then unknown, too
+
+    The derivative of an attitude q is the vector of the rotation in body axes, 2 vec(q* dq/dp),
+    with q* the conjugate of q.
+    """
+    found: dict[str, Variable] = {}
+    for name, (dims, dtype, attrs) in variables.items() if parameter_units else ():
+        if dtype != "f8":  # labels and indices have no derivative
+            continue
+        units, text = attrs["units"], f"derivative of {attrs['long_name']}"
+        if set(ROTATED) & {*dims}:
+            units, text = "rad", f"{text}, as a rotation vector in body axes"
+            dims = tuple("axis" if dim in ROTATED else dim for dim in dims)
+        about = {"units": derivative_units(units, parameter_units), "long_name": text}
+        if "" in parameter_units:
+            del about["units"]
+        found[derivative_name(name)] = Variable(("parameter", *dims), "f8", about)
+    return found
 
 
 def flagged_variables(recording: Recording) -> dict[str, Variable]:

@@ -77,7 +77,7 @@ class Writer:
         # indices are written together with the members, to save memory
         known = self.layout.axes.coordinates()
         sizes = self.layout.lengths()
-        used = [*known, *(dim for v in variables.values() for dim in v.dims)]
+        used = [dim for dims, *_ in (*known.values(), *variables.values()) for dim in dims]
         for dim in dict.fromkeys(used):
             self._file.createDimension(dim, sizes[dim])
         for name, (dims, values, about) in known.items():
@@ -111,7 +111,8 @@ class Writer:
         (dims, dtype, attrs), layout, run = of, self.layout, self.layout.scene.run
         # a chunk holds a block of members and up to 128 times: cheap to write, and to read by
         # member or by time
-        chunks = [min(sizes[dim] or 32, layout.block if dim == "member" else 128) for dim in dims]
+        most = {"member": layout.block, "parameter": 1}
+        chunks = [min(sizes[dim] or 32, most.get(dim, 128)) for dim in dims]
         same = name in layout.constant
         # equal values compress faster without shuffled bytes: 0.6 instead of 0.4 GB/s
         packed: dict[str, Any] = {"compression": "zlib", "complevel": 1, "shuffle": not same}
@@ -123,6 +124,8 @@ class Writer:
         variable = self._file.createVariable(
             name, dtype, dims, chunksizes=chunks, fletcher32=self._named is not None, **packed
         )
+        if "parameter" in dims:
+            attrs = {**attrs, "coordinates": "parameter_unit"}
         variable.setncatts(attrs)
         variable.set_auto_maskandscale(False)  # a third of the time of a write
 

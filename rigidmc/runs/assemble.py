@@ -16,6 +16,7 @@ from rigidmc.physics.observables import is_own
 from rigidmc.planning.plan import Plan
 from rigidmc.results.layout import Axes, ResultLayout, constant_variables
 from rigidmc.results.variables import (
+    derivative_variables,
     ensemble_variables,
     flagged_variables,
     member_variables,
@@ -25,6 +26,7 @@ from rigidmc.scene.quantities import count_rows
 from rigidmc.scene.recording import Recording
 from rigidmc.scene.sampling import drawn_through
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.units import units_of
 
 
 def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
@@ -48,7 +50,9 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
         **({"drawn": through} if (through := drawn_through(scene.model, scene.run)) else {}),
         **(UNCOMPILED if plan.scheme is not None and is_uncompiled() else {}),
     }
-    monitors = plan.monitors
+    monitors, units = plan.monitors, tuple(units_of(scene, name) for name in plan.wrt)
+    saved, of_flagged = saved_variables(model.effects, recorded), flagged_variables(recorded)
+    axes = plan.times, plan.thinned, plan.labels, monitors.bins, monitors.dims, plan.wrt, units
     return ResultLayout(
         scene=scene,
         settings=settings,
@@ -56,14 +60,15 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
         first=plan.first,
         members=plan.members,
         which=plan.which,
-        axes=Axes(plan.times, plan.thinned, plan.labels, monitors.bins, monitors.dims),
+        axes=Axes(*axes),
         recording=recorded,
         saved=plan.saved,
         by_member=member_variables(model, run, recorded, plan.has_attitude),
-        at_saves=saved_variables(model.effects, recorded),
+        at_saves={**saved, **derivative_variables(saved, units)},
         of_ensemble=ensemble_variables(recorded),
-        of_flagged=flagged_variables(recorded),
+        of_flagged={**of_flagged, **derivative_variables(of_flagged, units)},
         constant=constant_variables(model),
+        columns=plan.columns,
     )
 
 

@@ -12,6 +12,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys
 from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.engine.threads import Keeper, run_alone, run_blocks
+from rigidmc.physics.dynamics.so3 import conjugate, multiply
 from rigidmc.planning import monitors
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.initial import Start, noise_keys, rows_to_fill
@@ -20,6 +21,7 @@ from rigidmc.planning.steps import Array, order_by_steps
 from rigidmc.planning.units import UnitScale
 from rigidmc.progress import Progress, Report, reporter
 from rigidmc.results.layout import ResultLayout
+from rigidmc.results.variables import ROTATED
 from rigidmc.scene.drifts import drift_laws
 
 Initial = Callable[[int, int], tuple[Array, Start]]  # (first place, count) -> rows, start
@@ -128,6 +130,8 @@ def compute(
     def end(job: BlockJob) -> tuple[list[int], Any]:
         results = _results(job, plan)
         counts = np.bincount(results["status"], minlength=len(layout.STATUSES))
+        if plan.columns:
+            _turn_derivatives(job, result)
         if units is not None:
             results = _in_units_of_scene(job, results, plan, result, units)
         return counts.tolist(), sink.gather(job, results)
@@ -187,7 +191,8 @@ def _make_job(
         random = noise_keys(plan.model.effects, plan.run.seed, members)
         if plan.has_member_steps:
             order = order_by_steps(rows)
-            for some in rows_to_fill(plan.model.effects):  # the others are 0 so far
+            # the others are 0 so far; derivatives follow the axes
+            for some in (*rows_to_fill(plan.model.effects), slice(plan.places.axes, None)):
                 _reorder(rows[some], order)
             slots = int(rows[layout.STEPS].max(initial=1.0))
     return BlockJob(
@@ -258,6 +263,25 @@ def _results(job: BlockJob, plan: Plan) -> dict[str, np.ndarray]:
     }
 
 
+def _saves_of(job: BlockJob, result: ResultLayout) -> Array:
+    """Return the saves (time, value, 1 + columns, member) of a block."""
+    place = slice(job.column, job.column + job.block.shape[1])
+    return result.saves(job.out, job.width)[..., place]
+
+
+def _turn_derivatives(job: BlockJob, result: ResultLayout) -> None:
+    """Replace the derivatives of attitudes q by rotation vectors in body axes, in place: the first
+    three of the four numbers dq become 2 vec(q* dq)."""
+    saves = _saves_of(job, result)
+    for name, rows in result.saved.items():
+        if result.recording.observable(name).dims == ROTATED:
+            back = conjugate(tuple(np.moveaxis(saves[:, rows, 0], 1, 0)))
+            for j in range(1, 1 + len(result.axes.parameters)):
+                turn = multiply(back, tuple(np.moveaxis(saves[:, rows, j], 1, 0)))
+                for row, number in zip(range(rows.start, rows.stop), turn[1:], strict=False):
+                    saves[:, row, j] = 2.0 * number
+
+
 def _in_units_of_scene(
     job: BlockJob,
     results: dict[str, np.ndarray],
@@ -267,10 +291,11 @@ def _in_units_of_scene(
 ) -> dict[str, np.ndarray]:
     """Convert results to the scene's units; values saved over time are changed in place."""
     if job.width:
-        saves = job.out.reshape(plan.times.size, plan.values, job.width)
-        columns = slice(job.column, job.column + job.block.shape[1])
+        saves = _saves_of(job, result)
         for name, rows in plan.saved.items():
-            saves[:, rows, columns] *= units.factor(result.recording.observable(name).units)
+            saves[:, rows] *= units.factor(result.recording.observable(name).units)
+        for j, unit in enumerate(result.axes.parameter_units):
+            saves[:, :, 1 + j] /= units.factor(unit)
     known = result.by_member
     return {
         name: values * units.factor(known[name].attrs.get("units", "1"))

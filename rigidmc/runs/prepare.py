@@ -40,6 +40,7 @@ from rigidmc.runs.blocks import Sink, compute
 from rigidmc.runs.members import range_of_members, select_members, with_settings
 from rigidmc.runs.resources import block_of, check_resources, needs
 from rigidmc.scene.amounts import read_count
+from rigidmc.scene.derivatives import parameters_of_run
 from rigidmc.scene.quantities import Varied
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene, takes_scene
@@ -392,7 +393,7 @@ def prepare_scene(scene: Scene) -> PreparedRun:
 
 def _prepare_scene(scene: Scene) -> PreparedRun:
     """Prepare a scene whose varied parameters are already marked; see `prepare_scene`."""
-    asked, units = scene, choose_units(scene)
+    asked, units, wrt = scene, choose_units(scene), parameters_of_run(scene)
     if units is not None:
         scene = scale_scene(scene, units.mass, 1.0, units.time)
     scene, choice = choose_integrator(scene)
@@ -405,7 +406,7 @@ def _prepare_scene(scene: Scene) -> PreparedRun:
     pilot = make_pilot(coarse, sampler, attitude)
     if run.integrator == "closed":  # raises if no closed form exists
         closed_form(model, sampler, run.first, whole_lanes(min(PILOT, run.members)))
-    plan = make_plan(model, run, scene.integrator, recorded, monitors, attitude, pilot)
+    plan = make_plan(model, run, scene.integrator, recorded, monitors, attitude, pilot, wrt)
     notes = step_notes(asked.run, plan, units), scene_notes(asked.model, asked.run, plan)
     if units is not None:
         scene = units.original(scene)

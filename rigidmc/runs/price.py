@@ -293,6 +293,9 @@ def some_of(run: PreparedRun, kept: Iterable[int]) -> PreparedRun:
         places=places_of(effects, False, Monitors(), False),
         nodes=0,
         saved={},
+        wrt=(),
+        columns=0,
+        at_once=0,
     )
     return PreparedRun(run.scene, bare, run.layout, None, run.sampler, None, None, (), ())
 

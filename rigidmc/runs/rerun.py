@@ -351,7 +351,7 @@ def frames(
         if not make_time_grid(end, own, run.every).is_shortened:
             return _thinned(result, member, count, allow_code, run)
         if any(map(is_random, scene.effects)):  # only saves of the run end its own steps
-            again = rerun(result, member, save=SAVE, allow_code=allow_code)
+            again = rerun(result, member, save=SAVE, allow_code=allow_code, wrt=())
             again.attrs["frames"] = "steps as in the run, at its saves"
             return again
     return integrate_member(scene, member, count, end if whole or until is None else until, own)
@@ -375,6 +375,7 @@ def integrate_member(
         "every": every,
         "turn": None,
         "save": SAVE,
+        "wrt": (),
         "keep": "full",
         "first": member,
         "members": 1,
@@ -405,7 +406,7 @@ def _thinned(result: xr.Dataset, member: int, count: int, allow_code: bool, run:
     while steps % between:  # saves are evenly spaced to the end
         between -= 1
     every = run.t_end / (steps // between)
-    again = rerun(result, member, every=every, save=SAVE, allow_code=allow_code)
+    again = rerun(result, member, every=every, save=SAVE, allow_code=allow_code, wrt=())
     nearest = np.unique(np.rint(np.linspace(0, again.sizes["time"] - 1, count + 1)).astype(int))
     again = again.isel(time=nearest)
     again.attrs["frames"] = "steps as in the run"

@@ -66,7 +66,7 @@ def block_of(plan: Plan, threads: int, device: str, streaming: bool) -> int:
 
 def members_within(plan: Plan, slab: int) -> int:
     """Return how many members have saved values of about `slab` bytes."""
-    values = 8 * max(1, plan.values) * plan.times.size
+    values = 8 * max(1, plan.values) * (1 + plan.columns) * plan.times.size
     return max(LANES, slab // values // LANES * LANES)
 
 
@@ -94,7 +94,8 @@ def needs(result: ResultLayout, plan: Plan, members: int, block: int, threads: i
     """Compute the Needs of a run with a given number of members."""
     _, each = result.bytes_of_a_member()
     saves = plan.times.size * plan.values
-    of_block = 8 * block * (layout.EFFECTS + 20 + plan.monitors.rows + saves)
+    numbers = layout.EFFECTS + 20 + plan.monitors.rows + saves
+    of_block = 8 * block * numbers * (1 + plan.columns)
     scratch = of_block * (min(threads, -(-members // block)) + 2)
     return Needs(
         int(BASE + scratch + each * members),

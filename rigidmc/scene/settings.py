@@ -36,7 +36,7 @@ from pydantic import (
 from rigidmc.errors import SceneError, from_pydantic
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.protocol import follows_turns
-from rigidmc.scene.amounts import parse_count, parse_seconds
+from rigidmc.scene.amounts import parse_count, parse_seconds, words_of
 from rigidmc.units import Measured, in_units, rule_with_hint
 
 
@@ -173,6 +173,11 @@ class Run(Table):
         ("omega",),
         "observables to save and to monitor, see `rigidmc observables`, e.g. omega,energy,flips",
     )
+    wrt: tuple[str, ...] | None = _is(
+        None,
+        "parameters by which saved observables are differentiated, e.g. body.moments.2,start.omega;"
+        " by default none",
+    )
     keep: str | dict[str, str] = _is(
         "full",
         "amount of saved data to keep, for all observables or by name: full, thinned, summary,"
@@ -197,6 +202,10 @@ class Run(Table):
             key: value.item() if isinstance(value, np.generic) else value
             for key, value in data.items()
         }
+        if isinstance(names := data.get("wrt"), str):
+            data["wrt"] = names = words_of(names)
+        if "wrt" in data and names in ((), []):
+            del data["wrt"]  # no derivatives, as without the setting
         if data.get("dt") is not None and data.get("turn") is not None:
             raise SceneError("give dt or turn, not both", at="run.turn", value=data["turn"])
         if data.get("tolerance") is not None and data.get("integrator") is None:

@@ -31,10 +31,10 @@ def variable_names(scene: Scene) -> list[str]:
     known = [name for name in parameter_names(scene) if not name.startswith(drawn)]
     if isinstance(scene.start.attitude, tuple):
         known = [*known, "start.attitude.1"]
-    return list(dict.fromkeys(word for name in known for word in (_vector(name), name) if word))
+    return list(dict.fromkeys(word for name in known for word in (vector_of(name), name) if word))
 
 
-def _vector(name: str) -> str:
+def vector_of(name: str) -> str:
     """Return the name of the vector that contains a component; "" for a scalar."""
     whole, _, last = name.rpartition(".")
     return whole if last.isdecimal() or (whole == "start.attitude" and last in ANGLES) else ""

@@ -174,10 +174,10 @@ def _refuse_no_sample(scene: Scene, until: str) -> None:
 
 
 def without_saves(scene: Scene) -> Scene:
-    """Return the scene, saving only final values of its members."""
+    """Return the scene, saving only final values of its members, and no derivatives."""
     at_times = make_recording(scene).names
     save = tuple(name for name in scene.run.save if name not in at_times)
-    lean: Scene = scene.with_run(save=save)
+    lean: Scene = scene.with_run(save=save, wrt=())
     return lean
 
 

@@ -169,6 +169,9 @@ class ResultAxes:
         if given is None or not {"axis", "quat"} & {*given.dims} or name == "moments":
             rule = "neither a vector in the body nor an attitude of this result"
             raise ValueError(f"{name}: {rule}")
+        if "parameter" in given.dims:
+            rule = "derivatives are in the axes of the result: other axes may change, too"
+            raise ValueError(f"{name}: {rule}")
         return given
 
     def rotation(self) -> Any:

@@ -166,6 +166,11 @@ def _steps(prepared_run: PreparedRun) -> list[str]:
     less = f"; kept: {', '.join(keep)}, and everything of flagged members" if keep else ""
     saved = ", ".join(run.save) or "nothing"
     lines.append(f"saves        {saved} at {count_text(plan.times.size, 'time')}{less}")
+    if plan.wrt:
+        passes = count_text(plan.passes, "pass", "passes")
+        parameters = count_text(len(plan.wrt), "parameter")
+        words = f"{parameters}: {passes} of {plan.at_once}; d_NAME by {', '.join(plan.wrt)}"
+        lines.append(f"derivatives  {words}")
     if (found := sparse_saves(scene.model, run)) is not None:
         name, one = found
         lines.append(

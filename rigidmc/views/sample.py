@@ -204,7 +204,8 @@ def drive_of(ds: xr.Dataset) -> Drive:
         rotor = [
             ds[name].transpose("axis", "member").values
             for name in map(str, ds.data_vars)
-            if name.endswith("_momentum") and name != "start_momentum" and "axis" in ds[name].dims
+            if name.endswith("_momentum") and name != "start_momentum"
+            if "axis" in ds[name].dims and "parameter" not in ds[name].dims
         ]
         return drive(scene.model, scene.run, sum(rotor[1:], rotor[0]) if rotor else None)
     except (RigidmcError, NumbaError, AttributeError, TypeError):

@@ -41,7 +41,7 @@ def summary_text(
     The summary lists the flagged members. For each quantity with one value per member, it shows the
     mean with its confidence interval, the median, the middle 90 %, and the number of members
     without a value. For an event that has not occurred in all members, it shows the median time
-    with its interval; the median may be beyond the end.
+    with its interval; the median may be beyond the end. Derivatives are only named.
     """
     settings = toml(scene_text(dataset))["run"]
     unknown = why_no_interval(dataset)
@@ -71,6 +71,8 @@ def summary_text(
     lines.append(f"  {times}: {', '.join(saved) or 'no variables'}")
     if thinned := [str(name) for name, v in dataset.data_vars.items() if "thinned_time" in v.dims]:
         lines.append(f"  and at {dataset.sizes['thinned_time']:,}: {', '.join(thinned)}")
+    if "parameter" in dataset.coords:
+        lines.append(f"  derivatives, d_NAME, by {', '.join(map(str, dataset.parameter.values))}")
     return "\n".join(lines)
 
 
@@ -107,7 +109,7 @@ def _rows(dataset: xr.Dataset) -> dict[str, Row]:
     rows = {}
     for name, variable in dataset.data_vars.items():
         over = set(variable.dims)
-        if {"time", "thinned_time"} & over or "member" not in over:
+        if {"time", "thinned_time", "parameter"} & over or "member" not in over:
             continue
         if name in _PLAIN or str(name).startswith("start_"):
             continue

@@ -11,6 +11,7 @@ from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.effects import Gravity
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.steps import MOST_OWN_STEPS, count_member_steps, rate_bounds
+from rigidmc.runs import blocks
 from rigidmc.studies.stress.problems import PROBLEMS
 from tests.kernels import block_of, prepare, run
 from tests.plans import starts
@@ -139,3 +140,16 @@ def test_dt_or_turn():
         rm.simulate(SCENE, turn=1.5, members=32, integrator="rk4")
     with pytest.raises(rm.SceneError, match=r"use turn <= 0\.5"):
         rm.simulate(SCENE, turn=1.5, members=32, integrator="midpoint")
+
+
+def test_axes_are_sorted_with_their_members():
+    """Members in order of their steps once had the axes of other members."""
+    tensors = np.diag([1.5, 2.0, 2.5]) + 0.01 * np.arange(1.0, 33.0)[:, None, None]
+    start = rm.Start(omega=(rm.uniform(0.1, 20.0), 1.0, 0.0))
+    scene = rm.Scene(rm.Body.from_tensor(tensors), start=start).with_run(turn=0.1, every=1.0)
+    made = rm.prepare(scene, save=("omega",), t_end=1.0)
+    rows, given = made.initial(0, 32)
+    job = blocks._make_job(made.plan, object(), 0, 32, rows, given, np.empty(0), 0, 0)
+    axes = slice(made.plan.places.axes, made.plan.places.end)
+    assert (job.order != np.arange(32)).any()
+    assert np.array_equal(job.block[axes], given["principal_axes"][:, job.order])

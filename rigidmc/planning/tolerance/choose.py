@@ -207,6 +207,8 @@ def choose(
 def _contenders(scene: Scene, tolerance: float) -> list[str]:
     """Return the names of the integrators to try by default, including custom ones."""
     able = [name for name in CONTENDERS if name != "gbs12" or tolerance <= GBS12_PAYS]
+    if scene.run.wrt:
+        able.remove("closed")  # closed forms have no derivatives
     return [*able, *named_integrators(scene.integrators)]
 
 

@@ -186,7 +186,8 @@ class Study:
             for key, value in settings.items():
                 raise OptionError("requires a scene, and none is given", at=key, value=value)
             return None, read
-        return self.work.design(scene.with_run(**settings), read, settings), read
+        changed = scene.with_run(**settings, wrt=())  # a study reads values alone
+        return self.work.design(changed, read, settings), read
 
     def _arguments(self) -> list[Option]:
         """Return the options that the function has."""
@@ -198,7 +199,8 @@ class Study:
         given: dict[str, Any] = dict(signature.bind(*arguments, **keywords).arguments)
         settings: dict[str, Any] = given.pop("settings", {})
         known = [name for name in signature.parameters if name != "settings"]
-        self._refuse_unknown(settings, [*known, *Run.model_fields])
+        # a study evaluates values: it has no place for derivatives
+        self._refuse_unknown(settings, [*known, *(n for n in Run.model_fields if n != "wrt")])
         return {**given, **settings}
 
     def _refuse_unknown(self, keywords: Mapping[str, Any], known: list[str]) -> None:
