@@ -87,6 +87,10 @@ class DualArray(NDArrayOperatorsMixin):
     def __bool__(self) -> bool:
         raise TangentsLost("a DualArray has no truth value: compare it")
 
+    def tolist(self) -> list[Any]:
+        """Return nested lists of numbers with tangents."""
+        return [row.tolist() if row.shape else row for row in self]
+
     def copy(self) -> "DualArray":
         """Return a copy."""
         return DualArray(self.value.copy(), self.tangents.copy())
@@ -134,6 +138,25 @@ def as_array(x: Any) -> Any:
         if any(isinstance(one, DualArray) for one in parts):
             return np.stack(parts)
     return x if isinstance(x, DualArray) else np.asarray(x, dtype=float)
+
+
+def has_tangents(x: Any) -> bool:
+    """Return whether a number, or one in nested tuples and lists, is a DualArray."""
+    return any(map(has_tangents, x)) if isinstance(x, (list, tuple)) else isinstance(x, DualArray)
+
+
+def plain_numbers(x: Any) -> Any:
+    """Return numbers, in nested tuples and lists, without tangents."""
+    if isinstance(x, (list, tuple)):
+        return type(x)(map(plain_numbers, x))
+    return float(x.value) if isinstance(x, DualArray) else x
+
+
+def with_values(x: Any, values: Any) -> Any:
+    """Return numbers, in nested tuples and lists, with the tangents of x and other values."""
+    if isinstance(x, (list, tuple)):
+        return type(x)(with_values(*pair) for pair in zip(x, values, strict=True))
+    return DualArray(values, x.tangents) if isinstance(x, DualArray) else values
 
 
 def square_root(x: Any) -> Any:

@@ -39,6 +39,8 @@ from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 from rigidmc.scene.vector_distributions.vectors import Correlated, lower_factor, whole_of
 
+_SYMMETRIC = (".tensor", ".mean", ".covariance")  # names before the indices of symmetric matrices
+
 
 def parameter_names_of_derivatives(scene: Scene) -> list[str]:
     """Return the names of all parameters by which a scene has derivatives.
@@ -64,7 +66,7 @@ def check_derivative_names(scene: Scene, names: Sequence[str], at: str = "run.wr
 def seeds_of(model: Model, names: Sequence[str], at: str = "run.wrt") -> list[list[Seed]]:
     """Return the Seeds of each name; SceneError as for `check_derivative_names`."""
     known, found = parameters_of(model), []
-    for i, name in enumerate(names):
+    for i, name in enumerate(map(_upper_element, names)):
         if name not in known:
             able = [word for word, given in known.items() if not isinstance(given, str)]
             raise unknown("parameter with a derivative", able, at=at, value=name)
@@ -76,6 +78,14 @@ def seeds_of(model: Model, names: Sequence[str], at: str = "run.wrt") -> list[li
             raise SceneError("is given twice", at=at, value=name)
         found.append(seeds)
     return found
+
+
+def _upper_element(name: str) -> str:
+    """Return the name of an element of a symmetric matrix with its smaller index first."""
+    whole, *pair = name.rsplit(".", 2)
+    if not whole.endswith(_SYMMETRIC) or not all(map(str.isdecimal, pair)):
+        return name
+    return ".".join([whole, *sorted(pair, key=int)])
 
 
 def derivative_unit(scene: Scene, name: str) -> str:
