@@ -11,6 +11,7 @@ changelog. The file of a command is imported when the command is used, and impor
 inside its functions.
 """
 
+import gc
 import sys
 from typing import Any
 
@@ -36,6 +37,9 @@ def main() -> None:
         rule = "all output files are complete"
         print(f"rigidmc: standard output: {out.fault.strerror}; {rule}", file=sys.stderr)
         code = IO
+    # all files are closed; otherwise Python would search 140,000 objects for cycles three times as
+    # it ends, 0.18 s after a run
+    gc.freeze()
     sys.exit(code)
 
 

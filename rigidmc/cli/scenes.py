@@ -19,5 +19,5 @@ def scenes_command(
         names = shipped_names()
         width = max(map(len, names))
         for word in names:
-            # not `Scene.load`, which imports NumPy and pydantic and samples every body: 0.2 s
+            # not `Scene.load`, which imports NumPy and pydantic and makes every body: 0.2 s
             print(f"{word:{width}s} {tomllib.loads(read_source(word))['summary']}")
