@@ -87,7 +87,7 @@ def in_options(error: RigidmcError, command: Any) -> str:
 
 
 class Commands(TyperGroup):
-    """The commands, and what becomes of their errors."""
+    """The group of all commands, which turns their errors into messages."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command. An invalid option value exits with INVALID, whether typer or the command

@@ -62,7 +62,7 @@ COMMANDS = {
         "Check a scene file. Exit code 0 if it can be run, else 3 and a message.",
     ),
     "scenes": Entry(
-        "scenes", START, library.__doc__.replace("[", r"\[").replace("\n\n", "\n\n\b\n")
+        "scenes", START, (library.__doc__ or "").replace("[", r"\[").replace("\n\n", "\n\n\b\n")
     ),
     "new": Entry(
         "new",
