@@ -8,6 +8,7 @@ replacement.
 """
 
 import math
+import warnings
 from array import array as machine_array
 from collections import deque
 from collections.abc import Mapping, Set
@@ -15,9 +16,9 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.errors import SceneError
+from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.labelled import COLUMN, Wanted, has_dims, is_labelled, read_labelled, two_ways
 from rigidmc.units import ARGUMENTS, from_foreign, is_foreign
 
@@ -133,6 +134,18 @@ def check_quaternion_rows(array: NDArray[Any], at: str) -> None:
         raise SceneError(rule, at=at)
     if not rows or columns:
         raise two_ways(array.shape, at, "quat")
+
+
+def check_rows(bad: ArrayLike, rule: str, at: str = "input") -> None:
+    """Raise SceneError if all elements are bad; warn with their count if some are, because the
+    result has nan for them."""
+    count, size = int(np.count_nonzero(bad)), np.size(bad)
+    if count and count == size:
+        every = f"{rule} (all of {count:,} are bad)" if count > 1 else rule
+        raise SceneError(every, at=at)
+    if count:
+        some = f"{count:,} of {size:,} elements are nan in the result: {rule}"
+        warnings.warn(some, SceneWarning, stacklevel=4)
 
 
 def split_components(value: Any, at: str, size: int) -> Any:

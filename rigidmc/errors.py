@@ -3,14 +3,10 @@
 import difflib
 import os
 import re
-import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import islice
 from typing import TYPE_CHECKING, Any, ClassVar
-
-import numpy as np
-from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
@@ -335,18 +331,6 @@ def in_file(file: str) -> Iterator[None]:
 def path_of(at: str, key: str) -> str:
     """Return the path of a key in a table; the key alone without a table."""
     return f"{at}.{key}" if at else key
-
-
-def check_rows(bad: ArrayLike, rule: str, at: str = "input") -> None:
-    """Raise SceneError if all elements are bad; warn with their count if some are, because the
-    result has nan for them."""
-    count, size = int(np.count_nonzero(bad)), np.size(bad)
-    if count and count == size:
-        every = f"{rule} (all of {count:,} are bad)" if count > 1 else rule
-        raise SceneError(every, at=at)
-    if count:
-        some = f"{count:,} of {size:,} elements are nan in the result: {rule}"
-        warnings.warn(some, SceneWarning, stacklevel=4)
 
 
 def terminal_text(text: str) -> str:

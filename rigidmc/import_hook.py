@@ -7,10 +7,12 @@ import.
 
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from importlib.abc import Loader
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # imports importlib.resources: half of `import rigidmc`
+    from importlib.abc import Loader
 
 Load = Callable[[], None]  # loads the library
 _waiting: dict[str, Callable[[ModuleType, Load], None]] = {}  # by the name of a library
@@ -49,7 +51,7 @@ class _Finder:
 class _Loader:
     """Loader of a library that delegates loading to `act`."""
 
-    def __init__(self, loader: Loader, act: Callable[[ModuleType, Load], None]) -> None:
+    def __init__(self, loader: "Loader", act: Callable[[ModuleType, Load], None]) -> None:
         self.loader, self.act = loader, act
 
     def __getattr__(self, name: str) -> Any:

@@ -2,29 +2,20 @@
 
 A command reads its options, calls one function of a lower room inside `with report_errors():`, and
 prints the return value; it computes nothing itself. `report_errors` turns every error into one
-message and an exit code. Reading order: `app` (exit codes, panels, opening scenes and results),
-`reporting` (errors, signals, written files, streams), `options` (shared options), then one file for
-each group of commands, as listed below.
+message and an exit code. Reading order: `commands` (the table of commands), `app` (exit codes,
+opening scenes and results), `reporting` (errors, signals, written files, streams), `options`
+(shared options), then one file for each group of commands.
 
 Scripts rely on help pages, messages and exit codes: a change of these needs a line in the
-changelog. A command imports heavy libraries inside its function, so that `--help` loads none.
+changelog. The file of a command is imported when the command is used, and imports heavy libraries
+inside its functions.
 """
 
+import gc
 import sys
 from typing import Any
 
-from rigidmc.cli import (  # noqa: F401
-    body,
-    directories,
-    doctor,
-    maps,
-    new,
-    results,
-    run,
-    scenes,
-    studies,
-    vocabulary,
-)
+from rigidmc.cli import commands  # noqa: F401  # gives the app its commands
 from rigidmc.cli.app import FLAGGED, INCOMPLETE, INTERRUPTED, IO, OK, app, keep_apart
 from rigidmc.cli.reporting import guard
 
@@ -46,6 +37,9 @@ def main() -> None:
         rule = "all output files are complete"
         print(f"rigidmc: standard output: {out.fault.strerror}; {rule}", file=sys.stderr)
         code = IO
+    # all files are closed; otherwise Python would search 140,000 objects for cycles three times as
+    # it ends, 0.18 s after a run
+    gc.freeze()
     sys.exit(code)
 
 

@@ -1,10 +1,9 @@
-"""The app: exit codes, help panels, and functions that open a scene or a result."""
+"""The app: exit codes, and functions that open a scene or a result."""
 
 import os
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from inspect import cleandoc
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -54,12 +53,6 @@ CODES = {
     TERMINATED: ("terminated", "by SIGTERM"),
 }
 
-# the panels of `rigidmc --help`; a command names its own: `@app.command(rich_help_panel=LOOK)`
-PANELS = ("Start", "Look", "Study", "Long runs", "Reference")
-START, LOOK, STUDY, LONG_RUNS, REFERENCE = PANELS
-# the order of these on the help page; other commands follow in the order of registration
-FIRST = ("run", "show", "check", "scenes", "new", "body", "view", "plot", "animate", "summary")
-
 
 def codes_in_short() -> str:
     """Return the codes as one line for the help page."""
@@ -70,12 +63,6 @@ def code_table() -> str:
     """Return the codes as a Markdown table."""
     rows = [f"| {code} | {words}: {when} |" for code, (words, when) in CODES.items()]
     return "\n".join(["| code | meaning |", "| ---: | --- |", *rows])
-
-
-def unwrap_text(text: str) -> str:
-    """Join each paragraph of a help text into one line, except those marked with a backspace."""
-    paragraphs = cleandoc(text).split("\n\n")
-    return "\n\n".join(p if p.startswith("\b") else " ".join(p.split()) for p in paragraphs)
 
 
 def fail(message: object, code: int) -> NoReturn:
@@ -100,12 +87,7 @@ def in_options(error: RigidmcError, command: Any) -> str:
 
 
 class Commands(TyperGroup):
-    """The commands sorted by panel: FIRST, then the others; studies alphabetically."""
-
-    def __init__(self, **settings: Any) -> None:
-        super().__init__(**settings)
-        for command in self.commands.values():
-            command.help = unwrap_text(command.help or "")
+    """The group of all commands, which turns their errors into messages."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command. An invalid option value exits with INVALID, whether typer or the command
@@ -118,15 +100,6 @@ class Commands(TyperGroup):
             raise
         except RigidmcError as error:
             fail(in_options(error, self.commands[ctx.invoked_subcommand]), INVALID)
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        def place(name: str) -> tuple[int, int, str]:
-            panel: Any = getattr(self.commands[name], "rich_help_panel", None)
-            # a command without a panel comes last; studies are alphabetical
-            at = (*PANELS, panel).index(panel), (*FIRST, name).index(name)
-            return *at, name if panel == STUDY else ""
-
-        return sorted(self.commands, key=place)
 
 
 app = typer.Typer(

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import START, STUDY, app, load_scene
+from rigidmc.cli.app import load_scene
 from rigidmc.cli.options import (
     AllowCode,
     Force,
@@ -68,7 +68,6 @@ Scale = Annotated[
 ]
 
 
-@app.command("body", rich_help_panel=START)
 def body_command(
     source: Source,
     link: Link = None,
@@ -81,8 +80,6 @@ def body_command(
     solid: Solid = "solid",
     machine: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Describe a body: mass, centre of mass, inertia tensor, principal axes, stable and unstable
-    rotations, the growth rate of the unstable one, and the notes of `rigidmc check` on it."""
     with report_errors(source):
         from rigidmc.views.descriptions import body_facts, describe_body
 
@@ -163,7 +160,6 @@ Picture = Annotated[
 ]
 
 
-@app.command("exact", rich_help_panel=STUDY)
 @add_setting_options("integrator", "dt")
 def exact_command(
     scene: SceneArgument,
@@ -175,8 +171,6 @@ def exact_command(
     plot: Picture = None,
     force: Force = False,
 ) -> None:
-    """Compare the closed form of a scene at one time with its integration, and show the
-    difference."""
     with report_errors(scene):
         from rigidmc.planning.closed_form import closed_form
         from rigidmc.studies.closed_form import compare

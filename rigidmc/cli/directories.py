@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from rigidmc.cli.app import FLAGGED, INCOMPLETE, INVALID, LONG_RUNS, OK, app, fail
+from rigidmc.cli.app import FLAGGED, INCOMPLETE, INVALID, OK, fail
 from rigidmc.cli.options import (
     Accept,
     AllowCode,
@@ -204,7 +204,6 @@ Repair = Annotated[
 ]
 
 
-@app.command("resume", rich_help_panel=LONG_RUNS)
 def resume_command(
     run: RunArgument,
     threads: Threads = None,
@@ -216,11 +215,6 @@ def resume_command(
     repair: Repair = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """Continue a run: compute the missing shards. The result has the same bits as an uninterrupted
-    run. Existing shards are trusted by name; `verify` and --repair read them.
-
-    Exit code 0 if the run, or the range of --shards, is done, 4 if some of its members are flagged,
-    5 if some of its shards are missing (--max-wall)."""
     with report_errors():
         if repair:
             from rigidmc.runs.directory import gather
@@ -233,12 +227,7 @@ def resume_command(
     raise typer.Exit(code)
 
 
-@app.command("status", rich_help_panel=LONG_RUNS)
 def status_command(run: RunArgument) -> None:
-    """Show the progress of a run, even while it is running. Reads only the names of shards.
-
-    Exit code 0 if the run is done, 4 if it is done and some members are flagged, 5 if shards are
-    missing."""
     with report_errors():
         from rigidmc.results import run_directory
 
@@ -266,13 +255,7 @@ Spot = Annotated[
 ]
 
 
-@app.command("verify", rich_help_panel=LONG_RUNS)
 def verify_command(run: RunArgument, spot: Spot = 3, allow_code: AllowCode = False) -> None:
-    """Verify a run: compare the checksum of every shard with its name, check run.json and the
-    scene, and recompute some members, which must match to the bit.
-
-    Exit code 0 if all shards exist and are sound, 5 if some are missing and the others are sound, 3
-    if there are faults."""
     with report_errors():
         from rigidmc.results import run_directory
         from rigidmc.studies.framework import tasks
@@ -292,7 +275,6 @@ def verify_command(run: RunArgument, spot: Spot = 3, allow_code: AllowCode = Fal
     raise typer.Exit(OK if whole(facts) else INCOMPLETE)
 
 
-@app.command("consolidate", rich_help_panel=LONG_RUNS)
 def consolidate_command(
     run: RunArgument,
     output: Annotated[
@@ -301,7 +283,6 @@ def consolidate_command(
     force: Force = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """Write a complete run as one netCDF file. Exit code 4 if some of its members are flagged."""
     with report_errors():
         from rigidmc.results import run_directory
         from rigidmc.runs.directory import gather
@@ -312,7 +293,6 @@ def consolidate_command(
     raise typer.Exit(run_outcome(facts))
 
 
-@app.command("extend", rich_help_panel=LONG_RUNS)
 def extend_command(
     run: RunArgument,
     members: Annotated[
@@ -326,7 +306,6 @@ def extend_command(
     cluster: Cluster = None,
     allow_code: AllowCode = False,
 ) -> None:
-    """Add members to a run. Existing members keep all their bits."""
     with report_errors():
         from rigidmc.runs.directory import resume as runs
         from rigidmc.runs.directory.cluster import parse_cluster
@@ -348,10 +327,7 @@ Parts = Annotated[
 ]
 
 
-@app.command("merge", rich_help_panel=LONG_RUNS)
 def merge_command(run: RunArgument, parts: Parts) -> None:
-    """Gather the shards of a job array in one run directory, which may be new. All parts must have
-    the same scene, seed, members and shard size."""
     with report_errors():
         from rigidmc.results import run_directory
         from rigidmc.runs.directory import gather

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigidmc.cli.app import FLAGGED, REFERENCE, app
+from rigidmc.cli.app import FLAGGED
 from rigidmc.cli.reporting import report_errors
 from rigidmc.errors import NoDevice
 from rigidmc.version import VERSION
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from rigidmc.engine.cuda.devices import Device
 
 
-@app.command(rich_help_panel=REFERENCE)
-def doctor(
+def doctor_command(
     machine: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     cuda_check: Annotated[
         bool,
@@ -30,7 +29,6 @@ def doctor(
         ),
     ] = False,
 ) -> None:
-    """Describe this machine: cores, vector width, threads, kernel cache, GPUs and versions."""
     if cuda_check:
         with report_errors():
             if _different():

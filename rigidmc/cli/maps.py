@@ -9,24 +9,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import STUDY, app, load_scene
+from rigidmc.cli.app import load_scene
 from rigidmc.cli.options import Force, add_setting_options, gather_options
 from rigidmc.cli.reporting import refuse_outputs, report_errors
 from rigidmc.cli.studies import (
     OF_MEMBERS,
     RunOptions,
-    StudyCommand,
     command_parameters,
     compute_study,
     end,
     folder_of,
     show,
-    unmade,
     where_of,
 )
 from rigidmc.errors import OptionError, unknown
 from rigidmc.results.labels import count_text
-from rigidmc.studies import STUDIES, load_study
+from rigidmc.studies import load_study
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,14 +45,6 @@ Listed = Annotated[
     str | None,
     typer.Argument(metavar="[NAME]", help="With `rigidmc map list`: the map to describe."),
 ]
-
-
-class MapCommand(StudyCommand):
-    """The command `rigidmc map`, made at first use."""
-
-    def function(self) -> Callable[..., None]:
-        """Return the function of the command."""
-        return command_of_map(load_study(NAME))
 
 
 def command_of_map(study: "Study") -> Callable[..., None]:
@@ -222,4 +212,4 @@ def _list(name: str | None) -> None:
             print(f"\n{case.scene.dumps()}", end="")
 
 
-app.command("map", cls=MapCommand, help=STUDIES[NAME], rich_help_panel=STUDY)(unmade)
+map_command = command_of_map(load_study(NAME))

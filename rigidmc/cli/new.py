@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import INTERRUPTED, START, app, fail
+from rigidmc.cli.app import INTERRUPTED, fail
 from rigidmc.cli.options import Force, count_option, gather_options, time_option
 from rigidmc.cli.reporting import refuse_outputs, report_errors
 from rigidmc.errors import OptionError, RigidmcError, SceneError, unknown
@@ -252,15 +252,11 @@ OPTIONS = {
 }
 
 
-@app.command("new", rich_help_panel=START)
 @gather_options("given", {**OPTIONS, "force": (Force, False)}, dict)
 def new_command(
     file: Annotated[str, typer.Argument(metavar="FILE", help="Scene file to write (.toml).")],
     given: Given,
 ) -> None:
-    """Write a first scene file to edit, with a comment on each line. At a terminal and without
-    options, the command prompts for the values; otherwise every option has a default, and the
-    default body is a heavy top."""
     with report_errors():
         from rigidmc.files.outputs import write_bytes
         from rigidmc.views.new_scene import new_scene

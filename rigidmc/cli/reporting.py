@@ -22,7 +22,6 @@ from rigidmc.errors import (
     nearest,
     terminal_text,
 )
-from rigidmc.results.labels import count_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -205,6 +204,8 @@ def refuse_outputs(
 
 def show_done(done: int, total: int) -> None:
     """Show the number of finished members, on a terminal."""
+    from rigidmc.results.labels import count_text  # brings NumPy, which `scenes` does without
+
     if sys.stderr.isatty():
         end = "" if done < total else "\n"
         line = f"\r{100 * done / total:3.0f} % of {count_text(total, 'member')}{end}"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import INVALID, LOOK, app, fail, load_result, load_scene
+from rigidmc.cli.app import INVALID, fail, load_result, load_scene
 from rigidmc.cli.options import (
     FORMATS,
     AllowCode,
@@ -52,7 +52,6 @@ Of = Annotated[
 Member = Annotated[int, count_option("--member", 0, help="Index of the member.")]
 
 
-@app.command("rerun", rich_help_panel=LOOK)
 @add_setting_options(
     "every",
     "save",
@@ -70,8 +69,6 @@ def rerun_command(
     force: Force = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """Rerun one member of a result, to the same bits, and save more: all observables unless --save
-    names some."""
     with report_errors(file):
         from rigidmc.runs.rerun import rerun as integrate_again
 
@@ -89,11 +86,7 @@ def rerun_command(
         dataset.close()
 
 
-@app.command("summary", rich_help_panel=LOOK)
 def summary_command(file: ResultArgument, of: Of = []) -> None:  # noqa: B006
-    """Summarise a result: the flagged members; for each quantity with one value per member, the
-    mean with its confidence interval, the median and the middle 90 %. With --of, estimate measures
-    instead."""
     with report_errors():
         from rigidmc.views.summary import summary_text as lines
 
@@ -106,7 +99,6 @@ def summary_command(file: ResultArgument, of: Of = []) -> None:  # noqa: B006
             fail(error, INVALID)
 
 
-@app.command("plot", rich_help_panel=LOOK)
 def plot_command(
     file: ResultArgument,
     output: Annotated[
@@ -120,7 +112,6 @@ def plot_command(
     force: Force = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """Draw a picture of a result."""
     with report_errors():
         if picture not in (*PICTURES, "gibbs"):
             raise unknown(
@@ -142,15 +133,12 @@ def plot_command(
         print(*report_files([output]))
 
 
-@app.command("export", rich_help_panel=LOOK)
 def export_command(
     file: ResultArgument,
     output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help=f"{FORMATS}.")],
     force: Force = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """Write a result in another format. A table has the columns with one value per member: start,
-    last state, drifts, status, statistics."""
     with report_errors():
         from rigidmc.results.export import write
 
@@ -160,7 +148,6 @@ def export_command(
         print(*report_files([output]))
 
 
-@app.command("animate", rich_help_panel=LOOK)
 def animate_command(
     file: ResultArgument,
     member: Member,
@@ -178,8 +165,6 @@ def animate_command(
     force: Force = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """Animate one member of a result: rerun it, and draw the turning body next to its momentum
-    sphere."""
     with report_errors():
         from rigidmc.runs.rerun import frames
 
@@ -234,7 +219,6 @@ Page = Annotated[
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 
 
-@app.command("view", rich_help_panel=LOOK)
 def view_command(
     source: Source,
     members: Shown = None,
@@ -247,8 +231,6 @@ def view_command(
     force: Force = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """Write one HTML page in which members turn in space next to their momentum spheres, with a
-    time slider, omega, Euler angles and drifts. The page works offline."""
     with report_errors(source):
         from rigidmc.views.viewer.page import check_k3d
         from rigidmc.views.viewer.page import view as page_of

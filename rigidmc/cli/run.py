@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import FLAGGED, INCOMPLETE, OK, START, app, load_scene
+from rigidmc.cli.app import FLAGGED, INCOMPLETE, OK, load_scene
 from rigidmc.cli.directories import (
     DirectoryOptions,
     names_a_run,
@@ -57,10 +57,9 @@ Until = Annotated[
 Most = Annotated[int, count_option("--most", 32, help="With --until: most members to run.")]
 
 
-@app.command("run", rich_help_panel=START)
 @add_setting_options()
 @with_directory_options
-def run_scene(
+def run_command(
     scene: SceneArgument,
     run: dict[str, Any],
     ways: DirectoryOptions,
@@ -74,7 +73,6 @@ def run_scene(
     until: Until = None,
     most: Most = 10_000_000,
 ) -> None:
-    """Run a scene: integrate its ensemble, write the result and a picture, and report the cost."""
     began = time.perf_counter()
     with report_errors(scene):
         loaded = load_scene(scene, settings, allow_code, run)

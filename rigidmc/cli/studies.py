@@ -1,7 +1,4 @@
-"""The command of every study, made from its record when it runs or shows its help page.
-
-`rigidmc --help` uses the names and texts of `rigidmc.studies.STUDIES`, and loads no study.
-"""
+"""The command of every study, made from its record when it runs or shows its help page."""
 
 import inspect
 from collections.abc import Callable
@@ -9,11 +6,8 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
-from typer.core import TyperCommand
-from typer.main import get_command_from_info
-from typer.models import CommandInfo
 
-from rigidmc.cli.app import FLAGGED, INCOMPLETE, OK, STUDY, app, load_result, load_scene
+from rigidmc.cli.app import FLAGGED, INCOMPLETE, OK, load_result, load_scene
 from rigidmc.cli.directories import (
     DirectoryOptions,
     names_a_run,
@@ -50,7 +44,6 @@ from rigidmc.cli.reporting import (
 )
 from rigidmc.errors import OptionError, in_file
 from rigidmc.files.stores import is_folder
-from rigidmc.studies import STUDIES, load_study
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -101,45 +94,6 @@ OF_FILES: dict[str, Any] = {
     "threads": Threads, "settings": Set, "allow_code": AllowCode, "output": Output, "plot": Plot,
     "force": (Force, False),  # the help page shows this default
 }  # fmt: skip
-
-
-class StudyCommand(TyperCommand):
-    """A command that makes its parameters and function from the record at first use, because
-    loading the study takes a second."""
-
-    _made: TyperCommand | None = None
-
-    @property
-    def made(self) -> Any:
-        """The actual command."""
-        if self._made is None:
-            info = CommandInfo(name=self.name, callback=self.function())
-            self._made = get_command_from_info(  # type: ignore[assignment]
-                info, pretty_exceptions_short=True, rich_markup_mode="rich"
-            )
-        return self._made
-
-    def function(self) -> Callable[..., None]:
-        """Return its function, with options as typer reads them."""
-        return command_of(load_study(str(self.name)))
-
-    @property
-    def params(self) -> Any:
-        """Its argument and options."""
-        return self.made.params
-
-    @params.setter
-    def params(self, value: Any) -> None:
-        """Ignore the parameters that typer made from `unmade`."""
-
-    @property
-    def callback(self) -> Any:
-        """Its function."""
-        return self.made.callback
-
-    @callback.setter
-    def callback(self, value: Any) -> None:
-        """Ignore `unmade`."""
 
 
 def command_of(study: "Study") -> Callable[..., None]:
@@ -366,12 +320,3 @@ def _refuse_new(given: dict[str, Any]) -> None:
         if value is not None:
             rule = "is for a new study; this study already has its members"
             raise OptionError(rule, at=key, value=value)
-
-
-def unmade() -> None:
-    """Stand in for the function of a command until it is made."""
-
-
-for _name, _text in STUDIES.items():
-    if _name != "stability_map":  # its command is in `rigidmc.cli.maps`
-        app.command(_name, cls=StudyCommand, help=_text, rich_help_panel=STUDY)(unmade)

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.app import REFERENCE, app, load_scene
+from rigidmc.cli.app import load_scene
 from rigidmc.cli.options import AllowCode
 from rigidmc.cli.reporting import report_errors
 from rigidmc.errors import OptionError, unknown
@@ -72,13 +72,10 @@ def _by(dims: Iterable[str]) -> str:
     return f", by {', '.join(dims)}" if dims else ""
 
 
-@app.command(rich_help_panel=REFERENCE)
-def effects(
+def effects_command(
     name: Name = None,
     measure: MeasureEffects = False,
 ) -> None:
-    """List the effects: law, parameters, requirements, conserved quantities; with --measure, the
-    cost on this machine. With NAME, show equation, parameters and source."""
     with report_errors():
         from rigidmc.physics.effects import EFFECTS, description
 
@@ -147,13 +144,10 @@ def _of_effect(name: str) -> Facts:
     yield "facts", description(kind)[2]
 
 
-@app.command(rich_help_panel=REFERENCE)
-def observables(
+def observables_command(
     name: Name = None,
     measure: MeasureObservables = False,
 ) -> None:
-    """List the observables, saved or monitored, with parameters and results; with --measure, the
-    time that each monitored one adds to a step on this machine. With NAME, describe one."""
     with report_errors():
         from rigidmc.physics.observables import (
             KNOWN,
@@ -258,15 +252,12 @@ def _default(kind: Any, field: str) -> str:
     return f"{field} = {default:.4g}" if isinstance(default, float) else f"{field} = {default}"
 
 
-@app.command(rich_help_panel=REFERENCE)
-def integrators(
+def integrators_command(
     name: Name = None,
     measure: MeasureIntegrators = False,
     scene: OfScene = None,
     allow_code: AllowCode = False,
 ) -> None:
-    """List the integrators: order, torques per step, conserved quantities, accepted torques; with
-    --measure, the cost of a step on this machine. With NAME, describe one and cite its source."""
     with report_errors():
         from rigidmc.physics.integrators import INTEGRATORS, description
 

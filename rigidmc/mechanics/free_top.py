@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import floats
+from rigidmc.arrays import check_rows, floats
 from rigidmc.engine.formulas import evaluate
-from rigidmc.errors import SceneError, check_rows
+from rigidmc.errors import SceneError
 from rigidmc.mechanics.free_orbit import FreeOrbit, FreeOrbitFormula, FreeStateFormula, Phase
 from rigidmc.mechanics.rotation import Attitude, quaternion
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import floats
+from rigidmc.arrays import check_rows, floats
 from rigidmc.dual_arrays import DualArray, as_array
-from rigidmc.errors import SceneError, check_rows
+from rigidmc.errors import SceneError
 from rigidmc.labelled import Wanted
 from rigidmc.physics.dynamics.principal_axes import Principal
 

@@ -5,9 +5,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import floats
+from rigidmc.arrays import check_rows, floats
 from rigidmc.engine.formulas import evaluate
-from rigidmc.errors import check_rows
 from rigidmc.mechanics.free_top import Motion, Shape, broadcast_arguments, spread
 from rigidmc.mechanics.lagrange_orbit import (
     LagrangeOrbit,

@@ -12,8 +12,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import floats
-from rigidmc.errors import SceneError, check_rows
+from rigidmc.arrays import check_rows, floats
+from rigidmc.errors import SceneError
 from rigidmc.labelled import Wanted
 from rigidmc.mechanics.euler_angles import (
     angles_of_quaternions,

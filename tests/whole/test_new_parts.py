@@ -228,19 +228,16 @@ def new_map():
 
 from typing import Any
 
-from rigidmc.cli.app import app
 from rigidmc.cli.options import add_setting_options
 
 
-@app.command()
 @add_setting_options("dt")
-def hello(run: dict[str, Any]) -> None:
-    """Say hello."""
+def hello_command(run: dict[str, Any]) -> None:
     print(f"hello, {run}")
 ''',
-        "cli/__init__.py",
-        "    maps,",
-        "    hello,",
+        "cli/commands.py",
+        '    "doctor": Entry(',
+        '    "hello": Entry("hello", REFERENCE, "Say hello."),',
     ),
 }
 

@@ -62,24 +62,24 @@ Vector distributions:
 """
 
 import os
-from importlib import resources
 
 from rigidmc.errors import NoSuchScene, nearest
-from rigidmc.files.reading import text_of
 
-_FOLDER = resources.files("rigidmc.scene.library")
+_FOLDER = os.path.dirname(__file__)
 
 
 def shipped_names() -> list[str]:
     """Return the names of the shipped scenes."""
-    return sorted(p.name[:-5] for p in _FOLDER.iterdir() if p.name.endswith(".toml"))
+    return sorted(name[:-5] for name in os.listdir(_FOLDER) if name.endswith(".toml"))
 
 
 def read_source(source: str) -> str:
     """Return the TOML text of a scene file or a shipped scene; FileNotFoundError with the nearest
     name if neither exists, NoSuchScene if `source` is not a file name."""
+    from rigidmc.files.reading import text_of
+
     if source in shipped_names():
-        return _FOLDER.joinpath(f"{source}.toml").read_text("utf-8")
+        return text_of(os.path.join(_FOLDER, f"{source}.toml"))
     if os.path.exists(source):
         return text_of(source)
     names, (folder, name) = shipped_names(), os.path.split(source)
