@@ -78,8 +78,10 @@ class Condition(NamedTuple):
         members that have no value, or whose event is later than their end."""
         if self.result.timed:
             return censored.answers(values, self.relation, self.number)
-        holds = RELATIONS[self.relation](values, self.number)
-        return np.where(np.isnan(values), np.nan, holds)
+        found = RELATIONS[self.relation](values, self.number).astype(float)
+        if (unknown := np.isnan(values)).any():
+            found[unknown] = np.nan
+        return found
 
 
 class Measure(NamedTuple):

@@ -42,23 +42,21 @@ class Moments(NamedTuple):
 def moments_of_groups(x: Array, there: NDArray[np.bool_]) -> Array:
     """Return the Moments (3, groups) of each group of numbers (n,), of which only those that are
     `there` count; the last group may be short."""
-    found = np.empty((3, -(-x.size // GROUP)))
+    starts = np.arange(0, x.size, GROUP)
+    found = np.empty((3, starts.size))
     count, mean, squares = found
-    if x.size % GROUP == 0 and there.all():
-        known, table = None, x.reshape(-1, GROUP)
-        count[:] = GROUP
+    if everywhere := bool(there.all()):
+        count[:], count[-1:] = GROUP, x.size - starts[-1:]
     else:
-        known, table = np.zeros((count.size, GROUP), bool), np.zeros((count.size, GROUP))
-        known.reshape(-1)[: x.size] = there
-        table.reshape(-1)[: x.size] = np.where(there, x, 0.0)
-        known.sum(1, out=count)
-    table.sum(1, out=mean)
+        x = np.where(there, x, 0.0)
+        np.add.reduceat(there, starts, dtype=float, out=count)
+    np.add.reduceat(x, starts, out=mean)
     mean /= np.maximum(count, 1.0)
-    apart = table - mean[:, None]
+    apart = x - np.repeat(mean, GROUP)[: x.size]
     np.multiply(apart, apart, out=apart)
-    if known is not None:
-        apart[~known] = 0.0
-    apart.sum(1, out=squares)
+    if not everywhere:
+        apart[~there] = 0.0
+    np.add.reduceat(apart, starts, out=squares)
     return found
 
 

@@ -81,10 +81,10 @@ class Histogram(NamedTuple):
         for row, found in zip(values, counts, strict=True):
             place = (row - self.low) * (self.bins / (self.high - self.low))
             np.floor(place, out=place)
-            # nan counts as below all bins: its conversion to an integer would depend on the
-            # machine. Of a number and nan, fmax returns the number.
-            np.fmax(place, -1.0, out=place)
-            np.minimum(place, self.bins, out=place)
+            np.clip(place, -1, self.bins, out=place)
             place += 1.0
+            # nan counts as below all bins: its conversion would depend on the machine
+            if (unknown := np.isnan(place)).any():
+                place[unknown] = 0.0
             found[:] = np.bincount(place.astype(np.intp), minlength=self.bins + 2)
         return counts
