@@ -78,7 +78,7 @@ class Condition(NamedTuple):
         members that have no value, or whose event is later than their end."""
         if self.result.timed:
             return censored.answers(values, self.relation, self.number)
-        found = RELATIONS[self.relation](values, self.number).astype(float)
+        found: NDArray[np.float64] = RELATIONS[self.relation](values, self.number).astype(float)
         if (unknown := np.isnan(values)).any():
             found[unknown] = np.nan
         return found
