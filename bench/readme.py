@@ -224,9 +224,9 @@ def workers(rows, machine):
     }
     lines = [
         (
-            f"{r['there'] + r['shards'] + r.get('before', {}).get('done', 0):,}",
+            f"{r['shards'] + r.get('before', {}).get('done', 0):,}",
             f"{r['count']:,}",
-            words[r["kind"]] or f"the last {r['shards']:,}" * bool(r["there"]),
+            words[r["kind"]] or r.get("beside", ""),
             *(f"{r[name]['ms']:.2f}" for name in ("scheduler", "client", "workers")),
             *(f"{r[name]['megabytes'][1]:.0f}" for name in ("scheduler", "client")),
             f"{r['status']:.2f}",
@@ -236,7 +236,7 @@ def workers(rows, machine):
     ]
     columns = ("shards", "workers", "", "ms of scheduler", "of client", "of worker",
                "MB of scheduler", "of client", "s of status")  # fmt: skip
-    most = max((r for r in rows if r["kind"] in words), key=lambda r: r["there"])
+    most = max((r for r in rows if r["kind"] in words), key=lambda r: r["shards"])
     note = (
         "CPU time of a task in each process, and memory at the end, of shards without work:"
         f" {1e3 / most['scheduler']['ms']:.0f} tasks a second keep one scheduler busy. All workers"
@@ -245,6 +245,27 @@ def workers(rows, machine):
         f" grows with the shards. {_machine(machine)}."
     )
     return with_note(table(columns, lines), note)
+
+
+def billion(rows, machine):
+    """Return a table of runs of which only totals are kept."""
+    lines = [
+        (
+            f"{r['members']:,}",
+            f"{r['gigabytes']:.2f}",
+            f"{r['seconds']:.3g}",
+            f"{r['members'] / r['seconds'] / 1e6:.1f}",
+            r.get("beside", ""),
+        )
+        for r in rows
+        if r["kind"] == "whole"
+    ]
+    rate = next(r for r in rows if r.get("what", "").startswith("rate"))
+    note = (
+        "Free tops for 100 steps, with a histogram, two means and a probability:"
+        f" {rate['measured']:.2f} of the rate without totals. {_machine(machine)}."
+    )
+    return with_note(table(("members", "GB", "s", "million/s", ""), lines), note)
 
 
 def reading(rows, machine):
@@ -453,6 +474,7 @@ DRAWN = {
     "runs": runs,
     "workers": workers,
     "reading": reading,
+    "billion": billion,
     "gpu": gpu,
     "device": device,
     **{

@@ -28,7 +28,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 from scipy import special
 
@@ -36,6 +35,7 @@ from rigidmc.errors import OptionError
 from rigidmc.files.reading import toml
 from rigidmc.physics.observables.saving import CENSORED, FOLLOWED, LAG
 from rigidmc.results import intervals
+from rigidmc.results.columns import Columns
 from rigidmc.results.intervals import Estimate
 from rigidmc.scene.toml.read import scene_text
 
@@ -50,7 +50,7 @@ RELATIONS: dict[str, Callable[[Any, float], Any]] = {
 }
 
 
-def signed_times(dataset: xr.Dataset, name: str, times: Array) -> Array:
+def signed_times(dataset: Columns, name: str, times: Array) -> Array:
     """Return the signed times (..., n) of an event in the members of a result, see above.
 
     name : the variable; its attributes state how long the event has to last
@@ -69,21 +69,21 @@ def signed_times(dataset: xr.Dataset, name: str, times: Array) -> Array:
     return np.where(np.isnan(ends), np.nan, np.where(come, np.abs(times), later))
 
 
-def ends_of(dataset: xr.Dataset) -> Array:
+def ends_of(dataset: Columns) -> Array:
     """Return the end until which each member was followed [s]; nan without information."""
-    good, count = dataset.status.values == 0, dataset.sizes["member"]
-    ends = np.full(count, np.nan)
+    good = dataset["status"].values == 0
+    ends = np.full(good.size, np.nan)
     if FOLLOWED in dataset:
         ends = np.array(dataset[FOLLOWED].values, float)
     if (unknown := good & np.isnan(ends)).any():  # a result of an earlier version
         ends[unknown] = _t_end(dataset)
     if "status_time" in dataset:
-        flagged = dataset.status_time.values
+        flagged = dataset["status_time"].values
         ends = np.where(good, ends, np.minimum(np.where(np.isnan(ends), np.inf, ends), flagged))
     return ends
 
 
-def _t_end(dataset: xr.Dataset) -> float:
+def _t_end(dataset: Any) -> float:
     if "t_end" in dataset.attrs:
         return float(dataset.attrs["t_end"])
     return float(toml(scene_text(dataset))["run"]["t_end"])

@@ -14,6 +14,7 @@ from rigidmc.physics.observables import WATCHED, WATCHED_STATISTICS, statistics,
 from rigidmc.physics.observables.saving import FOLLOWED, is_event_time
 from rigidmc.results import censored, intervals
 from rigidmc.results.censored import RELATIONS
+from rigidmc.results.columns import Columns
 from rigidmc.results.intervals import Estimate, Interval
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.units import in_si
@@ -58,7 +59,7 @@ class Result(NamedTuple):
     axis: int | None = None
     timed: bool = False
 
-    def values(self, dataset: xr.Dataset) -> NDArray[np.float64]:
+    def values(self, dataset: Columns) -> NDArray[np.float64]:
         """Return the values of the members (n,); signed times for events, see `censored`."""
         result = dataset[self.name]
         values: NDArray[np.float64] = (result.sel(axis=self.axis) if self.axis else result).values
@@ -77,8 +78,10 @@ class Condition(NamedTuple):
         members that have no value, or whose event is later than their end."""
         if self.result.timed:
             return censored.answers(values, self.relation, self.number)
-        holds = RELATIONS[self.relation](values, self.number)
-        return np.where(np.isnan(values), np.nan, holds)
+        found: NDArray[np.float64] = RELATIONS[self.relation](values, self.number).astype(float)
+        if (unknown := np.isnan(values)).any():
+            found[unknown] = np.nan
+        return found
 
 
 class Measure(NamedTuple):
@@ -121,7 +124,7 @@ class Measure(NamedTuple):
             return "f2"
         return "c16" if self.kind == "correlation" else "f8"
 
-    def values(self, dataset: xr.Dataset) -> NDArray[Any]:
+    def values(self, dataset: Columns) -> NDArray[Any]:
         """Return the numbers of the members (n,) from which `interval` estimates the measure.
 
         For p, the number is 1 if the relation holds, else 0, and nan for members without a value.
@@ -140,10 +143,24 @@ class Measure(NamedTuple):
             values = one + 1j * (censored.times_that_came(other) if self.other.timed else other)
         return values.astype(self.dtype)
 
-    def asks(self, dataset: xr.Dataset) -> NDArray[np.bool_]:
+    def outcomes(self, dataset: Columns) -> NDArray[np.float64]:
+        """Return the numbers of the members (n,) whose mean is the measure, a p or a mean: for p, 1
+        if the relation holds, else 0; nan for members whose number is unknown.
+
+        Raises OptionError as `values`.
+        """
+        values = self.result.values(dataset)
+        if self.kind == "p" and self.result.timed:
+            censored.refuse_later_times(self.text, values, self.number)
+            return censored.answers(values, self.relation, self.number)
+        if self.kind == "p":
+            return Condition(self.result, self.relation, self.number).answers(values)
+        return np.asarray(self._plain(values), float)  # counts are integers
+
+    def asks(self, dataset: Columns) -> NDArray[np.bool_]:
         """Return which members (n,) the measure selects: good members for which the condition
         holds; for the time of an event also flagged members, until the flag."""
-        found: NDArray[np.bool_] = dataset.status.values == 0
+        found: NDArray[np.bool_] = dataset["status"].values == 0
         if self.result.timed and self.kind in ("p", "quantile"):
             found = ~np.isnan(censored.ends_of(dataset))
         if self.given is not None:
@@ -157,10 +174,11 @@ class Measure(NamedTuple):
         Raises OptionError as `values`, and for the mean time of an event that has not occurred in
         all members.
         """
-        values, asked = self.values(dataset), self.asks(dataset) & (dataset.status.values == 0)
-        if self.result.timed and self.kind == "p":
-            values = censored.answers(values, self.relation, self.number)
-        elif self.result.timed:
+        asked = self.asks(dataset) & (dataset.status.values == 0)
+        if self.kind == "p":
+            return np.where(asked, self.outcomes(dataset), np.nan)
+        values = self.values(dataset)
+        if self.result.timed:
             share = float(censored.share(np.where(asked, values, np.nan)))
             self._refuse(share, float(np.nanmax(np.abs(values), initial=0.0)))
         return np.where(asked, values, np.nan).astype(float)

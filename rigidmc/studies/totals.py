@@ -2,6 +2,7 @@
 and the number of flagged members."""
 
 import math
+import operator
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -10,16 +11,23 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.cuda.devices import resolve_device
-from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError
 from rigidmc.progress import Progress, announce
-from rigidmc.results import censored
+from rigidmc.results.columns import Column, Columns
 from rigidmc.results.estimates import why_no_interval
 from rigidmc.results.intervals import Estimate, half_of_mean, probability
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.measures import Measure, measure, save_for_measures
-from rigidmc.results.sinks import Arrays, MemorySink, Place, WholeSink, make_buffer
+from rigidmc.results.sinks import (
+    Arrays,
+    HistogramCounts,
+    Place,
+    WholeSink,
+    make_buffer,
+    split_values,
+)
+from rigidmc.results.sums import GROUP, Moments, OrderedSums, moments_of_groups
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.blocks import BlockJob, compute
 from rigidmc.runs.prepare import prepare
@@ -28,8 +36,7 @@ from rigidmc.scene.amounts import read_count
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.studies.until import without_saves
 
-PART = 2**24  # bytes of the results of members whose totals are taken at once
-MORE = 4  # times the members of a block of a file: runs of 100 steps are 1.8 times as fast
+MORE = 8  # times the members of a block of a file: runs of 100 steps are 1.8 times as fast
 KINDS = ("p", "mean")  # of measures that are sums over members
 
 
@@ -45,9 +52,10 @@ def simulate_totals(
 ) -> xr.Dataset:
     """Run an ensemble and return only its totals, in memory that does not grow with the members.
 
-    A member has the bits that it has in `simulate`. Histograms among the saves of the scene are
-    counted; other saves over time are not made. Quantiles and correlations need the numbers of all
-    members: use `simulate`, or a run directory and `rigidmc summary`.
+    A member has the bits that it has in `simulate`; totals have the same bits for any number of
+    threads. Histograms among the saves of the scene are counted; other saves over time are not
+    made. Quantiles and correlations need the numbers of all members: use `simulate`, or a run
+    directory and `rigidmc summary`.
 
     Parameters
     ----------
@@ -87,15 +95,16 @@ def simulate_totals(
     texts = (measures,) if isinstance(measures, str) else tuple(measures)
     threads = threads_available() if threads is None else read_count(threads, "threads")
     scene = without_saves(save_for_measures(scene.with_run(**options), texts))
-    asked = [_sum_of(measure(text, variables_of(scene))) for text in texts]
+    asked = [_sum_measure(text, scene) for text in texts]
     with announce(progress):
         run = prepare(scene)
         device = "cpu" if run.plan.scheme is None else resolve_device(device)
         block = MORE * block_of(run.plan, threads, device, True)
-        sink = _TotalsSink(run.layout._replace(block=block), asked)
-        compute(
+        sink = _TotalsSink(run.layout, asked)
+        # the layout of the sink: what no total needs stays in the units of integration
+        members = compute(
             run.plan,
-            run.layout._replace(block=block),
+            sink.layout,
             run.initial,
             run.program(device),
             sink,
@@ -104,132 +113,142 @@ def simulate_totals(
             units=run.units,
             progress=progress,
         )
-    return sink.totals(confidence)
+    return sink.totals(members, confidence)
 
 
-class _Sum(NamedTuple):
-    """The totals of a measure: selected members, those with a number, their mean, and the sum of
-    squares about it; for a probability the numbers are 1 and 0."""
+class _Total(NamedTuple):
+    """The total of a measure over some members.
 
-    measure: Measure
+    asked, there : number of members that are selected, and of those of them with a number
+    successes : of a probability, how many numbers are 1
+    groups : of a mean, the Moments of each group of members, see `rigidmc.results.sums`
+    """
+
     asked: int = 0
-    count: Any = 0
-    mean: float = 0.0
-    squares: float = 0.0
+    there: int = 0
+    successes: int = 0
+    groups: NDArray[np.float64] | None = None
 
-    def plus(self, part: xr.Dataset) -> "_Sum":
-        """Return the totals with the members of a part added."""
-        one = self.measure
-        who = one.asks(part)
-        values = one.values(part)
-        if one.result.timed and one.kind == "p":
-            values = censored.answers(values, one.relation, one.number)
-        elif one.result.timed:
-            values = one._plain(values)
-        x = values[who & np.isfinite(values)].astype(float)
-        asked, both = self.asked + int(who.sum()), self.count + x.size
-        if not x.size:
-            return self._replace(asked=asked)
-        mean = float(x.mean())
-        apart = mean - self.mean
-        squares = float(np.square(x - mean).sum()) + apart * apart * self.count * x.size / both
-        middle = self.mean + apart * x.size / both
-        return _Sum(one, asked, both, middle, self.squares + squares)
+    def plus(self, other: "_Total") -> "_Total":
+        """Return the total of the members of both, without groups."""
+        asked, there, successes = map(operator.add, self[:3], other[:3])
+        return _Total(asked, there, successes)
 
-    def estimate(self, confidence: float) -> Estimate:
-        """Return the Estimate; nan if the time of an event is unknown for some members."""
-        without = 1.0 - self.count / self.asked if self.asked else math.nan
-        if not self.count or (self.measure.result.timed and without > 0.0):
+    def estimate(self, one: Measure, moments: Moments, confidence: float) -> Estimate:
+        """Return the Estimate; nan if the time of an event is unknown for some members.
+
+        moments : of the numbers of a mean
+        """
+        without = 1.0 - self.there / self.asked if self.asked else math.nan
+        if not self.there or (one.result.timed and without > 0.0):
             return Estimate(math.nan, math.nan, math.nan, without)
-        if self.measure.kind == "p":
-            successes = round(self.mean * self.count)
-            value, low, high = map(float, probability(successes, self.count, confidence))
-            return Estimate(value, low, high, without)
-        variance = self.squares / (self.count - 1) if self.count > 1 else math.nan
-        half = float(half_of_mean(variance, self.count, confidence))
-        return Estimate(self.mean, self.mean - half, self.mean + half, without)
+        if one.kind == "p":
+            found = probability(self.successes, self.there, confidence)
+            return Estimate(found.value, found.low, found.high, without).each(float)
+        mean = moments.mean
+        variance = moments.squares / (self.there - 1) if self.there > 1 else math.nan
+        half = float(half_of_mean(variance, self.there, confidence))
+        return Estimate(mean, mean - half, mean + half, without)
 
 
-def _sum_of(asked: Measure) -> _Sum:
-    """Return the empty totals of a measure; OptionError for one that is not a sum."""
+def _total_of(one: Measure, block: Columns) -> _Total:
+    """Return the total of a measure over a block of members."""
+    who, values = one.asks(block), one.outcomes(block)
+    there = who & np.isfinite(values)
+    asked, count = int(np.count_nonzero(who)), int(np.count_nonzero(there))
+    if one.kind == "p":
+        return _Total(asked, count, int(np.count_nonzero(there & (values == 1.0))))
+    return _Total(asked, count, 0, moments_of_groups(values, there))
+
+
+def _sum_measure(text: str, scene: Scene) -> Measure:
+    """Return a measure that is a sum over members; OptionError for another one."""
+    asked = measure(text, variables_of(scene))
     if asked.kind not in KINDS:
         rule = (
             "needs the numbers of all members; totals are probabilities and means: use a run"
             " directory, `rigidmc run SCENE -o RUN/` and `rigidmc summary RUN`"
         )
         raise OptionError(rule, at="measures", value=asked.text)
-    return _Sum(asked)
+    return asked
 
 
 class _TotalsSink(WholeSink):
-    """A sink that adds finished blocks to totals, many members at a time."""
+    """A sink that adds finished blocks to totals. The thread that moved a block takes its totals,
+    while its values are in the cache of this core."""
 
-    def __init__(self, layout: ResultLayout, sums: list[_Sum]) -> None:
-        self.layout, self._sums = layout, sums
-        names = {"status", "status_time", *(name for one in sums for name in one.measure.names)}
+    def __init__(self, layout: ResultLayout, measures: list[Measure]) -> None:
+        names = {"status", "status_time", *(name for one in measures for name in one.names)}
         kept = {name: v for name, v in layout.by_member.items() if name in names}
-        self._kept = layout._replace(by_member=kept)
-        blocks = max(1, PART // sum(self._kept.bytes_of_a_member()) // layout.block)
-        self._size = blocks * layout.block  # members of a part
-        self._open: dict[int, tuple[MemorySink, set[int]]] = {}
-        self._counts = np.zeros(len(STATUSES), np.int64)
-        self._histograms: Arrays = {}
-        self._about: xr.Dataset | None = None
+        self.layout, self._measures = layout._replace(by_member=kept), measures
+        self._totals = [_Total() for _ in measures]
+        self._sums = OrderedSums(sum(one.kind == "mean" for one in measures))
+        self._histograms = HistogramCounts(layout.recording.histograms)
 
     def reserve(self, low: int, count: int) -> Place:
         """Return the place for the values of `count` members."""
         return make_buffer(self.layout, count)
 
-    def take(self, found: tuple[BlockJob, Arrays]) -> None:
-        """Add a finished block to its part, and a complete part to the totals."""
-        (job, results), layout = found, self.layout
-        i = (job.first - layout.first) // self._size
-        low = layout.first + i * self._size
-        members = min(self._size, layout.first + layout.members - low)
-        if i not in self._open:
-            part = self._kept._replace(first=low, members=members)
-            self._open[i] = MemorySink(part, {}, False), set()
-        sink, there = self._open[i]
-        sink.take(sink.gather(job, results))
-        there.add(job.first)
-        if len(there) == -(-members // layout.block):
-            self._add(self._open.pop(i)[0].finish())
+    def gather(self, job: BlockJob, results: Arrays) -> tuple[int, list[_Total], Arrays]:
+        """Return the first group of a finished block, its totals, and its counts."""
+        block, counts = self._columns(job, results), Arrays()
+        if self._histograms.histograms:
+            values = job.out.reshape(self.layout.axes.times.size, self.layout.values, -1)
+            parts = split_values(self.layout, values[..., job.column :])
+            counts = self._histograms.of(job, parts, results["status"])
+        group = (job.first - self.layout.first) // GROUP
+        return group, [_total_of(one, block) for one in self._measures], counts
 
-    def _add(self, part: xr.Dataset) -> None:
-        self._counts += np.bincount(part.status.values, minlength=len(STATUSES))
-        self._sums = [one.plus(part) for one in self._sums]
-        for name in self.layout.of_ensemble:
-            self._histograms[name] = self._histograms.get(name, 0) + part[name].values
-        if self._about is None:
-            self._about = part.drop_dims(("member", "flagged"), errors="ignore")
+    def _columns(self, job: BlockJob, results: Arrays) -> dict[str, Column]:
+        """Return the variables of the members of a block, as a result has them."""
+        block = {}
+        for name, (_, dtype, attrs) in self.layout.by_member.items():
+            values = results[name]
+            if name in self.layout.constant:  # one column is enough
+                values = np.broadcast_to(values[..., :1], (*values.shape[:-1], job.size))
+            block[name] = Column(np.asarray(values[..., : job.size], dtype), attrs)
+        return block
 
-    def totals(self, confidence: float) -> xr.Dataset:
-        """Return the totals as a Dataset."""
-        assert self._about is not None and not self._open
-        about = self._about
-        found = [one.estimate(confidence) for one in self._sums]
-        known = not why_no_interval(about)
-        table: NDArray[np.float64] = np.array([(*x, x.without) for x in found]).reshape(-1, 4)
+    def take(self, found: tuple[int, list[_Total], Arrays]) -> None:
+        """Add the totals of a finished block."""
+        group, totals, counts = found
+        both = zip(self._totals, totals, strict=True)
+        self._totals = [total.plus(more) for total, more in both]
+        self._sums.add(group, [one.groups for one in totals if one.groups is not None])
+        self._histograms.add(counts)
+
+    def totals(self, members: dict[str, int], confidence: float) -> xr.Dataset:
+        """Return the totals as a Dataset; members : of each status."""
+        layout, rows = self.layout, iter(self._sums.totals())
+        estimates = [
+            total.estimate(one, next(rows) if one.kind == "mean" else Moments(), confidence)
+            for one, total in zip(self._measures, self._totals, strict=True)
+        ]
+        attributes = layout.attributes()
+        known = not why_no_interval(xr.Dataset(attrs=attributes))
+        table: NDArray[np.float64] = np.array([(*x, x.without) for x in estimates]).reshape(-1, 4)
         table[:, 1:3] = np.where(known, table[:, 1:3], np.nan)
-        units = [one.measure.units(variables_of(self.layout.scene)) for one in self._sums]
+        units = [one.units(variables_of(layout.scene)) for one in self._measures]
         variables: dict[str, Any] = {
             name: ("measure", table[:, i], {"confidence": confidence} if 0 < i < 3 else {})
             for i, name in enumerate(("value", "low", "high", "without"))
         }
-        variables["members"] = ("status", self._counts, {"long_name": "members of this status"})
-        for name, counts in self._histograms.items():
-            variables[name] = (about[name].dims, counts, about[name].attrs)
-        coordinates = {
-            "measure": ("measure", [one.measure.text for one in self._sums]),
+        about = {"long_name": "members of this status"}
+        variables["members"] = ("status", list(members.values()), about)
+        for name, counts in self._histograms.variables().items():
+            dims, _, attrs = layout.of_ensemble[name]
+            variables[name] = (dims, counts, attrs)
+        coordinates: dict[str, Any] = {
+            **layout.axes.coordinates(),
+            "measure": ("measure", [one.text for one in self._measures]),
             "units": ("measure", units),
-            "status": ("status", list(STATUSES)),
+            "status": ("status", list(members)),
         }
-        kept = {name: axis for name, axis in about.coords.items() if name != "measure"}
-        return xr.Dataset(variables, {**kept, **coordinates}, self.layout.attributes())
+        del coordinates["member"]
+        return xr.Dataset(variables, coordinates, attributes)
 
     def finish(self) -> None:
         """Return nothing: `totals` returns the result."""
 
     def discard(self) -> None:
-        """Drop incomplete parts."""
-        self._open.clear()
+        """Drop nothing: totals are small."""

@@ -136,8 +136,10 @@ def own(given: Iterable[Any]) -> dict[str, Any]:
 
 def find_observable(given: Iterable[Any], name: str) -> Any:
     """Return the observable at save times with this name or label."""
+    if name in OBSERVABLES:  # asked for every block: to look through `given` takes 0.05 ms
+        return OBSERVABLES[name]()
     if name in default_names(given):
-        return {**OBSERVABLES, **WITH_TABLE}[name]()
+        return WITH_TABLE[name]()
     return dict(label_observables(given))[name]
 
 

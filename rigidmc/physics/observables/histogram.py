@@ -77,9 +77,14 @@ class Histogram(NamedTuple):
 
     def counts(self, values: Array) -> NDArray[np.intp]:
         """Count values (times, members) into (times, bins + 2): below, in each bin, above."""
-        place = (values - self.low) * (self.bins / (self.high - self.low))
-        np.clip(np.floor(place, place), -1, self.bins, place)
-        # nan counts as below all bins: its conversion to an integer would depend on the machine.
-        place[np.isnan(place)] = -1.0
-        rows = place.astype(np.intp) + 1
-        return np.stack([np.bincount(row, minlength=self.bins + 2) for row in rows])
+        counts = np.empty((len(values), self.bins + 2), np.intp)
+        for row, found in zip(values, counts, strict=True):
+            place = (row - self.low) * (self.bins / (self.high - self.low))
+            np.floor(place, out=place)
+            np.clip(place, -1, self.bins, out=place)
+            place += 1.0
+            # nan counts as below all bins: its conversion would depend on the machine
+            if (unknown := np.isnan(place)).any():
+                place[unknown] = 0.0
+            found[:] = np.bincount(place.astype(np.intp), minlength=self.bins + 2)
+        return counts
