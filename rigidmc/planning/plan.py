@@ -37,6 +37,7 @@ from rigidmc.planning.steps import (
     rate_bounds,
     round_grid,
 )
+from rigidmc.planning.tangents import tangents_at_start, tangents_of_members
 from rigidmc.scene.model import Model
 from rigidmc.scene.recording import Recording, conservation
 from rigidmc.scene.settings import Run
@@ -46,6 +47,9 @@ LARGEST_TURN = 3.0  # [rad] in a monitored step: beyond it, attitudes within are
 # [rad] with noise, where only the ends of steps are known: for 50 heavy tops to t = 25, monitored
 # after steps of 1.6 rad, nutation was up to 0.43 rad off and 43 of 801 passages were missed
 RANDOM_TURN = 0.3
+# Derivatives of each number in a pass: with 3, 6 parameters cost 11.2 plain runs by rk8 and 12.4 by
+# rk4 with gravity; with 6, 18.2 and 12.8 (512 bits, `python -m bench derivatives`). More spill.
+AT_ONCE = 3
 MOST_SAVES = 10**7  # their times alone use 80 MB
 
 
@@ -163,13 +167,22 @@ class Plan(NamedTuple):
         if self.has_member_steps:
             rate = rate_bounds(self.model.effects, block)
             block[layout.STEPS] = count_member_steps(rate, self.grid.dt, self.run.turn)
-        return self._with_tangents(block) if self.columns else block, start
+        return self._with_tangents(block, sampler, members) if self.columns else block, start
 
-    def _with_tangents(self, block: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _with_tangents(
+        self, block: NDArray[np.float64], sampler: Source, members: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
         """Return a block with the rows of its derivatives."""
-        rows, members = block.shape
-        whole = allocate_block(rows * (1 + self.columns), members)
-        whole[:rows], whole[rows:] = block, 0.0
+        rows, count = block.shape
+        whole = allocate_block(rows * (1 + self.columns), count)
+        axes = self.places.axes if self.has_axes else None
+        known = self.has_attitude, rows, self.wrt, axes
+        if self.which is None:
+            tangents = tangents_at_start(self.model, sampler, int(members[0]), count, *known)
+        else:
+            tangents = tangents_of_members(self.model, sampler, members, *known)
+        end = rows * (1 + len(self.wrt))
+        whole[:rows], whole[rows:end], whole[end:] = block, tangents.reshape(-1, count), 0.0
         return whole
 
     def bounds(self) -> dict[str, float]:
@@ -278,8 +291,15 @@ def make_plan(
 
 
 def choose_columns(parameters: int) -> tuple[int, int]:
-    """Return (columns, columns of a pass) of a run with derivatives by a number of parameters."""
-    return parameters, parameters
+    """Return (columns, columns of a pass) of a run with derivatives by a number of parameters.
+
+    The passes are as few and as equal as possible.
+    """
+    if not parameters:
+        return 0, 0
+    passes = math.ceil(parameters / AT_ONCE)
+    at_once = math.ceil(parameters / passes)
+    return passes * at_once, at_once
 
 
 def _steps(effects: Sequence[Any], run: Run, pilot: NDArray[np.float64]) -> _Steps:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from rigidmc.dual_arrays import DualArray, TangentsLost, zeros
 from rigidmc.errors import SceneError
-from rigidmc.planning.body_derivatives import Path
-from rigidmc.planning.derivative_names import seeds_of
 from rigidmc.planning.initial import Source, fill_initial, member_ranges
+from rigidmc.scene.body_derivatives import Path
+from rigidmc.scene.derivative_names import seeds_of
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import Drawn, Grid, Marked, Rate, Varied
@@ -38,7 +38,7 @@ def tangents_at_start(
 
     Only the rows of `rows_to_fill` have derivatives; those of an attitude are orthogonal to it.
 
-    names : of the parameters, see `rigidmc.planning.derivative_names`
+    names : of the parameters, see `rigidmc.scene.derivative_names`
     axes : first of the four rows of the members' principal axes, a quaternion; None without them
 
     Raises SceneError for a name without a derivative, and for a custom part of the scene whose code

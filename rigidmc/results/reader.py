@@ -31,12 +31,12 @@ from rigidmc.results.variables import (
     parameter_variable,
     saved_variables,
 )
+from rigidmc.scene.derivative_names import derivative_unit
 from rigidmc.scene.derivatives import parameters_of_run
 from rigidmc.scene.recording import Recording, make_recording
 from rigidmc.scene.scene import Scene, loads
 from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.read import scene_text
-from rigidmc.scene.units import units_of
 
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -167,7 +167,7 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
         dims=dimensions(recorded.recorded, recorded.monitored),
         parameters=parameters,
         parameter_units=tuple(
-            "" if name.startswith(own) else units_of(scene, name) for name in parameters
+            "" if name.startswith(own) else derivative_unit(scene, name) for name in parameters
         ),
     )
     always = member_variables(model, run, recorded, False)

@@ -7,7 +7,7 @@ from rigidmc.engine.compiler.compose import NumbaError, innermost_cause
 from rigidmc.engine.cuda.devices import device_number
 from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
-from rigidmc.engine.program import Program
+from rigidmc.engine.program import NO_DERIVATIVES, Derivatives, Program
 from rigidmc.errors import PartError
 from rigidmc.physics.dynamics.trials import RULE
 from rigidmc.physics.effects import EFFECTS
@@ -22,11 +22,11 @@ from rigidmc.results.variables import (
     member_variables,
     saved_variables,
 )
+from rigidmc.scene.derivative_names import derivative_unit
 from rigidmc.scene.quantities import count_rows
 from rigidmc.scene.recording import Recording
 from rigidmc.scene.sampling import drawn_through
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.units import units_of
 
 
 def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
@@ -50,7 +50,7 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
         **({"drawn": through} if (through := drawn_through(scene.model, scene.run)) else {}),
         **(UNCOMPILED if plan.scheme is not None and is_uncompiled() else {}),
     }
-    monitors, units = plan.monitors, tuple(units_of(scene, name) for name in plan.wrt)
+    monitors, units = plan.monitors, tuple(derivative_unit(scene, name) for name in plan.wrt)
     saved, of_flagged = saved_variables(model.effects, recorded), flagged_variables(recorded)
     axes = plan.times, plan.thinned, plan.labels, monitors.bins, monitors.dims, plan.wrt, units
     return ResultLayout(
@@ -107,6 +107,7 @@ def make_program(plan: Plan, device: str = "cpu", compiled: bool = True) -> Prog
             paired=plan.paired,
             shortens=plan.grid.is_shortened,
             axes=plan.has_axes,
+            derivatives=_derivatives(plan),
             meanwhile=_import_xarray,
         )
         return found
@@ -122,6 +123,16 @@ def make_program(plan: Plan, device: str = "cpu", compiled: bool = True) -> Prog
         rule = f"cannot be compiled: {innermost_cause(error)}; {RULE}"
         whole = f"{table}.{', '.join(filter(None, names.values()))}"
         raise PartError(rule, at=whole, table=table) from error
+
+
+def _derivatives(plan: Plan) -> Derivatives:
+    """Return the derivatives that the program of a plan computes."""
+    if not plan.columns:
+        return NO_DERIVATIVES
+    of_body = any(name.startswith("body.") for name in plan.wrt)
+    # parameters of effects that are fixed in the body turn with its principal axes
+    of_effects = any(name.startswith("effects.") for name in plan.wrt) or of_body
+    return Derivatives(plan.at_once, plan.passes, of_body, of_effects)
 
 
 def _import_xarray() -> None:

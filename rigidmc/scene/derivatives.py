@@ -6,8 +6,7 @@ in the variable d_NAME, with the dimension `parameter`.
 
 from collections.abc import Sequence
 
-from rigidmc.errors import unknown
-from rigidmc.scene.parameters import parameter_names
+from rigidmc.scene.derivative_names import check_derivative_names, parameters_of
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.varied import vector_of
 
@@ -22,14 +21,12 @@ def parameters_of_run(scene: Scene) -> tuple[str, ...]:
     """
     if not scene.run.wrt:
         return ()
-    single = parameter_names(scene)
-    known = list(dict.fromkeys(word for name in single for word in (vector_of(name), name) if word))
+    single = list(parameters_of(scene.model))
     found: dict[str, None] = {}
     for name in scene.run.wrt:
-        if name not in known:
-            raise unknown("scene parameter", known, at="run.wrt", table="run", value=name)
         components = [one for one in single if vector_of(one) == name]
         found |= dict.fromkeys(components or [name])
+    check_derivative_names(scene, tuple(found))
     return tuple(found)
 
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.planning.derivative_names import (
-    parameter_names_of_derivatives,
-)
 from rigidmc.planning.initial import block_rows, initial_block
 from rigidmc.planning.tangents import tangents_at_start
+from rigidmc.scene.derivative_names import (
+    parameter_names_of_derivatives,
+)
 
 MEMBERS = 5
 

@@ -113,7 +113,8 @@ class CudaProgram(Program):
         threads = max(threads, len(self.devices))
         blocks = min(threads, blocks)  # at once
         count = self.saved_values * members
-        each = 8 * (self.rows * self.copies * members + count + min(count * saves, max(count, SAVED // 8)))
+        rows = self.rows * self.copies
+        each = 8 * (rows * members + count + min(count * saves, max(count, SAVED // 8)))
         need = each * -(-blocks // len(self.devices))
         with self._stream().module.entered():
             free, _ = call_driver("cuMemGetInfo")

@@ -19,7 +19,7 @@ from rigidmc.physics.dynamics.functions import normal_quantile
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import EFFECTS, label_effects, name_of
 from rigidmc.physics.effects.protocol import shape, user_parameters
-from rigidmc.planning.body_derivatives import (
+from rigidmc.scene.body_derivatives import (
     Given,
     Path,
     Seed,
@@ -47,7 +47,7 @@ def parameter_names_of_derivatives(scene: Scene) -> list[str]:
 
     Examples
     --------
-    >>> from rigidmc.planning.derivative_names import parameter_names_of_derivatives
+    >>> from rigidmc.scene.derivative_names import parameter_names_of_derivatives
     >>> start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0))
     >>> names = parameter_names_of_derivatives(rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=start))
     >>> [name for name in names if name.startswith("start.omega.1")]
