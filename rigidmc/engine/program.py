@@ -148,9 +148,15 @@ class Program:
         self.tangents = NO_TANGENTS
         if derivatives.at_once:
             counts = self.row_counts(rows.end)
-            aparts = (_rounded_up(counts[name]) for name in ("state", "work", "trace", "kept"))
-            active = derivatives.of_body, derivatives.of_effects
-            self.tangents = Tangents(derivatives.at_once, *aparts, *active)
+            self.tangents = Tangents(
+                derivatives.at_once,
+                in_state=_rounded_up(counts["state"]),
+                in_work=_rounded_up(counts["work"]),
+                in_trace=_rounded_up(counts["trace"]),
+                in_kept=_rounded_up(counts["kept"]),
+                of_body=derivatives.of_body,
+                of_effects=derivatives.of_effects,
+            )
         self.shape = KernelShape(
             lanes=self.lanes,
             values=sum(size(o.dims, len(works)) for o in observables),
@@ -168,11 +174,11 @@ class Program:
             is_random=int(random),
             changes_length=int(shortens and changes_state_form(scheme.integrator)),
             reweighs=int(shortens and bool(running)),
-            tangents=self.tangents.count,
+            tangents=self.tangents.of_each,
             passes=derivatives.passes,
             tangents_in_state=self.tangents.in_state,
             tangents_in_work=self.tangents.in_work,
-            parking=TRACE_ROWS + self.tangents.count * self.tangents.in_trace,
+            parking=TRACE_ROWS + self.tangents.of_each * self.tangents.in_trace,
         )
         kept = flag(attitude), flag(compensated)
         self.kernel_keys = self._make_keys(
@@ -192,7 +198,7 @@ class Program:
         """
         integrator, effects, shape = self.scheme.integrator, self.effects, self.shape
         several_groups = min(self.lanes, interleaving(integrator))
-        groups = static_count(1 if self.tangents.count else several_groups)
+        groups = static_count(1 if self.tangents.of_each else several_groups)
         several, count = flag(len(self.scheme.substeps) > 2), static_count(len(works))
         stepped = (integrator, effects, *flags, count, groups, several, self.paired)
         form, dense = stepping_form(integrator), static_count(min(shape.nodes, 2))
@@ -206,7 +212,7 @@ class Program:
             return plain and plain._replace(tangents=self.tangents)
 
         is_monitored = events or running
-        stops = form, effects, events, axes, flag(self.tangents.count > 0)
+        stops = form, effects, events, axes, flag(self.tangents.of_each > 0)
         registers = static_count(shape.monitors)
         steps = form, effects, events, running, dense, axes, self.deferred, registers
         last = form, effects, flags[1], works
@@ -359,7 +365,7 @@ class Program:
 
         rows : of its block
         """
-        count, counts = self.tangents.count, self.row_counts(rows)
+        count, counts = self.tangents.of_each, self.row_counts(rows)
         state, work, trace, kept = (
             counts[name] + count * getattr(self.tangents, f"in_{name}") for name in counts
         )

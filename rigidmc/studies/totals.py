@@ -25,7 +25,6 @@ from rigidmc.results.sinks import (
     Place,
     WholeSink,
     make_buffer,
-    split_values,
 )
 from rigidmc.results.sums import GROUP, Moments, OrderedSums, moments_of_groups
 from rigidmc.results.variables import variables_of
@@ -193,8 +192,7 @@ class _TotalsSink(WholeSink):
         """Return the first group of a finished block, its totals, and its counts."""
         block, counts = self._columns(job, results), Arrays()
         if self._histograms.histograms:
-            values = job.out.reshape(self.layout.axes.times.size, self.layout.values, -1)
-            parts = split_values(self.layout, values[..., job.column :])
+            parts = self.layout.split(self.layout.saves(job.out, job.width)[..., job.column :])
             counts = self._histograms.of(job, parts, results["status"])
         group = (job.first - self.layout.first) // GROUP
         return group, [_total_of(one, block) for one in self._measures], counts

@@ -309,11 +309,11 @@ for _operation, _build in (
     _define(_operation, 2, _build)
 _define(operator.neg, 1, lambda b, ty, x: (b.fneg(x.value), [b.fneg(p) for p in x.tangents]))
 _define(operator.pos, 1, lambda b, ty, x: (x.value, x.tangents))
-for _operation in (abs, math.fabs):
-    _define(_operation, 1, _absolute)
+_define(abs, 1, _absolute)
+_define(math.fabs, 1, _absolute)
 _define(math.sqrt, 1, dual_root)
-for _operation in (math.floor, math.ceil, math.trunc):
-    _define(_operation, 1, _step_function(_operation.__name__))
+for _rounding in (math.floor, math.ceil, math.trunc):
+    _define(_rounding, 1, _step_function(_rounding.__name__))
 
 
 def _define_comparison(operation: Any, sign: str) -> None:

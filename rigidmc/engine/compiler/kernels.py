@@ -76,13 +76,13 @@ NO_FUNCTION = CompiledFunction(0, 0, 0)  # for a kernel that a scene does not us
 class Tangents(NamedTuple):
     """The derivatives that a kernel computes along with its numbers.
 
-    count : derivatives of each number, 0 for none
+    of_each : derivatives of each number, 0 for none
     in_state, in_work, in_trace, in_kept : vectors from a number to its first derivative in this
         memory, see `DualRows`
     of_body, of_effects : whether those of the body and of the effects' parameters may differ from 0
     """
 
-    count: int
+    of_each: int
     in_state: int = 0
     in_work: int = 0
     in_trace: int = 0
