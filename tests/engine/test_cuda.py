@@ -124,6 +124,18 @@ def test_a_shorter_last_interval_has_the_same_bits(settings, fake):
 
 
 @pytest.mark.slow
+def test_derivatives_have_the_bits_of_the_processor(fake):
+    """Four parameters: two passes of two."""
+    wrt = ("start.omega.1", "start.omega.2", "start.omega.3", "effects.gravity.g")
+    scene = SCENE.with_run(save=("omega", "attitude", "flips"), wrt=wrt)
+    here, driver = rm.simulate(scene), fake()
+    there = rm.simulate(scene, device="cuda")
+    assert driver.launches
+    for name in here.data_vars:
+        assert np.array_equal(here[name].values, there[name].values, equal_nan=True), name
+
+
+@pytest.mark.slow
 def test_the_comparison_sees_one_bit(fake, monkeypatch):
     """A kernel that fuses one more product with a sum is not the processor's."""
     fake()
