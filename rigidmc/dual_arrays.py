@@ -27,6 +27,8 @@ import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
+from rigidmc.ufunc_partials import OF_VALUES, PARTIALS
+
 Array = NDArray[Any]
 # The first half of `rigidmc.physics.dynamics.vectors.nearest_integer` adds this number: the sum has
 # no digits after the point, and the derivative of a rounded number is 0.
@@ -97,7 +99,13 @@ class DualArray(NDArrayOperatorsMixin):
 
     def sum(self, axis: int | None = None) -> "DualArray":
         """Return the sum over an axis, or over all elements."""
-        return _sum(self, axis)
+        if axis is None:
+            return DualArray(self.value.sum(), self.ravel().tangents.sum(1))
+        return DualArray(self.value.sum(axis), self.tangents.sum(axis + 1 if axis >= 0 else axis))
+
+    def ravel(self) -> "DualArray":
+        """Return the array with one axis."""
+        return DualArray(self.value.ravel(), self.tangents.reshape(len(self.tangents), -1))
 
     def argmax(self, axis: int | None = None) -> Any:
         """Return the indices of the largest values, without tangents."""
@@ -107,16 +115,16 @@ class DualArray(NDArrayOperatorsMixin):
         if method != "__call__" or named:
             raise TangentsLost(f"np.{ufunc.__name__} of a DualArray has no {method}, out or where")
         values = [plain(x) for x in inputs]
-        if ufunc in _OF_VALUES:
+        if ufunc in OF_VALUES:
             return ufunc(*values)
         if ufunc is np.add and any(type(x) is float and x == _ROUNDING for x in inputs):
             return ufunc(*values)
-        if ufunc not in _PARTIALS:
+        if ufunc not in PARTIALS:
             raise TangentsLost(f"np.{ufunc.__name__} has no rule for a DualArray")
         # the operator: arrays have a faster power, with other bits than the ufunc
         y = values[0] ** values[1] if ufunc is np.power else ufunc(*values)
         with np.errstate(all="ignore"):
-            partials = _PARTIALS[ufunc](y, *values)
+            partials = PARTIALS[ufunc](y, *values)
         return with_partials(y, zip(inputs, partials, strict=True))
 
     def __array_function__(self, function: Any, kinds: Any, inputs: Any, named: Any) -> Any:
@@ -200,57 +208,6 @@ def _behind(index: Any) -> tuple[Any, ...]:
     return (slice(None), *(index if isinstance(index, tuple) else (index,)))
 
 
-_OF_VALUES = {
-    np.equal, np.not_equal, np.less, np.less_equal, np.greater, np.greater_equal,
-    np.isnan, np.isfinite, np.sign,
-}  # fmt: skip
-
-
-def _power_partials(y: Any, a: Any, b: Any) -> tuple[Any, Any]:
-    """Return (b a^(b - 1), a^b ln a); a power of 0 has no tangent by its exponent."""
-    return b * a ** (b - 1.0), y * np.log(np.where(a == 0.0, 1.0, a))
-
-
-def _arctan2_partials(y: Any, a: Any, b: Any) -> tuple[Any, Any]:
-    square = a * a + b * b
-    square = np.where(square == 0.0, np.inf, square)  # at (0, 0) the angle has no tangent
-    return b / square, -a / square
-
-
-def _hypot_partials(y: Any, a: Any, b: Any) -> tuple[Any, Any]:
-    size = np.where(y == 0.0, np.inf, y)  # the kink at (0, 0)
-    return a / size, b / size
-
-
-# {ufunc: partials(y, *operands)}, the derivatives of y by each operand
-_PARTIALS: dict[Any, Callable[..., tuple[Any, ...]]] = {
-    np.add: lambda y, a, b: (1.0, 1.0),
-    np.subtract: lambda y, a, b: (1.0, -1.0),
-    np.multiply: lambda y, a, b: (b, a),
-    np.divide: lambda y, a, b: (1.0 / np.asarray(b), -y / b),
-    np.power: _power_partials,
-    np.negative: lambda y, a: (-1.0,),
-    np.positive: lambda y, a: (1.0,),
-    np.absolute: lambda y, a: (np.sign(a),),
-    np.square: lambda y, a: (2.0 * a,),
-    np.sqrt: lambda y, a: (0.5 / y,),
-    np.sin: lambda y, a: (np.cos(a),),
-    np.cos: lambda y, a: (-np.sin(a),),
-    np.tan: lambda y, a: (1.0 + y * y,),
-    np.arcsin: lambda y, a: (1.0 / np.sqrt((1.0 - a) * (1.0 + a)),),
-    np.arccos: lambda y, a: (-1.0 / np.sqrt((1.0 - a) * (1.0 + a)),),
-    np.arctan: lambda y, a: (1.0 / (1.0 + a * a),),
-    np.arctan2: _arctan2_partials,
-    np.hypot: _hypot_partials,
-    np.exp: lambda y, a: (y,),
-    np.expm1: lambda y, a: (y + 1.0,),
-    np.log: lambda y, a: (1.0 / a,),
-    np.log1p: lambda y, a: (1.0 / (1.0 + a),),
-    np.minimum: lambda y, a, b: (np.where(a <= b, 1.0, 0.0), np.where(a <= b, 0.0, 1.0)),
-    np.maximum: lambda y, a, b: (np.where(a >= b, 1.0, 0.0), np.where(a >= b, 0.0, 1.0)),
-}
-
-
 def _count(parts: Any) -> int:
     """Return the number of parameters of the DualArrays among some values."""
     return next(len(x.tangents) for x in parts if isinstance(x, DualArray))
@@ -286,12 +243,6 @@ def _concatenate(parts: Any, axis: int = 0) -> DualArray:
     return DualArray(value, np.concatenate(each, behind))
 
 
-def _sum(x: Any, axis: int | None = None) -> DualArray:
-    if axis is None:
-        return DualArray(x.value.sum(), x.tangents.reshape(len(x.tangents), -1).sum(1))
-    return DualArray(x.value.sum(axis), x.tangents.sum(axis + 1 if axis >= 0 else axis))
-
-
 def _broadcast_to(x: Any, shape: Any) -> DualArray:
     shape = (shape,) if isinstance(shape, int) else tuple(shape)
     return DualArray(np.broadcast_to(x.value, shape), _full(x, shape, len(x.tangents)))
@@ -307,19 +258,15 @@ def _clip(x: Any, low: Any, high: Any) -> DualArray:
     return with_partials(value, [(x, np.where(value == plain(x), 1.0, 0.0))])
 
 
-def _diag(x: Any) -> DualArray:
-    return DualArray(np.diag(x.value), np.stack([np.diag(one) for one in x.tangents]))
-
-
 _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.where: _where,
     np.stack: _stack,
     np.concatenate: _concatenate,
-    np.sum: _sum,
+    np.sum: DualArray.sum,
     np.broadcast_to: _broadcast_to,
     np.broadcast_arrays: _broadcast_arrays,
     np.clip: _clip,
-    np.diag: _diag,
+    np.diag: lambda x: DualArray(np.diag(x.value), np.stack(list(map(np.diag, x.tangents)))),
     np.shape: lambda x: x.shape,
     np.zeros_like: lambda x: np.zeros_like(x.value),
 }

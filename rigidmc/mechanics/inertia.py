@@ -289,7 +289,7 @@ def axes_rates(
     Axes with equal moments (to 1e-12 of the largest) have no rate, nan, unless C does not couple
     them: then W_ij = 0. The relative error is 1e-16 times the largest moment over I_j - I_i.
     """
-    inside = np.swapaxes(axes, -1, -2) @ change @ axes
+    inside = _product(np.swapaxes(axes, -1, -2), _product(change, axes))
     gap = moments[..., None, :] - moments[..., :, None]
     size, coupling = np.abs(moments).max(-1)[..., None, None], np.abs(inside)
     equal = np.abs(gap) <= 1e-12 * size
@@ -297,7 +297,13 @@ def axes_rates(
     free = coupling <= 4e-15 * np.abs(change).max((-1, -2))[..., None, None]
     turn = np.where(equal, np.where(free, 0.0, np.nan), inside / np.where(equal, 1.0, gap))
     turn = np.where(np.eye(3) == 1.0, 0.0, turn)
-    return np.diagonal(inside, axis1=-2, axis2=-1), axes @ turn
+    return np.diagonal(inside, axis1=-2, axis2=-1), _product(axes, turn)
+
+
+def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return matrix products (..., 3, 3), element by element."""
+    product: NDArray[np.float64] = sum(a[..., :, k, None] * b[..., None, k, :] for k in range(3))  # type: ignore[assignment]
+    return product
 
 
 def why_impossible(moments: NDArray[np.float64]) -> str:

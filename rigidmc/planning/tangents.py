@@ -7,12 +7,13 @@ tangent, and the random numbers stay. A member's tangents depend on scene, seed 
 
 import copy
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dual_arrays import DualArray, TangentsLost, zeros
+from rigidmc.dual_arrays import DualArray, TangentsLost, plain, zeros
 from rigidmc.errors import SceneError
 from rigidmc.planning.initial import Source, fill_initial, member_ranges
 from rigidmc.scene.body_derivatives import Path
@@ -81,7 +82,10 @@ def built_with_tangents(
     block = zeros((rows, count), len(names))
     try:
         start = fill_initial(block, marked_model(model, names), sampler, first, has_attitude)  # type: ignore[arg-type]
-    except TangentsLost as error:
+    except (TangentsLost, ValueError) as error:
+        # NumPy's ValueError for an element of an array has the cause beside it
+        if not isinstance(error.__cause__ or error, TangentsLost):
+            raise
         rule = f"has no derivative: code of the scene uses what has none ({error})"
         raise SceneError(rule, at="run.wrt", value=", ".join(names)) from None
     if axes is not None:
@@ -98,7 +102,8 @@ def marked_model(model: Model, names: Sequence[str]) -> Model:
     for j, seeds in enumerate(seeds_of(model, names)):
         for path, rate in seeds:
             rates.setdefault(path, {})[j] = rate
-    for path, given in rates.items():
+    # methods last, so that they belong to a distribution whose fields are marked
+    for path, given in sorted(rates.items(), key=lambda one: one[0][-1] == "sample"):
         value: Any = model
         for key in path:
             value = value[key] if isinstance(key, int) else getattr(value, key)
@@ -106,8 +111,11 @@ def marked_model(model: Model, names: Sequence[str]) -> Model:
     return model
 
 
-def _marked(quantity: Any, rates: dict[int, Rate], parameters: int) -> DualArray | Marked:
-    """Return a quantity with its rates; a number as one with tangents."""
+def _marked(quantity: Any, rates: dict[int, Rate], parameters: int) -> Any:
+    """Return a quantity with its rates; a number as one with tangents, and the method that draws
+    vectors as one that adds tangents to them."""
+    if callable(quantity):
+        return partial(_with_own_components, quantity, rates, parameters)
     if isinstance(quantity, (Distribution, Grid, np.ndarray)):
         return Marked(quantity, rates, parameters)
     number = quantity.value if isinstance(quantity, Varied) else quantity
@@ -115,6 +123,19 @@ def _marked(quantity: Any, rates: dict[int, Rate], parameters: int) -> DualArray
     for j, rate in rates.items():
         tangents[j] = rate(drawn)[0]
     return DualArray(number, tangents)
+
+
+def _with_own_components(
+    sample: Any, rates: dict[int, Rate], parameters: int, *given: Any
+) -> DualArray:
+    """Return drawn vectors with the tangents of their own components."""
+    vectors = sample(*given)
+    unit = zeros(vectors.shape, parameters)
+    for j, rate in rates.items():
+        unit.tangents[j] = rate(Drawn(plain(vectors), None, 0, 0))
+    if isinstance(vectors, DualArray):
+        unit.tangents += vectors.tangents
+    return DualArray(plain(vectors), unit.tangents)
 
 
 def _put(whole: Any, path: Path, value: Any) -> Any:

@@ -126,7 +126,7 @@ def test_a_shorter_last_interval_has_the_same_bits(settings, fake):
 @pytest.mark.slow
 def test_derivatives_have_the_bits_of_the_processor(fake):
     """Four parameters: two passes of two."""
-    wrt = ("start.omega.1", "start.omega.2", "start.omega.3", "effects.gravity.g")
+    wrt = ("start.omega.size", "start.omega.angle", "body.moments.1", "effects.gravity.g")
     scene = SCENE.with_run(save=("omega", "attitude", "flips"), wrt=wrt)
     here, driver = rm.simulate(scene), fake()
     there = rm.simulate(scene, device="cuda")

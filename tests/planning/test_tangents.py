@@ -4,17 +4,23 @@ The members of scenes with other numbers come from the plain code. Differences o
 have an error of about 1e-13 of the numbers over the step.
 """
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 import rigidmc as rm
+from rigidmc.engine.kernel import layout
+from rigidmc.errors import SceneError
 from rigidmc.planning.initial import block_rows, initial_block
-from rigidmc.planning.tangents import tangents_at_start
+from rigidmc.planning.tangents import built_with_tangents, tangents_at_start, tangents_of_members
 from rigidmc.scene.derivative_names import (
+    check_derivative_names,
+    derivative_unit,
     parameter_names_of_derivatives,
 )
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 MEMBERS = 5
 
@@ -363,3 +369,186 @@ def test_derivatives_are_those_of_differences(name):
         assert np.abs(one).max() > 0.0, parameter
         print(parameter, error.max())
         assert error.max() < case.error, parameter
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_values_keep_their_bits(name):
+    scene = CASES[name].make(CASES[name].given)
+    rows = block_rows(scene.effects, False)
+    plain, start = initial_block(scene.model, 7, 3, MEMBERS, True, rows)
+    names = parameter_names_of_derivatives(scene)
+    block, others = built_with_tangents(scene.model, 7, 3, MEMBERS, True, rows, names)
+    assert np.array_equal(block.value.view(np.uint64), plain.view(np.uint64))
+    assert start.keys() <= others.keys()
+    assert np.isfinite(block.tangents).all()
+    for key, value in start.items():
+        assert np.array_equal(getattr(others[key], "value", others[key]), value), key
+    attitude = slice(layout.ATTITUDE, layout.MOMENTUM)
+    norm = (block.tangents[:, attitude] * plain[attitude]).sum(1)
+    # measured 3e-16 of the largest tangent
+    assert np.abs(norm).max() < 2e-15 * (1.0 + np.abs(block.tangents[:, attitude]).max())
+
+
+@pytest.mark.parametrize("name", ["drawn", "uncertain tensor", "gibbs"])
+def test_a_member_has_the_same_tangents_in_any_block(name):
+    scene = CASES[name].make(CASES[name].given)
+    names = parameter_names_of_derivatives(scene)
+    whole = tangents(scene, names, 7)
+    for first in (2, 5):
+        part = tangents(scene, names, 7 - first, first)
+        assert np.array_equal(part, whole[:, :, first:])
+    rows = block_rows(scene.effects, False)
+    members = np.array([5, 6, 1, 2, 600, 602])
+    some = tangents_of_members(scene.model, 7, members, True, rows, names)
+    assert np.array_equal(some[:, :, :4], whole[:, :rows, members[:4]])
+
+
+def plain_scene(**start):
+    body = rm.Body.from_moments((2.0, 2.0, 2.0), 0.5, (0.0, 0.0, 0.3))
+    return rm.Scene(body, rm.Gravity(9.81), start=rm.Start(**start))
+
+
+def test_a_sphere_at_rest_upright():
+    scene = plain_scene(omega=(0.0, 0.0, 0.0), attitude=(0.0, 0.0, 0.0))
+    names = ["body.moments.3", "start.omega.1", "start.attitude.theta", "body.centre.3"]
+    moment, omega, theta, centre = tangents(scene, names, 1)[:, :, 0]
+    body = np.zeros(9)
+    body[[2, 3, 4]] = -0.25, -0.25, 0.25  # 1/I3, (I2 - I3)/(I2 I3), (I3 - I1)/(I3 I1)
+    assert np.array_equal(moment[layout.BODY : layout.EFFECTS], body)
+    assert not moment[: layout.EXTRA].any()
+    assert omega[: layout.EXTRA].tolist() == [0.0] * 4 + [2.0, 0.0, 0.0]
+    assert theta[: layout.EXTRA].tolist() == [0.0, 0.5] + [0.0] * 5
+    assert centre[layout.BODY + 8] == 0.5
+
+
+def test_vectors_of_length_0_have_the_derivative_by_their_length():
+    for kind in (rm.Sphere(0.0), rm.Cone(3, 0.0, 0.1, 0.2)):
+        unit = rm.Sphere(1.0) if isinstance(kind, rm.Sphere) else rm.Cone(3, 1.0, 0.1, 0.2)
+        known = rows_of(plain_scene(momentum=unit))[layout.MOMENTUM : layout.EXTRA]
+        (found,) = tangents(plain_scene(momentum=kind), ["start.momentum.size"])
+        assert np.array_equal(found[layout.MOMENTUM : layout.EXTRA], known)
+
+
+def test_rows_and_varied_numbers_have_the_derivatives_of_each_member():
+    table = np.array([1.0, -2.0, 3.0, 0.5, 0.1])
+    quaternion = np.array([[1.0, 0.0, 0.0, 0.0], [0.6, 0.0, 0.8, 0.0]] * 2 + [[0.5] * 4])
+    scene = plain_scene(omega=(table, 1.0, 2.0), attitude=quaternion)
+    names = ["start.omega.1", "start.attitude.3", "body.mass"]
+    omega, third, mass = tangents(scene, names)
+    assert np.array_equal(omega[layout.MOMENTUM], np.full(5, 2.0))
+    q = quaternion.T
+    assert np.allclose(third[:4], np.eye(4)[:, 2:3] - q * q[2], rtol=0.0, atol=1e-15)
+    assert np.array_equal(mass[layout.BODY + 8], np.full(5, 0.3))
+
+
+def test_impossible_members_have_tangents_and_no_derivative_of_their_status():
+    wide = rm.Correlated((1.0, 1.0, 1.9), np.diag([0.01, 0.01, 0.01]))
+    scene = rm.Scene(rm.Body.from_moments(wide), start=rm.Start(omega=(0.0, 0.0, 1.0)))
+    status = rows_of(scene, 40)[layout.STATUS]
+    assert 0 < np.count_nonzero(status) < 40
+    found = tangents(scene, ["body.moments.mean.3", "body.moments.3", "start.omega.3"], 40)
+    assert np.isfinite(found).all() and not found[:, layout.STATUS].any()
+    assert np.array_equal(found[0], found[1])
+
+
+EQUAL = [[2.0, 0.2, 0.0], [0.2, 2.3, 0.0], [0.0, 0.0, 2.4]]  # moments 1.9, 2.4, 2.4
+
+
+def test_equal_moments_are_refused_where_the_axes_jump():
+    scene = rm.Scene(rm.Body.from_tensor(EQUAL), start=rm.Start(omega=(0.1, 0.2, 1.0)))
+    for name in ("body.tensor.2.3", "body.tensor.1.3"):
+        with pytest.raises(SceneError, match="equal moments"):
+            check_derivative_names(scene, [name])
+    named = dict(zip(("1.1", "1.2", "3.3"), range(3), strict=True))
+    found = tangents(scene, [f"body.tensor.{key}" for key in named])
+    known = Numbers({"a.1.1": 2.0, "a.1.2": 0.2, "a.2.2": 2.3, "a.3.3": 2.4})
+
+    def make(v):
+        return rm.Scene(rm.Body.from_tensor(v.symmetric("a")), start=scene.start)
+
+    for key, place in named.items():
+        true = differences(make, known, f"a.{key}")
+        assert np.abs(found[place] - true).max() < 2e-11, key  # measured 2e-12
+
+
+def test_rows_with_equal_moments_give_nan_for_these_members_alone():
+    rows = np.array([np.diag([2.0, 2.5, 3.0]), EQUAL])
+    scene = rm.Scene(rm.Body.from_tensor(rows), start=rm.Start(omega=(0.1, 0.2, 1.0)))
+    found = tangents(scene, ["body.tensor.2.3", "start.omega.1"], 2)
+    assert np.isfinite(found[1]).all() and np.isfinite(found[0, :, 0]).all()
+    assert np.isnan(found[0, : layout.MOMENTUM, 1]).all()
+
+
+def refusals():
+    ensemble = {"momentum": rm.GibbsMomentum(0.4), "attitude": "ensemble"}
+    mixed = rm.mixture((1.0, rm.normal(0.0, 1.0)), (2.0, rm.uniform(0.0, 1.0)))
+    turned = {"omega": (mixed, rm.distribution("gamma", a=2.0), rm.grid(0.0, 1.0, 3))}
+    yield plain_scene(**ensemble), "effects.gravity.g", "rejection"
+    yield plain_scene(**ensemble), "body.centre.3", "rejection"
+    yield plain_scene(**ensemble), "start.momentum.kT", "rejection"
+    yield plain_scene(**turned), "start.omega.1.2.weight", "jump"
+    yield plain_scene(**turned), "start.omega.2.a", "shape parameter of gamma"
+    yield plain_scene(**turned), "start.omega.3.count", "integer"
+    yield plain_scene(**turned), "start.omga.1", "did you mean 'start.omega.1'"
+    yield plain_scene(**turned), "body.cylinder.radius", "no such parameter"
+    attitude = rm.Pointing((0.0, 0.0, 1.0), 5.0)
+    yield plain_scene(omega=rm.Cone(3, 1.0, 0.1), attitude=attitude), "start.omega.axis", "integer"
+    yield plain_scene(omega=rm.Sphere(1.0), attitude=attitude), "start.attitude.kappa", "attitudes"
+
+
+def test_what_has_no_derivative_is_refused_by_name():
+    for scene, name, words in refusals():
+        with pytest.raises(SceneError) as caught:
+            check_derivative_names(scene, [name])
+        assert words in str(caught.value), name
+        assert name in str(caught.value) and "wrt" in str(caught.value), name
+    with pytest.raises(SceneError, match="twice"):
+        check_derivative_names(plain_scene(omega=(0.0, 0.0, 1.0)), ["body.mass", "body.mass"])
+
+
+def test_an_ensemble_has_derivatives_by_what_no_attitude_depends_on():
+    scene = plain_scene(momentum=rm.GibbsMomentum(0.4), attitude="ensemble")
+    known = rows_of(scene)[layout.MOMENTUM]
+    by_moment, by_own = tangents(scene, ["body.moments.1", "start.momentum.1"])
+    assert not by_moment[: layout.MOMENTUM].any()
+    assert np.allclose(by_moment[layout.MOMENTUM], known / 4.0, rtol=1e-15)  # L1 ~ sqrt(I1)
+    assert np.array_equal(by_own[layout.MOMENTUM : layout.EXTRA], [[1.0] * 5, [0.0] * 5, [0.0] * 5])
+
+
+def test_custom_code_that_would_lose_tangents_is_refused():
+    @dataclass(frozen=True)
+    class Plain(VectorDistribution):
+        size: Any
+        variables = ("omega",)
+
+        def sample(self, sampler, name, first, count, facts):
+            return np.full((3, count), float(self.size))
+
+    scene = plain_scene(omega=Plain(2.0))
+    with pytest.raises(SceneError, match="lose its tangents"):
+        tangents(scene, ["start.omega.size"])
+    (found,) = tangents(scene, ["start.omega.2"])
+    assert found[layout.MOMENTUM : layout.EXTRA, 0].tolist() == [0.0, 2.0, 0.0]
+
+
+def test_units_of_parameters():
+    scenes = {name: case.make(case.given) for name, case in CASES.items()}
+    units = {
+        "heavy": {"body.moments.1": "kg m2", "effects.gravity.g": "m s-2", "body.mass": "kg",
+                  "start.attitude.phi": "rad"},
+        "described": {"body.tensor.1.2": "kg m2", "start.attitude.1": "1"},
+        "drawn": {"start.omega.1.mean": "rad s-1", "start.attitude.psi.low": "rad"},
+        "cone": {"start.omega.size.mean": "rad s-1", "start.omega.angle": "rad"},
+        "correlated": {"start.momentum.covariance.1.2": "kg2 m4 s-2", "start.momentum.2":
+                       "kg m2 s-1", "effects.uniform_field.dipole.covariance.1.1": "A2 m4"},
+        "shell": {"start.momentum.energy": "J", "start.momentum.direction.1": "1"},
+        "uncertain satellite": {"body.tensor.mean.1.1": "kg m2", "body.tensor.centre.1": "m",
+                                "body.tensor.covariance.1.1": "kg2 m4",
+                                "body.tensor.covariance.3.9": "kg m3",
+                                "body.tensor.covariance.10.10": "kg2"},
+        "box off its axes": {"body.box.mass": "kg", "body.box.size.1": "m"},
+        "t_handle": {"body.t_handle.density": "kg m-3"},
+    }  # fmt: skip
+    for name, known in units.items():
+        for parameter, unit in known.items():
+            assert derivative_unit(scenes[name], parameter) == unit, parameter
