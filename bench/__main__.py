@@ -31,6 +31,7 @@ BENCHES = {
     "reading": "bench.reading",
     "billion": "bench.billion",
     "orders": "bench.orders",
+    "derivatives": "bench.derivatives",
     "peers": "bench.peers",
     "coming_from": "bench.coming_from",
     "coverage": "bench.coverage",

@@ -31,8 +31,9 @@ def prepared(name, effects=GRAVITY, save=("omega", "attitude"), **settings):
     q /= np.linalg.norm(q, axis=1)[:, None]
     start = rm.Start(omega=1.5 * rng.normal(size=(MEMBERS, 3)), attitude=q)
     scene = rm.Scene(body, effects=() if name == "exact" else effects, start=start)
-    times = {"dt": H, "t_end": H * STEPS, "every": H * STEPS / 2}
-    return rm.prepare(scene, name, members=MEMBERS, save=save, **times, **settings)
+    steps = settings if "turn" in settings else {"dt": H, **settings}
+    times = {"t_end": H * STEPS, "every": H * STEPS / 2}
+    return rm.prepare(scene, name, members=MEMBERS, save=save, **times, **steps)
 
 
 def directions(run, count=2):
@@ -145,10 +146,7 @@ CASES = {
 def test_every_integrator_and_kind_of_run_keeps_its_bits(name, case):
     if name == "exact" and case in ("compensated", "own steps"):
         pytest.skip("not offered")
-    settings = dict(CASES[case])
-    if "turn" in settings:
-        settings["dt"] = None
-    check_bits(prepared(name, **settings))
+    check_bits(prepared(name, **CASES[case]))
 
 
 @pytest.mark.slow
