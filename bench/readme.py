@@ -253,7 +253,7 @@ def billion(rows, machine):
         (
             f"{r['members']:,}",
             f"{r['gigabytes']:.2f}",
-            f"{r['seconds']:.3g}",
+            f"{r['seconds']:,.1f}",
             f"{r['members'] / r['seconds'] / 1e6:.1f}",
             r.get("beside", ""),
         )

@@ -118,7 +118,7 @@ def simulate_totals(
 class _Total(NamedTuple):
     """The total of a measure over some members.
 
-    asked, there : number of members that are selected, and of those of them with a number
+    asked, there : number of selected members, and how many of them have a number
     successes : of a probability, how many numbers are 1
     groups : of a mean, the Moments of each group of members, see `rigidmc.results.sums`
     """
