@@ -138,7 +138,8 @@ def true_change(many, kind, i, j):
             else:
                 omega[0] += sign * step
             momentum = [a * b for a, b in zip(moments, omega, strict=True)]
-            weight = [tops.GRAVITY * mp.mpf(x) if kind == "heavy" else 0 for x in many.static[:, i]]
+            g = peers.GRAVITY[0].g if kind == "heavy" else 0
+            weight = [g * mp.mpf(x) for x in many.static[:, i]]
             ends.append(taylor(moments, momentum, 10, many.attitude[:, i], weight)[1])
         return np.array([(a - b) / (2 * step) for a, b in zip(*ends, strict=True)], float)
 
