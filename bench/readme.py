@@ -439,6 +439,17 @@ def bits(rows, machine):
     return table(columns, found)
 
 
+def derivatives(rows, machine):
+    """Return a table of the cost of derivatives, and of heyoka's time beside it."""
+    lines = [(row["name"], f"{row['ratio']:.1f}") for row in rows if row["kind"] == "cost"]
+    peers = [row for row in rows if row["kind"] == "peer"]
+    times = "; ".join(f"{row['name']} {row['milliseconds']:.0f} ms" for row in peers)
+    note = f"""4,096 heavy tops to 10 s with derivatives by their seven starts, right to 1e-9: {times}.
+    {_machine(machine)} (`python -m bench derivatives`)."""
+    note = " ".join(note.split())
+    return with_note(table(("derivatives", "plain runs"), lines), note)
+
+
 PAGES = {  # page on coming from another program: {task: words}
     "basilisk": {"one": "one hub", "ensemble": "4,096 hubs"},
     "mujoco": {"one": "one top", "ensemble": "64 tops"},
@@ -468,6 +479,7 @@ def _count(number):
 DRAWN = {
     "accuracy": accuracy,
     "bits": bits,
+    "derivatives": derivatives,
     "peers": peers,
     "throughput": throughput,
     "maps": maps,
