@@ -407,8 +407,8 @@ def test_tangents_change_with_the_units_as_parameters_and_rows_do(name):
         by = 1.0 / unit_factor(derivative_unit(scene, parameter), **factors)
         for rows, unit in units:
             known = here[rows] * unit_factor(unit, **factors) * by
-            # measured: 3e-16, but 2e-13 for uncertain tensors, through logarithms
-            assert np.abs(there[rows] - known).max() <= 1e-12 * np.abs(known).max(), parameter
+            # measured 3e-12, of the small change of an uncertain tensor by its mass
+            assert np.abs(there[rows] - known).max() <= 1e-11 * np.abs(known).max(), parameter
 
 
 def test_tangents_fill_a_given_array():
