@@ -287,7 +287,8 @@ def axes_rates(
         dI_i = C_ii,   dB = B W,   W_ij = C_ij/(I_j - I_i) for i != j
 
     Axes with equal moments (to 1e-12 of the largest) have no rate, nan, unless C does not couple
-    them: then W_ij = 0. The relative error is 1e-16 times the largest moment over I_j - I_i.
+    them: then W_ij = 0. Rounding grows by the factor I_k/(I_j - I_i), I_k the largest moment
+    (tests/planning/test_dual_arrays.py).
     """
     inside = _product(np.swapaxes(axes, -1, -2), _product(change, axes))
     gap = moments[..., None, :] - moments[..., :, None]

@@ -66,7 +66,7 @@ def relative(derivative: float) -> Rate:
 
 
 def of_quantity(name: str, path: Path, quantity: Any) -> dict[str, Given]:
-    """Return the parameters of a quantity: the member's own number, then those of its
+    """Return the parameters of a quantity: the member's own number, and each parameter of its
     distribution."""
     known: dict[str, Given] = {name: one_seed(path, own_number)}
     for word, rate in rates_of(quantity).items():
@@ -275,7 +275,7 @@ def _made(part: ShapePart, sizes: dict[str, Any]) -> tuple[Any, Any, Any]:
 
 
 def solid_of(body: Body) -> Solid | None:
-    """Return the Solid of a body; None if its moments, mass and centre are not those of one.
+    """Return the Solid of a body; None if its moments, mass and centre differ from the solid's.
 
     Lengths may have another unit, a power of 2 of metres, as in an integration.
     """

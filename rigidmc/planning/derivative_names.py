@@ -74,7 +74,8 @@ def check_derivative_names(scene: Scene, names: Sequence[str], at: str = "run.wr
 def seeds_of(model: Model, names: Sequence[str], at: str = "run.wrt") -> list[list[Seed]]:
     """Return the Seeds of each name; SceneError as for `check_derivative_names`."""
     known, found = parameters_of(model), []
-    for i, name in enumerate(map(_upper_element, names)):
+    names = [_upper_element(name) for name in names]
+    for i, name in enumerate(names):
         if name not in known:
             raise unknown("parameter with a derivative", _able(known), at=at, value=name)
         given = known[name]
@@ -138,7 +139,7 @@ def parameters_of(model: Model) -> dict[str, Given]:
 
 def _of_vector(name: str, path: Path, value: Any) -> dict[str, Given]:
     """Return the parameters of a vector of quantities, or of a distribution of vectors: the
-    member's own components, then those of the distribution."""
+    member's own components, then the parameters of the distribution."""
     known: dict[str, Given] = {}
     if isinstance(value, VectorDistribution):
         for i in range(3):

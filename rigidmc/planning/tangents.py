@@ -38,7 +38,8 @@ def tangents_at_start(
 ) -> Array:
     """Return the derivatives (P, rows, count) of the block of `initial_block` by P parameters.
 
-    Only the rows of `rows_to_fill` have derivatives; those of an attitude are orthogonal to it.
+    Only the rows of `rows_to_fill` have derivatives. The derivative of an attitude is orthogonal to
+    it.
 
     names : of the parameters, see `rigidmc.planning.derivative_names`
     axes : first of the four rows of the members' principal axes, a quaternion; None without them

@@ -46,7 +46,7 @@ def test_functions_of_one_number(name):
     assert np.array_equal(y.value, function(x))  # every bit
     with mp.workdps(40):
         known = np.array([float(mp.diff(true, mp.mpf(v))) for v in x.tolist()])
-    # measured 4e-16 with functions of NumPy, 3e-15 with those of polynomials
+    # measured 4e-16 with functions of NumPy, 3e-15 with polynomials
     assert np.abs(y.tangents[0] / known - 1.0).max() < 6e-15
     assert np.allclose(y.tangents[1], 2.0 * y.tangents[0], rtol=1e-15, atol=0.0)
 
