@@ -209,13 +209,16 @@ def _of_attitude(model: Model) -> dict[str, Given]:
     """Return the parameters of the attitude at the start: its angles, or the four components of its
     quaternion, which is normalised."""
     name, value = "start.attitude", model.start.attitude
-    if isinstance(value, (Fisher, Pointing)):
-        rule = "is a parameter of a distribution of attitudes, whose draws have no derivatives here"
-        return {f"{name}.{field}": rule for field in value.as_dict()}
+    if isinstance(value, Fisher):
+        rule = "is a parameter of a distribution whose quantiles are read from a table"
+        return {f"{name}.{field}": rule for field in value.names()}
     if isinstance(value, VectorDistribution):
         known: dict[str, Given] = {}
         for field, part in value.as_dict().items():
             known |= _of_field(f"{name}.{field}", ("start", "attitude", field), part)
+        if isinstance(value, Pointing) and not any(value.direction[:2]):
+            rule = "is a direction along z, where the azimuth of the direction jumps"
+            known |= dict.fromkeys((f"{name}.direction.{i}" for i in (1, 2, 3)), rule)
         return known
     if not isinstance(value, tuple):
         return {}

@@ -227,6 +227,11 @@ def field(v):
     return rm.UniformField(rm.Correlated(mean, covariance), (0.1, 0.2, 0.3))
 
 
+def plain_scene(**start):
+    body = rm.Body.from_moments((2.0, 2.0, 2.0), 0.5, (0.0, 0.0, 0.3))
+    return rm.Scene(body, rm.Gravity(9.81), start=rm.Start(**start))
+
+
 class Case(NamedTuple):
     make: Any
     given: Numbers
@@ -261,6 +266,13 @@ CASES = {
     "sphere": Case(
         spin(lambda v: ("momentum", rm.Sphere(v["start.momentum.size"]))),
         numbers(start__momentum__size=2.0),
+    ),
+    "pointing": Case(
+        lambda v: plain_scene(
+            omega=(0.1, 0.2, 0.3),
+            attitude=rm.Pointing(v.three("start.attitude.direction"), v["start.attitude.kappa"]),
+        ),
+        numbers(start__attitude__direction=[0.3, -0.5, 0.7], start__attitude__kappa=4.0),
     ),
     "correlated": Case(
         spin(correlated, [field]),
@@ -438,11 +450,6 @@ def test_a_member_has_the_same_tangents_in_any_block(name):
     assert np.array_equal(some[:, :, :4], whole[:, :rows, members[:4]])
 
 
-def plain_scene(**start):
-    body = rm.Body.from_moments((2.0, 2.0, 2.0), 0.5, (0.0, 0.0, 0.3))
-    return rm.Scene(body, rm.Gravity(9.81), start=rm.Start(**start))
-
-
 def test_a_sphere_at_rest_upright():
     scene = plain_scene(omega=(0.0, 0.0, 0.0), attitude=(0.0, 0.0, 0.0))
     names = ["body.moments.3", "start.omega.1", "start.attitude.theta", "body.centre.3"]
@@ -462,6 +469,13 @@ def test_vectors_of_length_0_have_the_derivative_by_their_length():
         known = rows_of(plain_scene(momentum=unit))[layout.MOMENTUM : layout.EXTRA]
         (found,) = tangents(plain_scene(momentum=kind), ["start.momentum.size"])
         assert np.array_equal(found[layout.MOMENTUM : layout.EXTRA], known)
+
+
+def test_the_concentration_0_of_directions():
+    near, at = (plain_scene(omega=(0.1, 0.2, 0.3), attitude=rm.Pointing((1.0, 1.0, 1.0), k))
+                for k in (1e-6, 0.0))  # fmt: skip
+    (one,), (other,) = (tangents(scene, ["start.attitude.kappa"]) for scene in (near, at))
+    assert np.abs(one - other)[:4].max() < 1e-6  # measured 3e-8
 
 
 def test_rows_and_varied_numbers_have_the_derivatives_of_each_member():
@@ -528,7 +542,13 @@ def refusals():
     yield plain_scene(**turned), "body.cylinder.radius", "no such parameter"
     attitude = rm.Pointing((0.0, 0.0, 1.0), 5.0)
     yield plain_scene(omega=rm.Cone(3, 1.0, 0.1), attitude=attitude), "start.omega.axis", "integer"
-    yield plain_scene(omega=rm.Sphere(1.0), attitude=attitude), "start.attitude.kappa", "attitudes"
+    yield (
+        plain_scene(omega=(1.0, 0.0, 0.0), attitude=attitude),
+        "start.attitude.direction.1",
+        "jump",
+    )
+    fisher = rm.Fisher((1.0, 0.0, 0.0, 0.0), 5.0)
+    yield plain_scene(omega=rm.Sphere(1.0), attitude=fisher), "start.attitude.kappa", "table"
 
 
 def test_what_has_no_derivative_is_refused_by_name():
