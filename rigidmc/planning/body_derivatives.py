@@ -1,7 +1,7 @@
 """The parameters of a body by which a model can be differentiated, and how each changes it.
 
 A size of a solid changes its tensor about the fixed point, an element of a tensor changes it alone;
-`rigidmc.mechanics.inertia.axes_rates` has the rates of moments and axes. The fixed point, its
+`rigidmc.mechanics.axes_rates` has the rates of moments and axes. The fixed point, its
 distance from the origin of a solid, and the axes of the scene stay.
 """
 
@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.dual_arrays import DualArray, as_array, plain
-from rigidmc.mechanics.inertia import about_point, axes_rates
+from rigidmc.mechanics.axes_rates import axes_rates
+from rigidmc.mechanics.inertia import about_point
 from rigidmc.mechanics.solids import COMPONENTS, SOLIDS
 from rigidmc.scene.body import IDENTITY, Body
 from rigidmc.scene.quantities import Rate, is_shared

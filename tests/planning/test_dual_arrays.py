@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from rigidmc.dual_arrays import DualArray, TangentsLost, as_array, plain_numbers, with_values, zeros
-from rigidmc.mechanics.inertia import axes_rates, principal_axes
+from rigidmc.mechanics.axes_rates import axes_rates
+from rigidmc.mechanics.inertia import principal_axes
 from rigidmc.physics.dynamics import functions as own
 from rigidmc.physics.dynamics.vectors import nearest_integer
 
