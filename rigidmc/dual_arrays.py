@@ -114,7 +114,7 @@ class DualArray(NDArrayOperatorsMixin):
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **named: Any) -> Any:
         if method != "__call__" or named:
             raise TangentsLost(f"np.{ufunc.__name__} of a DualArray has no {method}, out or where")
-        values = [plain(x) for x in inputs]
+        values = [x.value if isinstance(x, DualArray) else x for x in inputs]
         if ufunc in OF_VALUES:
             return ufunc(*values)
         if ufunc is np.add and any(type(x) is float and x == _ROUNDING for x in inputs):
@@ -182,24 +182,31 @@ def with_partials(value: Any, terms: Any) -> DualArray:
 
     terms : pairs (a, partial), the derivative of the value by a; an a without tangents is ignored
     """
-    value = np.asarray(value)
-    pairs = [(_spread(a.tangents, value.shape), f) for a, f in terms if isinstance(a, DualArray)]
+    value, total = np.asarray(value), None
     with np.errstate(all="ignore"):
-        total = sum(_times(partial, tangents) for tangents, partial in pairs)
-    return DualArray(value, np.broadcast_to(total, (len(pairs[0][0]), *value.shape)))
+        for a, partial in terms:
+            if isinstance(a, DualArray):
+                term = _times(partial, _spread(a.tangents, value.shape))
+                total = term if total is None else total + term
+    assert total is not None
+    shape = (len(total), *value.shape)
+    return DualArray(value, total if total.shape == shape else np.broadcast_to(total, shape))
 
 
 def _times(partial: Any, tangents: Array) -> Array:
     """Return partial * tangents, 0 where a tangent is 0."""
-    if np.isfinite(partial).all():
-        product: Array = np.multiply(partial, tangents)
+    product: Array = partial * tangents
+    # a sum is not finite if a number is not; the rare sum that overflows takes the longer way, too
+    if math.isfinite(partial if type(partial) is float else np.add.reduce(partial, axis=None)):
         return product
-    return np.where(tangents == 0.0, 0.0, partial * tangents)
+    return np.where(tangents == 0.0, 0.0, product)
 
 
 def _spread(tangents: Array, shape: Sequence[int]) -> Array:
     """Return tangents (P, *s) with axes of length 1 behind P, to broadcast with `shape`."""
-    missing = max(0, len(shape) + 1 - tangents.ndim)
+    missing = len(shape) + 1 - tangents.ndim
+    if missing <= 0:
+        return tangents
     return tangents.reshape(len(tangents), *(1,) * missing, *tangents.shape[1:])
 
 

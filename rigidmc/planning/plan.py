@@ -177,12 +177,13 @@ class Plan(NamedTuple):
         whole = allocate_block(rows * (1 + self.columns), count)
         axes = self.places.axes if self.has_axes else None
         known = self.has_attitude, rows, self.wrt, axes
+        whole[:rows], whole[rows:] = block, 0.0
+        tangents = whole[rows : rows * (1 + len(self.wrt))].reshape(-1, rows, count)
         if self.which is None:
-            tangents = tangents_at_start(self.model, sampler, int(members[0]), count, *known)
+            first = int(members[0])
+            tangents_at_start(self.model, sampler, first, count, *known, out=tangents)
         else:
-            tangents = tangents_of_members(self.model, sampler, members, *known)
-        end = rows * (1 + len(self.wrt))
-        whole[:rows], whole[rows:end], whole[end:] = block, tangents.reshape(-1, count), 0.0
+            tangents[:] = tangents_of_members(self.model, sampler, members, *known)
         return whole
 
     def bounds(self) -> dict[str, float]:

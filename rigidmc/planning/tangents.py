@@ -34,20 +34,24 @@ def tangents_at_start(
     rows: int,
     names: Sequence[str],
     axes: int | None = None,
+    out: Array | None = None,
 ) -> Array:
     """Return the derivatives (P, rows, count) of the block of `initial_block` by P parameters.
 
-    Only the rows of `rows_to_fill` have derivatives; those of an attitude are orthogonal to it.
+    Only the rows of `rows_to_fill` have derivatives. The derivative of an attitude is orthogonal to
+    it.
 
     names : of the parameters, see `rigidmc.scene.derivative_names`
     axes : first of the four rows of the members' principal axes, a quaternion; None without them
+    out : array of this shape to fill and return; its other rows keep their numbers
 
     Raises SceneError for a name without a derivative, and for a custom part of the scene whose code
     has none. A member whose tensor has equal moments gets nan for a parameter that turns its axes.
     """
-    return built_with_tangents(model, sampler, first, count, has_attitude, rows, names, axes)[
-        0
-    ].tangents
+    tangents = np.zeros((len(names), rows, count)) if out is None else out
+    block = DualArray(np.empty((rows, count)), tangents)
+    build_with_tangents(block, model, sampler, first, has_attitude, names, axes)
+    return tangents
 
 
 def tangents_of_members(
@@ -67,19 +71,17 @@ def tangents_of_members(
     return np.concatenate(parts, axis=2)
 
 
-def built_with_tangents(
+def build_with_tangents(
+    block: DualArray,
     model: Model,
     sampler: Source,
     first: int,
-    count: int,
     has_attitude: bool,
-    rows: int,
     names: Sequence[str],
     axes: int | None = None,
-) -> tuple[DualArray, dict[str, Any]]:
-    """Return (block, start) of `initial_block` with tangents; a value of `start` that depends on no
-    parameter is a plain array. Arguments as for `tangents_at_start`."""
-    block = zeros((rows, count), len(names))
+) -> dict[str, Any]:
+    """Set the rows of `tangents_at_start` and their values in a block, and return the sampled
+    values that the members are built from; those that depend on no parameter are plain arrays."""
     try:
         start = fill_initial(block, marked_model(model, names), sampler, first, has_attitude)  # type: ignore[arg-type]
     except (TangentsLost, ValueError) as error:
@@ -90,7 +92,7 @@ def built_with_tangents(
         raise SceneError(rule, at="run.wrt", value=", ".join(names)) from None
     if axes is not None:
         block[axes : axes + 4] = start["principal_axes"]
-    return block, start
+    return start
 
 
 def marked_model(model: Model, names: Sequence[str]) -> Model:

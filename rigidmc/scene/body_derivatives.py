@@ -1,7 +1,7 @@
 """The parameters of a body by which a model can be differentiated, and how each changes it.
 
 A size of a solid changes its tensor about the fixed point, an element of a tensor changes it alone;
-`rigidmc.mechanics.inertia.axes_rates` has the rates of moments and axes. The fixed point, its
+`rigidmc.mechanics.axes_rates` has the rates of moments and axes. The fixed point, its
 distance from the origin of a solid, and the axes of the scene stay.
 """
 
@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.dual_arrays import DualArray, as_array, plain
-from rigidmc.mechanics.inertia import about_point, axes_rates
+from rigidmc.mechanics.axes_rates import axes_rates
+from rigidmc.mechanics.inertia import about_point
 from rigidmc.mechanics.solids import COMPONENTS, SOLIDS
 from rigidmc.scene.body import IDENTITY, Body
 from rigidmc.scene.quantities import Rate, is_shared
@@ -66,7 +67,7 @@ def relative(derivative: float) -> Rate:
 
 
 def of_quantity(name: str, path: Path, quantity: Any) -> dict[str, Given]:
-    """Return the parameters of a quantity: the member's own number, then those of its
+    """Return the parameters of a quantity: the member's own number, and each parameter of its
     distribution."""
     known: dict[str, Given] = {name: one_seed(path, own_number)}
     for word, rate in rates_of(quantity).items():
@@ -275,7 +276,7 @@ def _made(part: ShapePart, sizes: dict[str, Any]) -> tuple[Any, Any, Any]:
 
 
 def solid_of(body: Body) -> Solid | None:
-    """Return the Solid of a body; None if its moments, mass and centre are not those of one.
+    """Return the Solid of a body; None if its moments, mass and centre differ from the solid's.
 
     Lengths may have another unit, a power of 2 of metres, as in an integration.
     """

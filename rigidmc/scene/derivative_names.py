@@ -74,7 +74,8 @@ def check_derivative_names(scene: Scene, names: Sequence[str], at: str = "run.wr
 def seeds_of(model: Model, names: Sequence[str], at: str = "run.wrt") -> list[list[Seed]]:
     """Return the Seeds of each name; SceneError as for `check_derivative_names`."""
     known, found = parameters_of(model), []
-    for i, name in enumerate(map(_upper_element, names)):
+    names = [_upper_element(name) for name in names]
+    for i, name in enumerate(names):
         if name not in known:
             raise unknown("parameter with a derivative", _able(known), at=at, value=name)
         given = known[name]
@@ -138,7 +139,7 @@ def parameters_of(model: Model) -> dict[str, Given]:
 
 def _of_vector(name: str, path: Path, value: Any) -> dict[str, Given]:
     """Return the parameters of a vector of quantities, or of a distribution of vectors: the
-    member's own components, then those of the distribution."""
+    member's own components, then the parameters of the distribution."""
     known: dict[str, Given] = {}
     if isinstance(value, VectorDistribution):
         for i in range(3):
@@ -208,13 +209,16 @@ def _of_attitude(model: Model) -> dict[str, Given]:
     """Return the parameters of the attitude at the start: its angles, or the four components of its
     quaternion, which is normalised."""
     name, value = "start.attitude", model.start.attitude
-    if isinstance(value, (Fisher, Pointing)):
-        rule = "is a parameter of a distribution of attitudes, whose draws have no derivatives here"
-        return {f"{name}.{field}": rule for field in value.as_dict()}
+    if isinstance(value, Fisher):
+        rule = "is a parameter of a distribution whose quantiles are read from a table"
+        return {f"{name}.{field}": rule for field in value.names()}
     if isinstance(value, VectorDistribution):
         known: dict[str, Given] = {}
         for field, part in value.as_dict().items():
             known |= _of_field(f"{name}.{field}", ("start", "attitude", field), part)
+        if isinstance(value, Pointing) and not any(value.direction[:2]):
+            rule = "is a direction along z, where the azimuth of the direction jumps"
+            known |= dict.fromkeys((f"{name}.direction.{i}" for i in (1, 2, 3)), rule)
         return known
     if not isinstance(value, tuple):
         return {}

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from rigidmc.dual_arrays import DualArray, TangentsLost, as_array, plain_numbers, with_values, zeros
-from rigidmc.mechanics.inertia import axes_rates, principal_axes
+from rigidmc.mechanics.axes_rates import axes_rates
+from rigidmc.mechanics.inertia import principal_axes
 from rigidmc.physics.dynamics import functions as own
 from rigidmc.physics.dynamics.vectors import nearest_integer
 
@@ -46,7 +47,7 @@ def test_functions_of_one_number(name):
     assert np.array_equal(y.value, function(x))  # every bit
     with mp.workdps(40):
         known = np.array([float(mp.diff(true, mp.mpf(v))) for v in x.tolist()])
-    # measured 4e-16 with functions of NumPy, 3e-15 with those of polynomials
+    # measured 4e-16 with functions of NumPy, 3e-15 with polynomials
     assert np.abs(y.tangents[0] / known - 1.0).max() < 6e-15
     assert np.allclose(y.tangents[1], 2.0 * y.tangents[0], rtol=1e-15, atol=0.0)
 

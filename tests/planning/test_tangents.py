@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
+from rigidmc.dual_arrays import zeros
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
-from rigidmc.planning.initial import block_rows, initial_block
-from rigidmc.planning.tangents import built_with_tangents, tangents_at_start, tangents_of_members
+from rigidmc.planning.initial import block_rows, initial_block, rows_to_fill
+from rigidmc.planning.tangents import build_with_tangents, tangents_at_start, tangents_of_members
+from rigidmc.planning.units import scale_scene, unit_factor
 from rigidmc.scene.derivative_names import (
     check_derivative_names,
     derivative_unit,
@@ -225,6 +227,11 @@ def field(v):
     return rm.UniformField(rm.Correlated(mean, covariance), (0.1, 0.2, 0.3))
 
 
+def plain_scene(**start):
+    body = rm.Body.from_moments((2.0, 2.0, 2.0), 0.5, (0.0, 0.0, 0.3))
+    return rm.Scene(body, rm.Gravity(9.81), start=rm.Start(**start))
+
+
 class Case(NamedTuple):
     make: Any
     given: Numbers
@@ -259,6 +266,13 @@ CASES = {
     "sphere": Case(
         spin(lambda v: ("momentum", rm.Sphere(v["start.momentum.size"]))),
         numbers(start__momentum__size=2.0),
+    ),
+    "pointing": Case(
+        lambda v: plain_scene(
+            omega=(0.1, 0.2, 0.3),
+            attitude=rm.Pointing(v.three("start.attitude.direction"), v["start.attitude.kappa"]),
+        ),
+        numbers(start__attitude__direction=[0.3, -0.5, 0.7], start__attitude__kappa=4.0),
     ),
     "correlated": Case(
         spin(correlated, [field]),
@@ -377,7 +391,8 @@ def test_values_keep_their_bits(name):
     rows = block_rows(scene.effects, False)
     plain, start = initial_block(scene.model, 7, 3, MEMBERS, True, rows)
     names = parameter_names_of_derivatives(scene)
-    block, others = built_with_tangents(scene.model, 7, 3, MEMBERS, True, rows, names)
+    block = zeros((rows, MEMBERS), len(names))
+    others = build_with_tangents(block, scene.model, 7, 3, True, names)
     assert np.array_equal(block.value.view(np.uint64), plain.view(np.uint64))
     assert start.keys() <= others.keys()
     assert np.isfinite(block.tangents).all()
@@ -387,6 +402,38 @@ def test_values_keep_their_bits(name):
     norm = (block.tangents[:, attitude] * plain[attitude]).sum(1)
     # measured 3e-16 of the largest tangent
     assert np.abs(norm).max() < 2e-15 * (1.0 + np.abs(block.tangents[:, attitude]).max())
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_tangents_change_with_the_units_as_parameters_and_rows_do(name):
+    scene = CASES[name].make(CASES[name].given)
+    factors = {"mass": 0.5, "length": 2.0**10, "time": 2.0**-3}
+    scaled = scale_scene(scene, **factors)
+    names = parameter_names_of_derivatives(scene)
+    assert parameter_names_of_derivatives(scaled) == names
+    momentum, body = slice(layout.MOMENTUM, layout.EXTRA), slice(layout.BODY, layout.BODY + 6)
+    units = ((slice(0, 4), "1"), (momentum, "kg m2 s-1"), (body, "kg-1 m-2"))
+    for parameter, here, there in zip(
+        names, tangents(scene, names), tangents(scaled, names), strict=True
+    ):
+        by = 1.0 / unit_factor(derivative_unit(scene, parameter), **factors)
+        for rows, unit in units:
+            known = here[rows] * unit_factor(unit, **factors) * by
+            # measured 3e-12, of the small change of an uncertain tensor by its mass
+            assert np.abs(there[rows] - known).max() <= 1e-11 * np.abs(known).max(), parameter
+
+
+def test_tangents_fill_a_given_array():
+    scene = CASES["drawn"].make(CASES["drawn"].given)
+    names = parameter_names_of_derivatives(scene)
+    rows, known = block_rows(scene.effects, False), tangents(scene, names)
+    given = np.full_like(known, 7.0)
+    found = tangents_at_start(scene.model, 7, 0, MEMBERS, True, rows, names, out=given)
+    assert found is given
+    filled = np.zeros(rows, bool)
+    for part in rows_to_fill(scene.effects):
+        filled[part] = True
+    assert np.array_equal(given[:, filled], known[:, filled]) and (given[:, ~filled] == 7.0).all()
 
 
 @pytest.mark.parametrize("name", ["drawn", "uncertain tensor", "gibbs"])
@@ -401,11 +448,6 @@ def test_a_member_has_the_same_tangents_in_any_block(name):
     members = np.array([5, 6, 1, 2, 600, 602])
     some = tangents_of_members(scene.model, 7, members, True, rows, names)
     assert np.array_equal(some[:, :, :4], whole[:, :rows, members[:4]])
-
-
-def plain_scene(**start):
-    body = rm.Body.from_moments((2.0, 2.0, 2.0), 0.5, (0.0, 0.0, 0.3))
-    return rm.Scene(body, rm.Gravity(9.81), start=rm.Start(**start))
 
 
 def test_a_sphere_at_rest_upright():
@@ -427,6 +469,13 @@ def test_vectors_of_length_0_have_the_derivative_by_their_length():
         known = rows_of(plain_scene(momentum=unit))[layout.MOMENTUM : layout.EXTRA]
         (found,) = tangents(plain_scene(momentum=kind), ["start.momentum.size"])
         assert np.array_equal(found[layout.MOMENTUM : layout.EXTRA], known)
+
+
+def test_the_concentration_0_of_directions():
+    near, at = (plain_scene(omega=(0.1, 0.2, 0.3), attitude=rm.Pointing((1.0, 1.0, 1.0), k))
+                for k in (1e-6, 0.0))  # fmt: skip
+    (one,), (other,) = (tangents(scene, ["start.attitude.kappa"]) for scene in (near, at))
+    assert np.abs(one - other)[:4].max() < 1e-6  # measured 3e-8
 
 
 def test_rows_and_varied_numbers_have_the_derivatives_of_each_member():
@@ -493,7 +542,13 @@ def refusals():
     yield plain_scene(**turned), "body.cylinder.radius", "no such parameter"
     attitude = rm.Pointing((0.0, 0.0, 1.0), 5.0)
     yield plain_scene(omega=rm.Cone(3, 1.0, 0.1), attitude=attitude), "start.omega.axis", "integer"
-    yield plain_scene(omega=rm.Sphere(1.0), attitude=attitude), "start.attitude.kappa", "attitudes"
+    yield (
+        plain_scene(omega=(1.0, 0.0, 0.0), attitude=attitude),
+        "start.attitude.direction.1",
+        "jump",
+    )
+    fisher = rm.Fisher((1.0, 0.0, 0.0, 0.0), 5.0)
+    yield plain_scene(omega=rm.Sphere(1.0), attitude=fisher), "start.attitude.kappa", "table"
 
 
 def test_what_has_no_derivative_is_refused_by_name():

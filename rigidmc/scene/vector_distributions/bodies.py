@@ -277,7 +277,7 @@ def _spread_of(
         return _spread(distribution, mass, centre)
     mean, covariance, *others = plain_numbers(given)
     known = _spread(replace(distribution, mean=mean, covariance=covariance, centre=None), *others)
-    # sums of Python's floats may be more exact than those of arrays
+    # Python may sum its floats more exactly than NumPy its arrays
     found: tuple[Any, Any] = with_values(_spread.__wrapped__(distribution, mass, centre), known)
     return found
 
