@@ -7,7 +7,7 @@ from rigidmc.engine.compiler.compose import NumbaError, innermost_cause
 from rigidmc.engine.cuda.devices import device_number
 from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
-from rigidmc.engine.program import Program
+from rigidmc.engine.program import NO_DERIVATIVES, Derivatives, Program
 from rigidmc.errors import PartError
 from rigidmc.physics.dynamics.trials import RULE
 from rigidmc.physics.effects import EFFECTS
@@ -67,11 +67,17 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
     )
 
 
-def make_program(plan: Plan, device: str = "cpu", compiled: bool = True) -> Program | None:
+def make_program(
+    plan: Plan,
+    device: str = "cpu",
+    compiled: bool = True,
+    derivatives: Derivatives = NO_DERIVATIVES,
+) -> Program | None:
     """Return the program that moves the members of a plan, compiled or from the cache; None for
     closed forms.
 
     compiled : if False, nothing is compiled and the Program lists what is `missing`
+    derivatives : that a block has besides its rows
     Raises SceneError for custom code that cannot be compiled.
     """
     if plan.scheme is None:
@@ -102,6 +108,7 @@ def make_program(plan: Plan, device: str = "cpu", compiled: bool = True) -> Prog
             paired=plan.paired,
             shortens=plan.grid.is_shortened,
             axes=plan.has_axes,
+            derivatives=derivatives,
             meanwhile=_import_xarray,
         )
         return found

@@ -44,8 +44,8 @@ Design = tuple[Scene, dict[str, Any]]  # scene and request, common to all tasks 
 class Tasks(NamedTuple):
     """The work of a study that consists of tasks; each task is a shard of its run directory.
 
-    start : (scene with the settings, options) -> (scene of the tasks, request: their options as
-        numbers and words); raises for a scene that cannot be studied
+    start : (scene with the settings, options, settings) -> (scene of the tasks, request: their
+        options as numbers and words); raises for a scene that cannot be studied
     next : (scene, request, {number: result} of the finished tasks) -> numbers of the next tasks,
         [] at the end; at the beginning no task is finished
     compute_some : (scene, request, numbers of tasks, threads, device) -> result of each task; it
@@ -58,7 +58,7 @@ class Tasks(NamedTuple):
     doubts : Dataset -> warnings after the last task
     """
 
-    start: Callable[[Scene, Any], Design]
+    start: Callable[[Scene, Any, Mapping[str, Any]], Design]
     next: Callable[[Scene, Request, dict[int, TaskArrays]], Sequence[int]]
     compute_some: Callable[[Scene, Request, Sequence[int], int, str | None], list[TaskArrays]]
     cost: Callable[[Scene, Request, Sequence[int]], float]
@@ -80,7 +80,7 @@ class Tasks(NamedTuple):
 
     def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Design:
         """Return the scene of the tasks and their request."""
-        return self.start(scene, options)
+        return self.start(scene, options, settings)
 
     def compute(
         self, design: Design, options: Any, threads: int | None, device: str | None,
