@@ -149,7 +149,7 @@ def _interval(run: PreparedRun, given: float | None, every: float | None) -> tup
     if every is None:
         return given, max(1, math.ceil(t_end / given / SAVES * (1.0 - 1e-9)))
     keep = max(1, math.ceil(every / given * (1.0 - 1e-9)))
-    return min(every, t_end) / keep, keep
+    return float(min(every, t_end) / keep), keep
 
 
 def missing_members(scene: Scene, request: Request, found: dict[int, TaskArrays]) -> list[int]:
