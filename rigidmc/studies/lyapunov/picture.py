@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from rigidmc.figures import COLOURS, LIGHT, figure_of, new_figure
+from rigidmc.figures import COLOURS, LIGHT, figure_of, legend_above, new_figure
 from rigidmc.results.labels import long_label
 
 LOWEST = 1e-32  # indices below it are drawn as this
@@ -26,28 +26,25 @@ def lyapunov_spectrum(study: xr.Dataset, figure: Figure | None = None) -> Figure
     for i, colour in zip(study.exponent.values, COLOURS, strict=False):
         _draw(left, study.exponents.sel(exponent=i), f"{i}", colour)
     left.set_ylabel(long_label(study.exponents))
-    left.legend(title="exponent", fontsize=8, ncols=2)
-    _draw(right, study.sali, "SALI", COLOURS[0])
     for k, colour in zip(study.k.values, COLOURS[1:], strict=False):
-        _draw(right, study.gali.sel(k=k), f"GALI {k}", colour)
+        _draw(right, np.maximum(study.gali.sel(k=k), LOWEST), f"GALI {k}", colour)
+    _draw(right, np.maximum(study.sali, LOWEST), "SALI", COLOURS[0], ls=":")
     right.set_yscale("log")
-    right.set_ylabel("index")
-    right.legend(fontsize=8, ncols=2)
+    right.set_ylabel("alignment index")
     for axes in (left, right):
+        legend_above(axes, 6)
         axes.set_xlabel(long_label(study.time))
         axes.grid(True, lw=0.3, color=LIGHT)
     return figure_of(left)
 
 
-def _draw(axes: Any, values: xr.DataArray, label: str, colour: str) -> None:
+def _draw(axes: Any, values: xr.DataArray, label: str, colour: str, ls: str = "-") -> None:
     """Draw the quartiles of values (time, member) over time."""
     rows = values.transpose("time", "member").values
-    if not np.isfinite(rows).any():
-        return
     known = np.isfinite(rows).any(axis=1)
+    if not known.any():
+        return
     low, middle, high = np.nanquantile(rows[known], [0.25, 0.5, 0.75], axis=1)
-    if label.startswith(("SALI", "GALI")):
-        low, middle, high = (np.maximum(x, LOWEST) for x in (low, middle, high))
     times = values.time.values[known]
-    axes.plot(times, middle, color=colour, lw=1.2, label=label)
+    axes.plot(times, middle, color=colour, lw=1.2, ls=ls, label=label)
     axes.fill_between(times, low, high, color=colour, alpha=0.15, lw=0.0)

@@ -67,6 +67,7 @@ from rigidmc.results.variables import variables_of
 from rigidmc.runs.directory.tasks import Request, TaskArrays
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import refuse_count
+from rigidmc.scene.recording import conservation
 from rigidmc.scene.sampling import is_sample
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.members import TUNING
@@ -136,12 +137,12 @@ def _interval(run: PreparedRun, given: float | None, every: float | None) -> tup
     every : time between two saves [s], None for SAVES of them
     """
     scene, plan = run.scene, run.plan
-    t_end, dt = scene.run.t_end, scene.run.dt
+    t_end, dt = float(scene.run.t_end), scene.run.dt
     if given is None:
         pilot = make_pilot(plan.model.coarse(), run.sampler, True).block
         # a body at rest that nothing moves has no rate
         rate = largest_rates(plan.model.effects, pilot)[1] or math.inf
-        given = TURN / (rate if run.units is None else rate * run.units.time)
+        given = float(TURN / (rate if run.units is None else rate * run.units.time))
         if scene.run.turn is None:
             # rounded, because 3 steps of 0.1 s are 0.30000000000000004 s
             given = float(f"{max(1, math.floor(given / dt)) * dt:.15g}")
@@ -149,7 +150,7 @@ def _interval(run: PreparedRun, given: float | None, every: float | None) -> tup
     if every is None:
         return given, max(1, math.ceil(t_end / given / SAVES * (1.0 - 1e-9)))
     keep = max(1, math.ceil(every / given * (1.0 - 1e-9)))
-    return float(min(every, t_end) / keep), keep
+    return min(every, t_end) / keep, keep
 
 
 def missing_members(scene: Scene, request: Request, found: dict[int, TaskArrays]) -> list[int]:
@@ -160,7 +161,7 @@ def missing_members(scene: Scene, request: Request, found: dict[int, TaskArrays]
 def cost_of(scene: Scene, request: Request, numbers: Sequence[int]) -> float:
     """Return the member-steps of tasks; a step with tangents counts as COST."""
     members = sum(min(request["size"], scene.run.members - i * request["size"]) for i in numbers)
-    return COST * members * prepare_scene(scene).plan.mean_steps
+    return COST * float(members) * prepare_scene(scene).plan.mean_steps
 
 
 def reduce(
@@ -217,6 +218,7 @@ def reduce(
         "members": int(scene.run.members),
         "interval": float(scene.run.every or scene.run.t_end),
         "confidence": options.confidence,
+        "keeps_energy": int(conservation(scene.effects, False)["energy"] == "yes"),
         "scene": scene.dumps(),
     }
     return xr.Dataset(variables, coords, attrs)
@@ -257,15 +259,17 @@ def table(study: xr.Dataset) -> list[str]:
             lines.append(f"{i:14d}" + "".join(f"{x:12.4g}" for x in numbers))
         total = few["sum"]
         lines += [
-            f"  sum: {float(total.mean()):.3g} on average, largest size"
-            f" {value_text(float(np.abs(total).max()), total, 3)}; 0 without damping",
-            "  pairs that differ in sign: largest sum"
-            f" {value_text(float(few.pair_error.max()), few.pair_error, 3)}",
+            f"  sum of all: {float(total.mean()):.3g} on average, largest size"
+            f" {value_text(float(np.abs(total).max()), total, 3)}"
+            + "; 0 for exact steps"
+            * attrs["keeps_energy"],
             f"  SALI below {CHAOTIC:g}, chaotic: {int((few.sali < CHAOTIC).sum()):,} of"
             f" {count_text(int(good.sum()), 'member')}",
         ]
-    flagged = int((study.status != 0).sum())
-    if flagged:
+        if attrs["keeps_energy"]:
+            worst = value_text(float(few.pair_error.max()), few.pair_error, 3)
+            lines.append(f"  pairs of opposite sign: largest sum {worst}; tends to 0")
+    if flagged := int((study.status != 0).sum()):
         lines.append(f"  flagged members, without exponents: {flagged:,}")
     if left := int((~good).sum()) - flagged:
         lines.append(f"  members whose derivatives are not finite: {left:,}")
