@@ -210,7 +210,7 @@ def test_intervals_are_whole_steps(run, every, expected):
     assert (moved.run.every, request["keep"]) == pytest.approx(expected)
     assert request["size"] == 32
     big = rm.lyapunov.design(scene, integrator="exact", members=10**6, **run, **more)[1]
-    assert big["size"] == 1024
+    assert big["size"] == 512
 
 
 @pytest.mark.slow
@@ -241,7 +241,7 @@ def test_integrable_tops_have_no_exponents():
 def test_a_chaotic_top_has_the_exponents_of_a_program_by_hand():
     """To t = 1e4, by classical Runge-Kutta steps and QR in NumPy. Paths part after 300 s: the
     means over members that start together are compared, to 1 %."""
-    count, steps, end = 64, 100_000, 1e4
+    count, steps, end = 64, 250_000, 1e4
     centre = np.array([0.6, 0.2, 0.8]) / np.sqrt(1.04)
     start = rm.Start(
         omega=tuple(rm.normal(x, 1e-3) for x in (1.2, 0.1, 0.3)), attitude=(0.0, 1.2, 0.5)
@@ -257,12 +257,15 @@ def test_a_chaotic_top_has_the_exponents_of_a_program_by_hand():
         c = rates(y + 0.5 * h * b, *body)
         y = y + h / 6.0 * (a + 2.0 * (b + c) + rates(y + h * c, *body))
         y[0, :, 0] /= np.linalg.norm(y[0, :, 0], axis=0)
-        if i % 20 == 19:
+        if i % 50 == 49:
             q, r = np.linalg.qr(in_metric(y, scale))
             sums += np.log(np.abs(np.diagonal(r, axis1=1, axis2=2))).T
             six = np.moveaxis(q, 0, -1).reshape(2, 3, 6, count).copy()
             six[1] *= scale
             y[:, :, 1:] = six
+    up, l = y[0, :, 0], y[1, :, 0]
+    energy = 0.5 * (l * l / body[0][:, 0]).sum(axis=0) + (body[1][:, 0] * up).sum(axis=0)
+    assert np.ptp(energy) < 0.02  # the starts differ by 0.01; with steps of 0.1 s: 0.3
     by_hand = -np.sort(-sums, axis=0) / end
     found = rm.lyapunov(scene, integrator="rk8", dt=0.1, t_end=end, members=count)
     ours, theirs = found.exponents.values[-1].mean(axis=1), by_hand.mean(axis=1)
