@@ -107,6 +107,11 @@ def test_a_member_depends_on_nothing_else():
     some = rm.lyapunov(top(45.0), members=3, first=65, threads=1, **RK4)
     assert some.exponents.equals(whole.exponents.isel(member=slice(65, 68)))
     assert some.gali.equals(whole.gali.isel(member=slice(65, 68)))
+    moved, request = rm.lyapunov.design(top(45.0), members=70, **RK4)
+    wide = members.compute_members(moved, {**request, "size": 96}, [0], 1, None)[0]
+    parts = members.compute_members(moved, request, [0, 1, 2], 2, "cpu")
+    for name, values in wide.items():
+        assert np.array_equal(values, np.concatenate([one[name] for one in parts], axis=-1))
     few = rm.lyapunov(top(45.0), members=3, first=65, every=RK4["t_end"], **RK4)
     assert few.sizes["time"] == 1 and some.member.equals(few.member)
     gap = np.abs(few.exponents - some.exponents.isel(time=-1)).max()

@@ -61,7 +61,7 @@ def _job(
 ) -> BlockJob:
     """Return the block of `count` members with their tangents at the start.
 
-    rows : of the members;  first : place of the first one among those of the study
+    rows : of the members;  first : place of the first one in the study
     """
     grid, order, slots = plan.grid, None, 1
     if plan.has_member_steps:

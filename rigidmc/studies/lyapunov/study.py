@@ -11,7 +11,7 @@ u_i are unit vectors along the first tangents as they have moved. All exponents 
 fall as 1/t, and its indices as powers of t or not at all; in chaos the indices fall as
 exp(-(lambda_1 - lambda_2) t) and faster. Tangents are derivatives of the steps themselves, so
 exponents do not depend on the widths of distributions, and float32 limits only their digits. With
-noise they are those of paths with the same noise.
+noise, all paths have the same noise.
 
 For effects without damping the sum of the exponents is 0, because the motion keeps volumes; its
 size shows the error of the steps, and is rounding for splittings. With linear damping it is the
