@@ -73,7 +73,10 @@ def orthonormalise(vectors: Array, size: int) -> Array:
 
 
 class CompensatedSum:
-    """Sums of many small terms, with their rounding (Neumaier, Z. angew. Math. Mech. 54 (1974) 39)."""
+    """Sums of many small terms, with their rounding.
+
+    Source: Neumaier, Z. angew. Math. Mech. 54 (1974) 39.
+    """
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self._sum, self._lost = np.zeros(shape), np.zeros(shape)
