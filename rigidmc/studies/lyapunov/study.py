@@ -14,8 +14,8 @@ exponents do not depend on the widths of distributions, and float32 limits only 
 noise, all paths have the same noise.
 
 For effects without damping the sum of the exponents is 0, because the motion keeps volumes; its
-size shows the error of the steps, and is rounding for splittings. With linear damping it is the
-rate at which volumes shrink. If the effects also conserve the energy, exponents come in pairs,
+size shows the error of the steps, and is rounding for splittings. With damping it is the
+mean growth rate of volumes. If the effects conserve the energy, exponents come in pairs,
 lambda_i = -lambda_(7-i).
 Source: Benettin, Galgani, Giorgilli & Strelcyn, Meccanica 15 (1980) 9; Skokos, Bountis &
 Antonopoulos, Physica D 231 (2007) 30.
