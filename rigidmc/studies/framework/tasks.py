@@ -29,6 +29,7 @@ from rigidmc.runs.directory.tasks import (
     read_tasks,
     resume_tasks,
     study_of,
+    tasks_at_once,
 )
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.price import cost_per_step
@@ -53,7 +54,7 @@ class Tasks(NamedTuple):
     cost : (scene, request, numbers of tasks) -> their member-steps
     reduce : (scene, request, {number: result}, options) -> the Dataset
     is_growing : whether the results of tasks decide the next tasks
-    together : number of tasks computed at once
+    together : number of tasks computed at once, 0 for as many as keep the threads at work
     notes : scene of the tasks -> warnings before the first task
     doubts : Dataset -> warnings after the last task
     """
@@ -152,9 +153,10 @@ def compute_all(
         while numbers := tasks.next(scene, request, found):
             if progress is True:
                 say(tasks.price(scene, request, numbers, threads, device))
+            many = tasks.together or tasks_at_once(threads)
             with reporter(progress, len(numbers), 1) as report:
-                for first in range(0, len(numbers), tasks.together):
-                    group = numbers[first : first + tasks.together]
+                for first in range(0, len(numbers), many):
+                    group = numbers[first : first + many]
                     values = tasks.compute_some(scene, request, group, threads, device)
                     found |= zip(group, values, strict=True)
                     report.step(len(group))

@@ -52,6 +52,7 @@ def compute_members(
     def finished(job: BlockJob) -> None:
         found[job.first // size] = _results(job)
 
+    # with `poll`, the deadline is checked five times a second
     run_blocks(make, numbers, threads, finished, poll=lambda: None)
     return [found[number] for number in numbers]
 

@@ -282,7 +282,7 @@ lyapunov = Study(
     name="lyapunov",
     text=__doc__,
     options=LyapunovOptions,
-    work=Tasks(start, missing_members, compute_members, cost_of, reduce, together=TASKS),
+    work=Tasks(start, missing_members, compute_members, cost_of, reduce, together=0),
     table=table,
     picture="lyapunov_spectrum",
     settings=(*TUNING, "members", "first", "points", "every"),
