@@ -78,14 +78,14 @@ from rigidmc.studies.lyapunov.members import compute_members, kept_saves
 from rigidmc.studies.lyapunov.tangents import COUNT
 
 Array = NDArray[np.float64]
-# rad: turn of the fastest of the first members between two orthonormalisations. In 6 rad tangents
-# of tops grow by less than e^6, which costs 3 of 16 digits of the smallest, and steps take longer
-# than the orthonormalisation.
-TURN = 6.0
+# rad: turn of the fastest of the first members between two orthonormalisations, at the bound on its
+# rate. Near an unstable state changes grow at less than half this bound: in 12 rad by less than
+# e^6, so that the smallest tangent keeps 10 of 16 digits.
+TURN = 12.0
 SAVES = 64  # by default
-# Members of a task: few enough that each thread has several tasks, but at most as many as one
-# orthonormalisation takes least time for, 0.8 us for each (32: 3.3 us, 1024: 0.8 us).
-TASKS, LARGEST = 64, 512
+# Members of a task: as many as make a call from Python short beside the work (an orthonormalisation
+# takes 2.3 us for each of 32 and 0.7 us for each of 512), but several tasks for each thread.
+TASKS, LARGEST = 8, 512
 CHAOTIC = 1e-8  # SALI of regular motion stays above this over thousands of turns
 COST = 15.0  # a step with six tangents, half as much again for QR, in steps without
 STATE = "attitude", "momentum"

@@ -111,10 +111,7 @@ class Growth:
     def add(self, r: Array) -> None:
         """Add the growth R (COUNT, COUNT, n) since the last orthonormalisation."""
         self._grown.add(np.log(np.array([r[i, i] for i in range(COUNT)])))
-        moved = np.zeros_like(self._unit)
-        for i in range(COUNT):
-            for k in range(i, COUNT):
-                moved[i, k:] += r[i, k] * self._unit[k, k:]
+        moved = np.einsum("ikn,kjn->ijn", r, self._unit)
         length = np.sqrt((moved**2).sum(axis=0))
         self._unit = moved / length
         self._stretched.add(np.log(length))
