@@ -7,16 +7,17 @@ R_ii along each is counted::
     lambda_i = 1/t sum ln R_ii
     GALI_k = |u_1 ^ ... ^ u_k|    SALI = min(|u_1 + u_2|, |u_1 - u_2|)
 
-u_i are unit vectors along the first tangents as they have moved. All exponents of a regular motion
-fall as 1/t, and its indices as powers of t or not at all; in chaos the indices fall as
-exp(-(lambda_1 - lambda_2) t) and faster. Tangents are derivatives of the steps themselves, so
-exponents do not depend on the widths of distributions, and float32 limits only their digits. With
-noise, all paths have the same noise.
+u_i are unit vectors along the first tangents as they have moved. With the largest moment I of a
+member and the bound r on its rate (`rigidmc.planning.steps.rate_bounds`), the length of a tangent
+is |x|^2 = angle^2 + |change of L|^2/(I r)^2. All exponents of a regular motion fall as 1/t, and its
+indices as powers of t or not at all; in chaos the indices fall as exp(-(lambda_1 - lambda_2) t) and
+faster. Tangents are derivatives of the steps themselves, so exponents do not depend on the widths
+of distributions, and float32 limits only their digits. With noise, all paths have the same noise.
 
 For effects without damping the sum of the exponents is 0, because the motion keeps volumes; its
-size shows the error of the steps, and is rounding for splittings. With damping it is the
-mean growth rate of volumes. If the effects conserve the energy, exponents come in pairs,
-lambda_i = -lambda_(7-i).
+size shows the error of the steps, and is rounding for splittings. With damping it is the mean
+growth rate of volumes. If the effects conserve the energy, exponents come in pairs, lambda_i =
+-lambda_(7-i).
 Source: Benettin, Galgani, Giorgilli & Strelcyn, Meccanica 15 (1980) 9; Skokos, Bountis &
 Antonopoulos, Physica D 231 (2007) 30.
 
