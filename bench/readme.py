@@ -444,8 +444,8 @@ def derivatives(rows, machine):
     lines = [(row["name"], f"{row['ratio']:.1f}") for row in rows if row["kind"] == "cost"]
     peers = [row for row in rows if row["kind"] == "peer"]
     times = "; ".join(f"{row['name']} {row['milliseconds']:.0f} ms" for row in peers)
-    note = f"""4,096 heavy tops to 10 s with derivatives by their seven starts, right to 1e-9: {times}.
-    {_machine(machine)} (`python -m bench derivatives`)."""
+    note = f"""4,096 heavy tops to 10 s with derivatives by their seven starts, right to 1e-9:
+    {times}. {_machine(machine)} (`python -m bench derivatives`)."""
     note = " ".join(note.split())
     return with_note(table(("derivatives", "plain runs"), lines), note)
 

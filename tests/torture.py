@@ -140,6 +140,10 @@ def kinds_of(members, size, table):
             [*named("driven_pendulum", ("ftle",)), "--families", str(members // 32), *short],
             ("ftle",),
         ),
+        "lyapunov": Kind(
+            [*named("heavy_top", ("lyapunov",)), "--members", str(members // 64), "-o"],
+            ("lyapunov",),
+        ),
         "rare": Kind([*named("heavy_top", ("rare",)), *seldom, "-o"], ("rare",)),
         "multilevel": Kind([*named("heavy_top", ("multilevel",)), *noisy, "-o"], ("multilevel",)),
     }

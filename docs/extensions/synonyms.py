@@ -37,6 +37,7 @@ WORDS = {
     "how_to/sensitivity": ["Sobol indices", "sensitivity", "uncertainty quantification"],
     "how_to/multilevel": ["multilevel Monte Carlo", "variance reduction"],
     "how_to/basins": ["basin of attraction", "basin entropy"],
+    "how_to/lyapunov": ["Lyapunov spectrum", "SALI", "GALI"],
     "how_to/frequencies": ["spectrum", "FFT", "NAFF", "period"],
     "how_to/own_parts": ["custom effect", "custom torque", "own torque", "plugin"],
     "how_to/prepared_runs": ["optimisation", "optimization", "parameter sweep", "MCMC"],

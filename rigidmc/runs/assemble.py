@@ -72,11 +72,17 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
     )
 
 
-def make_program(plan: Plan, device: str = "cpu", compiled: bool = True) -> Program | None:
+def make_program(
+    plan: Plan,
+    device: str = "cpu",
+    compiled: bool = True,
+    derivatives: Derivatives | None = None,
+) -> Program | None:
     """Return the program that moves the members of a plan, compiled or from the cache; None for
     closed forms.
 
     compiled : if False, nothing is compiled and the Program lists what is `missing`
+    derivatives : that a block has besides its rows, by default those that the plan asks for
     Raises SceneError for custom code that cannot be compiled.
     """
     if plan.scheme is None:
@@ -107,7 +113,7 @@ def make_program(plan: Plan, device: str = "cpu", compiled: bool = True) -> Prog
             paired=plan.paired,
             shortens=plan.grid.is_shortened,
             axes=plan.has_axes,
-            derivatives=_derivatives(plan),
+            derivatives=derivatives or _derivatives(plan),
             meanwhile=_import_xarray,
         )
         return found

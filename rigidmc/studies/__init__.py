@@ -7,7 +7,7 @@ docs/contributing.md has the recipe. `picture.py` draws the study; only it impor
 
 Reading order: `framework` (the record is in `framework/study`); `ftle`, the shortest study; then
 `basins`, `sensitivity`, `frequencies`, `section` (members of a design, by `framework/members`),
-`stability_map` (parameters against measures), `rare` and `multilevel` (tasks, by
+`stability_map` (parameters against measures), `rare`, `multilevel` and `lyapunov` (tasks, by
 `framework/tasks`), `accuracy` and `stress` (integrators against truths, by `framework/direct`).
 Four files are verbs, not studies: `until` (grow an ensemble until a measure is known), `totals`
 (keep only sums over the members), `closed_form` (compare one top with its formula), `bits` (compare
@@ -35,6 +35,9 @@ STUDIES = {
     "ftle": "Compute how much a small change of each start has grown at the end (finite-time"
     " Lyapunov exponents): a field whose ridges are stable manifolds, the boundaries between kinds"
     " of motion. With -o RUN/ the members go to a run directory, which survives a kill.",
+    "lyapunov": "Compute the whole spectrum of Lyapunov exponents of each member, and the chaos"
+    " indices SALI and GALI_k, by derivatives of the motion. With -o RUN/ the members go to a run"
+    " directory, which survives a kill.",
     "multilevel": "Estimate a mean of a noisy scene to a given width, the error of the step"
     " included: nearly all members use the steps of the scene, which may be long, and few use"
     " shorter steps with the same noise (multilevel Monte Carlo). The narrower the interval, the"

@@ -179,7 +179,10 @@ def test_damage_is_found_and_computed_again(whole, tmp_path):
         assert sums(tmp_path / "run") == sums(whole)
 
 
-STUDIES = "sensitivity", "section", "frequencies", "basins", "ftle", "rare", "multilevel"
+STUDIES = (
+    *("sensitivity", "section", "frequencies", "basins", "ftle", "rare", "multilevel"),
+    "lyapunov",
+)
 
 
 @LINUX

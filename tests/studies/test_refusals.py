@@ -112,6 +112,7 @@ COUNTS = {
     "sensitivity": lambda: rm.sensitivity(SCENE, "mean(omega_max[3])", MANY),
     "basins": lambda: rm.basins(SCENE, OF, MANY),
     "ftle": lambda: rm.ftle(SCENE, MANY),
+    "lyapunov": lambda: rm.lyapunov(SCENE, members=MANY),
     "multilevel": lambda: rm.multilevel(
         rm.Scene(BODY, BATH), GOAL, batch=MANY, integrator="strang"
     ),

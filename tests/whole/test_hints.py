@@ -84,6 +84,7 @@ def test_a_scene_by_its_name_and_a_body_alone(tmp_path):
         (rm.sensitivity, ("of",)),
         (rm.basins, ("of",)),
         (rm.ftle, ()),
+        (rm.lyapunov, ()),
         (rm.rare, ("of",)),
         (rm.multilevel, ("until",)),
         (rm.frequencies, ("of",)),

@@ -73,9 +73,9 @@ def compute_tasks(
     """Compute the shards with these numbers and write them; return {status: tasks}.
 
     stop : time limit on the clock of time.monotonic(), at which tasks are stopped
-    together : number of tasks computed at once
+    together : number of tasks computed at once, 0 for as many as keep the threads at work
     """
-    done = 0
+    done, together = 0, together or tasks_at_once(threads)
     with reporter(progress, len(numbers), 1) as report, ending(stop), suppress(Late):
         for first in range(0, len(numbers), together):
             if is_late():
@@ -88,6 +88,11 @@ def compute_tasks(
             report.step(len(group))
             report.poll()
     return {**dict.fromkeys(STATUSES, 0), "ok": done}
+
+
+def tasks_at_once(threads: int) -> int:
+    """Return how many tasks of one thread each keep the threads at work; a kill loses as many."""
+    return 2 * threads
 
 
 def _write(directory: RunDirectory, i: int, number: int, found: TaskArrays) -> None:

@@ -29,6 +29,7 @@ from rigidmc.runs.directory.tasks import (
     read_tasks,
     resume_tasks,
     study_of,
+    tasks_at_once,
 )
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.price import cost_per_step
@@ -44,8 +45,8 @@ Design = tuple[Scene, dict[str, Any]]  # scene and request, common to all tasks 
 class Tasks(NamedTuple):
     """The work of a study that consists of tasks; each task is a shard of its run directory.
 
-    start : (scene with the settings, options) -> (scene of the tasks, request: their options as
-        numbers and words); raises for a scene that cannot be studied
+    start : (scene with the settings, options, settings) -> (scene of the tasks, request: their
+        options as numbers and words); raises for a scene that cannot be studied
     next : (scene, request, {number: result} of the finished tasks) -> numbers of the next tasks,
         [] at the end; at the beginning no task is finished
     compute_some : (scene, request, numbers of tasks, threads, device) -> result of each task; it
@@ -53,12 +54,12 @@ class Tasks(NamedTuple):
     cost : (scene, request, numbers of tasks) -> their member-steps
     reduce : (scene, request, {number: result}, options) -> the Dataset
     is_growing : whether the results of tasks decide the next tasks
-    together : number of tasks computed at once
+    together : number of tasks computed at once, 0 for as many as keep the threads at work
     notes : scene of the tasks -> warnings before the first task
     doubts : Dataset -> warnings after the last task
     """
 
-    start: Callable[[Scene, Any], Design]
+    start: Callable[[Scene, Any, Mapping[str, Any]], Design]
     next: Callable[[Scene, Request, dict[int, TaskArrays]], Sequence[int]]
     compute_some: Callable[[Scene, Request, Sequence[int], int, str | None], list[TaskArrays]]
     cost: Callable[[Scene, Request, Sequence[int]], float]
@@ -80,7 +81,7 @@ class Tasks(NamedTuple):
 
     def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Design:
         """Return the scene of the tasks and their request."""
-        return self.start(scene, options)
+        return self.start(scene, options, settings)
 
     def compute(
         self, design: Design, options: Any, threads: int | None, device: str | None,
@@ -152,9 +153,10 @@ def compute_all(
         while numbers := tasks.next(scene, request, found):
             if progress is True:
                 say(tasks.price(scene, request, numbers, threads, device))
+            many = tasks.together or tasks_at_once(threads)
             with reporter(progress, len(numbers), 1) as report:
-                for first in range(0, len(numbers), tasks.together):
-                    group = numbers[first : first + tasks.together]
+                for first in range(0, len(numbers), many):
+                    group = numbers[first : first + many]
                     values = tasks.compute_some(scene, request, group, threads, device)
                     found |= zip(group, values, strict=True)
                     report.step(len(group))

@@ -48,7 +48,7 @@ True
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import xarray as xr
@@ -113,7 +113,9 @@ class MultilevelOptions(Options):
     confidence: float = confidence_option("confidence level of the interval", is_new=True)
 
 
-def start(scene: Scene, options: MultilevelOptions) -> tuple[Scene, dict[str, Any]]:
+def start(
+    scene: Scene, options: MultilevelOptions, settings: Mapping[str, Any]
+) -> tuple[Scene, dict[str, Any]]:
     """Return (the scene of a study, its request); give the notes on the scene as warnings."""
     until = str(options.until)
     scene = _showing(_with_steps(scene), until).with_run(first=0)

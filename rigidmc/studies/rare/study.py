@@ -52,7 +52,7 @@ A disc thrown with a normal spin is 5 standard deviations fast with p = 2.9e-7:
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -113,7 +113,9 @@ class RareOptions(Options):
     confidence: float = confidence_option("confidence level of the interval")
 
 
-def start(scene: Scene, options: RareOptions) -> tuple[Scene, dict[str, Any]]:
+def start(
+    scene: Scene, options: RareOptions, settings: Mapping[str, Any]
+) -> tuple[Scene, dict[str, Any]]:
     """Return (the scene of a study, its request); OptionError if `of` is not an event or has no
     score."""
     of, target, repetitions = str(options.of), options.target, options.repetitions

@@ -1,0 +1,50 @@
+"""The picture of a spectrum: exponents and indices of chaos over time."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from rigidmc.figures import COLOURS, LIGHT, figure_of, legend_above, new_figure
+from rigidmc.results.labels import long_label
+
+LOWEST = 1e-32  # indices below it are drawn as this
+
+
+def lyapunov_spectrum(study: xr.Dataset, figure: Figure | None = None) -> Figure:
+    """Draw the median of each exponent, and of SALI and GALI_k, over time, with the middle half of
+    the members.
+
+    study : the Dataset of `rigidmc.lyapunov`
+
+    Exponents of regular motions fall as 1/t and cross to the other side; indices of chaotic motions
+    fall exponentially.
+    """
+    figure = figure or new_figure(f"{study.attrs['title']}: Lyapunov spectrum", (10.0, 4.6))
+    left, right = figure.subplots(1, 2)
+    for i, colour in zip(study.exponent.values, COLOURS, strict=False):
+        _draw(left, study.exponents.sel(exponent=i), f"{i}", colour)
+    left.set_ylabel(long_label(study.exponents))
+    for k, colour in zip(study.k.values, COLOURS[1:], strict=False):
+        _draw(right, np.maximum(study.gali.sel(k=k), LOWEST), f"GALI {k}", colour)
+    _draw(right, np.maximum(study.sali, LOWEST), "SALI", COLOURS[0], ls=":")
+    right.set_yscale("log")
+    right.set_ylabel("alignment index")
+    for axes in (left, right):
+        legend_above(axes, 6)
+        axes.set_xlabel(long_label(study.time))
+        axes.grid(True, lw=0.3, color=LIGHT)
+    return figure_of(left)
+
+
+def _draw(axes: Any, values: xr.DataArray, label: str, colour: str, ls: str = "-") -> None:
+    """Draw the quartiles of values (time, member) over time."""
+    rows = values.transpose("time", "member").values
+    known = np.isfinite(rows).any(axis=1)
+    if not known.any():
+        return
+    low, middle, high = np.nanquantile(rows[known], [0.25, 0.5, 0.75], axis=1)
+    times = values.time.values[known]
+    axes.plot(times, middle, color=colour, lw=1.2, ls=ls, label=label)
+    axes.fill_between(times, low, high, color=colour, alpha=0.15, lw=0.0)

@@ -1,0 +1,297 @@
+"""Compute the whole spectrum of Lyapunov exponents of each member, and its indices SALI and GALI_k.
+
+Six tangents of each member move with it: derivatives of its state along six directions that span
+the changes of attitude and momentum. At intervals they are made orthonormal (QR), and the growth
+R_ii along each is counted::
+
+    lambda_i = 1/t sum ln R_ii
+    GALI_k = |u_1 ^ ... ^ u_k|    SALI = min(|u_1 + u_2|, |u_1 - u_2|)
+
+u_i are unit vectors along the first tangents as they have moved. With the largest moment I of a
+member and the bound r on its rate (`rigidmc.planning.steps.rate_bounds`), the length of a tangent
+is |x|^2 = angle^2 + |change of L|^2/(I r)^2. All exponents of a regular motion fall as 1/t, and its
+indices as powers of t or not at all; in chaos the indices fall as exp(-(lambda_1 - lambda_2) t) and
+faster. Tangents are derivatives of the steps themselves, so exponents do not depend on the widths
+of distributions, and float32 limits only their digits. With noise, all paths have the same noise.
+
+For effects without damping the sum of the exponents is 0, because the motion keeps volumes; its
+size shows the error of the steps, and is rounding for splittings. With damping it is the mean
+growth rate of volumes. If the effects conserve the energy, exponents come in pairs, lambda_i =
+-lambda_(7-i).
+Source: Benettin, Galgani, Giorgilli & Strelcyn, Meccanica 15 (1980) 9; Skokos, Bountis &
+Antonopoulos, Physica D 231 (2007) 30.
+
+{parameters}
+
+Returns
+-------
+xarray.Dataset
+    over time, exponent (from the largest) and member: `exponents` [1/s]; over time and member:
+    their `sum`, `sali`, and over k `gali`; nan from the save on at which a member is flagged, and
+    where derivatives are not finite. Over member: `status`, and `pair_error`, the largest of
+    ``|lambda_i + lambda_(7-i)|`` at the end. Over exponent, at the end: `mean` over the members
+    with the ends `mean_low` and `mean_high` of its interval, and `spread`, the standard deviation
+
+Raises
+------
+SceneError
+    for events that stop members, and for closed forms, which have no steps
+OptionError
+    for a device other than the CPU
+
+Examples
+--------
+A body that spins down at the rate 0.3/s: volumes shrink at three times this rate.
+
+>>> scene = rm.Scene(rm.Body((1.0, 1.0, 1.0)), rm.ViscousDamping(0.3))
+>>> found = rm.lyapunov(scene, members=2, integrator="rk8", dt=0.1, t_end=20.0)
+>>> bool(abs(found["sum"] + 0.9).max() < 1e-9)
+True
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.engine.kernel import layout
+from rigidmc.errors import SceneError
+from rigidmc.physics.observables import label_observables
+from rigidmc.planning.initial import make_pilot
+from rigidmc.planning.scheme import largest_rates
+from rigidmc.results.intervals import mean
+from rigidmc.results.labels import column_head, count_text, value_text
+from rigidmc.results.variables import variables_of
+from rigidmc.runs.directory.tasks import Request, TaskArrays
+from rigidmc.runs.prepare import PreparedRun, prepare_scene
+from rigidmc.runs.resources import refuse_count
+from rigidmc.scene.recording import conservation
+from rigidmc.scene.sampling import is_sample
+from rigidmc.scene.scene import Scene
+from rigidmc.studies.framework.members import TUNING
+from rigidmc.studies.framework.options import Example, Options, Time, confidence_option, option
+from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.tasks import Tasks
+from rigidmc.studies.lyapunov.members import compute_members, kept_saves
+from rigidmc.studies.lyapunov.tangents import COUNT
+
+Array = NDArray[np.float64]
+# rad: turn of the fastest of the first members between two orthonormalisations, at the bound on its
+# rate. Near an unstable state changes grow at less than half this bound: in 12 rad by less than
+# e^6, so that the smallest tangent keeps 10 of 16 digits.
+TURN = 12.0
+SAVES = 64  # by default
+# Members of a task: as many as make a call from Python short beside the work (an orthonormalisation
+# takes 2.3 us for each of 32 and 0.7 us for each of 512), but several tasks for each thread.
+TASKS, LARGEST = 8, 512
+CHAOTIC = 1e-8  # SALI of regular motion stays above this over thousands of turns
+COST = 15.0  # a step with six tangents, half as much again for QR, in steps without
+STATE = "attitude", "momentum"
+
+
+class LyapunovOptions(Options):
+    """The options of `lyapunov`."""
+
+    interval: Time | None = option(
+        None,
+        "time between two orthonormalisations; by default the fastest of the first members turns"
+        f" by {TURN:g} rad in it",
+        unit="s",
+        metavar="SECONDS",
+        is_new=True,
+    )
+    confidence: float = confidence_option("confidence level of the intervals of the means")
+
+
+def start(
+    scene: Scene, options: LyapunovOptions, settings: Mapping[str, Any]
+) -> tuple[Scene, dict[str, Any]]:
+    """Return (the scene of the members, saved at each orthonormalisation; the request)."""
+    _refuse_stops(scene)
+    run = prepare_scene(scene.with_run(save=STATE, keep="full", every=scene.run.t_end))
+    if run.plan.scheme is None:
+        rule = "has no steps, and tangents follow a motion step by step: use exact"
+        raise SceneError(rule, at="run.integrator", value=scene.run.integrator)
+    interval, keep = _interval(run, options.interval, settings.get("every"))
+    members, saves = run.plan.members, run.scene.run.t_end / (interval * keep) + 1.0
+    # three copies of its growth and of its indices
+    refuse_count(members, "members with a spectrum", 3 * 8 * (2 * COUNT + 1) * saves)
+    lanes = min(LARGEST // layout.LANES, -(-members // (TASKS * layout.LANES)))
+    return run.scene.with_run(every=interval), {"keep": keep, "size": lanes * layout.LANES}
+
+
+def _refuse_stops(scene: Scene) -> None:
+    """Raise SceneError for an event that stops members: an exponent is of a motion that goes on."""
+    for label, one in label_observables(scene.observables):
+        if getattr(one, "stop", False):
+            rule = "stops members, but exponents are of a motion that goes on: remove it"
+            raise SceneError(rule, at=f"observables.{label}.stop", value=True)
+
+
+def _interval(run: PreparedRun, given: float | None, every: float | None) -> tuple[float, int]:
+    """Return (time between two orthonormalisations [s], their number between two saves).
+
+    given : the time, None for a whole number of steps that turn the first members by TURN
+    every : time between two saves [s], None for SAVES of them
+    """
+    scene, plan = run.scene, run.plan
+    t_end, dt = float(scene.run.t_end), scene.run.dt
+    if given is None:
+        pilot = make_pilot(plan.model.coarse(), run.sampler, True).block
+        # a body at rest that nothing moves has no rate
+        rate = largest_rates(plan.model.effects, pilot)[1] or math.inf
+        given = float(TURN / (rate if run.units is None else rate * run.units.time))
+        if scene.run.turn is None:
+            # rounded, because 3 steps of 0.1 s are 0.30000000000000004 s
+            given = float(f"{max(1, math.floor(given / dt)) * dt:.15g}")
+    given = min(given, t_end)
+    if every is None:
+        return given, max(1, math.ceil(t_end / given / SAVES * (1.0 - 1e-9)))
+    keep = max(1, math.ceil(every / given * (1.0 - 1e-9)))
+    return min(every, t_end) / keep, keep
+
+
+def missing_members(scene: Scene, request: Request, found: dict[int, TaskArrays]) -> list[int]:
+    """Return the tasks that are still missing."""
+    return [i for i in range(-(-scene.run.members // request["size"])) if i not in found]
+
+
+def cost_of(scene: Scene, request: Request, numbers: Sequence[int]) -> float:
+    """Return the member-steps of tasks; a step with tangents counts as COST."""
+    members = sum(min(request["size"], scene.run.members - i * request["size"]) for i in numbers)
+    return COST * float(members) * prepare_scene(scene).plan.mean_steps
+
+
+def reduce(
+    scene: Scene, request: Request, found: dict[int, TaskArrays], options: LyapunovOptions
+) -> xr.Dataset:
+    """Return the Dataset of the members of the finished tasks."""
+    run, size = prepare_scene(scene), request["size"]
+    numbers = sorted(found)
+
+    def joined(name: str) -> NDArray[Any]:
+        return np.concatenate([found[i][name] for i in numbers], axis=-1)
+
+    member = np.concatenate([i * size + np.arange(found[i]["flag"].size) for i in numbers])
+    times = run.layout.axes.times[kept_saves(run.plan, request["keep"])]
+    exponents = joined("logarithms") / times[:, None, None]
+    total, status = exponents.sum(axis=1), joined("flag")
+    gali = np.exp(joined("log_gali"))
+    exponents = -np.sort(-exponents, axis=1)
+    pairs = np.abs(exponents[-1] + exponents[-1, ::-1]).max(axis=0)
+    average = mean(exponents[-1], confidence=options.confidence)
+    known = np.isfinite(exponents[-1]).sum(axis=-1)
+    with np.errstate(all="ignore"):
+        square = np.nansum((exponents[-1] - average.value[:, None]) ** 2, axis=-1)
+        spread = np.sqrt(square / (known - 1.0))
+    drawn = is_sample(scene.model)
+    words = {
+        "exponents": (("time", "exponent", "member"), exponents, "Lyapunov exponent", "s-1"),
+        "sum": (("time", "member"), total, "sum of the Lyapunov exponents", "s-1"),
+        "sali": (("time", "member"), sali_of(gali[:, 0]), "smaller alignment index", "1"),
+        "gali": (("time", "k", "member"), gali, "generalised alignment index", "1"),
+        "pair_error": ("member", pairs, "largest sum of two paired exponents", "s-1"),
+        "mean": ("exponent", average.value, "mean over the members", "s-1"),
+        "mean_low": ("exponent", average.low, "lower end of its interval", "s-1"),
+        "mean_high": ("exponent", average.high, "upper end of its interval", "s-1"),
+        "spread": ("exponent", spread, "standard deviation over the members", "s-1"),
+    }
+    variables: dict[str, Any] = {
+        name: (dims, values, {"long_name": text, "units": units})
+        for name, (dims, values, text, units) in words.items()
+    }
+    variables["exponents"][2]["symbol"] = "lambda"
+    for name in ("mean_low", "mean_high") if not drawn else ():
+        variables[name][1][:] = np.nan
+    about = variables_of(scene)["status"].attrs
+    variables["status"] = "member", status, about
+    coords = {
+        "time": ("time", times, {"long_name": "time", "units": "s"}),
+        "exponent": np.arange(1, COUNT + 1),
+        "k": np.arange(2, COUNT + 1),
+        "member": scene.run.first + member,
+    }
+    attrs = {
+        "title": scene.title,
+        "members": int(scene.run.members),
+        "interval": float(scene.run.every or scene.run.t_end),
+        "confidence": options.confidence,
+        "keeps_energy": int(conservation(scene.effects, False)["energy"] == "yes"),
+        "scene": scene.dumps(),
+    }
+    return xr.Dataset(variables, coords, attrs)
+
+
+def sali_of(gali: Array) -> Array:
+    """Return SALI for GALI_2, the sine of the angle between two unit vectors: twice the sine of
+    half of it, or of half of the rest to pi, whichever is smaller."""
+    # without the difference of two unit vectors, which would be lost below 1e-16
+    cosine = np.sqrt((1.0 - gali) * (1.0 + gali))
+    return gali / np.sqrt(0.5 * (1.0 + cosine))
+
+
+def table(study: xr.Dataset) -> list[str]:
+    """Return the study as lines of text."""
+    attrs, end = study.attrs, study.isel(time=-1)
+    good = end.exponents.notnull().all("exponent").values
+    lines = [
+        f"{attrs['title']}: {count_text(int(good.sum()), 'member')} to t = {float(end.time):g} s,"
+        f" orthonormal every {attrs['interval']:.4g} s"
+    ]
+    if good.any():
+        few = end.isel(member=good)
+        heads = (
+            f"{column_head(study.exponents):>14s}",
+            "mean",
+            "+-",
+            "spread",
+            "smallest",
+            "largest",
+        )
+        lines.append("".join([heads[0], *(f"{head:>12s}" for head in heads[1:])]))
+        for i in study.exponent.values:
+            one = few.sel(exponent=i)
+            half = 0.5 * float(one.mean_high - one.mean_low)
+            ends = float(one.exponents.min()), float(one.exponents.max())
+            numbers = float(one["mean"]), half, float(one.spread), *ends
+            lines.append(f"{i:14d}" + "".join(f"{x:12.4g}" for x in numbers))
+        total = few["sum"]
+        lines += [
+            f"  sum of all: {float(total.mean()):.3g} on average, largest size"
+            f" {value_text(float(np.abs(total).max()), total, 3)}"
+            + "; 0 for exact steps"
+            * attrs["keeps_energy"],
+            f"  SALI below {CHAOTIC:g}, chaotic: {int((few.sali < CHAOTIC).sum()):,} of"
+            f" {count_text(int(good.sum()), 'member')}",
+        ]
+        if attrs["keeps_energy"]:
+            worst = value_text(float(few.pair_error.max()), few.pair_error, 3)
+            lines.append(f"  pairs of opposite sign: largest sum {worst}; tends to 0")
+    if flagged := int((study.status != 0).sum()):
+        lines.append(f"  flagged members, without exponents: {flagged:,}")
+    if left := int((~good).sum()) - flagged:
+        lines.append(f"  members whose derivatives are not finite: {left:,}")
+    if missing := attrs["members"] - study.sizes["member"]:
+        lines.append(f"  members still missing: {missing:,}; continue with `rigidmc resume`")
+    return lines
+
+
+lyapunov = Study(
+    name="lyapunov",
+    text=__doc__,
+    options=LyapunovOptions,
+    work=Tasks(start, missing_members, compute_members, cost_of, reduce, together=0),
+    table=table,
+    picture="lyapunov_spectrum",
+    settings=(*TUNING, "members", "first", "points", "every"),
+    settings_help={
+        "every": f"time between two saves of the exponents [s]; by default {SAVES} saves"
+    },
+    settings_text="run settings, as in `simulate`; `every` is the time between two saves of the"
+    f" exponents, by default a {SAVES}th of the time",
+    source="the run directory of an existing study",
+    example=Example("heavy_top", {}, {"members": 40, "t_end": 2.0}),
+)
