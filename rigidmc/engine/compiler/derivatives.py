@@ -13,7 +13,14 @@ from typing import Any
 from rigidmc.engine.compiler.dual_types import DualType, make_dual, tangents_of
 from rigidmc.engine.compiler.intrinsics import intrinsic
 from rigidmc.physics.dynamics import vectors
-from rigidmc.physics.dynamics.functions import arctan2, expm1, exponential_of, logarithm_of, sincos
+from rigidmc.physics.dynamics.functions import (
+    arctan2,
+    expm1,
+    exponential_of,
+    hypotenuse,
+    logarithm_of,
+    sincos,
+)
 from rigidmc.physics.dynamics.vectors import nearest_integer, select
 
 
@@ -104,6 +111,14 @@ def _arctan2(y, x):
     return chained(y, angle, q * over) + chained(x, 0.0 * angle, -p * over)
 
 
+def _hypotenuse(x, y):
+    # the code sorts |x| and |y|, and takes the same one twice where they are equal
+    a, b = without_derivatives(x), without_derivatives(y)
+    h = hypotenuse(a, b)
+    over = 1.0 / select(h > 0.0, h, math.inf)
+    return chained(x, h, a * over) + chained(y, 0.0 * h, b * over)
+
+
 RULES: dict[Callable[..., Any], Callable[..., Any]] = {
     nearest_integer: _nearest_integer,
     sincos: _sincos,
@@ -111,6 +126,7 @@ RULES: dict[Callable[..., Any], Callable[..., Any]] = {
     expm1: _expm1,
     logarithm_of: _logarithm_of,
     arctan2: _arctan2,
+    hypotenuse: _hypotenuse,
 }
 
 

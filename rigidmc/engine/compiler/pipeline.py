@@ -366,7 +366,8 @@ def _lean_passes(state: Any) -> Any:
     """Return the passes of all functions of the package."""
     if not _lean:
         others = {**LEAN, NativeLowering: LeanFusingLowering, NopythonTypeInference: LeanInference}
-        passes = _passes(state, others, UNUSED_PASSES)
+        # the state of an inlined function has its code, and Numba then leaves out the first passes
+        passes = _passes(compiler.StateDict({**state, "func_ir": None}), others, UNUSED_PASSES)
         passes.__class__ = LeanPasses
         _lean.append(passes)
     return _lean[0]
