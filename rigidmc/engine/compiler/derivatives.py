@@ -10,9 +10,18 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from numba.core import types
+
 from rigidmc.engine.compiler.dual_types import DualType, make_dual, tangents_of
 from rigidmc.engine.compiler.intrinsics import intrinsic
 from rigidmc.physics.dynamics import vectors
+from rigidmc.physics.dynamics.euler import angular_velocity
+from rigidmc.physics.dynamics.free_flow import (
+    flow_about_momentum,
+    free_flow,
+    is_moving,
+    momentum_size,
+)
 from rigidmc.physics.dynamics.functions import (
     arctan2,
     expm1,
@@ -21,7 +30,14 @@ from rigidmc.physics.dynamics.functions import (
     logarithm_of,
     sincos,
 )
-from rigidmc.physics.dynamics.vectors import nearest_integer, select
+from rigidmc.physics.dynamics.vectors import (
+    dot,
+    logical_not,
+    nearest_integer,
+    scale,
+    select,
+    select_all,
+)
 
 
 def without_derivatives(x):
@@ -119,7 +135,37 @@ def _hypotenuse(x, y):
     return chained(x, h, a * over) + chained(y, 0.0 * h, b * over)
 
 
+def _momentum_size(moves, square):
+    # of a body at rest nan: |L| has no derivative there, and nothing may take it for 0
+    size = momentum_size(moves, without_derivatives(square))
+    return chained(square, size, select(moves, 0.5 / select(moves, size, 1.0), math.nan))
+
+
+def _free_flow(body, halvings, panels, h, l):
+    turn, change = flow_about_momentum(body, halvings, panels, h, l)
+    # At rest L has no axis, but a small L turns the body by h omega, in any direction, and stays.
+    rests, v = logical_not(is_moving(dot(l, l))), scale(0.5 * h, angular_velocity(body, l))
+    turn = select_all(
+        rests,
+        (
+            without_derivatives(turn[0]),
+            chained(v[0], without_derivatives(turn[1]), 1.0 + 0.0 * h),
+            chained(v[1], without_derivatives(turn[2]), 1.0 + 0.0 * h),
+            chained(v[2], without_derivatives(turn[3]), 1.0 + 0.0 * h),
+        ),
+        turn,
+    )
+    still = (
+        without_derivatives(change[0]),
+        without_derivatives(change[1]),
+        without_derivatives(change[2]),
+    )
+    return turn, select_all(rests, still, change)
+
+
 RULES: dict[Callable[..., Any], Callable[..., Any]] = {
+    free_flow: _free_flow,
+    momentum_size: _momentum_size,
     nearest_integer: _nearest_integer,
     sincos: _sincos,
     exponential_of: _exponential_of,
@@ -131,7 +177,13 @@ RULES: dict[Callable[..., Any], Callable[..., Any]] = {
 
 
 def rule_for(function: Any, kinds: Any) -> Any:
-    """Return the rule of a function if one of its arguments is a Dual, else the function."""
-    return (
-        RULES.get(function, function) if any(isinstance(ty, DualType) for ty in kinds) else function
-    )
+    """Return the rule of a function if a Dual is among its arguments, else the function."""
+    rule = RULES.get(function, function)
+    return rule if rule is not function and any(map(_has_dual, kinds)) else function
+
+
+def _has_dual(kind: Any) -> bool:
+    """Return whether a type is a Dual, or a tuple with one."""
+    if isinstance(kind, types.BaseTuple):
+        return any(map(_has_dual, kind))
+    return isinstance(kind, DualType)

@@ -209,9 +209,8 @@ def phase(m, time, integral):
 def make_flow(body, halvings, panels, h, l):
     """Return (FreeFlow, u) of a free body; halvings, panels : see `free_flow`."""
     square = dot(l, l)
-    # the limits of float64 and float32, see _REST
-    moves = square > by_precision(square, _REST, 1e-36)
-    size = select(moves, math.sqrt(square), 0.0)
+    moves = is_moving(square)
+    size = momentum_size(moves, square)
     # at rest any unit vector works: nothing rotates
     u = select_all(moves, scale(1.0 / select(moves, size, 1.0), l), (0.0, 0.0, 1.0))
     twice_energy = dot(u, angular_velocity(body, u))
@@ -244,6 +243,17 @@ def make_flow(body, halvings, panels, h, l):
         one,
         panel,
     ), u
+
+
+def is_moving(square):
+    """Return whether a body with this |L|^2 moves."""
+    # the limits of float64 and float32, see _REST
+    return square > by_precision(square, _REST, 1e-36)
+
+
+def momentum_size(moves, square):
+    """Return |L| from |L|^2, 0 unless the body moves."""
+    return select(moves, math.sqrt(square), 0.0)
 
 
 def momentum_change(m, halvings, u, slopes=()):
@@ -305,6 +315,11 @@ def free_flow(body, halvings, panels, h, l):
     panels : n times 1/n, to cut h into n panels for the phase. The tuple holds 1/n because 1/len()
         would be a float64 also in float32 kernels
     """
+    return flow_about_momentum(body, halvings, panels, h, l)
+
+
+def flow_about_momentum(body, halvings, panels, h, l):
+    """Do the same as `free_flow`; of derivatives, those at rest are lost with the axis of L."""
     m, u = make_flow(body, halvings, panels, h, l)
     change, start = momentum_change(m, halvings, u), phase_fraction(m, u)
     integral, end = integrate_phase(m, panels, u, start)
