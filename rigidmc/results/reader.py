@@ -176,8 +176,8 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
     known = {
         **always,
         **member_variables(model, run, recorded, True),
-        **saved,
         **member_derivatives(always, recorded, axes.parameter_units),
+        **saved,
         **derivative_variables(saved, axes.parameter_units),
         **ensemble_variables(recorded),
         **flagged,
