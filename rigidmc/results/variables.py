@@ -104,7 +104,8 @@ def member_derivatives(
     """Return the variables by members with the derivatives of results over all steps; arguments as
     for `derivative_variables`.
 
-    A mean of attitudes is not an attitude: statistics of attitudes have derivatives of each component.
+    A mean of attitudes is not an attitude, so statistics of attitudes have derivatives of each
+    component.
     """
     if not parameter_units:
         return {}
