@@ -15,7 +15,6 @@ from rigidmc.physics.effects.protocol import Effect, facts, is_random, shape
 from rigidmc.physics.integrators import refusal
 from rigidmc.physics.observables import OUTCOMES, is_own, outputs
 from rigidmc.physics.observables.protocol import DIMENSIONS, EnsembleObservable, Neighbour
-from rigidmc.physics.observables.saving import outputs_with_derivatives
 from rigidmc.scene.amounts import count_text
 from rigidmc.scene.derivatives import derivative_name
 from rigidmc.scene.model import Model
@@ -214,9 +213,9 @@ def _check_variables(run: Run, recording: Recording) -> None:
     """Raise SceneError if a custom observable reuses the name of an existing variable."""
     taken = {*OUTCOMES, *DIMENSIONS, "member", "time", "moments", "tensor", "mass", "centre"}
     if run.wrt:
-        names = [n for pair in recording.monitored for n in outputs_with_derivatives(*pair)]
-        names += recording.names
-        taken |= {"parameter", "parameter_unit", *map(derivative_name, names)}
+        results = (name for pair in recording.monitored for name in outputs(*pair))
+        differentiated = map(derivative_name, (*recording.names, *results))
+        taken |= {"parameter", "parameter_unit", *differentiated}
     every: list[tuple[Any, list[str]]] = [(recording.observable(n), [n]) for n in recording.names]
     every += [(one, list(outputs(label, one))) for label, one in recording.monitored]
     for one, names in sorted(every, key=lambda pair: is_own(pair[0])):
