@@ -107,6 +107,12 @@ class DualArray(NDArrayOperatorsMixin):
         """Return the array with one axis."""
         return DualArray(self.value.ravel(), self.tangents.reshape(len(self.tangents), -1))
 
+    def reshape(self, *shape: int) -> "DualArray":
+        """Return the array with other axes."""
+        return DualArray(
+            self.value.reshape(*shape), self.tangents.reshape(len(self.tangents), *shape)
+        )
+
     def argmax(self, axis: int | None = None) -> Any:
         """Return the indices of the largest values, without tangents."""
         return self.value.argmax(axis)

@@ -213,7 +213,9 @@ def _check_variables(run: Run, recording: Recording) -> None:
     """Raise SceneError if a custom observable reuses the name of an existing variable."""
     taken = {*OUTCOMES, *DIMENSIONS, "member", "time", "moments", "tensor", "mass", "centre"}
     if run.wrt:
-        taken |= {"parameter", "parameter_unit", *map(derivative_name, recording.names)}
+        results = (name for pair in recording.monitored for name in outputs(*pair))
+        differentiated = map(derivative_name, (*recording.names, *results))
+        taken |= {"parameter", "parameter_unit", *differentiated}
     every: list[tuple[Any, list[str]]] = [(recording.observable(n), [n]) for n in recording.names]
     every += [(one, list(outputs(label, one))) for label, one in recording.monitored]
     for one, names in sorted(every, key=lambda pair: is_own(pair[0])):

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.dual_arrays import DualArray, plain
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.events import event_record
 from rigidmc.engine.kernel.layout import (
@@ -42,7 +43,12 @@ from rigidmc.physics.observables.protocol import (
     update,
     value,
 )
-from rigidmc.physics.observables.saving import FOLLOWED, event_times
+from rigidmc.physics.observables.saving import (
+    FOLLOWED,
+    event_times,
+    results_of,
+    with_derivatives,
+)
 from rigidmc.planning.steps import Clock
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import count_rows, is_variable
@@ -172,25 +178,28 @@ def has_attitude(effects: Sequence[Any], recording: Recording, monitors: Monitor
 def results(
     monitors: Monitors,
     places: RowMap,
-    block: NDArray[np.float64],
+    block: NDArray[np.float64] | DualArray,
     clock: Clock,
     total: Any,
     nodes: int = 0,
-) -> dict[str, NDArray[np.float64]]:
+) -> dict[str, Any]:
     """Return {variable: values of each member} of Monitors, nan for members that are not ok.
 
     A flagged member keeps the times of events that happened while it was ok. Without them, nobody
     could know whether an event had happened by then.
 
-    places : rows of the monitors;  block : its rows at the end of a run, or of part of a run
+    places : rows of the monitors
+    block : its rows at the end of a run, or of part of a run; as a DualArray, the results that have
+        derivatives by its parameters are DualArrays, too
     clock : when steps of the members end;  total : steps that each member has made
     nodes : as in a Plan
     """
     if not monitors.labelled:
         return {}
-    healthy, everyone = block[layout.STATUS] == 0.0, np.ones(block.shape[1], bool)
-    known_until = clock.time(np.where(healthy, total, block[layout.GOOD_STEP]))
-    variables: dict[str, NDArray[np.float64]] = {}
+    rows: Any = plain(block)
+    healthy, everyone = rows[layout.STATUS] == 0.0, np.ones(rows.shape[1], bool)
+    known_until = clock.time(np.where(healthy, total, rows[layout.GOOD_STEP]))
+    variables: dict[str, Any] = {}
     steps, lags = total, dict[str, float]()
 
     def add(label: str, one: Any, values: Any) -> None:
@@ -203,21 +212,21 @@ def results(
 
     for i, (label, one) in enumerate(monitors.of_events):
         at = places.events + EVENT_ROWS * i
-        record = event_record(block[at : at + EVENT_ROWS], everyone)
-        add(label, one, one.results(record).values())
+        record = with_derivatives(event_record(block[at : at + EVENT_ROWS], everyone))
+        add(label, one, results_of(one, record).values())
         if one.stop:
             seen = np.where(healthy, record.seen, np.nan)
             steps = np.where(np.isfinite(seen), clock.steps(seen), steps)
     at, weighed = places.running, clock.weighed(steps, total)
     for (label, one), (_, marks) in zip(monitors.of_running, monitors.running, strict=True):
         seen = 2.0 * nodes * weighed if nodes and is_time_average(one) else weighed
-        add(label, one, one.results(block[at : at + len(marks)], seen).values())
+        add(label, one, results_of(one, block[at : at + len(marks)], seen).values())
         at += len(marks)
     for label, one in monitors.of_shadow:
-        distances = block[places.shadow + SUMS : places.shadow + SHADOW_ROWS]
+        distances = rows[places.shadow + SUMS : places.shadow + SHADOW_ROWS]
         add(label, one, one.results(distances, clock.position(total), clock.dt).values())
     if lags:
-        started = block[layout.STATUS] != float(STATUSES["invalid_input"])
+        started = rows[layout.STATUS] != float(STATUSES["invalid_input"])
         followed = np.where(healthy, clock.time(steps), known_until)
         variables[FOLLOWED] = np.where(started, followed, np.nan)
     return variables

@@ -16,8 +16,8 @@ from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import facts, is_conservative, is_random
 from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.integrators.protocol import Integrator, has_extra_state
-from rigidmc.physics.observables import value_rows
-from rigidmc.physics.observables.saving import thinned_indices
+from rigidmc.physics.observables import is_own, value_rows
+from rigidmc.physics.observables.saving import outputs_with_derivatives, thinned_indices
 from rigidmc.physics.observables.statistics import counts_steps
 from rigidmc.planning.initial import (
     InitialMembers,
@@ -245,6 +245,10 @@ def make_plan(
             f"member that turns by {SPUN_UP:g} times as much in a step is flagged"
         )
         notes += (f"[run] turn = {run.turn:g}: {rule}; a fixed dt ignores the start",)
+    own = [pair for pair in monitors.of_running if wrt and is_own(pair[1])]
+    if lost := [label for label, one in own if not outputs_with_derivatives(label, one)]:
+        rule = "its method `results` uses functions that have none"
+        notes += (f"[run] wrt: {', '.join(lost)} has no derivatives: {rule}",)
     if (saves := found.steps // found.stride) > MOST_SAVES:
         rule = f"{saves:,} saves exceed the limit of {MOST_SAVES:,}"
         raise SceneError(rule, at="run.every", value=run.every)

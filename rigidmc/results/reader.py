@@ -27,6 +27,7 @@ from rigidmc.results.variables import (
     derivative_variables,
     ensemble_variables,
     flagged_variables,
+    member_derivatives,
     member_variables,
     parameter_variable,
     saved_variables,
@@ -175,6 +176,7 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
     known = {
         **always,
         **member_variables(model, run, recorded, True),
+        **member_derivatives(always, recorded, axes.parameter_units),
         **saved,
         **derivative_variables(saved, axes.parameter_units),
         **ensemble_variables(recorded),

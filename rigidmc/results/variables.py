@@ -12,7 +12,13 @@ from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import Effect, facts, shape
 from rigidmc.physics.observables import OBSERVABLES, outputs, title
-from rigidmc.physics.observables.saving import CENSORED, FOLLOWED, LAG, event_times
+from rigidmc.physics.observables.saving import (
+    CENSORED,
+    FOLLOWED,
+    LAG,
+    event_times,
+    outputs_with_derivatives,
+)
 from rigidmc.scene.body import Body
 from rigidmc.scene.derivatives import derivative_name, derivative_units
 from rigidmc.scene.drifts import LAWS
@@ -65,11 +71,14 @@ ROTATED = ("quat",)  # dimensions of attitudes, which change by a rotation
 
 
 def derivative_variables(
-    variables: Mapping[str, Variable], parameter_units: Sequence[str]
+    variables: Mapping[str, Variable],
+    parameter_units: Sequence[str],
+    rotated: Sequence[str] = ROTATED,
 ) -> dict[str, Variable]:
-    """Return the variables with the derivatives of saved variables, {} without parameters.
+    """Return the variables with the derivatives of variables, {} without parameters.
 
     parameter_units : of each parameter, "" if unknown; units of derivatives are then unknown, too
+    rotated : dimensions of attitudes
 
     The derivative of an attitude q is the vector of the rotation in body axes, 2 vec(q* dq/dp),
     with q* the conjugate of q.
@@ -79,14 +88,29 @@ def derivative_variables(
         if dtype != "f8":  # labels and indices have no derivative
             continue
         units, text = attrs["units"], f"derivative of {attrs['long_name']}"
-        if set(ROTATED) & {*dims}:
+        if set(rotated) & {*dims}:
             units, text = "rad", f"{text}, as a rotation vector in body axes"
-            dims = tuple("axis" if dim in ROTATED else dim for dim in dims)
+            dims = tuple("axis" if dim in rotated else dim for dim in dims)
         about = {"units": derivative_units(units, parameter_units), "long_name": text}
         if "" in parameter_units:
             del about["units"]
         found[derivative_name(name)] = Variable(("parameter", *dims), "f8", about)
     return found
+
+
+def member_derivatives(
+    variables: Mapping[str, Variable], recording: Recording, parameter_units: Sequence[str]
+) -> dict[str, Variable]:
+    """Return the variables by members with the derivatives of results over all steps; arguments as
+    for `derivative_variables`.
+
+    A mean of attitudes is not an attitude, so statistics of attitudes have derivatives of each
+    component.
+    """
+    if not parameter_units:
+        return {}
+    names = [name for pair in recording.monitored for name in outputs_with_derivatives(*pair)]
+    return derivative_variables({name: variables[name] for name in names}, parameter_units, ())
 
 
 def flagged_variables(recording: Recording) -> dict[str, Variable]:

@@ -19,6 +19,7 @@ from rigidmc.results.variables import (
     derivative_variables,
     ensemble_variables,
     flagged_variables,
+    member_derivatives,
     member_variables,
     saved_variables,
 )
@@ -52,6 +53,7 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
     }
     monitors, units = plan.monitors, tuple(derivative_unit(scene, name) for name in plan.wrt)
     saved, of_flagged = saved_variables(model.effects, recorded), flagged_variables(recorded)
+    by_member = member_variables(model, run, recorded, plan.has_attitude)
     axes = plan.times, plan.thinned, plan.labels, monitors.bins, monitors.dims, plan.wrt, units
     return ResultLayout(
         scene=scene,
@@ -63,7 +65,7 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
         axes=Axes(*axes),
         recording=recorded,
         saved=plan.saved,
-        by_member=member_variables(model, run, recorded, plan.has_attitude),
+        by_member={**by_member, **member_derivatives(by_member, recorded, units)},
         at_saves={**saved, **derivative_variables(saved, units)},
         of_ensemble=ensemble_variables(recorded),
         of_flagged={**of_flagged, **derivative_variables(of_flagged, units)},

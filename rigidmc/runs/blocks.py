@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.dual_arrays import DualArray, plain
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys
 from rigidmc.engine.program import NO_NOISE, Program
@@ -22,6 +23,7 @@ from rigidmc.planning.units import UnitScale
 from rigidmc.progress import Progress, Report, reporter
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.variables import ROTATED
+from rigidmc.scene.derivatives import derivative_name
 from rigidmc.scene.drifts import drift_laws
 
 Initial = Callable[[int, int], tuple[Array, Start]]  # (first place, count) -> rows, start
@@ -254,13 +256,36 @@ def _results(job: BlockJob, plan: Plan) -> dict[str, np.ndarray]:
         "energy_drift_max": rows[layout.DRIFT],
         "l2_drift_max": rows[layout.DRIFT + 1],
         "drift_law": law,
-        **monitors.results(plan.monitors, plan.places, rows, clock, made, plan.nodes),
+        **_with_changes(
+            monitors.results(
+                plan.monitors, plan.places, _differentiated(rows, plan), clock, made, plan.nodes
+            )
+        ),
         "status_step": np.broadcast_to(step, flagged.shape),
         "status_time": np.broadcast_to(time, flagged.shape),
         "status": status,
         "steps": np.broadcast_to(made, flagged.shape),
         **job.start,
     }
+
+
+def _differentiated(rows: Array, plan: Plan) -> Any:
+    """Return the rows of a block with their derivatives as tangents, if it has them."""
+    if not plan.columns:
+        return rows
+    end, count = plan.places.end, len(plan.wrt)
+    tangents = rows[end : end * (1 + count)].reshape(count, end, -1)
+    return DualArray(rows[:end], tangents)
+
+
+def _with_changes(found: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Return results as plain arrays, and their derivatives as d_NAME, nan where the value is."""
+    changes = {
+        derivative_name(name): np.where(np.isnan(x.value), np.nan, x.tangents)
+        for name, x in found.items()
+        if isinstance(x, DualArray)
+    }
+    return {**{name: plain(x) for name, x in found.items()}, **changes}
 
 
 def _saves_of(job: BlockJob, result: ResultLayout) -> Array:
@@ -296,10 +321,15 @@ def _in_units_of_scene(
             saves[:, rows] *= units.factor(result.recording.observable(name).units)
         for j, unit in enumerate(result.axes.parameter_units):
             saves[:, :, 1 + j] /= units.factor(unit)
-    known = result.by_member
+    factors: dict[str, Any] = {}
+    each = np.array([units.factor(unit) for unit in result.axes.parameter_units])
+    for name, of in result.by_member.items():
+        if "parameter" not in of.dims:
+            factors[name] = units.factor(of.attrs.get("units", "1"))
+            by_parameter = factors[name] / each
+            shape = -1, *[1] * len(of.dims)
+            factors[derivative_name(name)] = by_parameter.reshape(shape)
     return {
-        name: values * units.factor(known[name].attrs.get("units", "1"))
-        if name in known
-        else values
+        name: values * factors[name] if name in factors else values
         for name, values in results.items()
     }

@@ -24,6 +24,7 @@ from rigidmc.runs.directory.dataset import open_run
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import count_text, read_count, read_seconds
+from rigidmc.scene.derivatives import derivative_name
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.scene.settings import Run
@@ -288,10 +289,14 @@ def _pairs(again: xr.Dataset, result: xr.Dataset, scene: Scene) -> Iterator[Pair
         over = {
             name for label, one in make_recording(scene).monitored for name in outputs(label, one)
         }
+        over |= set(map(derivative_name, over))
+    parameters = [list(ds.parameter.values) if "parameter" in ds else [] for ds in (again, result)]
     for name in map(str, again.data_vars):
         variable = again[name]
         dims = tuple(map(str, variable.dims))
         if "member" not in dims:  # of the ensemble as a whole
+            continue
+        if "parameter" in dims and parameters[0] != parameters[1]:
             continue
         if name in over and name in result:
             yield Pair(name, variable.values, _values(result[name], dims), np.empty(0))

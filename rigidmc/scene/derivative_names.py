@@ -40,6 +40,7 @@ from rigidmc.scene.vector_distributions.protocol import EquilibriumEnsemble, Vec
 from rigidmc.scene.vector_distributions.vectors import Correlated, lower_factor, whole_of
 
 _SYMMETRIC = (".tensor", ".mean", ".covariance")  # names before the indices of symmetric matrices
+_END = "moves only the last save, at the rate of the observable there: save it at two times"
 
 
 def parameter_names_of_derivatives(scene: Scene) -> list[str]:
@@ -134,7 +135,7 @@ def parameters_of(model: Model) -> dict[str, Given]:
             name = f"effects.{label}.{field}"
             scalar = shape(effect, field) is None
             known |= of_quantity(name, path, value) if scalar else _of_vector(name, path, value)
-    return known | _refused_by_rejection(model, known)
+    return {**known, **_refused_by_rejection(model, known), "run.t_end": _END}
 
 
 def _of_vector(name: str, path: Path, value: Any) -> dict[str, Given]:

@@ -273,6 +273,8 @@ def refine_event(
     # The end time of a step shows whether it belongs to the last interval.
     h = select(t < long_until + 0.5 * last_h, last_h * ratio, last_h)
     older, level_before = bracket[1], bracket[3]
+    # Both ends have one sign: no crossing was bracketed, because the event counted at the start.
+    at_start = (level_before < 0.0) == (older < 0.0)
     if steps_back > 0:
         fraction = spare[CHECKED_STATE + 4]
         back_step = -fraction * h
@@ -286,7 +288,7 @@ def refine_event(
         bracket = shrink_bracket(four_at(spare, CHECKED_STATE), fraction, here)
         keep_time_change(
             derived, effects, events, axes, record // 2, t + back_step, h, q, l, level_here, work,
-            axes_row, place, row + record // 2 * EVENT_ROWS + COUNT,
+            axes_row, place, row + record // 2 * EVENT_ROWS + COUNT, at_start,
         )  # fmt: skip
     fraction = interpolate_root(bracket)
     back_step = -fraction * h
@@ -296,20 +298,18 @@ def refine_event(
     q, l = to_stepping(integrator, body, present, t + substeps[3] * back_step, substep, q, l)
     put_stepping(in_precision(q, spare_state), in_precision(l, spare_state), spare_state)
     put_rows((t, back_step), spare, ROUND_START)  # and STEP_LENGTH, the row after it
-    # Both ends have one sign: no crossing was bracketed, because the event counted at the start.
-    at_start = (level_before < 0.0) == (older < 0.0)
     plain[place] = select(at_start, t, t + back_step)
     return 0
 
 
 def keep_time_change(
     derived, effects, events, axes, index, t, h, q, l, level_here, work, axes_row, place,
-    count_row,
+    count_row, at_start,
 ):  # fmt: skip
     """Write the derivatives of the time of an event, -dg/dp / (dg/dt) of its level g (implicit
     function theorem), to a row whose value is written later.
 
-    derived : ON if there are derivatives
+    derived : ON if there are derivatives;  at_start : whether the event counted at the start
     """
     if len(derived) == 0:
         return 0
@@ -319,8 +319,9 @@ def keep_time_change(
     dq, dl = state_rates(scaled(body, h), present, body, t, h, q, l)
     q, l = moving_each(q, dq), moving_each(l, dl)
     rate = change_of(level_at(events, index, body, present, moving(t, h), q, l))
-    # no time depends on a parameter if there is no event, or if its level stands still
-    is_timed = (rate != 0.0) & (plain[count_row] > 0.0)
+    # no time depends on a parameter if there is no event, if it is that of the start, or if its
+    # level stands still
+    is_timed = (rate != 0.0) & (plain[count_row] > 0.0) & logical_not(at_start)
     work[place] = chained(level_here, t, -h / select(is_timed, rate, math.inf))
     return 0
 

@@ -10,6 +10,7 @@ import sys
 from typing import Any, NamedTuple
 
 from rigidmc.engine.compiler.compose import inline_all
+from rigidmc.engine.compiler.derivatives import without_derivatives
 from rigidmc.engine.compiler.intrinsics import any_of
 from rigidmc.engine.kernel.dense_output import AHEAD, interpolate, make_interpolant, time_within
 from rigidmc.engine.kernel.events import levels_of, record_event
@@ -147,7 +148,9 @@ def observable_extrema(limits, moves, interval, values, slopes, next_values, nex
     if len(limits) == 0:
         return ()
     is_minimum = slopes[0] < 0.0
-    sign, limit = select(is_minimum, 1.0, -1.0), select(is_minimum, limits[0][0], -limits[0][1])
+    # limits only decide, and some depend on no parameter: all of one type
+    low, high = without_derivatives(limits[0][0]), without_derivatives(limits[0][1])
+    sign, limit = select(is_minimum, 1.0, -1.0), select(is_minimum, low, -high)
     a = sign * values[0] - limit, sign * slopes[0]
     mark = may_dip(a, (sign * next_values[0] - limit, sign * next_slopes[0]), interval) & moves
     others = observable_extrema(

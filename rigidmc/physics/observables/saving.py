@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.dual_arrays import DualArray, has_tangents, plain
 from rigidmc.errors import SceneError, unknown
 from rigidmc.physics.observables import (
     OBSERVABLES,
@@ -114,6 +115,44 @@ def event_times(label: str, one: Any) -> dict[str, float]:
         stated = tuple(name for name, role in found if role == "first")
     lag = float(getattr(one, "hold", 0.0))
     return {name: lag for name, of in zip(variables, one.outputs, strict=True) if of in stated}
+
+
+def results_of(one: Any, numbers: Any, *more: Any) -> dict[str, Any]:
+    """Return the outputs of an observable over all steps, with tangents if its numbers have them.
+
+    numbers : the first argument of its method `results`;  more : the others
+    Code without a rule for tangents gives plain arrays.
+    """
+    try:
+        found: dict[str, Any] = one.results(numbers, *more)
+    except (AttributeError, TypeError, ValueError):  # a custom class, written for plain arrays
+        if not has_tangents(numbers):
+            raise
+        record = isinstance(numbers, EventRecord)
+        found = one.results(EventRecord(*map(plain, numbers)) if record else plain(numbers), *more)
+    return found
+
+
+def outputs_with_derivatives(label: str, one: Any) -> list[str]:
+    """Return the variables of an observable over all steps that have derivatives by parameters of
+    the scene. Counts and results of a shadow trajectory have none.
+
+    label : as in `rigidmc.physics.observables.outputs`
+    """
+    some: Any = DualArray(np.ones(1), np.ones((1, 1)))
+    if isinstance(one, Event):
+        found = results_of(one, with_derivatives(EventRecord(*(some,) * 7)))
+    elif isinstance(one, Running):
+        found = results_of(one, np.stack([some] * one.state_size), np.array([3.0]))
+    else:
+        return []
+    names = zip(outputs(label, one), found.values(), strict=True)
+    return [name for name, values in names if isinstance(values, DualArray)]
+
+
+def with_derivatives(record: EventRecord) -> EventRecord:
+    """Return a record whose count, and the end of a step, have no tangents."""
+    return record._replace(count=plain(record.count), seen=plain(record.seen))
 
 
 def roles_of(one: Event) -> list[str]:
