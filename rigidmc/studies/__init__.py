@@ -42,6 +42,9 @@ STUDIES = {
     " at +- 0.0001 (python -m bench rare). With -o RUN/ batches of members go to a run directory,"
     " which survives a kill.\n\nExit code 5 if the width is not reached: because of --most, or in"
     " an unfinished run.",
+    "propagate": "Propagate a covariance to every save, linearly, by derivatives of the motion; and"
+    " compare it with the covariance of an ensemble: the fraction that linearity misses. Uncertain"
+    " are the distributions of the scene, or --wrt with --deviations.",
     "rare": "Estimate the probability of a rare event, with an interval: by adaptive multilevel"
     " splitting if effects are random, by subset simulation if starts, bodies or effects are drawn."
     " With -o RUN/ the repetitions go to a run directory, which survives a kill.",
