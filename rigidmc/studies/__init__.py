@@ -35,6 +35,10 @@ STUDIES = {
     "ftle": "Compute how much a small change of each start has grown at the end (finite-time"
     " Lyapunov exponents): a field whose ridges are stable manifolds, the boundaries between kinds"
     " of motion. With -o RUN/ the members go to a run directory, which survives a kill.",
+    "gradient": "Differentiate means and quantiles over an ensemble by parameters of the scene,"
+    " with intervals; probabilities, counts and events by the likelihood ratio, if the parameter is"
+    " one of a distribution. It reports what chaos makes useless. With -o RUN/ the members go to a"
+    " run directory, which survives a kill.",
     "multilevel": "Estimate a mean of a noisy scene to a given width, the error of the step"
     " included: nearly all members use the steps of the scene, which may be long, and few use"
     " shorter steps with the same noise (multilevel Monte Carlo). The narrower the interval, the"

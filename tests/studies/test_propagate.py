@@ -89,7 +89,7 @@ def test_matrices_that_are_no_covariance_are_refused(bad):
         ((0.0, 0.0, 1.0), {}, "nothing in the scene is drawn"),
         ((0.0, 0.0, rm.distribution("cauchy")), {}, "has no finite variance"),
         ((0.0, 0.0, rm.grid(0.0, 1.0, 4)), {}, "grids and tables have no covariance"),
-        (rm.Sphere(1.0), {}, "draws a vector or an attitude without a mean"),
+        (rm.Sphere(1.0), {}, "draws a vector, a matrix or an attitude"),
         ((0.0, 0.0, rm.normal(1.0, 0.1)), {"wrt": "start.omega.3"}, "give `covariance`"),
         ((0.0, 0.0, 1.0), {"deviations": "1e-3"}, "wrt: is missing"),
         ((0.0, 0.0, 1.0), {"deviations": (1.0, 2.0), "wrt": "start.omega.3"}, "1 numbers of at"),

@@ -53,11 +53,11 @@ def at_means(scene: Scene) -> Scene:
     scene = dataclasses.replace(scene, start=dataclasses.replace(start, **changed))
     names, _ = uncertain_numbers(scene.model)
     for name in names:
-        whole = value_at(scene, name)
-        if isinstance(whole, (VectorDistribution, str)):
+        matrix = name.startswith("body.tensor")
+        if matrix or isinstance(value_at(scene, name), (VectorDistribution, str)):
             rule = (
-                "draws a vector or an attitude without a mean to propagate: give numbers, and their"
-                " covariance with `covariance` and `wrt`"
+                "draws a vector, a matrix or an attitude without a mean to propagate: give numbers,"
+                " and their covariance with `covariance` and `wrt`"
             )
             raise SceneError(rule, at=name, table="")
     return scene.with_model(scene.model.mapped(_mean_of))
