@@ -7,8 +7,9 @@ docs/contributing.md has the recipe. `picture.py` draws the study; only it impor
 
 Reading order: `framework` (the record is in `framework/study`); `ftle`, the shortest study; then
 `basins`, `sensitivity`, `frequencies`, `section` (members of a design, by `framework/members`),
-`stability_map` (parameters against measures), `rare` and `multilevel` (tasks, by
-`framework/tasks`), `accuracy` and `stress` (integrators against truths, by `framework/direct`).
+`gradient` (members with derivatives), `stability_map` (parameters against measures), `rare` and
+`multilevel` (tasks, by `framework/tasks`), `propagate` (derivatives of one member beside an
+ensemble), `accuracy` and `stress` (integrators against truths), all by `framework/direct`.
 Four files are verbs, not studies: `until` (grow an ensemble until a measure is known), `totals`
 (keep only sums over the members), `closed_form` (compare one top with its formula), `bits` (compare
 CPUs and GPUs).

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from rigidmc.results.intervals import Interval, mean
+from rigidmc.results.intervals import Interval, is_constant, mean
 
 Array = NDArray[np.float64]
 NEARBY = 30  # least number of members near a quantile
@@ -60,8 +60,9 @@ def _reach(level: float, n: int) -> float:
     return NEARBY / n - min(level, 1.0 - level) + 0.5 / n
 
 
-def of_score(values: Array, scores: Array, confidence: float) -> Interval:
-    """Estimate d<Y | A>/dp by the likelihood ratio, <(Y - <Y | A>) s 1_A>/P(A).
+def terms_of(values: Array, scores: Array) -> Array:
+    """Return the terms (n,) whose mean is d<Y | A>/dp by the likelihood ratio,
+    (Y - <Y | A>) s 1_A/P(A).
 
     Subtracting the mean changes nothing in the limit, as <s> = 0, and makes the interval narrower.
 
@@ -70,9 +71,19 @@ def of_score(values: Array, scores: Array, confidence: float) -> Interval:
     """
     inside = np.isfinite(values)
     if not inside.any():
-        return NONE
+        return np.zeros_like(scores)
     away = np.where(inside, values - values[inside].mean(), 0.0)
-    terms = away * scores / inside.mean()
+    terms: Array = away * scores / inside.mean()
+    return terms
+
+
+def of_score(values: Array, scores: Array, confidence: float) -> Interval:
+    """Estimate d<Y | A>/dp as the mean of `terms_of`; nan if Y is the same for all members, as no
+    sample then shows its change."""
+    inside = np.isfinite(values)
+    if is_constant(values):
+        return NONE
+    terms = terms_of(values, scores)
     found = mean(terms, confidence=confidence)
     # the denominator P(A) is an estimate, too: the error of the ratio is that of these terms
     value = float(found.value)
@@ -93,11 +104,20 @@ class Growth(NamedTuple):
 
 def growth_of(half: Array, end: Array, rates: Array) -> Growth:
     """Measure growth from sizes of tangents at half of the time and at the end (n,): twice the
-    median of ln(end/half). Tangents that grow linearly have 1.4, those of chaos lambda t."""
+    median of ln(end/half). It is 2 ln 2 for linear growth, and
+    lambda t for chaos."""
     with np.errstate(all="ignore"):
         logs = np.log(end / half)
         logs = logs[np.isfinite(logs)]
-        size = np.abs(rates[np.isfinite(rates)])
-        carriers = size.sum() ** 2 / (size * size).sum() if size.any() else math.nan
     exponent = 2.0 * float(np.median(logs)) if logs.size else math.nan
-    return Growth(exponent, float(carriers))
+    return Growth(exponent, carriers_of(rates))
+
+
+def carriers_of(terms: Array) -> float:
+    """Return the effective number of members that carry a mean, (sum |x|)^2/sum x^2; nan if all
+    terms are 0."""
+    size = np.abs(terms[np.isfinite(terms)])
+    if not size.any():
+        return math.nan
+    size = size / size.max()  # squares of chaotic tangents overflow
+    return float(size.sum() ** 2 / (size * size).sum())

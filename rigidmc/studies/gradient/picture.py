@@ -1,10 +1,10 @@
-"""The picture of a gradient: elasticities or derivatives with intervals, a panel per measure."""
+"""The picture of a gradient: derivatives with intervals, a panel per measure."""
 
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from rigidmc.figures import COLOURS, GREY, add_title, figure_of, new_figure
+from rigidmc.figures import COLOURS, GREY, figure_of, new_figure
 from rigidmc.results.labels import with_units
 from rigidmc.scene.derivatives import quotient
 
@@ -33,6 +33,5 @@ def gradient_bars(study: xr.Dataset, figure: Figure | None = None) -> Figure:
         axes.set_yticks(places, labels)
         axes.set_ylim(places[-1] - 0.6, 0.6)
         axes.set_xlabel(f"derivative of {text}")
-        axes.set_ylabel("by parameter")
-        add_title(axes, text)
+        axes.set_ylabel("parameter")
     return figure_of(axes)

@@ -32,7 +32,7 @@ MOVES = "moves an end of the support, where the density jumps"
 def scores_of_scene(scene: Scene) -> dict[str, tuple[tuple[str, ...], Score | Refusal]]:
     """Return {parameter: (names of the drawn numbers, its score or the reason why there is none)}.
 
-    The names are those of derivatives, such as start.omega.1.mean. The score is a function of the
+    Derivatives have the same names, such as start.omega.1.mean. The score is a function of the
     drawn numbers: (n,), or (3, n) of the three components of a `Correlated` vector.
     """
     found: dict[str, tuple[tuple[str, ...], Score | Refusal]] = {}

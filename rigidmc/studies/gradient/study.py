@@ -77,7 +77,14 @@ from rigidmc.studies.framework.options import (
     option,
 )
 from rigidmc.studies.framework.study import Study
-from rigidmc.studies.gradient.estimators import growth_of, of_mean, of_quantile, of_score
+from rigidmc.studies.gradient.estimators import (
+    carriers_of,
+    growth_of,
+    of_mean,
+    of_quantile,
+    of_score,
+    terms_of,
+)
 from rigidmc.studies.gradient.scores import scores_of_scene
 
 Array = NDArray[np.float64]
@@ -192,7 +199,7 @@ def _way(one: Asked, name: str, method: str, able: set[str], scores: Mapping[str
 
 
 def why_no_path(one: Asked) -> str:
-    """Return the reason why a measure has no derivative by those of members; "" if it has."""
+    """Return the reason why a measure has no derivative by the path; "" if it has."""
     kind, name = one.measure.kind, one.measure.result.name
     if kind == "p":
         return "members jump from 0 to 1, so that their derivatives are 0 and miss the change of p"
@@ -328,6 +335,7 @@ def _dataset(
             own = rates[i, j][is_good]
             if way == "score":
                 found[:, i, j] = of_score(y, scores[j][is_good], confidence)
+                growth[1, i, j] = carriers_of(terms_of(y, scores[j][is_good]))
                 continue
             quantile = one.measure.kind == "quantile"
             level = one.measure.number
@@ -414,11 +422,12 @@ def warnings_of(one: xr.Dataset) -> list[str]:
             f" {horizon:.3g} s rounding decides the motion: use a shorter time, or the likelihood"
             ' ratio (method = "score")'
         ]
+    if not np.isfinite(float(one.derivative)):
+        return ["unknown: too few members have a value, or all have the same"]
     if float(one.carriers) < min(FEW, 0.5 * a["members"]):
-        return [
-            f"doubtful: few members carry it, as many as {float(one.carriers):.2g} equal ones"
-            f" would; tangents grow by exp({growth:.3g}) in the run"
-        ]
+        grown = f"; tangents grow by exp({growth:.3g}) in the run" if growth > 0.0 else ""
+        few = f"few members carry it, as many as {float(one.carriers):.2g} equal ones would"
+        return [f"doubtful: {few}{grown}"]
     return []
 
 

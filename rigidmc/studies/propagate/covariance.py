@@ -81,7 +81,7 @@ def _mean_of(quantity: Any) -> Any:
 def of_distributions(scene: Scene) -> tuple[list[str], Array]:
     """Return (names of the numbers that a scene draws, their covariance (P, P)).
 
-    The means are those of `at_means`. Raises SceneError if nothing is drawn.
+    The means are in `at_means`. Raises SceneError if nothing is drawn.
     """
     names: list[str] = []
     blocks: list[Array] = []
