@@ -17,7 +17,7 @@ from rigidmc.studies.propagate.covariance import (
     of_distributions,
 )
 from rigidmc.studies.propagate.picture import ellipse
-from rigidmc.studies.propagate.study import deviations_of, linear_until
+from rigidmc.studies.propagate.study import Input, deviations_of, linear_until, rounding_of
 
 A, C, SPIN, W1, W2 = 1.0, 1.5, 2.0, 0.3, 0.1
 TOP = rm.Scene(
@@ -126,6 +126,14 @@ def test_attitudes_deviate_by_a_rotation_vector_in_body_axes():
     found = deviations_of(some, one, ("attitude", "energy"))
     np.testing.assert_allclose(found[0, :3], turn[:2].T, atol=1e-15)
     np.testing.assert_allclose(found[0, 3], [0.5, 1.5])
+
+
+def test_rounding_is_measured_by_the_largest_value_of_a_row():
+    one = result_of(np.ones((2, 4, 1)), np.array([[-4.0], [3.0]]), [0])
+    run = {"save": ("attitude", "energy"), "dtype": "float32", "integrator": "rk4", "dt": 0.1}
+    given = Input(TOP.with_run(t_end=10.0, **run), (), C0, None)
+    found = rounding_of(given, one) / (32.0 * 10.0 * np.finfo("f4").eps)
+    np.testing.assert_allclose(found, [math.pi, math.pi, math.pi, 4.0])
 
 
 def test_linear_until_the_first_save_that_misses_more():

@@ -12,8 +12,9 @@ from the member of the means, and dp that of its parameters, the fraction that l
 
     missed = <|dx - J dp|^2> / <|dx|^2>
 
-for each row: 0 if the motion is linear in p, 1 if the linear prediction is worth nothing. It
-compares member by member, so the size of the sample hardly changes it.
+for each row: 0 if the motion is linear in p, 1 if the linear prediction is worth nothing, and nan
+where members differ by rounding alone. It compares member by member, so the size of the sample
+hardly changes it.
 Source: Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999), chap. 14.
 
 {parameters}
@@ -56,6 +57,7 @@ from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics.rotation import product, rotation_vector
 from rigidmc.progress import reporter
 from rigidmc.results.estimates import rows_in_time
+from rigidmc.results.intervals import ULPS, resolution_of
 from rigidmc.results.labels import count_text, with_units
 from rigidmc.runs.prepare import prepare
 from rigidmc.runs.simulate import simulate
@@ -293,6 +295,15 @@ def compute(
     return _dataset(given, options, one, jacobian, sums, rows, units, at)
 
 
+def rounding_of(given: Input, nominal: xr.Dataset) -> Array:
+    """Return the deviation of each row (row,) below which members differ by rounding alone."""
+    sizes = []
+    for name in given.nominal.run.save:
+        values = np.abs(rows_in_time(nominal, name)).max(axis=(0, 2))
+        sizes.append(np.full(3, np.pi) if "quat" in nominal[name].dims else values)
+    return ULPS * resolution_of(given.nominal) * np.concatenate(sizes)
+
+
 def _dataset(
     given: Input, options: PropagateOptions, one: xr.Dataset, jacobian: Array, sums: Sums,
     rows: list[str], units: list[str], at: NDArray[np.int64],
@@ -302,7 +313,10 @@ def _dataset(
         bias = np.divide(sums.first, sums.good)
         own = sums.second - sums.good * bias[..., None] * bias[:, None, :]
         own = np.divide(own, sums.good - 1) if sums.good > 1 else np.full_like(own, np.nan)
-        missed = sums.missed / np.diagonal(sums.second, axis1=-2, axis2=-1)
+        moved = np.diagonal(sums.second, axis1=-2, axis2=-1)
+        missed = np.where(
+            moved > sums.good * rounding_of(given, one) ** 2, sums.missed / moved, np.nan
+        )
     texts = {
         "covariance": (("time", "row", "column"), linear, "linear covariance, units of both rows"),
         "sample_covariance": (("time", "row", "column"), own, "covariance of the ensemble"),
