@@ -70,7 +70,9 @@ from rigidmc.studies.basins.study import basins as basins
 from rigidmc.studies.frequencies.study import frequencies as frequencies
 from rigidmc.studies.ftle.study import ftle as ftle
 from rigidmc.studies.lyapunov.study import lyapunov as lyapunov
+from rigidmc.studies.gradient.study import gradient as gradient
 from rigidmc.studies.multilevel.study import multilevel as multilevel
+from rigidmc.studies.propagate.study import propagate as propagate
 from rigidmc.studies.rare.study import rare as rare
 from rigidmc.studies.section.study import section as section
 from rigidmc.studies.sensitivity.study import sensitivity as sensitivity

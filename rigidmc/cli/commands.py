@@ -42,7 +42,10 @@ _STUDIES = {
         " difference.",
     ),
 }
-# the study has another name than its command, which has its own file
+# {command: study of another name}
+_NAMES = {"covariance": "propagate"}
+_STUDIES |= {name: _STUDIES.pop(study) for name, study in _NAMES.items()}
+# this command has its own file
 _STUDIES["map"] = _STUDIES.pop("stability_map")._replace(module="maps")
 COMMANDS = {
     "run": Entry(
@@ -193,9 +196,10 @@ COMMANDS = {
 def load_function(name: str) -> Callable[..., None]:
     """Import the function of a command, with options as typer reads them."""
     module = import_module(f"rigidmc.cli.{COMMANDS[name].module}")
+    study = _NAMES.get(name, name)
     made = (
-        module.command_of(load_study(name))
-        if name in STUDIES
+        module.command_of(load_study(study))
+        if study in STUDIES
         else getattr(module, f"{name}_command")
     )
     return cast(Callable[..., None], made)

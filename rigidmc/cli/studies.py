@@ -108,24 +108,27 @@ def command_of(study: "Study") -> Callable[..., None]:
         files = {key: options.pop(key) for key in study.files}
         with report_errors(None if is_direct else name):  # `_measured` names the scene itself
             if is_direct:
-                dataset, file = _measured(study, name, where, options, files), where.output
+                dataset = _measured(study, name, where, options, files, run or {})
+                file = where.output
             else:
                 dataset, file = _run_study(study, name, where, options, run)
             show(study, dataset, where._replace(output=file), picture, files)
         end(study, dataset)
 
     kind = inspect.Parameter.KEYWORD_ONLY
+    has_settings = not is_direct or study.settings is not None
     parameters = [
         _source(study),
         *command_parameters(study),
         *(_path(name, one.text) for name, one in study.files.items()),
-        *(inspect.Parameter(name, kind) for name in ("run", "where")[is_direct:]),
+        *(inspect.Parameter(name, kind) for name in ("run",) * has_settings + ("where",)),
     ]
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    if is_direct:
-        return gather_options("where", OF_FILES, where_of)(command)
+    gathered = gather_options("where", OF_FILES if is_direct else OF_MEMBERS, where_of)(command)
+    if not has_settings:
+        return gathered
     settings = add_setting_options(*(study.settings or ()), but=("wrt",), words=study.settings_help)
-    return settings(gather_options("where", OF_MEMBERS, where_of)(command))
+    return settings(gathered)
 
 
 def command_parameters(study: "Study") -> list[inspect.Parameter]:
@@ -188,6 +191,7 @@ def _measured(
     where: RunOptions,
     options: dict[str, Any],
     files: dict[str, str | None],
+    run: dict[str, Any],
 ) -> "xr.Dataset":
     """Compute a study at once, with or without a scene."""
     more = [(study.files[key].kind, key, path) for key, path in files.items()]
@@ -195,7 +199,7 @@ def _measured(
     asked = {key: value for key, value in options.items() if value is not None}
     with nullcontext() if name is None else in_file(name):
         scene = None if name is None else load_scene(name, where.settings, where.allow_code)
-        scene, read = study.designed(scene, asked, {})
+        scene, read = study.designed(scene, asked, run)
         return study.work.compute(scene, read, where.threads, None, True)
 
 

@@ -7,8 +7,10 @@ docs/contributing.md has the recipe. `picture.py` draws the study; only it impor
 
 Reading order: `framework` (the record is in `framework/study`); `ftle`, the shortest study; then
 `basins`, `sensitivity`, `frequencies`, `section` (members of a design, by `framework/members`),
-`stability_map` (parameters against measures), `rare`, `multilevel` and `lyapunov` (tasks, by
-`framework/tasks`), `accuracy` and `stress` (integrators against truths, by `framework/direct`).
+`gradient` (members with derivatives), `stability_map` (parameters against measures), `rare`,
+`multilevel` and `lyapunov` (tasks, by `framework/tasks`), `propagate` (derivatives of one member
+beside an ensemble), `accuracy` and `stress` (integrators against truths), all by
+`framework/direct`.
 Four files are verbs, not studies: `until` (grow an ensemble until a measure is known), `totals`
 (keep only sums over the members), `closed_form` (compare one top with its formula), `bits` (compare
 CPUs and GPUs).
@@ -35,6 +37,10 @@ STUDIES = {
     "ftle": "Compute how much a small change of each start has grown at the end (finite-time"
     " Lyapunov exponents): a field whose ridges are stable manifolds, the boundaries between kinds"
     " of motion. With -o RUN/ the members go to a run directory, which survives a kill.",
+    "gradient": "Differentiate means and quantiles over an ensemble by parameters of the scene,"
+    " with intervals; probabilities, counts and events by the likelihood ratio, if the parameter is"
+    " one of a distribution. It reports what chaos makes useless. With -o RUN/ the members go to a"
+    " run directory, which survives a kill.",
     "lyapunov": "Compute the whole spectrum of Lyapunov exponents of each member, and the chaos"
     " indices SALI and GALI_k, by derivatives of the motion. With -o RUN/ the members go to a run"
     " directory, which survives a kill.",
@@ -45,6 +51,9 @@ STUDIES = {
     " at +- 0.0001 (python -m bench rare). With -o RUN/ batches of members go to a run directory,"
     " which survives a kill.\n\nExit code 5 if the width is not reached: because of --most, or in"
     " an unfinished run.",
+    "propagate": "Propagate a covariance to every save, linearly, by derivatives of the motion; and"
+    " compare it with the covariance of an ensemble: the fraction that linearity misses. Uncertain"
+    " are the distributions of the scene, or --wrt with --deviations.",
     "rare": "Estimate the probability of a rare event, with an interval: by adaptive multilevel"
     " splitting if effects are random, by subset simulation if starts, bodies or effects are drawn."
     " With -o RUN/ the repetitions go to a run directory, which survives a kill.",

@@ -82,7 +82,7 @@ class Study:
     picture : name of the function in the folder's `picture.py`; it takes a Dataset and
         `picture_options`
     example : a small study, for the tests over all studies
-    settings : run settings of the command; None for all
+    settings : run settings of the command; None for all, or for none if the work is `Direct`
     settings_help : {setting: its meaning in this study}, where it differs from that in a run
     scene_text, settings_text : docstring texts of these parameters
     source : argument of the command other than a scene

@@ -1,0 +1,201 @@
+"""Scores of distributions: derivatives of log densities by their parameters.
+
+With the density f(x; p) of a number x that members draw, and Y of a member any function of it::
+
+    d<Y>/dp = <Y s>,   s = d ln f(x; p)/dp,   <s> = 0
+
+This holds even if Y jumps, as an indicator or a count does; but not if p moves an end of the
+support of f.
+Source: Glynn, Commun. ACM 33 (1990) 75; Rubinstein, Oper. Res. 37 (1989) 72.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from rigidmc.planning.initial import uncertain_numbers
+from rigidmc.scene.distributions import Distribution, Mixture, Truncated
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.varied import value_at
+from rigidmc.scene.vector_distributions.vectors import Correlated, CorrelatedPart
+
+Array = NDArray[np.float64]
+Score = Callable[[Array], Array]  # of the drawn numbers (n,)
+Refusal = str
+MOVES = "moves an end of the support, where the density jumps"
+
+
+def scores_of_scene(scene: Scene) -> dict[str, tuple[tuple[str, ...], Score | Refusal]]:
+    """Return {parameter: (names of the drawn numbers, its score or the reason why there is none)}.
+
+    Derivatives have the same names, such as start.omega.1.mean. The score is a function of the
+    drawn numbers: (n,), or (3, n) of the three components of a `Correlated` vector.
+    """
+    found: dict[str, tuple[tuple[str, ...], Score | Refusal]] = {}
+    for name in uncertain_numbers(scene.model)[0]:
+        if name.startswith("body.tensor"):
+            continue  # drawn as a matrix
+        value = value_at(scene, name)
+        if isinstance(value, Correlated):
+            parts = tuple(f"{name}.{i}" for i in (1, 2, 3))
+            for i in range(3):
+                score = partial(_of_mean, value, i)
+                found[f"{name}.mean.{i + 1}"] = parts, score
+        elif isinstance(value, Distribution) and not isinstance(value, CorrelatedPart):
+            found |= {f"{name}.{key}": ((name,), one) for key, one in scores_of(value).items()}
+    return found
+
+
+def _of_mean(law: Correlated, i: int, x: Array) -> Array:
+    away = x - np.asarray(law.mean, float)[:, None]
+    score: Array = np.linalg.solve(np.asarray(law.covariance, float), away)[i]
+    return score
+
+
+def scores_of(law: Distribution) -> dict[str, Score | Refusal]:
+    """Return {parameter: its score, or the reason why there is none} of a distribution, with the
+    names of `rigidmc.scene.reparametrise.rates_of`."""
+    if isinstance(law, Mixture):
+        return _of_mixture(law)
+    if isinstance(law, Truncated):
+        return _of_truncated(law)
+    if law.name == "normal":
+        return {"mean": _standard(law, _slope), "standard_deviation": _standard(law, _of_width)}
+    if law.name == "uniform":
+        return {"low": MOVES, "high": MOVES}
+    known = {"loc": 0.0, "scale": 1.0} | dict(law.parameters)
+    found: dict[str, Score | Refusal] = dict.fromkeys(
+        known, f"has no score here: {law.name} is not among {', '.join(sorted(_FAMILIES))}"
+    )
+    family = _FAMILIES.get(law.name)
+    if family is not None:
+        loc, scale = known.pop("loc"), known.pop("scale")
+        for key, (score, is_scaled) in family(**known).items():
+            found[key] = partial(_at, score, loc, scale, scale if is_scaled else 1.0)
+        found["loc"] = found["loc"] if callable(found["loc"]) else MOVES
+    return found
+
+
+def _at(score: Score, loc: float, scale: float, by: float, x: Array) -> Array:
+    with np.errstate(all="ignore"):
+        return score((x - loc) / scale) / by
+
+
+def _standard(law: Distribution, score: Score) -> Score:
+    mean, sd = map(float, law.parameters)
+    return partial(_at, score, mean, sd, sd)
+
+
+def _slope(z: Array) -> Array:
+    return z
+
+
+def _of_width(z: Array) -> Array:
+    return z * z - 1.0
+
+
+def _exponential() -> dict[str, tuple[Score, bool]]:
+    return {"scale": (lambda z: z - 1.0, True)}
+
+
+def _gamma(a: float) -> dict[str, tuple[Score, bool]]:
+    shape = special.digamma(a)
+    return {"scale": (lambda z: z - a, True), "a": (lambda z: np.log(z) - shape, False)}
+
+
+def _rayleigh() -> dict[str, tuple[Score, bool]]:
+    return {"scale": (lambda z: z * z - 2.0, True)}
+
+
+def _laplace() -> dict[str, tuple[Score, bool]]:
+    return {"loc": (np.sign, True), "scale": (lambda z: np.abs(z) - 1.0, True)}
+
+
+def _logistic() -> dict[str, tuple[Score, bool]]:
+    return {
+        "loc": (lambda z: np.tanh(0.5 * z), True),
+        "scale": (lambda z: z * np.tanh(0.5 * z) - 1.0, True),
+    }
+
+
+def _log_normal(s: float) -> dict[str, tuple[Score, bool]]:
+    return {
+        "s": (lambda z: ((np.log(z) / s) ** 2 - 1.0) / s, False),
+        "scale": (lambda z: np.log(z) / s**2, True),
+    }
+
+
+def _normal() -> dict[str, tuple[Score, bool]]:
+    return {"loc": (_slope, True), "scale": (_of_width, True)}
+
+
+_FAMILIES: dict[str, Any] = {
+    "expon": _exponential,
+    "gamma": _gamma,
+    "laplace": _laplace,
+    "logistic": _logistic,
+    "lognorm": _log_normal,
+    "norm": _normal,
+    "rayleigh": _rayleigh,
+}
+
+
+def _of_truncated(law: Truncated) -> dict[str, Score | Refusal]:
+    """The density f/(F(b) - F(a)) has the score of f less its mean between the bounds."""
+    inner = law.parameters[0]
+    found: dict[str, Score | Refusal] = {"between.1": MOVES, "between.2": MOVES}
+    for key, score in scores_of(inner).items():
+        found[key] = score if isinstance(score, str) else partial(_centred, score, law)
+    return found
+
+
+def _centred(score: Score, law: Truncated, x: Array) -> Array:
+    inner, low, high = law.parameters
+    expect = inner.frozen().expect
+    middle = expect(lambda at: float(score(np.array(at))), lb=low, ub=high, conditional=True)
+    return score(x) - float(middle)
+
+
+def _of_mixture(law: Mixture) -> dict[str, Score | Refusal]:
+    """Of the density sum_k w_k f_k/sum_k w_k, by weights and by parameters of the components."""
+    parts = [part for _, part in law.parameters]
+    whole = sum(weight for weight, _ in law.parameters)
+    found: dict[str, Score | Refusal] = {}
+    for i, part in enumerate(parts):
+        found[f"{i + 1}.weight"] = partial(_of_weight, law, i, float(whole))
+        for key, score in scores_of(part).items():
+            if not isinstance(score, str):
+                score = partial(_of_component, law, i, score)
+            found[f"{i + 1}.{key}"] = score
+    return found
+
+
+def _densities(law: Mixture, x: Array) -> Array:
+    """Return the densities of the components (k, n)."""
+    return np.stack([_density(part, x) for _, part in law.parameters])
+
+
+def _density(law: Distribution, x: Array) -> Array:
+    if isinstance(law, Truncated):
+        inner, low, high = law.parameters
+        inside = (x >= low) & (x <= high)
+        found: Array = np.where(inside, inner.frozen().pdf(x) / law.acceptance(), 0.0)
+        return found
+    return np.asarray(law.frozen().pdf(x))
+
+
+def _of_weight(law: Mixture, i: int, whole: float, x: Array) -> Array:
+    densities = _densities(law, x)
+    score: Array = (densities[i] / (law.shares() @ densities) - 1.0) / whole
+    return score
+
+
+def _of_component(law: Mixture, i: int, score: Score, x: Array) -> Array:
+    densities = _densities(law, x)
+    share = law.shares()[i] * densities[i] / (law.shares() @ densities)
+    found: Array = np.where(share > 0.0, share * score(x), 0.0)
+    return found

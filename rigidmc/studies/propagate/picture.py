@@ -1,0 +1,79 @@
+"""The picture of a propagated covariance: ellipses on members of the ensemble."""
+
+import math
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rigidmc.errors import OptionError, nearest
+from rigidmc.figures import COLOURS, GREY, INK, LIGHT, add_title, figure_of, new_figure
+from rigidmc.results.labels import with_units
+
+Array = NDArray[np.float64]
+SIGMAS = 1.0, 2.0
+
+
+def covariance_ellipses(
+    study: xr.Dataset, x: str | None = None, y: str | None = None, figure: Figure | None = None
+) -> Figure:
+    """Draw the deviations of members at some saves, with the ellipses of 1 and 2 standard
+    deviations: linear ones about the nominal member, dashed ones of the ensemble about its mean.
+
+    study : the Dataset of `rigidmc.propagate`
+    x, y : rows such as "omega[1]"; by default the first two components of omega
+
+    Raises OptionError for a row that the study does not have.
+    """
+    rows = [str(row) for row in study.row.values]
+    spins = [row for row in rows if row.startswith("omega[")]
+    across, *rest = spins if len(spins) > 1 else rows
+    x = x or across
+    y = y or next((row for row in rest if row != x), across)
+    for name in (x, y):
+        if name not in rows:
+            rule = f"is not a row of the covariance; known: {', '.join(rows)}"
+            raise OptionError(rule, at="x and y", value=name, nearest=nearest(name, rows))
+    count = study.sizes["sample_time"]
+    columns = math.ceil(math.sqrt(count))
+    title = f"{study.attrs['title']}: linear covariance and ensemble"
+    figure = figure or new_figure(title, (8.2, 7.0))
+    units = dict(zip(rows, map(str, study.unit.values), strict=True))
+    labels = [with_units(f"change of {name}", units[name]) for name in (x, y)]
+    for k in range(count):
+        axes = figure.add_subplot(-(-count // columns), columns, k + 1)
+        _panel(axes, study.isel(sample_time=k), x, y)
+        axes.set(xlabel=labels[0], ylabel=labels[1])
+    axes.legend(loc="best", fontsize=8, frameon=False)
+    return figure_of(axes)
+
+
+def _panel(axes: Axes, study: xr.Dataset, x: str, y: str) -> None:
+    """Draw one save."""
+    time = float(study.sample_time)
+    at = study.sel(time=time, method="nearest")
+    points = study.sample.sel(row=[x, y]).values
+    axes.plot(*points, ".", ms=2.0, color=LIGHT, rasterized=True, label="members")
+    own = at.bias.sel(row=[x, y]).values
+    for key, centre, style, colour, word in (
+        ("covariance", np.zeros(2), "-", INK, "linear, 1 and 2 standard deviations"),
+        ("sample_covariance", own, "--", COLOURS[0], "ensemble"),
+    ):
+        matrix = at[key].sel(row=[x, y], column=[x, y]).values
+        for sigma in SIGMAS if np.isfinite(matrix).all() else ():
+            label = word if sigma == SIGMAS[0] else None
+            line = ellipse(matrix, sigma) + centre[:, None]
+            axes.plot(*line, style, lw=1.2, color=colour, label=label)
+    axes.axhline(0.0, lw=0.3, color=GREY)
+    axes.axvline(0.0, lw=0.3, color=GREY)
+    add_title(axes, f"t = {time:g} s")
+
+
+def ellipse(covariance: Array, sigma: float) -> Array:
+    """Return points (2, n) of the ellipse of `sigma` standard deviations; a line if it is flat."""
+    values, vectors = np.linalg.eigh(covariance)
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    return np.asarray(sigma * vectors * np.sqrt(np.clip(values, 0.0, None)) @ circle)

@@ -1,0 +1,248 @@
+"""Derivatives of means, quantiles and probabilities against closed forms, and what is refused."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import rigidmc as rm
+from rigidmc.errors import OptionError, SceneError
+from rigidmc.results.intervals import probability
+from rigidmc.studies import load_study
+from rigidmc.studies.gradient.estimators import growth_of, of_mean, of_quantile, of_score
+from rigidmc.studies.gradient.scores import scores_of, scores_of_scene
+
+STUDY = load_study("gradient")
+MEAN, SD = 1.0, 0.1
+LAW = rm.normal(MEAN, SD)
+MOMENT = 2.0
+DISC = rm.Scene(rm.Body((1.0, 1.0, MOMENT)), start=rm.Start(omega=(0.0, 0.0, LAW)))
+BY_MEAN, BY_SD = NAMES = ("start.omega.3.mean", "start.omega.3.standard_deviation")
+FAMILIES = {
+    "expon": {"loc": 0.5, "scale": 2.0},
+    "gamma": {"a": 2.5, "scale": 0.7},
+    "laplace": {"loc": 0.3, "scale": 0.7},
+    "logistic": {"loc": 0.3, "scale": 0.7},
+    "lognorm": {"s": 0.4, "scale": 2.0},
+    "norm": {"loc": 0.3, "scale": 0.7},
+    "rayleigh": {"scale": 0.7},
+}
+
+
+def log_density(law, x):
+    """Of a distribution, a truncated one or a mixture."""
+    if law.name == "truncated":
+        return law.parameters[0].frozen().logpdf(x) - math.log(law.acceptance())
+    if law.name == "mixture":
+        parts = [w * np.exp(log_density(part, x)) for w, part in law.parameters]
+        return np.log(sum(parts) / sum(w for w, _ in law.parameters))
+    return law.frozen().logpdf(x)
+
+
+def check_score(make, at, name, x):
+    """Compare a score with the central difference of the log density."""
+    step = 1e-5 * max(1.0, abs(at))
+    low, high = (log_density(make(at + d), x) for d in (-step, step))
+    found = scores_of(make(at))[name](x)
+    np.testing.assert_allclose(found, (high - low) / (2.0 * step), rtol=1e-6, atol=1e-8)
+
+
+def test_scores_are_derivatives_of_log_densities():
+    x = np.linspace(0.6, 2.4, 13)
+    check_score(lambda p: rm.normal(p, 0.7), 0.3, "mean", x)
+    check_score(lambda p: rm.normal(0.3, p), 0.7, "standard_deviation", x)
+    check_score(lambda p: rm.normal(p, 0.7).between(0.5, 2.5), 0.3, "mean", x)
+    check_score(lambda p: rm.normal(0.3, p).between(0.5, math.inf), 0.7, "standard_deviation", x)
+
+    def two(weight, mean=2.0):
+        return rm.mixture((weight, rm.uniform(0.0, 3.0)), (2.0, rm.normal(mean, 0.5)))
+
+    check_score(two, 1.5, "1.weight", x)
+    check_score(lambda mean: two(1.5, mean), 2.0, "2.mean", x)
+    for name, given in FAMILIES.items():
+        law = rm.distribution(name, **given)
+        able = [key for key, score in scores_of(law).items() if callable(score)]
+        assert able
+        for key in able:
+            known = {"loc": 0.0, "scale": 1.0, **given}
+            check_score(
+                lambda p, n=name, k=key, g=known: rm.distribution(n, **{**g, k: p}),
+                known[key],
+                key,
+                x,
+            )
+    assert "end of the support" in scores_of(rm.uniform(0.0, 1.0))["high"]
+    assert "end of the support" in scores_of(rm.distribution("expon"))["loc"]
+    assert "has no score here" in scores_of(rm.distribution("weibull_min", c=2.0))["c"]
+
+
+def test_scores_of_a_scene_have_the_names_of_derivatives():
+    full = np.diag([1.0, 2.0, 3.0]) + 0.5
+    start = rm.Start(omega=rm.Correlated((1.0, 2.0, 3.0), full), attitude=(0.0, LAW, 0.0))
+    scene = rm.Scene(rm.Body((1.0, 1.1, 2.0)), rm.Gravity(rm.normal(9.81, 0.1)), start)
+    found = scores_of_scene(scene)
+    assert "start.attitude.theta.mean" in found
+    assert "effects.gravity.g.standard_deviation" in found
+    drawn, score = found["start.omega.mean.2"]
+    assert drawn == tuple(f"start.omega.{i}" for i in (1, 2, 3))
+    x = np.array([[1.5], [2.5], [2.0]])
+
+    def log(mean):
+        return stats.multivariate_normal(mean, full).logpdf(x[:, 0])
+
+    assert score(x)[0] == pytest.approx((log([1.0, 2.001, 3.0]) - log([1.0, 1.999, 3.0])) / 0.002)
+
+
+def test_intervals_of_the_estimators_cover():
+    """Y = exp(X) of X = m + s z: dY/dm = Y, so the derivative of a quantile is the quantile."""
+    rng, level, trials, n = np.random.default_rng(3), 0.8, 300, 1000
+    quantile, middle = math.exp(0.5 * stats.norm.ppf(level)), math.exp(0.125)
+    covered = np.zeros(3)
+    for _ in range(trials):
+        z = rng.standard_normal(n)
+        y = np.exp(0.5 * z)
+        found = (
+            (of_mean(y, 0.95), middle),
+            (of_quantile(y + 0.0, y * (1.0 + rng.normal(0.0, 0.5, n)), level, 0.95), quantile),
+            (of_score(y, z / 0.5, 0.95), middle),
+        )
+        covered += [one.low <= true <= one.high for one, true in found]
+    low, high = 0.915, 0.985  # 95 % less and more 2.5 and 3 errors
+    assert ((covered / trials > low) & (covered / trials < high)).all(), covered / trials
+
+
+def test_a_condition_counts_in_the_likelihood_ratio():
+    """<X | X > 0> of X from N(m, 1) has the derivative 1 - 2/pi at m = 0."""
+    x = np.random.default_rng(5).standard_normal(100_000)
+    found = of_score(np.where(x > 0.0, x, np.nan), x, 0.95)
+    assert found.low < 1.0 - 2.0 / math.pi < found.high
+    assert found.half < 0.02
+
+
+def test_special_cases_of_the_estimators():
+    none, few = np.array([]), np.arange(5.0)
+    assert math.isnan(of_quantile(few, few, 0.5, 0.95).value)
+    assert math.isnan(of_score(np.full(5, np.nan), few, 0.95).value)
+    assert math.isnan(of_score(np.ones(5), few, 0.95).value)  # an event that all members have
+    assert math.isnan(of_mean(none, 0.95).value)
+    one = of_mean(np.array([2.0]), 0.95)
+    assert one.value == 2.0
+    assert math.isnan(one.low)
+    nearly = np.append(np.arange(100.0), np.nan)
+    assert of_quantile(nearly, np.ones(101), 0.01, 0.95).value == pytest.approx(1.0)
+    assert math.isnan(growth_of(np.zeros(3), np.zeros(3), np.zeros(3)).exponent)
+
+
+def test_growth_tells_chaos_from_shear():
+    rates = np.random.default_rng(1).standard_normal(1000)
+    assert growth_of(np.full(9, 5.0), np.full(9, 10.0), rates).exponent == pytest.approx(
+        1.386, 1e-3
+    )
+    chaos = growth_of(np.full(9, math.exp(20.0)), np.full(9, math.exp(40.0)), rates)
+    assert chaos.exponent == pytest.approx(40.0)
+    assert chaos.carriers == pytest.approx(2000.0 / math.pi, rel=0.1)
+    assert growth_of(rates, rates, np.array([1e300, 1.0, 1.0])).carriers == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("of", "wrt", "more", "words"),
+    [
+        ("p(omega_last[3] >= 1)", "start.omega.3", {}, "members jump.*start.omega.3.mean"),
+        ("p(omega_last[3] >= 1)", "body.moments.3", {}, "requires a parameter of a distribution"),
+        ("mean(flips)", "start.omega.3", {}, "flips has no derivative of a member"),
+        ("mean(energy_last | flips >= 1)", "start.omega.3", {}, "jump across the condition"),
+        ("median(flips)", BY_MEAN, {}, "requires a mean or p"),
+        ("median(energy_last)", BY_MEAN, {"method": "score"}, "requires a mean or p"),
+        ("p(flips >= 1)", BY_MEAN, {"method": "path"}, "members jump"),
+        ("mean(energy_last)", "start.omga.3", {}, "did you mean"),
+        ("mean(energy_last)", BY_MEAN, {"method": "pth"}, "did you mean 'path'"),
+        ("mean(energi_last)", BY_MEAN, {}, "no such variable"),
+        ("mean(omega_last)", BY_MEAN, {}, "three components"),
+        ("correlation(flips, flips)", BY_MEAN, {}, "correlation is not a mean"),
+        ("mean(energy_last)", None, {}, "needs parameters"),
+    ],
+)
+def test_what_has_no_derivative_is_refused_with_the_way_out(of, wrt, more, words):
+    with pytest.raises((OptionError, SceneError), match=words):
+        rm.gradient(DISC, of, wrt, t_end=1.0, **more)
+
+
+def test_uniform_ends_have_no_likelihood_ratio_but_a_path():
+    start = rm.Start(omega=(0.0, 0.0, rm.uniform(0.0, 1.0)))
+    scene = dataclasses.replace(DISC, start=start)
+    with pytest.raises(OptionError, match="moves an end of the support"):
+        rm.gradient(scene, "p(omega_last[3] >= 0.5)", "start.omega.3.high")
+    assert STUDY.design(scene, "mean(energy_last)", "start.omega.3.high").run.wrt == (
+        "start.omega.3.high",
+    )
+
+
+@pytest.mark.slow  # pytest -m slow tests/studies/test_gradient.py: 60 s
+def test_energies_of_a_disc_in_closed_form():
+    """E = I omega^2/2 with omega from N(m, s^2), so that dq/dm = I omega_q for a quantile."""
+    run = {"integrator": "exact", "t_end": 1.0, "members": 20_000}
+    of = ["mean(energy_last)", "quantile(energy_last, 0.9)"]
+    found = rm.gradient(DISC, of, NAMES, **run)
+    z = stats.norm.ppf(0.9)
+    at = MEAN + SD * z
+    true = np.array([[MOMENT * MEAN, MOMENT * SD], [MOMENT * at, MOMENT * at * z]])
+    far = (found.derivative.values - true) / (found.derivative_high - found.derivative_low).values
+    assert np.abs(far).max() < 1.0  # two half-widths, 4 errors
+    assert (found.method == "path").all()
+    wrong = true[::-1]  # the interval excludes other numbers
+    assert (np.abs(found.derivative.values - wrong) > 0.1 * true).all()
+    of = ["mean(energy_last)", "p(omega_last[3] >= 1.1)"]
+    found = rm.gradient(DISC, of, NAMES, method="score", **run)
+    true[1] = stats.norm.pdf(-1.0) / SD
+    far = (found.derivative.values - true) / (found.derivative_high - found.derivative_low).values
+    assert np.abs(far).max() < 1.0
+    assert (found.method == "score").all()
+
+
+@pytest.mark.slow
+def test_the_energy_of_a_heavy_top_by_gravity():
+    """Energy is conserved: dE/dg = m z of the centre at the start, for every member."""
+    scene = rm.Scene.load("heavy_top")
+    run = {"integrator": "rk8", "dt": 1e-3, "t_end": 2.0, "members": 200}
+    found = rm.gradient(scene, "mean(energy_last)", "effects.gravity.g", **run)
+    true = scene.body.mass * 0.04 * math.cos(0.4)
+    assert float(found.derivative.squeeze()) == pytest.approx(true, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_the_likelihood_ratio_agrees_with_differences_of_large_ensembles():
+    """The probability that a top beside its intermediate axis flips within 4 s, by the width of the
+    distribution of its start: against two ensembles with the widths s (1 +- 0.1)."""
+    body, of = rm.Body.from_moments((1.0, 2.0, 3.0)), "p(flips >= 1)"
+    run = {"integrator": "rk4", "dt": 0.05, "t_end": 4.0, "members": 200_000}
+
+    def scene(width):
+        omega = rm.normal(0.0, width), 2.0, rm.normal(0.0, 0.05)
+        return rm.Scene(body, start=rm.Start(omega=omega))
+
+    ends = []
+    for width in (0.045, 0.055):
+        flips = rm.simulate(scene(width), save=("flips",), **run).flips.values
+        ends.append(probability((flips >= 1).sum(), flips.size))
+    slope = (ends[1].value - ends[0].value) / 0.01
+    error = math.hypot(ends[0].half, ends[1].half) / 0.01
+    found = rm.gradient(scene(0.05), of, "start.omega.1.standard_deviation", **run)
+    value, low = (float(found[key].squeeze()) for key in ("derivative", "derivative_low"))
+    assert abs(value - slope) < 2.0 * math.hypot(error, value - low)
+    assert abs(value) > 5.0 * (value - low)  # a derivative of 0 would be told apart
+
+
+@pytest.mark.slow
+def test_chaos_is_told_in_words():
+    """A driven pendulum without damping has a Lyapunov exponent of 0.19/s."""
+    scene = rm.Scene.load("driven_pendulum")
+    scene = dataclasses.replace(scene, effects=scene.effects[:2])
+    ask = ("mean(omega_last[1])", "start.omega.1")
+    found = {t: rm.gradient(scene, *ask, t_end=t, members=300) for t in (5.0, 50.0, 400.0)}
+    words = {t: "\n".join(STUDY.table(one)) for t, one in found.items()}
+    assert "useless" not in words[5.0]
+    assert "doubtful" in words[50.0]
+    assert "useless: the motion is chaotic" in words[400.0]
+    assert float(found[400.0].growth.squeeze()) / 400.0 == pytest.approx(0.195, rel=0.1)
