@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
+from rigidmc.dual_arrays import DualArray, as_array
 from rigidmc.errors import SceneError, check_rows
 from rigidmc.labelled import Wanted
 from rigidmc.physics.dynamics.principal_axes import Principal
@@ -230,6 +231,8 @@ def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.f
     A tensor that is not symmetric, not positive or violates the triangle inequality gives nan, and
     a SceneWarning counts these tensors. If all are bad, a SceneError states the reason.
     """
+    if isinstance(tensor, DualArray):
+        return _principal_axes_with_tangents(tensor)
     tensor = floats(tensor, "tensor")
     if tensor.shape[-2:] != (3, 3):
         rule = f"has shape {tensor.shape}; its last two axes must be 3 and 3"
@@ -263,6 +266,38 @@ def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.f
     shape = tensor.shape[:-2]
     axes = np.moveaxis(values[3:].reshape(3, 3, -1), -1, 0).swapaxes(1, 2)
     return values[:3].T.reshape(*shape, 3), axes.reshape(*shape, 3, 3)
+
+
+def _principal_axes_with_tangents(tensor: DualArray) -> tuple[Any, Any]:
+    """Return `principal_axes` of tensors (n, 3, 3) as DualArrays."""
+    moments, axes = principal_axes(tensor.value)
+    rates = zip(*(axes_rates(moments, axes, one) for one in tensor.tangents), strict=True)
+    moving, turning = map(np.stack, rates)
+    return DualArray(moments, moving), DualArray(axes, turning)
+
+
+def axes_rates(
+    moments: NDArray[np.float64], axes: NDArray[np.float64], change: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the rates of the moments (..., 3) and axes (..., 3, 3) of a tensor that changes at the
+    symmetric rate `change` (..., 3, 3).
+
+    With C = B^T (dI) B in the principal axes:
+
+        dI_i = C_ii,   dB = B W,   W_ij = C_ij/(I_j - I_i) for i != j
+
+    Axes with equal moments (to 1e-12 of the largest) have no rate, nan, unless C does not couple
+    them: then W_ij = 0. The relative error is 1e-16 times the largest moment over I_j - I_i.
+    """
+    inside = np.swapaxes(axes, -1, -2) @ change @ axes
+    gap = moments[..., None, :] - moments[..., :, None]
+    size, coupling = np.abs(moments).max(-1)[..., None, None], np.abs(inside)
+    equal = np.abs(gap) <= 1e-12 * size
+    # 4e-15: as `principal_axes` takes off-diagonal elements for rounding
+    free = coupling <= 4e-15 * np.abs(change).max((-1, -2))[..., None, None]
+    turn = np.where(equal, np.where(free, 0.0, np.nan), inside / np.where(equal, 1.0, gap))
+    turn = np.where(np.eye(3) == 1.0, 0.0, turn)
+    return np.diagonal(inside, axis1=-2, axis2=-1), axes @ turn
 
 
 def why_impossible(moments: NDArray[np.float64]) -> str:
@@ -330,8 +365,7 @@ def match_axes(moments: ArrayLike, axes: ArrayLike, mean: ArrayLike) -> tuple[Ar
     Of the 24 right-handed labellings, the one with the smallest turn is used: less than 63 deg
     (tests/scene/test_uncertain_inertia.py).
     """
-    values, columns = np.asarray(moments, dtype=float).T, np.asarray(axes, dtype=float)
-    own = np.asarray(mean, dtype=float)
+    values, columns, own = as_array(moments).T, as_array(axes), as_array(mean)
     turn = np.stack(
         [
             np.stack([sum(own[k, i] * columns[:, k, j] for k in range(3)) for j in range(3)])

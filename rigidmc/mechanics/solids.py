@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.dual_arrays import as_array
 from rigidmc.errors import SceneError
 
 Solid = tuple[float, tuple[float, float, float], NDArray[np.float64]]
@@ -19,7 +20,7 @@ COMPONENTS = {("box", "size"): 3, ("plate", "size"): 2, ("ellipsoid", "semiaxes"
 
 def _diagonal(mass: float, *moments: float) -> Solid:
     """Return a solid about its centre of mass, from its moments per mass."""
-    return mass, _ZERO, np.diag([mass * m for m in moments])
+    return mass, _ZERO, np.diag(as_array([mass * m for m in moments]))
 
 
 def box(mass: float, size: tuple[float, float, float]) -> Solid:
@@ -59,7 +60,7 @@ def cone(mass: float, radius: float, height: float) -> Solid:
     3/5 M (a^2/4 + h^2), 3/10 M a^2; centre of mass at 3 h/4.
     """
     side = 0.6 * (radius**2 / 4 + height**2)
-    tensor = np.diag([mass * side, mass * side, 0.3 * mass * radius**2])
+    tensor = np.diag(as_array([mass * side, mass * side, 0.3 * mass * radius**2]))
     return mass, (0.0, 0.0, 0.75 * height), tensor
 
 

@@ -1,6 +1,6 @@
 """Build rows for the kernel from a model: the members at their start."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -101,18 +101,23 @@ def initial_block_of(
     Draws come in ranges of members. Members in a gap between indices are built too, unless the gap
     is long.
     """
-    apart = np.diff(members)
-    cut = (apart < 0) | (apart > APART) | (np.diff(members // RANGE) != 0)
     blocks, starts = list[Array](), list[Start]()
-    for part in np.split(members, np.flatnonzero(cut) + 1):
-        low, columns = int(part[0]), part - part[0]
-        count = int(columns[-1]) + 1
+    for low, columns, count in member_ranges(members):
         block, start = initial_block(model, sampler, low, count, has_attitude, rows)
         # block[:, columns] would have another memory layout
         blocks.append(np.take(block, columns, axis=1))
         starts.append({name: values[..., columns] for name, values in start.items()})
     start = {name: np.concatenate([one[name] for one in starts], axis=-1) for name in starts[0]}
     return np.concatenate(blocks, axis=1), start
+
+
+def member_ranges(members: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64], int]]:
+    """Yield ranges of members to build, as (first index, columns of the wanted members, count)."""
+    apart = np.diff(members)
+    cut = (apart < 0) | (apart > APART) | (np.diff(members // RANGE) != 0)
+    for part in np.split(members, np.flatnonzero(cut) + 1):
+        columns = part - part[0]
+        yield int(part[0]), columns, int(columns[-1]) + 1
 
 
 class InitialMembers(NamedTuple):
@@ -304,7 +309,7 @@ def _fill_body_and_effects(
         end = layout.EFFECTS + parameter_count(*effects)
         acting = dict(drawn)
         for name, sources in shared_parameters(effects).items():
-            acting[name] = np.sum([drawn[one] for one in sources], axis=0)
+            acting[name] = np.stack([drawn[one] for one in sources]).sum(0)
         block[layout.EFFECTS : end] = np.concatenate(list(acting.values()))
     block[layout.STATUS], block[layout.STEPS] = layout.STATUSES["ok"], 1.0
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import check_quaternion_rows, floats, member_vectors
+from rigidmc.dual_arrays import as_array
 from rigidmc.errors import SceneError, unknown
 from rigidmc.labelled import is_labelled
 from rigidmc.mechanics import inertia, rotation
@@ -390,7 +391,7 @@ class Body(BodyChanges):
         centre = self._along_axes(centre)
         if self.frame == "principal":
             return moments, mass, centre, None
-        return moments, mass, centre, np.array(self.axes)[:, :, None] + np.zeros(count)
+        return moments, mass, centre, as_array(self.axes)[:, :, None] + np.zeros(count)
 
     def _along_axes(self, vectors: Array) -> Array:
         """Resolve vectors (3, n) of the described axes along the principal axes."""

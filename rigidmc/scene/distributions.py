@@ -351,15 +351,20 @@ class Mixture(Distribution):
 
         The numbers follow the mixture, but are not its quantiles.
         """
-        shares = self.shares()
-        ends = np.cumsum(shares)
-        which = np.minimum(np.searchsorted(ends, u, side="right"), len(shares) - 1)
-        inside = (u - (ends - shares)[which]) / shares[which]
-        inside = np.clip(inside, 0.5**53, 1.0 - 0.5**53)  # rounding may reach an end of (0, 1)
+        which, inside = self.components(u)
         values = np.empty_like(u)
         for i, (_, law) in enumerate(self.parameters):
             values[which == i] = law.ppf(inside[which == i])
         return values
+
+    def components(self, u: Array) -> tuple[NDArray[np.int64], Array]:
+        """Return for each u the index of its component, and the probability of its quantile."""
+        shares = self.shares()
+        ends = np.cumsum(shares)
+        which = np.minimum(np.searchsorted(ends, u, side="right"), len(shares) - 1)
+        inside = (u - (ends - shares)[which]) / shares[which]
+        # rounding may reach an end of (0, 1)
+        return which, np.clip(inside, 0.5**53, 1.0 - 0.5**53)
 
     def times(self, by: float) -> "Mixture":
         """Return the distribution of the number times a positive factor."""

@@ -1,14 +1,15 @@
 """Quantities, by which members differ: numbers, distributions, grids, or one row per member. Their
 values depend only on (seed, name, member)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeGuard
+from typing import Any, NamedTuple, Protocol, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.arrays import as_plain_arrays, is_number, split_components
+from rigidmc.dual_arrays import DualArray
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.functions import power
@@ -54,6 +55,10 @@ class Grid:
     def of(self, members: NDArray[np.int64]) -> Array:
         """Return the numbers of members by their indices."""
         return self._values(members // self.stride % self.count)
+
+    def shares(self, first: int, count: int) -> Array:
+        """Return where in (0, 1) between `low` and `high` the numbers of members are."""
+        return (np.arange(first, first + count) // self.stride % self.count + 0.5) / self.count
 
     def _values(self, index: NDArray[np.int64]) -> Array:
         """Return the numbers with these indices; a whole grid may not fit into memory."""
@@ -136,6 +141,34 @@ class Varied:
     def times(self, by: float) -> "Varied":
         """Return the number times a factor."""
         return Varied(self.value * by)
+
+
+class Drawn(NamedTuple):
+    """The numbers of members first ... first + count - 1 that come from one quantity.
+
+    values : (count,);  words : the uniform numbers (4, count) of their draw, of which this quantity
+        has word `own`; None if nothing is drawn
+    """
+
+    values: Array
+    words: Array | None
+    own: int
+    first: int
+
+
+Rate = Callable[[Drawn], Any]  # derivatives (count,) of the numbers by a parameter
+
+
+@dataclass(frozen=True, eq=False)
+class Marked:
+    """A quantity whose numbers have derivatives by `parameters` parameters.
+
+    rates : {index of a parameter: Rate}; the derivatives by the others are 0
+    """
+
+    quantity: Any
+    rates: Mapping[int, Rate]
+    parameters: int
 
 
 def quantity(value: Any, at: str) -> Any:
@@ -240,16 +273,15 @@ def draw(quantities: Sequence[Any], sampler: Source, name: str, first: int, coun
     """Return (len(quantities), count) values for members first ... first + count - 1. Component i
     uses word i % 4 of draw i // 4 of the random stream `name`.
 
-    Members beyond the end of an array get its last row: they only fill up vectors.
+    Members beyond the end of an array get its last row: they only fill up vectors. If a quantity
+    has derivatives, so has the result, a DualArray.
     """
     values = np.empty((len(quantities), count))
     words: dict[int, Array] = {}
     for i, q in enumerate(quantities):
         if isinstance(q, Distribution):
             if i // 4 not in words:
-                group = range(i, min(len(quantities), i // 4 * 4 + 4))
-                used = tuple(j % 4 for j in group if isinstance(quantities[j], Distribution))
-                words[i // 4] = draw_uniforms(sampler, name, first, count, i // 4, used)
+                words[i // 4] = _words_of(quantities, i, sampler, name, first, count)
             values[i] = q.of_words(words[i // 4], i % 4)
         elif isinstance(q, Grid):
             values[i] = q.at(first, count)
@@ -258,6 +290,45 @@ def draw(quantities: Sequence[Any], sampler: Source, name: str, first: int, coun
             values[i, : part.size], values[i, part.size :] = part, q[-1]
         elif isinstance(q, Varied):
             values[i] = q.value
+        elif isinstance(q, (DualArray, Marked)):
+            return _draw_with_tangents(quantities, sampler, name, first, count)  # type: ignore[return-value]
         else:
             values[i] = q
     return values
+
+
+def _words_of(
+    quantities: Sequence[Any], i: int, sampler: Source, name: str, first: int, count: int
+) -> Array:
+    """Return the words (4, count) of the draw of quantity i, the first one drawn of its group."""
+    group = range(i, min(len(quantities), i // 4 * 4 + 4))
+    used = tuple(j % 4 for j in group if isinstance(quantities[j], Distribution))
+    return draw_uniforms(sampler, name, first, count, i // 4, used)
+
+
+def _draw_with_tangents(
+    quantities: Sequence[Any], sampler: Source, name: str, first: int, count: int
+) -> DualArray:
+    """Return `draw` with tangents; some quantities are Marked, or numbers with tangents."""
+    plain = [
+        q.quantity if isinstance(q, Marked) else float(q.value) if isinstance(q, DualArray) else q
+        for q in quantities
+    ]
+    values = draw(plain, sampler, name, first, count)
+    parameters = next(
+        q.parameters if isinstance(q, Marked) else len(q.tangents)
+        for q in quantities
+        if isinstance(q, (DualArray, Marked))
+    )
+    tangents = np.zeros((parameters, *values.shape))
+    for i, q in enumerate(quantities):
+        if isinstance(q, DualArray):
+            tangents[:, i] = q.tangents[:, None]
+        elif isinstance(q, Marked):
+            words = None
+            if isinstance(q.quantity, Distribution):
+                words = _words_of(plain, i // 4 * 4, sampler, name, first, count)
+            drawn = Drawn(values[i], words, i % 4, first)
+            for j, rate in q.rates.items():
+                tangents[j, i] = rate(drawn)
+    return DualArray(values, tangents)

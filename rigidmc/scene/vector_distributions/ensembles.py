@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from rigidmc.dual_arrays import as_array
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import vectors_into
@@ -83,7 +84,7 @@ class Shell(EquilibriumEnsemble):
         if self.direction is None:
             v = np.sqrt(facts.moments) * directions(sampler, name, first, count)
         else:
-            v = np.broadcast_to(np.array(self.direction, float)[:, None], (3, count))
+            v = np.broadcast_to(as_array(self.direction)[:, None], (3, count))
             v = v if facts.turn is None else vectors_into(facts.turn, v)
             v = v / np.sqrt((v * v / facts.moments).sum(0))
         with np.errstate(invalid="ignore"):

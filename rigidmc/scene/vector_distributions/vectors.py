@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rigidmc.arrays import floats
+from rigidmc.dual_arrays import square_root
 from rigidmc.errors import SceneError
 from rigidmc.labelled import Wanted
 from rigidmc.physics.dynamics.functions import cosine, normal_quantile, sine
@@ -78,11 +79,13 @@ class Cone(VectorDistribution):
     ) -> Array:
         quantities = (self.size, self.angle, self.azimuth)
         size, angle, azimuth = draw(quantities, sampler, f"{name}.cone", first, count)
-        i, v = abs(self.axis) - 1, np.empty((3, count))
-        v[i] = math.copysign(1.0, self.axis) * size * cosine(angle)
-        v[(i + 1) % 3] = size * sine(angle) * cosine(azimuth)
-        v[(i + 2) % 3] = size * sine(angle) * sine(azimuth)
-        return v
+        parts = (
+            math.copysign(1.0, self.axis) * size * cosine(angle),
+            size * sine(angle) * cosine(azimuth),
+            size * sine(angle) * sine(azimuth),
+        )
+        first_place = abs(self.axis) - 1
+        return np.stack([parts[(i - first_place) % 3] for i in range(3)])
 
 
 @dataclass(frozen=True)
@@ -219,11 +222,11 @@ def whole_of(value: Any) -> Correlated | None:
 
 def lower_factor(c: Any) -> tuple[tuple[float, ...], ...]:
     """Return the rows of the lower Cholesky factor of a symmetric 3x3 matrix."""
-    a = math.sqrt(c[0][0])
+    a = square_root(c[0][0])
     b, d = c[1][0] / a, c[2][0] / a
-    e = math.sqrt(c[1][1] - b * b)
+    e = square_root(c[1][1] - b * b)
     f = (c[2][1] - d * b) / e
-    return (a,), (b, e), (d, f, math.sqrt(c[2][2] - d * d - f * f))
+    return (a,), (b, e), (d, f, square_root(c[2][2] - d * d - f * f))
 
 
 def _covariance(value: Any, at: str) -> tuple[tuple[float, ...], ...]:

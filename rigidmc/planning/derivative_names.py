@@ -1,0 +1,227 @@
+"""The parameters by which a model can be differentiated: their names, and where each enters.
+
+A name is that of a map or of `--set`, such as start.omega.2, effects.gravity.g or body.box.size.1.
+If members draw that number, the derivative is by the member's own number; a further word names a
+parameter of the distribution, as in start.omega.2.mean (`rigidmc.scene.reparametrise`).
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations_with_replacement
+from typing import Any
+
+import numpy as np
+
+from rigidmc.dual_arrays import DualArray
+from rigidmc.errors import SceneError, unknown
+from rigidmc.mechanics.euler_angles import angle_names
+from rigidmc.mechanics.solids import SOLIDS
+from rigidmc.physics.dynamics.functions import normal_quantile
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.effects import EFFECTS, label_effects, name_of
+from rigidmc.physics.effects.protocol import shape, user_parameters
+from rigidmc.planning.body_derivatives import (
+    Given,
+    Path,
+    Seed,
+    body_parameters,
+    of_quantity,
+    one_seed,
+    symmetric_parameters,
+)
+from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.model import Model
+from rigidmc.scene.quantities import Drawn, Rate, draw
+from rigidmc.scene.reparametrise import own_number
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.units import BODY, size_units, squared, units_of
+from rigidmc.scene.vector_distributions.attitudes import Fisher, Pointing
+from rigidmc.scene.vector_distributions.bodies import TensorDistribution
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution
+from rigidmc.scene.vector_distributions.vectors import Correlated, lower_factor, whole_of
+
+
+def parameter_names_of_derivatives(scene: Scene) -> list[str]:
+    """Return the names of all parameters by which a scene has derivatives.
+
+    Examples
+    --------
+    >>> from rigidmc.planning.derivative_names import parameter_names_of_derivatives
+    >>> start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0))
+    >>> names = parameter_names_of_derivatives(rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=start))
+    >>> [name for name in names if name.startswith("start.omega.1")]
+    ['start.omega.1', 'start.omega.1.mean', 'start.omega.1.standard_deviation']
+    """
+    known = parameters_of(scene.model)
+    return [name for name, given in known.items() if not isinstance(given, str)]
+
+
+def check_derivative_names(scene: Scene, names: Sequence[str], at: str = "run.wrt") -> None:
+    """Raise SceneError for a name that is unknown, given twice, or without a derivative; with the
+    nearest name, or the reason."""
+    seeds_of(scene.model, names, at)
+
+
+def seeds_of(model: Model, names: Sequence[str], at: str = "run.wrt") -> list[list[Seed]]:
+    """Return the Seeds of each name; SceneError as for `check_derivative_names`."""
+    known, found = parameters_of(model), []
+    for i, name in enumerate(names):
+        if name not in known:
+            able = [word for word, given in known.items() if not isinstance(given, str)]
+            raise unknown("parameter with a derivative", able, at=at, value=name)
+        given = known[name]
+        seeds = given if isinstance(given, str) else given()
+        if isinstance(seeds, str):
+            raise SceneError(f"has no derivative: it {seeds}", at=at, value=name)
+        if name in names[:i]:
+            raise SceneError("is given twice", at=at, value=name)
+        found.append(seeds)
+    return found
+
+
+def derivative_unit(scene: Scene, name: str) -> str:
+    """Return the SI units of a parameter by which a scene has derivatives."""
+    table, first, *rest = name.split(".")
+    if table == "body" and first in SOLIDS:
+        return size_units(rest[0])
+    if table == "body" and first in BODY:
+        unit = BODY[first]
+        return squared(unit) if "covariance" in rest else unit
+    if name.startswith("start.attitude") and not scene.start.has_euler_angles:
+        return "1"
+    unit = units_of(scene, name)
+    return squared(unit) if table == "effects" and "covariance" in rest else unit
+
+
+def parameters_of(model: Model) -> dict[str, Given]:
+    """Return {name: function that returns its Seeds, or the reason why it has no derivative}."""
+    known, moments = body_parameters(model.body), model.body.moments
+    if isinstance(moments, VectorDistribution) and not isinstance(moments, TensorDistribution):
+        known |= _of_vector("body.moments", ("body", "moments"), moments)
+    which = model.start.spin_name
+    known |= _of_vector(f"start.{which}", ("start", which), getattr(model.start, which))
+    known |= _of_attitude(model)
+    for i, (label, effect) in enumerate(label_effects(model.effects)):
+        for field in user_parameters(effect):
+            value, path = getattr(effect, field), ("effects", i, field)
+            name = f"effects.{label}.{field}"
+            scalar = shape(effect, field) is None
+            known |= of_quantity(name, path, value) if scalar else _of_vector(name, path, value)
+    return known | _refused_by_rejection(model, known)
+
+
+def _of_vector(name: str, path: Path, value: Any) -> dict[str, Given]:
+    """Return the parameters of a vector of quantities, or of a distribution of vectors."""
+    known: dict[str, Given] = {}
+    if isinstance(value, VectorDistribution):
+        for field, part in value.as_dict().items():
+            known |= _of_field(f"{name}.{field}", (*path, field), part)
+        return known
+    whole = whole_of(value)
+    for i, part in enumerate(value):
+        one = f"{name}.{i + 1}", (*path, i)
+        known |= {one[0]: one_seed(one[1], own_number)} if whole else of_quantity(*one, part)
+    return known | (_of_correlated(name, path, whole) if whole else {})
+
+
+def _of_field(name: str, path: Path, part: Any) -> dict[str, Given]:
+    """Return the parameters of a field of a distribution of vectors."""
+    if part is None:
+        return {}
+    if isinstance(part, int):
+        return {name: "is an integer"}
+    if not isinstance(part, tuple):
+        return of_quantity(name, path, part)
+    if isinstance(part[0], tuple):
+        return symmetric_parameters(name, path, len(part))
+    known: dict[str, Given] = {}
+    for i, one in enumerate(part):
+        known |= of_quantity(f"{name}.{i + 1}", (*path, i), one)
+    return known
+
+
+def _of_correlated(name: str, path: Path, whole: Correlated) -> dict[str, Given]:
+    """Return mean and covariance of a Correlated vector that is a parameter of an effect."""
+    known: dict[str, Given] = {
+        f"{name}.mean.{i + 1}": one_seed((*path, i), own_number) for i in range(3)
+    }
+
+    def by_covariance(i: int, j: int) -> list[Seed]:
+        unit = np.zeros((3, 3))
+        unit[i, j] = unit[j, i] = 1.0
+        marked: Any = [
+            [DualArray(x, [by]) for x, by in zip(row, rates, strict=True)]
+            for row, rates in zip(whole.covariance, unit.tolist(), strict=True)
+        ]
+        factor: Any = lower_factor(marked)
+        rows = [[float(x.tangents[0]) for x in row] for row in factor]
+
+        def rate_of(row: list[float]) -> Rate:
+            def rate(drawn: Drawn) -> Any:
+                assert drawn.words is not None
+                return sum(by * normal_quantile(u) for by, u in zip(row, drawn.words, strict=False))
+
+            return rate
+
+        return [Seed((*path, k), rate_of(row)) for k, row in enumerate(rows)]
+
+    for i, j in combinations_with_replacement(range(3), 2):
+        known[f"{name}.covariance.{i + 1}.{j + 1}"] = lambda i=i, j=j: by_covariance(i, j)  # type: ignore[misc]
+    return known
+
+
+def _of_attitude(model: Model) -> dict[str, Given]:
+    """Return the parameters of the attitude at the start: its angles, or the four components of its
+    quaternion, which is normalised."""
+    name, value = "start.attitude", model.start.attitude
+    if isinstance(value, (Fisher, Pointing)):
+        rule = "is a parameter of a distribution of attitudes, whose draws have no derivatives here"
+        return {f"{name}.{field}": rule for field in value.as_dict()}
+    if isinstance(value, VectorDistribution):
+        return _of_vector(name, ("start", "attitude"), value)
+    if not isinstance(value, tuple):
+        return {}
+    known: dict[str, Given] = {}
+    if len(value) == 3:
+        for i, angle in enumerate(angle_names(model.start.sequence)):
+            known |= of_quantity(f"{name}.{angle}", ("start", "attitude", i), value[i])
+        return known
+    if any(isinstance(x, Distribution) for x in value):
+        return _of_vector(name, ("start", "attitude"), value)
+    return {f"{name}.{k + 1}": lambda k=k: list(_of_component(value, k)) for k in range(4)}  # type: ignore[misc]
+
+
+def _of_component(value: Any, k: int) -> Iterator[Seed]:
+    """Seed component k of a quaternion p: the part of its change that is orthogonal to p.
+
+    The rest changes only the norm. Normalising would remove it, but p may already be normalised,
+    and is then used as it is.
+    """
+
+    def rate_of(i: int) -> Rate:
+        def rate(drawn: Drawn) -> Any:
+            p = draw(value, 0, "", drawn.first, drawn.values.size)
+            return float(i == k) - p[i] * p[k] / (p * p).sum(0)
+
+        return rate
+
+    for i in range(4):
+        yield Seed(("start", "attitude", i), rate_of(i))
+
+
+def _refused_by_rejection(model: Model, known: dict[str, Given]) -> dict[str, Given]:
+    """Return the parameters on which the attitudes of an ensemble depend, with the reason why they
+    have no derivative."""
+    if model.start.attitude != "ensemble":
+        return {}
+    rule = (
+        'changes which attitudes are accepted: attitude = "ensemble" is drawn by rejection, which'
+        " jumps from one attitude to another"
+    )
+    acting = [one for one in label_effects(model.effects) if implements(one[1], "energy")]
+    if not acting:
+        return {}
+    parts = ("start.momentum.", "body.", *(f"effects.{label}." for label, _ in acting))
+    # the energies of the effects shipped depend on the body by its mass and centre alone
+    shipped = all(name_of(effect) in EFFECTS for _, effect in acting)
+    free = ("body.moments.",) if shipped else ()
+    return {name: rule for name in known if name.startswith(parts) and not name.startswith(free)}
