@@ -5,9 +5,9 @@ momentum. In the axes of `rigidmc.studies.linearise.steady`, with u = A^T n::
 
     dx/dt = x x u + dw,   d(dl)/dt = df + m x dl,   dy/dt = J y
 
-Symmetries span a space S of changes that J takes into itself, and momenta that they conserve and
-that no symmetry changes are rows D with D J = 0. Both add eigenvalues that say nothing of stability.
-The others are those of J on the changes that D takes to 0, modulo S. Source: Marsden, Lectures on
+Symmetries span a space S of changes that J takes into itself. Conserved momenta that no symmetry
+changes are rows D with D J = 0. Both add eigenvalues that say nothing of stability; the others are
+those of J on the changes that D takes to 0, modulo S. Source: Marsden, Lectures on
 Mechanics (1992), 5; Meyer, Hall & Offin, Introduction to Hamiltonian Dynamical Systems (2009).
 """
 

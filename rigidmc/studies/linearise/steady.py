@@ -107,9 +107,7 @@ def moved(states: States, step: Array) -> States:
     return States(q, states.l + step[:, 3:6].T, states.c + step[:, 6:].T)
 
 
-def solve(
-    known: Mechanics, found: Symmetries, states: States, held: Array
-) -> tuple[States, Array]:
+def solve(known: Mechanics, found: Symmetries, states: States, held: Array) -> tuple[States, Array]:
     """Return (states after Newton's method, their largest residuals (n,) in scaled units).
 
     held : (h, 1) the momenta, see `held_momenta`

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import SceneError
-from rigidmc.physics.dynamics.so3 import into_body
 from rigidmc.physics.dynamics.methods import argument_names
+from rigidmc.physics.dynamics.so3 import into_body
 from rigidmc.scene.vector_distributions.vectors import uniform_attitudes
 from rigidmc.studies.linearise.rates import Mechanics, rates_of
 
