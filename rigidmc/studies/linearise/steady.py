@@ -147,6 +147,12 @@ def with_frames(known: Mechanics, found: Symmetries, q: Array, l: Array) -> Stat
     return states._replace(c=c.T)
 
 
+def standing(found: Symmetries, state: States) -> Array:
+    """Return the combinations (s, k) of generators that leave a single state as it is."""
+    rows = orbit_rows(state.q, state.l, found.generators)
+    return null_space(rows.T, ALIKE)
+
+
 def seen_from_body(found: Symmetries, states: States) -> States:
     """Return states with the c whose turning in the body is least.
 
@@ -154,8 +160,7 @@ def seen_from_body(found: Symmetries, states: States) -> States:
     """
     turned, bodily = states.c.copy(), found.generators[:, 3:]
     for i in range(states.q.shape[1]):
-        rows = orbit_rows(states.q[:, i], states.l[:, i], found.generators)
-        same = null_space(rows.T, ALIKE)
+        same = standing(found, states.at(i))
         m = found.frame[3:] + bodily.T @ turned[:, i]
         turned[:, i] -= np.linalg.pinv(same @ bodily, rcond=ALIKE).T @ m @ same
     return states._replace(c=turned)
