@@ -69,6 +69,7 @@ from rigidmc.studies.accuracy.study import accuracy as accuracy
 from rigidmc.studies.basins.study import basins as basins
 from rigidmc.studies.frequencies.study import frequencies as frequencies
 from rigidmc.studies.ftle.study import ftle as ftle
+from rigidmc.studies.linearise.study import linearise as linearise
 from rigidmc.studies.multilevel.study import multilevel as multilevel
 from rigidmc.studies.rare.study import rare as rare
 from rigidmc.studies.section.study import section as section

@@ -8,10 +8,10 @@ docs/contributing.md has the recipe. `picture.py` draws the study; only it impor
 Reading order: `framework` (the record is in `framework/study`); `ftle`, the shortest study; then
 `basins`, `sensitivity`, `frequencies`, `section` (members of a design, by `framework/members`),
 `stability_map` (parameters against measures), `rare` and `multilevel` (tasks, by
-`framework/tasks`), `accuracy` and `stress` (integrators against truths, by `framework/direct`).
-Four files are verbs, not studies: `until` (grow an ensemble until a measure is known), `totals`
-(keep only sums over the members), `closed_form` (compare one top with its formula), `bits` (compare
-CPUs and GPUs).
+`framework/tasks`), `accuracy`, `stress` (integrators against truths) and `linearise` (steady
+motions), which `framework/direct` computes in one call. Four files are verbs, not studies: `until`
+(grow an ensemble until a measure is known), `totals` (keep only sums over the members),
+`closed_form` (compare one top with its formula), `bits` (compare CPUs and GPUs).
 
 Two promises never change: an answer carries its interval, or says why it has none; and it is the
 same for any number of threads, batches and restarts.
@@ -35,6 +35,10 @@ STUDIES = {
     "ftle": "Compute how much a small change of each start has grown at the end (finite-time"
     " Lyapunov exponents): a field whose ridges are stable manifolds, the boundaries between kinds"
     " of motion. With -o RUN/ the members go to a run directory, which survives a kill.",
+    "linearise": "Find the steady motions of a scene (rotations about principal axes, an upright or"
+    " hanging top, regular precession, a satellite at rest in its orbit) and their stability:"
+    " eigenvalues of the linearised motion, growth rates and periods. With --along it follows them"
+    " along a parameter and lists the bifurcations.",
     "multilevel": "Estimate a mean of a noisy scene to a given width, the error of the step"
     " included: nearly all members use the steps of the scene, which may be long, and few use"
     " shorter steps with the same noise (multilevel Monte Carlo). The narrower the interval, the"

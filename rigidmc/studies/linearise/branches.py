@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 HALVINGS = 32  # of an interval of the grid, where stability changes
 END_HALVINGS = 16  # where a branch ends: its motions are known to the root of the step there
 FAR = 0.5  # rad, or relative change of the momentum: a larger step leaves the branch
+SMALLER = 3  # halvings of a step that fails
+MOVED = 1e-3  # of a step, from a value of more symmetry
 GAIN, END = "stability", "end"
 
 
@@ -32,7 +34,7 @@ class Bifurcation(NamedTuple):
 
     kind : "stability" or "end";  branch : its number
     value : of the parameter
-    frequency : imaginary part of the eigenvalue that crosses [rad/s], 0 if it passes 0; nan for ends
+    frequency : of the eigenvalue that crosses [rad/s], 0 if it passes 0; nan for ends
     growing : numbers of growing changes below and above the value
     """
 
@@ -48,29 +50,38 @@ Solve = Callable[[float], Problem]
 
 def follow(
     problem_at: Solve, values: Array, starts: int, tell: Callable[[int], None]
-) -> tuple[list[Branch], list[Bifurcation]]:
-    """Return (branches, bifurcations) of the steady motions at values of a parameter.
+) -> tuple[Array, list[Branch], list[Bifurcation]]:
+    """Return (values, branches, bifurcations) of the steady motions at values of a parameter.
+
+    A value that is more symmetric than its neighbours is moved by 1e-3 of a step: there the
+    momenta that are held, and the motions that count as one, are others.
 
     problem_at : value -> Problem;  starts : of the search at each value;  tell : called with the
     number of finished values
     """
     problems = [problem_at(float(value)) for value in values]
-    # only at single values more symmetric than their neighbours may two branches look alike
-    usual = min(len(p.found.generators) for p in problems)
+    usual, values = min(len(p.found.generators) for p in problems), values.copy()
+    for k, problem in enumerate(problems):
+        if len(problem.found.generators) > usual:
+            values[k] += MOVED * (values[k - 1] - values[k] if k else values[1] - values[0])
+            problems[k] = problem_at(float(values[k]))
     branches: list[Branch] = []
     for k, problem in enumerate(problems):
-        tracked = _tracked(problem, [b.motions[k - 1] if k else None for b in branches])
-        is_usual = len(problem.found.generators) == usual
-        if is_usual:
-            _drop_merged(tracked)
+        before = [b.motions[k - 1] if k else None for b in branches]
+        tracked = _tracked(problem, before)
+        _drop_merged(tracked)
+        for i, old in enumerate(before):
+            if old is not None and tracked[i] is None:
+                part = float(values[k - 1]), float(values[k])
+                tracked[i] = _by_halves(problem_at, *part, old, SMALLER)
+        _drop_merged(tracked)
         for branch, motion in zip(branches, tracked, strict=True):
             branch.motions.append(motion)
-        if is_usual or not k:
-            alive = [motion for motion in tracked if motion is not None]
-            for motion in distinct([*alive, *problem.solved(problem.starts(starts))])[len(alive) :]:
-                branches.append(Branch([*[None] * k, motion]))
+        alive = [motion for motion in tracked if motion is not None]
+        for motion in distinct([*alive, *problem.solved(problem.starts(starts))])[len(alive) :]:
+            branches.append(Branch([*[None] * k, motion]))
         tell(k + 1)
-    _follow_back(problems, branches, usual)
+    _follow_back(problems, branches)
     found = []
     for number, branch in enumerate(branches):
         others = branches[:number] + branches[number + 1 :]
@@ -85,7 +96,7 @@ def follow(
             elif above is not None:
                 at = part[0], part[2], part[1]
                 found.append(_end(*at, above, [b.motions[k + 1] for b in others], number))
-    return branches, sorted(found, key=lambda one: one.value)
+    return values, branches, sorted(found, key=lambda one: one.value)
 
 
 def _tracked(problem: Problem, before: Sequence[Motion | None]) -> list[Motion | None]:
@@ -96,6 +107,22 @@ def _tracked(problem: Problem, before: Sequence[Motion | None]) -> list[Motion |
     for (i, old), new in zip(known, solved, strict=True):
         after[i] = new if new is not None and _is_near(old, new) else None
     return after
+
+
+def _by_halves(
+    problem_at: Solve, start: float, end: float, motion: Motion, depth: int
+) -> Motion | None:
+    """Return the motion that continues one from a value to another, in steps that are halved where
+    they fail, or None."""
+    middle, at = 0.5 * (start + end), start
+    for value in (middle, end):
+        (new,) = _tracked(problem_at(value), [motion])
+        if new is None and depth:
+            new = _by_halves(problem_at, at, value, motion, depth - 1)
+        if new is None:
+            return None
+        motion, at = new, value
+    return motion
 
 
 def _is_near(old: Motion, new: Motion) -> bool:
@@ -115,17 +142,14 @@ def _drop_merged(motions: list[Motion | None]) -> None:
             motions[i] = None
 
 
-def _follow_back(problems: Sequence[Problem], branches: Sequence[Branch], usual: int) -> None:
+def _follow_back(problems: Sequence[Problem], branches: Sequence[Branch]) -> None:
     """Continue branches that were met late towards smaller values."""
     for number, branch in enumerate(branches):
         first = next(k for k, motion in enumerate(branch.motions) if motion is not None)
         for k in range(first - 1, -1, -1):
             (motion,) = _tracked(problems[k], [branch.motions[k + 1]])
-            others = [b.motions[k] for b in branches[:number] + branches[number + 1 :]]  # type: ignore[operator]
-            if motion is None:
-                break
-            is_usual = len(problems[k].found.generators) == usual
-            if is_usual and any(o is not None and is_same(o, motion) for o in others):
+            others = [b.motions[k] for i, b in enumerate(branches) if i != number]
+            if motion is None or any(o is not None and is_same(o, motion) for o in others):
                 break
             branch.motions[k] = motion
 

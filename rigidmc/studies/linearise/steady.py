@@ -34,7 +34,7 @@ from rigidmc.studies.linearise.symmetries import (
 
 Array = NDArray[np.float64]
 MOST = 60  # steps; 99 of 100 starts need at most 25
-SOLVED = 1e-11  # largest residual of a solution, in scaled units; rounding leaves 1e-14
+SOLVED = 1e-12  # largest residual of a solution, in scaled units; rounding leaves 1e-14
 FLAT = 1e-12  # singular values below this fraction of the largest are rounding
 ALIKE = 1e-6  # of directions that are one up to the error of a double root
 LONGEST = 0.7  # rad of a step: longer ones jump between solutions
