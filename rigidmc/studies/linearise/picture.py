@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rigidmc.figures import ALARM, COLOURS, GREY, LIGHT, MARKERS, legend_above, new_figure
-from rigidmc.results.labels import long_label
+from rigidmc.results.labels import column_head, long_label
 from rigidmc.studies.linearise.branches import GAIN
 from rigidmc.studies.linearise.stability import MOTION
 
@@ -53,7 +53,7 @@ def _branches(study: xr.Dataset) -> Figure:
         _draw_branch(panels, study.isel(branch=k), COLOURS[k % len(COLOURS)], k)
     at = study.bifurcation_value.values[study.bifurcation_kind.values == GAIN]
     for axes, name in zip(panels, ("energy", "growth_rate", "frequency"), strict=True):
-        axes.set_ylabel(long_label(study[name]))
+        axes.set_ylabel(column_head(study[name]))
         for value in at:
             axes.axvline(value, color=ALARM, lw=0.8, ls=":", zorder=0)
     for branch, value in zip(
