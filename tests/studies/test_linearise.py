@@ -190,7 +190,7 @@ def test_start_and_member_choose_the_motion():
     start = rm.Start(omega=(0.0, rm.uniform(1.0, 2.0), 0.01))
     scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=start)
     rates_of_members = [
-        float(rm.linearise(scene, starts=1, member=member).growth_rate[0]) for member in (0, 7)
+        float(rm.linearise(scene, starts=1, first=member).growth_rate[0]) for member in (0, 7)
     ]
     spins = members_at_start(scene.model, scene.run, 0, 8)[1]["start_omega"]
     spins = np.sqrt(((spins.T * np.array([1.0, 2.0, 2.5])) ** 2).sum(1)) / 2.0

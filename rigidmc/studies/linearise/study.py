@@ -104,9 +104,10 @@ LABELS: dict[str, Sequence[Any]] = {
 class LineariseOptions(Options):
     """The options of `linearise`."""
 
-    member: int = option(0, "member whose start and body the search begins with", least=0)
     starts: int = option(
-        48, "starts of the search: that of the member, and others with random attitudes"
+        48,
+        "starts of the search: that of the first member, and others with random attitudes",
+        more="`first` among the settings chooses another member",
     )
     along: Side | None = option(
         None,
@@ -127,7 +128,7 @@ def linearise_scene(
     if options.along is not None:
         tell = progress if callable(progress) else lambda line: say(f"  {line}")
         return _along(scene, options, tell if progress else lambda line: None)
-    problem = Problem.of(scene, options.member)
+    problem = Problem.of(scene, scene.run.first)
     motions = distinct(problem.solved(problem.starts(options.starts)))
     if not motions:
         rule = (
@@ -144,7 +145,7 @@ def _along(scene: Scene, options: LineariseOptions, tell: Callable[[str], None])
     values = _values(name, low, high, log, options.points)
 
     def problem_at(value: float) -> Problem:
-        return Problem.of(with_parameter(scene, name, value, "along"), options.member)
+        return Problem.of(with_parameter(scene, name, value, "along"), scene.run.first)
 
     def told(done: int) -> None:
         if done % 16 == 0 or done == len(values):
