@@ -27,6 +27,8 @@ import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
+from rigidmc.ufunc_partials import OF_VALUES, PARTIALS
+
 Array = NDArray[Any]
 # The first half of `rigidmc.physics.dynamics.vectors.nearest_integer` adds this number: the sum has
 # no digits after the point, and the derivative of a rounded number is 0.
@@ -87,13 +89,23 @@ class DualArray(NDArrayOperatorsMixin):
     def __bool__(self) -> bool:
         raise TangentsLost("a DualArray has no truth value: compare it")
 
+    def tolist(self) -> list[Any]:
+        """Return nested lists of numbers with tangents."""
+        return [row.tolist() if row.shape else row for row in self]
+
     def copy(self) -> "DualArray":
         """Return a copy."""
         return DualArray(self.value.copy(), self.tangents.copy())
 
     def sum(self, axis: int | None = None) -> "DualArray":
         """Return the sum over an axis, or over all elements."""
-        return _sum(self, axis)
+        if axis is None:
+            return DualArray(self.value.sum(), self.ravel().tangents.sum(1))
+        return DualArray(self.value.sum(axis), self.tangents.sum(axis + 1 if axis >= 0 else axis))
+
+    def ravel(self) -> "DualArray":
+        """Return the array with one axis."""
+        return DualArray(self.value.ravel(), self.tangents.reshape(len(self.tangents), -1))
 
     def argmax(self, axis: int | None = None) -> Any:
         """Return the indices of the largest values, without tangents."""
@@ -102,17 +114,17 @@ class DualArray(NDArrayOperatorsMixin):
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **named: Any) -> Any:
         if method != "__call__" or named:
             raise TangentsLost(f"np.{ufunc.__name__} of a DualArray has no {method}, out or where")
-        values = [plain(x) for x in inputs]
-        if ufunc in _OF_VALUES:
+        values = [x.value if isinstance(x, DualArray) else x for x in inputs]
+        if ufunc in OF_VALUES:
             return ufunc(*values)
         if ufunc is np.add and any(type(x) is float and x == _ROUNDING for x in inputs):
             return ufunc(*values)
-        if ufunc not in _PARTIALS:
+        if ufunc not in PARTIALS:
             raise TangentsLost(f"np.{ufunc.__name__} has no rule for a DualArray")
         # the operator: arrays have a faster power, with other bits than the ufunc
         y = values[0] ** values[1] if ufunc is np.power else ufunc(*values)
         with np.errstate(all="ignore"):
-            partials = _PARTIALS[ufunc](y, *values)
+            partials = PARTIALS[ufunc](y, *values)
         return with_partials(y, zip(inputs, partials, strict=True))
 
     def __array_function__(self, function: Any, kinds: Any, inputs: Any, named: Any) -> Any:
@@ -136,6 +148,25 @@ def as_array(x: Any) -> Any:
     return x if isinstance(x, DualArray) else np.asarray(x, dtype=float)
 
 
+def has_tangents(x: Any) -> bool:
+    """Return whether a number, or one in nested tuples and lists, is a DualArray."""
+    return any(map(has_tangents, x)) if isinstance(x, (list, tuple)) else isinstance(x, DualArray)
+
+
+def plain_numbers(x: Any) -> Any:
+    """Return numbers, in nested tuples and lists, without tangents."""
+    if isinstance(x, (list, tuple)):
+        return type(x)(map(plain_numbers, x))
+    return float(x.value) if isinstance(x, DualArray) else x
+
+
+def with_values(x: Any, values: Any) -> Any:
+    """Return numbers, in nested tuples and lists, with the tangents of x and other values."""
+    if isinstance(x, (list, tuple)):
+        return type(x)(with_values(*pair) for pair in zip(x, values, strict=True))
+    return DualArray(values, x.tangents) if isinstance(x, DualArray) else values
+
+
 def square_root(x: Any) -> Any:
     """Return `math.sqrt(x)`, or the root of a DualArray."""
     return np.sqrt(x) if isinstance(x, DualArray) else math.sqrt(x)
@@ -151,81 +182,37 @@ def with_partials(value: Any, terms: Any) -> DualArray:
 
     terms : pairs (a, partial), the derivative of the value by a; an a without tangents is ignored
     """
-    value = np.asarray(value)
-    pairs = [(_spread(a.tangents, value.shape), f) for a, f in terms if isinstance(a, DualArray)]
+    value, total = np.asarray(value), None
     with np.errstate(all="ignore"):
-        total = sum(_times(partial, tangents) for tangents, partial in pairs)
-    return DualArray(value, np.broadcast_to(total, (len(pairs[0][0]), *value.shape)))
+        for a, partial in terms:
+            if isinstance(a, DualArray):
+                term = _times(partial, _spread(a.tangents, value.shape))
+                total = term if total is None else total + term
+    assert total is not None
+    shape = (len(total), *value.shape)
+    return DualArray(value, total if total.shape == shape else np.broadcast_to(total, shape))
 
 
 def _times(partial: Any, tangents: Array) -> Array:
     """Return partial * tangents, 0 where a tangent is 0."""
-    if np.isfinite(partial).all():
-        product: Array = np.multiply(partial, tangents)
+    product: Array = partial * tangents
+    # a sum is not finite if a number is not; the rare sum that overflows takes the longer way, too
+    if math.isfinite(partial if type(partial) is float else np.add.reduce(partial, axis=None)):
         return product
-    return np.where(tangents == 0.0, 0.0, partial * tangents)
+    return np.where(tangents == 0.0, 0.0, product)
 
 
 def _spread(tangents: Array, shape: Sequence[int]) -> Array:
     """Return tangents (P, *s) with axes of length 1 behind P, to broadcast with `shape`."""
-    missing = max(0, len(shape) + 1 - tangents.ndim)
+    missing = len(shape) + 1 - tangents.ndim
+    if missing <= 0:
+        return tangents
     return tangents.reshape(len(tangents), *(1,) * missing, *tangents.shape[1:])
 
 
 def _behind(index: Any) -> tuple[Any, ...]:
     """Return the index of the tangents at an index of the value."""
     return (slice(None), *(index if isinstance(index, tuple) else (index,)))
-
-
-_OF_VALUES = {
-    np.equal, np.not_equal, np.less, np.less_equal, np.greater, np.greater_equal,
-    np.isnan, np.isfinite, np.sign,
-}  # fmt: skip
-
-
-def _power_partials(y: Any, a: Any, b: Any) -> tuple[Any, Any]:
-    """Return (b a^(b - 1), a^b ln a); a power of 0 has no tangent by its exponent."""
-    return b * a ** (b - 1.0), y * np.log(np.where(a == 0.0, 1.0, a))
-
-
-def _arctan2_partials(y: Any, a: Any, b: Any) -> tuple[Any, Any]:
-    square = a * a + b * b
-    square = np.where(square == 0.0, np.inf, square)  # at (0, 0) the angle has no tangent
-    return b / square, -a / square
-
-
-def _hypot_partials(y: Any, a: Any, b: Any) -> tuple[Any, Any]:
-    size = np.where(y == 0.0, np.inf, y)  # the kink at (0, 0)
-    return a / size, b / size
-
-
-# {ufunc: partials(y, *operands)}, the derivatives of y by each operand
-_PARTIALS: dict[Any, Callable[..., tuple[Any, ...]]] = {
-    np.add: lambda y, a, b: (1.0, 1.0),
-    np.subtract: lambda y, a, b: (1.0, -1.0),
-    np.multiply: lambda y, a, b: (b, a),
-    np.divide: lambda y, a, b: (1.0 / np.asarray(b), -y / b),
-    np.power: _power_partials,
-    np.negative: lambda y, a: (-1.0,),
-    np.positive: lambda y, a: (1.0,),
-    np.absolute: lambda y, a: (np.sign(a),),
-    np.square: lambda y, a: (2.0 * a,),
-    np.sqrt: lambda y, a: (0.5 / y,),
-    np.sin: lambda y, a: (np.cos(a),),
-    np.cos: lambda y, a: (-np.sin(a),),
-    np.tan: lambda y, a: (1.0 + y * y,),
-    np.arcsin: lambda y, a: (1.0 / np.sqrt((1.0 - a) * (1.0 + a)),),
-    np.arccos: lambda y, a: (-1.0 / np.sqrt((1.0 - a) * (1.0 + a)),),
-    np.arctan: lambda y, a: (1.0 / (1.0 + a * a),),
-    np.arctan2: _arctan2_partials,
-    np.hypot: _hypot_partials,
-    np.exp: lambda y, a: (y,),
-    np.expm1: lambda y, a: (y + 1.0,),
-    np.log: lambda y, a: (1.0 / a,),
-    np.log1p: lambda y, a: (1.0 / (1.0 + a),),
-    np.minimum: lambda y, a, b: (np.where(a <= b, 1.0, 0.0), np.where(a <= b, 0.0, 1.0)),
-    np.maximum: lambda y, a, b: (np.where(a >= b, 1.0, 0.0), np.where(a >= b, 0.0, 1.0)),
-}
 
 
 def _count(parts: Any) -> int:
@@ -263,12 +250,6 @@ def _concatenate(parts: Any, axis: int = 0) -> DualArray:
     return DualArray(value, np.concatenate(each, behind))
 
 
-def _sum(x: Any, axis: int | None = None) -> DualArray:
-    if axis is None:
-        return DualArray(x.value.sum(), x.tangents.reshape(len(x.tangents), -1).sum(1))
-    return DualArray(x.value.sum(axis), x.tangents.sum(axis + 1 if axis >= 0 else axis))
-
-
 def _broadcast_to(x: Any, shape: Any) -> DualArray:
     shape = (shape,) if isinstance(shape, int) else tuple(shape)
     return DualArray(np.broadcast_to(x.value, shape), _full(x, shape, len(x.tangents)))
@@ -284,19 +265,15 @@ def _clip(x: Any, low: Any, high: Any) -> DualArray:
     return with_partials(value, [(x, np.where(value == plain(x), 1.0, 0.0))])
 
 
-def _diag(x: Any) -> DualArray:
-    return DualArray(np.diag(x.value), np.stack([np.diag(one) for one in x.tangents]))
-
-
 _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.where: _where,
     np.stack: _stack,
     np.concatenate: _concatenate,
-    np.sum: _sum,
+    np.sum: DualArray.sum,
     np.broadcast_to: _broadcast_to,
     np.broadcast_arrays: _broadcast_arrays,
     np.clip: _clip,
-    np.diag: _diag,
+    np.diag: lambda x: DualArray(np.diag(x.value), np.stack(list(map(np.diag, x.tangents)))),
     np.shape: lambda x: x.shape,
     np.zeros_like: lambda x: np.zeros_like(x.value),
 }

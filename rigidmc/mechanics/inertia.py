@@ -17,6 +17,7 @@ from rigidmc.arrays import floats
 from rigidmc.dual_arrays import DualArray, as_array
 from rigidmc.errors import SceneError, check_rows
 from rigidmc.labelled import Wanted
+from rigidmc.mechanics.axes_rates import axes_rates
 from rigidmc.physics.dynamics.principal_axes import Principal
 
 SLACK = 1e-12  # relative: a flat plate obeys I3 = I1 + I2 only to rounding
@@ -274,30 +275,6 @@ def _principal_axes_with_tangents(tensor: DualArray) -> tuple[Any, Any]:
     rates = zip(*(axes_rates(moments, axes, one) for one in tensor.tangents), strict=True)
     moving, turning = map(np.stack, rates)
     return DualArray(moments, moving), DualArray(axes, turning)
-
-
-def axes_rates(
-    moments: NDArray[np.float64], axes: NDArray[np.float64], change: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the rates of the moments (..., 3) and axes (..., 3, 3) of a tensor that changes at the
-    symmetric rate `change` (..., 3, 3).
-
-    With C = B^T (dI) B in the principal axes:
-
-        dI_i = C_ii,   dB = B W,   W_ij = C_ij/(I_j - I_i) for i != j
-
-    Axes with equal moments (to 1e-12 of the largest) have no rate, nan, unless C does not couple
-    them: then W_ij = 0. The relative error is 1e-16 times the largest moment over I_j - I_i.
-    """
-    inside = np.swapaxes(axes, -1, -2) @ change @ axes
-    gap = moments[..., None, :] - moments[..., :, None]
-    size, coupling = np.abs(moments).max(-1)[..., None, None], np.abs(inside)
-    equal = np.abs(gap) <= 1e-12 * size
-    # 4e-15: as `principal_axes` takes off-diagonal elements for rounding
-    free = coupling <= 4e-15 * np.abs(change).max((-1, -2))[..., None, None]
-    turn = np.where(equal, np.where(free, 0.0, np.nan), inside / np.where(equal, 1.0, gap))
-    turn = np.where(np.eye(3) == 1.0, 0.0, turn)
-    return np.diagonal(inside, axis1=-2, axis2=-1), axes @ turn
 
 
 def why_impossible(moments: NDArray[np.float64]) -> str:

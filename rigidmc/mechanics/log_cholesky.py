@@ -14,12 +14,12 @@ The parameters of a body are xx, yy, zz, yz, zx, xy of I, then c and m. The code
 arithmetic, so that no bit depends on a linear-algebra library.
 """
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.dual_arrays import DualArray, square_root
 from rigidmc.physics.dynamics.functions import exponential_of, logarithm_of
 
 PARAMETERS = 10
@@ -29,7 +29,10 @@ _SECOND = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))  # xx, yy, zz, yz, zx
 def numbers_of(parameters: Sequence[float]) -> list[float]:
     """Return the ten numbers of a body with these parameters; ValueError if it cannot exist."""
     n11, n22, n33, *others = _triangle(parameters)
-    logarithms = [float(logarithm_of(x)) for x in (n11, n22, n33, parameters[9])]
+    logarithms = [
+        np.log(x) if isinstance(x, DualArray) else float(logarithm_of(x))
+        for x in (n11, n22, n33, parameters[9])
+    ]
     return [*logarithms[:3], *others, *parameters[6:9], logarithms[3]]
 
 
@@ -56,13 +59,13 @@ def _triangle(parameters: Sequence[float]) -> tuple[float, ...]:
     xx, yy, zz, yz, zx, xy = (
         s / mass - c[i] * c[j] for s, (i, j) in zip(_second(parameters), _SECOND, strict=True)
     )
-    n33 = math.sqrt(zz)
+    n33 = square_root(zz)
     n23, n13 = yz / n33, zx / n33
-    n22 = math.sqrt(yy - n23 * n23)
+    n22 = square_root(yy - n23 * n23)
     n12 = (xy - n13 * n23) / n22
-    n11 = math.sqrt(xx - n12 * n12 - n13 * n13)
+    n11 = square_root(xx - n12 * n12 - n13 * n13)
     # rounding leaves smaller values of N for a plate
-    if not min(n11, n22, n33) > 1e-7 * math.sqrt(xx + yy + zz):
+    if not min(n11, n22, n33) > 1e-7 * square_root(xx + yy + zz):
         raise ValueError("a body must have a nonzero extent along each axis")
     return n11, n22, n33, n23, n13, n12
 
@@ -93,7 +96,7 @@ def cholesky_factor(covariance: Sequence[Sequence[float]]) -> list[list[float]]:
     for j in range(size):
         left = covariance[j][j] - sum(x * x for x in c[j][:j])
         if left > 1e-12 * covariance[j][j]:  # else the previous components determine this one
-            c[j][j] = math.sqrt(left)
+            c[j][j] = square_root(left)
             for i in range(j + 1, size):
                 apart = sum(x * y for x, y in zip(c[i][:j], c[j][:j], strict=True))
                 c[i][j] = (covariance[i][j] - apart) / c[j][j]

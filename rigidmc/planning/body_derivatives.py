@@ -1,7 +1,7 @@
 """The parameters of a body by which a model can be differentiated, and how each changes it.
 
 A size of a solid changes its tensor about the fixed point, an element of a tensor changes it alone;
-`rigidmc.mechanics.inertia.axes_rates` has the rates of moments and axes. The fixed point, its
+`rigidmc.mechanics.axes_rates` has the rates of moments and axes. The fixed point, its
 distance from the origin of a solid, and the axes of the scene stay.
 """
 
@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.dual_arrays import DualArray, as_array, plain
-from rigidmc.mechanics.inertia import about_point, axes_rates
+from rigidmc.mechanics.axes_rates import axes_rates
+from rigidmc.mechanics.inertia import about_point
 from rigidmc.mechanics.solids import COMPONENTS, SOLIDS
 from rigidmc.scene.body import IDENTITY, Body
 from rigidmc.scene.quantities import Rate, is_shared
 from rigidmc.scene.reparametrise import own_number, rates_of
 from rigidmc.scene.shape import UPRIGHT, ShapePart
 from rigidmc.scene.vector_distributions import TensorRows
-from rigidmc.scene.vector_distributions.bodies import ELEMENTS, TensorDistribution, UncertainInertia
+from rigidmc.scene.vector_distributions.bodies import TensorDistribution, UncertainInertia
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 Path = tuple[str | int, ...]  # of fields and indices, from a Model
@@ -37,6 +38,11 @@ Array = NDArray[np.float64]
 Refusal = str  # why there is no derivative, to follow "it"
 Given = Callable[[], list[Seed] | Refusal] | Refusal
 
+# as in the columns of TensorRows: xx, yy, zz, yz, zx, xy
+TENSOR_ELEMENTS = [
+    (f"body.tensor.{i + 1}.{j + 1}", (i, j))
+    for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+]
 _EQUAL = (
     "turns the principal axes of a body with equal moments, which jump: give slightly different"
     " moments, or a parameter that keeps the axes"
@@ -61,7 +67,7 @@ def relative(derivative: float) -> Rate:
 
 
 def of_quantity(name: str, path: Path, quantity: Any) -> dict[str, Given]:
-    """Return the parameters of a quantity: the member's own number, then those of its
+    """Return the parameters of a quantity: the member's own number, and each parameter of its
     distribution."""
     known: dict[str, Given] = {name: one_seed(path, own_number)}
     for word, rate in rates_of(quantity).items():
@@ -103,12 +109,19 @@ def _of_tensors(distribution: TensorDistribution) -> dict[str, Given]:
     """Return the elements of a distribution of tensors."""
     path = ("body", "moments")
     if isinstance(distribution, TensorRows):
-        places = enumerate(ELEMENTS[:6])
-        return {f"body.{name}": one_seed((*path, "rows", k), own_number) for k, name in places}
+        places = enumerate(TENSOR_ELEMENTS)
+        return {name: one_seed((*path, "rows", k), own_number) for k, (name, _) in places}
     assert isinstance(distribution, UncertainInertia)
-    known: dict[str, Given] = {}
-    for key, size in (("mean", 3), ("covariance", len(distribution.covariance))):
-        known |= symmetric_parameters(f"body.tensor.{key}", (*path, key), size)
+    covariance = np.array(distribution.covariance)
+    known = symmetric_parameters("body.tensor.mean", (*path, "mean"), 3)
+    spread = symmetric_parameters("body.tensor.covariance", (*path, "covariance"), len(covariance))
+    width = np.sqrt(covariance.diagonal())
+    with np.errstate(invalid="ignore"):
+        correlation = covariance / np.outer(width, width)
+    # zeros mark exact elements; a root has no derivative there
+    if not np.nan_to_num(np.linalg.eigvalsh(np.nan_to_num(correlation))).min() > 1e-9:
+        spread = dict.fromkeys(spread, "has a width of 0 in some direction, at a kink")
+    known |= spread
     for i, x in enumerate(distribution.centre or ()):
         known |= of_quantity(f"body.tensor.centre.{i + 1}", (*path, "centre", i), x)
     return known
@@ -127,11 +140,10 @@ def symmetric_parameters(name: str, path: Path, size: int) -> dict[str, Given]:
 def _of_one_tensor(body: Body) -> dict[str, Given]:
     """Return the elements of the tensor of a body in its described axes."""
     known: dict[str, Given] = {}
-    for name in ELEMENTS[:6]:
-        i, j = (int(word) - 1 for word in name.split(".")[1:])
+    for name, (i, j) in TENSOR_ELEMENTS:
         unit = np.zeros((3, 3))
         unit[i, j] = unit[j, i] = 1.0
-        known[f"body.{name}"] = lambda unit=unit: tensor_seeds(  # type: ignore[misc]
+        known[name] = lambda unit=unit: tensor_seeds(  # type: ignore[misc]
             body, np.array(body.moments), unit, constant
         )
     return known
@@ -264,7 +276,7 @@ def _made(part: ShapePart, sizes: dict[str, Any]) -> tuple[Any, Any, Any]:
 
 
 def solid_of(body: Body) -> Solid | None:
-    """Return the Solid of a body; None if its moments, mass and centre are not those of one.
+    """Return the Solid of a body; None if its moments, mass and centre differ from the solid's.
 
     Lengths may have another unit, a power of 2 of metres, as in an integration.
     """

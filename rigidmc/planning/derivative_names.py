@@ -5,7 +5,7 @@ If members draw that number, the derivative is by the member's own number; a fur
 parameter of the distribution, as in start.omega.2.mean (`rigidmc.scene.reparametrise`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations_with_replacement
 from typing import Any
 
@@ -33,11 +33,13 @@ from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import Drawn, Rate, draw
 from rigidmc.scene.reparametrise import own_number
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.units import BODY, size_units, squared, units_of
+from rigidmc.scene.units import BODY, START, size_units, squared, units_of
 from rigidmc.scene.vector_distributions.attitudes import Fisher, Pointing
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution
-from rigidmc.scene.vector_distributions.protocol import VectorDistribution
+from rigidmc.scene.vector_distributions.protocol import EquilibriumEnsemble, VectorDistribution
 from rigidmc.scene.vector_distributions.vectors import Correlated, lower_factor, whole_of
+
+_SYMMETRIC = (".tensor", ".mean", ".covariance")  # names before the indices of symmetric matrices
 
 
 def parameter_names_of_derivatives(scene: Scene) -> list[str]:
@@ -51,8 +53,16 @@ def parameter_names_of_derivatives(scene: Scene) -> list[str]:
     >>> [name for name in names if name.startswith("start.omega.1")]
     ['start.omega.1', 'start.omega.1.mean', 'start.omega.1.standard_deviation']
     """
-    known = parameters_of(scene.model)
-    return [name for name, given in known.items() if not isinstance(given, str)]
+    return _able(parameters_of(scene.model))
+
+
+def _able(known: Mapping[str, Given]) -> list[str]:
+    """Return the names that have a derivative."""
+    return [
+        name
+        for name, given in known.items()
+        if not isinstance(given, str) and not isinstance(given(), str)
+    ]
 
 
 def check_derivative_names(scene: Scene, names: Sequence[str], at: str = "run.wrt") -> None:
@@ -64,10 +74,10 @@ def check_derivative_names(scene: Scene, names: Sequence[str], at: str = "run.wr
 def seeds_of(model: Model, names: Sequence[str], at: str = "run.wrt") -> list[list[Seed]]:
     """Return the Seeds of each name; SceneError as for `check_derivative_names`."""
     known, found = parameters_of(model), []
+    names = [_upper_element(name) for name in names]
     for i, name in enumerate(names):
         if name not in known:
-            able = [word for word, given in known.items() if not isinstance(given, str)]
-            raise unknown("parameter with a derivative", able, at=at, value=name)
+            raise unknown("parameter with a derivative", _able(known), at=at, value=name)
         given = known[name]
         seeds = given if isinstance(given, str) else given()
         if isinstance(seeds, str):
@@ -78,16 +88,30 @@ def seeds_of(model: Model, names: Sequence[str], at: str = "run.wrt") -> list[li
     return found
 
 
+def _upper_element(name: str) -> str:
+    """Return the name of an element of a symmetric matrix with its smaller index first."""
+    whole, *pair = name.rsplit(".", 2)
+    if not whole.endswith(_SYMMETRIC) or not all(map(str.isdecimal, pair)):
+        return name
+    return ".".join([whole, *sorted(pair, key=int)])
+
+
 def derivative_unit(scene: Scene, name: str) -> str:
     """Return the SI units of a parameter by which a scene has derivatives."""
     table, first, *rest = name.split(".")
     if table == "body" and first in SOLIDS:
         return size_units(rest[0])
-    if table == "body" and first in BODY:
-        unit = BODY[first]
-        return squared(unit) if "covariance" in rest else unit
+    if table == "body" and first == "tensor" and "covariance" in rest:
+        i, j = ((1, 2) if k <= 6 else (0, 1) if k <= 9 else (1, 0) for k in map(int, rest[1:]))
+        powers = zip(("kg", "m"), (i[0] + j[0], i[1] + j[1]), strict=True)
+        return " ".join(word + (str(n) if n > 1 else "") for word, n in powers if n)
+    if table == "body" and first == "tensor":
+        return BODY["centre" if "centre" in rest else "tensor"]
     if name.startswith("start.attitude") and not scene.start.has_euler_angles:
         return "1"
+    known = {**BODY, **START}
+    if first in known and (not rest or rest[0].isdecimal()):
+        return known[first]
     unit = units_of(scene, name)
     return squared(unit) if table == "effects" and "covariance" in rest else unit
 
@@ -98,7 +122,11 @@ def parameters_of(model: Model) -> dict[str, Given]:
     if isinstance(moments, VectorDistribution) and not isinstance(moments, TensorDistribution):
         known |= _of_vector("body.moments", ("body", "moments"), moments)
     which = model.start.spin_name
-    known |= _of_vector(f"start.{which}", ("start", which), getattr(model.start, which))
+    spin = getattr(model.start, which)
+    known |= _of_vector(f"start.{which}", ("start", which), spin)
+    if isinstance(spin, EquilibriumEnsemble) and model.body.is_turned:
+        rule = "is drawn in the principal axes of each member, not in the axes of the scene"
+        known |= dict.fromkeys((f"start.{which}.{i}" for i in (1, 2, 3)), rule)
     known |= _of_attitude(model)
     for i, (label, effect) in enumerate(label_effects(model.effects)):
         for field in user_parameters(effect):
@@ -110,9 +138,12 @@ def parameters_of(model: Model) -> dict[str, Given]:
 
 
 def _of_vector(name: str, path: Path, value: Any) -> dict[str, Given]:
-    """Return the parameters of a vector of quantities, or of a distribution of vectors."""
+    """Return the parameters of a vector of quantities, or of a distribution of vectors: the
+    member's own components, then the parameters of the distribution."""
     known: dict[str, Given] = {}
     if isinstance(value, VectorDistribution):
+        for i in range(3):
+            known[f"{name}.{i + 1}"] = one_seed((*path, "sample"), _own_component(i))
         for field, part in value.as_dict().items():
             known |= _of_field(f"{name}.{field}", (*path, field), part)
         return known
@@ -121,6 +152,11 @@ def _of_vector(name: str, path: Path, value: Any) -> dict[str, Given]:
         one = f"{name}.{i + 1}", (*path, i)
         known |= {one[0]: one_seed(one[1], own_number)} if whole else of_quantity(*one, part)
     return known | (_of_correlated(name, path, whole) if whole else {})
+
+
+def _own_component(i: int) -> Rate:
+    """Return the derivatives (3, n) of drawn vectors by their own component i."""
+    return lambda drawn: np.eye(3)[:, i : i + 1] + np.zeros_like(drawn.values)
 
 
 def _of_field(name: str, path: Path, part: Any) -> dict[str, Given]:
@@ -173,14 +209,20 @@ def _of_attitude(model: Model) -> dict[str, Given]:
     """Return the parameters of the attitude at the start: its angles, or the four components of its
     quaternion, which is normalised."""
     name, value = "start.attitude", model.start.attitude
-    if isinstance(value, (Fisher, Pointing)):
-        rule = "is a parameter of a distribution of attitudes, whose draws have no derivatives here"
-        return {f"{name}.{field}": rule for field in value.as_dict()}
+    if isinstance(value, Fisher):
+        rule = "is a parameter of a distribution whose quantiles are read from a table"
+        return {f"{name}.{field}": rule for field in value.names()}
     if isinstance(value, VectorDistribution):
-        return _of_vector(name, ("start", "attitude"), value)
+        known: dict[str, Given] = {}
+        for field, part in value.as_dict().items():
+            known |= _of_field(f"{name}.{field}", ("start", "attitude", field), part)
+        if isinstance(value, Pointing) and not any(value.direction[:2]):
+            rule = "is a direction along z, where the azimuth of the direction jumps"
+            known |= dict.fromkeys((f"{name}.direction.{i}" for i in (1, 2, 3)), rule)
+        return known
     if not isinstance(value, tuple):
         return {}
-    known: dict[str, Given] = {}
+    known = {}
     if len(value) == 3:
         for i, angle in enumerate(angle_names(model.start.sequence)):
             known |= of_quantity(f"{name}.{angle}", ("start", "attitude", i), value[i])
@@ -220,7 +262,8 @@ def _refused_by_rejection(model: Model, known: dict[str, Given]) -> dict[str, Gi
     acting = [one for one in label_effects(model.effects) if implements(one[1], "energy")]
     if not acting:
         return {}
-    parts = ("start.momentum.", "body.", *(f"effects.{label}." for label, _ in acting))
+    parts = ("body.", *(f"effects.{label}." for label, _ in acting))
+    parts += tuple(f"start.momentum.{field}" for field in model.start.momentum.names())
     # the energies of the effects shipped depend on the body by its mass and centre alone
     shipped = all(name_of(effect) in EFFECTS for _, effect in acting)
     free = ("body.moments.",) if shipped else ()

@@ -7,12 +7,13 @@ tangent, and the random numbers stay. A member's tangents depend on scene, seed 
 
 import copy
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dual_arrays import DualArray, TangentsLost, zeros
+from rigidmc.dual_arrays import DualArray, TangentsLost, plain, zeros
 from rigidmc.errors import SceneError
 from rigidmc.planning.body_derivatives import Path
 from rigidmc.planning.derivative_names import seeds_of
@@ -33,20 +34,24 @@ def tangents_at_start(
     rows: int,
     names: Sequence[str],
     axes: int | None = None,
+    out: Array | None = None,
 ) -> Array:
     """Return the derivatives (P, rows, count) of the block of `initial_block` by P parameters.
 
-    Only the rows of `rows_to_fill` have derivatives; those of an attitude are orthogonal to it.
+    Only the rows of `rows_to_fill` have derivatives. The derivative of an attitude is orthogonal to
+    it.
 
     names : of the parameters, see `rigidmc.planning.derivative_names`
     axes : first of the four rows of the members' principal axes, a quaternion; None without them
+    out : array of this shape to fill and return; its other rows keep their numbers
 
     Raises SceneError for a name without a derivative, and for a custom part of the scene whose code
     has none. A member whose tensor has equal moments gets nan for a parameter that turns its axes.
     """
-    return built_with_tangents(model, sampler, first, count, has_attitude, rows, names, axes)[
-        0
-    ].tangents
+    tangents = np.zeros((len(names), rows, count)) if out is None else out
+    block = DualArray(np.empty((rows, count)), tangents)
+    build_with_tangents(block, model, sampler, first, has_attitude, names, axes)
+    return tangents
 
 
 def tangents_of_members(
@@ -66,27 +71,28 @@ def tangents_of_members(
     return np.concatenate(parts, axis=2)
 
 
-def built_with_tangents(
+def build_with_tangents(
+    block: DualArray,
     model: Model,
     sampler: Source,
     first: int,
-    count: int,
     has_attitude: bool,
-    rows: int,
     names: Sequence[str],
     axes: int | None = None,
-) -> tuple[DualArray, dict[str, Any]]:
-    """Return (block, start) of `initial_block` with tangents; a value of `start` that depends on no
-    parameter is a plain array. Arguments as for `tangents_at_start`."""
-    block = zeros((rows, count), len(names))
+) -> dict[str, Any]:
+    """Set the rows of `tangents_at_start` and their values in a block, and return the sampled
+    values that the members are built from; those that depend on no parameter are plain arrays."""
     try:
         start = fill_initial(block, marked_model(model, names), sampler, first, has_attitude)  # type: ignore[arg-type]
-    except TangentsLost as error:
+    except (TangentsLost, ValueError) as error:
+        # NumPy's ValueError for an element of an array has the cause beside it
+        if not isinstance(error.__cause__ or error, TangentsLost):
+            raise
         rule = f"has no derivative: code of the scene uses what has none ({error})"
         raise SceneError(rule, at="run.wrt", value=", ".join(names)) from None
     if axes is not None:
         block[axes : axes + 4] = start["principal_axes"]
-    return block, start
+    return start
 
 
 def marked_model(model: Model, names: Sequence[str]) -> Model:
@@ -98,7 +104,8 @@ def marked_model(model: Model, names: Sequence[str]) -> Model:
     for j, seeds in enumerate(seeds_of(model, names)):
         for path, rate in seeds:
             rates.setdefault(path, {})[j] = rate
-    for path, given in rates.items():
+    # methods last, so that they belong to a distribution whose fields are marked
+    for path, given in sorted(rates.items(), key=lambda one: one[0][-1] == "sample"):
         value: Any = model
         for key in path:
             value = value[key] if isinstance(key, int) else getattr(value, key)
@@ -106,8 +113,11 @@ def marked_model(model: Model, names: Sequence[str]) -> Model:
     return model
 
 
-def _marked(quantity: Any, rates: dict[int, Rate], parameters: int) -> DualArray | Marked:
-    """Return a quantity with its rates; a number as one with tangents."""
+def _marked(quantity: Any, rates: dict[int, Rate], parameters: int) -> Any:
+    """Return a quantity with its rates; a number as one with tangents, and the method that draws
+    vectors as one that adds tangents to them."""
+    if callable(quantity):
+        return partial(_with_own_components, quantity, rates, parameters)
     if isinstance(quantity, (Distribution, Grid, np.ndarray)):
         return Marked(quantity, rates, parameters)
     number = quantity.value if isinstance(quantity, Varied) else quantity
@@ -115,6 +125,19 @@ def _marked(quantity: Any, rates: dict[int, Rate], parameters: int) -> DualArray
     for j, rate in rates.items():
         tangents[j] = rate(drawn)[0]
     return DualArray(number, tangents)
+
+
+def _with_own_components(
+    sample: Any, rates: dict[int, Rate], parameters: int, *given: Any
+) -> DualArray:
+    """Return drawn vectors with the tangents of their own components."""
+    vectors = sample(*given)
+    unit = zeros(vectors.shape, parameters)
+    for j, rate in rates.items():
+        unit.tangents[j] = rate(Drawn(plain(vectors), None, 0, 0))
+    if isinstance(vectors, DualArray):
+        unit.tangents += vectors.tangents
+    return DualArray(plain(vectors), unit.tangents)
 
 
 def _put(whole: Any, path: Path, value: Any) -> Any:

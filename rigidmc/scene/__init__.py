@@ -11,8 +11,9 @@ keywords and options), `amounts` (1e6, "1h30m"), `units` (the conversion of "10 
 `validation` (of effects and observables), `recording` (saved and monitored variables), `quantities`
 and `distributions` (how members differ), `sampling` (sources of uniform numbers), `parameters`
 (parameters of a scene by name), `varied` (parameters that change between runs of a prepared scene),
-`drifts` (how drifts grow); and the packages `vector_distributions`, `body_files` (readers of robots
-and drawings), `toml` (scene files), `user_parts` (users' classes) and `library` (shipped scenes).
+`reparametrise` (derivatives of drawn numbers), `drifts` (how drifts grow); and the packages
+`vector_distributions`, `body_files` (readers of robots and drawings), `toml` (scene files),
+`user_parts` (users' classes) and `library` (shipped scenes).
 
 Invariants: the names and meanings in scene files, and the random stream of each name: a new
 distribution draws from its own streams.

@@ -45,7 +45,7 @@ def as_word(number):
     """Return the bits of a float as a word."""
     if isinstance(number, np.ndarray):
         return np.ascontiguousarray(number, np.float64).view(np.uint64)
-    return np.uint64(struct.unpack("<Q", struct.pack("<d", number))[0])
+    return np.uint64(struct.unpack("<Q", struct.pack("<d", float(number)))[0])
 
 
 def double(x):

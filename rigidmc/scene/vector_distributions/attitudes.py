@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from rigidmc.dual_arrays import DualArray, with_partials
 from rigidmc.mechanics.rotation import product, quaternion, quaternion_from_euler
 from rigidmc.physics.dynamics.functions import (
     arcsine,
@@ -18,7 +19,7 @@ from rigidmc.physics.dynamics.functions import (
     logarithm_of_one_and,
     sine,
 )
-from rigidmc.physics.dynamics.so3 import arctan2, expm1
+from rigidmc.physics.dynamics.so3 import arctan2, expm1, multiply
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Source, draw
 from rigidmc.scene.vector_distributions.protocol import (
@@ -120,14 +121,29 @@ class Pointing(VectorDistribution):
         whole = Distribution("uniform", (0.0, 2.0 * math.pi))
         laws = (Distribution("uniform", (0.0, 1.0)), whole, whole)
         u, azimuth, psi = draw(laws, sampler, f"{name}.pointing", first, count)
-        k = self.kappa
-        one_less_cosine = 2.0 * (1.0 - u)
-        if k > 0.0:
-            one_less_cosine = -logarithm_of_one_and((1.0 - u) * expm1(-2.0 * k)) / k
-        theta = 2.0 * arcsine(np.sqrt(np.clip(0.5 * one_less_cosine, 0.0, 1.0)))
+        theta = 2.0 * arcsine(np.sqrt(np.clip(0.5 * _one_less_cosine(self.kappa, u), 0.0, 1.0)))
         x, y, z = self.direction
         tip = quaternion_from_euler(arctan2(x, -y), arctan2(hypotenuse(x, y), z), np.zeros(()))
-        return product(tip, quaternion_from_euler(azimuth, theta, psi).T).T
+        return np.stack(multiply(tuple(tip), tuple(quaternion_from_euler(azimuth, theta, psi))))
+
+
+def _one_less_cosine(kappa: Any, u: Array) -> Any:
+    """Return 1 - cos angle with distribution function 1 - u, for a concentration that may have
+    tangents.
+
+    w = -ln(A)/kappa,  A = 1 - (1 - u) (1 - e^(-2 kappa)),
+    dw/dkappa = (2 (1 - u) e^(-2 kappa)/A - w)/kappa, and -2 u (1 - u) at kappa = 0
+    """
+    if not isinstance(kappa, DualArray):
+        if kappa > 0.0:
+            return -logarithm_of_one_and((1.0 - u) * expm1(-2.0 * kappa)) / kappa
+        return 2.0 * (1.0 - u)
+    k = float(kappa.value)
+    w, rate = _one_less_cosine(k, u), -2.0 * u * (1.0 - u)
+    if k > 0.0:
+        inside = 1.0 + (1.0 - u) * expm1(-2.0 * k)
+        rate = (2.0 * (1.0 - u) * exponential_of(-2.0 * k) / inside - w) / k
+    return with_partials(w, [(kappa, rate)])
 
 
 @lru_cache(maxsize=64)

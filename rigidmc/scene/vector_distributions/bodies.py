@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rigidmc.dual_arrays import as_array, has_tangents, plain_numbers, with_values
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.impossible import causes_text
 from rigidmc.mechanics.inertia import elements, symmetric
@@ -238,7 +239,7 @@ class UncertainInertia(TensorDistribution):
         turns = self.centre is not None
         normal = (Distribution("normal", (0.0, 1.0)),) * len(self.covariance)
         z = draw(normal, sampler, f"{name}.normal", first, count)
-        middle, ways = _spread(self, mass, tuple(self.centre if turns else centre))
+        middle, ways = _spread_of(self, mass, tuple(self.centre if turns else centre))
         found = parameters_of(
             np.stack(
                 [
@@ -267,6 +268,20 @@ def about_centre(six: Any, centre: Any, mass: Any) -> tuple[Any, ...]:
     )
 
 
+def _spread_of(
+    distribution: UncertainInertia, mass: Any, centre: tuple[Any, ...]
+) -> tuple[Any, Any]:
+    """Return `_spread`, with tangents if its arguments have any."""
+    given = distribution.mean, distribution.covariance, mass, centre
+    if not has_tangents(given):
+        return _spread(distribution, mass, centre)
+    mean, covariance, *others = plain_numbers(given)
+    known = _spread(replace(distribution, mean=mean, covariance=covariance, centre=None), *others)
+    # Python may sum its floats more exactly than NumPy its arrays
+    found: tuple[Any, Any] = with_values(_spread.__wrapped__(distribution, mass, centre), known)
+    return found
+
+
 @lru_cache(maxsize=8)
 def _spread(
     distribution: UncertainInertia, mass: float, centre: tuple[float, ...]
@@ -292,7 +307,7 @@ def _spread(
         for way in ways
         for sign in (1.0, -1.0)
     ]
-    bent = parameters_of(np.array(around).T) - np.array(parameters)[:, None]
+    bent = parameters_of(as_array(around).T) - as_array(parameters)[:, None]
     moved = [0.5 * sum(row) for row in bent.tolist()]
     back = rates_of(parameters, moved)
     return [m - b for m, b in zip(middle, back, strict=True)], ways
