@@ -1,7 +1,7 @@
 """Continuation: steady motions followed along one parameter of a scene, and their bifurcations.
 
-At each value of a grid the motions are those that Newton's method reaches from their neighbours at
-the last value, and those of a new search. A branch that the search meets late is followed back, so
+At each value of a grid Newton's method starts from the motions at the last value, and from new
+random attitudes. A branch that the search meets late is followed back, so
 that every branch ends where its motion ends, at a fold or at another branch. Changes of stability
 and ends are then bisected.
 """
@@ -72,8 +72,8 @@ def follow(
         _drop_merged(tracked)
         for i, old in enumerate(before):
             if old is not None and tracked[i] is None:
-                part = float(values[k - 1]), float(values[k])
-                tracked[i] = _by_halves(problem_at, *part, old, SMALLER)
+                ends = float(values[k - 1]), float(values[k])
+                tracked[i] = _by_halves(problem_at, *ends, old, SMALLER)
         _drop_merged(tracked)
         for branch, motion in zip(branches, tracked, strict=True):
             branch.motions.append(motion)
@@ -87,15 +87,16 @@ def follow(
         others = branches[:number] + branches[number + 1 :]
         for k in range(len(values) - 1):
             below, above = branch.motions[k : k + 2]
-            part = problem_at, float(values[k]), float(values[k + 1])
+            low, high = float(values[k]), float(values[k + 1])
             if below is not None and above is not None:
                 if below.growing != above.growing:
-                    found.append(_change(*part, below, above, number))
+                    found.append(_change(problem_at, low, high, below, above, number))
             elif below is not None:
-                found.append(_end(*part, below, [b.motions[k] for b in others], number))
+                beside = [b.motions[k] for b in others]
+                found.append(_end(problem_at, low, high, below, beside, number))
             elif above is not None:
-                at = part[0], part[2], part[1]
-                found.append(_end(*at, above, [b.motions[k + 1] for b in others], number))
+                beside = [b.motions[k + 1] for b in others]
+                found.append(_end(problem_at, high, low, above, beside, number))
     return values, branches, sorted(found, key=lambda one: one.value)
 
 
@@ -128,7 +129,7 @@ def _by_halves(
 def _is_near(old: Motion, new: Motion) -> bool:
     """Return whether two motions at neighbouring values may be one."""
     (q, l), (p, m) = old.guess, new.guess
-    size = max(np.linalg.norm(l), np.linalg.norm(m), 1e-300)
+    size = float(max(np.linalg.norm(l), np.linalg.norm(m)))
     turned = 2.0 * np.arccos(min(1.0, abs(float(q @ p))))
     unit = old.known.moment * old.known.rate
     return bool(turned < FAR and np.linalg.norm(l - m) < FAR * (size + 1e-6 * unit))

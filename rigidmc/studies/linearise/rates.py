@@ -5,7 +5,7 @@ w, with all that effects add to I^-1 L, and f = dL/dt in the body::
 
     dq/dt = 1/2 q (0, w(q, l, t)),   dl/dt = f(q, l, t)
 
-The formulas are those of the engine; arrays with tangents (`rigidmc.dual_arrays`) differentiate
+The engine compiles the same formulas; arrays with tangents (`rigidmc.dual_arrays`) differentiate
 them. A change of attitude is a rotation vector in body axes, q exp(x/2).
 """
 

@@ -7,11 +7,11 @@ momentum. In the axes of `rigidmc.studies.linearise.steady`, with u = A^T n::
 
 Symmetries span a space S of changes that J takes into itself. Conserved momenta that no symmetry
 changes are rows D with D J = 0. Both add eigenvalues that say nothing of stability; the others are
-those of J on the changes that D takes to 0, modulo S. Source: Marsden, Lectures on
-Mechanics (1992), 5; Meyer, Hall & Offin, Introduction to Hamiltonian Dynamical Systems (2009).
+eigenvalues of J on the changes that D takes to 0, modulo S. Source: Marsden, Lectures on Mechanics
+(1992), 5; Meyer, Hall & Offin, Introduction to Hamiltonian Dynamical Systems (2009).
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ DOUBLE = 1e-7  # error of a double eigenvalue: the root of rounding, relative to
 class Linearised(NamedTuple):
     """The linearised motion about one steady motion, in scaled units.
 
-    values : (6,) eigenvalues, those of the motion first, fastest growth first
+    values : (6,) eigenvalues, of the motion first, fastest growth first
     vectors : (6, 6) their eigenvectors as columns, of length 1
     origins : (6,) "motion", "momentum" or "symmetry"
     errors : (6,) of the eigenvalues, by rounding
@@ -99,7 +99,9 @@ def _span(rows: Array) -> Array:
     return np.asarray(span[: int((values > ALIKE).sum())])
 
 
-def _whole(value: complex, part: Complex, k: int, parts: list[Array], blocks: list[list[Array]]):  # type: ignore[no-untyped-def]
+def _whole(
+    value: complex, part: Any, k: int, parts: list[Array], blocks: list[list[Array]]
+) -> Complex:
     """Return the eigenvector (6,) of J for one of a diagonal block; J is triangular by blocks.
 
     For a momentum that comes with a drift along a symmetry it is the change that drifts.
@@ -110,7 +112,7 @@ def _whole(value: complex, part: Complex, k: int, parts: list[Array], blocks: li
         own = value * np.eye(len(parts[above])) - blocks[above][above]
         pieces[above] = np.linalg.lstsq(own, pushed, rcond=1e-9)[0]
     vector = sum(parts[j].T @ piece for j, piece in pieces.items())
-    return vector / np.linalg.norm(vector)
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def stability_of(values: Complex, errors: Array) -> str:

@@ -3,7 +3,7 @@
 A steady motion follows the symmetries of the scene, see `rigidmc.studies.linearise.symmetries`.
 With c_i along the generators (n_i, m_i) and (n, m) = frame + sum c_i (n_i, m_i)::
 
-    w(q, l) = A^T n + m,   f(q, l) = l x m,   momenta = those of the start
+    w(q, l) = A^T n + m,   f(q, l) = l x m,   momenta = momenta of the start
 
 It is an equilibrium in the frame that turns with n in space, seen from axes that turn with m in the
 body: m is 0 except for bodies that are symmetric about an axis. The unknowns are q, l and c. They
@@ -13,7 +13,7 @@ residual, so the convergence is quadratic). Source: Yamashita & Fukushima, Compu
 (2001) 239.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,9 +50,9 @@ class States(NamedTuple):
     l: Array
     c: Array
 
-    def at(self, index: object) -> "States":
+    def at(self, index: Any) -> "States":
         """Return some of the states."""
-        return States(self.q[:, index], self.l[:, index], self.c[:, index])  # type: ignore[index]
+        return States(self.q[:, index], self.l[:, index], self.c[:, index])
 
 
 def frames(found: Symmetries, states: States) -> tuple[Array, Array]:
@@ -62,14 +62,14 @@ def frames(found: Symmetries, states: States) -> tuple[Array, Array]:
 
 
 def held_momenta(known: Mechanics, found: Symmetries, q: Array, l: Array) -> Array:
-    """Return the momenta (h, n) of states that a search holds: those of the central generators,
-    and half the square of the whole, if they are constant."""
+    """Return the momenta (h, n) of states that a search holds: of each central generator, and half
+    the square of the whole, if this is constant."""
     whole = l.T + known.wheel
     up = found.central[:, :3] @ space_to_body(q).swapaxes(1, 2)
     momenta = ((up + found.central[:, 3:]) * whole[:, None]).sum(2)
     if found.conserves_size:
         momenta = np.concatenate([momenta, 0.5 * (whole**2).sum(1, keepdims=True)], axis=1)
-    return momenta.T
+    return np.asarray(momenta.T)
 
 
 def residual(

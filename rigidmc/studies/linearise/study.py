@@ -8,7 +8,7 @@ rotation vector and a momentum in body axes, is exact: derivatives of the formul
 
     dy/dt = J y,   J v = (growth + i frequency) v
 
-Eigenvalues that belong to symmetries and conserved momenta are told apart (`origin`), and do not
+Eigenvalues that belong to symmetries and conserved momenta have another `origin`, and do not
 count for `stability`. For a body that is symmetric about an axis, J is seen from axes that turn
 with the precession but not with the spin. Source: Marsden & Ratiu, Introduction to Mechanics and
 Symmetry (1999), 11; Hughes, Spacecraft Attitude Dynamics (1986), 4 and 9.
@@ -127,7 +127,7 @@ def linearise_scene(
     refuse_noise(scene)
     if options.along is not None:
         tell = progress if callable(progress) else lambda line: say(f"  {line}")
-        return _along(scene, options, tell if progress else lambda line: None)
+        return _along(scene, options.along, options, tell if progress else lambda line: None)
     problem = Problem.of(scene, scene.run.first)
     motions = distinct(problem.solved(problem.starts(options.starts)))
     if not motions:
@@ -139,9 +139,11 @@ def linearise_scene(
     return _dataset(scene, {"motion": range(len(motions))}, motions)
 
 
-def _along(scene: Scene, options: LineariseOptions, tell: Callable[[str], None]) -> xr.Dataset:
+def _along(
+    scene: Scene, side: Side, options: LineariseOptions, tell: Callable[[str], None]
+) -> xr.Dataset:
     """Return the Dataset of motions along a parameter."""
-    name, low, high, log = whole_side("along", options.along, scene)
+    name, low, high, log = whole_side("along", side, scene)
     values = _values(name, low, high, log, options.points)
 
     def problem_at(value: float) -> Problem:
@@ -156,7 +158,7 @@ def _along(scene: Scene, options: LineariseOptions, tell: Callable[[str], None])
         rule = f"no steady motion has the momenta of the start, at any value of {name}"
         raise SceneError(rule, at="start", table="")
     flat = [motion for branch in branches for motion in branch.motions]
-    sizes = {"branch": range(len(branches)), "value": values}
+    sizes: dict[str, Any] = {"branch": range(len(branches)), "value": values}
     dataset = _dataset(scene, sizes, flat)
     units = units_of(scene, name)
     dataset["value"] = dataset.value.assign_attrs(long_name=name, units=units)
@@ -172,7 +174,7 @@ def _values(name: str, low: float, high: float, log: bool, points: int) -> Array
 
 
 def _dataset(
-    scene: Scene, sizes: Mapping[str, Sequence[Any] | Array], motions: Sequence[Motion | None]
+    scene: Scene, sizes: Mapping[str, Any], motions: Sequence[Motion | None]
 ) -> xr.Dataset:
     """Return the Dataset of motions, listed over the product of the sizes; None are nan and ""."""
     shape = tuple(len(labels) for labels in sizes.values())

@@ -35,9 +35,9 @@ class Symmetries(NamedTuple):
 
     frame : (6,) n and m of a generator with s = 1: its flow shifts time by as much as passes
     generators : (k, 6) n and m of the generators with s = 0
-    conserved : (c, 6) those of the generators whose momentum is constant
-    central : (d, 6) those of `conserved` that commute with all generators: their momentum is the
-        same in all states that the symmetries carry into each other
+    conserved : (c, 6) a basis of the generators whose momentum is constant
+    central : (d, 6) a basis of the conserved ones that commute with all generators: symmetries
+        leave their momentum as it is
     conserves_size : whether |l + wheel| is constant
     """
 
@@ -88,7 +88,7 @@ def tidied(rows: Array) -> Array:
         rows[others] -= rows[others, column, None] * rows[at]
         at += 1
     rows[np.abs(rows) < 1e-10] = 0.0  # without the sign of -0.0
-    return rows / np.sqrt((rows * rows).sum(1, keepdims=True))
+    return np.asarray(rows / np.sqrt((rows * rows).sum(1, keepdims=True)))
 
 
 def momentum_rows(known: Mechanics, q: Array, l: Array, generators: Array) -> Array:
