@@ -317,6 +317,9 @@ map heavy_top --x start.omega.1=2:1 --y start.omega.2=1:2 --of 'p(flips >= 1)'
 map heavy_top --x start.omega.1=0:1:log --y start.omega.2=1:2 --of 'p(flips >= 1)'
 map heavy_top --x start.omega.1=1:2 --y start.omega.2=1:2 --of 'p(tilt >= 1)'
 map heavy_top --x start.omega.1=1:2 --y start.omega.1=1:2 --of 'p(flips >= 1)'
+linearise driven_pendulum
+linearise heavy_top --along start.omega.4=1:2
+linearise heavy_top --along start.omega.3=2:1
 ftle heavy_top --families 0
 ftle brownian_rotor
 ftle result.nc

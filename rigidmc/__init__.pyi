@@ -69,8 +69,9 @@ from rigidmc.studies.accuracy.study import accuracy as accuracy
 from rigidmc.studies.basins.study import basins as basins
 from rigidmc.studies.frequencies.study import frequencies as frequencies
 from rigidmc.studies.ftle.study import ftle as ftle
-from rigidmc.studies.lyapunov.study import lyapunov as lyapunov
 from rigidmc.studies.gradient.study import gradient as gradient
+from rigidmc.studies.linearise.study import linearise as linearise
+from rigidmc.studies.lyapunov.study import lyapunov as lyapunov
 from rigidmc.studies.multilevel.study import multilevel as multilevel
 from rigidmc.studies.propagate.study import propagate as propagate
 from rigidmc.studies.rare.study import rare as rare

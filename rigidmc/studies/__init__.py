@@ -9,11 +9,10 @@ Reading order: `framework` (the record is in `framework/study`); `ftle`, the sho
 `basins`, `sensitivity`, `frequencies`, `section` (members of a design, by `framework/members`),
 `gradient` (members with derivatives), `stability_map` (parameters against measures), `rare`,
 `multilevel` and `lyapunov` (tasks, by `framework/tasks`), `propagate` (derivatives of one member
-beside an ensemble), `accuracy` and `stress` (integrators against truths), all by
-`framework/direct`.
-Four files are verbs, not studies: `until` (grow an ensemble until a measure is known), `totals`
-(keep only sums over the members), `closed_form` (compare one top with its formula), `bits` (compare
-CPUs and GPUs).
+beside an ensemble), `accuracy`, `stress` (integrators against truths) and `linearise` (steady
+motions), which `framework/direct` computes in one call. Four files are verbs, not studies: `until`
+(grow an ensemble until a measure is known), `totals` (keep only sums over the members),
+`closed_form` (compare one top with its formula), `bits` (compare CPUs and GPUs).
 
 Two promises never change: an answer carries its interval, or says why it has none; and it is the
 same for any number of threads, batches and restarts.
@@ -41,6 +40,10 @@ STUDIES = {
     " with intervals; probabilities, counts and events by the likelihood ratio, if the parameter is"
     " one of a distribution. It reports what chaos makes useless. With -o RUN/ the members go to a"
     " run directory, which survives a kill.",
+    "linearise": "Find the steady motions of a scene (rotations about principal axes, an upright or"
+    " hanging top, regular precession, a satellite at rest in its orbit) and their stability:"
+    " eigenvalues of the linearised motion, growth rates and periods. With --along it follows them"
+    " along a parameter and lists the bifurcations.",
     "lyapunov": "Compute the whole spectrum of Lyapunov exponents of each member, and the chaos"
     " indices SALI and GALI_k, by derivatives of the motion. With -o RUN/ the members go to a run"
     " directory, which survives a kill.",

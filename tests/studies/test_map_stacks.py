@@ -9,11 +9,11 @@ from rigidmc.cli import app
 from rigidmc.errors import OptionError
 from rigidmc.runs.directory import resume
 from rigidmc.scene.parameters import with_parameter
+from rigidmc.studies.framework.sides import read_side
 from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.picture import stability_map
 from rigidmc.studies.stability_map.question import make_request
 from rigidmc.studies.stability_map.stored import create_map
-from rigidmc.studies.stability_map.study import read_side
 from tests.axes import unlabelled
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")

@@ -11,7 +11,7 @@ from rigidmc.scene.scene import Scene
 
 
 class Direct(NamedTuple):
-    """The work of a study that measures this machine or this code, and has no run directory.
+    """The work of a study that one call computes, and that has no run directory.
 
     run : (scene with the settings, options, threads, progress) -> the Dataset
     progress : docstring text of the keyword `progress`: the meanings of True and of a function

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, unknown
 from rigidmc.scene.scene import Scene
+from rigidmc.studies.framework.sides import Side
 from rigidmc.studies.stability_map.compute import MapRun, Progress, prepare_map, run_map
 from rigidmc.studies.stability_map.question import (
     Borders,
     Resolution,
-    Side,
     make_request,
     with_borders,
 )

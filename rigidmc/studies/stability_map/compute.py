@@ -19,8 +19,9 @@ from rigidmc.runs.simulate import simulate
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
+from rigidmc.studies.framework.sides import Side
 from rigidmc.studies.stability_map.pixels import PixelCollector, Pixels, join_pixels, map_dataset
-from rigidmc.studies.stability_map.question import MapRequest, Side, make_request
+from rigidmc.studies.stability_map.question import MapRequest, make_request
 from rigidmc.studies.stability_map.refine import BEGUN, borders_of, pixel_members, refine
 
 CHUNK = 2**17  # members at once: 20 to 40 MB, and 40 waits for the last block in a map of 4e6

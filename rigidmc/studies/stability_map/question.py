@@ -6,19 +6,16 @@ from typing import Any, NamedTuple
 
 from pydantic import TypeAdapter
 
-from rigidmc.errors import FileError, OptionError, RigidmcError, SceneError
+from rigidmc.errors import FileError, OptionError, RigidmcError
 from rigidmc.scene.amounts import read_count
-from rigidmc.scene.parameters import parameter_names, with_parameter
+from rigidmc.scene.parameters import with_parameter
 from rigidmc.scene.quantities import Grid, grid
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.units import units_of
-from rigidmc.units import in_units
+from rigidmc.studies.framework.sides import Side, Whole, whole_side
 
 MOST = 4096  # pixels per side
 LAYERS, MOST_LAYERS = 6, 64
 
-Side = tuple[str, float, float] | tuple[str, float, float, bool]  # parameter, low, high[, log]
-Whole = tuple[str, float, float, bool]  # a side with all entries
 Resolution = int | tuple[int, int]
 Borders = tuple[tuple[str, tuple[float, ...]], ...]  # (measure, values between its classes)
 
@@ -109,13 +106,13 @@ def make_request(
     texts = (of,) if isinstance(of, str) else tuple(of)
     if not texts or not all(isinstance(text, str) for text in texts):
         raise OptionError('expected measures, such as "p(flips >= 1)"', at="of", value=texts)
-    across, upwards = _whole_side("x", x, scene), _whole_side("y", y, scene)
+    across, upwards = whole_side("x", x, scene), whole_side("y", y, scene)
     if x[0] == y[0]:
         raise OptionError("is already the parameter of x", at="y", value=y[0])
     if z is None and layers is not None:
         raise OptionError("requires a third parameter: give z", at="layers", value=layers)
     if z is not None:
-        more["z"] = _whole_side("z", z, scene)
+        more["z"] = whole_side("z", z, scene)
         more["layers"] = read_count(LAYERS if layers is None else layers, "layers", 1, MOST_LAYERS)
         if z[0] in (x[0], y[0]):
             raise OptionError("is already the parameter of x or y", at="z", value=z[0])
@@ -141,23 +138,6 @@ def with_borders(request: MapRequest, adaptive: bool | Borders) -> MapRequest:
     if isinstance(adaptive, bool):
         return request._replace(borders=() if adaptive else None)
     return request._replace(borders=adaptive)
-
-
-def _whole_side(key: str, side: Side, scene: Scene | None) -> Whole:
-    """Return a side with all entries, its ends in SI units; OptionError."""
-    if isinstance(side, str) or len(side) not in (3, 4) or not isinstance(side[0], str):
-        rule = "expected (parameter, low, high) or (parameter, low, high, True)"
-        example = 'such as ("body.moments.1", 0.1, 0.9)'
-        raise OptionError(f"{rule}, {example}", at=key, value=side)
-    name, low, high, *log = side
-    if scene is not None and name in parameter_names(scene):
-        try:
-            low, high = (in_units(end, units_of(scene, name), key) for end in (low, high))
-        except SceneError as error:
-            raise OptionError(
-                error.rule, at=key, value=error.value, nearest=error.nearest
-            ) from None
-    return name, low, high, bool(log and log[0])
 
 
 def read_stored_request(text: str, path: str) -> MapRequest:

@@ -25,6 +25,7 @@ from rigidmc.runs.directory.load import load_run, scene_of_run
 from rigidmc.runs.directory.resume import add_members, resume
 from rigidmc.scene.amounts import read_seconds
 from rigidmc.scene.scene import Scene, scene_of
+from rigidmc.studies.framework.sides import Whole
 from rigidmc.studies.stability_map.case import with_theory
 from rigidmc.studies.stability_map.compute import (
     MapRun,
@@ -46,7 +47,6 @@ from rigidmc.studies.stability_map.question import (
     MOST,
     MapRequest,
     Resolution,
-    Whole,
     columns_and_rows,
     read_stored_request,
 )

@@ -40,7 +40,8 @@ from rigidmc.files.outputs import Path
 from rigidmc.results.labels import count_text
 from rigidmc.results.run_directory import RunDirectory
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.framework.options import Example, Option, Options, Words, keywords_of, option
+from rigidmc.studies.framework.options import Example, Options, Words, keywords_of, option
+from rigidmc.studies.framework.sides import SIDE, Side
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.stability_map.case import with_theory
 from rigidmc.studies.stability_map.compute import MapRun, prepare_map, replicas_of, run_map
@@ -48,43 +49,14 @@ from rigidmc.studies.stability_map.question import (
     MOST_LAYERS,
     Borders,
     Resolution,
-    Side,
     columns_and_rows,
     make_request,
     with_borders,
 )
 from rigidmc.studies.stability_map.stored import create_map, open_map
-from rigidmc.units import as_measured, quantity_text
 
 RESOLUTION = 128  # pixels per side: 262,144 members with REPLICAS
 ENDS = "LOW:HIGH,LOW:HIGH"
-
-
-def read_side(value: Any, at: str) -> Any:
-    """Parse KEY=LOW:HIGH[:log] into (parameter, low, high, whether log-spaced); OptionError.
-
-    A unit beside HIGH alone is the unit of both. `make_request` converts ends with units, and
-    checks values that are not text.
-    """
-    if not isinstance(value, str):
-        return value
-    name, equals, ends = value.partition("=")
-    parts = ends.split(":")
-    try:
-        low, high = map(_end_of, parts[:2])
-    except ValueError:
-        low = high = float("nan")
-    if isinstance(high, str) and isinstance(low, float):
-        low = f"{low!r} {as_measured(high).unit}"
-    if not equals or len(parts) not in (2, 3) or parts[2:] not in ([], ["log"]) or low != low:
-        rule = "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9"
-        raise OptionError(rule, at=at, value=value)
-    return name.strip(), low, high, len(parts) == 3
-
-
-def _end_of(text: str) -> float | str:
-    """Return a number, or a text with a unit; ValueError."""
-    return text if quantity_text(text) else float(text)
 
 
 def read_part(value: Any, at: str) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -98,10 +70,6 @@ def read_part(value: Any, at: str) -> tuple[tuple[float, float], tuple[float, fl
     return (left, right), (low, high)
 
 
-# option for a parameter and its range
-SIDE = Option(
-    "", metavar="KEY=LOW:HIGH", type=str, kind="tuple or str", reader=read_side, is_new=True
-)
 NEEDED = "is missing: a map of a scene needs x, y and of"
 
 

@@ -1,0 +1,137 @@
+"""The rates of motion of one body, with exact derivatives, in units of its own size and speed.
+
+A state is an attitude q and a momentum l in the principal axes. Its rates are the angular velocity
+w, with all that effects add to I^-1 L, and f = dL/dt in the body::
+
+    dq/dt = 1/2 q (0, w(q, l, t)),   dl/dt = f(q, l, t)
+
+The engine compiles the same formulas; arrays with tangents (`rigidmc.dual_arrays`) differentiate
+them. A change of attitude is a rotation vector in body axes, q exp(x/2).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.dual_arrays import DualArray
+from rigidmc.engine.formulas import torques
+from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.euler import MassProperties, angular_velocity, free_rate
+from rigidmc.physics.dynamics.so3 import add, spin
+from rigidmc.physics.effects import label_effects
+from rigidmc.physics.effects.rotor import Rotor
+from rigidmc.physics.effects.sums import add_slip, total_energy, total_energy_scale, total_torque
+from rigidmc.planning.initial import members_at_start
+from rigidmc.planning.steps import physics
+from rigidmc.scene.scene import Scene
+
+Array = NDArray[np.float64]
+
+
+class Mechanics(NamedTuple):
+    """One body with its effects, and the units of its states: momenta are in moment * rate, times
+    in 1/rate.
+
+    body, effects : in the principal axes, with arrays (1,) as fields
+    moment, rate : scale of the moments [kg m^2] and of the motion [rad/s]
+    wheel : momentum of all rotors at t = 0 [moment * rate]
+    axes : quaternion of the principal axes in the axes of the scene
+    names : labels of the effects
+    """
+
+    body: MassProperties
+    effects: tuple[Any, ...]
+    moment: float
+    rate: float
+    wheel: Array
+    axes: Array
+    names: tuple[str, ...]
+
+
+class Rates(NamedTuple):
+    """Rates of states, and their derivatives by seven numbers: x (3), l (3) and t.
+
+    value : (n, 6), w and f;  slope : (n, 6, 7)
+    """
+
+    value: Array
+    slope: Array
+
+
+def mechanics_of(scene: Scene, member: int) -> tuple[Mechanics, Array, Array]:
+    """Return (mechanics, q (4,), l (3,)) of a member of a scene at its start, l in scaled units.
+
+    Raises SceneError for a body or start that is impossible.
+    """
+    block, start = members_at_start(scene.model, scene.run, member, 1)
+    body, effects = physics(scene.effects, block)
+    q, l = block[:4, 0], block[4:7, 0]
+    inverse = np.array(body[:3])[:, 0]
+    # of the middle axis: a thin axis turns fast, but carries no weight
+    moment = 1.0 / float(np.median(inverse))
+    swing = float(np.max(total_energy_scale(effects, body)))
+    swing = max(swing, float(np.sqrt((torques(effects, body, tuple(q), tuple(l)) ** 2).sum())))
+    rate = float(np.sqrt(((inverse * l) ** 2).sum() + swing / moment))
+    if not np.isfinite([rate, *q, *l, *inverse]).all():
+        rule = "has an impossible body or start, so it has no motion to linearise"
+        raise SceneError(rule, at="member", table="", value=member)
+    rate = rate if rate > 0.0 else 1.0  # a free body at rest has no unit of time
+    rotors = [np.array(e.momentum)[:, 0] for e in effects if isinstance(e, Rotor)]
+    wheel = sum(rotors, np.zeros(3)) / (moment * rate)
+    axes = start["principal_axes"][:, 0] if "principal_axes" in start else np.eye(4)[0]
+    names = tuple(label for label, _ in label_effects(scene.effects))
+    known = Mechanics(body, effects, moment, rate, wheel, axes, names)
+    return known, q, l / (moment * rate)
+
+
+def rates_of(known: Mechanics, q: Array, l: Array, t: Array | float = 0.0) -> Rates:
+    """Return the Rates of states q (4, n), l (3, n) at times t.
+
+    Raises SceneError for an effect whose code accepts no arrays or has no derivative.
+    """
+    count = q.shape[1]
+    half = np.eye(3)[:, :, None] * np.full(count, 0.5)
+    turned = np.stack([np.stack(spin(tuple(q), tuple(one))) for one in half])
+    none = np.zeros((4, 3, count))
+    attitude = DualArray(q, np.concatenate([turned, np.zeros((4, 4, count))]))
+    slopes = np.concatenate([none[:3], np.eye(3)[:, :, None] + none[:3], none[:1]])
+    scale = known.moment * known.rate
+    momentum = DualArray(l, slopes) * scale
+    time = DualArray(np.zeros(count) + t, np.eye(7)[6][:, None] + none[:1, 0]) * (1.0 / known.rate)
+    try:
+        parts = _rates(known, time, tuple(attitude), tuple(momentum))
+    except (TypeError, ValueError) as error:
+        raise SceneError(_without_derivative(known), at="effects", table="") from error
+    value, slope = np.empty((count, 6)), np.zeros((count, 6, 7))
+    for i, part in enumerate(parts):
+        unit = known.rate if i < 3 else scale * known.rate
+        value[:, i] = (part.value if isinstance(part, DualArray) else part) / unit
+        if isinstance(part, DualArray):
+            slope[:, i] = part.tangents.T / unit
+    return Rates(value, slope)
+
+
+def _rates(known: Mechanics, t: Any, q: Any, l: Any) -> tuple[Any, ...]:
+    """Return (w, f), six numbers or arrays."""
+    body, effects = known.body, known.effects
+    w = add_slip(effects, body, t, 2.0, q, l, angular_velocity(body, l))
+    f: tuple[Any, ...] = add(free_rate(body, l), total_torque(effects, body, t, q, l))
+    return (*w, *f)
+
+
+def _without_derivative(known: Mechanics) -> str:
+    """Return the rule for effects whose code has no derivative."""
+    return (
+        f"the torque of {' or '.join(known.names)} has no derivative in Python: write it with"
+        " arithmetic and the functions of rigidmc.physics.dynamics.so3, such as root and select,"
+        " in place of math and branches"
+    )
+
+
+def energy_of(known: Mechanics, q: Array, l: Array) -> Array:
+    """Return kinetic plus potential energy of states [J], (n,)."""
+    spin_of, scale = np.array(known.body[:3]), known.moment * known.rate
+    kinetic = 0.5 * (spin_of * (scale * l) ** 2).sum(0)
+    energy: Array = kinetic + total_energy(known.effects, known.body, tuple(q))
+    return energy

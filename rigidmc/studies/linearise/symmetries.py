@@ -1,0 +1,174 @@
+"""The continuous symmetries of a scene, and the momenta that they conserve, found from its rates.
+
+A generator (n, s, m) turns the body about the space vector n, shifts time by s, and turns the state
+about the body vector m::
+
+    dq = (0, n) q/2 + q (0, m)/2,   dl = -m x l,   dt = s
+
+It is a symmetry if the rates only turn with it, dw = -m x w and df = -m x f in all states. This is
+linear in (n, s, m): the symmetries are the null space of a matrix with rows at several states.
+Source: Marsden & Ratiu, Introduction to Mechanics and Symmetry (1999), 9 and 11.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.engine.streams import uniforms
+from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.methods import argument_names
+from rigidmc.physics.dynamics.so3 import into_body
+from rigidmc.scene.vector_distributions.vectors import uniform_attitudes
+from rigidmc.studies.linearise.rates import Mechanics, rates_of
+
+Array = NDArray[np.float64]
+STATES = 12  # random states; 3 would determine the 7 numbers of a generator
+# of a singular value, in scaled units: rounding is below 1e-14, and gravity gradient on a body that
+# turns 1000 times an orbit is 1e-6
+ZERO = 1e-12
+PARTS = slice(0, 3), slice(3, 6)  # n and m of a generator
+
+
+class Symmetries(NamedTuple):
+    """The symmetries of a scene.
+
+    frame : (6,) n and m of a generator with s = 1: its flow shifts time by as much as passes
+    generators : (k, 6) n and m of the generators with s = 0
+    conserved : (c, 6) a basis of the generators whose momentum is constant
+    central : (d, 6) a basis of the conserved ones that commute with all generators: symmetries
+        leave their momentum as it is
+    conserves_size : whether |l + wheel| is constant
+    """
+
+    frame: Array
+    generators: Array
+    conserved: Array
+    central: Array
+    conserves_size: bool
+
+
+def cross_matrix(a: Array) -> Array:
+    """Return the matrices (..., 3, 3) of b -> a x b."""
+    matrix = np.zeros((*a.shape[:-1], 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        matrix[..., k, j], matrix[..., j, k] = a[..., i], -a[..., i]
+    return matrix
+
+
+def space_to_body(q: Array) -> Array:
+    """Return the matrices A^T (n, 3, 3) of attitudes (4, n)."""
+    zero = np.zeros(q.shape[1])
+    columns = [into_body(tuple(q), tuple(one[:, None] + zero)) for one in np.eye(3)]
+    return np.moveaxis(np.array(columns), -1, 0).swapaxes(1, 2)
+
+
+def null_space(matrix: Array, zero: float) -> Array:
+    """Return orthonormal rows that span the null space of a matrix, 0 up to `zero`."""
+    _, values, rows = np.linalg.svd(matrix)
+    rank = int((values > zero).sum())
+    return np.asarray(rows[rank:])
+
+
+def tidied(rows: Array) -> Array:
+    """Return a basis of the span of some rows, in echelon form, each of length 1.
+
+    A generator about one axis then is that axis alone, to the last bit.
+    """
+    rows, at = rows.copy(), 0
+    for column in range(rows.shape[1]):
+        if at == len(rows):
+            break
+        best = at + int(np.abs(rows[at:, column]).argmax())
+        if abs(rows[best, column]) < 1e-8:
+            continue
+        rows[[at, best]] = rows[[best, at]]
+        rows[at] /= rows[at, column]
+        others = np.arange(len(rows)) != at
+        rows[others] -= rows[others, column, None] * rows[at]
+        at += 1
+    rows[np.abs(rows) < 1e-10] = 0.0  # without the sign of -0.0
+    return np.asarray(rows / np.sqrt((rows * rows).sum(1, keepdims=True)))
+
+
+def momentum_rows(known: Mechanics, q: Array, l: Array, generators: Array) -> Array:
+    """Return the derivatives (k, 6) of the momenta by x and l in one state.
+
+    The momentum of a generator is (A^T n + m) . (l + wheel).
+    """
+    whole, up = l + known.wheel, generators[:, :3] @ space_to_body(q[:, None])[0].T
+    return np.concatenate([np.cross(whole, up), up + generators[:, 3:]], axis=1)
+
+
+def orbit_rows(q: Array, l: Array, generators: Array) -> Array:
+    """Return the changes (k, 6) of x and l along the generators in one state."""
+    up, m = generators[:, :3] @ space_to_body(q[:, None])[0].T, generators[:, 3:]
+    return np.concatenate([up + m, np.cross(l, m)], axis=1)
+
+
+def sample_states(count: int) -> tuple[Array, Array, Array]:
+    """Return random (q (4, n), w (3, n), t (n,)) in scaled units, the same in every call."""
+    u, v, w, t = uniforms(0, "linearise", 0, count, 0)
+    x, y, z, _ = uniforms(0, "linearise", 0, count, 1)
+    return uniform_attitudes(u, v, w), 2.0 * np.array([x, y, z]) - 1.0, 10.0 * t
+
+
+def find_symmetries(known: Mechanics) -> Symmetries:
+    """Return the Symmetries of a scene; SceneError if none of them passes with time, as for a
+    periodic torque: the scene then has no steady motion."""
+    q, w, t = sample_states(STATES)
+    l = w / (known.moment * np.array(known.body[:3]))  # an axis with a small moment turns no faster
+    rates, into = rates_of(known, q, l, t), space_to_body(q)
+    w, f = rates.value[:, :3], rates.value[:, 3:]
+    by_x, by_l, by_t = rates.slope[..., :3], rates.slope[..., 3:6], rates.slope[..., 6:]
+    turned = np.concatenate([-cross_matrix(w), -cross_matrix(f)], axis=1)
+    by_m = by_x + by_l @ cross_matrix(l.T) + turned
+    changes = np.concatenate([by_x @ into, by_t, by_m], axis=2).reshape(-1, 7)
+    # a turn of a thin body changes its rates much, which must not hide weak effects
+    size = np.maximum(1.0, np.abs(changes).max(axis=0))
+    free = np.linalg.qr((null_space(changes / size, ZERO) / size).T)[0].T
+    passing = free.T @ free[:, 3]
+    if not passing[3] > 1e-12:
+        raise SceneError(_never_steady(known), at="effects", table="")
+    frame = np.delete(passing / passing[3], 3)
+    frame[np.abs(frame) < 1e-12] = 0.0
+    still = null_space(free[:, 3:4].T, 1e-9) @ free if len(free) > 1 else np.empty((0, 7))
+    generators = tidied(np.delete(still, 3, axis=1))
+    up, m = generators[:, :3] @ into.swapaxes(1, 2), generators[:, 3:]
+    whole = l.T + known.wheel
+    # rates (n, k) of the momenta
+    moved = ((np.cross(w, whole) + f)[:, None] * up).sum(2) + f @ m.T
+    conserved = _null_part(moved, generators)
+    brackets = [np.cross(conserved[:, None, part], generators[:, part]) for part in PARTS]
+    flat = np.concatenate(brackets, axis=2).reshape(len(conserved), 6 * len(generators))
+    central = _null_part(flat.T, conserved)
+    growth = (whole * f).sum(1)
+    has_size = bool(np.abs(growth).max() < ZERO * max(1.0, (np.abs(whole) * np.abs(f)).max()))
+    return Symmetries(frame, generators, conserved, central, has_size)
+
+
+def subalgebra(generators: Array, zero: slice) -> Array:
+    """Return a basis (a, 6) of the combinations of generators whose part `zero` is 0."""
+    return _null_part(generators[:, zero].T, generators)
+
+
+def _null_part(matrix: Array, rows: Array) -> Array:
+    """Return a basis of those combinations of rows (k, 6) whose coefficients a matrix (..., k)
+    takes to 0."""
+    if not len(rows):
+        return rows
+    return tidied(null_space(matrix, ZERO * max(1.0, np.abs(matrix).max())) @ rows)
+
+
+def _never_steady(known: Mechanics) -> str:
+    """Return the rule for a scene without a symmetry that passes with time."""
+    timed = [
+        name
+        for name, effect in zip(known.names, known.effects, strict=True)
+        if "t" in argument_names(effect, "torque")
+    ]
+    return (
+        f"{' and '.join(timed)} changes with time, and no rotating frame makes it constant, so"
+        " there is no steady motion; use constant effects, a circular orbit (eccentricity = 0) or"
+        " a field that rotates"
+    )

@@ -1,0 +1,255 @@
+"""Steady motions and their stability against closed forms: Euler, Lagrange, Hughes, DeBra-Delp."""
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc.errors import OptionError, SceneError
+from rigidmc.mechanics import rotation
+from rigidmc.planning.initial import members_at_start
+from rigidmc.studies.linearise import rates, steady
+from rigidmc.studies.linearise.motions import Problem
+from rigidmc.studies.linearise.stability import jacobian
+from rigidmc.studies.linearise.study import table
+
+G = 9.81
+
+
+def own_values(one):
+    """Return the eigenvalues of the motion."""
+    own = one.origin.values == "motion"
+    return one.growth.values[own] + 1j * one.frequency.values[own]
+
+
+def gap(values, true):
+    """Return how far two sets of as many eigenvalues are apart."""
+    apart = np.abs(np.asarray(values)[:, None] - np.asarray(true))
+    assert apart.shape[0] == apart.shape[1]
+    return max(apart.min(0).max(), apart.min(1).max())
+
+
+def nearest(found, omega):
+    """Return the motion whose angular velocity is nearest to omega."""
+    return found.isel(motion=int(((found.omega - omega) ** 2).sum("axis").argmin("motion")))
+
+
+def top(moments=(1.0, 1.0, 0.5), arm=(0.0, 0.0, 0.3), **start):
+    """Return a heavy top of 1 kg."""
+    body = rm.Body(moments, mass=1.0, centre=arm)
+    return rm.Scene(body, rm.Gravity(G), rm.Start(**start))
+
+
+def test_free_body_has_eulers_rates_about_all_axes():
+    moments, l = np.array([1.0, 2.0, 2.5]), 6.0
+    start = rm.Start(momentum=(0.1, np.sqrt(l * l - 0.01), 0.0))
+    found = rm.linearise(rm.Scene(rm.Body(tuple(moments)), start=start), starts=24)
+    assert found.sizes["motion"] == 6
+    for axis, (i, j, k) in enumerate(((0, 1, 2), (1, 2, 0), (2, 0, 1))):
+        square = (moments[i] - moments[j]) * (moments[k] - moments[i]) / moments[j] / moments[k]
+        for sign in (-1.0, 1.0):
+            omega = np.zeros(3)
+            omega[axis] = sign * l / moments[i]
+            one = nearest(found, omega)
+            true = np.sqrt(complex(square)) * l / moments[i]
+            assert abs(one.omega - omega).max() < 1e-12  # measured 1e-15
+            assert gap(own_values(one), [-true, true]) < 1e-12  # measured 2e-15
+            assert one.stability.item() == ("saddle" if axis == 1 else "centre")
+    assert (found.origin == "symmetry").sum("eigenvalue").values.tolist() == [3] * 6
+
+
+@pytest.mark.parametrize("spin", (6.0, 6.9))
+def test_upright_top_has_the_eigenvalues_of_lagrange(spin):
+    found = rm.linearise(top(omega=(0.0, 0.0, spin)), starts=1)
+    # in space I1 a'' - i I3 spin a' - m g l a = 0; the body turns by spin, and a* is its mirror
+    roots = np.roots([1.0, -1j * 0.5 * spin, -G * 0.3]) - 1j * spin
+    assert gap(own_values(found.isel(motion=0)), [*roots, *roots.conj()]) < 1e-12
+    is_asleep = 0.25 * spin**2 > 4.0 * G * 0.3
+    assert found.stability[0].item() == ("centre" if is_asleep else "unstable spiral")
+
+
+def test_a_top_with_a_wrong_arm_has_other_eigenvalues():
+    right, wrong = (
+        rm.linearise(top(omega=(0.0, 0.0, 6.0), arm=(0.0, 0.0, z)), starts=1).growth_rate[0]
+        for z in (0.3, 0.2999)
+    )
+    assert abs(float(right) - float(wrong)) > 1e-5
+
+
+def test_pendulum_hangs_with_its_frequencies_and_falls_from_upright():
+    found = rm.linearise(top((1.0, 1.3, 0.7), attitude=(0.0, 3.0, 0.4), omega=(0, 0, 0)))
+    assert sorted(found.stability.values) == ["centre", "saddle"]
+    hanging = found.isel(motion=int(found.energy.argmin("motion")))
+    roots = np.sqrt(G * 0.3 / np.array([1.3, 1.0]))
+    assert gap(own_values(hanging), [*1j * roots, *-1j * roots]) < 1e-12
+    upright = found.isel(motion=int(found.energy.argmax("motion")))
+    assert gap(own_values(upright), [*roots, *-roots]) < 1e-12
+
+
+def test_regular_precession_nutates_with_its_frequency():
+    tilt, spin, weight = 0.7, 20.0, G * 0.3
+    for rate in np.roots([np.cos(tilt), -0.5 * spin, weight]):  # steady precession, I1 = 1
+        omega = (0.0, float(rate) * np.sin(tilt), spin)
+        found = rm.linearise(top(omega=omega, attitude=(0.0, tilt, 0.0)), starts=1).isel(motion=0)
+        # Klein & Sommerfeld: the curvature of the effective potential at the tilt
+        lz = np.sin(tilt) ** 2 * rate + 0.5 * spin * np.cos(tilt)
+        square = curvature(tilt, lz, 0.5 * spin, weight)
+        assert abs(found.omega - np.array([0.0, omega[1], spin])).max() < 1e-10
+        assert abs(found.turning.values[2] - rate) < 1e-10
+        assert gap(own_values(found), [-1j * np.sqrt(square), 1j * np.sqrt(square)]) < 1e-9
+        assert found.origin.values.tolist()[2:] == ["momentum"] * 2 + ["symmetry"] * 2
+
+
+def curvature(tilt, lz, l3, weight):
+    """Return d2/dtilt2 of (L_z - L_3 cos)^2/(2 sin^2) + weight cos, by complex steps of d/dtilt."""
+    x = tilt + 1e-30j
+    gap = lz - l3 * np.cos(x)
+    slope = gap * l3 / np.sin(x) - gap**2 * np.cos(x) / np.sin(x) ** 3 - weight * np.sin(x)
+    return slope.imag / 1e-30
+
+
+def test_staude_rotation_turns_about_the_vertical():
+    scene = top((1.0, 1.5, 0.8), (0.2, 0.1, 0.3), omega=(0.5, 1.0, 8.0), attitude=(0.3, 0.5, 0.2))
+    found = rm.linearise(scene)
+    assert found.sizes["motion"] >= 4
+    for k in range(found.sizes["motion"]):
+        one = found.isel(motion=k)
+        up = rotation.to_body(one.attitude.values, (0.0, 0.0, 1.0))
+        w, rate = one.omega.values, one.turning.values[2]
+        assert np.abs(w - rate * up).max() < 1e-10
+        torque = -G * np.cross((0.2, 0.1, 0.3), up)
+        assert np.abs(np.cross((1.0, 1.5, 0.8) * w, w) + torque).max() < 1e-9
+
+
+SATELLITES = {  # moments along the axes x (outwards), y (along track), z (normal); DeBra-Delp
+    "Lagrange": ((1.0, 2.0, 2.5), "centre"),
+    "DeBra-Delp": ((2.45, 1.0, 1.2 * 2.45), "unstable"),
+    "unstable pitch": ((2.0, 1.0, 2.5), "unstable"),
+}
+
+
+@pytest.mark.parametrize("name", SATELLITES)
+def test_satellite_librates_as_hughes_says(name):
+    (a, b, c), word = SATELLITES[name]
+    n = 2.0
+    pull = rm.GravityGradient(mu=n * n * 8.0, distance=2.0)
+    start = rm.Start(omega=(0.0, 0.0, n))  # x along the radius, z along the normal
+    found = rm.linearise(rm.Scene(rm.Body((a, b, c)), pull, start), starts=1).isel(motion=0)
+    k1, k3 = (c - b) / a, (c - a) / b
+    # pitch about the normal; roll and yaw: s^4 + (1 + 3 k3 + k1 k3) s^2 + 4 k1 k3 = 0, s in n
+    pitch = np.sqrt(complex(-3.0 * (b - a) / c))
+    squares = np.roots([1.0, 1.0 + 3.0 * k3 + k1 * k3, 4.0 * k1 * k3])
+    others = np.sqrt(squares.astype(complex))
+    true = n * np.array([pitch, -pitch, *others, *-others])
+    assert gap(own_values(found), true) < 1e-10
+    assert (found.stability.item() == "centre") == (word == "centre")
+    assert (found.origin == "motion").all()
+
+
+def test_orbit_has_its_24_equilibria():
+    pull = rm.GravityGradient(mu=8.0, distance=2.0)
+    scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), pull, rm.Start(omega=(0.0, 0.0, 1.0)))
+    found = rm.linearise(scene, starts=200)
+    assert found.sizes["motion"] == 24
+    assert (found.stability == "centre").sum() == 4  # of six orientations one is Lagrange's
+
+
+def test_damping_makes_spirals_and_nodes():
+    free = rm.Start(omega=(0.1, 0.2, 0.3), attitude=(0.0, 2.8, 0.0))
+    body = rm.Body((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, 0.3))
+    for rate, word in ((0.5, "stable spiral"), (50.0, "stable node")):
+        scene = rm.Scene(body, (rm.Gravity(G), rm.ViscousDamping(rate)), free)
+        found = rm.linearise(scene)
+        hanging = found.isel(motion=int(found.energy.argmin("motion")))
+        roots = np.roots([1.0, rate, G * 0.3])
+        assert gap(own_values(hanging), [*roots, *roots, -rate]) < 1e-9
+        assert hanging.stability.item() == word
+
+
+def test_sphere_and_rest_have_nothing_but_symmetries():
+    for body, omega in (((1.0, 1.0, 1.0), (0.1, 0.2, 0.3)), ((1.0, 2.0, 2.5), (0.0, 0.0, 0.0))):
+        found = rm.linearise(rm.Scene(rm.Body(body), start=rm.Start(omega=omega)), starts=4)
+        assert found.stability.values.tolist() == ["neutral"]
+        assert not (found.origin == "motion").any()
+        assert np.isnan(found.growth_rate).all()
+
+
+def test_eigenvectors_belong_to_their_eigenvalues():
+    scene = top((1.0, 1.5, 0.8), (0.2, 0.1, 0.3), omega=(0.5, 1.0, 8.0), attitude=(0.3, 0.5, 0.2))
+    problem = Problem.of(scene, 0)
+    motion = problem.solved(problem.starts(1))[0]
+    j = jacobian(motion.known, motion.found, motion.state)
+    own = motion.linear.origins.count("motion")
+    values, vectors = motion.linear.values[:own], motion.linear.vectors[:, :own]
+    assert own == 4
+    assert np.abs(j @ vectors - vectors * values).max() < 1e-12
+    # the trace of a flow that conserves volume is 0; the derivatives are exact, not differences
+    assert abs(np.trace(j)) < 1e-13
+
+
+def test_start_and_member_choose_the_motion():
+    start = rm.Start(omega=(0.0, rm.uniform(1.0, 2.0), 0.01))
+    scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=start)
+    rates_of_members = [
+        float(rm.linearise(scene, starts=1, first=member).growth_rate[0]) for member in (0, 7)
+    ]
+    spins = members_at_start(scene.model, scene.run, 0, 8)[1]["start_omega"]
+    spins = np.sqrt(((spins.T * np.array([1.0, 2.0, 2.5])) ** 2).sum(1)) / 2.0
+    true = spins[[0, 7]] * np.sqrt(0.5 / 2.5)
+    assert np.abs(rates_of_members - true).max() < 1e-12
+
+
+def test_branches_show_where_the_top_wakes_and_where_axes_exchange():
+    scene, critical = top(omega=(0.0, 0.0, 5.0)), np.sqrt(4.0 * G * 0.3) / 0.5
+    found = rm.linearise(scene, along=("start.omega.3", 6.5, 7.1), points=5, starts=8)
+    change = found.bifurcation_kind.values == "stability"
+    assert found.bifurcation_value.values[change].tolist() == pytest.approx([critical], abs=1e-8)
+    assert found.bifurcation_frequency.values[change] == pytest.approx(critical * 0.75, abs=1e-4)
+    assert found.growing.values[change].tolist() == [[2, 0]]
+    end = found.bifurcation_value.values[~change]  # regular precession ends at the upright top
+    assert np.abs(end - critical).max() < 2e-3
+    assert any("pass the imaginary axis" in line for line in table(found))
+
+
+def test_refusals_name_the_effect_the_parameter_and_the_rule():
+    with pytest.raises(SceneError, match="periodic_torque changes with time"):
+        rm.linearise("driven_pendulum")
+    with pytest.raises(SceneError, match="eccentricity = 0"):
+        rm.linearise("hyperion")
+    with pytest.raises(SceneError, match=r"\[effects\] bath: noise separates"):
+        rm.linearise("brownian_rotor")
+    with pytest.raises(SceneError, match=r"did you mean 'start\.omega\.3'"):
+        rm.linearise("heavy_top", along=("start.omega.4", 1.0, 2.0))
+    with pytest.raises(OptionError, match="expected low < high"):
+        rm.linearise("heavy_top", along="start.omega.3=2:1")
+
+
+def test_a_body_in_other_axes_has_the_same_eigenvalues():
+    turn = rotation.matrix(rotation.from_rotation_vector((0.3, 0.7, 1.1)))
+    tensor = turn @ np.diag([1.0, 1.5, 0.8]) @ turn.T
+    arm, omega = np.array([0.2, 0.1, 0.3]), np.array([0.5, 1.0, 8.0])
+    plain = rm.linearise(top((1.0, 1.5, 0.8), tuple(arm), omega=tuple(omega)), starts=1)
+    body = rm.Body.from_tensor(tensor, mass=1.0, centre=tuple(turn @ arm))
+    attitude = tuple(rotation.quaternion_from_matrix(turn.T))
+    start = rm.Start(omega=tuple(turn @ omega), attitude=attitude)
+    turned = rm.linearise(rm.Scene(body, rm.Gravity(G), start), starts=1)
+    assert gap(own_values(turned.isel(motion=0)), own_values(plain.isel(motion=0))) < 1e-9
+    assert np.abs(turned.omega[0].values - turn @ plain.omega[0].values).max() < 1e-9
+
+
+def test_newton_converges_quadratically_and_a_broken_jacobian_does_not(monkeypatch):
+    scene = top((1.0, 1.5, 0.8), (0.2, 0.1, 0.3), omega=(0.5, 1.0, 8.0), attitude=(0.3, 0.5, 0.2))
+    monkeypatch.setattr(steady, "MOST", 12)
+
+    def left():
+        problem = Problem.of(scene, 0)
+        return steady.solve(problem.known, problem.found, problem.starts(1), problem.held)[1][0]
+
+    assert left() < 1e-14  # measured 2e-16
+    right = rates.rates_of
+
+    def broken(*given):
+        found = right(*given)
+        return found._replace(slope=1.3 * found.slope)
+
+    monkeypatch.setattr(steady, "rates_of", broken)
+    assert left() > 1e-10
