@@ -266,6 +266,22 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
     def checked() -> Any:
         return trust(one, quick=True)
 
+    def exponents() -> Any:
+        return rm.lyapunov(one, members=4)
+
+    def slope() -> Any:
+        return _plain(
+            rm.gradient(single, f"mean({fast.replace('max', 'last')})", "start.omega.2", members=8)
+        )
+
+    def linear() -> Any:
+        return rm.propagate(
+            single, wrt="start.omega.2", deviations=[0.1 / t], of="omega", members=8
+        )
+
+    def steady() -> Any:
+        return rm.linearise(single, starts=4)
+
     return {
         "simulate": simulated, "rerun": again, "simulate(tolerance)": chosen,
         "simulate_until": until, "simulate_totals": totals,
@@ -273,7 +289,8 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
         "rigid": followed, "stability_map": mapped, "zoom_map": nearer, "section": cross,
         "section, every": periodic, "frequencies": spectra, "ftle": grown, "sensitivity": shares,
         "basins": sure, "rare, event": seldom, "rare, tail": tail, "multilevel": levels,
-        "accuracy": ladder, "stress --scene": checked,
+        "accuracy": ladder, "stress --scene": checked, "lyapunov": exponents,
+        "gradient": slope, "propagate": linear, "linearise": steady,
     }  # fmt: skip
 
 

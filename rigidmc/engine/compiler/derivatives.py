@@ -53,7 +53,7 @@ def _without_derivatives(typing_context, x):
 
 
 def chained(x, value, derivative):
-    """Return a number with this value whose tangents are those of x times the derivative."""
+    """Return a number with this value whose tangents are the tangents of x, times the derivative."""
     return value
 
 
@@ -138,6 +138,7 @@ def _hypotenuse(x, y):
 def _momentum_size(moves, square):
     # of a body at rest nan: |L| has no derivative there, and nothing may take it for 0
     size = momentum_size(moves, without_derivatives(square))
+    # at rest the quotient is unused
     return chained(square, size, select(moves, 0.5 / select(moves, size, 1.0), math.nan))
 
 
@@ -179,11 +180,11 @@ RULES: dict[Callable[..., Any], Callable[..., Any]] = {
 def rule_for(function: Any, kinds: Any) -> Any:
     """Return the rule of a function if a Dual is among its arguments, else the function."""
     rule = RULES.get(function, function)
-    return rule if rule is not function and any(map(_has_dual, kinds)) else function
+    return rule if rule is not function and any(_has_dual(kind) for kind in kinds) else function
 
 
 def _has_dual(kind: Any) -> bool:
     """Return whether a type is a Dual, or a tuple with one."""
     if isinstance(kind, types.BaseTuple):
-        return any(map(_has_dual, kind))
+        return any(_has_dual(part) for part in kind)
     return isinstance(kind, DualType)

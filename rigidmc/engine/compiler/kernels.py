@@ -79,7 +79,8 @@ class Tangents(NamedTuple):
     of_each : derivatives of each number, 0 for none
     in_state, in_work, in_trace, in_kept : vectors from a number to its first derivative in this
         memory, see `DualRows`
-    of_body, of_effects : whether those of the body and of the effects' parameters may differ from 0
+    of_body, of_effects : whether derivatives of the body and of the effects' parameters may be
+        other than 0
     """
 
     of_each: int

@@ -78,6 +78,7 @@ def linearise_motion(known: Mechanics, found: Symmetries, state: States) -> Line
         order = np.lexsort((-found_values.imag, -np.round(found_values.real, 9)))
         for i in order:
             cosine = abs(np.vdot(left[:, i], right[:, i]))
+            # a cosine is a pure number
             errors.append(size * min(DOUBLE, 1e3 * np.finfo(float).eps / max(cosine, 1e-300)))
             values.append(complex(found_values[i]))
             vectors.append(_whole(found_values[i], right[:, i], k, parts, blocks))

@@ -115,7 +115,7 @@ def solve(known: Mechanics, found: Symmetries, states: States, held: Array) -> t
     value, slope = residual(known, found, states, held)
     size, damping = (value**2).sum(1), np.ones(len(value))
     for _ in range(MOST):
-        if (size < 1e-30).all():
+        if (size < 1e-30).all():  # residuals are in units of the scene's own rates
             break
         left, scales, right = np.linalg.svd(slope, full_matrices=False)
         scales = np.where(scales > FLAT * scales[:, :1], scales, 0.0)
@@ -124,6 +124,7 @@ def solve(known: Mechanics, found: Symmetries, states: States, held: Array) -> t
         along = (scales / over) * np.einsum("nri,nr->ni", left, value)
         step = -np.einsum("nij,ni->nj", right, along)
         angle = np.sqrt((step[:, :3] ** 2).sum(1))
+        # angles are pure numbers
         step *= np.minimum(1.0, LONGEST / np.maximum(angle, 1e-300))[:, None]
         tried = moved(states, step)
         next_value, next_slope = residual(known, found, tried, held)
@@ -199,6 +200,7 @@ def search_starts(known: Mechanics, found: Symmetries, q: Array, l: Array, count
     if found.conserves_size:
         momenta = momenta + known.wheel[:, None]
         size = np.sqrt(((l + known.wheel) ** 2).sum()), np.sqrt((momenta**2).sum(0))
+        # momenta are in units of the scene's own scale
         momenta = momenta * (size[0] / np.maximum(size[1], 1e-300)) - known.wheel[:, None]
     both = np.concatenate([q[:, None], others], 1), np.concatenate([l[:, None], momenta], 1)
     return with_frames(known, found, *both)

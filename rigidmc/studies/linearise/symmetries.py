@@ -157,6 +157,7 @@ def _null_part(matrix: Array, rows: Array) -> Array:
     takes to 0."""
     if not len(rows):
         return rows
+    # the matrix is in units of the scene's own scales
     return tidied(null_space(matrix, ZERO * max(1.0, np.abs(matrix).max())) @ rows)
 
 

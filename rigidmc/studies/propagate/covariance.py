@@ -120,6 +120,7 @@ def checked_covariance(value: Any, size: int) -> Array:
     if matrix.shape != (size, size) or not np.isfinite(matrix).all():
         raise OptionError(rule, at="covariance", value=value)
     deviations = np.sqrt(np.abs(np.diag(matrix)))
+    # a variance of 0 has zeros in its row, in any unit
     scale = np.where(deviations > 0.0, deviations, 1.0)
     unitless = matrix / np.outer(scale, scale)
     if np.abs(unitless - unitless.T).max() > ROUNDING:
@@ -134,6 +135,7 @@ def checked_covariance(value: Any, size: int) -> Array:
 def draw_normal(covariance: Array, count: int, seed: int) -> Array:
     """Return normal deviations (P, count) of mean 0 with a covariance, which may be singular."""
     deviations = np.sqrt(np.diag(covariance))
+    # a variance of 0 has zeros in its row, in any unit
     scale = np.where(deviations > 0.0, deviations, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     factor = scale[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None))
