@@ -71,8 +71,8 @@ class Derivatives(NamedTuple):
 
     at_once : derivatives of each number that one pass through the steps computes, 0 for none
     passes : passes; a block has rows for at_once * passes derivatives
-    of_body, of_effects : whether derivatives of bodies and of the parameters of effects may be other
-        than 0
+    of_body, of_effects : whether derivatives of bodies and of the parameters of effects may be
+        other than 0
     """
 
     at_once: int = 0

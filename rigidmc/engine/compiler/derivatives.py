@@ -53,7 +53,7 @@ def _without_derivatives(typing_context, x):
 
 
 def chained(x, value, derivative):
-    """Return a number with this value whose tangents are the tangents of x, times the derivative."""
+    """Return a number with this value, and with the tangents of x times the derivative."""
     return value
 
 
