@@ -14,6 +14,7 @@ OF_VALUES = {
 
 def _power_partials(y: Any, a: Any, b: Any) -> tuple[Any, Any]:
     """Return (b a^(b - 1), a^b ln a); a power of 0 has no tangent by its exponent."""
+    # 0^b is 0 for every b: its logarithm is unused
     return b * a ** (b - 1.0), y * np.log(np.where(a == 0.0, 1.0, a))
 
 

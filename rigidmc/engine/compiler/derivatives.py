@@ -40,6 +40,9 @@ from rigidmc.physics.dynamics.vectors import (
 )
 
 
+_TUPLE: Any = types.BaseTuple  # as Any: Numba's stubs lack the items of tuples
+
+
 def without_derivatives(x):
     """Return the value of a number, without its tangents."""
     return x
@@ -185,6 +188,6 @@ def rule_for(function: Any, kinds: Any) -> Any:
 
 def _has_dual(kind: Any) -> bool:
     """Return whether a type is a Dual, or a tuple with one."""
-    if isinstance(kind, types.BaseTuple):
+    if isinstance(kind, _TUPLE):
         return any(_has_dual(part) for part in kind)
     return isinstance(kind, DualType)
