@@ -39,7 +39,6 @@ from rigidmc.physics.dynamics.vectors import (
     select_all,
 )
 
-
 _TUPLE: Any = types.BaseTuple  # as Any: Numba's stubs lack the items of tuples
 
 
