@@ -122,7 +122,8 @@ def test_staude_rotation_turns_about_the_vertical():
 
 SATELLITES = {  # moments along the axes x (outwards), y (along track), z (normal); DeBra-Delp
     "Lagrange": ((1.0, 2.0, 2.5), "centre"),
-    "DeBra-Delp": ((2.45, 1.0, 1.2 * 2.45), "unstable"),
+    "DeBra-Delp": ((0.65625, 1.0, 0.60625), "centre"),  # k1 = -0.6, k3 = -0.05
+    "unstable pitch and more": ((2.45, 1.0, 1.2 * 2.45), "unstable"),
     "unstable pitch": ((2.0, 1.0, 2.5), "unstable"),
 }
 
