@@ -204,6 +204,8 @@ class Run(Table):
         }
         if isinstance(names := data.get("wrt"), str):
             data["wrt"] = names = words_of(names)
+        elif isinstance(names, list):
+            data["wrt"] = names = tuple(names)
         if "wrt" in data and names in ((), []):
             del data["wrt"]  # no derivatives, as without the setting
         if data.get("dt") is not None and data.get("turn") is not None:

@@ -369,7 +369,13 @@ def differences(make, given, name):
     return total
 
 
-@pytest.mark.parametrize("name", CASES)
+# each of these takes 1 to 6 s
+LONG = ("drawn", "uncertain tensor", "correlated", "described", "orbit", "uncertain satellite")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in LONG else n for n in CASES]
+)
 def test_derivatives_are_those_of_differences(name):
     case = CASES[name]
     scene = case.make(case.given)

@@ -146,6 +146,7 @@ def test_satellite_librates_as_hughes_says(name):
     assert (found.origin == "motion").all()
 
 
+@pytest.mark.slow
 def test_orbit_has_its_24_equilibria():
     pull = rm.GravityGradient(mu=8.0, distance=2.0)
     scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), pull, rm.Start(omega=(0.0, 0.0, 1.0)))
@@ -199,6 +200,7 @@ def test_start_and_member_choose_the_motion():
     assert np.abs(rates_of_members - true).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_branches_show_where_the_top_wakes_and_where_axes_exchange():
     scene, critical = top(omega=(0.0, 0.0, 5.0)), np.sqrt(4.0 * G * 0.3) / 0.5
     found = rm.linearise(scene, along=("start.omega.3", 6.5, 7.1), points=5, starts=8)
