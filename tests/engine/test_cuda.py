@@ -502,7 +502,10 @@ SIDES = "--x", "start.omega.size=4:6", "--y", "start.attitude.theta=0.3:0.6"
     ("run", "scene"),
     ("run", "scene", "--until", "mean(nutation_max) +- 50 %", "--most", 64),
     ("map", "scene", *SIDES, *MEASURED, "--resolution", 2, "--members", 8),
-    ("rare", "scene", "--of", "p(nutation_max >= 0.4)", "--members", 32, "--repetitions", 2),
+    pytest.param(
+        ("rare", "scene", "--of", "p(nutation_max >= 0.4)", "--members", 32, "--repetitions", 2),
+        marks=pytest.mark.slow,
+    ),
 ], ids=("run", "until", "map", "rare"))  # fmt: skip
 def test_commands_move_members_on_the_device(words, fake, monkeypatch, tmp_path):
     """In memory and in a run directory, and only there where --device says so."""

@@ -367,7 +367,10 @@ def has_grown(folder, size):
     return False
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [pytest.param(signal.SIGINT, 130, marks=pytest.mark.slow), (signal.SIGTERM, 143)],
+)
 def test_a_second_signal_leaves_no_more_files_than_the_first(tmp_path, number, code):
     words = ["run", "dzhanibekov", "--members", "2000000", "-o", str(tmp_path / "x.nc")]
     heard = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)}

@@ -164,6 +164,7 @@ def rubbed(rest):
     return rm.Scene(rm.Body((1.0, 1.4, 2.0)), rm.DryFriction(0.5, rest), start)
 
 
+@pytest.mark.slow
 def test_a_kink_is_the_reason_where_it_is():
     """Friction that jumps at rest: half the step divides the error of rk8 by 0.4. With a width of
     1 rad/s the same torque is smooth, and keeps the tolerance."""

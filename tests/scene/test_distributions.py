@@ -389,6 +389,7 @@ def height(found):
     return centre @ np.array(vertical(tuple(found["start_attitude"]))) / np.linalg.norm(centre)
 
 
+@pytest.mark.slow
 def test_the_canonical_ensemble_is_that_of_gravity():
     """Under gravity the height of the centre is exponential: exp(-m g h z/kT) on (-1, 1)."""
     found, block = drawn(

@@ -161,6 +161,7 @@ def spreads(levels=(0, 1, 2, 3)):
     return np.array([one["squares"] / 4095 for one in each])
 
 
+@pytest.mark.slow
 def test_the_coupling_makes_corrections_small(monkeypatch):
     v = spreads()
     assert v[1] < 0.2 * v[0]  # measured 0.15

@@ -352,7 +352,7 @@ def test_members_are_picked_and_dark_is_dark(tab):
     assert sum(map(int, re.findall(r"\d+", colour))) < 150
 
 
-@pytest.mark.parametrize("width", [400, 1280])
+@pytest.mark.parametrize("width", [400, pytest.param(1280, marks=pytest.mark.slow)])
 def test_nothing_is_wider_than_the_window(browser, page, width):
     opened = browser.new_page(viewport={"width": width, "height": 900})
     opened.goto(page.as_uri())

@@ -78,8 +78,8 @@ def differing(some, every, booked):
     ]
 
 
-# 13 kernels that no other test compiles; the other four have the same saves
-LONG = "free, by the exact motion", "heavy and damped, by Runge-Kutta"
+# 13 kernels that no other test compiles; the others have the same saves
+LONG = "free, by the exact motion", "heavy and damped, by Runge-Kutta", "damped", "in a bath"
 
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps

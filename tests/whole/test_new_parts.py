@@ -302,6 +302,7 @@ print(json.dumps([one.output for one in ended]))
 """
 
 
+@pytest.mark.slow
 def test_the_generic_tests_take_what_is_new(extended):
     files = [
         "tests/physics/effects/test_effects.py", "tests/physics/integrators/test_steps.py",

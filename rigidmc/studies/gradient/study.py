@@ -12,9 +12,9 @@ the likelihood ratio ("score") has the derivative of any mean::
     d<Y>/dp = <Y s>,   s = d ln f/dp
 
 Tangents of chaotic motion grow as exp(lambda t). The study measures this growth from the tangents
-themselves, as twice the median of ln |dX/dp| at the end less that at half of the time. A derivative
-by the path is useless if growth exceeds ln(1/eps), with the resolution eps of the states; long
-before, few members carry the mean, and their effective number warns of it.
+themselves, as twice the median of ``ln |dX/dp|`` at the end less that at half of the time. A
+derivative by the path is useless if growth exceeds ln(1/eps), with the resolution eps of the
+states; long before, few members carry the mean, and their effective number warns of it.
 Source: Glynn, Commun. ACM 33 (1990) 75; Hong, Oper. Res. 57 (2009) 118; Lea, Allen & Haine, Tellus
 52A (2000) 523.
 

@@ -9,7 +9,7 @@ R_ii along each is counted::
 
 u_i are unit vectors along the first tangents as they have moved. With the largest moment I of a
 member and the bound r on its rate (`rigidmc.planning.steps.rate_bounds`), the length of a tangent
-is |x|^2 = angle^2 + |change of L|^2/(I r)^2. All exponents of a regular motion fall as 1/t, and its
+is the root of angle^2 + (change of L/(I r))^2. All exponents of a regular motion fall as 1/t, its
 indices as powers of t or not at all; in chaos the indices fall as exp(-(lambda_1 - lambda_2) t) and
 faster. Tangents are derivatives of the steps themselves, so exponents do not depend on the widths
 of distributions, and float32 limits only their digits. With noise, all paths have the same noise.

@@ -102,6 +102,7 @@ def test_a_wobble_beside_a_wheel_grows_or_fades_as_theory_says(share):
     assert growth == pytest.approx(-rate, rel=1e-7)  # measured 4.2e-9
 
 
+@pytest.mark.slow
 def test_a_scene_tells_the_friction_of_its_rotors():
     """Two wheels, one of each member, one with a motor, in any order; by rk8 and a splitting."""
     wheels = (

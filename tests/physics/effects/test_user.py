@@ -326,6 +326,7 @@ class Analysis(NamedTuple):
         )
 
 
+@pytest.mark.slow
 def test_functions_of_the_library_in_float32():
     """These functions use the bits of float64; the result is then rounded."""
     double, single = (

@@ -160,6 +160,7 @@ def lagrange():
         pytest.param("srkn11", {"turn": 0.1}, 1e-12, marks=pytest.mark.slow),
     ],  # measured 3e-15, 4e-14
 )
+@pytest.mark.slow
 def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step, bound):
     scene, case, cosine = lagrange
     watched = *MANY[:-1], rm.Passage(3, 1.2, stop=integrator == "srkn11")
