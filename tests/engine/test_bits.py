@@ -64,6 +64,7 @@ def test_widths_change_no_bit(monkeypatch):
     assert made == {1, 16}  # a scene keeps its program, which is no program of another width
 
 
+@pytest.mark.slow
 def test_another_processor_with_other_libraries_changes_no_bit():
     names = NAMES[-2:]  # with sines of the time, and with deviates
     found = elsewhere(list(PROCESSORS)[-1], (0,), QUICK, names=names)

@@ -465,6 +465,7 @@ def test_the_bench_keeps_its_rows_without_a_device(fake, monkeypatch, tmp_path):
     assert (tmp_path / "device.json").read_text() == "kept"
 
 
+@pytest.mark.slow
 def test_commands_take_a_device(fake, monkeypatch, tmp_path):
     """`run`, `show` and a study; what follows is on the processor again."""
     driver = fake()

@@ -186,6 +186,7 @@ STUDIES = (
 
 
 @LINUX
+@pytest.mark.slow
 def test_some_kills(tmp_path):
     """As `python tests/torture.py --kills 200`, and the twenty kills below."""
     told = torture.kills(2, str(tmp_path), random.Random(5), 100_000, 1, ("table",))

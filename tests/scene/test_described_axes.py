@@ -396,6 +396,7 @@ def states_apart(one, tensor):
 FEW = EFFECTS["gravity"] + EFFECTS["uniform_field"] + EFFECTS["rotor"]
 
 
+@pytest.mark.slow
 def test_monitored_steps():
     """An event and extremes within steps, of axes half a turn away and of members whose axes
     differ; the slow tests have the other observables."""

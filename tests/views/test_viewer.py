@@ -253,6 +253,7 @@ def tab(watched_tab):
     assert troubles == []
 
 
+@pytest.mark.slow
 def test_charts_are_in_the_axes_of_the_description(browser, tmp_path):
     """Frames are in the principal axes; the charts and the arrows are not."""
     tensor = [[2.0, 0.5, 0.2], [0.5, 1.6, 0.0], [0.2, 0.0, 2.4]]

@@ -407,6 +407,7 @@ def test_each_part_of_ones_own_takes_fifteen_lines_and_five_of_a_scene_file():
     assert max(len(table.splitlines()) for table in tables) <= 8
 
 
+@pytest.mark.slow
 def test_a_script_and_a_scene_file_run_the_same_parts(own, monkeypatch):
     """One of each kind: compiled from the script, uncompiled from the file and the command line."""
     monkeypatch.chdir(own)

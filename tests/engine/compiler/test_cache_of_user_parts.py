@@ -295,6 +295,7 @@ SOME = (*(*UNKNOWN,)[:6:5], "")
 
 
 @pytest.mark.parametrize("reasons", [SOME, pytest.param((*UNKNOWN,), marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_what_no_stamp_tells_is_compiled_in_every_process(tmp_path, reasons):
     folders = [bare(tmp_path, f"bare {i}", *UNKNOWN[each]) for i, each in enumerate(reasons)]
     for _ in range(2):

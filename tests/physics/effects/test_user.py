@@ -197,6 +197,7 @@ def test_a_message_says_whether_an_effect_is_packed_and_why_not():
     )
 
 
+@pytest.mark.slow
 def test_studies_take_an_effect_that_runs_one_member_at_a_time(monkeypatch):
     """Each of them makes programs of its own."""
     monkeypatch.setattr(choose, "CONTENDERS", ("rk4",))  # one contender tells as much as six

@@ -207,6 +207,7 @@ def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step,
 STATISTICS = ("omega_min", "omega_max", "omega_mean", "omega_variance", "energy_variance")
 
 
+@pytest.mark.slow
 def test_statistics_are_those_of_the_trajectory():
     """Of closed forms, in steps of up to 0.4 rad: extremes within steps count."""
     scene = rm.Scene(
