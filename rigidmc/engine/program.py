@@ -208,7 +208,7 @@ class Program:
             return KernelKey(function, parts, self.dtype, self.lanes, arguments) if wanted else None
 
         def dual(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
-            """The same for a kernel that takes derivatives along."""
+            """Return the KernelKey of a kernel that takes derivatives along."""
             plain = key(wanted, function, parts, arguments)
             return plain and plain._replace(tangents=self.tangents)
 

@@ -169,6 +169,20 @@ def _left(
             yield i
 
 
+def steps_of_job(plan: Plan, slots: int) -> dict[str, Any]:
+    """Return the fields of a BlockJob that tell its steps; slots : of a round."""
+    grid = plan.grid
+    return {
+        "h": grid.dt,
+        "slots": slots,
+        "stride": slots * grid.stride,
+        "total": slots * grid.steps,
+        "head": slots * grid.head,
+        "last_h": grid.last_dt,
+        "rounds": grid.steps,
+    }
+
+
 def _make_job(
     plan: Plan,
     program: Program | None,
@@ -185,7 +199,7 @@ def _make_job(
 
     width : columns of `out`
     """
-    grid, order, slots, random = plan.grid, None, 1, NO_NOISE
+    order, slots, random = None, 1, NO_NOISE
     members = plan.indices(first, rows.shape[1])
     if program is None:
         _close(plan, rows, start, out, width, column)
@@ -209,13 +223,7 @@ def _make_job(
         out=out,
         width=width,
         column=column,
-        h=grid.dt,
-        slots=slots,
-        stride=slots * grid.stride,
-        total=slots * grid.steps,
-        head=slots * grid.head,
-        last_h=grid.last_dt,
-        rounds=grid.steps,
+        **steps_of_job(plan, slots),
     )
 
 

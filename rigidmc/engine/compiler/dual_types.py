@@ -22,6 +22,7 @@ from numba.core.typeconv.castgraph import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
 from rigidmc.engine.compiler.vector_types import (
+    COMPARISONS,
     MaskType,
     VectorType,
     broadcast,
@@ -338,14 +339,7 @@ def _define_comparison(operation: Any, sign: str) -> None:
         lower_builtin(operation, *kinds)(lower)
 
 
-for _operation, _sign in (
-    (operator.lt, "<"),
-    (operator.le, "<="),
-    (operator.gt, ">"),
-    (operator.ge, ">="),
-    (operator.eq, "=="),
-    (operator.ne, "!="),
-):
+for _operation, _sign in COMPARISONS.items():
     _define_comparison(_operation, _sign)
 
 

@@ -27,6 +27,10 @@ ELEMENT = {
     "uint64": ir.IntType(64),
     "int64": ir.IntType(64),
 }
+COMPARISONS = {
+    operator.lt: "<", operator.le: "<=", operator.gt: ">", operator.ge: ">=", operator.eq: "==",
+    operator.ne: "!=",
+}  # fmt: skip
 _PLAIN = (types.Float, types.Integer)
 _INDEX = ir.IntType(32)
 
@@ -236,14 +240,7 @@ for _operation, _name in ((operator.and_, "and_"), (operator.or_, "or_"), (opera
     )
 for _operation, _name in ((operator.lshift, "shl"), (operator.rshift, "lshr")):
     _define(_operation, 2, _by("", _name), only=_words)
-for _operation, _sign in (
-    (operator.lt, "<"),
-    (operator.le, "<="),
-    (operator.gt, ">"),
-    (operator.ge, ">="),
-    (operator.eq, "=="),
-    (operator.ne, "!="),
-):
+for _operation, _sign in COMPARISONS.items():
     _define(_operation, 2, _comparison(_sign), result=_mask_of)
 for _operation, _sign in ((operator.eq, "=="), (operator.ne, "!=")):
     _define(_operation, 2, _mask_comparison(_sign), ty=MaskType, plain_types=_TRUTH)

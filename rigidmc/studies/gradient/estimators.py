@@ -78,7 +78,7 @@ def terms_of(values: Array, scores: Array) -> Array:
 
 
 def of_score(values: Array, scores: Array, confidence: float) -> Interval:
-    """Estimate d<Y | A>/dp as the mean of `terms_of`; nan if Y is the same for all members, as no
+    """Estimate d<Y | A>/dp as the mean of `terms_of`; nan if all members have the same Y, as no
     sample then shows its change."""
     inside = np.isfinite(values)
     if is_constant(values):

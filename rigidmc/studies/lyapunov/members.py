@@ -15,7 +15,7 @@ from rigidmc.planning.initial import noise_keys
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.steps import order_by_steps, rate_bounds
 from rigidmc.runs.assemble import make_program
-from rigidmc.runs.blocks import BlockJob
+from rigidmc.runs.blocks import BlockJob, steps_of_job
 from rigidmc.runs.directory.tasks import Request, TaskArrays
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.recording import make_recording
@@ -64,7 +64,7 @@ def _job(
 
     rows : of the members;  first : place of the first one in the study
     """
-    grid, order, slots = plan.grid, None, 1
+    order, slots = None, 1
     if plan.has_member_steps:
         order, slots = order_by_steps(rows), int(rows[layout.STEPS].max())
         rows = rows[:, order]
@@ -86,13 +86,7 @@ def _job(
         out=np.empty(0),
         width=0,
         column=0,
-        h=grid.dt,
-        slots=slots,
-        stride=slots * grid.stride,
-        total=slots * grid.steps,
-        head=slots * grid.head,
-        last_h=grid.last_dt,
-        rounds=grid.steps,
+        **steps_of_job(plan, slots),
     )
 
 
