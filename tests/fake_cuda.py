@@ -17,7 +17,7 @@ import pytest
 
 from rigidmc.engine.cuda import devices as cuda_device
 from rigidmc.engine.cuda import program as cuda
-from rigidmc.engine.cuda.code import link_kernel, optimise
+from rigidmc.engine.linked import link_kernel, optimise
 
 
 class Code(int):
@@ -283,7 +283,7 @@ def fake(monkeypatch):
         monkeypatch.setitem(sys.modules, "cuda.bindings", package.bindings)
         monkeypatch.setitem(sys.modules, "cuda.bindings.driver", driver)
         if compiled:
-            monkeypatch.setattr(cuda, "link_kernel", functools.partial(link_kernel, host=True))
+            monkeypatch.setattr(cuda, "link_kernel", lambda *given: link_kernel(*given[:3]))
             monkeypatch.setattr(cuda, "ptx_of", lambda module, _: optimised_text(str(module)))
             # which is no PTX and must not go to the disk cache
             monkeypatch.setattr(cuda, "cached_text", lambda types, more, make: make())

@@ -4,7 +4,7 @@ from functools import partial
 from typing import Any
 
 from rigidmc.engine.compiler.compose import NumbaError, innermost_cause
-from rigidmc.engine.cuda.devices import device_number
+from rigidmc.engine.cuda.devices import device_number, is_gpu
 from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
 from rigidmc.engine.program import NO_DERIVATIVES, Derivatives, Program
@@ -94,10 +94,14 @@ def make_program(
         refuse_memory(effects)
         events, running, shadow = plan.monitors.compiled
         kind: Any = Program
-        if device != "cpu":
+        if is_gpu(device):
             from rigidmc.engine.cuda.program import CudaProgram
 
             kind = partial(CudaProgram, number=device_number(device))
+        elif device == "wasm":
+            from rigidmc.engine.wasm.program import WasmProgram
+
+            kind = WasmProgram
         found: Program = kind(
             plan.scheme,
             blank(effects),

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from rigidmc.engine.cuda.devices import resolve_device
+from rigidmc.engine.cuda.devices import is_gpu, resolve_device
 from rigidmc.engine.inspection import step_operations, torque_operations
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import StepRange
@@ -50,7 +50,7 @@ def cost_per_step(
     """
     program, plan = run.program(device), run.plan
     assert program is not None, "closed forms make no steps"
-    on_device, own = device != "cpu", int(plan.has_member_steps)
+    on_device, own = is_gpu(device), int(plan.has_member_steps)
     members = DEVICE_BLOCK if on_device else members
     random = noise_keys(plan.model.effects, plan.run.seed, plan.indices(plan.first, members))
     staged, _ = run.initial(plan.first, members)
@@ -96,9 +96,9 @@ def predicted_seconds(
     memory or to a file of the same kind, which a kernel timing omits.
     """
     plan, device = run.plan, resolve_device(device)
-    size = REHEARSED if device == "cpu" else WAVE
+    size = WAVE if is_gpu(device) else REHEARSED
     if plan.members < 8 * size:
-        if device == "cpu":
+        if not is_gpu(device):
             assert run.choice is not None
             return plan.members / run.choice.members_per_second(threads)
         return _of_a_member(run, device) * moved_at_once(plan.members, threads, device)
@@ -215,7 +215,7 @@ def _seconds(
         assert scene.run.every is not None
         scene, share = scene.with_run(t_end=kept * scene.run.every), kept / saves
     # a GPU takes as long for one member as for a wave of members
-    count = min(LANES if device == "cpu" else WAVE, members)
+    count = min(WAVE if is_gpu(device) else LANES, members)
     before = 0, 0.0
     part = folder and os.path.join(folder, "rehearsal")
     with folder_beside(part) if part else tempfile.TemporaryDirectory() as place:

@@ -7,7 +7,7 @@ import os
 import shutil
 from typing import NamedTuple
 
-from rigidmc.engine.cuda.devices import device_number, select_devices
+from rigidmc.engine.cuda.devices import device_number, is_gpu, select_devices
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.layout import BLOCK, LANES, whole_lanes
 from rigidmc.errors import NoRoom
@@ -30,13 +30,13 @@ BASE = 0.25e9  # interpreter, libraries and kernels [bytes]
 
 def movers(threads: int, device: str) -> int:
     """Return how many threads or GPUs move members at once."""
-    return threads if device == "cpu" else len(select_devices(device_number(device)))
+    return len(select_devices(device_number(device))) if is_gpu(device) else threads
 
 
 def moved_at_once(members: int, threads: int, device: str) -> float:
     """Return the number of members whose time a thread or GPU needs for its part of the run."""
     each = members / movers(threads, device)
-    return each if device == "cpu" else max(WAVE, each)
+    return max(WAVE, each) if is_gpu(device) else each
 
 
 def block_of(plan: Plan, threads: int, device: str, streaming: bool) -> int:
@@ -46,7 +46,7 @@ def block_of(plan: Plan, threads: int, device: str, streaming: bool) -> int:
     file are its chunks, whose bytes depend on the number of threads alone.
     """
     blocks = (1 if plan.has_member_steps else 4) * threads
-    if device != "cpu":
+    if is_gpu(device):
         blocks = max(movers(threads, device), min(blocks, plan.members // WAVE))
         block = min(DEVICE_BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
         # in memory, most saves are written directly to their final place

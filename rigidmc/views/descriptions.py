@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.compile_time import list_kernels, seconds, seconds_text
+from rigidmc.engine.cuda.devices import is_gpu
 from rigidmc.engine.inspection import torque_operations, why_scalar
 from rigidmc.engine.program import Program
 from rigidmc.mechanics import inertia
@@ -215,7 +216,7 @@ def _cost(run: PreparedRun, threads: int, device: str) -> list[str]:
     made = run.program(device)
     assert made is not None
     one, every = made.places(threads)
-    digits = ".2f" if device == "cpu" else ".3g"
+    digits = ".3g" if is_gpu(device) else ".2f"
     lines.append(
         f"cost         {cost:{digits}} ns per member-step on {one} (measured now);"
         f" about {total:.2g} s for the steps on {every}"

@@ -36,11 +36,12 @@ from bench.gpu import (
     tool,
 )
 from rigidmc.cli import app
+from rigidmc.engine import linked
 from rigidmc.engine.compiler import disk_cache
 from rigidmc.engine.compiler import kernels as pieces
-from rigidmc.engine.cuda import code as cuda_code
 from rigidmc.engine.cuda import devices as cuda_device
 from rigidmc.engine.cuda import program as cuda
+from rigidmc.engine.cuda import ptx as ptx_code
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.errors import NoRoom
 from rigidmc.files.outputs import content_of
@@ -139,10 +140,10 @@ def test_derivatives_have_the_bits_of_the_processor(fake):
 def test_the_comparison_sees_one_bit(fake, monkeypatch):
     """A kernel that fuses one more product with a sum is not the processor's."""
     fake()
-    made = cuda_code.link_kernel
+    made = linked.link_kernel
 
     def fusing(*given, **named):
-        text = re.sub(r"= fmul <1", "= fmul contract <1", str(made(*given, host=True)))
+        text = re.sub(r"= fmul <1", "= fmul contract <1", str(made(*given[:3])))
         return llvm.parse_assembly(re.sub(r"= fadd <1", "= fadd contract <1", text))
 
     monkeypatch.setattr(cuda, "link_kernel", fusing)
@@ -195,9 +196,9 @@ def test_ptx_has_the_operations_of_the_processor(name, fake):
     for label, program, capability in targets(kernels(name)):
         _, text = pieces.llvm_of(program.kernel_keys["march"])
         here = by_sort(sort, (one or other for one, other in OF_LLVM.findall(text)))
-        machine = cuda_code.machine_for(capability)
-        module = llvm.parse_assembly(cuda_code.MACHINE.sub("", text))
-        ptx = machine.emit_assembly(cuda_code.optimise(module, machine))
+        machine = ptx_code.machine_for(capability)
+        module = llvm.parse_assembly(linked.MACHINE.sub("", text))
+        ptx = machine.emit_assembly(linked.optimise(module, machine))
         there = by_sort(sort, (kind for kind, _ in ROUNDED.findall(ptx)))
         assert here == there and here[0] > 0, label
 

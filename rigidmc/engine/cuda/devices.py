@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import NoDevice, OptionError, nearest
 
-WORDS = ("cpu", "cuda", "auto")
+# "wasm" moves members in a WebAssembly runtime, for tests: no help names it
+WORDS = ("cpu", "cuda", "auto", "wasm")
 
 
 def resolve_device(word: str | None) -> str:
@@ -31,16 +32,21 @@ def resolve_device(word: str | None) -> str:
         return "cpu"
     if word not in WORDS and not re.fullmatch(r"cuda:\d{1,3}", word):
         rule = "expected cpu, cuda, cuda:NUMBER or auto"
-        raise OptionError(rule, at="device", value=word, nearest=nearest(word, WORDS))
+        raise OptionError(rule, at="device", value=word, nearest=nearest(word, WORDS[:3]))
     if word == "auto":
         try:
             select_devices(None)
         except NoDevice:
             return "cpu"
         return "cuda"
-    if word != "cpu":
+    if is_gpu(word):
         select_devices(device_number(word))
     return word
+
+
+def is_gpu(device: str) -> bool:
+    """Whether a device is a GPU, or all of them."""
+    return device.startswith("cuda")
 
 
 def device_number(name: str) -> int | None:

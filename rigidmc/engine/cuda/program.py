@@ -1,4 +1,4 @@
-"""Blocks of members on GPUs, one thread per member, see `rigidmc.engine.cuda.code`.
+"""Blocks of members on GPUs, one thread per member, see `rigidmc.engine.cuda.ptx`.
 
 A block stays on the GPU from the first step of a run to the last. Launches are short, so progress
 is shown and a run can be stopped between them. Each worker thread has its own stream: while one
@@ -20,7 +20,6 @@ from rigidmc.engine.compile_time import announce_compiling
 from rigidmc.engine.compiler.disk_cache import cached_text, has_text
 from rigidmc.engine.compiler.kernels import CompiledFunction, config, signature_of
 from rigidmc.engine.compiler.trees import tree_flatten
-from rigidmc.engine.cuda.code import KERNEL, link_kernel, ptx_of
 from rigidmc.engine.cuda.devices import (
     TARGETS,
     CudaStream,
@@ -29,6 +28,7 @@ from rigidmc.engine.cuda.devices import (
     call_driver,
     select_devices,
 )
+from rigidmc.engine.cuda.ptx import THREAD, ptx_of
 from rigidmc.engine.kernel.arguments import (
     KernelTable,
     NoiseKeys,
@@ -36,7 +36,9 @@ from rigidmc.engine.kernel.arguments import (
     StepRange,
     Workspace,
     record_type,
+    save_numbers,
 )
+from rigidmc.engine.linked import KERNEL, link_kernel
 from rigidmc.engine.program import NO_NOISE, NO_SAVES, Program, fill_record
 from rigidmc.errors import NoDevice, NoRoom
 
@@ -84,7 +86,9 @@ class CudaProgram(Program):
         """Return the code of the kernel for GPUs of a compute capability or a later one."""
 
         def make() -> str:
-            return ptx_of(link_kernel(self.kernel_keys, self.shape, self._sizes()), capability)
+            return ptx_of(
+                link_kernel(self.kernel_keys, self.shape, self._sizes(), THREAD), capability
+            )
 
         return cached_text(*self._key(capability), make)
 
@@ -230,10 +234,3 @@ class CudaProgram(Program):
         out = saves.out.reshape(-1)[size * slots.start : size * slots.stop]
         wide = out.reshape(*shape[:2], saves.columns)
         wide[:, :, saves.column : saves.column + members] = got.reshape(shape)
-
-
-def save_numbers(steps: StepRange, first: int, last: int) -> range:
-    """Return the numbers of the saves that steps from `first` to `last` make."""
-    begin = 0 if first == 0 else first // steps.stride + 1
-    final = -(-steps.total // steps.stride) if last == steps.total else last // steps.stride
-    return range(begin, final + 1)

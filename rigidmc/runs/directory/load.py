@@ -7,6 +7,7 @@ from typing import Any
 
 import tomli_w
 
+from rigidmc.engine.cuda.devices import is_gpu
 from rigidmc.engine.machine import UNCOMPILED, this_machine
 from rigidmc.errors import FileError, SceneError
 from rigidmc.files.netcdf import read
@@ -36,7 +37,7 @@ def block_of_run(
     """
     facts = directory.facts
     if block is None:
-        on_device = device != "cpu"
+        on_device = is_gpu(device)
         block = block_of_shard(run.plan, facts["shard"]) if on_device else int(facts["block"])
     if facts["shard"] % block:
         rule = f"must divide the {facts['shard']:,} members of a shard"

@@ -10,6 +10,7 @@ from queue import SimpleQueue
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.engine.cuda.devices import is_gpu
 from rigidmc.engine.kernel.layout import BLOCK, LANES
 from rigidmc.errors import FileError, RigidmcError
 from rigidmc.files.netcdf import read
@@ -55,7 +56,7 @@ def shorten_shards(
         return block, shard
     each = 1e-9 * cost_per_step(run, device) * plan.mean_steps
     most = max(limit / each, plan.members / MANY)
-    if device != "cpu":  # a GPU needs as long for one member as for a wave of them
+    if is_gpu(device):  # a GPU needs as long for one member as for a wave of them
         most = max(most, WAVE)
     if most >= min(shard, plan.members):
         return block, shard

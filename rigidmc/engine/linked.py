@@ -1,8 +1,7 @@
-"""From kernels to GPU code: one thread takes one member through the run.
+"""The kernels of a program as one function without Python: for GPUs and for WebAssembly.
 
-The kernels of a program are compiled for one member and linked with `run_lanes` of
-`rigidmc.engine.kernel.block`, which calls them, into one. LLVM turns it into PTX, which the driver
-loads. The operations are the same as in the CPU's code: a product and a sum are fused only where
+The kernels of a program are linked with `run_lanes` of `rigidmc.engine.kernel.block`, which calls
+them. The operations are the same as in the CPU's code: a product and a sum are fused only where
 `rigidmc.engine.compiler.fma` says so, and divisions and roots follow IEEE 754. So a member has the
 same bits.
 """
@@ -19,33 +18,12 @@ from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.kernels import KernelKey, llvm_of
 from rigidmc.engine.kernel.arguments import KernelShape, record_type
 from rigidmc.engine.kernel.block import run_lanes
-from rigidmc.errors import OptionError
 
-TRIPLE = "nvptx64-nvidia-cuda"
 KERNEL = "members"
 # Lines and attributes in a module that depend on the target machine or on the caller's stack.
 MACHINE = re.compile(r"^target .*\n|^source_filename.*\n| alignstack=\d+| alignstack\(\d+\)", re.M)
-# Intrinsic functions that LLVM provides for a GPU, or for every target
-_HAS = re.compile(
-    r"llvm\.(nvvm|fma|fabs|sqrt|copysign|floor|ceil|trunc|rint|round|min|max|mem|lifetime|assume"
-    r"|experimental\.noalias|[us](add|sub|mul|min|max)|abs|ct|bswap|fsh|vector|fptosi\.sat)"
-)
-# The index of a thread in a launch, in PTX; on the host there is one thread.
-_THREAD = """
-declare i32 @llvm.nvvm.read.ptx.sreg.tid.x()
-declare i32 @llvm.nvvm.read.ptx.sreg.ntid.x()
-declare i32 @llvm.nvvm.read.ptx.sreg.ctaid.x()
-define internal i64 @thread() alwaysinline {
-  %block = call i32 @llvm.nvvm.read.ptx.sreg.ctaid.x()
-  %size = call i32 @llvm.nvvm.read.ptx.sreg.ntid.x()
-  %place = call i32 @llvm.nvvm.read.ptx.sreg.tid.x()
-  %before = mul i32 %block, %size
-  %number = add i32 %before, %place
-  %index = zext i32 %number to i64
-  ret i64 %index
-}
-"""
-_ALONE = """
+# Where there is one thread, it is number 0.
+ONE_THREAD = """
 define internal i64 @thread() alwaysinline {
   ret i64 0
 }
@@ -64,24 +42,24 @@ def link_kernel(
     keys: Mapping[str, KernelKey | None],
     shape: KernelShape,
     workspace: Mapping[str, int],
-    host: bool = False,
+    thread: str = ONE_THREAD,
 ) -> llvm.ModuleRef:
     """Return the LLVM code of members(frame, first, count).
 
-    In it thread i < count takes the member at place first + i.
+    In it thread i < count takes the members from place first + i on, one per lane.
 
-    keys : the kernels of a program for one member, by name
+    keys : the kernels of a program, by name
     shape : of its members
-    workspace : bytes of working memory per member, by the names of
+    workspace : bytes of working memory of a thread, by the names of
         `rigidmc.engine.kernel.arguments.Workspace`
-    host : for one thread of this CPU, as tests run it
+    thread : code of the function that returns the number of a thread
     """
     dtype = next(key for key in keys.values() if key).dtype
     kernels = {name: llvm_of(key) for name, key in keys.items() if key and name != "advance"}
     entry_code = llvm_of(KernelKey(run_member, (), dtype, 0, "ri", record_type(dtype)))
     names = {name: function for name, (function, _) in kernels.items()}
     entry = _entry(entry_code[0], names, shape, workspace, record_type(dtype))
-    module = llvm.parse_assembly(entry + (_ALONE if host else _THREAD))
+    module = llvm.parse_assembly(entry + thread)
     for _, text in (entry_code, *kernels.values()):
         module.link_in(llvm.parse_assembly(MACHINE.sub("", text)))
     for variable in module.global_variables:
@@ -167,30 +145,3 @@ def optimise(module: llvm.ModuleRef, machine: llvm.TargetMachine) -> llvm.Module
     first.run(module, builder)
     builder.getModulePassManager().run(module, builder)
     return module
-
-
-def machine_for(capability: tuple[int, int]) -> llvm.TargetMachine:
-    """Return LLVM's target machine for GPUs of a compute capability."""
-    llvm.initialize_all_targets()
-    llvm.initialize_all_asmprinters()
-    target = llvm.Target.from_triple(TRIPLE)
-    return target.create_target_machine(cpu="sm_{}{}".format(*capability), opt=3)
-
-
-def ptx_of(module: llvm.ModuleRef, capability: tuple[int, int]) -> str:
-    """Return the PTX of a module for GPUs of a compute capability or a later one."""
-    machine = machine_for(capability)
-    # llvmlite has no name for the calling convention of kernels, so it is written into the text.
-    text = str(module).replace(f"define void @{KERNEL}(", f"define ptx_kernel void @{KERNEL}(")
-    optimised = optimise(llvm.parse_assembly(text), machine)
-    lacking = [f.name for f in optimised.functions if f.is_declaration and not _HAS.match(f.name)]
-    if lacking:
-        names = ", ".join(_plain(name) for name in lacking)
-        rule = f"calls {names}, which GPUs do not have: use functions of rigidmc instead"
-        raise OptionError(f"custom code {rule}", at="device", value="cuda")
-    return str(machine.emit_assembly(optimised))
-
-
-def _plain(name: str) -> str:
-    """Return the Python name of an LLVM function."""
-    return name.removeprefix("llvm.").partition(".")[0]

@@ -1,0 +1,1 @@
+"""Blocks of members in WebAssembly, for pages and for tests."""
