@@ -37,6 +37,7 @@ _HOMES = {name: f"studies.{name}.study" for name in STUDIES} | {
     "estimate_rqmc": "studies.until",
     "simulate_totals": "studies.totals",
     "precompile": "runs.precompile",
+    "live": "views.live.page",
     "solve_free_top": "mechanics.free_top",
     "analyse_free_top": "mechanics.free_top",
     "solve_lagrange_top": "mechanics.lagrange_top",

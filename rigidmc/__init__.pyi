@@ -83,6 +83,7 @@ from rigidmc.studies.stress.study import stress as stress
 from rigidmc.studies.totals import simulate_totals as simulate_totals
 from rigidmc.studies.until import estimate_rqmc as estimate_rqmc
 from rigidmc.studies.until import simulate_until as simulate_until
+from rigidmc.views.live.page import live as live
 
 __version__: str
 

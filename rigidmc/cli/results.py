@@ -207,7 +207,9 @@ Source = Annotated[
 Shown = Annotated[
     str | None,
     typer.Option(
-        "--members", metavar="LIST", help="Members to show, e.g. 0,7,42; by default four."
+        "--members",
+        metavar="LIST",
+        help="Members to show, e.g. 0,7,42; by default four. With --live: how many.",
     ),
 ]
 Page = Annotated[
@@ -227,6 +229,18 @@ def view_command(
         float | None, time_option("--until", help="Show the motion up to this time.")
     ] = None,
     settings: Set = [],  # noqa: B006
+    is_live: Annotated[
+        bool,
+        typer.Option("--live", help="The page computes the scene itself, while sliders move."),
+    ] = False,
+    sliders: Annotated[
+        list[str],
+        typer.Option(
+            "--slider",
+            metavar="NAME[=LOW:HIGH]",
+            help="A number to move with --live, e.g. body.moments.2=1:3; repeatable.",
+        ),
+    ] = [],  # noqa: B006
     show: Open = False,
     force: Force = False,
     allow_code: AllowCode = False,
@@ -235,17 +249,60 @@ def view_command(
         from rigidmc.views.viewer.page import check_k3d
         from rigidmc.views.viewer.page import view as page_of
 
+        if sliders and not is_live:
+            raise OptionError("is for --live", at="slider", value=sliders[0])
         chosen = _indices(members)
         stem = os.path.splitext(os.path.basename(source.rstrip(os.sep)))[0]
         name = output or f"{stem}.html"
         refuse_existing(name, force, "pages")
-        check_k3d()
-        dataset = _result(source, settings, allow_code)
-        page_of(dataset, name, chosen, until, force, allow_code)
-        dataset.close()
+        if is_live:
+            _live_page(source, settings, allow_code, name, members, sliders, force)
+        else:
+            check_k3d()
+            dataset = _result(source, settings, allow_code)
+            page_of(dataset, name, chosen, until, force, allow_code)
+            dataset.close()
         print(*report_files([name]))
         if show:
             webbrowser.open(Path(name).absolute().as_uri())
+
+
+def _live_page(
+    source: str,
+    settings: list[str],
+    allow_code: bool,
+    name: str,
+    members: str | None,
+    sliders: list[str],
+    force: bool,
+) -> None:
+    """Write the page that computes a scene."""
+    from rigidmc.views.live.page import live
+
+    if is_folder(source) or source.lower().endswith((".nc", ".zarr")):
+        raise OptionError("a live page computes a scene, not a result", at="live", value=source)
+    count = None
+    if members is not None:
+        count = _indices(members)
+        if count is None or len(count) != 1:
+            rule = "with --live, give how many members the page can show"
+            raise OptionError(rule, at="members", value=members)
+    scene = load_scene(source, settings, allow_code)
+    asked = dict(map(_slider, sliders)) if sliders else None
+    live(scene, name, asked, count[0] if count else None, force)
+
+
+def _slider(text: str) -> tuple[str, tuple[float, float] | None]:
+    """Read NAME or NAME=LOW:HIGH; OptionError."""
+    name, has_ends, ends = text.partition("=")
+    if not has_ends:
+        return name, None
+    try:
+        low, high = map(float, ends.split(":"))
+    except ValueError:
+        rule = "expected NAME or NAME=LOW:HIGH, e.g. body.moments.2=1:3"
+        raise OptionError(rule, at="slider", value=text) from None
+    return name, (low, high)
 
 
 def _indices(text: str | None) -> list[int] | None:

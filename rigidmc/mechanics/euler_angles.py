@@ -78,7 +78,7 @@ ANGLES = ("phi", "theta", "psi", "roll", "pitch", "yaw")  # all names of angles
 
 def quaternions_of_angles(sequence: str, first: Any, second: Any, third: Any) -> _Floats:
     """Return quaternions (4, ...), components first, of three angles [rad] of a common shape."""
-    i, j, k, sign = _axes(sequence)
+    i, j, k, sign = axes_of(sequence)
     if sequence in PROPER:
         s, c = sincos(0.5 * second)
         sin_plus, cos_plus = sincos(0.5 * (first + third))
@@ -105,7 +105,7 @@ def angles_of_quaternions(sequence: str, q: Any) -> _Floats:
 
     Source: Bernardes & Viollet, PLOS ONE 17 (2022) e0276302.
     """
-    i, j, k, sign = _axes(sequence)
+    i, j, k, sign = axes_of(sequence)
     w, u, v, n = q[0], q[i], q[j], sign * q[k]
     if sequence not in PROPER:
         # Turned by pi/2 about axis j, axis k becomes -sign times axis i: a proper sequence.
@@ -130,7 +130,7 @@ def distance_from_lock(sequence: str, second: Any) -> Any:
     return 0.5 * np.pi - np.abs(second)
 
 
-def _axes(sequence: str) -> tuple[int, int, int, float]:
+def axes_of(sequence: str) -> tuple[int, int, int, float]:
     """Return (i, j, k, sign): the first two axes, the remaining one, and the sign of (i, j, k)."""
     i, j = int(sequence[0]), int(sequence[1])
     return i, j, 6 - i - j, 1.0 if (j - i) % 3 == 1 else -1.0

@@ -96,7 +96,7 @@ def form_of(ds: xr.Dataset, body: Body) -> Floats:
     """
     if drawn_shape(body):
         return np.eye(3, 4)
-    return _ellipsoid(*member_body(ds, body))
+    return ellipsoid_form(*member_body(ds, body))
 
 
 def member_body(ds: xr.Dataset, body: Body) -> tuple[Floats, float, Floats]:
@@ -108,7 +108,7 @@ def member_body(ds: xr.Dataset, body: Body) -> tuple[Floats, float, Floats]:
     return moments, float(mass), np.asarray(centre, dtype=float)
 
 
-def _ellipsoid(moments: Floats, mass: float, centre: Floats) -> Floats:
+def ellipsoid_form(moments: Floats, mass: float, centre: Floats) -> Floats:
     """Return the form (3, 4) of the uniform ellipsoid with given moments about the origin.
 
     a_i^2 = 5 (I_j + I_k - I_i)/(2 M) with the principal moments about its centre.

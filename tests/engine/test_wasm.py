@@ -18,29 +18,6 @@ from tests.engine.test_bits import changed
 
 pytest.importorskip("wasmtime")
 
-LOOP = """
-define void @members(ptr %a, i64 %n, i64 %unused) {
-start:
-  br label %loop
-loop:
-  %i = phi i64 [0, %start], [%next, %loop]
-  %at = getelementptr [4 x <2 x double>], ptr %a, i64 %i
-  %py = getelementptr <2 x double>, ptr %at, i64 1
-  %pz = getelementptr <2 x double>, ptr %at, i64 2
-  %po = getelementptr <2 x double>, ptr %at, i64 3
-  %x = load <2 x double>, ptr %at
-  %y = load <2 x double>, ptr %py
-  %z = load <2 x double>, ptr %pz
-  %r = call <2 x double> @llvm.fma.v2f64(<2 x double> %x, <2 x double> %y, <2 x double> %z)
-  store <2 x double> %r, ptr %po
-  %next = add i64 %i, 1
-  %more = icmp ult i64 %next, %n
-  br i1 %more, label %loop, label %end
-end:
-  ret void
-}
-declare <2 x double> @llvm.fma.v2f64(<2 x double>, <2 x double>, <2 x double>)
-"""
 TINY, HUGE = 5e-324, 1.7976931348623157e308
 ENDS = (0.0, 1.0, TINY, 2.0**-1022, HUGE, math.inf, math.nan, 2.0**-537, 1 + 2.0**-52, 2.0**27 + 1)
 
@@ -85,7 +62,7 @@ def rounded_once(x, y, z):
 
 def fused(given, version):
     """x y + z of triples (n, 3) in WebAssembly."""
-    code = module.wasm_of(llvm.parse_assembly(LOOP), version)
+    code = module.wasm_of(llvm.parse_assembly(module.PROBE), version)
     pairs = np.zeros((len(given) // 2, 4, 2))
     pairs[:, :3] = given.reshape(-1, 2, 3).transpose(0, 2, 1)
     at, room = program.STACK, -(-pairs.nbytes // program.PAGE) * program.PAGE
@@ -132,7 +109,7 @@ def test_the_recorded_bits(version, monkeypatch):
 
 
 def test_single_precision_is_refused():
-    code = LOOP.replace("double", "float").replace("f64", "f32")
+    code = module.PROBE.replace("double", "float").replace("f64", "f32")
     with pytest.raises(rm.OptionError, match=r"compute in float64: set run\.dtype"):
         module.wasm_of(llvm.parse_assembly(code), RELAXED)
 

@@ -17,6 +17,31 @@ TRIPLE = "wasm32-unknown-unknown"
 # Every browser since 2021 has these; since 2023 most have relaxed SIMD too.
 FEATURES = "+simd128,+bulk-memory,+sign-ext,+mutable-globals,+nontrapping-fptoint"
 IMPORTS = ("__linear_memory", "__stack_pointer")
+# Code that fuses n pairs of (x, y, z) from an address on, and puts x y + z behind them: it shows
+# whether a machine fuses relaxed multiply-adds.
+PROBE = """
+define void @members(ptr %a, i64 %n, i64 %unused) {
+start:
+  br label %loop
+loop:
+  %i = phi i64 [0, %start], [%next, %loop]
+  %at = getelementptr [4 x <2 x double>], ptr %a, i64 %i
+  %py = getelementptr <2 x double>, ptr %at, i64 1
+  %pz = getelementptr <2 x double>, ptr %at, i64 2
+  %po = getelementptr <2 x double>, ptr %at, i64 3
+  %x = load <2 x double>, ptr %at
+  %y = load <2 x double>, ptr %py
+  %z = load <2 x double>, ptr %pz
+  %r = call <2 x double> @llvm.fma.v2f64(<2 x double> %x, <2 x double> %y, <2 x double> %z)
+  store <2 x double> %r, ptr %po
+  %next = add i64 %i, 1
+  %more = icmp ult i64 %next, %n
+  br i1 %more, label %loop, label %end
+end:
+  ret void
+}
+declare <2 x double> @llvm.fma.v2f64(<2 x double>, <2 x double>, <2 x double>)
+"""
 # Numbers of sections and kinds, see the WebAssembly specification, section 5.5, and the linking
 # convention of its tools
 CUSTOM, IMPORT, FUNCTION_INDEX, EXPORT = 0, 2, 0, 7

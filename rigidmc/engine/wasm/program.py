@@ -34,7 +34,7 @@ class WasmProgram(Program):
 
     def missing(self) -> list[str]:
         """Return ["kernel"] if it is neither in memory nor in the disk cache."""
-        return [] if has_text(*self._key()) else ["kernel"]
+        return [] if has_text(*self._key(self.fused)) else ["kernel"]
 
     def helper_share(self) -> list[str]:
         """Return an empty list: one process compiles the one kernel."""
@@ -42,19 +42,21 @@ class WasmProgram(Program):
 
     def _compile(self, meanwhile: Callable[[], None] | None = None) -> None:
         with announce_compiling(self.label, self.missing(), self.effects):
-            self.module = self._module()
+            self.module = self.module_of(self.fused)
 
-    def _module(self) -> bytes:
+    def module_of(self, fused: str) -> bytes:
+        """Return the module with a version of fused multiply-adds."""
+
         def make() -> str:
             linked = link_kernel(self.kernel_keys, self.shape, self._sizes())
-            return base64.b64encode(wasm_of(linked, self.fused)).decode()
+            return base64.b64encode(wasm_of(linked, fused)).decode()
 
-        return base64.b64decode(cached_text(*self._key(), make))
+        return base64.b64decode(cached_text(*self._key(fused), make))
 
-    def _key(self) -> tuple[list[Any], str]:
+    def _key(self, fused: str) -> tuple[list[Any], str]:
         """Return (types of the kernels, the other inputs of the code)."""
         types = [signature_of(key) for key in self.kernel_keys.values() if key]
-        return types, f"{self.shape} {self._sizes()} wasm {self.fused}"
+        return types, f"{self.shape} {self._sizes()} wasm {fused}"
 
     def _sizes(self) -> dict[str, int]:
         """Return {name in Workspace: bytes} of the memory that the members of a call work in."""

@@ -20,6 +20,7 @@ from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import count_text
 from rigidmc.runs.rerun import frames
 from rigidmc.scene.scene import Scene, scene_of
+from rigidmc.views.html_page import Page, fill_template
 from rigidmc.views.sample import omega_or_momentum
 from rigidmc.views.surfaces import ball_surface, surface_of
 from rigidmc.views.viewer.data import (
@@ -79,17 +80,6 @@ def check_k3d() -> None:
     except ImportError as error:
         rule = f"pages require k3d: pip install 'rigidmc[view]' ({error})"
         raise FileError(rule, at="view") from None
-
-
-class Page:
-    """An HTML page, which a notebook shows in a frame."""
-
-    def __init__(self, text: str) -> None:
-        self.text = text
-
-    def _repr_html_(self) -> str:
-        inside = html.escape(self.text, quote=True)
-        return f'<iframe srcdoc="{inside}" style="width:100%;height:780px;border:0"></iframe>'
 
 
 def _chosen(ds: xr.Dataset, members: Sequence[int] | None) -> list[int]:
@@ -206,7 +196,4 @@ def _filled(title: str, about: str, data: dict[str, Any]) -> str:
         "DATA": json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
         "SCRIPT": own.joinpath("viewer.js").read_text(encoding="utf-8"),
     }
-    text = own.joinpath("viewer.html").read_text(encoding="utf-8")
-    # by pieces, because the inserted text may contain a placeholder
-    pieces = text.split("@@")
-    return "".join(parts[piece] if k % 2 else piece for k, piece in enumerate(pieces))
+    return fill_template(own.joinpath("viewer.html").read_text(encoding="utf-8"), parts)

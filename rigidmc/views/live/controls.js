@@ -1,0 +1,139 @@
+// ---- the reader's hands ----------------------------------------------------------------------
+
+let last;
+function tick(now) {
+  if (!state.playing) return;
+  const passed = Math.min(0.1, (now - last) / 1000);   // a hidden page rests
+  last = now;
+  if (!state.busy && !state.goal) state.time += state.speed * passed;
+  ask();
+  requestAnimationFrame(tick);
+}
+function play(on) {
+  const began = on && !state.playing;
+  state.playing = on;
+  $("play").textContent = on ? "❚❚" : "▶";
+  $("play").setAttribute("aria-label", on ? "pause" : "play");
+  if (began) { last = performance.now(); requestAnimationFrame(tick); }
+}
+function one() { play(false); state.time = (state.step + 1) * state.h; ask(); }
+function speeds() {
+  const wanted = state.rate > 0 ? SHOWN_RATE / state.rate : 1, list = [];
+  for (let p = -6; p <= 3; p++) for (const s of [1, 2, 5]) list.push(+(s * 10 ** p).toPrecision(1));
+  const near = list.reduce((a, b) => Math.abs(Math.log(b / wanted)) < Math.abs(Math.log(a / wanted)) ? b : a), at = list.indexOf(near);
+  $("speed").replaceChildren(...list.slice(Math.max(0, at - 6), at + 7).map(s => html("option", { value: s }, `× ${s}`)));
+  $("speed").value = state.speed = near;
+}
+
+function sliders() {
+  $("sliders").replaceChildren(...SLIDERS.map(slider => {
+    const label = html("label", { title: slider.name }, ""), out = html("output", {});
+    const input = html("input", { type: "range", min: 0, max: 1000, step: 1, "aria-label": slider.name });
+    label.append(html("span", {}, slider.label), input, out);
+    const show = () => { out.textContent = `${nice(+(slider.shown * slider.value).toPrecision(4))} ${slider.unit}`; };
+    slider.set = value => {
+      slider.value = value;
+      input.value = Math.round(1000 * (value - slider.low) / (slider.high - slider.low));
+      show();
+    };
+    input.addEventListener("input", () => {
+      slider.value = +(slider.low + (slider.high - slider.low) * input.value / 1000).toPrecision(4);
+      show(); begin();
+    });
+    slider.set(slider.value);
+    return label;
+  }));
+  $("sliders").onsubmit = event => event.preventDefault();
+}
+
+// the address of this motion: moved sliders, members, pictures, and the step
+function hash() {
+  const parts = SLIDERS.filter(isMoved).map(s => [s.name, s.value]);
+  for (const id of PICKED) parts.push([id, $(id).value]);
+  parts.push(["t", state.time.toPrecision(6)]);
+  return parts.map(pair => pair.map(encodeURIComponent).join("=")).join("&");
+}
+const PICKED = ["space", "inside", "quantity", "phase", "members", "speed"];
+function restore() {
+  let time = 0;
+  for (const [name, text] of new URLSearchParams(location.hash.slice(1))) {
+    const slider = SLIDERS.find(s => s.name === name), number = Number(text);
+    if (slider && isFinite(number)) slider.set(clamp(number, Math.min(slider.low, slider.given), Math.max(slider.high, slider.given)));
+    else if (PICKED.includes(name) && [...$(name).options].some(o => o.value === text)) $(name).value = text;
+    else if (name === "t" && number > 0) time = number;
+  }
+  state.members = Number($("members").value);
+  return time;
+}
+// the scene with the sliders' values, in the words of Python: its numbers stand where the marks are
+function scene() {
+  return SLIDERS.reduce((text, s) => text.replaceAll(s.mark, String(s.value)), DATA.scene);
+}
+function download() {
+  const link = html("a", { href: URL.createObjectURL(new Blob([scene()], { type: "application/toml" })), download: `${DATA.source}.toml` });
+  link.click();
+  URL.revokeObjectURL(link.href);
+}
+function dress(dark = document.documentElement.classList.contains("dark")) {
+  document.documentElement.classList.toggle("dark", dark);
+  draw();
+}
+function choose(id, words, value) {
+  $(id).replaceChildren(...Object.entries(words).map(([key, word]) => html("option", { value: key }, Array.isArray(word) ? word[0] : word)));
+  $(id).value = value;
+  $(id).onchange = () => draw();
+}
+
+function start() {
+  choose("space", SPACE, "body"); choose("inside", INSIDE, "momentum");
+  choose("quantity", QUANTITIES, DATA.isFree ? "omega" : "theta"); choose("phase", PHASES, DATA.isFree ? "omega23" : "theta");
+  const many = [1, 10, 100, 1000].filter(n => n < DATA.engine.members).concat(DATA.engine.members);
+  $("members").replaceChildren(...many.map(n => html("option", { value: n }, n.toLocaleString("en"))));
+  $("many").hidden = DATA.engine.members === 1;
+  $("members").value = state.members = many.at(-1);
+  stages = { body: new Stage($("body"), -0.95, 0.32, 1.5, draw), sphere: new Stage($("sphere"), 0.62, 0.42, 1.5, draw) };
+  charts = { motion: new Chart($("motion")), portrait: new Chart($("portrait")), drift: new Chart($("drift")) };
+  sliders();
+  state.rate = rateOf(BLOCK);
+  speeds();
+  const time = restore();
+  state.speed = Number($("speed").value);
+  state.goal = Math.round(time / DATA.h);
+  $("members").onchange = event => { state.members = Number(event.target.value); begin(); };
+  $("speed").onchange = event => { state.speed = Number(event.target.value); };
+  $("trace").onchange = () => draw();
+  $("play").onclick = () => play(!state.playing);
+  $("on").onclick = one;
+  $("again").onclick = () => begin();
+  $("reset").onclick = () => { for (const s of SLIDERS) s.set(s.given); begin(); };
+  $("link").onclick = async () => {
+    location.hash = hash();
+    try { await navigator.clipboard.writeText(location.href); } catch { /* the address bar has it */ }
+  };
+  $("save").onclick = download;
+  $("dark").onclick = () => dress(!document.documentElement.classList.contains("dark"));
+  const keys = { " ": () => play(!state.playing), ArrowRight: one, Home: () => begin(), d: () => $("dark").click(), r: () => $("reset").click(),
+    l: () => $("link").click(), s: download };
+  document.addEventListener("keydown", event => {
+    if (["SELECT", "INPUT"].includes(event.target.tagName) || event.ctrlKey || event.metaKey || event.altKey || !(event.key in keys)) return;
+    event.preventDefault();
+    keys[event.key]();
+  });
+  let waiting;
+  addEventListener("resize", () => { clearTimeout(waiting); waiting = setTimeout(draw, 100); });
+  const scheme = matchMedia("(prefers-color-scheme: dark)");
+  scheme.addEventListener("change", () => dress(scheme.matches));
+  document.documentElement.classList.toggle("dark", scheme.matches);
+  try {
+    worker = new Worker(URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" })));
+    worker.onmessage = receive;
+    worker.onerror = event => fail(event.message);
+    const { fast, exact, probe, image, ...about } = DATA.engine;
+    worker.postMessage({ about, fast: bytes(fast), exact: bytes(exact), probe: bytes(probe), image: bytes(image) });
+  } catch (error) {
+    fail(String(error));
+  }
+  // a page that moves at once, unless the reader's system asks for less motion
+  play(!matchMedia("(prefers-reduced-motion: reduce)").matches && !time);
+}
+start();

@@ -1,0 +1,218 @@
+"""The sliders of a live page: which numbers of a scene they move, and how far."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.engine.kernel import layout
+from rigidmc.errors import OptionError, SceneError, unknown
+from rigidmc.mechanics.euler_angles import angle_names
+from rigidmc.mechanics.solids import SOLIDS
+from rigidmc.physics.effects import label_effects, shared_parameters
+from rigidmc.physics.effects.protocol import facts, shape
+from rigidmc.planning.orbit_start import relative_to_orbit
+from rigidmc.scene.body import Body
+from rigidmc.scene.parameters import with_parameter
+from rigidmc.scene.quantities import is_shared
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.units import units_of
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution
+
+Floats = NDArray[np.float64]
+Range = tuple[float, float]
+WIDE = 3.0  # a slider reaches from a third of its number to three times it
+_LETTERS = {"phi": "φ", "theta": "θ", "psi": "ψ"}
+_INDICES = "₁₂₃"
+
+
+class Slider(NamedTuple):
+    """A number of a scene that a page may change, for all members.
+
+    name : as `--set` says;  label, unit : what the page shows;  shown : of the unit per SI unit
+    kind, place, row : what it is on the page: a part of the body (moments, mass, centre), of the
+        spin, an angle of the attitude, or the parameter of an effect in a row of the block
+    given, low, high : the scene's number (its mean over the members), and the ends
+    is_shared : whether all members have this number
+    """
+
+    name: str
+    label: str
+    unit: str
+    shown: float
+    kind: str
+    place: int
+    row: int
+    given: float
+    low: float
+    high: float
+    is_shared: bool
+
+
+def make_sliders(
+    scene: Scene, start: Mapping[str, Floats], asked: Mapping[str, Range | None] | None
+) -> list[Slider]:
+    """Return the sliders of a page.
+
+    start : the numbers that members are built from, see `rigidmc.planning.initial`
+    asked : {name: ends, None for a third to three times}; None for moments, spin, lean and gravity
+    Raises OptionError for a name that no slider can move, with the reason.
+    """
+    known = {slider.name: slider for slider in _all(scene, start)}
+    if asked is None:
+        return [slider for name, slider in known.items() if _is_usual(name)]
+    refused = _refusals(scene)
+    made = []
+    for name, ends in asked.items():
+        why = next((why for part, why in refused.items() if name.startswith(part)), None)
+        if name not in known and why is not None:
+            raise OptionError(f"no slider can move it: {why}", at="slider", value=name)
+        if name not in known:
+            kind = "number that a slider can move"
+            raise unknown(kind, known, at="slider", value=name, error=OptionError)
+        made.append(known[name] if ends is None else _between(known[name], *ends))
+    return made
+
+
+def _between(slider: Slider, low: float, high: float) -> Slider:
+    """Return a slider with other ends; OptionError."""
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        rule = "expected two finite numbers, the lower one first"
+        raise OptionError(rule, at=f"slider.{slider.name}", value=f"{low:g}:{high:g}")
+    for end in (low, high):
+        if slider.kind in ("moments", "mass") and not end > 0.0:
+            raise OptionError("must be above 0", at=f"slider.{slider.name}", value=end)
+    return slider._replace(low=low, high=high)
+
+
+def _is_usual(name: str) -> bool:
+    """Whether a page has this slider unless others are asked for."""
+    if name.startswith("effects."):
+        return name.endswith((".g", ".field.3"))
+    return name.startswith(("body.moments.", "start.omega.", "start.momentum.")) or (
+        name == "start.attitude.theta"
+    )
+
+
+def _refusals(scene: Scene) -> dict[str, str]:
+    """Return {beginning of names: why no slider moves them}."""
+    model, refused = scene.model, dict[str, str]()
+    if model.body.is_turned:
+        rule = "the body is described in other axes than its principal axes"
+        refused |= {"body.": rule, "start.": rule}
+    for solid in SOLIDS:
+        rule = "move body.moments.1 to 3 and body.mass: the page then draws an ellipsoid"
+        refused.setdefault(f"body.{solid}.", rule)
+    if isinstance(model.start.attitude, str) or not model.start.has_euler_angles:
+        refused.setdefault("start.attitude", "the attitude is not given by Euler angles")
+    if relative := relative_to_orbit(model):
+        refused |= {f"start.{name}": "it is relative to the orbit" for name in relative}
+    spin = model.start.spin_name
+    if isinstance(getattr(model.start, spin), VectorDistribution):
+        refused.setdefault(f"start.{spin}", "a distribution draws the whole vector")
+    return refused
+
+
+def _all(scene: Scene, start: Mapping[str, Floats]) -> list[Slider]:
+    """Return all sliders that a scene can have."""
+    model, refused, made = scene.model, _refusals(scene), list[Slider]()
+
+    def add(name: str, label: str, kind: str, place: int, values: Floats, shown: Any) -> None:
+        own, unit, by = bool((values == values[0]).all()), _units(scene, name), 1.0
+        if unit == "rad":
+            unit, by = "°", 180.0 / math.pi
+        given = float(values[0] if own else values.mean())
+        low, high = _ends(kind, given, values)
+        row = place if kind == "effect" else 0
+        made.append(
+            Slider(
+                name, label, unit, by, kind, place, row, given, low, high, own and is_shared(shown)
+            )
+        )
+
+    if not model.body.is_turned:
+        for k in range(3):
+            moments = start["moments"][k]
+            add(f"body.moments.{k + 1}", f"I{_INDICES[k]}", "moments", k, moments, 0.0)
+        add("body.mass", "mass", "mass", 0, start["mass"].reshape(-1), 0.0)
+        for k in range(3):
+            add(
+                f"body.centre.{k + 1}", f"centre{_INDICES[k]}", "centre", k, start["centre"][k], 0.0
+            )
+    word = model.start.spin_name
+    if not any(f"start.{word}".startswith(part) for part in refused if part != "body."):
+        letter = "ω" if word == "omega" else "L"
+        for k, given in enumerate(getattr(model.start, word)):
+            values = start[f"start_{word}"][k]
+            add(f"start.{word}.{k + 1}", f"{letter}{_INDICES[k]}(0)", "spin", k, values, given)
+    if "start_euler" in start and not any("start.attitude".startswith(p) for p in refused):
+        for k, angle in enumerate(angle_names(model.start.sequence)):
+            label, values = f"{_LETTERS.get(angle, angle)}(0)", start["start_euler"][k]
+            given = model.start.attitude[k]
+            add(f"start.attitude.{angle}", label, "angle", k, values, given)
+    summed, row = shared_parameters(model.effects), layout.EFFECTS
+    for label, effect in label_effects(model.effects):
+        for field, value in zip(effect._fields, effect, strict=True):
+            count = shape(effect, field)
+            turned = model.body.is_turned and field in facts(effect).in_body
+            for k in range(count or 1):
+                name = f"effects.{label}.{field}" + (f".{k + 1}" if count else "")
+                values = np.atleast_2d(start[f"{label}_{field}"])[k]
+                one = value[k] if count and isinstance(value, tuple) else value
+                if f"{label}_{field}" not in summed and not turned:
+                    words = (
+                        f"{field}{_INDICES[k] if count and count <= 3 else k + 1 if count else ''}"
+                    )
+                    add(name, words, "effect", row, values, one)
+                row += 1
+    return made
+
+
+def _units(scene: Scene, name: str) -> str:
+    """Return the units of a number of a scene."""
+    unit = units_of(scene, name)
+    return {"1": "", "kg m2": "kg m²", "rad s-1": "rad/s", "m s-2": "m/s²"}.get(unit, unit)
+
+
+def _ends(kind: str, given: float, values: Floats) -> Range:
+    """Return the ends of a slider around its number."""
+    if kind == "angle":
+        return (0.0, math.pi) if 0.0 <= given <= math.pi else (-math.pi, math.pi)
+    largest = float(np.abs(values).max()) or 1.0
+    if given > 0.0:
+        return given / WIDE, given * WIDE
+    return -WIDE * largest, WIDE * largest
+
+
+def template(scene: Scene, sliders: Sequence[Slider]) -> tuple[str, dict[str, str]]:
+    """Return (the scene as TOML, {slider: mark}): the numbers of sliders are marks, where the page
+    writes its own. A number that differs between members stays, and has no mark.
+    """
+    if any(slider.kind in ("moments", "mass", "centre") for slider in sliders):
+        scene = _with_moments(scene)
+    marks = dict[str, str]()
+    for k, slider in enumerate(sliders):
+        unique = slider.given * (1.0 + 1e-9 * (k + 1)) if slider.given else 1e-9 * (k + 1)
+        if slider.is_shared:
+            try:
+                changed = with_parameter(scene, slider.name, unique)
+            except SceneError:  # the number has no name of its own in this scene
+                continue
+            if repr(unique) in changed.dumps():
+                scene, marks[slider.name] = changed, repr(unique)
+    text = scene.dumps()
+    for k, (name, number) in enumerate(marks.items()):
+        mark = f"@{k}@"
+        text, marks[name] = text.replace(number, mark), mark
+    return text, marks
+
+
+def _with_moments(scene: Scene) -> Scene:
+    """Return a scene whose body is given by moments, mass and centre."""
+    body = scene.body
+    if not body.shape or body.is_turned:
+        return scene
+    own = Body(body.moments, mass=body.mass, centre=body.to_principal(body.centre))
+    return scene.with_model(scene.model._replace(body=own))

@@ -1,0 +1,258 @@
+"use strict";
+// Solids, curves and charts on plain canvases: no library, no WebGL.
+const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+const inner = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const size = v => Math.hypot(...v);
+const sized = (v, length) => { const n = size(v) || 1; return v.map(x => x * length / n); };
+const times = (rows, v) => rows.map(row => inner(row, v));
+const back = (rows, v) => [0, 1, 2].map(k => rows[0][k] * v[0] + rows[1][k] * v[1] + rows[2][k] * v[2]);
+const clamp = (x, low, high) => Math.min(high, Math.max(low, x));
+
+// the rows of the rotation matrix of a quaternion
+function matrix([w, x, y, z]) {
+  return [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+          [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+          [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]];
+}
+
+const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const shaded = ([r, g, b], light) => `rgb(${(r * light) | 0},${(g * light) | 0},${(b * light) | 0})`;
+
+// A canvas as wide as its place on the page, in device pixels.
+class Canvas {
+  constructor(node) {
+    this.node = node;
+    this.pen = node.getContext("2d");
+  }
+  clear() {
+    const { clientWidth: width, clientHeight: height } = this.node, ratio = window.devicePixelRatio || 1;
+    if (this.node.width !== Math.round(width * ratio)) {
+      this.node.width = Math.round(width * ratio);
+      this.node.height = Math.round(height * ratio);
+    }
+    this.width = width; this.height = height;
+    this.pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.pen.clearRect(0, 0, width, height);
+  }
+}
+
+// ---- a stage: what is put on it is drawn from far to near ------------------------------------
+
+const LAMP = sized([0.5, -0.6, 0.8], 1);   // in space
+const NEAR = 5;                            // distance of the eye, in units of the stage
+class Stage extends Canvas {
+  constructor(node, azimuth, height, reach, changed) {
+    super(node);
+    Object.assign(this, { azimuth, elevation: height, reach, zoom: 1, parts: [] });
+    let from = null;
+    node.addEventListener("pointerdown", event => { from = [event.clientX, event.clientY]; node.setPointerCapture(event.pointerId); });
+    node.addEventListener("pointerup", () => { from = null; });
+    node.addEventListener("pointermove", event => {
+      if (!from) return;
+      this.azimuth -= 0.01 * (event.clientX - from[0]);
+      this.elevation = clamp(this.elevation + 0.01 * (event.clientY - from[1]), -1.5, 1.5);
+      from = [event.clientX, event.clientY];
+      changed();
+    });
+    node.addEventListener("wheel", event => {
+      event.preventDefault();
+      this.zoom = clamp(this.zoom * Math.exp(-0.001 * event.deltaY), 0.4, 4);
+      changed();
+    }, { passive: false });
+    node.addEventListener("keydown", event => {   // a stage with the focus turns by arrows
+      const turns = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] }[event.key];
+      if (!turns) return;
+      event.preventDefault(); event.stopPropagation();
+      this.azimuth += turns[0];
+      this.elevation = clamp(this.elevation + turns[1], -1.5, 1.5);
+      changed();
+    });
+  }
+  begin() {
+    this.clear();
+    this.parts = []; this.labels = [];
+    const [ca, sa, ce, se] = [Math.cos(this.azimuth), Math.sin(this.azimuth), Math.cos(this.elevation), Math.sin(this.elevation)];
+    this.toward = [ca * ce, sa * ce, se];               // unit vector to the eye
+    this.right = [-sa, ca, 0];
+    this.up = [-ca * se, -sa * se, ce];
+    this.scale = 0.5 * Math.min(this.width, this.height) / this.reach * this.zoom;
+  }
+  // [x, y, depth] on the canvas; depth grows toward the eye
+  place(p) {
+    const depth = inner(p, this.toward), near = this.scale * NEAR * this.reach / (NEAR * this.reach - depth);
+    return [0.5 * this.width + near * inner(p, this.right), 0.5 * this.height - near * inner(p, this.up), depth];
+  }
+  put(depth, draw) { this.parts.push([depth, draw]); }
+  // corners: a flat array of triangles; tones: [r, g, b] of each; form: 3 x 4 to the body's axes; turn: rows
+  solid(corners, tones, form, turn, shade = 1) {
+    const n = corners.length / 9, m = [0, 1, 2].map(i => [0, 1, 2, 3].map(j =>
+      turn[i][0] * form[j] + turn[i][1] * form[4 + j] + turn[i][2] * form[8 + j]));
+    for (let i = 0; i < 3; i++) m[i][3] = turn[i][0] * form[3] + turn[i][1] * form[7] + turn[i][2] * form[11];
+    const at = k => [0, 1, 2].map(i => m[i][0] * corners[k] + m[i][1] * corners[k + 1] + m[i][2] * corners[k + 2] + m[i][3]);
+    for (let k = 0; k < n; k++) {
+      const [a, b, c] = [at(9 * k), at(9 * k + 3), at(9 * k + 6)];
+      const normal = sized(cross(sub(b, a), sub(c, a)), 1), middle = [0, 1, 2].map(i => (a[i] + b[i] + c[i]) / 3);
+      if (inner(normal, sub(this.toward.map(x => x * NEAR * this.reach), middle)) <= 0) continue;
+      const light = shade * (0.62 + 0.38 * Math.max(0, inner(normal, LAMP)));
+      const [p, q, r] = [this.place(a), this.place(b), this.place(c)], fill = shaded(tones[k], light);
+      this.put((p[2] + q[2] + r[2]) / 3, pen => {
+        pen.fillStyle = pen.strokeStyle = fill;
+        pen.lineWidth = 0.7;
+        pen.beginPath(); pen.moveTo(p[0], p[1]); pen.lineTo(q[0], q[1]); pen.lineTo(r[0], r[1]); pen.closePath();
+        pen.fill(); pen.stroke();
+      });
+    }
+  }
+  // a curve in short pieces, so that solids hide them
+  curve(points, style, width = 1.5, alpha = null) {
+    let last = null;
+    points.forEach((point, i) => {
+      const p = this.place(point), from = last;
+      last = p;
+      if (!from) return;
+      this.put((p[2] + from[2]) / 2, pen => {
+        pen.globalAlpha = alpha ? alpha(i / points.length) : 1;
+        pen.strokeStyle = style; pen.lineWidth = width; pen.lineCap = "round";
+        pen.beginPath(); pen.moveTo(from[0], from[1]); pen.lineTo(p[0], p[1]); pen.stroke();
+        pen.globalAlpha = 1;
+      });
+    });
+  }
+  segment(a, b, style, width = 1.5, pieces = 12) {
+    this.curve(Array.from({ length: pieces + 1 }, (_, i) => a.map((x, k) => x + (b[k] - x) * i / pieces)), style, width);
+  }
+  arrow(a, b, style, width = 3) {
+    const along = sub(b, a), far = size(along);
+    if (!(far > 1e-9)) return;
+    this.segment(a, b, style, width);
+    const [p, q] = [this.place(a), this.place(b)], flat = Math.hypot(q[0] - p[0], q[1] - p[1]);
+    if (flat < 4) return;
+    const u = [(q[0] - p[0]) / flat, (q[1] - p[1]) / flat], s = Math.min(11, 0.5 * flat);
+    this.put(q[2] + 0.02, pen => {
+      pen.fillStyle = style;
+      pen.beginPath(); pen.moveTo(q[0] + 2 * u[0], q[1] + 2 * u[1]);
+      pen.lineTo(q[0] - s * u[0] - 0.45 * s * u[1], q[1] - s * u[1] + 0.45 * s * u[0]);
+      pen.lineTo(q[0] - s * u[0] + 0.45 * s * u[1], q[1] - s * u[1] - 0.45 * s * u[0]);
+      pen.closePath(); pen.fill();
+    });
+  }
+  dot(p, style, radius, edge = null) {
+    const q = this.place(p);
+    this.put(q[2] + 0.01, pen => {
+      pen.fillStyle = style;
+      pen.beginPath(); pen.arc(q[0], q[1], radius, 0, 2 * Math.PI); pen.fill();
+      if (edge) { pen.strokeStyle = edge; pen.lineWidth = 2; pen.stroke(); }
+    });
+  }
+  // the unit ball, round at the limb; what lies behind it is hidden by `isHidden`
+  ball() {
+    const middle = this.place([0, 0, 0]), far = NEAR * this.reach;
+    const radius = this.scale * far / Math.sqrt(far * far - 1);
+    const lamp = [inner(LAMP, this.right), inner(LAMP, this.up)];
+    this.put(-9, pen => {
+      const glow = pen.createRadialGradient(middle[0] + 0.4 * radius * lamp[0], middle[1] - 0.4 * radius * lamp[1], 0.1 * radius,
+        middle[0], middle[1], radius);
+      glow.addColorStop(0, colour("--ball-light")); glow.addColorStop(1, colour("--ball-dark"));
+      pen.fillStyle = glow;
+      pen.beginPath(); pen.arc(middle[0], middle[1], radius, 0, 2 * Math.PI); pen.fill();
+    });
+  }
+  isHidden(p) {
+    const along = inner(p, this.toward), far = NEAR * this.reach;
+    return along < 1 / far && size(p) ** 2 - along ** 2 < 1;
+  }
+  // a curve on the unit ball: its far side faint
+  onBall(points, style, width = 1.5, faint = 0.18) {
+    for (const hidden of [true, false]) this.put(hidden ? -8 : 8, pen => {
+      pen.strokeStyle = style; pen.lineWidth = width; pen.lineJoin = "round";
+      pen.globalAlpha = hidden ? faint : 1;
+      pen.beginPath();
+      let drawing = false;
+      for (const point of points) {
+        const p = this.place(point), here = this.isHidden(point) === hidden;
+        if (here && drawing) pen.lineTo(p[0], p[1]); else if (here) pen.moveTo(p[0], p[1]);
+        drawing = here;
+      }
+      pen.stroke();
+      pen.globalAlpha = 1;
+    });
+  }
+  label(words, p, style) { this.labels.push([words, this.place(p), style]); }
+  end() {
+    this.parts.sort((a, b) => a[0] - b[0]);
+    for (const [, draw] of this.parts) draw(this.pen);
+    const pen = this.pen, taken = [];
+    pen.font = "600 14px system-ui, sans-serif";
+    pen.textAlign = "center"; pen.textBaseline = "middle";
+    for (const [words, [x, y0], style] of this.labels) {  // labels move apart rather than overlap
+      let y = y0;
+      while (taken.some(([u, v]) => Math.abs(u - x) < 14 && Math.abs(v - y) < 15)) y -= 4;
+      taken.push([x, y]);
+      pen.lineWidth = 3; pen.strokeStyle = colour("--paper"); pen.strokeText(words, x, y);
+      pen.fillStyle = style; pen.fillText(words, x, y);
+    }
+  }
+}
+
+// ---- charts --------------------------------------------------------------------------------
+
+function ticks(low, high, count) {
+  const raw = (high - low) / count, power = 10 ** Math.floor(Math.log10(raw));
+  const step = power * ([1, 2, 5, 10].find(s => s * power >= raw));
+  const list = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) list.push(k * step);
+  return list;
+}
+const nice = x => x === 0 ? "0" : Math.abs(x) >= 1e5 || Math.abs(x) < 1e-3
+  ? (+x.toPrecision(6)).toExponential().replace("e+", "e") : String(+x.toPrecision(6));
+
+const COLOURS = ["--one", "--two", "--three"], DASHES = [[], [7, 3], [2, 3]];
+class Chart extends Canvas {
+  // series: [{x, y}] of equal lengths; log: y are exponents of 10; now: a vertical line
+  draw({ series, across, upward, log = false, now = null, dots = false }) {
+    this.clear();
+    const { pen, width, height } = this;
+    const box = { left: 64, right: width - 12, top: 10, bottom: height - 36 };
+    let [x0, x1, y0, y1] = [Infinity, -Infinity, Infinity, -Infinity];
+    for (const { x, y } of series) for (let i = 0; i < x.length; i++) if (isFinite(y[i])) {
+      x0 = Math.min(x0, x[i]); x1 = Math.max(x1, x[i]); y0 = Math.min(y0, y[i]); y1 = Math.max(y1, y[i]);
+    }
+    if (!(x1 > x0)) [x0, x1] = isFinite(x0) ? [x0, x0 + 1] : [0, 1];
+    if (!isFinite(y0)) [y0, y1] = [0, 1];
+    const least = 1e-9 * Math.max(Math.abs(y0), Math.abs(y1), 1e-12);
+    if (!(y1 - y0 > least)) { const more = Math.abs(y0) > 0 ? 0.1 * Math.abs(y0) : 1; y0 -= more; y1 += more; }
+    const margin = log ? 0.5 : 0.06 * (y1 - y0);
+    y0 -= margin; y1 += margin;
+    const px = x => box.left + (x - x0) / (x1 - x0) * (box.right - box.left);
+    const py = y => box.bottom - (y - y0) / (y1 - y0) * (box.bottom - box.top);
+    pen.font = "11px system-ui, sans-serif"; pen.fillStyle = colour("--grey"); pen.strokeStyle = colour("--rule"); pen.lineWidth = 1;
+    pen.textAlign = "center"; pen.textBaseline = "top";
+    for (const v of ticks(x0, x1, 6)) { pen.beginPath(); pen.moveTo(px(v), box.top); pen.lineTo(px(v), box.bottom); pen.stroke(); pen.fillText(nice(v), px(v), box.bottom + 5); }
+    pen.textAlign = "right"; pen.textBaseline = "middle";
+    for (const v of log ? ticks(y0, y1, 4).filter(Number.isInteger) : ticks(y0, y1, 4)) {
+      pen.beginPath(); pen.moveTo(box.left, py(v)); pen.lineTo(box.right, py(v)); pen.stroke();
+      pen.fillText(log ? `1e${v}` : nice(v), box.left - 5, py(v));
+    }
+    pen.textAlign = "center"; pen.textBaseline = "bottom";
+    pen.fillText(across, (box.left + box.right) / 2, height - 2);
+    pen.save(); pen.translate(11, (box.top + box.bottom) / 2); pen.rotate(-Math.PI / 2); pen.textBaseline = "middle"; pen.fillText(upward, 0, 0); pen.restore();
+    pen.save();
+    pen.beginPath(); pen.rect(box.left, box.top, box.right - box.left, box.bottom - box.top); pen.clip();
+    series.forEach(({ x, y }, k) => {
+      pen.strokeStyle = colour(COLOURS[k % 3]); pen.setLineDash(DASHES[k % 3]); pen.lineWidth = 1.6;
+      pen.beginPath();
+      let open = false;
+      for (let i = 0; i < x.length; i++) {
+        if (!isFinite(y[i])) { open = false; continue; }
+        if (open) pen.lineTo(px(x[i]), py(y[i])); else pen.moveTo(px(x[i]), py(y[i]));
+        open = true;
+      }
+      pen.stroke();
+      const i = x.length - 1;
+      if (dots && i >= 0) { pen.fillStyle = colour("--path"); pen.beginPath(); pen.arc(px(x[i]), py(y[i]), 4.5, 0, 7); pen.fill(); }
+    });
+    pen.setLineDash([]);
+    pen.restore();
+  }
+}

@@ -1,0 +1,88 @@
+"use strict";
+// The engine: members in WebAssembly. A message { to, from, count, members } moves the first members to step
+// `to` with `count` saves on the way; { rows } begins anew. The answer holds the saves.
+const FOREVER = 2 ** 40;   // steps of a run that the reader ends
+let engine = null;
+
+async function whole(bytes) {
+  return new Uint8Array(await new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).arrayBuffer());
+}
+// whether this machine fuses the relaxed multiply-add: 2^-60 is lost if the product is rounded
+async function fuses(probe) {
+  if (!WebAssembly.validate(probe)) return false;
+  const memory = new WebAssembly.Memory({ initial: 9 });
+  const made = await instance(probe, memory, 2 ** 19);
+  const at = 2 ** 19, x = 1 + 2 ** -30;
+  new Float64Array(memory.buffer, at, 6).set([x, x, x, x, -(1 + 2 ** -29), -(1 + 2 ** -29)]);
+  made.members(at, 1n, 0n);
+  return new Float64Array(memory.buffer, at + 48, 1)[0] === 2 ** -60;
+}
+async function instance(bytes, memory, stack) {
+  const env = { __linear_memory: memory, __stack_pointer: new WebAssembly.Global({ value: "i32", mutable: true }, stack) };
+  return (await WebAssembly.instantiate(bytes, { env })).instance.exports;
+}
+
+class Engine {
+  static async load({ about, fast, exact, probe, image }) {
+    const made = new Engine();
+    Object.assign(made, about);
+    made.fused = await fuses(probe);
+    const content = await whole(image), pages = Math.ceil((about.stack + content.length) / 65536);
+    made.memory = new WebAssembly.Memory({ initial: pages });
+    new Uint8Array(made.memory.buffer).set(content, about.stack);
+    made.view = new DataView(made.memory.buffer);
+    made.kernel = await instance(await whole(made.fused ? fast : exact), made.memory, about.stack);
+    made.write({ total: FOREVER, slots: FOREVER });
+    return made;
+  }
+  write(fields) {
+    for (const [name, value] of Object.entries(fields)) {
+      const [at, kind] = this.fields[name];
+      if (kind === "f8") this.view.setFloat64(this.frame + at, value, true);
+      else this.view.setBigInt64(this.frame + at, BigInt(value), true);
+    }
+  }
+  numbers(at, count) { return new Float64Array(this.memory.buffer, at, count); }
+  // rows of the members at their start, and the step [s]
+  begin({ rows, h }) {
+    this.numbers(this.block, rows.length).set(rows);
+    this.write({ h });
+    this.step = 0;
+  }
+  // one save after the steps to `to`; a call saves at step 0 too, if it begins there
+  advance(to, members) {
+    const each = 8 * this.values * this.width;
+    this.write({ first: this.step, last: to, stride: to, out: this.out });
+    for (let low = 0; low < members; low += this.lanes) this.kernel.members(this.frame, BigInt(low), BigInt(FOREVER));
+    this.step = to;
+    return this.numbers(this.out + each, this.values * this.width);
+  }
+  // saves [count][values][members] at steps spread evenly up to `to`; none lies before the next step
+  move({ to, count, members }) {
+    const from = this.step, many = Math.max(1, Math.min(count, to - from));
+    const saves = new Float64Array(many * this.values * members), steps = [];
+    for (let k = 0; k < many; k++) {
+      const step = Math.round(from + (to - from) * (k + 1) / many), found = this.advance(step, members);
+      for (let i = 0; i < this.values; i++)
+        saves.set(found.subarray(i * this.width, i * this.width + members), (k * this.values + i) * members);
+      steps.push(step);
+    }
+    const status = this.numbers(this.block + 8 * this.status * this.width, members).slice();
+    return { saves, steps, status };
+  }
+}
+
+self.onmessage = async ({ data }) => {
+  if (data.image) {
+    try {
+      engine = await Engine.load(data);
+      self.postMessage({ ready: true, fused: engine.fused });
+    } catch (error) {
+      self.postMessage({ failed: String(error) });
+    }
+    return;
+  }
+  if (data.rows) engine.begin(data);
+  const began = performance.now(), found = engine.move(data);
+  self.postMessage({ ...found, run: data.run, busy: performance.now() - began }, [found.saves.buffer]);
+};

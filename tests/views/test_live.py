@@ -1,0 +1,196 @@
+"""Pages that compute: bits, sliders, links and scenes, in headless Chromium."""
+
+import json
+import re
+import shutil
+import time
+
+import pytest
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc.cli import app
+from rigidmc.errors import OptionError
+from rigidmc.scene.parameters import with_parameters
+from rigidmc.views.live.engine import live_run
+
+BROWSER = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+STEPS = 1000
+TOP = rm.Scene(
+    rm.Body((2.0, 1.5, 1.0), mass=1.0, centre=(0.0, 0.0, 0.3)),
+    effects=(rm.Gravity(9.81),),
+    start=rm.Start(omega=(0.1, 0.0, rm.normal(12.0, 0.5)), attitude=(0.2, 0.6, -0.3)),
+    title="a <top>",
+).with_run(integrator="rk4", dt=0.005, t_end=5.0, seed=3, members=3)
+SCENES = (
+    "heavy_top", "dzhanibekov", "brownian_rotor", "sleeping_top", "hyperion", "tennis_racket",
+    "kovalevskaya_top", "gyrocompass", "spin_down", "pocket_compass",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def browser():
+    api = pytest.importorskip("playwright.sync_api")
+    if BROWSER is None:
+        pytest.skip("no Chromium: apt-get install chromium")
+    with api.sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
+        yield opened
+        opened.close()
+
+
+def opened(browser, path, size=(1280, 1000), hash_="", before=""):
+    """A page that is ready, paused at its start, and fetches nothing."""
+    page = browser.new_page(viewport={"width": size[0], "height": size[1]}, reduced_motion="reduce")
+    page.faults = []
+    page.on("pageerror", lambda error: page.faults.append(str(error)))
+    page.on("request", lambda one: one.url.startswith(("file:", "blob:", "data:"))
+            or page.faults.append(one.url))  # fmt: skip
+    if before:
+        page.add_init_script(before)
+    page.goto(path.as_uri() + hash_)
+    page.wait_for_function("state.ready && state.step > 0")
+    return page
+
+
+def moved(page, steps):
+    """(q, L) of the first member after some steps."""
+    page.evaluate(f"begin({steps} * state.h)")
+    page.wait_for_function(f"state.step >= {steps} && !state.busy", timeout=120_000)
+    last = page.evaluate("({ ...state.samples.at(-1), step: state.step })")
+    assert last["step"] == steps
+    return last["q"], last["l"]
+
+
+def computed(scene, steps=STEPS):
+    """The same by this processor."""
+    live = live_run(scene, 1)
+    dt = live.run.plan.grid.dt
+    again = live.run.scene.with_run(t_end=steps * dt, every=steps * dt, dt=dt)
+    ds = rm.simulate(again)
+    return [ds[name].values[-1, :, 0].tolist() for name in ("attitude", "momentum")]
+
+
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
+def test_a_page_has_the_bits_of_the_processor(browser, tmp_path):
+    """At the scene's own numbers, and with sliders moved, as a scene with these numbers has."""
+    path = tmp_path / "top.html"
+    sliders = dict.fromkeys(("body.moments.2", "start.omega.1", "effects.gravity.g", "body.mass"))
+    rm.live(TOP, path, sliders)
+    text = path.read_text()
+    assert len(text) < 3e5 and "a &lt;top&gt;" in text  # measured 1.1e5
+    page = opened(browser, path)
+    assert moved(page, STEPS) == tuple(computed(TOP))
+    values = {
+        "body.moments.2": 1.7,
+        "start.omega.1": -0.4,
+        "effects.gravity.g": 3.7,
+        "body.mass": 2,
+    }
+    for name, value in values.items():
+        page.evaluate(f"SLIDERS.find(s => s.name === '{name}').set({value})")
+    assert moved(page, STEPS) == tuple(computed(with_parameters(TOP, values)))
+    saved = rm.Scene.loads(page.evaluate("scene()"))
+    assert moved(page, STEPS) == tuple(computed(saved))
+    assert page.faults == []
+
+
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
+def test_a_page_is_used(browser, tmp_path):
+    """Pictures, sliders by keys, restart, a link, a narrow screen, members, and a dark theme."""
+    path = tmp_path / "top.html"
+    rm.live(TOP.with_run(members=20), path)
+    page = opened(browser, path, size=(390, 800))
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    for picture in ("poinsot", "body"):
+        page.select_option("#space", picture)
+    page.select_option("#inside", "ellipsoid")
+    page.select_option("#quantity", "euler")
+    page.select_option("#phase", "omega12")
+    page.locator("#sliders input").first.focus()
+    page.keyboard.press("ArrowRight")
+    given, value = page.evaluate("[SLIDERS[0].given, SLIDERS[0].value]")
+    assert value > given
+    page.click("#play")
+    page.wait_for_function("state.samples.length > 5")
+    page.click("#play")
+    page.wait_for_function("!state.busy")
+    assert page.evaluate("state.others.length") == 9 * 20
+    page.click("#link")
+    found = page.evaluate("location.hash")
+    again = opened(browser, path, hash_=found)
+    assert again.evaluate("SLIDERS[0].value") == value
+    assert again.evaluate("document.getElementById('inside').value") == "ellipsoid"
+    page.keyboard.press("d")
+    assert page.evaluate("document.documentElement.classList.contains('dark')")
+    assert page.faults == [] and again.faults == []
+
+
+def test_a_browser_without_webassembly_says_so(browser, tmp_path):
+    path = tmp_path / "top.html"
+    rm.live(TOP, path)
+    page = browser.new_page()
+    page.add_init_script("window.Worker = undefined")
+    page.goto(path.as_uri())
+    page.wait_for_selector("#note.bad")
+    assert "cannot compute here" in page.inner_text("#note")
+
+
+def test_sliders_are_refused_by_name():
+    with pytest.raises(OptionError, match=r"no such number .*did you mean 'body\.moments\.2'"):
+        rm.live(TOP, sliders={"body.momets.2": None})
+    with pytest.raises(OptionError, match="the page then draws an ellipsoid"):
+        rm.live("heavy_top", sliders={"body.cylinder.radius": None})
+    with pytest.raises(OptionError, match="the lower one first"):
+        rm.live(TOP, sliders={"body.mass": (2.0, 1.0)})
+    with pytest.raises(OptionError, match="must be above 0"):
+        rm.live(TOP, sliders={"body.mass": (-1.0, 1.0)})
+    with pytest.raises(OptionError, match="1 to 1,000 members"):
+        rm.live(TOP, members=2000)
+
+
+def test_the_command_writes_a_page(tmp_path):
+    path = tmp_path / "top.html"
+    words = ["view", "heavy_top", "--live", "--slider", "effects.gravity.g=0:20", "-o", str(path)]
+    found = CliRunner().invoke(app, words)
+    assert found.exit_code == 0 and str(path) in found.output
+    data = json.loads(
+        re.search(r'<script id="data"[^>]*>(.*?)</script>', path.read_text(), re.S)[1]
+    )
+    assert [(s["name"], s["low"], s["high"]) for s in data["sliders"]] == [
+        ("effects.gravity.g", 0, 20)
+    ]
+    found = CliRunner().invoke(app, ["view", "heavy_top", "--slider", "body.mass"])
+    assert found.exit_code == 3 and "is for --live" in found.output
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
+@pytest.mark.parametrize("fused", [True, False])
+@pytest.mark.parametrize("name", SCENES)
+def test_ten_scenes_have_the_bits_of_the_processor(name, fused, browser, tmp_path):
+    scene, path = rm.Scene.load(name), tmp_path / "page.html"
+    rm.live(scene, path, members=1)
+    assert path.stat().st_size < 6e6
+    page = opened(browser, path)
+    if not fused:  # as on a machine without the instruction
+        page.close()
+        text = path.read_text().replace("made.fused = await fuses(probe)", "made.fused = false")
+        path.write_text(text)
+        page = opened(browser, path)
+    assert page.evaluate("state.fused") is fused
+    assert moved(page, STEPS) == tuple(computed(scene))
+
+
+@pytest.mark.slow
+def test_a_page_draws_sixty_frames_a_second(browser, tmp_path):
+    """One top without a graphics card; measured 60."""
+    path = tmp_path / "top.html"
+    rm.live("heavy_top", path, members=1)
+    page = opened(browser, path)
+    page.evaluate("state.frames = 0; play(true)")
+    time.sleep(5.0)
+    assert page.evaluate("state.frames") > 150
