@@ -27,7 +27,7 @@ TOP = rm.Scene(
 ).with_run(integrator="rk4", dt=0.005, t_end=5.0, seed=3, members=3)
 SCENES = (
     "heavy_top", "dzhanibekov", "brownian_rotor", "sleeping_top", "hyperion", "tennis_racket",
-    "kovalevskaya_top", "gyrocompass", "spin_down", "pocket_compass",
+    "kovalevskaya", "kapitza_top", "damped_dzhanibekov", "gyrostat_wheel",
 )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ function play(on) {
 }
 function one() { play(false); state.time = (state.step + 1) * state.h; ask(); }
 function speeds() {
-  const wanted = state.rate > 0 ? SHOWN_RATE / state.rate : 1, list = [];
+  const spin = spinOf(BLOCK), wanted = spin > 0 ? SHOWN_RATE / spin : 1, list = [];
   for (let p = -6; p <= 3; p++) for (const s of [1, 2, 5]) list.push(+(s * 10 ** p).toPrecision(1));
   const near = list.reduce((a, b) => Math.abs(Math.log(b / wanted)) < Math.abs(Math.log(a / wanted)) ? b : a), at = list.indexOf(near);
   $("speed").replaceChildren(...list.slice(Math.max(0, at - 6), at + 7).map(s => html("option", { value: s }, `× ${s}`)));
@@ -91,10 +91,9 @@ function start() {
   $("members").replaceChildren(...many.map(n => html("option", { value: n }, n.toLocaleString("en"))));
   $("many").hidden = DATA.engine.members === 1;
   $("members").value = state.members = many.at(-1);
-  stages = { body: new Stage($("body"), -0.95, 0.32, 1.5, draw), sphere: new Stage($("sphere"), 0.62, 0.42, 1.5, draw) };
+  stages = { body: new Stage($("body"), -0.95, 0.32, 1.6, draw), sphere: new Stage($("sphere"), 0.62, 0.42, 1.5, draw) };
   charts = { motion: new Chart($("motion")), portrait: new Chart($("portrait")), drift: new Chart($("drift")) };
   sliders();
-  state.rate = rateOf(BLOCK);
   speeds();
   const time = restore();
   state.speed = Number($("speed").value);

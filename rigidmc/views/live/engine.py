@@ -16,7 +16,6 @@ from rigidmc.engine.wasm.module import PROBE, wasm_of
 from rigidmc.engine.wasm.program import LANES, WasmProgram
 from rigidmc.errors import OptionError
 from rigidmc.planning.initial import noise_keys
-from rigidmc.planning.steps import rate_bounds
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.scene.scene import Scene
 
@@ -29,13 +28,12 @@ class LiveRun(NamedTuple):
     """A run whose steps a page makes.
 
     run : prepared, with a fixed step;  block : its members (rows, width)
-    start : the numbers they are built from;  rate : largest bound of a turn rate [rad/s]
+    start : the numbers they are built from
     """
 
     run: PreparedRun
     block: Floats
     start: dict[str, Floats]
-    rate: float
 
 
 def live_run(scene: Scene, members: int) -> LiveRun:
@@ -55,8 +53,7 @@ def live_run(scene: Scene, members: int) -> LiveRun:
     if run.units is not None:
         rule = "this body needs scaled units, in which a page cannot move numbers"
         raise OptionError(rule, at="live")
-    rate = float(rate_bounds(run.plan.model.effects, block[:, :members]).max())
-    return LiveRun(run, block, start, rate)
+    return LiveRun(run, block, start)
 
 
 def engine_data(live: LiveRun, members: int) -> dict[str, Any]:

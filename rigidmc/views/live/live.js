@@ -75,12 +75,21 @@ function rateOf(rows) {
   return most;
 }
 
+// the largest turn rate itself, of all members
+function spinOf(rows) {
+  let most = 0;
+  for (let m = 0; m < WIDTH; m++)
+    most = Math.max(most, Math.hypot(...[0, 1, 2].map(k => rows[(AT.momentum + k) * WIDTH + m] * rows[(AT.body + k) * WIDTH + m])));
+  return most;
+}
+
 // ---- the motion so far -----------------------------------------------------------------------
 
 const MOST = 3000;       // samples of the trace and the charts
-const SHOWN_RATE = DATA.isFree ? 3 : 9;   // initial turn rate on the screen [rad/s]: a top's precession is slower than its spin
+const SHOWN_RATE = DATA.isFree ? 5 : 9;   // initial turn rate on the screen [rad/s]: a top's precession is slower than its spin
 const TURN = 0.12;       // largest turn between two samples [rad]
 const BATCH = 48;        // most samples between two pictures
+const OWN_TURN = 1.3 * Math.max(0.1, rateOf(BLOCK) * DATA.h);   // of a step [rad]
 const state = { run: 0, step: 0, h: DATA.h, rate: 0, playing: false, speed: 1, time: 0, members: 1, busy: false, frames: 0,
   samples: [], ready: false, others: null, body: bodyOf(0), status: 0, goal: 0 };
 let worker;
@@ -91,7 +100,7 @@ function begin(time = 0) {
   state.rate = rateOf(rows);
   // a faster spin halves the step until a step turns no farther than in the scene itself
   state.h = DATA.h;
-  while (state.rate * state.h > 1.3 * DATA.turn && state.h > DATA.h / 4096) state.h /= 2;
+  while (state.rate * state.h > OWN_TURN && state.h > DATA.h / 4096) state.h /= 2;
   Object.assign(state, { run: state.run + 1, step: 0, time: 0, samples: [], others: null, goal: Math.round(time / state.h), status: 0 });
   first(rows);
   ask(rows);
@@ -240,7 +249,7 @@ function drawBody(stage, s) {
 // the inertia ellipsoid of rho = omega/sqrt(2T), its touching point and plane, scaled to the stage
 function poinsot(s) {
   const w = omegaOf(s), energy = inner(w, s.l) / 2, axes = state.body.moments.map(i => 1 / Math.sqrt(i));
-  const scale = 0.8 / Math.max(...axes), rho = w.map(x => scale * x / Math.sqrt(2 * energy || 1));
+  const scale = 1.1 / Math.max(...axes), rho = w.map(x => scale * x / Math.sqrt(2 * energy || 1));
   return { rho, axes: axes.map(a => scale * a), height: scale * Math.sqrt(2 * energy) / (size(s.l) || 1) };
 }
 function drawPoinsot(stage, s) {
@@ -250,20 +259,20 @@ function drawPoinsot(stage, s) {
   const shown = m => rows.map(row => [0, 1, 2].map(k => row[0] * m[0][k] + row[1] * m[1][k] + row[2] * m[2][k]));
   const here = shown(turn), grid = colour("--rule");
   for (let k = -4; k <= 4; k++) for (const swap of [false, true]) {
-    const far = Math.sqrt(Math.max(0, 1.44 - 0.09 * k * k)), at = x => swap ? [0.3 * k, x, height] : [x, 0.3 * k, height];
+    const far = Math.sqrt(Math.max(0, 2.25 - 0.140625 * k * k)), at = x => swap ? [0.375 * k, x, height] : [x, 0.375 * k, height];
     stage.curve([at(-far), at(far)], grid, 1);
   }
-  stage.curve(Array.from({ length: 91 }, (_, n) => [1.2 * Math.cos(n * Math.PI / 45), 1.2 * Math.sin(n * Math.PI / 45), height]), grid, 1.2);
+  stage.curve(Array.from({ length: 91 }, (_, n) => [1.5 * Math.cos(n * Math.PI / 45), 1.5 * Math.sin(n * Math.PI / 45), height]), grid, 1.2);
   stage.solid(BALL, ballTones(), stretched(axes), here);
   const recent = trail().slice(-900).map(one => [one, poinsot(one).rho]);
-  stage.curve(recent.map(([, r]) => times(here, r).map(x => 1.01 * x)), colour("--one"), 1.6);
-  stage.curve(recent.map(([one, r]) => times(shown(matrix(one.q)), r)).map(p => [p[0], p[1], height + 0.01]), path, 1.6);
+  stage.curve(recent.map(([, r]) => times(here, r).map(x => 1.01 * x)), colour("--three"), 2, null, 0.1);
+  stage.curve(recent.map(([one, r]) => times(shown(matrix(one.q)), r)).map(p => [p[0], p[1], height + 0.01]), path, 2, null, 0.1);
   stage.arrow([0, 0, height], [0, 0, height + 0.5], path);
   stage.label("L", [0, 0, height + 0.62], path);
   stage.arrow([0, 0, 0], times(here, rho), colour("--weight"), 2.5);
   stage.label("ω", times(here, rho).map(x => 1.12 * x), colour("--weight"));
-  $("space-words").textContent = DATA.isFree ? "Blue: polhode on the ellipsoid. Orange: herpolhode on the plane."
-    : "Blue: polhode. Orange: herpolhode. With a torque the plane moves.";
+  $("space-words").textContent = DATA.isFree ? "Grey: polhode on the ellipsoid. Orange: herpolhode on the plane."
+    : "Grey: polhode. Orange: herpolhode. With a torque the plane moves.";
 }
 function drawMomentum(stage, s) {
   const grey = colour("--grey"), path = colour("--path"), u = sized(s.l, 1);
@@ -291,14 +300,14 @@ function drawEllipsoid(stage, s) {
   // rho = I^-1 L / sqrt(2T): the curves of the momentum sphere, seen in rho
   const onSurface = u => { const w = u.map((x, k) => x / m[k]), n = Math.sqrt(inner(w, u)); return w.map(x => 1.01 * x / n * axes[0] * Math.sqrt(m[0])); };
   stage.solid(BALL, ballTones().map(t => t.map(x => 0.5 * x + 120)), stretched(axes), still);
-  for (const curve of polhodes(m, levels(m))) stage.curve(curve.map(onSurface), colour("--grey"), 0.8);
-  for (const curve of polhodes(m, [separatrix(m)])) stage.curve(curve.map(onSurface), colour("--ink"), 1.4);
+  for (const curve of polhodes(m, levels(m))) stage.curve(curve.map(onSurface), colour("--grey"), 0.8, null, 0.08);
+  for (const curve of polhodes(m, [separatrix(m)])) stage.curve(curve.map(onSurface), colour("--ink"), 1.4, null, 0.08);
   for (let a = 0; a < 3; a++) {
     const e = [0, 0, 0]; e[a] = 1.2;
     stage.segment([0, 0, 0], e, colour(AXIS[a]), 1.6);
     stage.label(`${a + 1}`, e.map(x => 1.08 * x), colour(AXIS[a]));
   }
-  stage.curve(trail().map(one => poinsot(one).rho.map(x => 1.02 * x)), path, 2);
+  stage.curve(trail().map(one => poinsot(one).rho.map(x => 1.02 * x)), path, 2, null, 0.1);
   stage.dot(rho.map(x => 1.03 * x), path, 5, colour("--paper"));
   $("inside-words").textContent = "Angular velocity on the inertia ellipsoid. Orange: its polhode.";
 }

@@ -115,7 +115,6 @@ def _text(scene: Scene, asked: Mapping[str, Range | None] | None, members: int) 
         "source": scene.title or "scene",
         "integrator": run.integrator,
         "h": found.plan.grid.dt,
-        "turn": max(0.1, prepared.rate * found.plan.grid.dt),
         "shape": _shape(found.scene, prepared.start),
         "tones": [[int(tone[k : k + 2], 16) for k in (1, 3, 5)] for tone in TONES],
         "pull": [0.0, 0.0, -1.0] if any(isinstance(e, Gravity) for e in model.effects) else None,

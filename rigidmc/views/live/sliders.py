@@ -118,13 +118,15 @@ def _refusals(scene: Scene) -> dict[str, str]:
 def _all(scene: Scene, start: Mapping[str, Floats]) -> list[Slider]:
     """Return all sliders that a scene can have."""
     model, refused, made = scene.model, _refusals(scene), list[Slider]()
+    word = model.start.spin_name
+    spin = float(np.abs(start[f"start_{word}"]).max())
 
     def add(name: str, label: str, kind: str, place: int, values: Floats, shown: Any) -> None:
         own, unit, by = bool((values == values[0]).all()), _units(scene, name), 1.0
         if unit == "rad":
             unit, by = "°", 180.0 / math.pi
         given = float(values[0] if own else values.mean())
-        low, high = _ends(kind, given, values)
+        low, high = _ends(kind, given, values, spin)
         row = place if kind == "effect" else 0
         made.append(
             Slider(
@@ -141,7 +143,6 @@ def _all(scene: Scene, start: Mapping[str, Floats]) -> list[Slider]:
             add(
                 f"body.centre.{k + 1}", f"centre{_INDICES[k]}", "centre", k, start["centre"][k], 0.0
             )
-    word = model.start.spin_name
     if not any(f"start.{word}".startswith(part) for part in refused if part != "body."):
         letter = "ω" if word == "omega" else "L"
         for k, given in enumerate(getattr(model.start, word)):
@@ -176,8 +177,10 @@ def _units(scene: Scene, name: str) -> str:
     return {"1": "", "kg m2": "kg m²", "rad s-1": "rad/s", "m s-2": "m/s²"}.get(unit, unit)
 
 
-def _ends(kind: str, given: float, values: Floats) -> Range:
-    """Return the ends of a slider around its number."""
+def _ends(kind: str, given: float, values: Floats, spin: float) -> Range:
+    """Return the ends of a slider around its number; spin : largest component of the spin."""
+    if kind == "spin" and abs(given) < 0.1 * spin:
+        return -0.3 * spin, 0.3 * spin
     if kind == "angle":
         return (0.0, math.pi) if 0.0 <= given <= math.pi else (-math.pi, math.pi)
     largest = float(np.abs(values).max()) or 1.0

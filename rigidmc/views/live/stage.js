@@ -105,13 +105,14 @@ class Stage extends Canvas {
     }
   }
   // a curve in short pieces, so that solids hide them
-  curve(points, style, width = 1.5, alpha = null) {
+  // nearer: how much nearer than it is a curve counts, to lie on a solid rather than in it
+  curve(points, style, width = 1.5, alpha = null, nearer = 0) {
     let last = null;
     points.forEach((point, i) => {
       const p = this.place(point), from = last;
       last = p;
       if (!from) return;
-      this.put((p[2] + from[2]) / 2, pen => {
+      this.put((p[2] + from[2]) / 2 + nearer, pen => {
         pen.globalAlpha = alpha ? alpha(i / points.length) : 1;
         pen.strokeStyle = style; pen.lineWidth = width; pen.lineCap = "round";
         pen.beginPath(); pen.moveTo(from[0], from[1]); pen.lineTo(p[0], p[1]); pen.stroke();
