@@ -82,6 +82,13 @@ settings.register_profile(
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "reproducible"))
 
 
+def pytest_collection_finish():
+    """Let no search for garbage look through tests and modules: it took 5 % of the processor."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 100)
+
+
 def pytest_collection_modifyitems(items):
     """FIRST, then LONG, then the files with the most tests, so that workers end together."""
     sizes = Counter(item.path for item in items)
