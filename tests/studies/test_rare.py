@@ -144,6 +144,7 @@ def test_splitting(monkeypatch):
     assert float(broken.p) == 0.0 or not broken.p_low < p < broken.p_high
 
 
+@pytest.mark.slow  # 8 s, half of it to compile
 def test_events():
     """How often and when an event happens are one question; its score leads there."""
     cone = rm.Passage(axis=3, angle=0.6)

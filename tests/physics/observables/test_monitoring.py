@@ -646,8 +646,8 @@ def test_a_tolerance_chooses_no_step_that_hides_what_is_watched(monkeypatch):
     [
         ("flips", ("flips", "flip_first")),
         ("nutation", ("nutation_min", "nutation_max")),
-        ("energy_mean", ("energy_mean",)),
-        ("megno", ("megno", "lyapunov")),
+        pytest.param("energy_mean", ("energy_mean",), marks=pytest.mark.slow),
+        pytest.param("megno", ("megno", "lyapunov"), marks=pytest.mark.slow),
     ],
 )
 def test_the_ledger_of_work_changes_nothing_that_is_watched(word, names):
