@@ -36,31 +36,33 @@ FIRST = ("tests/physics/integrators/test_steps.py", "tests/physics/dynamics/test
 # Files that take 7 to 75 s of a processor for few tests, the longest first: at the end one worker
 # would wait for them.
 LONG = (
-    "tests/runs/test_resume.py",
     "tests/engine/test_cuda.py",
+    "tests/runs/test_resume.py",
     "tests/physics/observables/test_monitoring.py",
-    "tests/whole/test_random_scenes.py",
-    "tests/whole/test_new_parts.py",
     "tests/engine/test_bits.py",
-    "tests/whole/test_independence_of_saves.py",
     "tests/studies/test_rare.py",
+    "tests/studies/test_multilevel.py",
     "tests/physics/integrators/test_precision.py",
     "tests/engine/compiler/test_cache_of_user_parts.py",
     "tests/engine/compiler/test_cache.py",
-    "tests/files/test_outputs.py",
     "tests/cli/test_commands.py",
-    "tests/physics/effects/test_user.py",
-    "tests/studies/test_multilevel.py",
+    "tests/engine/test_compile_time.py",
     "tests/results/test_border.py",
+    "tests/whole/test_random_scenes.py",
+    "tests/whole/test_independence_of_saves.py",
+    "tests/physics/integrators/test_published.py",
+    "tests/cli/test_text_input.py",
+    "tests/files/test_helpers.py",
+    "tests/whole/test_new_parts.py",
+    "tests/files/test_outputs.py",
+    "tests/physics/effects/test_user.py",
     "tests/results/test_export.py",
     "tests/planning/test_choose.py",
-    "tests/engine/test_compile_time.py",
     "tests/studies/test_framework.py",
     "tests/whole/test_docstrings.py",
     "tests/views/test_viewer.py",
     "tests/physics/effects/test_dissipation.py",
     "tests/whole/test_hostile.py",
-    "tests/files/test_helpers.py",
     "tests/physics/observables/test_retained_saves.py",
     "tests/physics/observables/test_directions.py",
     "tests/whole/test_same_result_everywhere.py",
@@ -80,6 +82,13 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
 )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "reproducible"))
+
+
+def pytest_collection_finish():
+    """Let no search for garbage look through tests and modules: it took 5 % of the processor."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 100)
 
 
 def pytest_collection_modifyitems(items):

@@ -381,8 +381,8 @@ def corrupt(count, folder, some):
     return told
 
 
-def faults(most, folder, some):
-    """Let each operation of a run fail once; {what: how often}."""
+def faults(most, folder, some, commands=("run", "extend", "merge")):
+    """Let each operation of commands fail once; {what: how often}."""
     from typer.testing import CliRunner
 
     from rigidmc.cli import app
@@ -409,6 +409,7 @@ def faults(most, folder, some):
         "extend": ["extend", path, "--members", "20000"],
         "merge": ["merge", path, *parts],
     }
+    kinds = {name: kinds[name] for name in commands}
     told = {
         "faults": 0,
         "exit 74, one message": 0,
@@ -475,7 +476,7 @@ def faults(most, folder, some):
     for i in range(min(most, 40)):
         tried(
             f"no file larger than {i}/40 of a shard",
-            ("run", "extend", "merge")[i % 3],
+            commands[i % len(commands)],
             limited(i * largest // 40),
         )
     return told

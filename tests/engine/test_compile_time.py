@@ -4,7 +4,6 @@ import logging
 import os
 import re
 import subprocess
-import sys
 from importlib import metadata
 from typing import NamedTuple
 
@@ -22,6 +21,7 @@ from rigidmc.results import run_directory
 from rigidmc.results.run_directory import facts_text
 from rigidmc.runs import precompile as warm
 from rigidmc.scene.sampling import drawn_through
+from tests.torture import ALONE_COMMAND
 
 compiles = pytest.mark.skipif(
     os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled"
@@ -39,8 +39,9 @@ def test_nothing_is_compiled_after_warm(tmp_path):
     environment = {**os.environ, "RIGIDMC_CACHE_DIR": str(tmp_path / "cache")}
 
     def ran(*words):
-        command = [sys.executable, "-c", "from rigidmc.cli import main; main()", *words]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        done = subprocess.run(
+            [*ALONE_COMMAND, *words], env=environment, capture_output=True, text=True
+        )
         assert done.returncode == 0, done.stderr
         return done.stdout, done.stderr
 

@@ -79,7 +79,7 @@ SCENE = HEAVY.with_run(dt=0.02, members=70)
 
 # each takes 10 to 18 s
 SOME = [one if one == "rk4" else pytest.param(one, marks=pytest.mark.slow) for one in QUICK]
-FEW = NAMES[0], NAMES[5]
+FEW = NAMES[5:6]
 # of runs that monitor nothing
 ALONE = {"integrator": "rk4", "dt": 0.02, "t_end": 2.0, "members": 70, "save": ("momentum",)}
 
@@ -89,8 +89,8 @@ def invoked(*words):
 
 
 def test_the_launches_give_the_recorded_bits(fake):
-    """Events, statistics, noise, steps of members' own, works and shadows; two cases, as each
-    compiles 6 kernels, and the rest below."""
+    """Events, statistics, works and shadows; one case, as each compiles 9 kernels, and the rest
+    below."""
     driver = fake()
     assert not changed(sums((0,), QUICK, names=FEW, device="cuda"))
     assert driver.launches
@@ -166,12 +166,22 @@ def targets(programs):
             yield label, program, capability
 
 
-@pytest.mark.parametrize("name", SOME)
-def test_ptx_has_only_operations_of_ieee_754(name, fake):
+# one of each precision: the free one and that with steps of its own compile 9 kernels more
+BOTH = "heavy, rk4, 0.05", "heavy, rk4, 0.05, float32"
+
+
+@pytest.mark.parametrize(
+    ("name", "cases"),
+    [
+        ("rk4", {"names": BOTH}),
+        *(pytest.param(one, {}, marks=pytest.mark.slow, id=one) for one in QUICK),
+    ],
+)
+def test_ptx_has_only_operations_of_ieee_754(name, cases, fake):
     """Rounded to nearest, and fused where the processor's code fuses them. No function is called
     that is not part of the code."""
     fake(compiled=False)
-    for label, program, capability in targets(kernels(name)):
+    for label, program, capability in targets(kernels(name, **cases)):
         ptx = program.ptx(capability)
         assert f".target sm_{capability[0]}{capability[1]}" in ptx
         assert ".visible .entry members(" in ptx
@@ -220,7 +230,14 @@ def loops(function):
     return found
 
 
-@pytest.mark.parametrize("name", NO_SPILL)
+# exact has the most registers
+MOST = [
+    one if one in ("rk4", "exact") else pytest.param(one, marks=pytest.mark.slow)
+    for one in NO_SPILL
+]
+
+
+@pytest.mark.parametrize("name", MOST)
 def test_steps_touch_no_memory(name, fake):
     """The state stays in registers from the first step of a launch to the last look."""
     fake(compiled=False)
@@ -503,7 +520,10 @@ SIDES = "--x", "start.omega.size=4:6", "--y", "start.attitude.theta=0.3:0.6"
 @pytest.mark.parametrize("words", [
     ("run", "scene"),
     ("run", "scene", "--until", "mean(nutation_max) +- 50 %", "--most", 64),
-    ("map", "scene", *SIDES, *MEASURED, "--resolution", 2, "--members", 8),
+    pytest.param(
+        ("map", "scene", *SIDES, *MEASURED, "--resolution", 2, "--members", 8),
+        marks=pytest.mark.slow,
+    ),
     pytest.param(
         ("rare", "scene", "--of", "p(nutation_max >= 0.4)", "--members", 32, "--repetitions", 2),
         marks=pytest.mark.slow,

@@ -58,7 +58,8 @@ def test_identity_3_32(name):
     assert np.abs(C.identity_residual(lambda q: C.matrix(name, q) @ m(q), POINTS)).max() > 0.1
 
 
-@pytest.mark.parametrize("coordinates", [*C.NAMED, own])
+# those of a user are differentiated number by number, for 10 s
+@pytest.mark.parametrize("coordinates", [*C.NAMED, pytest.param(own, marks=pytest.mark.slow)])
 def test_motion_in_them_is_that_of_the_quaternion_form(coordinates):
     moments, momentum, weight = (0.6, 0.8, 1.0), np.array([0.8, 0.4, -0.3]), (0.02, 0.0, 0.1)
     start = POINTS[0]

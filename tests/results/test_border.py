@@ -160,7 +160,11 @@ def test_a_result_must_match_its_scene(result, tmp_path, name):
         assert done.exit_code == 3 and len(done.stderr.splitlines()) == 1, done.output
 
 
-@pytest.mark.parametrize("value", ["x", 3.5, np.arange(2), np.zeros(0)], ids=repr)
+# each takes 3 s: 30 attributes and 3 commands
+SELDOM = [pytest.param(one, marks=pytest.mark.slow) for one in (3.5, np.zeros(0))]
+
+
+@pytest.mark.parametrize("value", ["x", np.arange(2), *SELDOM], ids=repr)
 def test_any_attribute_may_be_anything(result, tmp_path, value):
     """An array in place of a number once ended in a traceback: its truth value is ambiguous."""
     for name in hostile.Stored(result).attrs:

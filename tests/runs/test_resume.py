@@ -206,9 +206,13 @@ def test_twenty_kills(kind, tmp_path):
 
 
 @LINUX
-def test_a_fault_of_every_kind(tmp_path):
+@pytest.mark.filterwarnings("ignore:.*damaged lines are ignored")  # of a journal that was torn
+@pytest.mark.parametrize(
+    "command", ["run", *(pytest.param(one, marks=pytest.mark.slow) for one in ("extend", "merge"))]
+)
+def test_a_fault_of_every_kind(tmp_path, command):
     """As `python tests/torture.py --faults all`."""
-    told = torture.faults(1, str(tmp_path), random.Random(6))
+    told = torture.faults(1, str(tmp_path), random.Random(6), (command,))
     assert told["faults"] >= 10 and told["wrong shards seen"] == 0
     assert (
         told["faults"]

@@ -44,7 +44,10 @@ def test_walks_keep_the_condition(monkeypatch):
     assert not 1e-7 < float(broken.p) < 1e-5
 
 
-@pytest.mark.parametrize("place", ["first", "last", "grid", "splitting"])
+SELDOM = [pytest.param(one, marks=pytest.mark.slow) for one in ("first", "grid", "splitting")]
+
+
+@pytest.mark.parametrize("place", ["last", *SELDOM])
 def test_rows_of_tables_and_grids(place):
     """Members walk and branch with the row that they have, in whatever order the rows are."""
     thrown = rm.Start(momentum=(0.0, 0.0, rm.normal(0.0, 1.0)))
@@ -141,6 +144,7 @@ def test_splitting(monkeypatch):
     assert float(broken.p) == 0.0 or not broken.p_low < p < broken.p_high
 
 
+@pytest.mark.slow  # 8 s, half of it to compile
 def test_events():
     """How often and when an event happens are one question; its score leads there."""
     cone = rm.Passage(axis=3, angle=0.6)
@@ -234,7 +238,7 @@ def flips_of(unit):
     return rare(rm.Scene(body, start=start), "p(flips >= 1)", 1e-9, 60, 2, **run)
 
 
-@pytest.mark.parametrize("unit", [2.0**-66, 2.0**66])
+@pytest.mark.parametrize("unit", [pytest.param(2.0**-66, marks=pytest.mark.slow), 2.0**66])
 def test_the_unit_of_a_level_decides_nothing(unit):
     """The level of a flip is a momentum: bodies of 1e-20 and 1e20 kg m2 have the same scores."""
     one, two = flips_of(1.0), flips_of(unit)

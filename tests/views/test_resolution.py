@@ -209,6 +209,7 @@ def test_an_animation_says_how_far_it_turns_between_frames():
     assert animation.between_frames(frames(ds, 0, 4 * 200)) == ""
 
 
+@pytest.mark.slow  # 6 s, to compile
 def test_a_page_shows_what_spins_up():
     """From rest: the first momentum tells no rate, and 300 frames would jump by 10 rad each."""
     pytest.importorskip("k3d")

@@ -33,6 +33,7 @@ def test_their_code_is_python_and_on_the_page(name):
     assert f"<!-- bench:coming_from_{name} -->" in page
 
 
+@pytest.mark.slow  # of these packages only sympy comes with '.[slow]'
 @pytest.mark.parametrize("name", ["heyoka", "mujoco", "rebound", "sympy"])
 def test_their_code_agrees_with_the_reference(name):
     if not importlib.util.find_spec(name):

@@ -365,8 +365,9 @@ def test_the_command_line_takes_what_is_new(extended):
     assert "1 good" in told["stress --group H16 --integrator cash_karp --threads 1"]
 
 
-def test_the_recipe_of_a_study_makes_one(extended):
-    """The files of docs/contributing.md to the letter; the tests over all studies take it."""
+@pytest.fixture(scope="module")
+def recurrence(extended):
+    """The copy with the files of docs/contributing.md to the letter, which make a study."""
     page = (ROOT / "docs/contributing.md").read_text("utf-8")
     section = page.split("## Add a study\n")[1].split("\n## ")[0]
     study, picture = re.findall(r"```python\n(.*?)```", section, re.S)
@@ -376,12 +377,20 @@ def test_the_recipe_of_a_study_makes_one(extended):
     for name, text in (("__init__", ""), ("study", study), ("picture", picture)):
         (folder / f"{name}.py").write_text(text)
     insert(extended / "rigidmc" / "studies" / "__init__.py", '    "section":', entry)
+    return extended
+
+
+def test_the_recipe_of_a_study_makes_a_command(recurrence):
+    told = run(recurrence, "-c", COMMANDS, json.dumps([["--help"], ["recurrence", "--help"]]))
+    assert "returns to its start" in told.stdout and "How near counts" in told.stdout
+
+
+@pytest.mark.slow  # 16 s: it compiles what the package does
+def test_the_tests_over_all_studies_take_that_of_the_recipe(recurrence):
     files = "tests/studies/test_framework.py", "tests/whole/test_docstrings.py"
-    ended = run(extended, "-m", "pytest", "-q", "-n", "0", "-k", "recurrence", *files, jit=True)
+    ended = run(recurrence, "-m", "pytest", "-q", "-n", "0", "-k", "recurrence", *files, jit=True)
     assert ended.returncode == 0, ended.stdout[-3000:]
     assert int(ended.stdout.split(" passed")[0].split()[-1]) == 8, ended.stdout
-    told = run(extended, "-c", COMMANDS, json.dumps([["--help"], ["recurrence", "--help"]]))
-    assert "returns to its start" in told.stdout and "How near counts" in told.stdout
 
 
 def blocks(language):

@@ -175,7 +175,7 @@ def test_without_a_folder_there_is_a_warning_and_no_cache(place):
     assert not kernels_in(place)
 
 
-@pytest.mark.parametrize("mode", [0o500, 0o770, 0o707])
+@pytest.mark.parametrize("mode", [0o500, 0o770, pytest.param(0o707, marks=pytest.mark.slow)])
 def test_a_folder_that_is_read_only_or_not_private_is_refused(place, mode):
     if mode == 0o500 and os.getuid() == 0:
         pytest.skip("root may write anywhere")

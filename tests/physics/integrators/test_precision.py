@@ -59,8 +59,8 @@ def test_compensated_float32_errs_by_its_body_alone():
     [
         ("rk4", 200_000, 2e-15),
         ("rk8", 50_000, 8e-15),
-        ("rkmk4", 100_000, 2e-15),
-        ("cf4", 100_000, 2e-15),
+        pytest.param("rkmk4", 100_000, 2e-15, marks=pytest.mark.slow),
+        pytest.param("cf4", 100_000, 2e-15, marks=pytest.mark.slow),
         ("srkn11", 50_000, 4e-14),
     ],
 )
@@ -166,7 +166,8 @@ def single_error(name, steps):
     return max(np.sqrt(np.mean(x**2)) for x in (apart, attitude_error(q.T, true_q.T)))
 
 
-FLAT = ("rk4", "cf4", "rkmk4", "strang")
+SLOW = pytest.mark.slow
+FLAT = ("rk4", pytest.param("cf4", marks=SLOW), pytest.param("rkmk4", marks=SLOW), "strang")
 
 
 # one of the bodies is impossible

@@ -426,6 +426,7 @@ def test_an_event_that_stops_a_member_ends_the_others_too():
         assert (ds.flips.values[1:] <= rest).all()
 
 
+@pytest.mark.slow  # 5 s, to compile
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps
 def test_a_member_that_stops_in_time_is_good():
     """A torque that would make it non-finite before the next check; it passes at 1.5328e-4 s."""
@@ -480,6 +481,7 @@ def test_statistics_of_members_with_steps_of_their_own():
         rm.simulate(scene, integrator="rk8", turn=0.02, t_end=1.0, save=("megno",))
 
 
+@pytest.mark.slow  # 6 s, to compile; tests/engine/test_bits.py has splittings of driven bodies
 def test_what_is_watched_is_the_state_at_the_time_of_a_step():
     """A splitting opens its last kick, which here depends on time: the extremes are those of the
     saves, if each step is saved, but for what is within a step."""
@@ -623,6 +625,7 @@ def test_short_excursions_within_long_steps_are_found():
     assert np.mean(found) >= 0.9  # measured 20 of 20
 
 
+@pytest.mark.slow  # 6 s, to compile; the notes of long steps are tested above
 def test_a_tolerance_chooses_no_step_that_hides_what_is_watched(monkeypatch):
     """Were steps that are watched to be of 0.3 rad at most: those of rk8 grow to 0.54 rad."""
     monkeypatch.setattr(plan_module, "LARGEST_TURN", 0.3)
@@ -643,8 +646,8 @@ def test_a_tolerance_chooses_no_step_that_hides_what_is_watched(monkeypatch):
     [
         ("flips", ("flips", "flip_first")),
         ("nutation", ("nutation_min", "nutation_max")),
-        ("energy_mean", ("energy_mean",)),
-        ("megno", ("megno", "lyapunov")),
+        pytest.param("energy_mean", ("energy_mean",), marks=pytest.mark.slow),
+        pytest.param("megno", ("megno", "lyapunov"), marks=pytest.mark.slow),
     ],
 )
 def test_the_ledger_of_work_changes_nothing_that_is_watched(word, names):
