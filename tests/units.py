@@ -31,6 +31,7 @@ from rigidmc.physics.observables import (
 from rigidmc.planning.units import scale_scene
 from rigidmc.scene.distributions import Distribution
 from rigidmc.studies.stress.trust import trust
+from rigidmc.views.live.engine import live_run
 
 # no numbers of the motion: what a computer takes, and what is found by rounding alone
 CLOCK = re.compile(r"second|ns_|cost|cheapest|gain")
@@ -282,8 +283,14 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
     def steady() -> Any:
         return rm.linearise(single, starts=4)
 
+    def moving() -> Any:
+        live = live_run(one, 2)
+        started = {name: live.start[name] for name in ("moments", "mass")}
+        units = {"moments": "kg m2", "mass": "kg"}
+        return {name: (values, units[name]) for name, values in started.items()}
+
     return {
-        "simulate": simulated, "rerun": again, "simulate(tolerance)": chosen,
+        "live": moving, "simulate": simulated, "rerun": again, "simulate(tolerance)": chosen,
         "simulate_until": until, "simulate_totals": totals,
         "estimate_rqmc": spread, "rigid.measure": measured,
         "rigid": followed, "stability_map": mapped, "zoom_map": nearer, "section": cross,

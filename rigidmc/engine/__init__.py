@@ -5,15 +5,17 @@ the effects, the saved variables. Each choice is a class of NamedTuples, and cod
 the classes. The mass of a body and its spin are numbers that the code reads from memory; so the
 same code serves all scenes of one kind, all members, and the next process.
 
-Three subpackages, each with its own guide:
+Four subpackages, each with its own guide:
 
 compiler   from a plain function and a tree of types to machine code in memory and on disk
 kernel     the compiled functions: members gathered, stepped, monitored, assessed, saved, scattered
 cuda       the same kernels as the code of one thread of a GPU
+wasm       the same kernels as a module for a browser
 
 and these files:
 
 program          Program: the compiled kernels of a scene and their working memory
+linked           the kernels of a program as one function without Python, for GPUs and browsers
 formulas         plain functions over arrays of millions of elements, compiled the same way
 inspection       LLVM code of a custom class: operations, memory, whether it runs on vectors
 compile_helper   some kernels compiled by a second process, so that the first run begins earlier
@@ -52,5 +54,5 @@ Invariants:
   lanes, threads, blocks, calls or saves, on the CPU, or on other compiled code.
 - So one rule decides which product is fused with a sum (`rigidmc.engine.compiler.fma`), no
   fast-math flag is set, and no function of a mathematical library is called.
-- One source serves all: uncompiled Python, every vector width, both precisions, and the GPU.
+- One source serves all: uncompiled Python, every vector width, both precisions, GPUs, browsers.
 """

@@ -5,7 +5,8 @@ notebooks), `descriptions` (text on scenes and bodies), `new_scene` (a first sce
 `summary` (text on a result), `axes` and `states` (axes of a result, quantities from saved states),
 `attitudes` (Euler angles of any sequence), `sample` (the members and times that pictures read),
 `ensemble` and `hemispheres` (pictures of a result), `sphere` and `surfaces` (shapes to draw),
-`closed_forms`, `gibbs`, `animation`, and `viewer` (a page that turns the body in a browser).
+`closed_forms`, `gibbs`, `animation`, `html_page` (a page in one file), `viewer` (a page that turns
+the body in a browser), and `live` (a page that computes the motion).
 
 A new picture is a function of the Dataset and a line in PICTURES. Views do not import studies; each
 study draws itself in `rigidmc/studies/*/picture.py`. Importing rigidmc imports neither xarray,

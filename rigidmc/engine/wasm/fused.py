@@ -68,7 +68,7 @@ def _exact(module: Any, scaled: Any) -> Any:
 
     It is right unless e + f, rounded, takes s to the middle between two numbers, which seldom
     happens; then `scaled` is called, and for products below _LEAST and whatever overflows. The CPU
-    predicts that branch: a result waits for 10 operations, by the way of `scaled` for 28.
+    predicts that branch, so a result does not wait for it.
     """
     pair, flags = ir.VectorType(_DOUBLE, 2), ir.VectorType(_BIT, 2)
     function = ir.Function(module, ir.FunctionType(pair, [pair] * 3), "fma.two")
@@ -189,7 +189,7 @@ def _scaled(module: Any) -> Any:
     coarse = b.call(copysign, [coarse, total])
     small = b.fcmp_ordered("<", b.call(fabs, [total]), least)
     found = b.select(b.and_(low, small), coarse, total)
-    half = b.sdiv(b.sub(_LONG(0), shift), _LONG(2))  # 2^1400 is no number
+    half = b.sdiv(b.sub(_LONG(0), shift), _LONG(2))  # 2^1400 would overflow
     power = _times_power(b, _filled(_DOUBLE, 1.0), half)
     b.ret(b.fmul(b.fmul(found, power), power))
     return function

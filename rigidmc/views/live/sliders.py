@@ -183,6 +183,7 @@ def _ends(kind: str, given: float, values: Floats, spin: float) -> Range:
         return -0.3 * spin, 0.3 * spin
     if kind == "angle":
         return (0.0, math.pi) if 0.0 <= given <= math.pi else (-math.pi, math.pi)
+    # a slider of a number that is 0 for all members ends at 3 units of it
     largest = float(np.abs(values).max()) or 1.0
     if given > 0.0:
         return given / WIDE, given * WIDE
