@@ -1,6 +1,7 @@
 """Equal bits everywhere: sha256 of results over vector widths, CPUs and architectures.
 
-A run on one architecture keeps the rows of the others. On x86-64, `bench/aarch64.sh FOLDER -m
+Runs that also differentiate (`wrt`) must give the same values, everywhere. A run on one
+architecture keeps the rows of the others. On x86-64, `bench/aarch64.sh FOLDER -m
 bench bits` makes the rows of ARM.
 """
 
@@ -16,6 +17,7 @@ from bench import harness
 
 WIDTHS = (1, 2, 4, 8, 16)
 OWN = (0,)  # the width that suits the CPU
+WITH = "with derivatives"  # of the processor of a row
 FILE = os.path.join(harness.HERE, "results", "bits.json")
 ARCHITECTURE = harness.architecture()
 
@@ -45,18 +47,23 @@ PROCESSORS = {
 QUICK = ("rk4", "exact", "strang")  # integrators of a quick run; strang covers the bath
 
 
-def sums(widths, integrators=None, motions=None, names=None, device=None):
-    """Return {case: [sha256 of its result for each width]}, for the cases in `names` if given."""
+def sums(widths, integrators=None, motions=None, names=None, device=None, derivatives=False):
+    """Return {case: [sha256 of its values for each width]}, for the cases in `names` if given.
+
+    derivatives : whether the runs also differentiate
+    """
     from rigidmc.engine import program
-    from rigidmc.studies.bits import cases, digest
+    from rigidmc.studies.bits import cases, digest, with_derivatives
 
     lanes_for, digests = program.lanes_for, {}
     try:
         for width in widths:
-            program.lanes_for = (lambda dtype, width=width: width) if width else lanes_for
+            members = width * (1 + derivatives)  # a program with derivatives takes half as many
+            program.lanes_for = (lambda dtype, members=members: members) if width else lanes_for
             for case in cases(integrators, motions):  # new scenes: one keeps its program
                 if names is None or case.name in names:
-                    digests.setdefault(case.name, []).append(digest(case.scene, device=device))
+                    scene = with_derivatives(case) if derivatives else case.scene
+                    digests.setdefault(case.name, []).append(digest(scene, device=device))
     finally:
         program.lanes_for = lanes_for
     return digests
@@ -74,7 +81,9 @@ def environment(processor):
     return found
 
 
-def elsewhere(processor, widths, integrators=None, motions=None, names=None):
+def elsewhere(
+    processor, widths, integrators=None, motions=None, names=None, device=None, derivatives=False
+):
     """Compute `sums` in a process with code for another CPU and with its own cache.
 
     Raises NotImplementedError if this CPU lacks an instruction of the other.
@@ -88,7 +97,7 @@ def elsewhere(processor, widths, integrators=None, motions=None, names=None):
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as cache:
         done = subprocess.run(
             [sys.executable, "-c", code],
-            input=json.dumps([widths, integrators, motions, names]),
+            input=json.dumps([widths, integrators, motions, names, device, derivatives]),
             env={**environment(processor), "RIGIDMC_CACHE_DIR": cache},
             capture_output=True,
             text=True,
@@ -103,10 +112,12 @@ def elsewhere(processor, widths, integrators=None, motions=None, names=None):
 def run(quick):
     """Return all rows of the bench; rows of other architectures are as recorded."""
     some = QUICK if quick else None
-    digests = {"this processor": elsewhere("this processor", WIDTHS, some)}
-    for processor in list(PROCESSORS)[1:]:
+    digests = {}
+    for processor in PROCESSORS:
+        widths = OWN if digests else WIDTHS  # all of them on this processor, the first
         with contextlib.suppress(NotImplementedError):
-            digests[processor] = elsewhere(processor, OWN, some)
+            digests[processor] = elsewhere(processor, widths, some)
+            digests[f"{processor}, {WITH}"] = elsewhere(processor, widths, some, derivatives=True)
     here = {"architecture": ARCHITECTURE}
     rows = [
         {"kind": "machine", **here, **harness.machine_card()},

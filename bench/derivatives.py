@@ -13,7 +13,7 @@ import tempfile
 import numpy as np
 
 import rigidmc
-from bench import harness, peers, tops
+from bench import gpu, harness, peers, tops
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import SaveTarget, StepRange
 from rigidmc.engine.machine import threads_available
@@ -32,6 +32,7 @@ ERRORS = (
 )  # fmt: skip
 MEMBERS, STEPS, H = 2048, 400, 0.01
 ERROR = 1e-9
+SPILLS = "spills", "spills in steps"
 FIRST = """
 import time
 began = time.perf_counter()
@@ -227,6 +228,19 @@ def beside(rounds):
     return rows
 
 
+def registers():
+    """Return rows with the registers that the GPU code of heavy tops takes; nothing is run."""
+    scene, found = gpu.scenes(True)["gravity"], []
+    names = "start.omega.1", "body.moments.2", "effects.gravity.g"
+    for name in ("rk4", "rk8"):
+        for count in (0, 1, 3):
+            row = gpu.inspected("gravity", name, scene, (), gpu.CAPABILITIES[-1], names[:count])
+            if "registers" in row:  # of an assembler
+                words = "integrator", "derivatives", "registers", "local", *SPILLS
+                found.append({"kind": "registers", **{word: row[word] for word in words}})
+    return found
+
+
 def first_result():
     """Return the row of the first run with derivatives, with an empty cache."""
     with tempfile.TemporaryDirectory() as folder:
@@ -245,7 +259,7 @@ def run(quick):
     for (name, kind), cases in COSTS.items():
         rows += costs(name, kind, cases, rounds)
     rows += errors(2 if quick else 8)
-    rows.append(first_result())
+    rows += [first_result(), *registers()]
     return rows + beside(rounds)
 
 
@@ -253,6 +267,9 @@ def report(rows):
     """Print the results."""
     lines = [[r["name"], f"{r['ratio']:.2f}"] for r in rows if r["kind"] == "cost"]
     harness.table("time of a run with derivatives, in plain runs", ["run", "plain runs"], lines)
+    head = "integrator", "derivatives", "registers", "local", *SPILLS
+    lines = [[r[word] for word in head] for r in rows if r["kind"] == "registers"]
+    harness.table("registers of a GPU thread, memory and spills [B]", list(head), lines)
     lines = [
         [r["name"], f"{r['milliseconds']:.1f}", r["setting"]] for r in rows if r["kind"] == "peer"
     ]

@@ -116,9 +116,9 @@ def assembled(text, capability):
     }
 
 
-def inspected(what, name, scene, watched, capability):
-    """Return the row of a kernel."""
-    scene = scene.with_run(integrator=name, save=("omega", "attitude", *watched))
+def inspected(what, name, scene, watched, capability, wrt=()):
+    """Return the row of a kernel; wrt : parameters of its derivatives."""
+    scene = scene.with_run(integrator=name, save=("omega", "attitude", *watched), wrt=wrt)
     with mock.patch.object(cuda, "select_devices", lambda number: (NOBODY,)):
         program = make_program(prepare_scene(scene).plan, "cuda", compiled=False)
         began = time.perf_counter()
@@ -130,6 +130,7 @@ def inspected(what, name, scene, watched, capability):
         "acting": what,
         "watched": bool(watched),
         "capability": "sm_{}{}".format(*capability),
+        "derivatives": len(wrt),
         "seconds": time.perf_counter() - began,
         "fma": counts["fma"],
         "add and mul": counts["add"] + counts["sub"] + counts["mul"],

@@ -430,8 +430,9 @@ def bits(rows, machine):
             lines.setdefault(words, []).append(row)
     machines = {row["architecture"]: row for row in rows if row["kind"] == "machine"}
     for (word, processor), mine in lines.items():
-        own = processor == "this processor"
-        name = machines[word]["cpu"] if own else f"the same, code for {processor}"
+        own = processor.startswith("this processor")
+        more = processor.removeprefix("this processor")  # ", with derivatives"
+        name = machines[word]["cpu"] + more if own else f"the same, code for {processor}"
         width = ", ".join(str(one or "its own") for one in mine[0]["widths"])
         same = sum(set(row["sums"]) == {truth[row["case"]]} for row in mine)
         found.append((word.replace("_", "-"), name, width, f"{same} of {len(mine)}"))
@@ -447,7 +448,12 @@ def derivatives(rows, machine):
     note = f"""4,096 heavy tops to 10 s with derivatives by their seven starts, right to 1e-9:
     {times}. {_machine(machine)} (`python -m bench derivatives`)."""
     note = " ".join(note.split())
-    return with_note(table(("derivatives", "plain runs"), lines), note)
+    words = "integrator", "derivatives", "registers", "local", "spills", "spills in steps"
+    taken = [[row[word] for word in words] for row in rows if row["kind"] == "registers"]
+    columns = "heavy tops", *words[1:3], "local memory [B]", "spills [B]", "in the steps [B]"
+    costs = with_note(table(("derivatives", "plain runs"), lines), note)
+    gpu = "Registers of a thread, of 255 at most, and memory, for compute capability 9.0."
+    return f"{costs}\n\n{with_note(table(columns, taken), gpu)}"
 
 
 PAGES = {  # page on coming from another program: {task: words}

@@ -13,6 +13,7 @@ dynamics      mechanics and conventions
   vectors, quaternions, functions   algebra and analysis in straight-line code; `so3` has all names
   euler             Euler's equations
   free_flow, arc    the exact motion of a free body over a step
+  rotation_flows    the same by rotations, if two moments are equal, or to order 2
   principal_axes    axes of a tensor
   body_axes         from the principal axes to the axes in which the body is described
 effects       torques, damping, noise; begin with `gravity`, then `protocol` and `sums`

@@ -39,10 +39,7 @@ def make_scheme(
         bound = _turn_rates(model, pilot, run.turn is not None)
         rate = bound.free if run.turn_rate is None else run.turn_rate
         unit, key = (dt, "dt") if run.turn is None else (run.turn, "turn")
-        # flows of symmetric bodies know no change that ends the symmetry
-        changes = any(name.startswith("body.") for name in run.wrt or ())
-        symmetric = bound.symmetric and not changes
-        turns = TurnBounds(rate * unit, bound.spin * unit, symmetric)
+        turns = TurnBounds(rate * unit, bound.spin * unit, bound.symmetric)
         largest = kind.max_spin
         if turns.spin > largest:
             rule = (

@@ -26,6 +26,13 @@ from rigidmc.scene.start import Start
 from rigidmc.scene.vector_distributions import Cone, GibbsMomentum, Sphere
 
 MEMBERS = 37  # of a run: not a multiple of any vector width
+# Parameters of the start, the body and the effects, by kind of motion
+DERIVATIVES = {
+    "free": ("start.momentum.size", "body.moments.1", "body.moments.2.mean"),
+    "heavy": ("start.omega.size", "body.moments.3", "effects.gravity.g"),
+    "driven": ("start.omega.1.mean", "body.mass", "effects.rotating_field.frequency"),
+    "in a bath": ("start.momentum.kT", "body.moments.1.low", "effects.bath.kT"),
+}
 
 
 class BitCase(NamedTuple):
@@ -59,6 +66,11 @@ def cases(
             more = {"integrator": "strang", "dt": 0.05, "save": save}
             found.append(_case(motion, scene, "strang, 0.05, works and a neighbour", **more))
     return found
+
+
+def with_derivatives(case: BitCase) -> Scene:
+    """Return the scene of a run that also differentiates; its values must have the same bits."""
+    return case.scene.with_run(wrt=DERIVATIVES[case.motion])
 
 
 def _case(motion: str, scene: Scene, name: str, **settings: Any) -> BitCase:
@@ -105,10 +117,11 @@ def _motions() -> dict[str, Scene]:
 
 
 def digest(scene: Scene, threads: int | None = 1, device: str | None = None) -> str:
-    """Return the sha256 of all variables of the result of a scene."""
+    """Return the sha256 of all variables of the result of a scene, except derivatives."""
     result = simulate(scene, threads=threads, device=device, checks=False)
     # `drift_law` follows from sums that are compared already
-    names = sorted(str(name) for name in result.data_vars if name != "drift_law")
+    values = result.drop_dims("parameter", errors="ignore").data_vars
+    names = sorted(str(name) for name in values if name != "drift_law")
     parts = (np.ascontiguousarray(result[name].values) for name in names)
     return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
 

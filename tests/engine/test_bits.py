@@ -33,6 +33,7 @@ NAMES = (
     "heavy, strang, 0.05, works and a neighbour", "driven, strang, 0.05", "in a bath, strang, 0.05",
 )  # fmt: skip
 EXACT, OWN = NAMES[1], NAMES[3]
+WITH_DERIVATIVES = EXACT, NAMES[2]
 
 
 def changed(digests):
@@ -50,6 +51,33 @@ def test_the_bits_of_all_cases():
     found = sums((0,))
     assert set(found) == set(RECORDED) and not changed(found)
     assert not changed(sums((1, 16), QUICK))
+
+
+def test_derivatives_change_no_bit():
+    found = sums((0,), QUICK, names=WITH_DERIVATIVES, derivatives=True)
+    assert set(found) == set(WITH_DERIVATIVES) and not changed(found)
+
+
+@pytest.mark.slow
+def test_derivatives_change_no_bit_of_any_case():
+    found = sums((0,), derivatives=True)
+    assert set(found) == set(RECORDED) and not changed(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1, 2, 4, 8, 16])
+def test_derivatives_change_no_bit_at_any_width(width):
+    assert not changed(sums((width,), QUICK, derivatives=True))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("processor", list(PROCESSORS)[1:])
+def test_derivatives_change_no_bit_on_any_processor(processor):
+    try:
+        found = elsewhere(processor, (0,), QUICK, derivatives=True)
+    except NotImplementedError as error:
+        pytest.skip(str(error))
+    assert found and not changed(found)
 
 
 def test_widths_change_no_bit(monkeypatch):

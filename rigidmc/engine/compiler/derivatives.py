@@ -30,7 +30,15 @@ from rigidmc.physics.dynamics.functions import (
     logarithm_of,
     sincos,
 )
+from rigidmc.physics.dynamics.quaternions import spin
+from rigidmc.physics.dynamics.rotation_flows import (
+    rotate_about_axis,
+    symmetric_flow,
+    turn_by_asymmetry,
+)
 from rigidmc.physics.dynamics.vectors import (
+    add,
+    cross,
     dot,
     logical_not,
     nearest_integer,
@@ -166,11 +174,44 @@ def _free_flow(body, halvings, panels, h, l):
     return turn, select_all(rests, still, change)
 
 
+def _symmetric_flow(body, h, l):
+    # Moments that are equal for the values may change apart.
+    turn, change = rotate_about_axis(body, h, l)
+    apart, eta = turn_by_asymmetry(body, h, l)
+    eta = _plain(eta)
+    plain = without_derivatives(turn[0]), *_plain(turn[1:])
+    turned, moved = spin(plain, scale(0.5, eta)), cross(_plain(add(l, change)), eta)
+    return (
+        (
+            turn[0] + _by_another(apart, turn[0], turned[0]),
+            turn[1] + _by_another(apart, turn[1], turned[1]),
+            turn[2] + _by_another(apart, turn[2], turned[2]),
+            turn[3] + _by_another(apart, turn[3], turned[3]),
+        ),
+        (
+            change[0] + _by_another(apart, change[0], moved[0]),
+            change[1] + _by_another(apart, change[1], moved[1]),
+            change[2] + _by_another(apart, change[2], moved[2]),
+        ),
+    )
+
+
+def _plain(v):
+    """Return the values of a 3-vector."""
+    return without_derivatives(v[0]), without_derivatives(v[1]), without_derivatives(v[2])
+
+
+def _by_another(x, y, derivative):
+    """Return a number that adds the derivative dy/dx to y, and nothing to its value."""
+    return chained(x, 0.0 * without_derivatives(y), derivative)
+
+
 RULES: dict[Callable[..., Any], Callable[..., Any]] = {
     free_flow: _free_flow,
     momentum_size: _momentum_size,
     nearest_integer: _nearest_integer,
     sincos: _sincos,
+    symmetric_flow: _symmetric_flow,
     exponential_of: _exponential_of,
     expm1: _expm1,
     logarithm_of: _logarithm_of,

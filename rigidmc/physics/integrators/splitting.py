@@ -16,8 +16,9 @@ import math
 from typing import Any, NamedTuple
 
 from rigidmc.physics.dynamics.euler import angular_velocity
-from rigidmc.physics.dynamics.free_flow import free_flow, split_flow, symmetric_flow
+from rigidmc.physics.dynamics.free_flow import free_flow
 from rigidmc.physics.dynamics.methods import OFF, Count, Flag, method, static_count
+from rigidmc.physics.dynamics.rotation_flows import split_flow, symmetric_flow
 from rigidmc.physics.dynamics.so3 import (
     add_compensated,
     apply_rotation,
