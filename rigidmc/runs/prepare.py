@@ -372,11 +372,14 @@ def prepare(
     >>> run.run().sizes["member"]
     4
     """
+    whole = scene.run.members
     members, which = range_of_members(members)
     scene = with_settings(scene, members, {**settings, "integrator": integrator})
     if names := (varied,) if isinstance(varied, str) else tuple(varied):
         scene = scene.with_run(varied=nominal_of(scene, names))
-    run = prepare_scene(scene, scene.run.members if which is None else which.size)
+    count = scene.run.members if which is None else which.size
+    # a part of an ensemble has the saves of the whole, so that parts fit together
+    run = prepare_scene(scene, max(count, whole) if isinstance(members, range) else count)
     return run if which is None else run.with_members(which)
 
 

@@ -139,6 +139,8 @@ def count_of(scene=TOP, **settings):
         ({"members": 21}, 1),
         ({"members": range(90, 95)}, 500),
         ({"members": [3, 900]}, 500),
+        ({"scene": TOP.with_run(members=1000), "members": range(5)}, 1),
+        ({"scene": TOP.with_run(members=1000), "members": 5}, 500),
         ({"t_end": 1000.0}, 10_000),  # 20 per turn: 9,550
         ({"t_end": 1e5}, 1),  # 20,000 saves are too few for 47,700 turns
         ({"t_end": 1e4, "save": "momentum"}, 20_000),

@@ -68,6 +68,8 @@ def test_few_members_have_the_last_bits_of_many(dense):
     assert (many.sizes["time"], few.sizes["time"]) == (2, 151)
     assert np.array_equal(few.omega, dense.omega[..., :3])
     assert np.array_equal(few.omega[-1], many.omega[-1, :, :3])
+    part = rm.simulate(SCENE, members=range(60, 70))  # saves as the whole
+    assert np.array_equal(part.omega, many.omega[..., 60:])
     again = rm.rerun(many, 2)  # saves as in the result
     assert again.attrs["rerun"] == "equal to the bit at 2 times in omega"
     assert again.sizes["time"] == 2
