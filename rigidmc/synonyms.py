@@ -50,7 +50,7 @@ _WORDS = {
     "t_end": "tmax t_max tend tstop t_stop tfinal t_final t_f tf duration time end",
     "members": "n num count samples n_members n_samples ensemble size",
     "dt": "step timestep time_step stepsize step_size h delta_t",
-    "every": "interval save_every output_every dt_save dt_out stride",
+    "every": "interval save_every output_every dt_save dt_out stride t_eval saveat save_times",
     "integrator": "method solver scheme stepper",
     "tolerance": "tol rtol atol accuracy error eps",
     "seed": "random_state rng random_seed",

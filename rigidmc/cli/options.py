@@ -12,7 +12,8 @@ from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.errors import NoDevice, OptionError, RigidmcError
 from rigidmc.scene.amounts import read_count_text, read_seconds, words_of
 from rigidmc.scene.library import shipped_names
-from rigidmc.scene.settings import Angle, Count, Digits, Index, Rate, Run, Time, types
+from rigidmc.scene.save_times import read_every
+from rigidmc.scene.settings import Angle, Count, Digits, Every, Index, Rate, Run, Time, types
 from rigidmc.units import in_units, units_text
 
 
@@ -44,6 +45,15 @@ def time_option(key: str, positive: bool = True, **option: Any) -> Any:
         return read_seconds(text, key[2:], positive=positive)
 
     return typer.Option(key, parser=_checked(key, read), metavar="TIME", **option)
+
+
+def _every_option(key: str, **option: Any) -> Any:
+    """Return an option for save times: 0.1s, 50/turn, or 0,0.5,2."""
+
+    def read(text: str) -> Any:
+        return read_every(text, key[2:], OptionError)
+
+    return typer.Option(key, parser=_checked(key, read), metavar="TIMES", **option)
 
 
 def _number_option(key: str, units: str, **option: Any) -> Any:
@@ -129,6 +139,8 @@ def setting(name: str, words: str | None = None) -> Any:
         return Annotated[bool | None, typer.Option(f"{key}/--no-{key[2:]}", **text)]
     if kind == Time:
         return Annotated[Any, time_option(key, **text)]
+    if kind == Every:
+        return Annotated[Any, _every_option(key, **text)]
     if kind in (Count, Index, Digits):
         return Annotated[Any, count_option(key, 0 if kind == Index else 1, **text)]
     if kind in (Angle, Rate):

@@ -56,7 +56,7 @@ Member = Annotated[int, count_option("--member", 0, help="Index of the member.")
     "every",
     "save",
     words={
-        "every": "time between saves [s]; by default as in the run",
+        "every": "time between saves [s], times of saves, or 50/turn; by default as in the run",
         "save": "observables to save; by default all",
     },
 )

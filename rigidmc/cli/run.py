@@ -113,7 +113,7 @@ def _created(
     """Create a run directory, as `Make` of `rigidmc.cli.directories`."""
     from rigidmc.runs.directory.create import create
 
-    return create(scene, path, size, only, threads, limit=limit, device=device)
+    return create(scene, path, size, only, threads, limit=limit, device=device, plots=True)
 
 
 def _until(

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rigidmc.engine.kernel.arguments import SaveTarget, StepRange
+from rigidmc.engine.kernel.arguments import SaveTarget
 from rigidmc.threads import Late, Task, drop, is_late, threads_of
 
 # s that a thread waits at most for another one to build or to end a block: hundreds of short
@@ -57,15 +57,8 @@ def run_block(
     if progress is not None and done:
         progress(size * done * rounds_a_step)
     order = EVERY if job.order is None else job.order
-    saves, member_steps = (
-        SaveTarget(job.out, job.width, job.column, order),
-        int(job.order is not None),
-    )
-    length = job.head, job.last_h
-    steps = StepRange(
-        job.h, job.slots, job.stride, job.total, member_steps, done, job.total, *length
-    )
-    with closing(job.program.through(block, steps, job.noise, saves)) as calls:
+    saves = SaveTarget(job.out, job.width, job.column, order)
+    with closing(job.program.through(block, job.steps, job.noise, saves)) as calls:
         for last in calls:
             if progress is not None:
                 progress(size * (last - done) * rounds_a_step)

@@ -319,7 +319,7 @@ def idle_settings(run: Run) -> Iterator[str]:
     for name, word in run.keep.items() if isinstance(run.keep, dict) else ():
         if name not in run.save:
             yield f"[run] keep.{name} = {word} has no effect: {name} is not saved"
-    if run.every is not None and run.every > run.t_end:
+    if isinstance(run.every, float) and run.every > run.t_end:
         yield (
             f"[run] every = {run.every:g} s is longer than t_end = {run.t_end:g} s: only the "
             "first and the last state are saved"

@@ -249,12 +249,12 @@ def make_plan(
     if lost := [label for label, one in own if not outputs_with_derivatives(label, one)]:
         rule = "its method `results` uses functions that have none"
         notes += (f"[run] wrt: {', '.join(lost)} has no derivatives: {rule}",)
-    if (saves := found.steps // found.stride) > MOST_SAVES:
+    if not found.listed and (saves := found.steps // found.stride) > MOST_SAVES:
         rule = f"{saves:,} saves exceed the limit of {MOST_SAVES:,}"
         raise SceneError(rule, at="run.every", value=run.every)
     if found.is_shortened:
         _refuse_counts(run, monitors)
-    slots = np.append(np.arange(0, found.steps, found.stride), found.steps)
+    slots = found.save_steps
     is_thinned = "thinned" in recording.retained.values()
     conserved = conservation(effects, recording.has_work)
     watches = bool(recording.recorded or monitors.events or monitors.running)

@@ -1,8 +1,9 @@
 """The times of a run: the number of steps, their lengths, and which of them end at a save.
 
 Saves are at 0, `every`, 2 `every`, ... and at t_end. If `every` does not divide t_end, the last
-interval is shorter than the others, and so are its steps. With per-member steps, each member makes
-as many steps as its largest possible rate requires (`rate_bounds`, `count_member_steps`).
+interval is shorter than the others, and so are its steps. Listed times end steps of one length.
+With per-member steps, each member makes as many steps as its largest possible rate requires
+(`rate_bounds`, `count_member_steps`).
 """
 
 import math
@@ -20,6 +21,7 @@ from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.physics.dynamics.so3 import dot
 from rigidmc.physics.effects.protocol import from_numbers, parameter_count
 from rigidmc.physics.effects.sums import total_energy_scale
+from rigidmc.scene.save_times import SaveTimes, settled
 
 Array = NDArray[np.float64]
 MOST_OWN_STEPS = 2**24  # of a member in a round, so that no fast member stops a run
@@ -76,6 +78,7 @@ def order_by_steps(block: Array) -> NDArray[np.int64]:
 
 
 MOST_STEPS = 10**15
+SAME = 1e-9  # fraction of a step, or of t_end, by which a listed time may be off
 # The grid uses equal steps if they are at most twice as many as dt requires, or at most this many
 FEW = 1000
 # Members with their own steps make as many steps in a short last round as in any other. Whole
@@ -131,6 +134,7 @@ class TimeGrid(NamedTuple):
     stride : steps between saves; the last step is always saved
     head, last_dt : number of steps before a shorter last interval, and the length of its steps [s];
         without one, all steps and dt
+    listed : steps that end at a save, from 0 to the last, if the saves are not even; else ()
     notes : on dt
     """
 
@@ -139,7 +143,15 @@ class TimeGrid(NamedTuple):
     stride: int
     head: int
     last_dt: float
+    listed: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
+
+    @property
+    def save_steps(self) -> NDArray[np.int64]:
+        """The steps that end at a save, from 0 to the last."""
+        if self.listed:
+            return np.array(self.listed, np.int64)
+        return np.append(np.arange(0, self.steps, self.stride), self.steps)
 
     @property
     def clock(self) -> Clock:
@@ -152,19 +164,26 @@ class TimeGrid(NamedTuple):
         return self.head < self.steps
 
 
-def make_time_grid(t_end: float, dt: float, every: float | None) -> TimeGrid:
+def make_time_grid(t_end: float, dt: float, every: SaveTimes | None) -> TimeGrid:
     """Return the TimeGrid of a run: whole numbers of steps between saves, each at most dt long.
 
     Decimal numbers are read as exact fractions, so that `10 / 0.3` is 100/3. All steps have one
     length if `every` and t_end have a common step that is not much shorter than dt.
-    Raises SceneError for more steps than a run may have.
+
+    every : time between saves, or times of saves [s]; None for the first and the last state
+
+    Raises SceneError for more steps than a run may have, and for listed times without a common
+    step.
     """
+    every = settled(every)
     end, step = Fraction(repr(t_end)), Fraction(repr(dt))
     for key, length in (("dt", dt), ("every", every)):
-        if length is not None:
+        if isinstance(length, (int, float)):
             _refuse_many(end / Fraction(repr(length)), key, length, t_end)
     found = _saved_once(end, step, t_end)
-    if every is not None and every < t_end:
+    if isinstance(every, tuple):
+        found = _listed(end, step, every, t_end)
+    elif every is not None and every < t_end:
         found = _even(end, step, every, t_end) or _with_rest(end, step, every)
     _refuse_many(found.steps, "dt", dt, t_end)
     if abs(found.dt / dt - 1) < 0.01:  # errors grow as dt^4: by less than 4 %; `show` names the dt
@@ -183,10 +202,7 @@ def _saved_once(end: Fraction, step: Fraction, t_end: float) -> TimeGrid:
 def _even(end: Fraction, step: Fraction, every: float, t_end: float) -> TimeGrid | None:
     """Return the TimeGrid with steps of one length, or None if these are too many."""
     # steps must be a multiple of p for stride = steps q/p to be whole, with p/q = t_end/every
-    ratio = end / Fraction(repr(every))
-    # numbers given to 16 digits only, such as t_end/7 or 2^-30 s
-    simple = ratio.limit_denominator(1000)
-    ratio = simple if abs(simple / ratio - 1) < Fraction(1, 10**14) else ratio
+    ratio = _simple(end / Fraction(repr(every)))
     # a remainder of 1e-9 of `every` comes from writing t_end/7 in digits
     ratio = Fraction(round(ratio)) if abs(round(ratio) - ratio) < Fraction(1, 10**9) else ratio
     # the step of `_with_rest`: a result stores that step, which must lead to the same grid
@@ -196,6 +212,56 @@ def _even(end: Fraction, step: Fraction, every: float, t_end: float) -> TimeGrid
     multiples = _count(end / step / ratio.numerator)
     steps = multiples * ratio.numerator
     return TimeGrid(steps, t_end / steps, multiples * ratio.denominator, steps, t_end / steps)
+
+
+def _simple(ratio: Fraction) -> Fraction:
+    """Return the fraction meant by a ratio of numbers with 16 digits, such as t_end/7 or 2^-30."""
+    simple = ratio.limit_denominator(1000)
+    return simple if abs(simple / ratio - 1) < Fraction(1, 10**14) else ratio
+
+
+def _listed(end: Fraction, step: Fraction, times: tuple[float, ...], t_end: float) -> TimeGrid:
+    """Return the TimeGrid that saves at listed times: with the steps of a run without saves if they
+    end there, else with the longest shorter steps that do; SceneError if these are too many."""
+    if not times[-1] <= t_end * (1.0 + SAME):
+        rule = f"is later than t_end = {t_end:g} s"
+        raise SceneError(rule, at="run.every", value=f"{times[-1]:.10g} s")
+    inner = [t for t in times if 0.0 < t < t_end * (1.0 - SAME)]
+    once = _saved_once(end, step, t_end)
+    steps, near = once.steps, _nearest_steps(inner, once.dt)
+    if near is None:
+        base, most = 1, max(FEW, 2 * once.steps)
+        for t in inner:
+            base = math.lcm(base, _simple(Fraction(repr(t)) / end).denominator)
+            if base > most:
+                raise _off_steps(inner, once.dt, most)
+        steps = base * _count(end / step / base)
+        _refuse_many(steps, "dt", float(step), t_end)
+        near = [round(Fraction(repr(t)) / end * steps) for t in inner]
+    listed = 0, *near, steps
+    return TimeGrid(steps, t_end / steps, steps, steps, t_end / steps, listed=listed)
+
+
+def _nearest_steps(times: Sequence[float], dt: float) -> list[int] | None:
+    """Return the steps of length dt that end at times; None if one of them ends at no step."""
+    position = np.array(times) / dt
+    near = np.rint(position)
+    # times are rounded to 2e-16 of themselves; 1e-9 of a step comes from writing them in digits
+    if (np.abs(position - near) > np.maximum(SAME, 1e-15 * position)).any() or (near == 0).any():
+        return None
+    return [int(n) for n in near]
+
+
+def _off_steps(times: Sequence[float], dt: float, most: int) -> SceneError:
+    """Return the error about the first of some times that ends no step."""
+    off = next(t for t in times if _nearest_steps([t], dt) is None)
+    near = max(1, round(off / dt)) * dt
+    rule = (
+        f"is between steps of {dt:.10g} s, the nearest of which ends at {near:.10g} s, and steps"
+        f" that end at all times are more than {most:,}: round the times to multiples of"
+        f" {dt:.10g} s, or reduce dt"
+    )
+    return SceneError(rule, at="run.every", value=f"{off:.10g} s")
 
 
 def _with_rest(end: Fraction, step: Fraction, every: float) -> TimeGrid:
@@ -222,12 +288,17 @@ def _refuse_many(steps: int | Fraction, key: str, length: float, t_end: float) -
         raise SceneError(rule, at=f"run.{key}", value=length)
 
 
-def round_grid(t_end: float, every: float | None) -> TimeGrid:
+def round_grid(t_end: float, every: SaveTimes | None) -> TimeGrid:
     """Return the TimeGrid of the longest intervals that divide `every`, and if possible t_end.
 
     These intervals are the rounds of members with their own steps, which make as many steps in a
     shorter last round as in any other.
     """
+    every = settled(every)
+    if isinstance(every, tuple):
+        gaps = np.diff([0.0, *(t for t in every if t < t_end), t_end])
+        found = make_time_grid(t_end, float(gaps[gaps > 0.0].min()), every)
+        return found._replace(notes=())
     if every is None or every >= t_end:
         return TimeGrid(1, t_end, 1, 1, t_end)
     found = make_time_grid(t_end, every, every)

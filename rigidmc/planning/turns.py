@@ -20,6 +20,7 @@ from rigidmc.physics.effects.rotor import Rotor
 from rigidmc.planning.initial import make_pilot, make_sampler
 from rigidmc.planning.steps import physics
 from rigidmc.scene.model import Model
+from rigidmc.scene.save_times import settled
 from rigidmc.scene.settings import Run
 
 MOST = 2.0  # rad
@@ -199,12 +200,29 @@ def rounded_down(value: float) -> float:
     return float(f"{math.floor(value / unit * (1.0 + 1e-12)) * unit:.2g}")
 
 
+def longest_interval(run: Run) -> float:
+    """Return the longest time between two saves [s]."""
+    every = settled(run.every)
+    if isinstance(every, tuple):
+        inner = [t for t in every if t < run.t_end]
+        return float(np.diff([0.0, *inner, run.t_end]).max())
+    return run.t_end if every is None else min(every, run.t_end)
+
+
 def turning_at_start(model: Model, run: Run) -> Turning:
     """Return the Turning of the first members at their start."""
     block = _first_block(model, run)
     with np.errstate(all="ignore"):
         moments = 1.0 / block[layout.BODY : layout.BODY + 3]
     return turning_rates(moments, block[layout.MOMENTUM : layout.EXTRA], drive(model, run))
+
+
+def shown_rate(model: Model, run: Run) -> float:
+    """Return the rate of the saved quantity that turns fastest, among the first members at their
+    start [rad/s]; if no saved quantity turns, of vectors in the body, of axis 3 or of the body."""
+    turns = turning_at_start(model, run)
+    fields = {KINDS[name] for name in run.save if name in KINDS} or set(Turning._fields)
+    return max(_largest(getattr(turns, field)) for field in fields)
 
 
 def sparse_saves(model: Model, run: Run) -> tuple[str, Sparse] | None:
@@ -214,10 +232,11 @@ def sparse_saves(model: Model, run: Run) -> tuple[str, Sparse] | None:
     only two saves.
     """
     found = []
-    if run.every is None or 2.0 * run.every > run.t_end:
+    between = longest_interval(run)
+    if 2.0 * between > run.t_end:
         return None
     turns = turning_at_start(model, run)
     for name in run.save:
-        if name in KINDS and (one := sparse(getattr(turns, KINDS[name]), run.every)):
+        if name in KINDS and (one := sparse(getattr(turns, KINDS[name]), between)):
             found.append((name, one))
     return max(found, key=lambda pair: pair[1].angle, default=None)

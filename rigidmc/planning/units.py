@@ -81,11 +81,11 @@ def scale_scene(scene: Scene, mass: float = 1.0, length: float = 1.0, time: floa
     by = 1.0 / time if spin == "omega" else inertia / time
     distribution = _sized(getattr(scene.start, spin), by, inertia / time / time)
     start = replace(scene.start, **{spin: distribution})
-    run = {
-        name: getattr(scene.run, name) * time
-        for name in ("t_end", "every")
-        if getattr(scene.run, name) is not None
-    }
+    run: dict[str, Any] = {"t_end": scene.run.t_end * time}
+    if isinstance(every := scene.run.every, tuple):
+        run["every"] = tuple(t * time for t in every)
+    elif isinstance(every, float):
+        run["every"] = every * time
     run |= {"dt": scene.run.dt * time} if scene.run.turn is None else {}
     if scene.run.turn_rate is not None and scene.run.turn is None:
         run["turn_rate"] = scene.run.turn_rate / time

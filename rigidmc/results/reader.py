@@ -317,7 +317,7 @@ def _refuse_attributes(attrs: dict[str, Any], run: Run) -> None:
         return
     # the last interval and its steps may be shorter; the number of steps is then rounded up
     off = float(steps) * run.dt - run.t_end if whole else 0.0
-    most = run.dt if run.every is not None and run.every < run.t_end else 0.0
+    most = run.dt if isinstance(run.every, float) and run.every < run.t_end else 0.0
     if not whole or not -1e-6 * run.t_end < off < most + 1e-6 * run.t_end:
         rule = f"steps of {run.dt:g} s do not add up to t_end = {run.t_end:g} s"
         raise FileError(rule, at="steps", value=str(steps))

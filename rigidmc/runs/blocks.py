@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rigidmc.dual_arrays import DualArray, plain
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.arguments import NoiseKeys
+from rigidmc.engine.kernel.arguments import NO_SAVE_STEPS, NoiseKeys, StepRange
 from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.engine.threads import Keeper, run_alone, run_blocks
 from rigidmc.physics.dynamics.so3 import conjugate, multiply
@@ -37,7 +37,8 @@ class BlockJob(NamedTuple):
     start : sampled values that members were built from;  program : None if no steps are left
     order : of the members in the block, if they have their own steps
     out, width, column : array for the values, its columns, and the block's first column
-    h, slots, stride, total : step [s], slots in a round, steps between saves, steps in all
+    h, slots, total : step [s], slots in a round, steps in all
+    stride, save_steps : steps between saves; if 0, the steps that end at a save
     head, last_h : the number of steps after which h is `last_h`
     done : number of steps already made
     """
@@ -61,6 +62,24 @@ class BlockJob(NamedTuple):
     last_h: float
     rounds: int
     done: int = 0
+    save_steps: NDArray[np.int64] = NO_SAVE_STEPS
+
+    @property
+    def steps(self) -> StepRange:
+        """The steps that are not yet done."""
+        return StepRange(
+            self.h,
+            self.slots,
+            self.stride,
+            self.total,
+            int(self.order is not None),
+            self.done,
+            self.total,
+            self.head,
+            self.last_h,
+            self.save_steps,
+            self.save_steps.size,
+        )
 
 
 class Sink(Protocol):
@@ -175,7 +194,8 @@ def steps_of_job(plan: Plan, slots: int) -> dict[str, Any]:
     return {
         "h": grid.dt,
         "slots": slots,
-        "stride": slots * grid.stride,
+        "stride": 0 if grid.listed else slots * grid.stride,
+        "save_steps": slots * grid.save_steps if grid.listed else NO_SAVE_STEPS,
         "total": slots * grid.steps,
         "head": slots * grid.head,
         "last_h": grid.last_dt,

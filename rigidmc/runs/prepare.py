@@ -30,6 +30,7 @@ from rigidmc.planning.initial import (
 from rigidmc.planning.monitors import has_attitude, make_monitors
 from rigidmc.planning.notes import scene_notes, step_notes
 from rigidmc.planning.plan import Plan, make_plan
+from rigidmc.planning.saves import save_to_plot, settle_saves
 from rigidmc.planning.tolerance.choose import Choice, choose_integrator
 from rigidmc.planning.units import UnitScale, choose_units, scale_scene
 from rigidmc.progress import Progress
@@ -371,19 +372,26 @@ def prepare(
     >>> run.run().sizes["member"]
     4
     """
+    whole = scene.run.members
     members, which = range_of_members(members)
     scene = with_settings(scene, members, {**settings, "integrator": integrator})
     if names := (varied,) if isinstance(varied, str) else tuple(varied):
         scene = scene.with_run(varied=nominal_of(scene, names))
-    run = prepare_scene(scene)
+    count = scene.run.members if which is None else which.size
+    # a part of an ensemble has the saves of the whole, so that parts fit together
+    run = prepare_scene(scene, max(count, whole) if isinstance(members, range) else count)
     return run if which is None else run.with_members(which)
 
 
-def prepare_scene(scene: Scene) -> PreparedRun:
-    """Settle everything about the run of a scene; SceneError if it cannot run."""
+def prepare_scene(scene: Scene, plotted: int = 0) -> PreparedRun:
+    """Settle everything about the run of a scene; SceneError if it cannot run.
+
+    plotted : number of members that, if few, save enough to plot; see
+        `rigidmc.planning.saves.save_to_plot`
+    """
     if not scene.run.varied:
-        return _prepare_scene(scene)
-    run, values = _prepare_scene(open_varied(scene)), stored_values(scene)
+        return _prepare_scene(scene, plotted)
+    run, values = _prepare_scene(open_varied(scene), 0), stored_values(scene)
     if values is None:
         return run
     # a result with varied parameters keeps its original plan, and each member has its own values
@@ -391,13 +399,15 @@ def prepare_scene(scene: Scene) -> PreparedRun:
     return run.with_values(values).with_members(range(first, first + members))
 
 
-def _prepare_scene(scene: Scene) -> PreparedRun:
+def _prepare_scene(scene: Scene, plotted: int) -> PreparedRun:
     """Prepare a scene whose varied parameters are already marked; see `prepare_scene`."""
     asked, units, wrt = scene, choose_units(scene), parameters_of_run(scene)
     if units is not None:
         scene = scale_scene(scene, units.mass, 1.0, units.time)
-    scene, choice = choose_integrator(scene)
-    run, model, recorded = scene.run, scene.model, make_recording(scene)
+    scene, choice = choose_integrator(settle_saves(scene))
+    recorded = make_recording(scene)
+    scene = save_to_plot(scene, recorded, plotted, len(wrt))
+    run, model = scene.run, scene.model
     check_scene(scene, recorded)
     coarse, sampler = model.coarse(), make_sampler(model, run)
     check_starts(coarse, sampler, run.seed)

@@ -212,8 +212,7 @@ def _seconds(
         kept = max(SAVES, math.ceil(saves * LONG / block))
         if kept >= saves:  # the time of such a study is the time of its steps
             return block * max(1.0, members / LANES / threads)
-        assert scene.run.every is not None
-        scene, share = scene.with_run(t_end=kept * scene.run.every), kept / saves
+        scene, share = _until_save(scene, run.layout.axes.times[kept]), kept / saves
     # a GPU takes as long for one member as for a wave of members
     count = min(WAVE if is_gpu(device) else LANES, members)
     before = 0, 0.0
@@ -230,6 +229,14 @@ def _seconds(
             before, count = (count, took), min(4 * count, members)
     each = max(took - before[1], 0.2 * took) / (count - before[0])
     return (took + each * (members - count)) / share
+
+
+def _until_save(scene: Scene, end: float) -> Scene:
+    """Return the scene of a run that ends at one of its saves."""
+    every = scene.run.every
+    if isinstance(every, tuple):
+        every = tuple(t for t in every if t <= end) or None
+    return scene.with_run(t_end=float(end), every=every)
 
 
 def _of_a_member(run: PreparedRun, device: str) -> float:

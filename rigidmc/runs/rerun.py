@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning, in_file
 from rigidmc.files.opening import is_zarr
@@ -17,15 +17,17 @@ from rigidmc.files.stores import is_folder
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import OBSERVABLES, OUTCOMES, outputs, own
 from rigidmc.physics.observables.saving import summaries
+from rigidmc.planning.saves import first_and_last, settle_saves
 from rigidmc.planning.steps import make_time_grid
 from rigidmc.results.export import write
 from rigidmc.results.reader import open_result
 from rigidmc.runs.directory.dataset import open_run
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.simulate import simulate
-from rigidmc.scene.amounts import count_text, read_count, read_seconds
+from rigidmc.scene.amounts import count_text, read_count
 from rigidmc.scene.derivatives import derivative_name
 from rigidmc.scene.recording import make_recording
+from rigidmc.scene.save_times import SaveTimes, read_every
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.read import refuse_twice
@@ -38,7 +40,7 @@ SAME_INPUT = 1e-6
 def rerun(
     source: Path | xr.Dataset,
     member: int | range,
-    every: float | str | None = None,
+    every: SaveTimes | ArrayLike | None = None,
     save: Iterable[str] | None = None,
     allow_code: bool = False,
     output: Path | None = None,
@@ -56,10 +58,11 @@ def rerun(
         a result: a file (.nc, .zarr), a run directory or a Dataset
     member : int or range
         index of a member, or a range of indices
-    every : float or str, optional [s]
-        time between saves; default as in the result. If it is not a whole number of steps, the
-        nearest whole number is used, and a SceneWarning states the resulting time. With per-member
-        steps (`turn`), the steps depend on `every`, so there it cannot change
+    every : float, str or array_like, optional
+        time between saves [s], times of saves [s] or saves per turn, as in `simulate`; default as
+        in the result. If a time between saves is not a whole number of steps, the nearest whole
+        number is used, and a SceneWarning states the resulting time. With per-member steps
+        (`turn`), the steps depend on `every`, so there it cannot change
     save : iterable of str, optional
         names of observables; default all, but work only if the result has it
     allow_code : bool, optional
@@ -110,9 +113,10 @@ def rerun(
     members = chosen_members(member, scene.run, source, name)
     between = scene.run.every
     if every is not None:
-        between = _whole_steps(scene.run, read_seconds(every, "run.every", error=SceneError))
+        asked = settle_saves(scene.with_run(every=read_every(every, "run.every"))).run.every
+        between = _whole_steps(scene.run, asked)
     scene = _saving(scene, save, between, members, every)
-    again = simulate(scene, members=members, **options)
+    again = simulate(first_and_last(scene), members=members, **options)
     again.attrs["rerun"] = _compared(again, source.sel(member=list(members)), original, name)
     if output is not None:
         write(again, output, force)
@@ -138,17 +142,22 @@ def chosen_members(member: int | range, run: Run, result: xr.Dataset, name: str)
     return members
 
 
-def _whole_steps(run: Run, every: float) -> float:
-    """Round `every` [s] to the nearest whole number of steps; warn if the time changes."""
-    if run.turn is not None or run.integrator == "closed" or every >= run.t_end:
+def _whole_steps(run: Run, every: SaveTimes | None) -> SaveTimes | None:
+    """Round a time between saves [s] to the nearest whole number of steps; warn if it changes.
+    Listed times stay as they are."""
+    free = run.turn is not None or run.integrator == "closed"
+    if free or (isinstance(every, float) and every >= run.t_end):
         return every
-    known, count = make_time_grid(run.t_end, run.dt, run.every), max(1, round(every / run.dt))
+    known = make_time_grid(run.t_end, run.dt, run.every)
     if known.is_shortened and every != run.every:
         rule = (
             f"the last steps of this run are shorter, because its every = {run.every:.10g} s does"
             f" not divide t_end = {run.t_end:.10g} s: other saves would change the steps"
         )
         raise SceneError(rule, at="run.every", value=every)
+    if not isinstance(every, float):
+        return every
+    count = max(1, round(every / run.dt))
     nearest = run.t_end * count / known.steps
     if every == run.every or abs(every / nearest - 1.0) < 1e-9:
         return every
@@ -163,13 +172,14 @@ def _whole_steps(run: Run, every: float) -> float:
 def _saving(
     scene: Scene,
     save: Iterable[str] | None,
-    between: float | None,
+    between: SaveTimes | None,
     members: range,
-    every: float | str | None,
+    every: Any,
 ) -> Scene:
-    """Return the scene of some members with other saves, `between` seconds apart.
+    """Return the scene of some members with other saves.
 
-    Raises SceneError if these saves would change the steps. every : as given by the user
+    between : time between them, or their times [s];  every : as given by the user
+    Raises SceneError if these saves would change the steps.
     """
     run = scene.run
     names = _everything(scene) if save is None else tuple(save)
@@ -192,8 +202,8 @@ def _saving(
         and abs(prepare_scene(more).layout.settings["dt"] / run.dt - 1.0) > 1e-9
     ):
         rule = (
-            f"saves {between / run.dt:.0f} steps of {run.dt:.10g} s apart do not fit"
-            f" t_end = {run.t_end:g} s without another step"
+            f"these saves do not fit the steps of {run.dt:.10g} s to t_end = {run.t_end:g} s"
+            " without another step"
         )
         raise SceneError(rule, at="run.every", value=every)
     return more

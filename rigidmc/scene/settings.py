@@ -36,20 +36,19 @@ from pydantic import (
 from rigidmc.errors import SceneError, from_pydantic
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.protocol import follows_turns
-from rigidmc.scene.amounts import parse_count, parse_seconds, words_of
+from rigidmc.scene.amounts import parse_count, words_of
+from rigidmc.scene.save_times import SaveTimes, parse_every, seconds_of
 from rigidmc.units import Measured, in_units, rule_with_hint
 
 
 def _time(value: Any) -> float:
-    return parse_seconds(_in_units("s", value), positive=False)
+    return seconds_of(value, positive=False)
 
 
 def _in_units(units: str, value: Any) -> Any:
     """Return a number in SI units, if the value has a unit, in text or beside it; ValueError."""
     if isinstance(value, dict) and value.keys() == {"value", "unit"}:
         value = Measured(value["value"], value["unit"])
-    if units == "s" and isinstance(value, str):
-        return value  # "1h30m" is a time, too, and m are minutes
     try:
         return in_units(value, units, "run")
     except SceneError as error:
@@ -61,6 +60,7 @@ def _count(value: Any) -> int:
 
 
 Time = Annotated[float, BeforeValidator(_time), Field(gt=0)]
+Every = Annotated[SaveTimes, BeforeValidator(parse_every)]
 Count = Annotated[int, BeforeValidator(_count), Field(gt=0)]
 Index = Annotated[int, BeforeValidator(_count), Field(ge=0)]
 Digits = Annotated[int, BeforeValidator(_count), Field(ge=1, le=15)]
@@ -164,10 +164,11 @@ class Run(Table):
         None, "`|omega| dt` that flags a member [rad]; by default from the integrator"
     )
     anti_damping: bool = _is(False, "allow negative damping, which drives the body")
-    every: Time | None = _is(
+    every: Every | None = _is(
         None,
-        "time between saves [s]; the last save is at t_end and its interval may be shorter; by"
-        " default only the first and the last state are saved",
+        "time between saves [s], or increasing times of saves [s], or saves per turn of the"
+        " fastest saved quantity, e.g. 50/turn; the first and the last state are saved, too. By"
+        " default, a run of at most 20 members saves enough to plot, and others these two states",
     )
     save: tuple[str, ...] = _is(
         ("omega",),
@@ -235,6 +236,8 @@ def _in_words(kind: Any) -> str:
     """Return the type of a setting, in words."""
     if kind == Time:
         return "float or str"
+    if kind == Every:
+        return "float, str or array_like"
     if get_origin(kind) is Literal:
         return f"{{{', '.join(repr(word) for word in get_args(kind))}}}"
     if get_origin(kind) is Annotated:

@@ -46,7 +46,7 @@ def compare(scene: Scene, at: float, members: int) -> list[str]:
         shown = np.argmax(good)
         lines.append("integration  none: it runs forward from t = 0")
         return lines + _state(motion.omega[shown], motion.attitude[shown])
-    run = scene.with_run(t_end=at, every=None, save=("omega", "attitude"), members=members)
+    run = scene.with_run(t_end=at, every=at, save=("omega", "attitude"), members=members)
     if scene.body.is_turned:
         lines.append("states are in the principal axes")
     return lines + _beside(motion, in_principal_axes(simulate(run)))

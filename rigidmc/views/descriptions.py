@@ -36,17 +36,18 @@ from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.quantities import Grid
 from rigidmc.scene.sampling import drawn_through
+from rigidmc.scene.save_times import SaveTimes
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 
 def describe_scene(scene: Scene, threads: int, device: str = "cpu") -> str:
     """Describe a scene, the kernels to compile, and the time, memory and disk of a run."""
-    run = prepare_scene(scene)
+    run = prepare_scene(scene, scene.run.members)
     lines = [
         *_physics(run.scene),
         *_compiled(run),
-        *_steps(run),
+        *_steps(run, scene.run.every),
         *_room(run, threads, device),
     ]
     if (chosen := run.choice) is not None:
@@ -65,7 +66,7 @@ def outline(scene: Scene) -> list[str]:
     lines = _physics(scene)
     if scene.run.integrator == "auto":  # the choice needs measurements
         return lines
-    run = prepare_scene(scene)
+    run = prepare_scene(scene, scene.run.members)
     prices = [
         f"{label} {torque_operations(effect)}"
         for label, effect in label_effects(scene.effects)
@@ -73,7 +74,7 @@ def outline(scene: Scene) -> list[str]:
     ]
     price = [f"price        {'; '.join(prices)}"] if prices else []
     members = [f"members      {run.plan.members:,}, seed {scene.run.seed}"]
-    return [*lines, *_compiled(run), *price, *_steps(run), *members]
+    return [*lines, *_compiled(run), *price, *_steps(run, scene.run.every), *members]
 
 
 def body_lines(body: Body) -> list[str]:
@@ -142,8 +143,11 @@ def _compiled(run: PreparedRun) -> list[str]:
     return lines
 
 
-def _steps(prepared_run: PreparedRun) -> list[str]:
-    """Describe the limits that flag a member, the steps and the saved variables."""
+def _steps(prepared_run: PreparedRun, every: SaveTimes | None) -> list[str]:
+    """Describe the limits that flag a member, the steps and the saved variables.
+
+    every : as in the scene
+    """
     layout, plan, units = prepared_run.layout, prepared_run.plan, prepared_run.units
     plan = plan if units is None else units.back(plan)
     scene, run, grid = layout.scene, layout.scene.run, plan.grid
@@ -166,6 +170,10 @@ def _steps(prepared_run: PreparedRun) -> list[str]:
     ]
     less = f"; kept: {', '.join(keep)}, and everything of flagged members" if keep else ""
     saved = ", ".join(run.save) or "nothing"
+    if every is None and run.every is not None:
+        less = f", {run.every:.6g} s apart: chosen to plot, unless run.every is set"
+    elif isinstance(every, str):
+        less = f", {run.every:.6g} s apart: {every}{less}"
     lines.append(f"saves        {saved} at {count_text(plan.times.size, 'time')}{less}")
     if plan.wrt:
         passes = count_text(plan.passes, "pass", "passes")

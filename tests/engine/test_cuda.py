@@ -250,13 +250,15 @@ def test_steps_touch_no_memory(name, fake):
     assert sorted(memory) == [0, 7], (label, memory)  # 7: the trace of what is watched
 
 
-def test_launches_are_short_and_change_no_bit(fake, monkeypatch):
+@pytest.mark.parametrize("every", [SCENE.run.every, (0.1, 0.14, 1.0)], ids=["even", "listed"])
+def test_launches_are_short_and_change_no_bit(every, fake, monkeypatch):
     """A run in many launches, with room for one save, and on two devices by three threads."""
-    alone = rm.simulate(SCENE)
+    scene = SCENE.with_run(every=every)
+    alone = rm.simulate(scene)
     driver = fake(devices=2)
     monkeypatch.setattr(cuda, "LAUNCH", 1e-5)
     monkeypatch.setattr(cuda, "SAVED", 8)
-    ds = rm.simulate(SCENE, device="cuda", threads=3, block=32)
+    ds = rm.simulate(scene, device="cuda", threads=3, block=32)
     for name in alone.data_vars:
         assert ds[name].values.tobytes() == alone[name].values.tobytes(), name
     assert len(driver.launches) > 12  # measured 253

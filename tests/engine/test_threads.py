@@ -13,6 +13,7 @@ import pytest
 
 from rigidmc.engine import program as engine
 from rigidmc.engine import threads as blocks
+from rigidmc.engine.kernel.arguments import StepRange
 from rigidmc.physics.integrators import scheme_of
 from rigidmc.physics.integrators.rk4 import RK4
 from rigidmc.threads import Task, Threads
@@ -27,6 +28,7 @@ def job(low, size, out):
         program=program(scheme_of(RK4()), EFFECTS, EVERYTHING), noise=None, order=None, h=H,
         slots=1, total=TOTAL, stride=STRIDE, rounds=TOTAL, done=0, head=TOTAL, last_h=H,
         block=np.ascontiguousarray(tops()[:, low : low + size]), out=out, width=MEMBERS, column=low,
+        steps=StepRange(H, 1, STRIDE, TOTAL, 0, 0, TOTAL, TOTAL, H),
     )  # fmt: skip
 
 

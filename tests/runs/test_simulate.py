@@ -184,7 +184,7 @@ def test_one_row_per_member():
         (rm.Gravity(rng.uniform(1, 10, 100)),),
         rm.Start(omega=rng.normal(size=(100, 3)), attitude=q),
     )
-    settings = {"dt": 0.005, "t_end": 1.0, "save": ("omega", "attitude", "energy")}
+    settings = {"dt": 0.005, "t_end": 1.0, "every": 1.0, "save": ("omega", "attitude", "energy")}
     ds = rm.simulate(scene, members=100, **settings)
     for i in (0, 31, 99):
         alone = rm.Scene(

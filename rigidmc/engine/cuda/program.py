@@ -178,19 +178,21 @@ class CudaProgram(Program):
     ) -> Generator[int, bool | None, None]:
         members = block.shape[1]
         count = self.saved_values * members if saves.columns else 0  # numbers of a save
-        max_saves = min(-(-steps.total // steps.stride), max(1, SAVED // (8 * count or 1)))
+        max_saves = min(steps.saves_until(steps.total) - 1, max(1, SAVED // (8 * count or 1)))
         frame, block_at = self._on_device(stream, block, noise)
         order, frame_at = stream.put(saves.order), stream.room(frame.nbytes)
+        listed = stream.put(steps.save_steps) if steps.save_count else 0
         values = stream.room(8 * count * (max_saves + 1))  # the start is an extra save
         first, length = steps.first, FIRST
         while first < steps.last:
-            next_full = (first // steps.stride + max_saves) * steps.stride
+            next_full = steps.step_of_save(steps.saves_until(first) - 1 + max_saves)
             last = min(steps.last, first + length, next_full)
-            slots = save_numbers(steps, first, last)
+            slots = range(steps.saves_until(first) if first else 0, steps.saves_until(last))
             # Kernels count saves from the start of the run; the memory begins with the first save
             # of this launch.
             out = SaveTarget(values - 8 * count * slots.start, members if count else 0, 0, order)
-            stream.write(frame_at, fill_record(frame, steps._replace(first=first, last=last), out))
+            part = steps._replace(first=first, last=last, save_steps=listed)
+            stream.write(frame_at, fill_record(frame, part, out))
             started = time.perf_counter()
             stream.launch(frame_at, members)
             stream.wait()

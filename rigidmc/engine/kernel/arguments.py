@@ -16,6 +16,7 @@ Memory = Any  # an array, or its address on a GPU
 
 
 NO_STEP = 2**62  # a step number beyond every run
+NO_SAVE_STEPS = np.empty(0, np.int64)
 
 
 class KernelTable(NamedTuple):
@@ -93,9 +94,11 @@ class StepRange(NamedTuple):
 
     h : the step [s], with member steps the length of a round [s]
     slots : places for steps in a round, the largest number of steps of any member
-    stride : steps between saves; step `total` is always saved
+    stride : steps between saves, 0 if `save_steps` lists them; step `total` is always saved
     member_steps : 1 if members have their own steps, else 0
     head, last_h : the step after which h is `last_h`, see `rigidmc.engine.kernel.last_interval`
+    save_steps, save_count : with a stride of 0, the steps that end at a save, from 0 to the last,
+        and their number
     """
 
     h: float
@@ -107,6 +110,20 @@ class StepRange(NamedTuple):
     last: int
     head: int = NO_STEP
     last_h: float = 1.0
+    save_steps: Memory = NO_SAVE_STEPS
+    save_count: int = 0
+
+    def saves_until(self, step: int) -> int:
+        """Return the number of saves from the start to a step, both of them included."""
+        if self.stride == 0:
+            return int(np.searchsorted(self.save_steps, step, side="right"))
+        return -(-self.total // self.stride) + 1 if step == self.total else step // self.stride + 1
+
+    def step_of_save(self, save: int) -> int:
+        """Return the step that ends at a save; `total` beyond the last save."""
+        if self.stride == 0:
+            return int(self.save_steps[min(save, self.save_count - 1)])
+        return min(self.total, save * self.stride)
 
 
 def save_numbers(steps: StepRange, first: int, last: int) -> range:

@@ -16,6 +16,7 @@ import numpy as np
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.kernels import call_address
 from rigidmc.engine.compiler.memory import memory, shifted
+from rigidmc.engine.kernel.arguments import NO_STEP
 from rigidmc.engine.kernel.layout import (  # fmt: skip
     BODY,
     BODY_AT,
@@ -95,10 +96,12 @@ def run_pass(frame, low, part):
         exchange_shadow(frame, 0)
     # Once all lanes are stopped or frozen, no more steps are made, but saves go on to the end.
     now, idle = frame.first, False
+    save = next_save(frame, now)
+    save_step = step_of_save(frame, save)
     while now < frame.last:
         # the first step of the round; without member steps there is one round
         round_first = now // frame.slots * frame.slots if frame.member_steps != 0 else 0
-        stop = next_stop(frame, now, round_first)
+        stop = next_stop(frame, now, round_first, save_step)
         if now == frame.head:
             begin_last_interval(frame, (frame.slots if frame.member_steps != 0 else now) * 1.0)
         elif frame.member_steps != 0 and now == round_first:
@@ -107,7 +110,7 @@ def run_pass(frame, low, part):
         if not idle:
             make_steps(frame, round_first, now - round_first, stop - round_first)
         now, slot = stop, stop - round_first
-        is_saved = now == frame.total or now % frame.stride == 0
+        is_saved = now == save_step
         # No assessment where only a call ends: no result depends on how a run is cut into calls.
         # At the end of a round the slots begin again: it is assessed only if it is saved.
         is_planned = slot % ASSESS_INTERVAL == 0 and (frame.member_steps == 0 or slot < frame.slots)
@@ -116,7 +119,9 @@ def run_pass(frame, low, part):
             is_late = 1.0 if 2 * now > frame.total else 0.0
             idle = assess_members(frame, rounds, slot, is_late, 1.0 if is_planned else 0.0)
         if is_saved:
-            save_members(frame, low, now, part)
+            save_members(frame, low, now, save, part)
+            save += 1
+            save_step = step_of_save(frame, save)
     scatter_members(frame, low, part)
     return 0
 
@@ -211,14 +216,36 @@ def initialise_members(frame, low, part):
         duration = time_at(frame, frame.total)
         arguments = substeps, state, work, flat.shadow, frame.shadow_row, duration
         call_address(frame.begin_shadow, arguments)
-    save_members(frame, low, 0, part)
+    save_members(frame, low, 0, 0, part)
 
 
-def next_stop(frame, now, round_first):
+def next_save(frame, now):
+    """Return the number of the first save after step `now`."""
+    if frame.stride > 0:
+        return now // frame.stride + 1
+    steps, low, high = memory(frame.save_steps, frame.lanes), 0, frame.save_count
+    while low < high:
+        middle = (low + high) // 2
+        if steps[middle] > now:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+def step_of_save(frame, save):
+    """Return the step that ends at a save; NO_STEP beyond the last save."""
+    # The last save has its own number, whatever the stride.
+    if frame.stride > 0:
+        return min_integer(frame.total, save * frame.stride)
+    return memory(frame.save_steps, frame.lanes)[save] if save < frame.save_count else NO_STEP
+
+
+def next_stop(frame, now, round_first, save_step):
     """Return the next step at which members are assessed, saved or left."""
     next_check = round_first + ((now - round_first) // ASSESS_INTERVAL + 1) * ASSESS_INTERVAL
     stop = min_integer(frame.last, next_check)
-    stop = min_integer(stop, (now // frame.stride + 1) * frame.stride)
+    stop = min_integer(stop, save_step)
     return min_integer(stop, round_first + frame.slots) if frame.member_steps != 0 else stop
 
 
@@ -373,19 +400,18 @@ def park_finished(frame, state, now, stores):
     return is_any_finished
 
 
-def save_members(frame, low, now, part):
+def save_members(frame, low, now, save, part):
     """Write the saved values of the members at step `now`, and their derivatives of a pass.
+
+    save : number of the save
 
     Members with their own steps are sorted by steps: their values go to `saved` first.
     """
     if frame.columns != 0 and frame.values != 0:
         lanes, work, out = frame.lanes, block_memory(frame).work, memory(frame.out, 1.0)
         saved, order = memory(frame.saved, 1.0), memory(frame.order, lanes)
-        # The last save has its own slot, whatever the stride.
-        last = (frame.total + frame.stride - 1) // frame.stride
-        slot = last if now == frame.total else now // frame.stride
         tangents, each = frame.tangents, 1 + frame.passes * frame.tangents
-        base = slot * frame.values * each * frame.columns + frame.column
+        base = save * frame.values * each * frame.columns + frame.column
         first, t, reorders = 1 + part * tangents, time_at(frame, now), frame.member_steps != 0
         if reorders:
             arguments = (

@@ -16,7 +16,7 @@ from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.observables.protocol import size
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.initial import block_rows, initial_block
-from rigidmc.planning.steps import Array, Clock
+from rigidmc.planning.steps import Array, Clock, round_grid
 from rigidmc.planning.tolerance.deviation import upper_quantile
 from rigidmc.planning.tolerance.pilot import OBSERVED, Pilot
 from rigidmc.scene.quantities import count_rows
@@ -66,7 +66,7 @@ class Costs:
     def __init__(self, pilot: Pilot) -> None:
         self.pilot, run = pilot, pilot.scene.run
         self._known: dict[Hashable, float] = {}
-        self.saves = 1 if run.every is None else max(1, math.ceil(run.t_end / run.every))
+        self.saves = round_grid(run.t_end, run.every).save_steps.size - 1
 
     def step(self, integrator: str, steps: int, dtype: str) -> float:
         """Measure the time per member and step, without saves; of `closed`, per member and

@@ -133,6 +133,7 @@ def pilot(scene: Scene, members: int, first: int | None = None) -> Pilot:
     saves = round_grid(run.t_end, run.every)
     # a pilot has steps of one length, so its checks are evenly spaced even if the saves are not
     base, stride = (CHECKPOINTS, 1) if saves.is_shortened else (saves.steps, saves.stride)
+    stride = 1 if saves.listed else stride
     stride *= max(1, math.ceil(base / stride / CHECKPOINTS))
     times = run.t_end * np.minimum(np.arange(stride, base + stride, stride), base) / base
     rate = rate_bounds(scene.effects, block)[:members]

@@ -142,7 +142,7 @@ class Checkpoints:
 
 def _saved(job: BlockJob, done: int) -> int:
     """Return how many values a block has saved after `done` steps."""
-    return (done // job.stride + 1) * (job.out.size // (-(-job.total // job.stride) + 1))
+    return job.steps.saves_until(done) * (job.out.size // job.steps.saves_until(job.total))
 
 
 def _fits(job: BlockJob, found: Mapping[str, NDArray[Any]]) -> bool:

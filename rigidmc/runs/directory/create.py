@@ -82,6 +82,7 @@ def create(
     chosen: MemberSelection | None = None,
     limit: float | None = None,
     device: str | None = None,
+    plots: bool = False,
 ) -> RunDirectory:
     """Create a run directory for a scene.
 
@@ -94,6 +95,7 @@ def create(
     about : additional attributes of the result
     chosen : the members of the run, if a study chooses them
     device : where the rate is measured, as in `simulate`
+    plots : whether few members save enough to plot, as in `simulate`
 
     Raises OutputExists if the folder contains anything, OptionError if the run has no shard in
     `only`, NoRoom if memory or disk is too small.
@@ -105,7 +107,8 @@ def create(
     path = free_place(path)
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
-    run, device = prepare_scene(scene), resolve_device(device)
+    run = prepare_scene(scene, scene.run.members if plots else 0)
+    device = resolve_device(device)
     for note in run.notes:
         warnings.warn(note, SceneWarning, stacklevel=2)
     if chosen is not None:

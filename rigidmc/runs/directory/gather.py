@@ -22,6 +22,7 @@ from rigidmc.files.outputs import (
     write_bytes,
 )
 from rigidmc.files.stores import is_url, local_copy
+from rigidmc.planning.saves import first_and_last
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.run_directory import CHOSEN, RunDirectory, flagged_count
 from rigidmc.results.sinks import Arrays, concat_flagged
@@ -70,7 +71,8 @@ def _unlike(scene: Scene, path: str, member: int, threads: int | None) -> str:
         file = os.path.join(folder, "again.nc")  # a file, because files may keep fewer digits
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)
-            again = simulate(scene, members=range(member, member + 1), threads=threads, output=file)
+            one, stated = range(member, member + 1), first_and_last(scene)
+            again = simulate(stated, members=one, threads=threads, output=file)
         with again:
             names = [str(name) for name in again.data_vars if "member" in again[name].dims]
         values = read(file, *names)

@@ -38,6 +38,8 @@ A scene file is TOML; SI units, angles in rad:
   dtype                      "float64" or "float32": precision of the steps
   compensated                true: compensated summation
   times: seconds, or text such as "1h30m", "250 ms"; counts: also 1e6
+  every                      a time between saves, a list of times, or
+                             "50/turn"
 
 Each number in body, effects and start may be a distribution:
   { normal = [mean, sd] },  { uniform = [low, high] },

@@ -21,6 +21,7 @@ from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.initial import make_sampler
+from rigidmc.planning.saves import first_and_last
 from rigidmc.progress import Progress, announce, reporter, say
 from rigidmc.results.frames import is_described
 from rigidmc.results.measures import Variables, save_for_measures
@@ -32,6 +33,7 @@ from rigidmc.runs.price import price
 from rigidmc.runs.resources import refuse_count
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.sampling import FamilyDesign
+from rigidmc.scene.save_times import settled
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.studies.framework.options import keywords_of
 
@@ -58,12 +60,13 @@ def compute_batches(
             scene = _chosen(scene)
         if progress is True:
             say(str(price(scene, reduce, threads, device=device)))
+        stated = first_and_last(scene)
         with reporter(progress is True, scene.run.members, 1) as report:
             for members in _ranges(scene, size):
                 with warnings.catch_warnings():
                     if told:
                         warnings.simplefilter("ignore", SceneWarning)
-                    part = simulate(scene, members=members, threads=threads, device=device)
+                    part = simulate(stated, members=members, threads=threads, device=device)
                 told = True
                 yield part
                 report.step(len(members))
@@ -97,9 +100,11 @@ def split_result(result: xr.Dataset, size: int) -> Iterator[xr.Dataset]:
 
 
 def saves_of(scene: Scene) -> int:
-    """Return the number of saves of a run of a scene, to within one."""
-    run = scene.run
-    return math.ceil(run.t_end / (run.every or run.dt)) + 1
+    """Return the number of saves of a run of a scene, to within two."""
+    run, every = scene.run, settled(scene.run.every)
+    if isinstance(every, tuple):
+        return len(every) + 2
+    return math.ceil(run.t_end / (every or run.dt)) + 1
 
 
 class Batches(NamedTuple):

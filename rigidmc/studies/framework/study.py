@@ -10,6 +10,7 @@ import xarray as xr
 
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import Path
+from rigidmc.planning.saves import settle_saves
 from rigidmc.scene.scene import Scene, as_scene
 from rigidmc.scene.settings import Run, no_such_keyword
 from rigidmc.studies.framework.direct import Direct
@@ -186,7 +187,9 @@ class Study:
             for key, value in settings.items():
                 raise OptionError("requires a scene, and none is given", at=key, value=value)
             return None, read
-        changed = scene.with_run(**settings, wrt=())  # a study reads values alone
+        changed = settle_saves(scene.with_run(**settings, wrt=()))  # a study reads values alone
+        if settings.get("every") is not None:
+            settings = {**settings, "every": changed.run.every}
         return self.work.design(changed, read, settings), read
 
     def _arguments(self) -> list[Option]:

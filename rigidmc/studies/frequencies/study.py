@@ -121,6 +121,10 @@ def reduce(batches: Batches, options: FrequencyOptions) -> xr.Dataset:
         if part.sizes["time"] < LEAST:
             rule = f"a spectrum requires {LEAST} saves or more; the run has {part.sizes['time']}"
             raise OptionError(rule, at="run.every", value=scene.run.every)
+        gaps = np.diff(part.time.values)[:-1]
+        if gaps.max() > gaps.min() * (1.0 + 1e-6):
+            rule = "a spectrum requires even saves: give the time between them"
+            raise OptionError(rule, at="run.every")
         signal = np.where(part.status.values == 0, asked.values(part), np.nan)
         found.append(_studied(part, signal, terms, resolution_of(scene)))
     study: xr.Dataset = xr.concat(found, "member", data_vars="minimal")

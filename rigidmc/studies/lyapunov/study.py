@@ -58,10 +58,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
-from rigidmc.errors import SceneError
+from rigidmc.errors import OptionError, SceneError
 from rigidmc.physics.observables import label_observables
 from rigidmc.planning.initial import make_pilot
 from rigidmc.planning.scheme import largest_rates
+from rigidmc.planning.turns import longest_interval
 from rigidmc.results.intervals import mean
 from rigidmc.results.labels import column_head, count_text, value_text
 from rigidmc.results.variables import variables_of
@@ -112,6 +113,9 @@ def start(
     """Return (the scene of the members, saved at each orthonormalisation; the request)."""
     _refuse_stops(scene)
     run = prepare_scene(scene.with_run(save=STATE, keep="full", every=scene.run.t_end))
+    if isinstance(settings.get("every"), tuple):
+        rule = "exponents are saved at even times: give the time between saves"
+        raise OptionError(rule, at="run.every")
     if run.plan.scheme is None:
         rule = "has no steps, and tangents follow a motion step by step: use exact"
         raise SceneError(rule, at="run.integrator", value=scene.run.integrator)
@@ -217,7 +221,7 @@ def reduce(
     attrs = {
         "title": scene.title,
         "members": int(scene.run.members),
-        "interval": float(scene.run.every or scene.run.t_end),
+        "interval": longest_interval(scene.run),
         "confidence": options.confidence,
         "keeps_energy": int(conservation(scene.effects, False)["energy"] == "yes"),
         "scene": scene.dumps(),

@@ -55,11 +55,12 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics.rotation import product, rotation_vector
+from rigidmc.planning.saves import first_and_last
 from rigidmc.progress import reporter
 from rigidmc.results.estimates import rows_in_time
 from rigidmc.results.intervals import ULPS, resolution_of
 from rigidmc.results.labels import count_text, with_units
-from rigidmc.runs.prepare import prepare
+from rigidmc.runs.prepare import prepare, prepare_scene
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.derivative_names import derivative_unit
 from rigidmc.scene.derivatives import derivative_name, parameters_of_run
@@ -170,7 +171,7 @@ def _known(nominal: Scene, names: list[str]) -> tuple[str, ...]:
 def ensemble_of(given: Input, members: int, threads: int | None) -> "Iterator[tuple[Array, Any]]":
     """Yield (deviations of the parameters (P, n), result) of the members, BATCH at a time."""
     if given.scene is not None:
-        run = prepare(given.scene)
+        run = prepare_scene(given.scene)
         means = np.array([_number(given.nominal, name) for name in given.names])
         for low in range(0, members, BATCH):
             part = run.run(members=range(low, min(low + BATCH, members)), threads=threads)
@@ -278,13 +279,13 @@ def compute(
     """Compute the study of a scene and return its Dataset."""
     given = input_of(scene, options)
     # one choice of integrator and step for all
-    run = prepare(given.nominal).scene.run
+    run = prepare_scene(given.nominal).scene.run
     chosen = {key: getattr(run, key) for key in ("integrator", "dt", "turn", "dtype")}
     if run.integrator != scene.run.integrator:
         nominal = given.nominal.with_run(**chosen)
         own = given.scene and given.scene.with_run(**chosen)
         given = given._replace(nominal=nominal, scene=own)
-    one = simulate(given.nominal, members=1, wrt=given.names, threads=threads)
+    one = simulate(first_and_last(given.nominal), members=1, wrt=given.names, threads=threads)
     if one.status.item() != 0:
         rule = "the member whose numbers are the means is flagged: it has no linear covariance"
         raise SceneError(rule, at="scene")

@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning
+from rigidmc.planning.saves import first_and_last
 from rigidmc.planning.tolerance.choose import choose_integrator
 from rigidmc.progress import reporter
 from rigidmc.results.measures import Measure, measure, save_for_measures
@@ -88,12 +89,12 @@ def run_map(
     device: str | None = None,
 ) -> xr.Dataset:
     """Compute a map in memory and return its Dataset."""
-    began = time.perf_counter()
+    began, scene = time.perf_counter(), first_and_last(map_run.scene)
 
     def compute(members: range | NDArray[np.int64], done: int, of_all: int) -> xr.Dataset:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)  # `prepare_map` gave the notes
-            part = simulate(map_run.scene, members=members, threads=threads, device=device)
+            part = simulate(scene, members=members, threads=threads, device=device)
         report.step(len(members))
         report.poll()
         if callable(progress):

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 
@@ -144,6 +145,34 @@ def test_a_stride_beyond_the_end_saves_the_first_and_the_last(whole):
     block = tops()
     out = run(block, RK4, EFFECTS, H, TOTAL, EVERYTHING, 10**9)
     assert same(out, np.ascontiguousarray(whole[1][[0, -1]]))
+
+
+@pytest.mark.parametrize("cuts", [(), (1, 9, 20, 33)])
+def test_listed_saves_are_those_of_every_step(whole, cuts):
+    listed = np.array([0, 1, 9, 20, 33, 34, TOTAL])
+    each = run(tops(), RK4, EFFECTS, H, TOTAL, EVERYTHING, 1)
+    block, out = tops(), np.full(listed.size * ROWS * MEMBERS, -1.0)
+    steps = arguments.StepRange(
+        H, 1, 0, TOTAL, 0, 0, TOTAL, save_steps=listed, save_count=listed.size
+    )
+    moves = program(RK4, EFFECTS, EVERYTHING)
+    for first, last in pairwise([0, *cuts, TOTAL]):
+        part = steps._replace(first=first, last=last)
+        target = arguments.SaveTarget(out, MEMBERS, 0, np.arange(MEMBERS))
+        moves.advance(block, part, None, target)
+    assert same(out.reshape(-1, ROWS, MEMBERS), each[listed])
+
+
+@pytest.mark.parametrize("stride", [1, 10, 47, 100, 0])
+def test_saves_are_counted_to_each_step(stride):
+    listed = np.array([0, 3, 4, TOTAL]) if stride == 0 else np.arange(0, TOTAL, stride)
+    at = np.unique(np.append(listed, TOTAL))
+    listing = {"save_steps": at, "save_count": at.size} if stride == 0 else {}
+    steps = arguments.StepRange(H, 1, stride, TOTAL, 0, 0, TOTAL, **listing)
+    assert [steps.saves_until(n) for n in range(TOTAL + 1)] == [
+        np.count_nonzero(at <= n) for n in range(TOTAL + 1)
+    ]
+    assert [steps.step_of_save(i) for i in range(at.size + 1)] == [*at, TOTAL]
 
 
 def energy_of(block, q, l):
