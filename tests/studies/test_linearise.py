@@ -9,6 +9,7 @@ from rigidmc.mechanics import rotation
 from rigidmc.planning.initial import members_at_start
 from rigidmc.studies.linearise import rates, steady
 from rigidmc.studies.linearise.motions import Problem
+from rigidmc.studies.linearise.picture import eigenvalues
 from rigidmc.studies.linearise.stability import jacobians
 from rigidmc.studies.linearise.study import table
 from rigidmc.studies.linearise.symmetries import find_symmetries
@@ -170,7 +171,8 @@ def counts(rng):
         "gyrostat": (gyrostat, gyrostat_count(moments, wheel, moments * omega + wheel)),
         "at rest": (rm.Scene(heavy, rm.Gravity(G), rest), 2),  # upright and hanging
         "Staude": (
-            rm.Scene(heavy, rm.Gravity(G), start), staude_count(hung, G * length, up @ (hung * omega))
+            rm.Scene(heavy, rm.Gravity(G), start),
+            staude_count(hung, G * length, up @ (hung * omega)),
         ),
         # upright, and below Lagrange's spin a precession with the same momenta
         "sleeping top": (top(omega=(0, 0, speed)), 1 + (0.25 * speed**2 < 4.0 * G * 0.3)),
@@ -307,16 +309,41 @@ def test_start_and_member_choose_the_motion():
 
 
 @pytest.mark.slow
-def test_branches_show_where_the_top_wakes_and_where_axes_exchange():
+def test_sleeping_top_wakes_by_a_hamiltonian_hopf_bifurcation():
     scene, critical = top(omega=(0.0, 0.0, 5.0)), np.sqrt(4.0 * G * 0.3) / 0.5
-    found = rm.linearise(scene, along=("start.omega.3", 6.5, 7.1), points=5, starts=8)
-    change = found.bifurcation_kind.values == "stability"
-    assert found.bifurcation_value.values[change].tolist() == pytest.approx([critical], abs=1e-8)
-    assert found.bifurcation_frequency.values[change] == pytest.approx(critical * 0.75, abs=1e-4)
-    assert found.growing.values[change].tolist() == [[2, 0]]
-    end = found.bifurcation_value.values[~change]  # regular precession ends at the upright top
-    assert np.abs(end - critical).max() < 2e-3
-    assert any("pass the imaginary axis" in line for line in table(found))
+    found = rm.linearise(scene, along=("start.omega.3", 6.0, 7.6), points=6, starts=64)
+    assert found.bifurcation_kind.values.tolist() == ["Hamiltonian Hopf"]
+    assert found.bifurcation_value.values == pytest.approx([critical], rel=1e-9)  # measured 1e-10
+    assert found.bifurcation_frequency.values == pytest.approx([critical * 0.75], rel=1e-4)
+    assert found.growing.values.tolist() == [[2, 0]]
+    assert found.bifurcation_meets.all()  # regular precession ends there
+    assert any("Hamiltonian Hopf of branch 0 with 1" in line for line in table(found))
+    figure = eigenvalues(found)  # a branch, a number
+    assert {text.get_text() for text in figure.axes[0].texts} == {"0", "1"}
+
+
+@pytest.mark.slow
+def test_hanging_body_leaves_the_vertical_by_pitchforks_as_a_bead_on_a_hoop_does():
+    moments, weight = np.array([1.0, 1.3, 0.4]), G * 0.3
+    start = {"omega": (0.0, 0.0, 1.0), "attitude": (0.0, np.pi, 0.0)}
+    scene = top(tuple(moments), **start)
+    found = rm.linearise(scene, along=("start.omega.3", 1.0, 3.5), points=6, starts=64)
+    # of a bead omega^2 = g/l; I_j - I_3 is its m l^2
+    true = np.sort(np.sqrt(weight / (moments[:2] - moments[2])))
+    assert found.bifurcation_kind.values.tolist() == ["pitchfork"] * 2
+    assert found.bifurcation_value.values == pytest.approx(true, rel=1e-9)  # measured 2e-10
+    assert found.bifurcation_meets.sum("branch").values.tolist() == [3, 3]
+    assert (found.bifurcation_frequency == 0.0).all()
+    figure = eigenvalues(found)  # two tilts to opposite sides have one energy
+    assert "2, 3" in {text.get_text() for text in figure.axes[0].texts}
+
+
+def test_picture_draws_motions_that_share_eigenvalues_once():
+    scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=rm.Start(omega=(0.1, 3.0, 0.2)))
+    axes = eigenvalues(rm.linearise(scene)).axes[0]
+    names = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert names[0] == "symmetries and momenta"
+    assert sorted(names[1:]) == ["elliptic, stable: 2 motions"] * 2 + ["saddle: 2 motions"]
 
 
 def test_refusals_name_the_effect_the_parameter_and_the_rule():

@@ -118,13 +118,15 @@ class Problem(NamedTuple):
         """Return the steady motions found from `count` states, each once, in the order found."""
         states, left, is_near = self._solve(self.starts(count))
         good = np.flatnonzero(left < SOLVED)
+        if not len(good):
+            return []
         states, left, is_near = states.at(good), left[good], is_near[good]
         seen = signatures(self.known, self.found, states)
-        apart = np.abs(seen[:, None] - seen).max(axis=2, initial=0.0)
+        apart = np.abs(seen[:, None] - seen).max(axis=2)
         same = apart < np.where(is_near[:, None] | is_near, 10.0 * NEAR, SAME)
         # of the states that are one motion, take the first that has the held momenta
         rank = np.arange(len(left)) + len(left) * is_near
-        chosen = np.where(same, rank, 3 * len(left)).argmin(axis=1) if len(left) else good
+        chosen = np.where(same, rank, 3 * len(left)).argmin(axis=1)
         kept = np.array(list(dict.fromkeys(chosen)), np.intp)
         reached = np.bincount(chosen, minlength=len(left))[kept]
         motions = self._motions(states.at(kept), left[kept])
@@ -152,6 +154,8 @@ class Problem(NamedTuple):
 
     def _motions(self, states: States, left: Array) -> list[Motion]:
         """Return the Motions of steady states with their residuals."""
+        if not len(left):
+            return []
         states = seen_from_body(self.found, states)
         seen = signatures(self.known, self.found, states)
         linear = linearise_motions(self.known, self.found, states)
