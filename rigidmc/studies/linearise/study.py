@@ -2,7 +2,7 @@
 
 A steady motion is an equilibrium, or a rotation that looks the same at all times: about a principal
 axis, about the vertical (Staude), a regular precession, or a satellite at rest in the frame of its
-orbit. Newton's method finds the motion nearest to the start, and others from random attitudes, all
+orbit. Newton's method finds the motion nearest to the start, and others from many attitudes, all
 with those momenta of the start that the scene conserves. The linearised motion of a change y, a
 rotation vector and a momentum in body axes, is exact: derivatives of the formulas of the effects::
 
@@ -19,13 +19,15 @@ Returns
 -------
 xarray.Dataset
     over motion, or over branch and value with `along`: `attitude`, `omega`, `momentum`, `turning`
-    (of the frame, in space), `spin` (of the state in the body), `energy`, `residual`, `stability`
-    (centre, saddle, unstable spiral, stable spiral, stable node, degenerate, neutral),
+    (of the frame, in space), `spin` (of the state in the body), `energy`, `residual`, `reached`
+    (starts that end here), `stability` of the linear motion (saddle, unstable spiral, stable
+    spiral, stable node, elliptic, undecided, neutral), `full_motion` (stable, unstable, unknown),
     `growth_rate` [1/s] of the fastest change; over eigenvalue too: `growth`, `frequency`, `period`,
     `origin` (motion, momentum, symmetry), and its `eigenvector_real` and `eigenvector_imag`. With
-    `along` also over bifurcation: `bifurcation_value`, `bifurcation_branch`, `bifurcation_kind`
-    (stability, end), `bifurcation_frequency` of the eigenvalue that crosses, 0 if it passes 0, and
-    `growing`, the numbers of growing changes below and above
+    `along` also over bifurcation: `bifurcation_value`, `bifurcation_kind` (pitchfork,
+    transcritical, fold, Hopf, Hamiltonian Hopf, zero eigenvalue, end), `bifurcation_branch`,
+    `bifurcation_meets` (which branches), `bifurcation_frequency` of the eigenvalue that crosses, 0
+    if it passes 0, and `growing`, the numbers of growing changes below and above
 
 Raises
 ------
