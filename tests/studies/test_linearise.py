@@ -9,8 +9,10 @@ from rigidmc.mechanics import rotation
 from rigidmc.planning.initial import members_at_start
 from rigidmc.studies.linearise import rates, steady
 from rigidmc.studies.linearise.motions import Problem
-from rigidmc.studies.linearise.stability import jacobian
+from rigidmc.studies.linearise.picture import eigenvalues
+from rigidmc.studies.linearise.stability import jacobians
 from rigidmc.studies.linearise.study import table
+from rigidmc.studies.linearise.symmetries import find_symmetries
 
 G = 9.81
 
@@ -53,7 +55,7 @@ def test_free_body_has_eulers_rates_about_all_axes():
             true = np.sqrt(complex(square)) * l / moments[i]
             assert abs(one.omega - omega).max() < 1e-12  # measured 1e-15
             assert gap(own_values(one), [-true, true]) < 1e-12  # measured 2e-15
-            assert one.stability.item() == ("saddle" if axis == 1 else "centre")
+            assert one.stability.item() == ("saddle" if axis == 1 else "elliptic")
     assert (found.origin == "symmetry").sum("eigenvalue").values.tolist() == [3] * 6
 
 
@@ -64,7 +66,7 @@ def test_upright_top_has_the_eigenvalues_of_lagrange(spin):
     roots = np.roots([1.0, -1j * 0.5 * spin, -G * 0.3]) - 1j * spin
     assert gap(own_values(found.isel(motion=0)), [*roots, *roots.conj()]) < 1e-12
     is_asleep = 0.25 * spin**2 > 4.0 * G * 0.3
-    assert found.stability[0].item() == ("centre" if is_asleep else "unstable spiral")
+    assert found.stability[0].item() == ("elliptic" if is_asleep else "unstable spiral")
 
 
 def test_a_top_with_a_wrong_arm_has_other_eigenvalues():
@@ -77,7 +79,7 @@ def test_a_top_with_a_wrong_arm_has_other_eigenvalues():
 
 def test_pendulum_hangs_with_its_frequencies_and_falls_from_upright():
     found = rm.linearise(top((1.0, 1.3, 0.7), attitude=(0.0, 3.0, 0.4), omega=(0, 0, 0)))
-    assert sorted(found.stability.values) == ["centre", "saddle"]
+    assert sorted(found.stability.values) == ["elliptic", "saddle"]
     hanging = found.isel(motion=int(found.energy.argmin("motion")))
     roots = np.sqrt(G * 0.3 / np.array([1.3, 1.0]))
     assert gap(own_values(hanging), [*1j * roots, *-1j * roots]) < 1e-12
@@ -121,8 +123,8 @@ def test_staude_rotation_turns_about_the_vertical():
 
 
 SATELLITES = {  # moments along the axes x (outwards), y (along track), z (normal); DeBra-Delp
-    "Lagrange": ((1.0, 2.0, 2.5), "centre"),
-    "DeBra-Delp": ((0.65625, 1.0, 0.60625), "centre"),  # k1 = -0.6, k3 = -0.05
+    "Lagrange": ((1.0, 2.0, 2.5), "elliptic"),
+    "DeBra-Delp": ((0.65625, 1.0, 0.60625), "elliptic"),  # k1 = -0.6, k3 = -0.05
     "unstable pitch and more": ((2.45, 1.0, 1.2 * 2.45), "unstable"),
     "unstable pitch": ((2.0, 1.0, 2.5), "unstable"),
 }
@@ -142,17 +144,80 @@ def test_satellite_librates_as_hughes_says(name):
     others = np.sqrt(squares.astype(complex))
     true = n * np.array([pitch, -pitch, *others, *-others])
     assert gap(own_values(found), true) < 1e-10
-    assert (found.stability.item() == "centre") == (word == "centre")
+    assert (found.stability.item() == "elliptic") == (word == "elliptic")
     assert (found.origin == "motion").all()
 
 
-@pytest.mark.slow
-def test_orbit_has_its_24_equilibria():
-    pull = rm.GravityGradient(mu=8.0, distance=2.0)
-    scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), pull, rm.Start(omega=(0.0, 0.0, 1.0)))
-    found = rm.linearise(scene, starts=200)
-    assert found.sizes["motion"] == 24
-    assert (found.stability == "centre").sum() == 4  # of six orientations one is Lagrange's
+def counts(rng):
+    """Return {name: (scene, its number of steady motions by theory)}, at random."""
+    while (moments := rng.uniform(0.5, 1.4, 3)).sum() < 2.0 * moments.max():
+        pass
+    unit = 10.0 ** rng.uniform(-6.0, 6.0)
+    omega, angles = rng.normal(size=3), tuple(rng.uniform(0.2, 2.8, 3))
+    start = rm.Start(omega=tuple(omega), attitude=angles)
+    free = rm.Body(tuple(moments * unit))
+    wheel = rng.normal(size=3) * rng.uniform(0.02, 0.6)
+    length, rate = rng.uniform(0.05, 0.25), 10.0 ** rng.uniform(-3.0, 1.0)
+    pull = rm.GravityGradient(mu=8.0 * rate**2, distance=2.0, anomaly=rng.uniform(0.0, 6.0))
+    hung = moments + np.array([1.0, 1.0, 0.0]) * length**2
+    heavy = rm.Body(tuple(hung), mass=1.0, centre=(0.0, 0.0, length))
+    up = rotation.to_body(rotation.from_euler(angles), (0.0, 0.0, 1.0))
+    speed, fast = rng.uniform(0.2, 1.8) * np.sqrt(4.0 * G * 0.3) / 0.5, rng.uniform(-3.0, 3.0)
+    slim, rest = rng.uniform(0.1, 1.9), rm.Start(omega=(0.0, 0.0, 0.0), attitude=angles)
+    spun = rm.Start(omega=(0.1 * rate, 0.2 * rate, fast * rate), attitude=(0.3, 1.0, 0.2))
+    gyrostat = rm.Scene(free, rm.Rotor(tuple(wheel * unit)), start)
+    return {
+        "free": (rm.Scene(free, start=start), 6),  # both senses of three axes
+        "gyrostat": (gyrostat, gyrostat_count(moments, wheel, moments * omega + wheel)),
+        "at rest": (rm.Scene(heavy, rm.Gravity(G), rest), 2),  # upright and hanging
+        "Staude": (
+            rm.Scene(heavy, rm.Gravity(G), start),
+            staude_count(hung, G * length, up @ (hung * omega)),
+        ),
+        # upright, and below Lagrange's spin a precession with the same momenta
+        "sleeping top": (top(omega=(0, 0, speed)), 1 + (0.25 * speed**2 < 4.0 * G * 0.3)),
+        "precession": (top(omega=tuple(omega), attitude=(0.0, angles[1], 0.0)), 1),
+        "orbit": (rm.Scene(free, pull, start), 24),  # Lagrange
+        # Likins & Pringle: cylindrical, conical and hyperbolic, by the momentum of the spin
+        "spinning satellite": (
+            rm.Scene(rm.Body((1.0, 1.0, slim)), pull, spun),
+            2 + 2 * (abs(fast * slim) < abs(3.0 * slim - 4.0)) + 2 * (abs(fast * slim) < 1.0),
+        ),
+    }  # fmt: skip
+
+
+def gyrostat_count(moments, wheel, whole):
+    """Return how many rotations have w = h/(s - I) and |s w| = L: s is a real root."""
+    s = np.poly1d([1.0, 0.0])
+    squares = [np.poly1d([1.0, -i]) ** 2 for i in moments]
+    total = squares[0] * squares[1] * squares[2] * -float(whole @ whole)
+    for h, j, k in zip(wheel, (1, 2, 0), (2, 0, 1), strict=True):
+        total = total + s * s * squares[j] * squares[k] * float(h * h)
+    return int((np.abs(total.roots.imag) < 1e-7 * np.abs(total.roots)).sum())
+
+
+def staude_count(moments, weight, lz):
+    """Return how many rotations about the vertical have L_z, with the centre of mass on axis 3: two
+    along it, and two for each u_3 = c with weight (I_j + d c^2)^2 = d L_z^2 c, d = I_3 - I_j."""
+    found = 2
+    for j in (0, 1):
+        d = moments[2] - moments[j]
+        wanted = weight * np.poly1d([d, 0.0, moments[j]]) ** 2 - np.poly1d([d * lz * lz, 0.0])
+        real = wanted.roots[np.abs(wanted.roots.imag) < 1e-9].real
+        found += 2 * int((np.abs(real) < 1.0).sum())
+    return found
+
+
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 40))]
+)
+def test_search_finds_as_many_motions_as_theory_counts(seed):
+    for name, (scene, count) in counts(np.random.default_rng([seed, 3])).items():
+        found = rm.linearise(scene)
+        assert found.sizes["motion"] == count, name
+        assert found.reached.min() >= 2, name  # measured 3 of 256, for one of the 24 on an orbit
+        if name == "orbit":  # of six orientations one is Lagrange's, another may be DeBra-Delp's
+            assert (found.full_motion == "stable").sum() == 4
 
 
 def test_damping_makes_spirals_and_nodes():
@@ -167,6 +232,49 @@ def test_damping_makes_spirals_and_nodes():
         assert hanging.stability.item() == word
 
 
+@pytest.mark.parametrize("arm", ((0.0, 0.0, 0.0), (0.0, 0.0, 0.3)))
+def test_rest_under_quadratic_drag_is_not_decided_by_the_linear_motion(arm):
+    """Its damping vanishes at rest, and Newton's method only halves the distance to it."""
+    start = rm.Start(omega=(0.3, 1.0, 8.0), attitude=(0.3, 2.8, 0.2))
+    body = rm.Body((1.0, 1.5, 0.8), mass=1.0, centre=arm)
+    found = rm.linearise(rm.Scene(body, (rm.Gravity(G), rm.QuadraticDrag(0.5)), start))
+    rest = found.isel(motion=int(found.energy.argmin("motion")))
+    assert abs(rest.omega).max() < 1e-6
+    assert (rest.stability.item(), rest.full_motion.item()) == ("undecided", "unknown")
+    assert (abs(rest.growth) < 1e-9).all()
+
+
+def test_words_for_the_full_motion_follow_from_the_energy():
+    """A gyroscopic motion is only elliptic: at its saddle of the energy, damping lets it go."""
+    for name, word in (("Lagrange", "stable"), ("DeBra-Delp", "unknown")):
+        n, (moments, _) = 2.0, SATELLITES[name]
+        pull = rm.GravityGradient(mu=n * n * 8.0, distance=2.0)
+        start = rm.Start(omega=(0.0, 0.0, n))
+        found = rm.linearise(rm.Scene(rm.Body(moments), pull, start), starts=1).isel(motion=0)
+        assert (found.stability.item(), found.full_motion.item()) == ("elliptic", word)
+    critical = np.sqrt(4.0 * G * 0.3) / 0.5
+    for spin, word in ((1.01 * critical, "stable"), (0.99 * critical, "unstable")):
+        found = rm.linearise(top(omega=(0.0, 0.0, spin)), starts=1)
+        assert found.full_motion[0].item() == word
+    free = rm.linearise(rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=rm.Start(omega=(0.1, 3.0, 0.2))))
+    unstable = abs(free.omega.sel(axis=2)) > 1.0
+    assert (free.full_motion == np.where(unstable, "unstable", "stable")).all()
+
+
+def test_torques_of_a_potential_and_no_others_are_hamiltonian():
+    field, start = (0.3, 0.1, 0.2), rm.Start(omega=(0.3, 1.0, 2.0), attitude=(0.3, 0.5, 0.2))
+    body = rm.Body((1.0, 1.5, 0.8), mass=1.0, centre=(0.0, 0.0, 0.1))
+    for effects, is_hamiltonian in (
+        ((rm.Gravity(G), rm.Rotor((0.1, 0.2, 0.3))), True),
+        ((rm.SpaceTorque(field),), False),  # constant in space: its work depends on the way
+        ((rm.BodyTorque(field),), False),
+        ((rm.Gravity(G), rm.ViscousDamping(1e-9)), False),
+        ((rm.QuadraticDrag(0.5),), False),
+    ):
+        known, *_ = rates.mechanics_of(rm.Scene(body, effects, start), 0)
+        assert find_symmetries(known).is_hamiltonian == is_hamiltonian
+
+
 def test_sphere_and_rest_have_nothing_but_symmetries():
     for body, omega in (((1.0, 1.0, 1.0), (0.1, 0.2, 0.3)), ((1.0, 2.0, 2.5), (0.0, 0.0, 0.0))):
         found = rm.linearise(rm.Scene(rm.Body(body), start=rm.Start(omega=omega)), starts=4)
@@ -179,7 +287,7 @@ def test_eigenvectors_belong_to_their_eigenvalues():
     scene = top((1.0, 1.5, 0.8), (0.2, 0.1, 0.3), omega=(0.5, 1.0, 8.0), attitude=(0.3, 0.5, 0.2))
     problem = Problem.of(scene, 0)
     motion = problem.solved(problem.starts(1))[0]
-    j = jacobian(motion.known, motion.found, motion.state)
+    j = jacobians(motion.known, motion.found, motion.state)[0]
     own = motion.linear.origins.count("motion")
     values, vectors = motion.linear.values[:own], motion.linear.vectors[:, :own]
     assert own == 4
@@ -201,16 +309,41 @@ def test_start_and_member_choose_the_motion():
 
 
 @pytest.mark.slow
-def test_branches_show_where_the_top_wakes_and_where_axes_exchange():
+def test_sleeping_top_wakes_by_a_hamiltonian_hopf_bifurcation():
     scene, critical = top(omega=(0.0, 0.0, 5.0)), np.sqrt(4.0 * G * 0.3) / 0.5
-    found = rm.linearise(scene, along=("start.omega.3", 6.5, 7.1), points=5, starts=8)
-    change = found.bifurcation_kind.values == "stability"
-    assert found.bifurcation_value.values[change].tolist() == pytest.approx([critical], abs=1e-8)
-    assert found.bifurcation_frequency.values[change] == pytest.approx(critical * 0.75, abs=1e-4)
-    assert found.growing.values[change].tolist() == [[2, 0]]
-    end = found.bifurcation_value.values[~change]  # regular precession ends at the upright top
-    assert np.abs(end - critical).max() < 2e-3
-    assert any("pass the imaginary axis" in line for line in table(found))
+    found = rm.linearise(scene, along=("start.omega.3", 6.0, 7.6), points=6, starts=64)
+    assert found.bifurcation_kind.values.tolist() == ["Hamiltonian Hopf"]
+    assert found.bifurcation_value.values == pytest.approx([critical], rel=1e-9)  # measured 1e-10
+    assert found.bifurcation_frequency.values == pytest.approx([critical * 0.75], rel=1e-4)
+    assert found.growing.values.tolist() == [[2, 0]]
+    assert found.bifurcation_meets.all()  # regular precession ends there
+    assert any("Hamiltonian Hopf of branch 0 with 1" in line for line in table(found))
+    figure = eigenvalues(found)  # a branch, a number
+    assert {text.get_text() for text in figure.axes[0].texts} == {"0", "1"}
+
+
+@pytest.mark.slow
+def test_hanging_body_leaves_the_vertical_by_pitchforks_as_a_bead_on_a_hoop_does():
+    moments, weight = np.array([1.0, 1.3, 0.4]), G * 0.3
+    start = {"omega": (0.0, 0.0, 1.0), "attitude": (0.0, np.pi, 0.0)}
+    scene = top(tuple(moments), **start)
+    found = rm.linearise(scene, along=("start.omega.3", 1.0, 3.5), points=6, starts=64)
+    # of a bead omega^2 = g/l; I_j - I_3 is its m l^2
+    true = np.sort(np.sqrt(weight / (moments[:2] - moments[2])))
+    assert found.bifurcation_kind.values.tolist() == ["pitchfork"] * 2
+    assert found.bifurcation_value.values == pytest.approx(true, rel=1e-9)  # measured 2e-10
+    assert found.bifurcation_meets.sum("branch").values.tolist() == [3, 3]
+    assert (found.bifurcation_frequency == 0.0).all()
+    figure = eigenvalues(found)  # two tilts to opposite sides have one energy
+    assert "2, 3" in {text.get_text() for text in figure.axes[0].texts}
+
+
+def test_picture_draws_motions_that_share_eigenvalues_once():
+    scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=rm.Start(omega=(0.1, 3.0, 0.2)))
+    axes = eigenvalues(rm.linearise(scene)).axes[0]
+    names = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert names[0] == "symmetries and momenta"
+    assert sorted(names[1:]) == ["elliptic, stable: 2 motions"] * 2 + ["saddle: 2 motions"]
 
 
 def test_refusals_name_the_effect_the_parameter_and_the_rule():

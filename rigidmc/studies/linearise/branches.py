@@ -20,7 +20,12 @@ END_HALVINGS = 16  # where a branch ends: its motions are known to the root of t
 FAR = 0.5  # rad, or relative change of the momentum: a larger step leaves the branch
 SMALLER = 3  # halvings of a step that fails
 MOVED = 1e-3  # of a step, from a value of more symmetry
-GAIN, END = "stability", "end"
+# of a step, between an end and the change of stability there; ends are late by up to 1e-3
+TOGETHER = 0.02
+# largest difference of signatures of branches that meet: they are apart by the root of 2^-16 steps
+CLOSE = 0.05
+PITCHFORK, TRANSCRITICAL, FOLD = "pitchfork", "transcritical", "fold"
+HOPF, HAMILTONIAN_HOPF, ZERO, END = "Hopf", "Hamiltonian Hopf", "zero eigenvalue", "end"
 
 
 class Branch(NamedTuple):
@@ -30,19 +35,49 @@ class Branch(NamedTuple):
 
 
 class Bifurcation(NamedTuple):
-    """Where the stability of a branch changes, or the branch ends.
+    """Where the stability of a branch changes, or branches begin or end.
 
-    kind : "stability" or "end";  branch : its number
+    kind : pitchfork, transcritical, fold, Hopf, Hamiltonian Hopf, zero eigenvalue or end
     value : of the parameter
-    frequency : of the eigenvalue that crosses [rad/s], 0 if it passes 0; nan for ends
-    growing : numbers of growing changes below and above the value
+    branch : number of the branch that goes through, or of the first that ends
+    others : numbers of the branches that begin or end there, or cross
+    frequency : of the eigenvalue that crosses [rad/s], 0 if it passes 0; nan without one
+    growing : numbers of growing changes of the branch below and above the value
     """
 
     kind: str
-    branch: int
     value: float
+    branch: int
+    others: tuple[int, ...]
     frequency: float
     growing: tuple[int, int]
+
+
+class Event(NamedTuple):
+    """A change of stability of one branch, or its end, before it is known what meets there.
+
+    step : of the grid
+    nearest : number of the nearest other branch, -1 without one;  apart : their distance
+    frequency : nan for ends;  is_last : of an end, whether the branch exists below it
+    """
+
+    branch: int
+    value: float
+    step: float
+    nearest: int
+    apart: float
+    frequency: float
+    growing: tuple[int, int]
+    is_last: bool = False
+
+    @property
+    def is_end(self) -> bool:
+        """Whether the branch ends."""
+        return bool(np.isnan(self.frequency))
+
+    def is_with(self, other: "Event") -> bool:
+        """Return whether two events may be one bifurcation."""
+        return abs(self.value - other.value) < TOGETHER * self.step
 
 
 Solve = Callable[[float], Problem]
@@ -78,26 +113,62 @@ def follow(
         for branch, motion in zip(branches, tracked, strict=True):
             branch.motions.append(motion)
         alive = [motion for motion in tracked if motion is not None]
-        for motion in distinct([*alive, *problem.solved(problem.starts(starts))])[len(alive) :]:
+        for motion in distinct([*alive, *problem.search(starts)])[len(alive) :]:
             branches.append(Branch([*[None] * k, motion]))
         tell(k + 1)
     _follow_back(problems, branches)
-    found = []
+    events = []
     for number, branch in enumerate(branches):
-        others = branches[:number] + branches[number + 1 :]
         for k in range(len(values) - 1):
             below, above = branch.motions[k : k + 2]
+            at = k if below is not None else k + 1
+            beside = [b.motions[at] if i != number else None for i, b in enumerate(branches)]
             low, high = float(values[k]), float(values[k + 1])
             if below is not None and above is not None:
                 if below.growing != above.growing:
-                    found.append(_change(problem_at, low, high, below, above, number))
+                    events.append(_change(problem_at, low, high, below, above, beside, number))
             elif below is not None:
-                beside = [b.motions[k] for b in others]
-                found.append(_end(problem_at, low, high, below, beside, number))
+                events.append(_end(problem_at, low, high, below, beside, number))
             elif above is not None:
-                beside = [b.motions[k + 1] for b in others]
-                found.append(_end(problem_at, high, low, above, beside, number))
-    return values, branches, sorted(found, key=lambda one: one.value)
+                events.append(_end(problem_at, high, low, above, beside, number))
+    is_hamiltonian = all(p.found.is_hamiltonian for p in problems)
+    return values, branches, _bifurcations(events, is_hamiltonian)
+
+
+def _bifurcations(events: Sequence[Event], is_hamiltonian: bool) -> list[Bifurcation]:
+    """Return the bifurcations that changes of stability and ends of branches make up."""
+    found, left = [], list(events)
+    for one in [e for e in events if not e.is_end]:
+        if one not in left:
+            continue
+        met = [e for e in left if e.is_end and e.nearest == one.branch and e.is_with(one)]
+        crossed = [
+            e for e in left
+            if not e.is_end and e.frequency == 0.0 == one.frequency and e.apart < CLOSE
+            and {e.branch, e.nearest} == {one.branch, one.nearest} and e != one and e.is_with(one)
+        ]  # fmt: skip
+        others = tuple(e.branch for e in (*met, *crossed))
+        if one.frequency:
+            kind = HAMILTONIAN_HOPF if is_hamiltonian else HOPF
+        elif crossed or len({e.is_last for e in met}) == 2:
+            kind = TRANSCRITICAL
+        else:
+            kind = PITCHFORK if met else ZERO
+        found.append(Bifurcation(kind, one.value, one.branch, others, one.frequency, one.growing))
+        left = [e for e in left if e not in (one, *met, *crossed)]
+    while left:
+        one = left.pop(0)
+        met = [
+            e for e in left
+            if e.branch == one.nearest and e.is_last == one.is_last and e.is_with(one)
+            and one.apart < CLOSE
+        ]  # fmt: skip
+        kind, others = FOLD if met else END, tuple(e.branch for e in met)
+        if not met and 0.0 <= one.apart < CLOSE:
+            others = (one.nearest,)
+        found.append(Bifurcation(kind, one.value, one.branch, others, np.nan, one.growing))
+        left = [e for e in left if e not in met]
+    return sorted(found, key=lambda one: one.value)
 
 
 def _tracked(problem: Problem, before: Sequence[Motion | None]) -> list[Motion | None]:
@@ -155,6 +226,15 @@ def _follow_back(problems: Sequence[Problem], branches: Sequence[Branch]) -> Non
             branch.motions[k] = motion
 
 
+def _nearest(motion: Motion, others: Sequence[Motion | None]) -> tuple[int, float]:
+    """Return (number, distance) of the motion nearest to one; (-1, inf) without one."""
+    apart = [
+        np.inf if o is None else float(np.abs(o.signature - motion.signature).max()) for o in others
+    ]
+    least = int(np.argmin(apart))
+    return (least, apart[least]) if np.isfinite(apart[least]) else (-1, np.inf)
+
+
 def _end(
     problem_at: Solve,
     inside: float,
@@ -162,12 +242,12 @@ def _end(
     motion: Motion,
     others: Sequence[Motion | None],
     number: int,
-) -> Bifurcation:
+) -> Event:
     """Return the end of a branch between a value where it exists and one where it does not.
 
-    others : the motions of the other branches where it exists
+    others : the motions of all branches where it exists, None for its own
     """
-    is_last = outside > inside
+    is_last, step = outside > inside, abs(outside - inside)
     for _ in range(END_HALVINGS):
         middle = 0.5 * (inside + outside)
         new, *beside = _tracked(problem_at(middle), [motion, *others])
@@ -176,24 +256,35 @@ def _end(
         else:
             inside, motion, others = middle, new, beside
     growing = (motion.growing, 0) if is_last else (0, motion.growing)
-    return Bifurcation(END, number, 0.5 * (inside + outside), np.nan, growing)
+    value = 0.5 * (inside + outside)
+    return Event(number, value, step, *_nearest(motion, others), np.nan, growing, is_last)
 
 
 def _change(
-    problem_at: Solve, low: float, high: float, below: Motion, above: Motion, number: int
-) -> Bifurcation:
-    """Return where the number of growing changes of a branch changes between two values."""
-    first, last = below.growing, above.growing
+    problem_at: Solve,
+    low: float,
+    high: float,
+    below: Motion,
+    above: Motion,
+    others: Sequence[Motion | None],
+    number: int,
+) -> Event:
+    """Return where the number of growing changes of a branch changes between two values.
+
+    others : the motions of all branches at the lower value, None for its own
+    """
+    step, first, last = high - low, below.growing, above.growing
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        (motion,) = _tracked(problem_at(middle), [below])
+        motion, *beside = _tracked(problem_at(middle), [below, *others])
         if motion is None:
             break
         if motion.growing == first:
-            low, below = middle, motion
+            low, below, others = middle, motion, beside
         else:
             high, above = middle, motion
     more = above if last > first else below
     leaving = more.motion_values[int(more.motion_values.real.argmax())]
     turning = float(abs(leaving.imag)) * more.known.rate if abs(leaving.imag) > 1e-3 else 0.0
-    return Bifurcation(GAIN, number, 0.5 * (low + high), turning, (first, last))
+    value = 0.5 * (low + high)
+    return Event(number, value, step, *_nearest(below, others), turning, (first, last))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.linearise.rates import Mechanics, energy_of, mechanics_of
-from rigidmc.studies.linearise.stability import MOTION, Linearised, linearise_motion
+from rigidmc.studies.linearise.stability import MOTION, Linearised, linearise_motions
 from rigidmc.studies.linearise.steady import (
     SOLVED,
     States,
@@ -33,6 +33,7 @@ class Motion(NamedTuple):
     """One steady motion, and the linearised motion about it.
 
     state : with one column;  residual : largest of its equations, in scaled units
+    reached : from how many states a search ended here
     signature : see `rigidmc.studies.linearise.steady.signatures`
     """
 
@@ -42,6 +43,7 @@ class Motion(NamedTuple):
     residual: float
     signature: Array
     linear: Linearised
+    reached: int = 1
 
     @property
     def energy(self) -> float:
@@ -83,6 +85,12 @@ class Problem(NamedTuple):
         """Return the Problem of a member; SceneError for a scene without steady motions."""
         known, q, l = mechanics_of(scene, member)
         found = find_symmetries(known)
+        if not len(found.central) and not found.conserves_size:
+            # the momentum of the start then does not matter, but would spoil the scales of a slow
+            # orbit: of a body that turns 1000 times an orbit, one start in seven finds a motion
+            turning = known.rate * float(np.sqrt((found.frame**2).sum()))
+            known, q, l = mechanics_of(scene, member, turning)
+            found = find_symmetries(known)
         return Problem(known, found, q, l, held_momenta(known, found, q[:, None], l[:, None]))
 
     def states_of(self, guesses: Sequence[tuple[Array, Array]]) -> States:
@@ -99,27 +107,69 @@ class Problem(NamedTuple):
 
     def solved(self, starts: States) -> list[Motion | None]:
         """Return the steady motion found from each state, None where the search fails."""
-        if not starts.q.shape[1]:
-            return []
-        states, left = solve(self.known, self.found, starts, self.held)
-        if len(self.held) and (left > SOLVED).any():
-            free = self.found._replace(central=self.found.central[:0], conserves_size=False)
-            near, near_left = solve(self.known, free, states, self.held[:0])
-            apart = held_momenta(self.known, self.found, near.q, near.l) - self.held
-            take = (left > SOLVED) & (np.abs(apart).max(axis=0) < NEAR)
-            take &= [len(standing(self.found, near.at(i))) > 0 for i in range(len(left))]
-            states = States(*(np.where(take, a, b) for a, b in zip(near, states, strict=True)))
-            left = np.where(take, near_left, left)
-        return [
-            self._motion(states.at(slice(i, i + 1)), float(size)) if size < SOLVED else None
-            for i, size in enumerate(left)
-        ]
+        states, left, _ = self._solve(starts)
+        good = np.flatnonzero(left < SOLVED)
+        motions: list[Motion | None] = [None] * len(left)
+        for i, motion in zip(good, self._motions(states.at(good), left[good]), strict=True):
+            motions[i] = motion
+        return motions
 
-    def _motion(self, state: States, left: float) -> Motion:
-        state = seen_from_body(self.found, state)
-        seen = signatures(self.known, self.found, state)[0]
-        linear = linearise_motion(self.known, self.found, state)
-        return Motion(self.known, self.found, state, left, seen, linear)
+    def search(self, count: int) -> list[Motion]:
+        """Return the steady motions found from `count` states, each once, in the order found."""
+        states, left, is_near = self._solve(self.starts(count))
+        good = np.flatnonzero(left < SOLVED)
+        if not len(good):
+            return []
+        states, left, is_near = states.at(good), left[good], is_near[good]
+        seen = signatures(self.known, self.found, states)
+        apart = np.abs(seen[:, None] - seen).max(axis=2)
+        same = apart < np.where(is_near[:, None] | is_near, 10.0 * NEAR, SAME)
+        # of the states that are one motion, take the first that has the held momenta
+        rank = np.arange(len(left)) + len(left) * is_near
+        chosen = np.where(same, rank, 3 * len(left)).argmin(axis=1)
+        kept = np.array(list(dict.fromkeys(chosen)), np.intp)
+        reached = np.bincount(chosen, minlength=len(left))[kept]
+        motions = self._motions(states.at(kept), left[kept])
+        return [one._replace(reached=int(n)) for one, n in zip(motions, reached, strict=True)]
+
+    def _solve(self, starts: States) -> tuple[States, Array, NDArray[np.bool_]]:
+        """Return (states, residuals) of Newton's method from each state, and which of the states
+        are more symmetric than the start, with momenta that are only near those held."""
+        count = starts.q.shape[1]
+        if not count:
+            return starts, np.zeros(0), np.zeros(0, bool)
+        states, left = solve(self.known, self.found, starts, self.held)
+        failed = np.flatnonzero(left > SOLVED)
+        is_near = np.zeros(count, bool)
+        if not len(self.held) or not len(failed):
+            return states, left, is_near
+        free = self.found._replace(central=self.found.central[:0], conserves_size=False)
+        near, near_left = solve(self.known, free, states.at(failed), self.held[:0])
+        apart = held_momenta(self.known, self.found, near.q, near.l) - self.held
+        take = (np.abs(apart).max(axis=0) < NEAR) & (near_left < SOLVED)
+        take &= [len(standing(self.found, near.at(i))) > 0 for i in range(len(failed))]
+        is_near[failed[take]] = True
+        left[failed[take]] = near_left[take]
+        return states.with_at(failed[take], near.at(take)), left, is_near
+
+    def _motions(self, states: States, left: Array) -> list[Motion]:
+        """Return the Motions of steady states with their residuals."""
+        if not len(left):
+            return []
+        states = seen_from_body(self.found, states)
+        seen = signatures(self.known, self.found, states)
+        linear = linearise_motions(self.known, self.found, states)
+        return [
+            Motion(
+                self.known,
+                self.found,
+                states.at(slice(i, i + 1)),
+                float(left[i]),
+                seen[i],
+                linear[i],
+            )
+            for i in range(len(left))
+        ]
 
 
 def is_same(a: Motion, b: Motion) -> bool:

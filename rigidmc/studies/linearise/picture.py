@@ -1,80 +1,172 @@
 """Pictures of steady motions: their eigenvalues, and their branches along a parameter."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from rigidmc.figures import ALARM, COLOURS, GREY, LIGHT, MARKERS, legend_above, new_figure
-from rigidmc.results.labels import column_head, long_label
-from rigidmc.studies.linearise.branches import GAIN
+from rigidmc.figures import (
+    ALARM,
+    COLOURS,
+    GREY,
+    HALO,
+    INK,
+    LIGHT,
+    MARKERS,
+    legend_above,
+    new_figure,
+)
+from rigidmc.results.labels import column_head, count_text, long_label
 from rigidmc.studies.linearise.stability import MOTION
+
+UNSTABLE = ("saddle", "unstable spiral")
+ALIKE = 1e-6  # of curves or eigenvalues that symmetric motions share, relative to the largest
+APART = 0.06  # of the height of the axes, between labels
 
 
 def eigenvalues(study: xr.Dataset) -> Figure:
     """Draw the eigenvalues of steady motions in the complex plane: those right of the line grow.
 
-    Along a parameter: energy, growth rate and frequencies of each branch; thick where no change
-    grows, with vertical lines at bifurcations.
+    Motions that share their eigenvalues are drawn once. Along a parameter: energy, growth rate and
+    frequencies of each branch, thick where no change grows, with markers at bifurcations.
 
     study : the Dataset of `rigidmc.linearise`
     """
     if "value" in study.dims:
         return _branches(study)
-    figure = new_figure(f"{study.attrs['title']}: eigenvalues of steady motions", (6.2, 5.2))
+    figure = new_figure(f"{study.attrs['title']}: eigenvalues of steady motions", (6.2, 5.4))
     axes = figure.add_subplot()
-    axes.axvline(0.0, color=LIGHT, lw=1.0, zorder=0)
-    for k in range(study.sizes["motion"]):
-        one = study.isel(motion=k)
-        own = one.origin.values == MOTION
-        colour = COLOURS[k % len(COLOURS)]
-        omega = ", ".join(f"{x + 0.0:.3g}" for x in one.omega.values)
-        label = f"{one.stability.item()}, omega = ({omega})"
-        style: dict[str, Any] = {"marker": MARKERS[k % 5], "ls": "", "mfc": "none", "label": label}
-        axes.plot(one.growth.values[own], one.frequency.values[own], color=colour, **style)
     others = study.origin.values != MOTION
     axes.plot(
         study.growth.values[others], study.frequency.values[others],
-        marker=".", ls="", ms=3.0, color=GREY, label="symmetries and momenta",
+        marker=".", ls="", ms=4.0, color=GREY, label="symmetries and momenta",
     )  # fmt: skip
+    own = np.where(others, np.nan, study.growth.values + 1j * study.frequency.values)
+    for k, alike in enumerate(_groups(own)):
+        one = study.isel(motion=alike[0])
+        grows = one.stability.item() in UNSTABLE
+        style: dict[str, Any] = {"marker": MARKERS[k % 5], "ms": 7.0 + 2.0 * (k % 3), "ls": ""}
+        words = f"{_named(one)}: {count_text(len(alike), 'motion')}"
+        axes.plot(
+            own[alike[0]].real, own[alike[0]].imag, color=COLOURS[k % len(COLOURS)], zorder=3,
+            mfc=None if grows else "none", label=words,
+            **style,
+        )  # fmt: skip
+    _show_growth(axes)
     axes.set(xlabel=long_label(study.growth), ylabel=long_label(study.frequency))
     legend_above(axes, 2)
     return figure
 
 
+def _named(one: xr.Dataset) -> str:
+    """Return the stability of a motion in words, with what is known of the full motion."""
+    word, full = one.stability.item(), one.full_motion.item()
+    return word if word in UNSTABLE or full == "unknown" else f"{word}, {full}"
+
+
+def _show_growth(axes: Axes) -> None:
+    """Shade the half plane of growth; axes without growth reach a tenth of the frequencies."""
+    reach = max(np.abs(axes.get_xlim()).max(), 0.1 * np.abs(axes.get_ylim()).max())
+    axes.set_xlim(-reach, reach)
+    axes.axvspan(0.0, reach, color=LIGHT, alpha=0.35, lw=0.0, zorder=0)
+    axes.axvline(0.0, color=GREY, lw=1.0, zorder=1)
+    for x, word in ((0.02, "decays"), (0.98, "grows")):
+        side = "left" if x < 0.5 else "right"
+        axes.text(x, 0.02, word, ha=side, color=INK, fontsize=8, transform=axes.transAxes)
+
+
+def _groups(rows: NDArray[Any]) -> list[list[int]]:
+    """Return the numbers of the rows that are alike, in order; nan only equals nan."""
+    groups: list[list[int]] = []
+    size = np.abs(rows[np.isfinite(rows)]).max(initial=0.0)
+    for k, row in enumerate(rows):
+        for group in groups:
+            if np.allclose(rows[group[0]], row, rtol=0.0, atol=ALIKE * size, equal_nan=True):
+                group.append(k)
+                break
+        else:
+            groups.append([k])
+    return groups
+
+
 def _branches(study: xr.Dataset) -> Figure:
     """Draw branches along a parameter."""
     title = f"{study.attrs['title']}: steady motions along {study.attrs['along']}"
-    figure = new_figure(title, (7.2, 7.6))
+    figure = new_figure(title, (7.2, 7.8))
     panels = figure.subplots(3, 1, sharex=True)
-    for k in range(study.sizes["branch"]):
-        _draw_branch(panels, study.isel(branch=k), COLOURS[k % len(COLOURS)], k)
-    at = study.bifurcation_value.values[study.bifurcation_kind.values == GAIN]
+    own = np.where(study.origin.values == MOTION, study.growth + 1j * study.frequency, np.nan)
+    curves = np.concatenate(
+        [study.energy.values[..., None], own.reshape(*study.energy.shape, -1)], axis=-1
+    )
+    groups = _groups(curves.reshape(study.sizes["branch"], -1))
+    for k, alike in enumerate(groups):
+        _draw_branch(panels, study.isel(branch=alike[0]), k)
     for axes, name in zip(panels, ("energy", "growth_rate", "frequency"), strict=True):
         axes.set_ylabel(column_head(study[name]))
-        for value in at:
+        for value in study.bifurcation_value.values:
             axes.axvline(value, color=ALARM, lw=0.8, ls=":", zorder=0)
-    for branch, value in zip(
-        study.bifurcation_branch.values, study.bifurcation_value.values, strict=True
-    ):
-        energy = study.energy.isel(branch=int(branch)).dropna("value")
-        panels[0].plot(value, np.interp(value, energy.value, energy), "o", ms=5.0, color=ALARM)
+    _mark_bifurcations(panels[0], study)
+    _name_branches(panels[0], study, groups)
     panels[2].set_xlabel(long_label(study.value))
-    legend_above(panels[0], 4)
+    panels[1].plot([], [], color=INK, lw=2.4, label="no change grows")
+    panels[1].plot([], [], color=INK, lw=1.0, ls="--", label="a change grows")
+    panels[1].legend(fontsize=8, frameon=False, ncols=2)
+    if study.sizes["bifurcation"]:
+        legend_above(panels[0], 4)
     return figure
 
 
-def _draw_branch(panels: "np.ndarray[Any, Any]", one: xr.Dataset, colour: str, k: int) -> None:
+def _draw_branch(panels: NDArray[Any], one: xr.Dataset, k: int) -> None:
     """Draw energy, growth rate and frequencies of a branch."""
     value, own = one.value.values, one.origin.values == MOTION
-    steady = np.isin(one.stability.values, ("centre", "stable spiral", "stable node", "neutral"))
+    grows, colour = np.isin(one.stability.values, UNSTABLE), COLOURS[k % len(COLOURS)]
     for axes, name in zip(panels[:2], ("energy", "growth_rate"), strict=True):
         numbers = one[name].values
         axes.plot(value, numbers, color=colour, lw=1.0, ls="--")
-        label = f"branch {k}" if name == "energy" else None
-        axes.plot(value, np.where(steady, numbers, np.nan), color=colour, lw=2.4, label=label)
+        axes.plot(value, np.where(grows, np.nan, numbers), color=colour, lw=2.4)
     turning: Axes = panels[2]
     at, column = np.nonzero(own & (one.frequency.values >= 0.0))
-    turning.plot(value[at], one.frequency.values[at, column], ".", ms=3.0, color=colour)
+    turning.plot(
+        value[at],
+        one.frequency.values[at, column],
+        MARKERS[k % 5],
+        ms=3.0,
+        mfc="none",
+        color=colour,
+    )
+
+
+def _mark_bifurcations(axes: Axes, study: xr.Dataset) -> None:
+    """Mark bifurcations on the branches, each kind with its own marker."""
+    kinds = study.bifurcation_kind.values
+    for k, kind in enumerate(dict.fromkeys(kinds)):
+        at = np.flatnonzero(kinds == kind)
+        heights = []
+        for i in at:
+            branch = int(study.bifurcation_branch[i])
+            energy = study.energy.isel(branch=branch).dropna("value")
+            heights.append(np.interp(study.bifurcation_value[i], energy.value, energy))
+        marker: dict[str, Any] = {"marker": MARKERS[k], "ms": 6.0, "ls": "", "mec": "white"}
+        axes.plot(
+            study.bifurcation_value.values[at], heights, color=ALARM, label=kind, zorder=4, **marker
+        )
+
+
+def _name_branches(axes: Axes, study: xr.Dataset, groups: Sequence[list[int]]) -> None:
+    """Write the numbers of branches at their right ends, apart from each other."""
+    low, high = axes.get_ylim()
+    ends = []
+    for k, alike in enumerate(groups):
+        energy = study.energy.isel(branch=alike[0]).dropna("value")
+        ends.append((float(energy[-1]), float(energy.value[-1]), k, ", ".join(map(str, alike))))
+    height, floor = APART * (high - low), -np.inf
+    for y, x, k, name in sorted(ends):
+        floor = max(y, floor + height)
+        axes.annotate(
+            name, (x, floor), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8,
+            color=COLOURS[k % len(COLOURS)], path_effects=HALO,
+        )  # fmt: skip

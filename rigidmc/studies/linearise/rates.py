@@ -59,9 +59,12 @@ class Rates(NamedTuple):
     slope: Array
 
 
-def mechanics_of(scene: Scene, member: int) -> tuple[Mechanics, Array, Array]:
+def mechanics_of(
+    scene: Scene, member: int, turning: float | None = None
+) -> tuple[Mechanics, Array, Array]:
     """Return (mechanics, q (4,), l (3,)) of a member of a scene at its start, l in scaled units.
 
+    turning : rate of the steady motions [rad/s], if the start has another
     Raises SceneError for a body or start that is impossible.
     """
     block, start = members_at_start(scene.model, scene.run, member, 1)
@@ -72,7 +75,8 @@ def mechanics_of(scene: Scene, member: int) -> tuple[Mechanics, Array, Array]:
     moment = 1.0 / float(np.median(inverse))
     swing = float(np.max(total_energy_scale(effects, body)))
     swing = max(swing, float(np.sqrt((torques(effects, body, tuple(q), tuple(l)) ** 2).sum())))
-    rate = float(np.sqrt(((inverse * l) ** 2).sum() + swing / moment))
+    speed = float(np.sqrt(((inverse * l) ** 2).sum())) if turning is None else turning
+    rate = float(np.sqrt(speed**2 + swing / moment))
     if not np.isfinite([rate, *q, *l, *inverse]).all():
         rule = "has an impossible body or start, so it has no motion to linearise"
         raise SceneError(rule, at="member", table="", value=member)

@@ -16,20 +16,34 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eig
+from scipy.optimize import minimize_scalar
 
 from rigidmc.studies.linearise.rates import Mechanics, rates_of
-from rigidmc.studies.linearise.steady import ALIKE, States, frames
+from rigidmc.studies.linearise.steady import (
+    ALIKE,
+    States,
+    frames,
+    moved,
+    newton_steps,
+    standing,
+)
 from rigidmc.studies.linearise.symmetries import (
     Symmetries,
     cross_matrix,
     momentum_rows,
     null_space,
     orbit_rows,
+    space_to_body,
 )
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 MOTION, MOMENTUM, SYMMETRY = ORIGINS = ("motion", "momentum", "symmetry")
+# what an eigenvalue off the imaginary axis says of the full motion
+FULL_MOTION = {
+    "saddle": "unstable", "unstable spiral": "unstable",
+    "stable spiral": "stable", "stable node": "stable",
+}  # fmt: skip
 DOUBLE = 1e-7  # error of a double eigenvalue: the root of rounding, relative to J
 
 
@@ -39,8 +53,9 @@ class Linearised(NamedTuple):
     values : (6,) eigenvalues, of the motion first, fastest growth first
     vectors : (6, 6) their eigenvectors as columns, of length 1
     origins : (6,) "motion", "momentum" or "symmetry"
-    errors : (6,) of the eigenvalues, by rounding
+    errors : (6,) of the eigenvalues, by rounding and by the error of the state
     stability : see `stability_of`
+    full_motion : "stable", "unstable" or "unknown", not only of the linear motion
     """
 
     values: Complex
@@ -48,25 +63,45 @@ class Linearised(NamedTuple):
     origins: tuple[str, ...]
     errors: Array
     stability: str
+    full_motion: str
 
 
-def jacobian(known: Mechanics, found: Symmetries, state: States) -> Array:
-    """Return J (6, 6) of one steady motion."""
-    rates, (turn, m) = rates_of(known, state.q, state.l), frames(found, state)
-    matrix = rates.slope[0, :, :6].copy()
-    matrix[:3, :3] -= cross_matrix(turn[0])
-    matrix[3:, 3:] += cross_matrix(m[0])
-    return matrix
+def jacobians(known: Mechanics, found: Symmetries, states: States) -> Array:
+    """Return J (n, 6, 6) of steady motions."""
+    rates, (turn, m) = rates_of(known, states.q, states.l), frames(found, states)
+    matrices = rates.slope[:, :, :6].copy()
+    matrices[:, :3, :3] -= cross_matrix(turn)
+    matrices[:, 3:, 3:] += cross_matrix(m)
+    return matrices
 
 
-def linearise_motion(known: Mechanics, found: Symmetries, state: States) -> Linearised:
-    """Return the Linearised motion about one steady motion."""
-    j, q, l = jacobian(known, found, state), state.q[:, 0], state.l[:, 0]
-    moved = orbit_rows(q, l, found.generators)
+def linearise_motions(known: Mechanics, found: Symmetries, states: States) -> list[Linearised]:
+    """Return the Linearised motion about each steady motion.
+
+    J is also taken four Newton steps before and behind each state, since Newton's method halves the
+    distance to a double root, such as rest under quadratic drag: the root is one more step away.
+    """
+    count = states.q.shape[1]
+    if not count:
+        return []
+    step = 4.0 * newton_steps(known, found, states)
+    near = [moved(states, step), states, moved(states, -step)]
+    rows = States(*(np.concatenate(parts, axis=1) for parts in zip(*near, strict=True)))
+    below, j, above = jacobians(known, found, rows).reshape(3, count, 6, 6)
+    blur = np.maximum(np.abs(below - j), np.abs(above - j)).max(axis=(1, 2))
+    return [_linearise(known, found, states.at(i), j[i], float(blur[i])) for i in range(count)]
+
+
+def _linearise(
+    known: Mechanics, found: Symmetries, state: States, j: Array, blur: float
+) -> Linearised:
+    """Return the Linearised motion with the matrix J, which has an error."""
+    q, l = state.q, state.l
+    turned = orbit_rows(q, l, found.generators)
     rows = momentum_rows(known, q, l, found.conserved)
     if found.conserves_size:
         rows = np.concatenate([rows, [np.r_[np.zeros(3), l + known.wheel]]])
-    along = _span(moved)
+    along = _span(turned)
     held = _span(null_space((rows @ along.T).T, ALIKE) @ rows if len(along) else rows)
     rest = null_space(np.concatenate([along, held, np.zeros((1, 6))]), 0.5)
     parts = [along, rest, held]
@@ -79,13 +114,64 @@ def linearise_motion(known: Mechanics, found: Symmetries, state: States) -> Line
         for i in order:
             cosine = abs(np.vdot(left[:, i], right[:, i]))
             # a cosine is a pure number
-            errors.append(size * min(DOUBLE, 1e3 * np.finfo(float).eps / max(cosine, 1e-300)))
+            rounding = min(DOUBLE, 1e3 * np.finfo(float).eps / max(cosine, 1e-300))
+            errors.append(size * rounding + blur)
             values.append(complex(found_values[i]))
             vectors.append(_whole(found_values[i], right[:, i], k, parts, blocks))
     origins = (MOTION,) * len(rest) + (MOMENTUM,) * len(held) + (SYMMETRY,) * len(along)
     known_errors, count = np.array(errors), len(rest)
-    word = stability_of(np.array(values[:count]), known_errors[:count])
-    return Linearised(np.array(values), np.array(vectors).T, origins, known_errors, word)
+    word = stability_of(np.array(values[:count]), known_errors[:count], found.is_hamiltonian)
+    verdict = FULL_MOTION.get(word, "unknown")
+    if word in ("elliptic", "undecided") and found.is_hamiltonian:
+        verdict = "stable" if has_energy_extreme(known, found, state, j) else verdict
+    return Linearised(np.array(values), np.array(vectors).T, origins, known_errors, word, verdict)
+
+
+def has_energy_extreme(known: Mechanics, found: Symmetries, state: States, j: Array) -> bool:
+    """Return whether the energy in the turning frame has a strict extreme at a steady motion, among
+    the states with its momenta: then small changes stay small for ever, not only linearly.
+
+    J = P S with the second derivatives S of this energy and the brackets P of x and l. Where a turn
+    in space and one in the body do the same, as for a sleeping top, one choice of the frame is
+    enough. Source: Marsden, Lectures on Mechanics (1992), 5 (the energy-momentum method).
+    """
+    q, l = state.q, state.l
+    rows = momentum_rows(known, q, l, found.conserved)
+    level = null_space(np.concatenate([rows, np.zeros((1, 6))]), ALIKE)
+    turned = orbit_rows(q, l, found.generators)
+    inside = null_space((turned @ rows.T).T, ALIKE) @ turned if len(turned) else turned
+    across = null_space(
+        _span(inside) @ level.T if len(inside) else np.zeros((1, len(level))), ALIKE
+    )
+    basis, whole = across @ level, cross_matrix(l + known.wheel)
+
+    def form(matrix: Array) -> Array:
+        second = np.concatenate([whole @ matrix[:3] - matrix[3:], matrix[:3]])
+        return np.asarray(basis @ second @ basis.T)
+
+    still = standing(found, state)
+    first, tilt = form(j), np.zeros((len(basis), len(basis)))
+    if len(still) == 1:
+        n, m = (still @ found.generators)[0, :3], (still @ found.generators)[0, 3:]
+        other = np.zeros((6, 6))
+        other[:3, :3] = -cross_matrix(space_to_body(q[:, None])[0] @ n)
+        other[3:, 3:] = cross_matrix(m)
+        tilt = form(other)
+    return any(_largest_least(sign * first, sign * tilt) > DOUBLE for sign in (1.0, -1.0))
+
+
+def _largest_least(first: Array, tilt: Array) -> float:
+    """Return the largest, over s, of the least eigenvalue of first + s tilt, which is concave."""
+
+    def least(s: float) -> float:
+        return float(np.linalg.eigvalsh(first + s * tilt)[0])
+
+    size = float(np.abs(tilt).max(initial=0.0))
+    if size < ALIKE:  # the frame has no choice
+        return least(0.0)
+    reach = 10.0 * float(np.abs(first).max()) / size
+    found = minimize_scalar(lambda s: -least(s), bounds=(-reach, reach), method="bounded")
+    return -float(found.fun)
 
 
 _NOTHING = np.zeros(0, complex), np.zeros((0, 0)), np.zeros((0, 0))
@@ -116,13 +202,14 @@ def _whole(
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def stability_of(values: Complex, errors: Array) -> str:
+def stability_of(values: Complex, errors: Array, is_hamiltonian: bool) -> str:
     """Return what the eigenvalues of a motion mean.
 
     saddle, unstable spiral : a change grows, without or with oscillation
     stable node, stable spiral : all changes decay, none or some with oscillation
-    centre : changes oscillate, and none grows
-    degenerate : none grows, but one is 0 or double: the linear motion does not decide
+    elliptic : changes of an undamped motion oscillate; the linear motion is stable
+    undecided : none grows, but not all decay: one is 0 or double, or a damped scene has one that
+        neither grows nor decays, so the linear motion does not decide
     neutral : there is nothing but symmetries and momenta, as for a sphere
     """
     if not len(values):
@@ -131,10 +218,10 @@ def stability_of(values: Complex, errors: Array) -> str:
     turns, zero = np.abs(values.imag) > errors, np.abs(values) <= errors
     if grows.any():
         return "saddle" if (grows & ~turns).any() else "unstable spiral"
-    apart = np.abs(values[:, None] - values) + np.diag(np.full(len(values), np.inf))
-    double = (apart.min(axis=1, initial=np.inf) < 2.0 * DOUBLE) & (errors > 0.9 * DOUBLE)
-    if zero.any() or double.any():
-        return "degenerate"
     if decays.all():
         return "stable spiral" if turns.any() else "stable node"
-    return "centre"
+    apart = np.abs(values[:, None] - values) + np.diag(np.full(len(values), np.inf))
+    double = (apart.min(axis=1, initial=np.inf) < 2.0 * DOUBLE) & (errors > 0.9 * DOUBLE)
+    if zero.any() or double.any() or not is_hamiltonian:
+        return "undecided"
+    return "elliptic"

@@ -13,14 +13,15 @@ residual, so the convergence is quadratic). Source: Yamashita & Fukushima, Compu
 (2001) 239.
 """
 
+from itertools import permutations, product
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.streams import uniforms
-from rigidmc.mechanics.rotation import from_rotation_vector
+from rigidmc.mechanics.rotation import from_rotation_vector, quaternion_from_matrix
 from rigidmc.physics.dynamics.so3 import multiply
+from rigidmc.scene.sampling import points
 from rigidmc.scene.vector_distributions.vectors import uniform_attitudes
 from rigidmc.studies.linearise.rates import Mechanics, rates_of
 from rigidmc.studies.linearise.symmetries import (
@@ -38,6 +39,8 @@ SOLVED = 1e-12  # largest residual of a solution, in scaled units; rounding leav
 FLAT = 1e-12  # singular values below this fraction of the largest are rounding
 ALIKE = 1e-6  # of directions that are one up to the error of a double root
 LONGEST = 0.7  # rad of a step: longer ones jump between solutions
+SMALLEST = 1e-30  # square of a residual that is rounding; residuals are in the scene's own rates
+STREAM = "linearise.starts"  # of the quasi-random attitudes
 
 
 class States(NamedTuple):
@@ -53,6 +56,12 @@ class States(NamedTuple):
     def at(self, index: Any) -> "States":
         """Return some of the states."""
         return States(self.q[:, index], self.l[:, index], self.c[:, index])
+
+    def with_at(self, index: Any, states: "States") -> "States":
+        """Return the states with those at some places replaced."""
+        q, l, c = self.q.copy(), self.l.copy(), self.c.copy()
+        q[:, index], l[:, index], c[:, index] = states
+        return States(q, l, c)
 
 
 def frames(found: Symmetries, states: States) -> tuple[Array, Array]:
@@ -115,27 +124,39 @@ def solve(known: Mechanics, found: Symmetries, states: States, held: Array) -> t
     value, slope = residual(known, found, states, held)
     size, damping = (value**2).sum(1), np.ones(len(value))
     for _ in range(MOST):
-        if (size < 1e-30).all():  # residuals are in units of the scene's own rates
+        open_ = np.flatnonzero(size > SMALLEST)
+        if not len(open_):
             break
-        left, scales, right = np.linalg.svd(slope, full_matrices=False)
-        scales = np.where(scales > FLAT * scales[:, :1], scales, 0.0)
-        # below 1e-24 the square of a singular value that counts vanishes beside it
-        over = scales**2 + (np.maximum(damping * size, 1e-24))[:, None]
-        along = (scales / over) * np.einsum("nri,nr->ni", left, value)
-        step = -np.einsum("nij,ni->nj", right, along)
-        angle = np.sqrt((step[:, :3] ** 2).sum(1))
-        # angles are pure numbers
-        step *= np.minimum(1.0, LONGEST / np.maximum(angle, 1e-300))[:, None]
-        tried = moved(states, step)
+        tried = moved(states.at(open_), _step(value[open_], slope[open_], damping[open_]))
         next_value, next_slope = residual(known, found, tried, held)
         next_size = (next_value**2).sum(1)
-        better = next_size < size
-        damping = np.clip(np.where(better, 0.2 * damping, 8.0 * damping), 1e-12, 1e12)
-        states = States(*(np.where(better, a, b) for a, b in zip(tried, states, strict=True)))
-        value = np.where(better[:, None], next_value, value)
-        slope = np.where(better[:, None, None], next_slope, slope)
-        size = np.where(better, next_size, size)
+        better = next_size < size[open_]
+        damping[open_] = np.clip(damping[open_] * np.where(better, 0.2, 8.0), 1e-12, 1e12)
+        ahead = open_[better]
+        states = states.with_at(ahead, tried.at(better))
+        value[ahead], slope[ahead] = next_value[better], next_slope[better]
+        size[ahead] = next_size[better]
     return states, np.abs(value).max(axis=1)
+
+
+def newton_steps(known: Mechanics, found: Symmetries, states: States) -> Array:
+    """Return the next steps (n, 6 + k) from steady motions, at their own momenta: their errors."""
+    held = held_momenta(known, found, states.q, states.l)
+    value, slope = residual(known, found, states, held)
+    return _step(value, slope, np.zeros(len(value)))
+
+
+def _step(value: Array, slope: Array, damping: Array) -> Array:
+    """Return the steps (n, 6 + k) that reduce residuals (n, r) with slopes (n, r, 6 + k)."""
+    left, scales, right = np.linalg.svd(slope, full_matrices=False)
+    scales = np.where(scales > FLAT * scales[:, :1], scales, 0.0)
+    # below 1e-24 the square of a singular value that counts vanishes beside it
+    over = scales**2 + (np.maximum(damping * (value**2).sum(1), 1e-24))[:, None]
+    along = (scales / over) * np.einsum("nri,nr->ni", left, value)
+    step = -np.einsum("nij,ni->nj", right, along)
+    angle = np.sqrt((step[:, :3] ** 2).sum(1))
+    # angles are pure numbers
+    return np.asarray(step * np.minimum(1.0, LONGEST / np.maximum(angle, 1e-300))[:, None])
 
 
 def with_frames(known: Mechanics, found: Symmetries, q: Array, l: Array) -> States:
@@ -187,20 +208,60 @@ def signatures(known: Mechanics, found: Symmetries, states: States) -> Array:
 
 
 def search_starts(known: Mechanics, found: Symmetries, q: Array, l: Array, count: int) -> States:
-    """Return `count` states to search from: the start (q, l) first, then random attitudes with
-    the turning of the start, and its |l| if this is constant."""
+    """Return `count` states to search from, or as many as the first two kinds are.
+
+    The start (q, l) is first. Then come 24 attitudes, with the principal axes both ways along the
+    axis of the start's motion and along the axes of space, and then Sobol points on all attitudes.
+    These have the momentum of the start in space, if its size is constant, and else turn as the
+    start does, at the rates that give them its momenta. Of one state asked for, only the start is
+    returned.
+    """
     own = with_frames(known, found, q[:, None], l[:, None])
     if count == 1:
         return own
-    u, v, w, _ = uniforms(0, "linearise.starts", 0, count - 1, 0)
-    others = uniform_attitudes(u, v, w)
-    turning = States(others, np.zeros((3, count - 1)), np.repeat(own.c, count - 1, axis=1))
-    turn, m = frames(found, turning)
-    momenta = ((turn + m) / (known.moment * np.array(known.body[:3])[:, 0])).T
+    axis = (found.frame + own.c[:, 0] @ found.generators)[:3]
+    whole = space_to_body(own.q)[0].T @ (l + known.wheel)
+    others = aligned_attitudes(whole if found.conserves_size else axis)
+    numbers = points(0, "sobol", tuple((STREAM, 0, i) for i in range(3)))
+    u, v, w, _ = numbers.words(STREAM, 0, max(0, count - 1 - others.shape[1]), 0, range(3))
+    others = np.concatenate([others, uniform_attitudes(u, v, w)], axis=1)
     if found.conserves_size:
-        momenta = momenta + known.wheel[:, None]
-        size = np.sqrt(((l + known.wheel) ** 2).sum()), np.sqrt((momenta**2).sum(0))
-        # momenta are in units of the scene's own scale
-        momenta = momenta * (size[0] / np.maximum(size[1], 1e-300)) - known.wheel[:, None]
+        momenta = (space_to_body(others) @ whole).T - known.wheel[:, None]
+    else:
+        momenta = _turning_momenta(known, found, own, others)
     both = np.concatenate([q[:, None], others], 1), np.concatenate([l[:, None], momenta], 1)
     return with_frames(known, found, *both)
+
+
+def aligned_attitudes(axis: Array) -> Array:
+    """Return the 24 attitudes (4, 24) whose principal axes are along three axes of space: a given
+    one, or z if it is 0, and the one nearest to x."""
+    size = float(np.sqrt(axis @ axis))
+    up = axis / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
+    east = np.eye(3)[0] - up[0] * up
+    if abs(up[0]) > 0.9:  # x is no direction across the axis
+        east = np.eye(3)[1] - up[1] * up
+    east /= np.sqrt(east @ east)
+    base = quaternion_from_matrix(np.stack([east, np.cross(up, east), up], axis=1))
+    cube = [
+        np.eye(3)[list(order)] * np.array(signs)
+        for order in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+    ]
+    turns = quaternion_from_matrix(np.array([a for a in cube if np.linalg.det(a) > 0.0]))
+    return np.array(multiply(tuple(np.asarray(base)[:, None]), tuple(np.asarray(turns).T)))
+
+
+def _turning_momenta(known: Mechanics, found: Symmetries, own: States, q: Array) -> Array:
+    """Return the momenta (3, n) of bodies at attitudes q that turn as one state does, with the
+    central momenta of that state."""
+    turning = States(q, np.zeros((3, q.shape[1])), np.repeat(own.c, q.shape[1], axis=1))
+    turn, m = frames(found, turning)
+    moments = 1.0 / (known.moment * np.array(known.body[:3])[:, 0])
+    w, central = turn + m, found.central
+    ways = central[:, :3] @ space_to_body(q).swapaxes(1, 2) + central[:, 3:]
+    off = held_momenta(known, found, own.q, own.l).T
+    off = off - ((moments * w + known.wheel)[:, None] * ways).sum(2)
+    inertia = (moments * ways) @ ways.swapaxes(1, 2)
+    w = w + np.einsum("nd,ndi->ni", np.einsum("nij,nj->ni", np.linalg.pinv(inertia), off), ways)
+    return np.asarray((moments * w).T)

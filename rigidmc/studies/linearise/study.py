@@ -2,7 +2,7 @@
 
 A steady motion is an equilibrium, or a rotation that looks the same at all times: about a principal
 axis, about the vertical (Staude), a regular precession, or a satellite at rest in the frame of its
-orbit. Newton's method finds the motion nearest to the start, and others from random attitudes, all
+orbit. Newton's method finds the motion nearest to the start, and others from many attitudes, all
 with those momenta of the start that the scene conserves. The linearised motion of a change y, a
 rotation vector and a momentum in body axes, is exact: derivatives of the formulas of the effects::
 
@@ -19,13 +19,15 @@ Returns
 -------
 xarray.Dataset
     over motion, or over branch and value with `along`: `attitude`, `omega`, `momentum`, `turning`
-    (of the frame, in space), `spin` (of the state in the body), `energy`, `residual`, `stability`
-    (centre, saddle, unstable spiral, stable spiral, stable node, degenerate, neutral),
+    (of the frame, in space), `spin` (of the state in the body), `energy`, `residual`, `reached`
+    (starts that end here), `stability` of the linear motion (saddle, unstable spiral, stable
+    spiral, stable node, elliptic, undecided, neutral), `full_motion` (stable, unstable, unknown),
     `growth_rate` [1/s] of the fastest change; over eigenvalue too: `growth`, `frequency`, `period`,
     `origin` (motion, momentum, symmetry), and its `eigenvector_real` and `eigenvector_imag`. With
-    `along` also over bifurcation: `bifurcation_value`, `bifurcation_branch`, `bifurcation_kind`
-    (stability, end), `bifurcation_frequency` of the eigenvalue that crosses, 0 if it passes 0, and
-    `growing`, the numbers of growing changes below and above
+    `along` also over bifurcation: `bifurcation_value`, `bifurcation_kind` (pitchfork,
+    transcritical, fold, Hopf, Hamiltonian Hopf, zero eigenvalue, end), `bifurcation_branch`,
+    `bifurcation_meets` (which branches), `bifurcation_frequency` of the eigenvalue that crosses, 0
+    if it passes 0, and `growing`, the numbers of growing changes below and above
 
 Raises
 ------
@@ -65,8 +67,8 @@ from rigidmc.studies.framework.members import refuse_noise
 from rigidmc.studies.framework.options import Example, Options, option
 from rigidmc.studies.framework.sides import SIDE, Side, whole_side
 from rigidmc.studies.framework.study import Study
-from rigidmc.studies.linearise.branches import GAIN, Bifurcation, follow
-from rigidmc.studies.linearise.motions import Motion, Problem, distinct
+from rigidmc.studies.linearise.branches import Bifurcation, follow
+from rigidmc.studies.linearise.motions import Motion, Problem
 from rigidmc.studies.linearise.stability import MOTION
 from rigidmc.studies.linearise.steady import frames
 
@@ -80,6 +82,7 @@ NUMBERS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "spin": ("angular velocity of the state in the body", "rad s-1", ("axis",)),
     "energy": ("kinetic plus potential energy", "J", ()),
     "residual": ("largest residual of the equations, in scaled units", "1", ()),
+    "reached": ("starts of the search that end here", "1", ()),
     "growth_rate": ("growth rate of the fastest change", "s-1", ()),
     "growth": ("growth rate", "s-1", ("eigenvalue",)),
     "frequency": ("angular frequency", "rad s-1", ("eigenvalue",)),
@@ -88,7 +91,8 @@ NUMBERS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "eigenvector_imag": ("eigenvector, imaginary part", "1", ("eigenvalue", "change")),
 }
 WORDS = {
-    "stability": ("stability", ()),
+    "stability": ("linear motion", ()),
+    "full_motion": ("full motion", ()),
     "origin": ("origin of the eigenvalue", ("eigenvalue",)),
 }
 CHANGES = [f"{kind}.{i}" for kind in ("rotation", "momentum") for i in (1, 2, 3)]
@@ -105,8 +109,9 @@ class LineariseOptions(Options):
     """The options of `linearise`."""
 
     starts: int = option(
-        48,
-        "starts of the search: that of the first member, and others with random attitudes",
+        256,
+        "starts of the search: that of the first member, 24 with principal axes along the axes of"
+        " space, and others with evenly spread attitudes",
         more="`first` among the settings chooses another member",
     )
     along: Side | None = option(
@@ -129,7 +134,7 @@ def linearise_scene(
         tell = progress if callable(progress) else lambda line: say(f"  {line}")
         return _along(scene, options.along, options, tell if progress else lambda line: None)
     problem = Problem.of(scene, scene.run.first)
-    motions = distinct(problem.solved(problem.starts(options.starts)))
+    motions = problem.search(options.starts)
     if not motions:
         rule = (
             "no steady motion has the momenta of this start; search from more starts, or from a"
@@ -162,7 +167,8 @@ def _along(
     dataset = _dataset(scene, sizes, flat)
     units = units_of(scene, name)
     dataset["value"] = dataset.value.assign_attrs(long_name=name, units=units)
-    return dataset.assign(_bifurcations(found, units)).assign_attrs(along=name)
+    variables = _bifurcations(found, units, len(branches))
+    return dataset.assign(variables).assign_attrs(along=name)
 
 
 def _values(name: str, low: float, high: float, log: bool, points: int) -> Array:
@@ -232,19 +238,25 @@ def _numbers(motion: Motion) -> dict[str, Any]:
         "eigenvector_real": vectors.real,
         "eigenvector_imag": vectors.imag,
         "stability": linear.stability,
+        "full_motion": linear.full_motion,
+        "reached": motion.reached,
         "origin": np.array(linear.origins),
     }
 
 
-def _bifurcations(found: Sequence[Bifurcation], units: str) -> dict[str, Any]:
+def _bifurcations(found: Sequence[Bifurcation], units: str, branches: int) -> dict[str, Any]:
     """Return the variables over bifurcation."""
     about = {"long_name": "value of the parameter", "units": units}
     crossing = {"long_name": "angular frequency of the eigenvalue", "units": "rad s-1"}
     growing = np.array([one.growing for one in found], np.int64).reshape(-1, 2)
+    meets = [[i == b.branch or i in b.others for i in range(branches)] for b in found]
     return {
         "bifurcation_value": ("bifurcation", np.array([b.value for b in found]), about),
-        "bifurcation_branch": ("bifurcation", np.array([b.branch for b in found], np.int64)),
         "bifurcation_kind": ("bifurcation", np.array([b.kind for b in found], str)),
+        "bifurcation_branch": ("bifurcation", np.array([b.branch for b in found], np.int64)),
+        "bifurcation_meets": (
+            ("bifurcation", "branch"), np.array(meets, bool).reshape(-1, branches),
+        ),
         "bifurcation_frequency": (
             "bifurcation", np.array([b.frequency for b in found]), crossing,
         ),
@@ -262,7 +274,7 @@ def _table_of_motions(study: xr.Dataset) -> list[str]:
     spin = "".join(f"{column_head(study.omega, i):>17s}" for i in study.axis.values)
     lines = [
         f"{study.attrs['title']}: {count_text(study.sizes['motion'], 'steady motion')}",
-        f"  {'stability':15s}{spin}{heads[0]:>14s}{heads[1]:>20s}  periods",
+        f"  {'linear motion':17s}{'full motion':13s}{spin}{heads[0]:>14s}{heads[1]:>20s}  periods",
     ]
     for k in range(study.sizes["motion"]):
         one = study.isel(motion=k)
@@ -270,7 +282,10 @@ def _table_of_motions(study: xr.Dataset) -> list[str]:
         w = np.where(np.abs(w) < 1e-12 * np.abs(w).max(), 0.0, w)  # rounding
         growth = "" if np.isnan(rate) else f"{rate:.6g}"
         numbers = "".join(f"{x:17.6g}" for x in w) + f"{float(one.energy):14.6g}{growth:>20s}"
-        lines.append(f"  {one.stability.item():15s}{numbers}  {_periods(one)}")
+        words = f"{one.stability.item():17s}{one.full_motion.item():13s}"
+        lines.append(f"  {words}{numbers}  {_periods(one)}")
+    if (study.reached == 1).any() and study.sizes["motion"] > 1:
+        lines.append("  some motions were found from one start only: more --starts may find others")
     return lines
 
 
@@ -302,15 +317,18 @@ def _table_along(study: xr.Dataset) -> list[str]:
 def _bifurcation_text(one: xr.Dataset, value: xr.DataArray) -> str:
     """Return a bifurcation as a line of text."""
     where = f"at {value_text(float(one.bifurcation_value), value, 10)}"
-    branch, (below, above) = int(one.bifurcation_branch), one.growing.values
-    if one.bifurcation_kind.item() != GAIN:
-        return f"{where}: branch {branch} ends, at a fold or at another branch"
+    kind, branch = one.bifurcation_kind.item(), int(one.bifurcation_branch)
+    others = [int(i) for i in np.flatnonzero(one.bifurcation_meets.values) if i != branch]
+    text = f"{where}: {kind} of branch {branch}"
+    if others:
+        text += f" with {' and '.join(map(str, others))}"
     frequency = float(one.bifurcation_frequency)
-    through = "0"
+    if np.isnan(frequency):
+        return text
     if frequency:
-        through = f"the imaginary axis at {value_text(frequency, one.bifurcation_frequency)}"
-    counts = f"growing changes: {below} below, {above} above"
-    return f"{where}: branch {branch}: eigenvalues pass {through} ({counts})"
+        text += f" at {value_text(frequency, one.bifurcation_frequency)}"
+    below, above = one.growing.values
+    return f"{text} (growing changes: {below} below, {above} above)"
 
 
 linearise = Study(

@@ -20,7 +20,7 @@ from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.methods import argument_names
 from rigidmc.physics.dynamics.so3 import into_body
 from rigidmc.scene.vector_distributions.vectors import uniform_attitudes
-from rigidmc.studies.linearise.rates import Mechanics, rates_of
+from rigidmc.studies.linearise.rates import Mechanics, Rates, rates_of
 
 Array = NDArray[np.float64]
 STATES = 12  # random states; 3 would determine the 7 numbers of a generator
@@ -39,6 +39,7 @@ class Symmetries(NamedTuple):
     central : (d, 6) a basis of the conserved ones that commute with all generators: symmetries
         leave their momentum as it is
     conserves_size : whether |l + wheel| is constant
+    is_hamiltonian : whether the torques follow from a potential, so that nothing is damped
     """
 
     frame: Array
@@ -46,6 +47,7 @@ class Symmetries(NamedTuple):
     conserved: Array
     central: Array
     conserves_size: bool
+    is_hamiltonian: bool
 
 
 def cross_matrix(a: Array) -> Array:
@@ -144,7 +146,26 @@ def find_symmetries(known: Mechanics) -> Symmetries:
     central = _null_part(flat.T, conserved)
     growth = (whole * f).sum(1)
     has_size = bool(np.abs(growth).max() < ZERO * max(1.0, (np.abs(whole) * np.abs(f)).max()))
-    return Symmetries(frame, generators, conserved, central, has_size)
+    return Symmetries(
+        frame, generators, conserved, central, has_size, _is_hamiltonian(rates, whole)
+    )
+
+
+def _is_hamiltonian(rates: Rates, whole: Array) -> bool:
+    """Return whether w = dH/dl and f = whole x w - dV/dx, from rates at random states.
+
+    The torque tau = f - whole x w then does not depend on l, and turns about the body axes, which
+    do not commute, give dtau/dx - (dtau/dx)^T = tau x.
+    """
+    w, f = rates.value[:, :3], rates.value[:, 3:]
+    inverse, by_x = rates.slope[:, :3, 3:6], rates.slope[:, 3:, :3]
+    tau = f - np.cross(whole, w)
+    by_l = rates.slope[:, 3:, 3:6] + cross_matrix(w) - cross_matrix(whole) @ inverse
+    curl = by_x - by_x.swapaxes(1, 2) - cross_matrix(tau)
+    slip = rates.slope[:, :3, :3], inverse - inverse.swapaxes(1, 2)
+    # the rates are in the scene's own units
+    size = max(1.0, float(np.abs(rates.slope).max()))
+    return all(float(np.abs(part).max()) < ZERO * size for part in (by_l, curl, *slip))
 
 
 def subalgebra(generators: Array, zero: slice) -> Array:

@@ -68,6 +68,7 @@ _FILES = {  # {map: file in `cases` with a function of this name that returns it
     "chaos_share": "chaos_share",
     "kovalevskaya": "heavy_chaos",
     "kapitza": "kapitza",
+    "hyperion_chaos": "hyperion_chaos",
 }
 RESOLUTION = 256  # pixels per side
 
