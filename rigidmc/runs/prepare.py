@@ -224,7 +224,7 @@ class PreparedRun:
         wrt : str or iterable of str, optional
             parameters of the derivatives, in place of the prepared ones; () for none. The result is
             that of a run prepared with them. Kernels of a run prepared with a parameter of the
-            body serve all parameters, other kernels those of the same tables, start or effects
+            body serve all parameters, others the same tables, start or effects
         threads : int, optional
             number of threads; default one for each core that the process may use
         device : str, optional

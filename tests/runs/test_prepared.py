@@ -157,7 +157,7 @@ def test_a_run_chooses_its_derivatives():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("names", ["start.omega.1", ["effects.gravity.g", "body.moments"]])
-def test_chosen_derivatives_are_those_of_a_run_prepared_with_them(names):
+def test_chosen_derivatives_equal_those_of_a_run_prepared_with_them(names):
     """Kernels for one, two and three derivatives of a number give each the same bits."""
     values, run = (
         {"start.omega": OMEGA},
@@ -168,6 +168,21 @@ def test_chosen_derivatives_are_those_of_a_run_prepared_with_them(names):
     assert chosen.identical(own.run(values=values))
     assert rm.rerun(chosen, member=1).attrs["rerun"].startswith("equal to the bit")
     assert own.with_derivatives("body.moments").run(values=values).identical(run.run(values=values))
+
+
+@pytest.mark.slow
+def test_the_mass_of_a_solid_varies_with_its_moments():
+    """Without torques omega does not depend on the mass, and the energy is in proportion."""
+    sizes, mass = {"radius": 0.3, "height": 0.5}, np.array([0.5, 2.0, 3.0])
+    scene = replace(RACKET, body=rm.Body.cylinder(mass=2.0, **sizes), effects=())
+    run = rm.prepare(scene, "rk4", varied="body.cylinder.mass", wrt="body.cylinder.mass")
+    ds = run.run(values={"body.cylinder.mass": mass})
+    each = (ds.energy / mass).values
+    assert np.ptp(each, axis=-1).max() < 1e-14 * each.max()
+    assert np.abs(ds.d_energy.values[0] - each).max() < 1e-14 * each.max()
+    assert np.abs(ds.d_omega).max() < 1e-14
+    assert np.allclose(ds.moments[:, 2], rm.Body.cylinder(mass=3.0, **sizes).moments, 1e-15, 0)
+    assert rm.rerun(ds, member=1).attrs["rerun"].startswith("equal to the bit")
 
 
 def test_members_that_a_scene_lacks_are_refused():
