@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.compiler.memory import allocate_block
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.layout import RowMap, whole_lanes
+from rigidmc.engine.program import NO_DERIVATIVES, Derivatives
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.methods import Flag, implements
 from rigidmc.physics.effects import label_effects
@@ -79,9 +80,8 @@ class Plan(NamedTuple):
     paired : whether a step has the noise of two steps of half its length, as in coarse paths of a
         multilevel study, see `rigidmc.studies.multilevel.levels`
     wrt : parameters by which saved values are differentiated
-    columns : derivatives that each number of a block and of a save has, at least one per parameter;
-        those beyond are 0 and fill the last pass
-    at_once : columns of a pass; a run makes columns/at_once passes over its members
+    derivatives : that each number of a block and of a save has, at least one per parameter; those
+        beyond are 0 and fill the last pass
     """
 
     model: Model
@@ -113,8 +113,7 @@ class Plan(NamedTuple):
     which: NDArray[np.int64] | None = None
     paired: bool = False
     wrt: tuple[str, ...] = ()
-    columns: int = 0
-    at_once: int = 0
+    derivatives: Derivatives = NO_DERIVATIVES
 
     def indices(self, first: int, count: int) -> NDArray[np.int64]:
         """Return the indices of `count` members from place `first` on.
@@ -140,9 +139,9 @@ class Plan(NamedTuple):
         return max((rows.stop for rows in self.saved.values()), default=0)
 
     @property
-    def passes(self) -> int:
-        """Number of passes of `at_once` columns; 0 without derivatives."""
-        return self.columns // max(1, self.at_once)
+    def columns(self) -> int:
+        """Number of derivatives that each number of a block and of a save has."""
+        return self.derivatives.at_once * self.derivatives.passes
 
     def initial(
         self, sampler: Source, first: int, count: int, pilot: InitialMembers | None = None
@@ -185,6 +184,16 @@ class Plan(NamedTuple):
         else:
             tangents[:] = tangents_of_members(self.model, sampler, members, *known)
         return whole
+
+    def with_kernels_of(self, other: "Plan") -> "Plan":
+        """Return the plan with the derivatives that the kernels of another plan compute, if these
+        serve its parameters; else itself."""
+        own, known = self.derivatives, other.derivatives
+        serve = known.of_body >= own.of_body and known.of_effects >= own.of_effects
+        if not (own.at_once and known.at_once and serve):
+            return self
+        passes = math.ceil(len(self.wrt) / known.at_once)
+        return self._replace(derivatives=known._replace(passes=passes))
 
     def bounds(self) -> dict[str, float]:
         """Return the finite limits among those a scene may set, under their names in the scene."""
@@ -260,7 +269,6 @@ def make_plan(
     watches = bool(recording.recorded or monitors.events or monitors.running)
     has_axes = model.body.is_turned and model.body.frame == "described" and watches
     bounds = run, kind, conserved, attitude, steps.theta, mean, scheme, spin
-    columns, at_once = choose_columns(len(wrt))
     return Plan(
         model=model,
         run=run,
@@ -290,21 +298,19 @@ def make_plan(
         saved=value_rows(recording.recorded, len(effects)),
         conserved=conserved,
         wrt=wrt,
-        columns=columns,
-        at_once=at_once,
+        derivatives=choose_derivatives(wrt),
     )
 
 
-def choose_columns(parameters: int) -> tuple[int, int]:
-    """Return (columns, columns of a pass) of a run with derivatives by a number of parameters.
-
-    The passes are as few and as equal as possible.
-    """
-    if not parameters:
-        return 0, 0
-    passes = math.ceil(parameters / AT_ONCE)
-    at_once = math.ceil(parameters / passes)
-    return passes * at_once, at_once
+def choose_derivatives(wrt: Sequence[str]) -> Derivatives:
+    """Return the Derivatives of a run by parameters, in passes as few and as equal as possible."""
+    if not wrt:
+        return NO_DERIVATIVES
+    passes = math.ceil(len(wrt) / AT_ONCE)
+    of_body = any(name.startswith("body.") for name in wrt)
+    # parameters of effects that are fixed in the body turn with its principal axes
+    of_effects = any(name.startswith("effects.") for name in wrt) or of_body
+    return Derivatives(math.ceil(len(wrt) / passes), passes, of_body, of_effects)
 
 
 def _steps(effects: Sequence[Any], run: Run, pilot: NDArray[np.float64]) -> _Steps:

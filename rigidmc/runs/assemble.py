@@ -7,7 +7,7 @@ from rigidmc.engine.compiler.compose import NumbaError, innermost_cause
 from rigidmc.engine.cuda.devices import device_number, is_gpu
 from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
-from rigidmc.engine.program import NO_DERIVATIVES, Derivatives, Program
+from rigidmc.engine.program import Derivatives, Program
 from rigidmc.errors import PartError
 from rigidmc.physics.dynamics.trials import RULE
 from rigidmc.physics.effects import EFFECTS
@@ -119,7 +119,7 @@ def make_program(
             paired=plan.paired,
             shortens=plan.grid.is_shortened,
             axes=plan.has_axes,
-            derivatives=derivatives or _derivatives(plan),
+            derivatives=derivatives or plan.derivatives,
             meanwhile=_import_xarray,
         )
         return found
@@ -135,16 +135,6 @@ def make_program(
         rule = f"cannot be compiled: {innermost_cause(error)}; {RULE}"
         whole = f"{table}.{', '.join(filter(None, names.values()))}"
         raise PartError(rule, at=whole, table=table) from error
-
-
-def _derivatives(plan: Plan) -> Derivatives:
-    """Return the derivatives that the program of a plan computes."""
-    if not plan.columns:
-        return NO_DERIVATIVES
-    of_body = any(name.startswith("body.") for name in plan.wrt)
-    # parameters of effects that are fixed in the body turn with its principal axes
-    of_effects = any(name.startswith("effects.") for name in plan.wrt) or of_body
-    return Derivatives(plan.at_once, plan.passes, of_body, of_effects)
 
 
 def _import_xarray() -> None:

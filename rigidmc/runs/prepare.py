@@ -103,6 +103,7 @@ class PreparedRun:
         self.step_notes, self.scene_notes = step_notes, scene_notes
         self._programs: dict[tuple[str, bool], Program | None] = {}
         self._blanks = Blanks()
+        self._derived: dict[str | tuple[str, ...], PreparedRun] = {}  # by `wrt` of `run`
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -176,6 +177,19 @@ class PreparedRun:
         run.pilot = None
         return run
 
+    def with_derivatives(self, wrt: str | Iterable[str]) -> "PreparedRun":
+        """Return the run with derivatives by other parameters; see `run`."""
+        names = wrt if isinstance(wrt, str) else tuple(wrt)
+        if names == self.scene.run.wrt:
+            return self
+        if names not in self._derived:
+            run, which = prepare_scene(self.scene.with_run(wrt=names)), self.plan.which
+            plan = run.plan.with_kernels_of(self.plan)
+            run = run._changed(plan, run.layout._replace(columns=plan.columns))
+            run.choice = self.choice
+            self._derived[names] = run if which is None else run.with_members(which)
+        return self._derived[names]
+
     def with_paired_noise(self) -> "PreparedRun":
         """Return the run whose steps have the noise of two steps of half their length."""
         return self._changed(self.plan._replace(paired=True), self.layout)
@@ -185,6 +199,7 @@ class PreparedRun:
         *,
         members: int | range | NDArray[np.int64] | None = None,
         values: Mapping[str, ArrayLike] | None = None,
+        wrt: str | Iterable[str] | None = None,
         threads: int | None = None,
         device: str | None = None,
         output: Path | None = None,
@@ -207,6 +222,10 @@ class PreparedRun:
             units of the scene: (members,) for a number, (members, 3) for a vector. Labels of pandas
             and xarray are read; an array (3, 3) needs them, or is given as a tuple of columns.
             Grid, scheme and limits stay, and a member beyond them is flagged
+        wrt : str or iterable of str, optional
+            parameters of the derivatives, in place of the prepared ones; () for none. The result is
+            that of a run prepared with them. Kernels of a run prepared with a parameter of the
+            body serve all parameters, others the same tables, start or effects
         threads : int, optional
             number of threads; default one for each core that the process may use
         device : str, optional
@@ -243,13 +262,12 @@ class PreparedRun:
         >>> run.run(members=range(2, 4)).member.values.tolist()
         [2, 3]
         """
-        if values is not None or members is not None:
-            run = self if values is None else self.with_values(values)
-            run = (
-                run
-                if members is None
-                else run.with_members(select_members(members, run.scene.run, run.plan.model))
-            )
+        run = self if wrt is None else self.with_derivatives(wrt)
+        if values is not None:
+            run = run.with_values(values)
+        if members is not None:
+            run = run.with_members(select_members(members, run.scene.run, run.plan.model))
+        if run is not self:
             return run.run(
                 threads=threads,
                 device=device,

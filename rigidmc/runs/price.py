@@ -18,7 +18,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import StepRange
 from rigidmc.engine.kernel.layout import LANES
 from rigidmc.engine.machine import threads_available
-from rigidmc.engine.program import NO_SAVES
+from rigidmc.engine.program import NO_DERIVATIVES, NO_SAVES
 from rigidmc.files.outputs import folder_beside
 from rigidmc.physics.effects import EFFECTS, label_effects
 from rigidmc.physics.effects.protocol import from_numbers, is_random, user_parameters
@@ -301,8 +301,7 @@ def some_of(run: PreparedRun, kept: Iterable[int]) -> PreparedRun:
         nodes=0,
         saved={},
         wrt=(),
-        columns=0,
-        at_once=0,
+        derivatives=NO_DERIVATIVES,
     )
     return PreparedRun(run.scene, bare, run.layout, None, run.sampler, None, None, (), ())
 

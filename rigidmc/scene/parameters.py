@@ -14,8 +14,9 @@ from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import shape, user_parameters
 from rigidmc.scene.body import Body
-from rigidmc.scene.quantities import Grid
+from rigidmc.scene.quantities import Grid, Varied
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.shape import ShapePart
 from rigidmc.scene.start import Start
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
@@ -27,7 +28,7 @@ _FIXED = ("axis", "covariance", "direction")  # fields of distributions that no 
 
 def parameter_names(scene: Scene) -> list[str]:
     """Return the names of all parameters of a scene that may differ between members."""
-    solid = _solid_of(scene.body)
+    solid = solid_by_mass(scene.body)
     if solid is not None:
         names = [f"body.{solid}.mass"]
     else:
@@ -93,7 +94,7 @@ def with_parameters(
     body, effects = scene.body, dict(label_effects(scene.effects))
     for name, value in values.items():
         table, first, *rest = name.split(".")
-        if table == "body" and (solid := _solid_of(scene.body)):
+        if table == "body" and (solid := solid_by_mass(scene.body)):
             body = _of_mass(body, solid, name, value, key)
             continue
         if name not in names:
@@ -117,7 +118,7 @@ def component_of(start: Start, word: str) -> str:
     return str(names.index(word) + 1) if word in names else word
 
 
-def _solid_of(body: Any) -> str | None:
+def solid_by_mass(body: Any) -> str | None:
     """Return the name of the solid if a body is a solid given by mass, with any pivot; else None.
 
     A shape next to explicit moments is only drawn and does not make the body a solid.
@@ -126,9 +127,7 @@ def _solid_of(body: Any) -> str | None:
     if part is None or part.solid not in _BY_MASS:
         return None
     moments, mass, centre = (values[..., 0] for values in body.sample(0, 0, 1))
-    made = Body.solid(part.solid, mass=float(mass), **part.sizes)
-    if any(part.at):
-        made = made.with_pivot(tuple(-x for x in part.at))
+    made = _made(part, float(mass))
     long = np.sqrt(max(made.moments) / mass)
     off = moments / max(made.moments) - np.array(made.moments) / max(made.moments)
     away = (centre - made.to_principal(made.centre)) / long
@@ -136,21 +135,37 @@ def _solid_of(body: Any) -> str | None:
     return part.solid if same else None
 
 
-def _of_mass(body: Any, solid: str, name: str, value: Any, key: str) -> Any:
-    """Return the solid with another mass, a number or a grid, and moments in proportion; SceneError
-    for every other parameter of a solid."""
+def _made(part: ShapePart, mass: float) -> Body:
+    """Return a solid of a mass, about the fixed point of its shape."""
+    made = Body.solid(part.solid, mass=mass, **part.sizes)
+    return made.with_pivot(tuple(-x for x in part.at)) if any(part.at) else made
+
+
+def refuse_part_of_solid(solid: str, name: str, key: str) -> SceneError:
+    """Return the error for a parameter of a solid other than its mass."""
     right = f"body.{solid}.mass"
-    if name != right:
-        rule = (
-            f"the sizes of a {solid} determine its centre and moments: a map can vary only {right},"
-            " and the moments with it; to vary others, give moments, mass and centre in place of"
-            f" the {solid}"
-        )
-        raise SceneError(rule, at=key, value=name, nearest=right)
-    moments, mass, _ = body.sample(0, 0, 1)
-    each = (moments[:, 0] / mass[0]).tolist()
-    by_mass = value.times if isinstance(value, Grid) else value.__mul__
-    return replace(body, moments=tuple(map(by_mass, each)), mass=value)
+    rule = (
+        f"the sizes of a {solid} determine its centre and moments: only {right} can be varied,"
+        " and the moments with it; to vary others, give moments, mass and centre in place of"
+        f" the {solid}"
+    )
+    return SceneError(rule, at=key, value=name, nearest=right)
+
+
+def _of_mass(body: Any, solid: str, name: str, value: Any, key: str) -> Any:
+    """Return the solid with another mass and moments in proportion; SceneError for every other
+    parameter of a solid.
+
+    value : a number, a grid, a nominal number, or the masses of members
+    """
+    if name != f"body.{solid}.mass":
+        raise refuse_part_of_solid(solid, name, key)
+    # of 1 kg, not of the present mass: a rerun, which has other ones, then rounds alike
+    each = map(float, _made(body.shape[0], 1.0).moments)
+    moments = tuple(
+        value.times(x) if isinstance(value, (Grid, Varied)) else value * x for x in each
+    )
+    return replace(body, moments=moments, mass=value)
 
 
 def _put(whole: Any, path: Sequence[str], value: Any) -> Any:

@@ -8,16 +8,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats, is_number
-from rigidmc.errors import OptionError, SceneError, nearest, unknown
+from rigidmc.errors import OptionError, RigidmcError, SceneError, nearest, unknown
 from rigidmc.labelled import COLUMN, Wanted, is_labelled, two_ways
 from rigidmc.mechanics.euler_angles import ANGLES
+from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.effects import label_effects
 from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.parameters import component_of, parameter_names, with_parameters
+from rigidmc.scene.parameters import (
+    component_of,
+    parameter_names,
+    refuse_part_of_solid,
+    solid_by_mass,
+    with_parameters,
+)
 from rigidmc.scene.quantities import Grid, Varied, count_rows
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.units import in_si, units_of
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
+from rigidmc.scene.vector_distributions.vectors import whole_of
 
 Nominal = dict[str, float | list[float]]
 
@@ -25,13 +33,42 @@ Nominal = dict[str, float | list[float]]
 def variable_names(scene: Scene) -> list[str]:
     """Return the names that may be varied: all parameters, except in vector distributions,
     which have no rows, and all vectors that contain these parameters."""
-    start = getattr(scene.start, scene.start.spin_name)
-    vectors = {f"start.{scene.start.spin_name}": start, "body.moments": scene.body.moments}
-    drawn = tuple(name for name, value in vectors.items() if isinstance(value, VectorDistribution))
-    known = [name for name in parameter_names(scene) if not name.startswith(drawn)]
+    known = [name for name in parameter_names(scene) if not name.startswith(_drawn_vectors(scene))]
     if isinstance(scene.start.attitude, tuple):
-        known = [*known, "start.attitude.1"]
+        known = [*known, "start.attitude"]
     return list(dict.fromkeys(word for name in known for word in (vector_of(name), name) if word))
+
+
+def _drawn_vectors(scene: Scene) -> tuple[str, ...]:
+    """Return the names of the vectors that a distribution of vectors draws."""
+    body, start, spin = scene.body, scene.start, scene.start.spin_name
+    vectors = {f"body.{body.inertia_key}": body.moments, "start.attitude": start.attitude}
+    vectors |= {f"start.{spin}": getattr(start, spin)}
+    drawn = [name for name, one in vectors.items() if isinstance(one, (VectorDistribution, str))]
+    for label, effect in label_effects(scene.effects):
+        fields = zip(effect._fields, effect, strict=True)
+        drawn += [f"effects.{label}.{field}" for field, one in fields if whole_of(one) is not None]
+    return tuple(drawn)
+
+
+def _refused(scene: Scene, name: str) -> RigidmcError:
+    """Return the error for a name that may not be varied, with the reason."""
+    names, solid = variable_names(scene), solid_by_mass(scene.body)
+    numbers = set(names) - {*map(vector_of, names), "start.attitude"}
+    inner = [one for one in numbers if name.startswith(f"{one}.")]
+    if drawn := [one for one in _drawn_vectors(scene) if f"{name}.".startswith(f"{one}.")]:
+        rule = f"one distribution of the scene draws {drawn[0]}: give numbers in its place"
+    elif inner:
+        rule = f"members differ by {inner[0]} itself, not by its distribution"
+    elif solid is not None and name.startswith("body."):
+        return refuse_part_of_solid(solid, name, "varied")
+    elif name.startswith("body.tensor"):
+        rule = "it turns the principal axes: vary body.moments, or simulate a tensor per member"
+    elif vector_of(name) == "start.attitude" and not scene.start.has_euler_angles:
+        rule = "it is one of the four numbers of a quaternion: vary start.attitude as a whole"
+    else:
+        return unknown("scene parameter", names, at="varied", value=name)
+    return SceneError(f"cannot be varied: {rule}", at="varied", value=name)
 
 
 def vector_of(name: str) -> str:
@@ -49,7 +86,7 @@ def nominal_of(scene: Scene, names: Iterable[str]) -> Nominal:
     found: Nominal = {}
     for name in names:
         if name not in variable_names(scene):
-            raise unknown("scene parameter", variable_names(scene), at="varied", value=name)
+            raise _refused(scene, name)
         value = value_at(scene, name)
         found[name] = list(map(_middle, value)) if isinstance(value, tuple) else _middle(value)
     return found
@@ -66,11 +103,13 @@ def _middle(value: Any) -> float:
 
 def value_at(scene: Scene, name: str) -> Any:
     """Return the value of a parameter or a vector."""
-    table, first, *rest = name.split(".")
-    value = (
-        getattr(scene, table) if table != "effects" else dict(label_effects(scene.effects))[first]
-    )
-    for word in (first, *rest) if table != "effects" else rest:
+    table, *rest = name.split(".")
+    value: Any = dict(label_effects(scene.effects)) if table == "effects" else getattr(scene, table)
+    if table == "effects":
+        value = value[rest.pop(0)]
+    elif table == "body" and rest[0] in SOLIDS:
+        rest = rest[1:]  # the mass of a solid is that of its body
+    for word in rest:
         word = component_of(scene.start, word) if table == "start" else word
         value = value[int(word) - 1] if word.isdecimal() else getattr(value, word)
     return value

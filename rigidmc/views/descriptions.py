@@ -176,10 +176,10 @@ def _steps(prepared_run: PreparedRun, every: SaveTimes | None) -> list[str]:
         less = f", {run.every:.6g} s apart: {every}{less}"
     lines.append(f"saves        {saved} at {count_text(plan.times.size, 'time')}{less}")
     if plan.wrt:
-        passes = count_text(plan.passes, "pass", "passes")
+        passes = count_text(plan.derivatives.passes, "pass", "passes")
         parameters = count_text(len(plan.wrt), "parameter")
-        words = f"{parameters}: {passes} of {plan.at_once}; d_NAME by {', '.join(plan.wrt)}"
-        lines.append(f"derivatives  {words}")
+        each = f"{passes} of {plan.derivatives.at_once}"
+        lines.append(f"derivatives  {parameters}: {each}; d_NAME by {', '.join(plan.wrt)}")
     if (found := sparse_saves(scene.model, run)) is not None:
         name, one = found
         lines.append(

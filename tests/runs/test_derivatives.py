@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.program import Program
+from rigidmc.engine.program import Derivatives, Program
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.so3 import multiply
 from rigidmc.planning import plan
@@ -126,9 +126,9 @@ def test_without_parameters_nothing_changes(monkeypatch):
 
 
 def test_columns_that_fill_a_pass_are_in_no_result(monkeypatch):
-    monkeypatch.setattr(plan, "choose_columns", lambda count: (count + 1, 2))
+    monkeypatch.setattr(plan, "choose_derivatives", lambda wrt: Derivatives(2, 2))
     run = rm.prepare(SCENE, wrt=WRT)
-    assert (run.plan.columns, run.plan.passes, run.layout.numbers) == (4, 2, 3 * 8 * 5)
+    assert (run.plan.columns, run.layout.numbers) == (4, 3 * 8 * 5)
     check(run.run())
     assert "derivatives  3 parameters: 2 passes of 2; d_NAME by body.moments.2" in (
         "\n".join(outline(SCENE.with_run(wrt=WRT)))

@@ -119,6 +119,72 @@ def test_wrong_values_are_refused(varied, values, words):
     assert words in str(told.value)
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("start.omega.1.mean", "differ by start.omega.1 itself, not by its distribution"),
+        ("body.tensor.1.1", "turns the principal axes"),
+        ("start.attitude.2", "one of the four numbers of a quaternion"),
+        ("body.cylinder.radius", "only body.cylinder.mass can be varied"),
+        ("start.momentum", "draws start.momentum: give numbers in its place"),
+        ("start.momentum.kT", "draws start.momentum"),
+        ("effects.magnus.1", "did you mean"),
+    ],
+)
+def test_names_that_cannot_vary_are_refused_with_the_reason(name, words):
+    scene = replace(RACKET, start=rm.Start(omega=(0.1, 2.0, 0.1), attitude=(1.0, 0.0, 0.0, 0.0)))
+    if "cylinder" in name:
+        scene = replace(scene, body=rm.Body.cylinder(mass=2.0, radius=0.3, height=0.5))
+    if "momentum" in name:
+        scene = replace(scene, start=rm.Start(momentum=rm.GibbsMomentum(kT=1.0)))
+    with pytest.raises(rm.SceneError, match=words):
+        rm.prepare(scene, varied=name)
+
+
+def test_a_run_chooses_its_derivatives():
+    """A result has the derivatives of a run prepared with them, without further kernels."""
+    run = rm.prepare(RACKET, varied="start.omega", wrt="body.moments.1")
+    values, names = {"start.omega": OMEGA}, ["effects.gravity.g", "body.moments.1"]
+    whole, some = run.run(values=values), run.run(values=values, wrt=names)
+    assert same(some.sel(parameter=names[1:]), whole) and scene_of(some).run.wrt == tuple(names)
+    assert run.with_derivatives(names).program().kernel_keys == run.program().kernel_keys
+    plain = run.run(values=values, wrt=())
+    assert "parameter" not in plain.dims and same(plain, whole.drop_dims("parameter"))
+    assert run.run(values=values, wrt=names, members=[1, 3]).equals(some.isel(member=[1, 3]))
+    with pytest.raises(rm.SceneError, match="did you mean"):
+        run.run(values=values, wrt="start.omga.1")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("names", ["start.omega.1", ["effects.gravity.g", "body.moments"]])
+def test_chosen_derivatives_equal_those_of_a_run_prepared_with_them(names):
+    """Kernels for one, two and three derivatives of a number give each the same bits."""
+    values, run = (
+        {"start.omega": OMEGA},
+        rm.prepare(RACKET, varied="start.omega", wrt="body.moments"),
+    )
+    own = rm.prepare(RACKET, varied="start.omega", wrt=names)
+    chosen = run.run(values=values, wrt=names)
+    assert chosen.identical(own.run(values=values))
+    assert rm.rerun(chosen, member=1).attrs["rerun"].startswith("equal to the bit")
+    assert own.with_derivatives("body.moments").run(values=values).identical(run.run(values=values))
+
+
+@pytest.mark.slow
+def test_the_mass_of_a_solid_varies_with_its_moments():
+    """Without torques omega does not depend on the mass, and the energy is in proportion."""
+    sizes, mass = {"radius": 0.3, "height": 0.5}, np.array([0.5, 2.0, 3.0])
+    scene = replace(RACKET, body=rm.Body.cylinder(mass=2.0, **sizes), effects=())
+    run = rm.prepare(scene, "rk4", varied="body.cylinder.mass", wrt="body.cylinder.mass")
+    ds = run.run(values={"body.cylinder.mass": mass})
+    each = (ds.energy / mass).values
+    assert np.ptp(each, axis=-1).max() < 1e-14 * each.max()  # measured 4.8e-16
+    assert np.abs(ds.d_energy.values[0] - each).max() < 1e-14 * each.max()  # measured 1.6e-16
+    assert np.abs(ds.d_omega).max() < 1e-14  # measured 3.8e-16
+    assert np.allclose(ds.moments[:, 2], rm.Body.cylinder(mass=3.0, **sizes).moments, 1e-15, 0)
+    assert rm.rerun(ds, member=1).attrs["rerun"].startswith("equal to the bit")
+
+
 def test_members_that_a_scene_lacks_are_refused():
     rows = replace(RACKET, start=replace(RACKET.start, omega=OMEGA))
     for scene, members in ((rows, 5), (rows, range(3, 6)), (RACKET, [3, 1]), (RACKET, range(0))):
