@@ -6,17 +6,23 @@ With the density f(x; p) of a number x that members draw, and Y of a member any 
 
 This holds even if Y jumps, as an indicator or a count does; but not if p moves an end of the
 support of f.
+The noise of a bath has a density, too: its score is a sum over the steps, see
+`rigidmc.physics.observables.noise_score`.
 Source: Glynn, Commun. ACM 33 (1990) 75; Rubinstein, Oper. Res. 37 (1989) 72.
 """
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from rigidmc.physics.effects import label_effects
+from rigidmc.physics.effects.bath import Bath
+from rigidmc.physics.effects.protocol import depends_on_momentum, is_random
+from rigidmc.physics.observables import NoiseScore
 from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.scene.distributions import Distribution, Mixture, Truncated
 from rigidmc.scene.scene import Scene
@@ -48,6 +54,42 @@ def scores_of_scene(scene: Scene) -> dict[str, tuple[tuple[str, ...], Score | Re
         elif isinstance(value, Distribution) and not isinstance(value, CorrelatedPart):
             found |= {f"{name}.{key}": ((name,), one) for key, one in scores_of(value).items()}
     return found
+
+
+def scores_of_noise(scene: Scene) -> dict[str, str]:
+    """Return {parameter of a bath: variable of a result with its score}."""
+    return {
+        f"effects.{label}.{name.removesuffix('_score')}": name
+        for label, effect in label_effects(scene.effects)
+        if isinstance(effect, Bath)
+        for name in cast(Any, NoiseScore).outputs
+    }
+
+
+def why_no_noise_score(scene: Scene, name: str) -> str:
+    """Return the reason why the noise of a scene has no score by a parameter; "" if it has, or if
+    there is no noise.
+
+    The noise of a step is a change of L at a fixed attitude. A torque, a moment or a start also
+    changes the attitude before the next noise: motions with two of its values never meet, and have
+    no ratio of densities.
+    """
+    effects = label_effects(scene.effects)
+    if not any(is_random(effect) for _, effect in effects):
+        return ""
+    baths = [(label, effect) for label, effect in effects if isinstance(effect, Bath)]
+    if not baths:
+        return "only the noise of a bath has a score"
+    label, bath = baths[0]
+    if name in scores_of_noise(scene):
+        zero = [word for word in ("gamma", "kT") if np.any(getattr(bath, word) == 0.0)]
+        return f"there is no noise at {zero[0]} = 0" if zero else ""
+    of_noise = f"the noise has a score by effects.{label}.gamma and effects.{label}.kT alone"
+    table, word = name.split(".")[:2]
+    acting = dict(effects).get(word) if table == "effects" else None
+    if acting is not None and depends_on_momentum(acting):
+        return of_noise
+    return f"{of_noise}: it acts on L, and {name} also moves the attitude in a step"
 
 
 def _of_mean(law: Correlated, i: int, x: Array) -> Array:
