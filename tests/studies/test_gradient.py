@@ -236,6 +236,32 @@ def test_a_probability_by_temperature_and_friction():
     assert words.count("uncertain") == 1
 
 
+def test_a_probability_by_the_temperatures_of_start_and_bath():
+    """Of a sphere with momenta in equilibrium, whose variance at t is that of the start times
+    exp(-2 gamma t), plus that of the bath."""
+    gamma, kT, t, level = 0.8, 0.5, 1.0, 0.7
+    names = ("start.momentum.kT", "effects.bath.kT")
+    start = rm.Start(momentum=rm.GibbsMomentum(kT))
+    scene = rm.Scene(rm.Body((MOMENT, MOMENT, MOMENT)), rm.Bath(gamma, kT), start)
+    run = {"integrator": "strang", "t_end": t, "dt": 0.25, "members": 40_000}
+    found = rm.gradient(scene, f"p(omega_last[3] > {level})", names, **run).isel(measure=0)
+    x, left = level / math.sqrt(kT / MOMENT), math.exp(-2.0 * gamma * t)
+    true = stats.norm.pdf(x) * x / (2.0 * kT) * np.array([left, 1.0 - left])
+    half = 0.5 * (found.derivative_high - found.derivative_low).values
+    assert (np.abs(found.derivative.values - true) < 2.0 * half).all()
+    assert (half < 0.25 * true).all()
+    drawn, score = scores_of_scene(scene)[names[0]]
+    assert drawn[::5] == ("start.momentum.1", "body.moments.3")
+    l = np.array([[0.5], [-1.0], [2.0]])
+    of_start = stats.norm(scale=math.sqrt(MOMENT * kT)).logpdf(l).sum()
+    hotter = stats.norm(scale=math.sqrt(MOMENT * (kT + 1e-6))).logpdf(l).sum()
+    numbers = np.concatenate([l, np.full((3, 1), MOMENT)])
+    assert score(numbers)[0] == pytest.approx((hotter - of_start) / 1e-6, rel=1e-5)
+    under = dataclasses.replace(start, attitude="ensemble")
+    held = dataclasses.replace(scene, start=under, effects=(rm.Gravity(9.81), *scene.effects))
+    assert "drawn by rejection" in scores_of_scene(held)[names[0]][1]
+
+
 BATHED = rm.Scene(
     rm.Body.from_moments((1.0, 1.5, 2.0), centre=(0.0, 0.0, 0.1)),
     (rm.Gravity(9.81), rm.ViscousDamping(0.1), rm.Bath(0.8, 0.5)),
@@ -271,7 +297,7 @@ def test_scores_of_noise_need_a_bath_and_equal_steps():
             dataclasses.replace(BATHED, observables=(rm.Passage(3, 0.5, stop=True),)), **run
         )
     with pytest.raises(SceneError, match="steps of equal length"):
-        rm.simulate(BATHED, **run, every=0.3)
+        rm.simulate(BATHED, **run, every=0.3141592)  # does not divide 1
 
 
 @pytest.mark.slow  # pytest -m slow tests/studies/test_gradient.py: 60 s
