@@ -260,6 +260,12 @@ def test_a_probability_by_the_temperatures_of_start_and_bath():
     under = dataclasses.replace(start, attitude="ensemble")
     held = dataclasses.replace(scene, start=under, effects=(rm.Gravity(9.81), *scene.effects))
     assert "drawn by rejection" in scores_of_scene(held)[names[0]][1]
+    cold = dataclasses.replace(scene, start=rm.Start(momentum=rm.GibbsMomentum(0.0)))
+    assert scores_of_scene(cold)[names[0]][1] == "is 0: nothing is drawn"
+    result = rm.simulate(scene, **{**run, "members": 4}, save=("omega", "noise_score"))
+    lacking = result.drop_vars("kT_score")
+    with pytest.raises(OptionError, match="run it with --save noise_score"):
+        rm.gradient.of(lacking, "p(energy_drift_max > 1)", names[1])
 
 
 BATHED = rm.Scene(

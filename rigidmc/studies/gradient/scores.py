@@ -71,6 +71,8 @@ def _of_equilibrium(scene: Scene) -> dict[str, tuple[tuple[str, ...], Score | Re
         return {}
     parts = tuple(f"{word}.{i}" for word in ("start.momentum", "body.moments") for i in (1, 2, 3))
     score: Score | Refusal = partial(_of_gibbs, start.momentum.kT)
+    if start.momentum.kT == 0.0:
+        score = "is 0: nothing is drawn"
     if scene.body.is_turned:
         score = "has a score only for a body with moments in place of a tensor"
     if start.attitude == "ensemble" and any(implements(e, "energy") for e in scene.effects):
