@@ -147,8 +147,11 @@ def observed(one: rm.Scene, time: float) -> tuple[rm.Scene, list[str]]:
     # statistics know no effects: all of them beside six take minutes to compile
     few = OBSERVABLES if len(one.effects) <= 2 else ("omega", "energy")
     saves += [name for name, (of, _) in WATCHED_STATISTICS.items() if of in few]
-    if not one.effects or any(map(is_random, one.effects)):
+    bathed = any(map(is_random, one.effects))
+    if not one.effects or bathed:
         saves.remove("work")
+    if not bathed:
+        saves.remove("noise_score")
     if not orbit:
         saves.remove("orbit_angles")
     return replace(one, observables=(*one.observables, *more, spins)), saves

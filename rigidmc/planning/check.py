@@ -10,6 +10,7 @@ from rigidmc.errors import PartError, SceneError
 from rigidmc.mechanics.inertia import vectors_from, violates_triangle
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import label_effects, name_of
+from rigidmc.physics.effects.bath import Bath
 from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.physics.effects.protocol import Effect, facts, is_random, shape
 from rigidmc.physics.integrators import refusal
@@ -45,6 +46,8 @@ def check_scene(scene: Scene, recording: Recording) -> None:
     if works and run.dtype == "float32":
         rule = "needs float64: sums in float32 keep their remainders, but sums of work cannot"
         raise SceneError(rule, at="run.save", value="work")
+    if recording.has_noise_sums and (rule := _no_noise_sums(model, recording)):
+        raise SceneError(rule, at="run.save", value="noise_score")
     if run.wrt and run.integrator == "closed":
         rule = 'closed forms have no derivatives: use integrator = "exact" or "rk8"'
         raise SceneError(rule, at="run.wrt", value=", ".join(run.wrt))
@@ -60,6 +63,17 @@ def check_scene(scene: Scene, recording: Recording) -> None:
     _check_parts(model.effects, scene.observables, scene.integrators)
     _check_variables(run, recording)
     _check_sampled(model, run)
+
+
+def _no_noise_sums(model: Model, recording: Recording) -> str:
+    """Return why the score of the noise cannot be recorded, or "" if it can."""
+    if not any(isinstance(effect, Bath) for effect in model.effects):
+        return "needs the noise of a bath: add an effect `bath`"
+    if recording.has_work:
+        return "is not available with work: save one of them"
+    if any(one.stop for _, one in recording.monitored):
+        return "is not available with an event that stops members"
+    return ""
 
 
 def _check_points(model: Model, run: Run) -> None:

@@ -34,6 +34,7 @@ from rigidmc.physics.observables.protocol import (
     EnsembleObservable,
     Event,
     Neighbour,
+    NoiseSum,
     Running,
     armed,
     begin,
@@ -58,7 +59,7 @@ from rigidmc.scene.validation import PILOT
 
 class Monitors(NamedTuple):
     """Events, running observables and the shadow trajectory as the kernel uses them, and
-    [(label, observable)] of each.
+    [(label, observable)] of each, and of sums over the noise.
 
     bins : (dimension, edges, units) of each histogram;  dims : dimensions of all recorded variables
     """
@@ -69,6 +70,7 @@ class Monitors(NamedTuple):
     of_events: Labelled = ()
     of_running: Labelled = ()
     of_shadow: Labelled = ()
+    of_noise: Labelled = ()
     bins: tuple[tuple[str, NDArray[np.float64], str], ...] = ()
     dims: tuple[str, ...] = ()
 
@@ -80,7 +82,7 @@ class Monitors(NamedTuple):
     @property
     def labelled(self) -> Labelled:
         """All (label, observable)."""
-        return *self.of_events, *self.of_running, *self.of_shadow
+        return *self.of_events, *self.of_running, *self.of_shadow, *self.of_noise
 
     @property
     def each_step(self) -> list[str]:
@@ -112,6 +114,7 @@ def make_monitors(model: Model, recording: Recording, seed: int) -> Monitors:
         events,
         running,
         shadow,
+        tuple((label, one) for label, one in observables if isinstance(one, NoiseSum)),
         tuple(
             (f"{label}_bin", one.edges(), recording.observable(one.name).units)
             for label, one in recording.histograms
@@ -225,6 +228,8 @@ def results(
     for label, one in monitors.of_shadow:
         distances = rows[places.shadow + SUMS : places.shadow + SHADOW_ROWS]
         add(label, one, one.results(distances, clock.position(total), clock.dt).values())
+    for label, one in monitors.of_noise:
+        add(label, one, one.results(rows[layout.EXTRA : layout.START]).values())
     if lags:
         started = rows[layout.STATUS] != float(STATUSES["invalid_input"])
         followed = np.where(healthy, clock.time(steps), known_until)

@@ -17,6 +17,7 @@ from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import facts, is_conservative, is_random
 from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.integrators.protocol import Integrator, has_extra_state
+from rigidmc.physics.integrators.splitting import ScoredLangevin
 from rigidmc.physics.observables import is_own, value_rows
 from rigidmc.physics.observables.saving import outputs_with_derivatives, thinned_indices
 from rigidmc.physics.observables.statistics import counts_steps
@@ -244,6 +245,8 @@ def make_plan(
     scheme, rate, spin = (
         (None, None, 0.0) if is_closed else make_scheme(kind, model, run, pilot.block, found.dt)
     )
+    if scheme and monitors.of_noise:
+        scheme = scheme._replace(integrator=ScoredLangevin(scheme.integrator))
     notes = found.notes + _step_notes(kind, steps)
     # torques may raise a member's turn to theta
     reach = steps.theta if effects else steps.angle
@@ -328,6 +331,11 @@ def _steps(effects: Sequence[Any], run: Run, pilot: NDArray[np.float64]) -> _Ste
 
 def _refuse_counts(run: Run, monitors: Monitors) -> None:
     """Raise SceneError for a custom observable over steps that cannot weigh shorter steps."""
+    if monitors.of_noise:
+        rule = (
+            f"does not divide t_end = {run.t_end:g} s, and noise_score needs steps of equal length"
+        )
+        raise SceneError(rule, at="run.every", value=run.every)
     for label, one in monitors.of_running:
         if counts_steps(one):
             rule = (

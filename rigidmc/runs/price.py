@@ -23,7 +23,7 @@ from rigidmc.files.outputs import folder_beside
 from rigidmc.physics.effects import EFFECTS, label_effects
 from rigidmc.physics.effects.protocol import from_numbers, is_random, user_parameters
 from rigidmc.physics.integrators import integrators_for
-from rigidmc.physics.integrators.splitting import Langevin
+from rigidmc.physics.integrators.splitting import Langevin, ScoredLangevin
 from rigidmc.physics.observables.flips import Flips
 from rigidmc.physics.observables.passage import Passage
 from rigidmc.planning.initial import noise_keys
@@ -283,6 +283,8 @@ def some_of(run: PreparedRun, kept: Iterable[int]) -> PreparedRun:
     plan, kept = run.plan, tuple(kept)
     assert plan.scheme is not None, "closed forms make no steps"
     integrator: Any = plan.scheme.integrator
+    if isinstance(integrator, ScoredLangevin):
+        integrator = integrator.langevin
     if isinstance(integrator, Langevin):  # it has one mark for each effect
         integrator = integrator._replace(
             pushes=tuple(integrator.pushes[i] for i in kept),

@@ -13,7 +13,7 @@ from rigidmc.physics.observables import (
     recorded_observables,
     saved_observables,
 )
-from rigidmc.physics.observables.protocol import EnsembleObservable
+from rigidmc.physics.observables.protocol import EnsembleObservable, NoiseSum
 from rigidmc.physics.observables.saving import save_words, summaries
 from rigidmc.scene.parts import Parts
 
@@ -41,6 +41,11 @@ class Recording(NamedTuple):
     def observable(self, name: str) -> Any:
         """Return the observable of this name at save times, shipped or custom."""
         return find_observable(self.observables, name)
+
+    @property
+    def has_noise_sums(self) -> bool:
+        """Whether sums over the noise of all steps are recorded."""
+        return any(isinstance(one, NoiseSum) for _, one in self.monitored)
 
     @property
     def histograms(self) -> Labelled:

@@ -9,6 +9,7 @@ from scipy import stats
 
 import rigidmc as rm
 from rigidmc.errors import OptionError, SceneError
+from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.results.intervals import probability
 from rigidmc.studies import load_study
 from rigidmc.studies.gradient.estimators import growth_of, of_mean, of_quantile, of_score
@@ -177,6 +178,132 @@ def test_uniform_ends_have_no_likelihood_ratio_but_a_path():
     assert STUDY.design(scene, "mean(energy_last)", "start.omega.3.high").run.wrt == (
         "start.omega.3.high",
     )
+
+
+@pytest.mark.parametrize("h", [1e-3, 0.3, 5.0])
+def test_the_score_of_a_bath_is_the_derivative_of_its_log_density(h):
+    """Of the normal density of L after the noise, at a fixed L, by central differences."""
+    body, l = MassProperties.of((1.0, 2.0, 2.5), (0.0, 0.0, 0.0)), (0.7, -1.3, 0.4)
+    bath = rm.Bath(0.9, 0.4, (0.5, -1.7, 1.1))
+    after = np.array(bath.add_noise(body, h, l))
+
+    def log_density(gamma, kT):
+        left = math.exp(-gamma * h)
+        spread = kT * np.array([1.0, 2.0, 2.5]) * (1.0 - left * left)
+        return stats.norm.logpdf(after, left * np.array(l), np.sqrt(spread)).sum()
+
+    found = bath.noise_score(body, h, l)
+    for i, step in enumerate(((1e-5, 0.0), (0.0, 1e-5))):
+        ahead, behind = (log_density(0.9 + s * step[0], 0.4 + s * step[1]) for s in (1, -1))
+        # measured 6e-9
+        assert found[i] == pytest.approx((ahead - behind) / 2e-5, rel=1e-6)
+
+
+def probability_in_a_bath(gamma, kT, t, first, level):
+    """p(omega > level) of a sphere with moment 2, which spins with `first` at t = 0: omega is an
+    Ornstein-Uhlenbeck process, with any step."""
+    left = math.exp(-gamma * t)
+    return stats.norm.sf(level, first * left, math.sqrt(0.5 * kT * (1.0 - left * left)))
+
+
+def test_a_probability_by_temperature_and_friction():
+    """Of a sphere in a bath, against the closed form; and together with the path."""
+    gamma, kT, t, first, level = 0.8, 0.5, 1.0, 1.0, 0.7
+    names = ("effects.bath.gamma", "effects.bath.kT")
+    scene = rm.Scene(
+        rm.Body((MOMENT, MOMENT, MOMENT)), rm.Bath(gamma, kT), rm.Start(omega=(0.0, 0.0, first))
+    )
+    found = rm.gradient(
+        scene, [f"p(omega_last[3] > {level})", "mean(omega_last[3])"], names, method="score",
+        integrator="strang", t_end=t, dt=0.25, members=40_000,
+    )  # fmt: skip
+
+    def slope(of, i, step=1e-5):
+        ends = [of(gamma + s * step * (i == 0), kT + s * step * (i == 1)) for s in (1, -1)]
+        return (ends[0] - ends[1]) / (2.0 * step)
+
+    of_p = [slope(lambda g, k: probability_in_a_bath(g, k, t, first, level), i) for i in (0, 1)]
+    true = np.array([of_p, [-t * first * math.exp(-gamma * t), 0.0]])
+    off = np.abs(found.derivative.values - true)
+    half = 0.5 * (found.derivative_high - found.derivative_low).values
+    assert (off < 2.0 * half).all()
+    assert (half[0] < 0.15 * np.abs(true[0])).all()  # measured 0.042 and 0.115
+    for wrong in (-found.derivative.values[0], 2.0 * found.derivative.values[0]):
+        assert (np.abs(wrong - true[0]) > 4.0 * half[0]).all()
+    assert found.noise_steps.values.tolist() == [4, 4]
+    words = "\n".join(STUDY.table(found))
+    assert "uncertain in sign: the noise of 4 steps" in words  # of the last derivative, which is 0
+    assert words.count("uncertain") == 1
+
+
+def test_a_probability_by_the_temperatures_of_start_and_bath():
+    """Of a sphere with momenta in equilibrium, whose variance at t is that of the start times
+    exp(-2 gamma t), plus that of the bath."""
+    gamma, kT, t, level = 0.8, 0.5, 1.0, 0.7
+    names = ("start.momentum.kT", "effects.bath.kT")
+    start = rm.Start(momentum=rm.GibbsMomentum(kT))
+    scene = rm.Scene(rm.Body((MOMENT, MOMENT, MOMENT)), rm.Bath(gamma, kT), start)
+    run = {"integrator": "strang", "t_end": t, "dt": 0.25, "members": 40_000}
+    found = rm.gradient(scene, f"p(omega_last[3] > {level})", names, **run).isel(measure=0)
+    x, left = level / math.sqrt(kT / MOMENT), math.exp(-2.0 * gamma * t)
+    true = stats.norm.pdf(x) * x / (2.0 * kT) * np.array([left, 1.0 - left])
+    half = 0.5 * (found.derivative_high - found.derivative_low).values
+    assert (np.abs(found.derivative.values - true) < 2.0 * half).all()
+    assert (half < 0.25 * true).all()
+    drawn, score = scores_of_scene(scene)[names[0]]
+    assert drawn[::5] == ("start.momentum.1", "body.moments.3")
+    l = np.array([[0.5], [-1.0], [2.0]])
+    of_start = stats.norm(scale=math.sqrt(MOMENT * kT)).logpdf(l).sum()
+    hotter = stats.norm(scale=math.sqrt(MOMENT * (kT + 1e-6))).logpdf(l).sum()
+    numbers = np.concatenate([l, np.full((3, 1), MOMENT)])
+    assert score(numbers)[0] == pytest.approx((hotter - of_start) / 1e-6, rel=1e-5)
+    under = dataclasses.replace(start, attitude="ensemble")
+    held = dataclasses.replace(scene, start=under, effects=(rm.Gravity(9.81), *scene.effects))
+    assert "drawn by rejection" in scores_of_scene(held)[names[0]][1]
+    cold = dataclasses.replace(scene, start=rm.Start(momentum=rm.GibbsMomentum(0.0)))
+    assert scores_of_scene(cold)[names[0]][1] == "is 0: nothing is drawn"
+    result = rm.simulate(scene, **{**run, "members": 4}, save=("omega", "noise_score"))
+    lacking = result.drop_vars("kT_score")
+    with pytest.raises(OptionError, match="run it with --save noise_score"):
+        rm.gradient.of(lacking, "p(energy_drift_max > 1)", names[1])
+
+
+BATHED = rm.Scene(
+    rm.Body.from_moments((1.0, 1.5, 2.0), centre=(0.0, 0.0, 0.1)),
+    (rm.Gravity(9.81), rm.ViscousDamping(0.1), rm.Bath(0.8, 0.5)),
+    rm.Start(omega=(0.0, 0.0, 1.0)),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("effects", "name", "words"),
+    [
+        ({}, "effects.gravity.g", "effects.gravity.g also moves the attitude in a step"),
+        ({}, "body.moments.1", "body.moments.1 also moves the attitude"),
+        ({}, "start.omega.1", "start.omega.1 also moves the attitude"),
+        ({}, "effects.viscous_damping.rate", "by effects.bath.gamma and effects.bath.kT alone$"),
+        ({2: rm.Bath(0.8, 0.0)}, "effects.bath.gamma", "no noise at kT = 0"),
+    ],
+)
+def test_parameters_without_a_score_of_the_noise(effects, name, words):
+    changed = tuple(effects.get(i, one) for i, one in enumerate(BATHED.effects))
+    scene = dataclasses.replace(BATHED, effects=changed)
+    with pytest.raises(OptionError, match=words):
+        rm.gradient(scene, "p(omega_last[3] >= 1)", name, integrator="strang", t_end=1.0)
+
+
+def test_scores_of_noise_need_a_bath_and_equal_steps():
+    run = {"integrator": "strang", "t_end": 1.0, "dt": 0.1, "members": 2, "save": "noise_score"}
+    with pytest.raises(SceneError, match="needs the noise of a bath"):
+        rm.simulate(DISC, **run)
+    with pytest.raises(SceneError, match="not available with work"):
+        rm.simulate(BATHED, **{**run, "save": ("noise_score", "work")})
+    with pytest.raises(SceneError, match="an event that stops"):
+        rm.simulate(
+            dataclasses.replace(BATHED, observables=(rm.Passage(3, 0.5, stop=True),)), **run
+        )
+    with pytest.raises(SceneError, match="steps of equal length"):
+        rm.simulate(BATHED, **run, every=0.3141592)  # does not divide 1
 
 
 @pytest.mark.slow  # pytest -m slow tests/studies/test_gradient.py: 60 s

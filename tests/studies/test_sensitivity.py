@@ -15,6 +15,7 @@ from rigidmc.results.intervals import resolution
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
 from rigidmc.scene.sampling import Saltelli
+from rigidmc.studies.sensitivity.bounds import poincare_constant
 from rigidmc.studies.sensitivity.picture import sensitivity_bars
 from rigidmc.studies.sensitivity.study import indices, table
 from tests.plans import starts
@@ -243,3 +244,69 @@ def test_correlated_elements_of_a_tensor_have_one_index_together():
     assert set(law.names_of_draws()) == {"tensor.1.1+tensor.2.2", "tensor.1.2"}
     full = rm.UncertainInertia(np.diag([2.0, 2.5, 3.0]), np.eye(6) * 0.01 + 1e-4)
     assert set(full.names_of_draws()) == {"tensor"}
+
+
+def precessing(lean):
+    """A symmetric top with omega_1 = a cos(omega_3 t) at t = 1, where omega_3, its rate of
+    precession in the body, turns it by 0 to pi."""
+    start = rm.Start(omega=(lean, 0.0, rm.uniform(0.0, np.pi)))
+    return rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
+
+
+def test_bounds_by_derivatives_of_a_precessing_top():
+    """Var_a = s^2 <cos^2> of V = (m^2 + s^2)/2, and the phase alone or with a has all of V. Both
+    bounds equal the total index: omega_1 is linear in the normal a, and the cosine over half a
+    period is the function whose variance is Poincare's constant times its mean squared slope."""
+    mean, deviation = 0.6, 0.8
+    study = rm.sensitivity(
+        precessing(rm.normal(mean, deviation)), "mean(omega_last[1])", 4000, bounds=True,
+        integrator="exact", t_end=1.0, dt=0.5,
+    ).isel(measure=0)  # fmt: skip
+    assert study.number.values.tolist() == ["start.omega.1", "start.omega.3"]
+    for name in ("total", "bound"):
+        off = np.abs(study[name].values - (deviation**2, 1.0))  # m^2 + s^2 is 1
+        assert (off < study[f"{name}_high"] - study[f"{name}_low"]).all()
+        assert off.max() < 0.05
+    twice = 2.0 * study.bound  # a constant for the standard deviation in place of the variance
+    assert (np.abs(twice - (deviation**2, 1.0)) > study.bound_high - study.bound_low).all()
+    lines = table(study.expand_dims("measure"))
+    assert "at most" in lines[2] and len(lines) == 5
+    bars = sensitivity_bars(study.expand_dims("measure")).axes[0]
+    assert "at most, by derivatives" in [text.get_text() for text in bars.get_legend().texts]
+
+
+@pytest.mark.parametrize(
+    ("law", "constant"),
+    [
+        (rm.normal(3.0, 0.5), 0.25),
+        (rm.uniform(1.0, 3.0), 4.0 / np.pi**2),
+        (rm.distribution("expon", scale=0.5), 1.0),
+        (rm.distribution("laplace", scale=0.5), 1.0),
+        (rm.distribution("norm", loc=1.0, scale=0.5), 0.25),
+        (rm.normal(0.0, 0.5).between(0.0, np.inf), 0.25),
+        (rm.normal(0.0, 9.0).between(0.0, 2.0), 4.0 / np.pi**2),
+        (rm.distribution("gamma", a=2.0), np.nan),
+        (rm.mixture((1.0, rm.normal(0.0, 1.0)), (1.0, rm.normal(9.0, 1.0))), np.nan),
+    ],
+)
+def test_poincare_constants(law, constant):
+    """And no function of a few has a larger variance for its slope."""
+    found = poincare_constant(law)
+    assert found == pytest.approx(constant, rel=1e-15, nan_ok=True)
+    if constant == constant:
+        x = law.ppf((np.arange(10**5) + 0.5) / 10**5)
+        trials = ((x, 1.0), (np.cos(0.7 * x), 0.7 * np.sin(0.7 * x)), (x * x, 2.0 * x))
+        assert all(y.var() <= found * np.mean(slope**2 + 0.0 * x) * 1.001 for y, slope in trials)
+
+
+def test_what_has_no_bound_is_refused():
+    scene = precessing(0.5)
+    for text in ("p(omega_last[1] > 0)", "mean(flips)", "mean(omega_last[1] | flips >= 1)"):
+        with pytest.raises(OptionError, match="use the mean of a smooth quantity"):
+            rm.sensitivity(scene, text, 10, bounds=True, t_end=1.0)
+    cone = replace(scene, start=rm.Start(omega=rm.Cone(2, 1.0, 0.1)))
+    with pytest.raises(OptionError, match="no uncertain parameter has a bound"):
+        rm.sensitivity(cone, "mean(omega_last[1])", 10, bounds=True, t_end=1.0)
+    plain = rm.simulate(LINEAR, points="saltelli", members=40, save=("omega_mean",))
+    with pytest.raises(OptionError, match="--wrt effects"):
+        rm.sensitivity.of(plain, "mean(omega_mean[3])", bounds=True)

@@ -57,6 +57,8 @@ DRIFTS = ("energy_drift", "energy_drift_max")
 
 
 def able(scene, name):
+    if name == "noise_score":
+        return any(isinstance(effect, rm.Bath) for effect in scene.effects)
     if name in ("work", "megno") and not scene.effects:
         return name == "megno" and scene.run.turn is None
     return name != "megno" or scene.run.turn is None
@@ -171,7 +173,8 @@ def test_observables_that_need_the_attitude():
     needed = {
         name
         for name in (*OBSERVABLES, *WATCHED, *WATCHED_STATISTICS)
-        if name not in ("histogram", "passage") and carries_attitude(bare.with_run(save=(name,)))
+        if name not in ("histogram", "passage", "noise_score")
+        and carries_attitude(bare.with_run(save=(name,)))
     }
     assert needed == {
         "attitude",

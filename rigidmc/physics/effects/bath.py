@@ -67,3 +67,19 @@ class Bath(NamedTuple):
             l[1] + decay * l[1] + root(scaled * two) * self.noise[1],
             l[2] + decay * l[2] + root(scaled * three) * self.noise[2],
         )
+
+    def noise_score(self, body, h, l):
+        decay = expm1(-self.gamma * h)
+        left = 1.0 + decay
+        spread = -decay * (2.0 + decay)  # variances are I_i kT times this
+        x, y, z = self.noise
+        squares = x * x + y * y + z * z - 3.0
+        # d ln(deviation)/d gamma = h left^2/spread; the mean left L_i changes by -h left L_i
+        unit = 1.0 / (self.kT * spread)
+        pulled = (
+            root(body.i1 * unit) * l[0] * x
+            + root(body.i2 * unit) * l[1] * y
+            + root(body.i3 * unit) * l[2] * z
+        )
+        by_gamma = h * left * (squares * left / spread - pulled)
+        return by_gamma, 0.5 * squares / self.kT

@@ -31,6 +31,8 @@ class Effect(Protocol):
                                             w; chin4 needs it
         add_noise(self, [body, h, l])       L after friction and noise over h; the field `noise`
                                             holds three normal deviates, new ones for each step
+        noise_score(self, [body, h, l])     derivatives of ln p by each parameter, with the density
+                                            p of L after `add_noise`; l is L before
         energy(self, [body, q])             potential energy [J]
         energy_scale(self, [body])          a bound on |potential energy| [J], or the energy that a
                                             torque without a potential may bring
@@ -222,6 +224,15 @@ def add_torque(effect, body, t, q, l, by, onto):
 def add_noise(effect, body, h, l):
     """Return L after the friction and noise of an effect over h."""
     return l
+
+
+@method
+def noise_score(effect, body, h, l):
+    """Return d ln p/dx for each parameter x, with the density p of L after `add_noise` from l.
+
+    () if the effect does not have it.
+    """
+    return ()
 
 
 @method

@@ -29,6 +29,7 @@ from rigidmc.physics.effects.protocol import (
     energy,
     energy_scale,
     kick,
+    noise_score,
     slip,
     torque,
     torque_rate,
@@ -188,6 +189,24 @@ def shake_all(effects, body, h, l):
         rest = shake_all(effects[1:], body, h, concat(after, l[4:]))
         return first_three(rest) + (l[3] + done,) + rest[3:]
     return shake_all(effects[1:], body, h, add_noise(effects[0], body, h, l))
+
+
+def shake_scored(effects, body, h, l, scores):
+    """Return (L, scores) after `shake_all`, with the score of the noise added to `scores`.
+
+    scores : at least as many numbers as the random effect, of which there is one, has parameters
+    """
+    if len(effects) == 0:
+        return l, scores
+    scores = add_first(noise_score(effects[0], body, h, l), scores)
+    return shake_scored(effects[1:], body, h, add_noise(effects[0], body, h, l), scores)
+
+
+def add_first(new, sums):
+    """Return the sums with each of the new numbers added to the sum in its place."""
+    if len(new) == 0:
+        return sums
+    return (sums[0] + new[0],) + add_first(new[1:], sums[1:])
 
 
 def add_work(effects, body, t, h, q, l, w, works):

@@ -37,10 +37,13 @@ from rigidmc.physics.effects.sums import (
     kick_all_back,
     kick_by_torques,
     shake_all,
+    shake_scored,
     total_torque,
     total_torque_rate,
 )
-from rigidmc.physics.integrators.protocol import TurnBounds
+from rigidmc.physics.integrators.protocol import TurnBounds, from_stepping, to_stepping
+
+_SCORES = static_count(7)
 
 
 def drift_state(drift, body, h, q, l):
@@ -108,6 +111,23 @@ def repeat_drift(count, drift, body, h, q, l):
     return repeat_drift(count[1:], drift, body, h, q, l)
 
 
+def until_noise(langevin, body, effects, t, h, substep, q, l):
+    """Return (q, L) after the part of a step before the noise: drifts, then flows of L."""
+    q, l = repeat_drift(langevin.often, langevin.drift, body, substep[0], q, l)
+    flows = masked_effects(effects, langevin.flows)
+    return q, kick_all(flows, body, t - 0.5 * h, 0.5 * h, q, l)
+
+
+def from_noise(langevin, body, effects, t, h, substep, q, l):
+    """Return (q, L) after the part of a step after the noise, which mirrors `until_noise`; then a
+    kick."""
+    flows = masked_effects(effects, langevin.flows)
+    l = kick_all_back(flows, body, t - 0.5 * h, 0.5 * h, q, l)
+    q, l = repeat_drift(langevin.often, langevin.drift, body, substep[0], q, l)
+    pushes = masked_effects(effects, langevin.pushes)
+    return q, kick_by_torques(pushes, body, t, substep[1], q, l)
+
+
 class Langevin(NamedTuple):
     """BAOAB: drifts over half a step, flows of L and noise over the step, drifts, a kick.
 
@@ -122,19 +142,42 @@ class Langevin(NamedTuple):
     flows: tuple[Flag, ...] = ()
 
     def step(self, body, effects, t, h, substep, q, l):
-        q, l = repeat_drift(self.often, self.drift, body, substep[0], q, l)
-        flows, middle = masked_effects(effects, self.flows), t - 0.5 * h
-        l = kick_all(flows, body, middle, 0.5 * h, q, l)
-        l = shake_all(effects, body, h, l)
-        l = kick_all_back(flows, body, middle, 0.5 * h, q, l)
-        q, l = repeat_drift(self.often, self.drift, body, substep[0], q, l)
-        return q, kick_by_torques(masked_effects(effects, self.pushes), body, t, substep[1], q, l)
+        q, l = until_noise(self, body, effects, t, h, substep, q, l)
+        return from_noise(self, body, effects, t, h, substep, q, shake_all(effects, body, h, l))
 
     def to_stepping(self, body, effects, t, substep, q, l):
         return q, kick_by_torques(masked_effects(effects, self.pushes), body, t, substep[1], q, l)
 
     def from_stepping(self, body, effects, t, substep, q, l):
         return q, kick_by_torques(masked_effects(effects, self.pushes), body, t, -substep[1], q, l)
+
+
+class ScoredLangevin(NamedTuple):
+    """BAOAB that also adds up the score of the noise, in the numbers after L.
+
+    Everything else in a step is known from the state before, so the density of a motion is the
+    product of the densities of L after the noise of each step, and its log a sum.
+    """
+
+    langevin: Langevin
+
+    def extra_state(self):
+        """Return the numbers after L: the most that a state has."""
+        return _SCORES
+
+    def step(self, body, effects, t, h, substep, q, l):
+        q, before = until_noise(self.langevin, body, effects, t, h, substep, q, first_three(l))
+        after, scores = shake_scored(effects, body, h, before, l[3:])
+        q, after = from_noise(self.langevin, body, effects, t, h, substep, q, after)
+        return q, after + scores
+
+    def to_stepping(self, body, effects, t, substep, q, l):
+        q, l = to_stepping(self.langevin, body, effects, t, substep, q, first_three(l))
+        zero = 0.0 * l[0]
+        return q, l + (zero, zero, zero, zero, zero, zero, zero)
+
+    def from_stepping(self, body, effects, t, substep, q, l):
+        return from_stepping(self.langevin, body, effects, t, substep, q, first_three(l))
 
 
 class ForceGradient(NamedTuple):

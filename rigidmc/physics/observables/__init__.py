@@ -5,8 +5,8 @@ Four kinds, see `rigidmc.physics.observables.protocol`:
 OBSERVABLES          recorded at save times; a class with `value`
 WITH_TABLE           recorded at save times, with parameters from a table [observables.NAME]
 WATCHED              monitored over all steps, one result per member: events (`level`), running
-                     observables (`begin` and `update`), `megno`; or counted over all members at
-                     save times: `histogram`
+                     observables (`begin` and `update`), `megno`, `noise_score`; or counted over all
+                     members at save times: `histogram`
 WATCHED_STATISTICS   omega_min, omega_max, omega_mean, omega_variance, omega_last and so on: of each
                      entry of OBSERVABLES whose `value` uses neither start nor works
 
@@ -33,6 +33,7 @@ from rigidmc.physics.observables.angles import OrbitAngles as OrbitAngles
 from rigidmc.physics.observables.nutation import Nutation as Nutation
 from rigidmc.physics.observables.nutation import Precession as Precession
 from rigidmc.physics.observables.chaos import Megno as Megno
+from rigidmc.physics.observables.noise_score import NoiseScore as NoiseScore
 from rigidmc.physics.observables.histogram import Histogram as Histogram
 # isort: on
 
@@ -45,6 +46,7 @@ from rigidmc.physics.observables.protocol import (
     EnsembleObservable,
     Event,
     Neighbour,
+    NoiseSum,
     Observable,
     Outputs,
     Running,
@@ -93,7 +95,7 @@ def is_observable(value: Any) -> bool:
     if type(value) is tuple:  # a plain tuple of observables, not an observable
         return False
     if type(value) not in _of_observables:
-        kinds = Observable, Event, Running, Neighbour, EnsembleObservable
+        kinds = Observable, Event, Running, Neighbour, NoiseSum, EnsembleObservable
         if not isinstance(value, tuple) or not (isinstance(value, kinds) or is_opaque(value)):
             return False
         _of_observables.add(type(value))

@@ -162,6 +162,17 @@ class Neighbour(Monitored, Protocol):
 
 
 @runtime_checkable
+class NoiseSum(Monitored, Protocol):
+    """Sums over the steps of what their noise contributes, see `noise_score` in
+    `rigidmc.physics.effects.protocol`."""
+
+    of_noise: bool
+
+    def results(self, sums: Array) -> dict[str, Array]:
+        """Return the outputs from the sums (7, n)."""
+
+
+@runtime_checkable
 class EnsembleObservable(Monitored, Protocol):
     """Counts over all members at save times. The observable itself is not stored.
 
@@ -219,6 +230,7 @@ _DEFAULTS: dict[type, dict[str, Any]] = {
     Event: {**_OVER_STEPS, "bind": _as_it_stands},
     Running: _OVER_STEPS,
     Neighbour: _OVER_STEPS,
+    NoiseSum: _OVER_STEPS,
     EnsembleObservable: _OVER_STEPS,
 }
 # Former names of methods and facts, and their present names; until 1.0.
@@ -297,6 +309,7 @@ observable = _decorator(Observable)
 event = _decorator(Event)
 running = _decorator(Running)
 neighbour = _decorator(Neighbour)
+noise_sum = _decorator(NoiseSum)
 ensemble = _decorator(EnsembleObservable)
 
 

@@ -6,21 +6,30 @@ With the density f(x; p) of a number x that members draw, and Y of a member any 
 
 This holds even if Y jumps, as an indicator or a count does; but not if p moves an end of the
 support of f.
+The noise of a bath has a density, too: its score is a sum over the steps, see
+`rigidmc.physics.observables.noise_score`.
 Source: Glynn, Commun. ACM 33 (1990) 75; Rubinstein, Oper. Res. 37 (1989) 72.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.effects import label_effects
+from rigidmc.physics.effects.bath import Bath
+from rigidmc.physics.effects.protocol import depends_on_momentum, is_random
+from rigidmc.physics.observables import NoiseScore
 from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.scene.distributions import Distribution, Mixture, Truncated
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.varied import value_at
+from rigidmc.scene.vector_distributions.ensembles import GibbsMomentum
 from rigidmc.scene.vector_distributions.vectors import Correlated, CorrelatedPart
 
 Array = NDArray[np.float64]
@@ -33,10 +42,14 @@ def scores_of_scene(scene: Scene) -> dict[str, tuple[tuple[str, ...], Score | Re
     """Return {parameter: (names of the drawn numbers, its score or the reason why there is none)}.
 
     Derivatives have the same names, such as start.omega.1.mean. The score is a function of the
-    drawn numbers: (n,), or (3, n) of the three components of a `Correlated` vector.
+    drawn numbers: (n,), or (3, n) of the three components of a `Correlated` vector, or (6, n) of
+    a momentum in equilibrium and the moments.
     """
     found: dict[str, tuple[tuple[str, ...], Score | Refusal]] = {}
-    for name in uncertain_numbers(scene.model)[0]:
+    model = scene.model
+    if model.start.attitude == "ensemble":  # its rejection cannot be probed, and has no score
+        model = model._replace(start=replace(model.start, attitude="uniform"))
+    for name in uncertain_numbers(model)[0]:
         if name.startswith("body.tensor"):
             continue  # drawn as a matrix
         value = value_at(scene, name)
@@ -47,7 +60,65 @@ def scores_of_scene(scene: Scene) -> dict[str, tuple[tuple[str, ...], Score | Re
                 found[f"{name}.mean.{i + 1}"] = parts, score
         elif isinstance(value, Distribution) and not isinstance(value, CorrelatedPart):
             found |= {f"{name}.{key}": ((name,), one) for key, one in scores_of(value).items()}
-    return found
+    return {**found, **_of_equilibrium(scene)}
+
+
+def _of_equilibrium(scene: Scene) -> dict[str, tuple[tuple[str, ...], Score | Refusal]]:
+    """Return the score of the temperature of a momentum in equilibrium, which is normal with
+    variances I_i kT."""
+    start, name = scene.start, "start.momentum.kT"
+    if not isinstance(start.momentum, GibbsMomentum) or not isinstance(start.momentum.kT, float):
+        return {}
+    parts = tuple(f"{word}.{i}" for word in ("start.momentum", "body.moments") for i in (1, 2, 3))
+    score: Score | Refusal = partial(_of_gibbs, start.momentum.kT)
+    if start.momentum.kT == 0.0:
+        score = "is 0: nothing is drawn"
+    if scene.body.is_turned:
+        score = "has a score only for a body with moments in place of a tensor"
+    if start.attitude == "ensemble" and any(implements(e, "energy") for e in scene.effects):
+        score = "also changes the attitudes of the ensemble, which are drawn by rejection"
+    return {name: (parts, score)}
+
+
+def _of_gibbs(kT: float, x: Array) -> Array:
+    score: Array = ((x[:3] ** 2 / (x[3:] * kT)).sum(0) - 3.0) / (2.0 * kT)
+    return score
+
+
+def scores_of_noise(scene: Scene) -> dict[str, str]:
+    """Return {parameter of a bath: variable of a result with its score}."""
+    return {
+        f"effects.{label}.{name.removesuffix('_score')}": name
+        for label, effect in label_effects(scene.effects)
+        if isinstance(effect, Bath)
+        for name in cast(Any, NoiseScore).outputs
+    }
+
+
+def why_no_noise_score(scene: Scene, name: str) -> str:
+    """Return the reason why the noise of a scene has no score by a parameter; "" if it has, or if
+    there is no noise.
+
+    The noise of a step is a change of L at a fixed attitude. A torque, a moment or a start also
+    changes the attitude before the next noise: motions with two of its values never meet, and have
+    no ratio of densities.
+    """
+    effects = label_effects(scene.effects)
+    if not any(is_random(effect) for _, effect in effects):
+        return ""
+    baths = [(label, effect) for label, effect in effects if isinstance(effect, Bath)]
+    if not baths:
+        return "only the noise of a bath has a score"
+    label, bath = baths[0]
+    if name in scores_of_noise(scene):
+        zero = [word for word in ("gamma", "kT") if np.any(getattr(bath, word) == 0.0)]
+        return f"there is no noise at {zero[0]} = 0" if zero else ""
+    of_noise = f"the noise has a score by effects.{label}.gamma and effects.{label}.kT alone"
+    table, word = name.split(".")[:2]
+    acting = dict(effects).get(word) if table == "effects" else None
+    if acting is not None and depends_on_momentum(acting):
+        return of_noise
+    return f"{of_noise}: it acts on L, and {name} also moves the attitude in a step"
 
 
 def _of_mean(law: Correlated, i: int, x: Array) -> Array:

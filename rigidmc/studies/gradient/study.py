@@ -11,6 +11,9 @@ the likelihood ratio ("score") has the derivative of any mean::
 
     d<Y>/dp = <Y s>,   s = d ln f/dp
 
+The noise of a bath has a density, too: for its gamma and kT, s is a sum over all steps. Its
+variance grows with their number.
+
 Tangents of chaotic motion grow as exp(lambda t). The study measures this growth from the tangents
 themselves, as twice the median of ``ln |dX/dp|`` at the end less that at half of the time. A
 derivative by the path is useless if growth exceeds ln(1/eps), with the resolution eps of the
@@ -85,7 +88,11 @@ from rigidmc.studies.gradient.estimators import (
     of_score,
     terms_of,
 )
-from rigidmc.studies.gradient.scores import scores_of_scene
+from rigidmc.studies.gradient.scores import (
+    scores_of_noise,
+    scores_of_scene,
+    why_no_noise_score,
+)
 
 Array = NDArray[np.float64]
 METHODS = "auto", "path", "score"
@@ -160,8 +167,17 @@ def scene_with_derivatives(
     by_path = [name for j, name in enumerate(names) if "path" in [row[j] for row in found]]
     if by_path and not save:
         raise OptionError("names no observable at the end", at="of", value=options.of)
-    derived: Scene = scene.with_run(wrt=tuple(by_path))
+    by_noise = _by_noise(scene, names, found) and "noise_score" not in scene.run.save
+    more = ("noise_score",) if by_noise else ()
+    derived: Scene = scene.with_run(wrt=tuple(by_path), save=(*scene.run.save, *more))
     return derived
+
+
+def _by_noise(scene: Scene, names: Sequence[str], plan: list[list[str]]) -> list[str]:
+    """Return the parameters of noise by which a likelihood ratio differentiates."""
+    of_noise = scores_of_noise(scene)
+    scored = (name for j, name in enumerate(names) if "score" in [row[j] for row in plan])
+    return [name for name in scored if name in of_noise]
 
 
 def expanded(scene: Scene, names: Sequence[str]) -> tuple[str, ...]:
@@ -179,17 +195,17 @@ def ways(
     scene: Scene, asked: Sequence[Asked], names: Sequence[str], method: str
 ) -> list[list[str]]:
     """Return the estimator of each measure by each parameter; OptionError where there is none."""
-    able, scores = set(parameter_names_of_derivatives(scene)), scores_of_scene(scene)
-    return [[_way(one, name, method, able, scores) for name in names] for one in asked]
+    able = set(parameter_names_of_derivatives(scene))
+    return [[_way(scene, one, name, method, able) for name in names] for one in asked]
 
 
-def _way(one: Asked, name: str, method: str, able: set[str], scores: Mapping[str, Any]) -> str:
+def _way(scene: Scene, one: Asked, name: str, method: str, able: set[str]) -> str:
     no_path = why_no_path(one)
     if not no_path and name not in able:
         no_path = f"{name} has no derivative at fixed random numbers"
     if not no_path and method != "score":
         return "path"
-    no_score = why_no_score(one.measure, name, scores)
+    no_score = why_no_score(scene, one.measure, name)
     if not no_score and method != "path":
         return "score"
     reasons = {"path": (no_path,), "score": (no_score,), "auto": (no_path, no_score)}[method]
@@ -212,20 +228,22 @@ def why_no_path(one: Asked) -> str:
     return ""
 
 
-def why_no_score(asked: Measure, name: str, scores: Mapping[str, Any]) -> str:
+def why_no_score(scene: Scene, asked: Measure, name: str) -> str:
     """Return the reason why a measure has no likelihood ratio by a parameter; "" if it has."""
     if asked.kind not in ("p", "mean"):
         return "the likelihood ratio requires a mean or p(NAME >= NUMBER)"
-    if name not in scores:
-        known = [key for key, (_, one) in scores.items() if not isinstance(one, str)]
-        way = nearest(name, known) or next((k for k in known if k.startswith(f"{name}.")), "")
-        hint = f", such as {way or known[0]}" if known else "; this scene draws no such number"
-        return (
-            "the likelihood ratio requires a parameter of a distribution of numbers at the"
-            f" start{hint}; noise of random effects has none, as a run does not keep it"
-        )
-    score = scores[name][1]
-    return f"{name} {score}" if isinstance(score, str) else ""
+    scores = scores_of_scene(scene)
+    if name in scores:
+        score = scores[name][1]
+        return f"{name} {score}" if isinstance(score, str) else ""
+    no_noise = why_no_noise_score(scene, name)
+    if name in scores_of_noise(scene):
+        return no_noise
+    known = [key for key, (_, one) in scores.items() if not isinstance(one, str)]
+    way = nearest(name, known) or next((k for k in known if k.startswith(f"{name}.")), "")
+    hint = f", such as {way or known[0]}" if known else "; this scene draws no such number"
+    rule = f"the likelihood ratio requires a parameter of a distribution of numbers{hint}"
+    return f"{rule}; {no_noise}" if no_noise else rule
 
 
 def with_ends(part: xr.Dataset) -> xr.Dataset:
@@ -266,7 +284,7 @@ def reduce(batches: Batches, options: GradientOptions) -> xr.Dataset:
     names: tuple[str, ...] = ()
     plan: list[list[str]] = []
     units: list[str] = []
-    scores = scores_of_scene(scene)
+    steps: dict[str, int] = {}
     for part in map(with_ends, batches.results):
         if not asked:
             asked = [asked_of(text, part.data_vars, False) for text in options.of]
@@ -275,10 +293,21 @@ def reduce(batches: Batches, options: GradientOptions) -> xr.Dataset:
             plan = ways(scene, asked, names, options.method)
             units = [one.measure.units(part.data_vars) for one in asked]
             _refuse_missing(part, asked, names, plan)
-        parts.append(_numbers(part, asked, names, plan, scores))
+            by_noise = _by_noise(scene, names, plan)
+            _refuse_unscored(part, scene, by_noise)
+            steps = {name: _steps(part) for name in by_noise}
+        parts.append(_numbers(part, scene, asked, names, plan))
     numbers = [np.concatenate(one, axis=-1) for one in zip(*parts, strict=True)]
     found = _dataset(scene, asked, names, plan, numbers, options.confidence)
-    return found.assign_coords(unit=("measure", units))
+    about = {"long_name": "steps whose noise adds to the score", "units": "1"}
+    scored = "parameter", [steps.get(name, 0) for name in names], about
+    return found.assign_coords(unit=("measure", units), noise_steps=scored)
+
+
+def _steps(part: xr.Dataset) -> int:
+    """Return the number of steps of a result, of members with their own steps the mean."""
+    own = float(part["steps"].mean()) if "steps" in part else part.attrs["steps"]
+    return round(own)
 
 
 def _refuse_missing(
@@ -294,9 +323,17 @@ def _refuse_missing(
                 raise OptionError(f"{rule}: run it with --wrt {name}", at="wrt", value=name)
 
 
+def _refuse_unscored(part: xr.Dataset, scene: Scene, by_noise: Sequence[str]) -> None:
+    """Raise OptionError if a stored result lacks the scores of its noise."""
+    for name in by_noise:
+        if scores_of_noise(scene)[name] not in part:
+            rule = "the result has no score of its noise: run it with --save noise_score"
+            raise OptionError(rule, at="wrt", value=name)
+
+
 def _numbers(
-    part: xr.Dataset, asked: list[Asked], names: tuple[str, ...], plan: list[list[str]],
-    scores: Mapping[str, Any],
+    part: xr.Dataset, scene: Scene, asked: list[Asked], names: tuple[str, ...],
+    plan: list[list[str]],
 ) -> tuple[Array, ...]:  # fmt: skip
     """Return (values (measure, n), rates, half, end (measure, parameter, n) for derivatives by the
     path and nan elsewhere, scores (parameter, n), good (1, n))."""
@@ -307,14 +344,20 @@ def _numbers(
         some = [j for j, way in enumerate(row) if way == "path"]
         if some:
             tangents[:, i, some] = rates_of(part, one, [names[j] for j in some])
-    of_start = np.zeros((len(names), count))
+    scores, of_noise = scores_of_scene(scene), scores_of_noise(scene)
+    found = np.zeros((len(names), count))
     for j, name in enumerate(names):
-        if any(row[j] == "score" for row in plan):
-            drawn, score = scores[name]
-            numbers = np.stack([start_numbers(part, word)[0] for word in drawn])
-            of_start[j] = score(numbers if len(drawn) > 1 else numbers[0])
+        if not any(row[j] == "score" for row in plan):
+            continue
+        if name in of_noise:
+            found[j] = part[of_noise[name]].values
+            continue
+        drawn, score = scores[name]
+        assert not isinstance(score, str)
+        numbers = np.stack([start_numbers(part, word)[0] for word in drawn])
+        found[j] = score(numbers if len(drawn) > 1 else numbers[0])
     good = (part.status.values == 0)[None].astype(float)
-    return values, *tangents, of_start, good
+    return values, *tangents, found, good
 
 
 def _dataset(
@@ -424,6 +467,11 @@ def warnings_of(one: xr.Dataset) -> list[str]:
         ]
     if not np.isfinite(float(one.derivative)):
         return ["unknown: too few members have a value, or all have the same"]
+    if int(one.noise_steps) and float(one.derivative_low) < 0.0 < float(one.derivative_high):
+        return [
+            f"uncertain in sign: the noise of {int(one.noise_steps):,} steps adds to the score, and"
+            " its variance grows with their number: use fewer, longer steps, or more members"
+        ]
     if float(one.carriers) < min(FEW, 0.5 * a["members"]):
         grown = f"; tangents grow by exp({growth:.3g}) in the run" if growth > 0.0 else ""
         few = f"few members carry it, as many as {float(one.carriers):.2g} equal ones would"

@@ -2,14 +2,17 @@
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from rigidmc.figures import CORE, INK, LIGHT, MEDIAN, figure_of, legend_above, new_figure
 
 
 def sensitivity_bars(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     """Draw the fraction of the variance of each measure that a parameter causes alone, and together
-    with others, with intervals; the most important parameter is at the top.
+    with others, with intervals, and upper bounds of the latter; the most important parameter is at
+    the top.
 
     study : the Dataset of `rigidmc.sensitivity`
     """
@@ -31,9 +34,21 @@ def sensitivity_bars(study: xr.Dataset, figure: Figure | None = None) -> Figure:
             axes.barh(places, np.maximum(value, 0.0), 0.36, color=colour, label=label)
             axes.errorbar(value, places, xerr=ends, fmt="none", ecolor=INK, lw=1.0, capsize=2.0)
         axes.set_yticks(np.arange(numbers), one.number.values)
-        axes.set_xlim(0.0, max(1.0, 1.05 * float(one.total_high.max())))
+        limit = max(1.0, 1.05 * float(one.total_high.max()))
+        axes.set_xlim(0.0, limit)
+        if "bound" in one:
+            _draw_bounds(axes, one.bound.values, limit)
         axes.set_xlabel(f"{text}: fraction of the variance between members")
         axes.grid(True, axis="x", lw=0.3, color=LIGHT)
         axes.set_axisbelow(True)
-        legend_above(axes, 2)
+        legend_above(axes, 3 if "bound" in one else 2)
     return figure_of(axes)
+
+
+def _draw_bounds(axes: Axes, bounds: NDArray[np.float64], limit: float) -> None:
+    """Mark upper bounds beside the total indices; those beyond the axis by arrows at its end."""
+    places = np.arange(bounds.size) - 0.2
+    inside, label = bounds <= limit, "at most, by derivatives"
+    axes.plot(bounds[inside], places[inside], "D", color=INK, mfc="white", ms=5, label=label)
+    beyond = places[bounds > limit]
+    axes.plot(np.full(beyond.size, limit), beyond, ">", color=INK, ms=6, clip_on=False)

@@ -17,6 +17,9 @@ indices to a seventh. The intervals are Fieller's for ratios of two means, with 
 95 % intervals cover the index in 93.5 to 95.8 % of studies with 512 families or more
 (`python -m bench coverage`). The noise of random effects counts as one more uncertain parameter; it
 contributes to every total index.
+
+With `bounds`, members also have derivatives by the uncertain parameters, and each total index has
+an upper bound from the mean of their squares, see `rigidmc.studies.sensitivity.bounds`.
 Source: Saltelli et al., Comput. Phys. Commun. 181 (2010) 259, table 2 (b) and (f); Lavenberg &
 Welch, Manage. Sci. 27 (1981) 322; MacKinnon & White, J. Econometrics 29 (1985) 305; Fieller,
 J. R. Stat. Soc. B 16 (1954) 175.
@@ -27,13 +30,15 @@ Returns
 -------
 xarray.Dataset
     over measure and number (an uncertain parameter): `first` and `total`, with the ends `_low` and
-    `_high` of their intervals; over measure its `units`, its mean, its variance, and the number of
-    families counted: those in which every member is ok and has a value
+    `_high` of their intervals, and with `bounds` also `bound`; over measure its `units`, its mean,
+    its variance, and the number of families counted: those in which every member is ok and has a
+    value
 
 Raises
 ------
 OptionError
-    for measures that are not means, or that the scene does not have
+    for measures that are not means, or that the scene does not have; with `bounds`, for measures
+    without derivatives
 SceneError
     if nothing in the scene is drawn
 
@@ -77,6 +82,7 @@ from rigidmc.studies.framework.options import (
     option,
 )
 from rigidmc.studies.framework.study import Study
+from rigidmc.studies.sensitivity.bounds import constants, squared_rates, with_derivatives
 
 Array = NDArray[np.float64]
 FEW = 10  # least number of families that differ, and of families for each control variate
@@ -85,6 +91,7 @@ WORDS = {
     "first": "fraction of the variance that the parameter causes alone",
     "total": "fraction of the variance that the parameter causes alone and with others",
 }
+BOUND = {"bound": "upper bound of the total index, from derivatives"}
 ENDS = {"value": "", "low": ": lower end", "high": ": upper end"}
 
 
@@ -103,6 +110,7 @@ class SensitivityOptions(Options):
         is_new=True,
     )
     confidence: float = confidence_option("confidence level of the intervals")
+    bounds: bool = option(False, "also upper bounds of the total indices, from derivatives")
 
 
 def scene_of_families(
@@ -111,9 +119,8 @@ def scene_of_families(
     """Return the scene with the members of the study; OptionError for measures that are not means,
     SceneError if nothing is drawn."""
     scene = drawn_families(scene, options.of, "saltelli", options.families)
-    for text in options.of:
-        _mean_of(text, variables_of(scene))
-    return scene
+    measures = [_mean_of(text, variables_of(scene)) for text in options.of]
+    return with_derivatives(scene, measures) if options.bounds else scene
 
 
 def indices(
@@ -155,6 +162,27 @@ def indices(
         if seldom:
             first = Interval(first.value, first.low - unseen, first.high + unseen)
         return first, total
+
+
+def bounds_of(
+    values: Array, squares: Array, factors: Array, confidence: float = 0.95,
+    resolved: float | None = None,
+) -> Interval:  # fmt: skip
+    """Return upper bounds of the total indices of k parameters as an Interval of arrays (k,), nan
+    as in `indices`.
+
+    values : (families, d + 2)
+    squares : squared derivatives by the parameters (k, families, d + 2)
+    factors : Poincare constants (k,)
+    """
+    there = np.isfinite(values).all(axis=1)
+    if count_differing(values, resolved) < FEW:
+        return Interval(*np.full((3, len(factors)), np.nan))
+    y = values[there, :2]
+    size = 0.5 * ((y - y.mean()) ** 2).sum(axis=1)
+    above = factors * squares[:, there].mean(axis=2).T
+    means, errors = _means(np.column_stack([size, above]), np.empty((size.size, 0)))
+    return _ratios(means, errors, stats.t.ppf(0.5 + 0.5 * confidence, size.size - 1) ** 2)
 
 
 def count_differing(values: Array, resolved: float | None = None) -> int:
@@ -207,9 +235,13 @@ def _mean_of(text: str, variables: Variables, may_save_more: bool = True) -> Mea
     return asked
 
 
-def _values(result: xr.Dataset, measures: Sequence[Measure]) -> Array:
-    """Return the values of the measures (measures, members), nan for flagged members."""
-    return np.stack([one.numbers(result) for one in measures])
+def _numbers(part: xr.Dataset, measures: Sequence[Measure], by: Sequence[str]) -> Array:
+    """Return the value of each measure, and its squared derivatives by some parameters, of members
+    (measures, 1 + parameters, members); nan for flagged members."""
+    values = np.stack([one.numbers(part) for one in measures])[:, None]
+    if not by:
+        return values
+    return np.concatenate([values, [squared_rates(part, one, by) for one in measures]], axis=1)
 
 
 def reduce(batches: Batches, options: SensitivityOptions) -> xr.Dataset:
@@ -217,29 +249,47 @@ def reduce(batches: Batches, options: SensitivityOptions) -> xr.Dataset:
     out."""
     known, may_save_more = batches.variables, batches.stored is None
     measures = [_mean_of(text, known, may_save_more) for text in options.of]
-    parts = [(part.member.values, _values(part, measures)) for part in batches.results]
-    size, last = (
-        2 + len(uncertain_numbers(batches.scene.model)[0]),
-        max(int(m.max()) for m, _ in parts),
-    )
-    values = np.full((len(measures), last // size + 1, size), np.nan)
+    names = uncertain_numbers(batches.scene.model)[0]
+    by = constants(batches.scene) if options.bounds else {}
+    parts = [(part.member.values, _numbers(part, measures, tuple(by))) for part in batches.results]
+    size, last = 2 + len(names), max(int(m.max()) for m, _ in parts)
+    shape = len(measures), 1 + len(by), last // size + 1, size
+    numbers = np.full(shape, np.nan)
     for members, found in parts:
-        values.reshape(len(measures), -1)[:, members] = found
+        numbers.reshape(*shape[:2], -1)[..., members] = found
     units = [one.units(known) for one in measures]
-    return _dataset(batches.scene, measures, units, values, options.confidence)
+    study = _dataset(batches.scene, measures, units, numbers[:, 0], options.confidence)
+    if not options.bounds:
+        return study
+    factors, rows = np.array(list(by.values())), [names.index(name) for name in by]
+    bounds = np.full((len(measures), 3, len(names)), np.nan)
+    resolved = resolution_of(batches.scene)
+    for bound, one in zip(bounds, numbers, strict=True):
+        bound[:, rows] = bounds_of(one[0], one[1:], factors, options.confidence, resolved)
+    return study.assign(_intervals(BOUND, [(Interval(*bound),) for bound in bounds]))
+
+
+def _intervals(words: Mapping[str, str], found: Sequence[Sequence[Interval]]) -> dict[str, Any]:
+    """Return the variables over measure and number of quantities with intervals.
+
+    words : {name: description};  found : for each measure the Interval of each quantity
+    """
+    variables: dict[str, Any] = {}
+    for i, (name, text) in enumerate(words.items()):
+        for key, (end, more) in zip(_keys(name), ENDS.items(), strict=True):
+            numbers = np.stack([getattr(one[i], end) for one in found])
+            about = {"long_name": text + more, "units": "1"}
+            variables[key] = ("measure", "number"), numbers, about
+    return variables
 
 
 def _dataset(
     scene: Scene, measures: Sequence[Measure], units: list[str], values: Array, confidence: float
 ) -> xr.Dataset:
     """Return the Dataset of values (measures, families, members of a family) in these units."""
-    over, resolved = ("measure", "number"), resolution_of(scene)
+    resolved = resolution_of(scene)
     found = [indices(one, confidence, resolved=resolved) for one in values]
-    variables: dict[str, Any] = {}
-    for i, (name, words) in enumerate(WORDS.items()):
-        for key, (end, more) in zip(_keys(name), ENDS.items(), strict=True):
-            numbers = np.stack([getattr(one[i], end) for one in found])
-            variables[key] = over, numbers, {"long_name": words + more, "units": "1"}
+    variables = _intervals(WORDS, found)
     counts = np.logical_and.reduce(np.isfinite(values), axis=2)
     kept = [one[there][:, :2] for one, there in zip(values, counts, strict=True)]
     with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -278,16 +328,23 @@ def _shares(one: xr.Dataset) -> list[str]:
             f"  members differ by more than rounding {often}; indices require {FEW}: add families,"
             " or use a quantity that differs more often"
         ]
-    lines = [f"  {'':32s} {'alone':>22s} {'with others':>22s}"]
+    heads = {"first": "alone", "total": "with others"}
+    if "bound" in one:
+        heads["bound"] = "at most"
+    lines = [f"  {'':32s} {' '.join(f'{head:>22s}' for head in heads.values())}"]
     for i in np.argsort(-one.total.values, kind="stable"):
-        cells = []
-        for name in WORDS:
-            value, low, high = (f"{float(one[key][i]):.3f}" for key in _keys(name))
-            cells.append(f"{value} ({low} to {high})".replace("-0.000", "0.000"))
-        lines.append(f"  {one.number.values[i]!s:32s} {cells[0]:>22s} {cells[1]:>22s}")
+        cells = [_cell(*(float(one[key][i]) for key in _keys(name))) for name in heads]
+        lines.append(f"  {one.number.values[i]!s:32s} {' '.join(f'{x:>22s}' for x in cells)}")
     if (one["first"] > one["total"]).any():
         lines.append("  a fraction alone above that with others is sampling noise: add families")
     return lines
+
+
+def _cell(value: float, low: float, high: float) -> str:
+    """Return an index with its interval as text; "-" for a bound that is not known."""
+    if value != value:
+        return "-"
+    return f"{value:.3f} ({low:.3f} to {high:.3f})".replace("-0.000", "0.000")
 
 
 def _keys(name: str) -> list[str]:

@@ -15,6 +15,7 @@ from rigidmc.physics.observables.protocol import (
     Event,
     EventRecord,
     Neighbour,
+    NoiseSum,
     Observable,
     Running,
     begin,
@@ -104,9 +105,8 @@ def over_steps():
 def test_outputs_over_all_steps(label):
     one = over_steps()[label]
     one.check()
-    kinds = [
-        kind for kind in (Event, Running, Neighbour, EnsembleObservable) if isinstance(one, kind)
-    ]
+    every = Event, Running, Neighbour, NoiseSum, EnsembleObservable
+    kinds = [kind for kind in every if isinstance(one, kind)]
     assert len(kinds) == 1
     facts, some = outputs(label, one), np.ones(2)
     assert all(units and text and "{" not in text for units, text, _ in facts.values())
@@ -118,6 +118,8 @@ def test_outputs_over_all_steps(label):
         found = one.results(np.array([kept, kept]).T, some)
     elif kinds == [Neighbour]:
         found = one.results(np.ones((3, 2)), 4, some)
+    elif kinds == [NoiseSum]:
+        found = one.results(np.ones((7, 2)))
     else:
         found = {}
         assert one.counts(np.ones((5, 2))).shape == (5, one.edges().size + 1)
