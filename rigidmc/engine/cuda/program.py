@@ -36,7 +36,6 @@ from rigidmc.engine.kernel.arguments import (
     StepRange,
     Workspace,
     record_type,
-    save_numbers,
 )
 from rigidmc.engine.linked import KERNEL, link_kernel
 from rigidmc.engine.program import NO_NOISE, NO_SAVES, Program, fill_record
