@@ -92,7 +92,7 @@ def make_program(
     effects = plan.model.effects
     try:
         refuse_memory(effects)
-        events, running, shadow = plan.monitors.compiled
+        events, running, growth = plan.monitors.compiled
         kind: Any = Program
         if device != "cpu":
             from rigidmc.engine.cuda.program import CudaProgram
@@ -109,7 +109,7 @@ def make_program(
             plan.works,
             events,
             running,
-            shadow,
+            growth,
             ask=not compiled,
             nodes=plan.nodes,
             paired=plan.paired,

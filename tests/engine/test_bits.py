@@ -30,7 +30,7 @@ RECORDED = {  # by an Intel Xeon with 512-bit vectors
 NAMES = (
     "free, rk4, 0.05", "free, exact, 0.05", "heavy, rk4, 0.05",
     "heavy, rk4, 0.1 steps of their own", "heavy, rk4, 0.05, float32",
-    "heavy, strang, 0.05, works and a neighbour", "driven, strang, 0.05", "in a bath, strang, 0.05",
+    "heavy, strang, 0.05, works and a tangent", "driven, strang, 0.05", "in a bath, strang, 0.05",
 )  # fmt: skip
 EXACT, OWN = NAMES[1], NAMES[3]
 

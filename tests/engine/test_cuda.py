@@ -88,8 +88,8 @@ def invoked(*words):
 
 
 def test_the_launches_give_the_recorded_bits(fake):
-    """Events, statistics, noise, steps of members' own, works and shadows; two cases, as each
-    compiles 6 kernels, and the rest below."""
+    """Events, statistics, noise, steps of members' own, works and the growth of tangents; two
+    cases, as each compiles 6 kernels, and the rest below."""
     driver = fake()
     assert not changed(sums((0,), QUICK, names=FEW, device="cuda"))
     assert driver.launches

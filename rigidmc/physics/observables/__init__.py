@@ -44,7 +44,7 @@ from rigidmc.physics.dynamics.methods import argument_names, implements, number_
 from rigidmc.physics.observables.protocol import (
     EnsembleObservable,
     Event,
-    Neighbour,
+    Growth,
     Observable,
     Outputs,
     Running,
@@ -93,7 +93,7 @@ def is_observable(value: Any) -> bool:
     if type(value) is tuple:  # a plain tuple of observables, not an observable
         return False
     if type(value) not in _of_observables:
-        kinds = Observable, Event, Running, Neighbour, EnsembleObservable
+        kinds = Observable, Event, Running, Growth, EnsembleObservable
         if not isinstance(value, tuple) or not (isinstance(value, kinds) or is_opaque(value)):
             return False
         _of_observables.add(type(value))

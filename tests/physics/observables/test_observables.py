@@ -14,7 +14,7 @@ from rigidmc.physics.observables.protocol import (
     EnsembleObservable,
     Event,
     EventRecord,
-    Neighbour,
+    Growth,
     Observable,
     Running,
     begin,
@@ -104,9 +104,7 @@ def over_steps():
 def test_outputs_over_all_steps(label):
     one = over_steps()[label]
     one.check()
-    kinds = [
-        kind for kind in (Event, Running, Neighbour, EnsembleObservable) if isinstance(one, kind)
-    ]
+    kinds = [kind for kind in (Event, Running, Growth, EnsembleObservable) if isinstance(one, kind)]
     assert len(kinds) == 1
     facts, some = outputs(label, one), np.ones(2)
     assert all(units and text and "{" not in text for units, text, _ in facts.values())
@@ -116,8 +114,8 @@ def test_outputs_over_all_steps(label):
         kept = begin(one, BODY, (), 0.0, Q, L)
         assert len(kept) == len(update(one, kept, BODY, (), 0.1, Q, L)) == one.state_size
         found = one.results(np.array([kept, kept]).T, some)
-    elif kinds == [Neighbour]:
-        found = one.results(np.ones((3, 2)), 4, some)
+    elif kinds == [Growth]:
+        found = one.results(np.ones((3, 2)), some)
     else:
         found = {}
         assert one.counts(np.ones((5, 2))).shape == (5, one.edges().size + 1)
