@@ -192,9 +192,9 @@ class Program:
         if not derivatives.at_once:
             return NO_TANGENTS
         counts = self.row_counts(self.rows)
-        apart = {f"in_{name}": _rounded_up(count) for name, count in counts.items()}
-        active = {"of_body": derivatives.of_body, "of_effects": derivatives.of_effects}
-        return Tangents(derivatives.at_once, **apart, **active)
+        apart: dict[str, Any] = {f"in_{name}": _rounded_up(n) for name, n in counts.items()}
+        body, effects = derivatives.of_body, derivatives.of_effects
+        return Tangents(derivatives.at_once, **apart, of_body=body, of_effects=effects)
 
     def _make_keys(
         self, flags: tuple[Any, Any], observables: Any, limits: Any, works: Any, events: Any,

@@ -12,6 +12,7 @@ from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import Effect, facts, shape
 from rigidmc.physics.observables import OBSERVABLES, outputs, title
+from rigidmc.physics.observables.protocol import Growth
 from rigidmc.physics.observables.saving import (
     CENSORED,
     FOLLOWED,
@@ -19,7 +20,6 @@ from rigidmc.physics.observables.saving import (
     event_times,
     outputs_with_derivatives,
 )
-from rigidmc.physics.observables.protocol import Growth
 from rigidmc.scene.body import Body
 from rigidmc.scene.derivatives import derivative_name, derivative_units
 from rigidmc.scene.drifts import LAWS

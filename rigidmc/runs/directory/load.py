@@ -12,7 +12,7 @@ from rigidmc.errors import FileError, SceneError
 from rigidmc.files.netcdf import read
 from rigidmc.files.opening import open_plain
 from rigidmc.files.reading import text_of, toml
-from rigidmc.physics.observables import Megno
+from rigidmc.physics.observables import WATCHED
 from rigidmc.physics.observables.protocol import Growth
 from rigidmc.results.run_directory import RunDirectory, hash_of, hash_of_file
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
@@ -24,7 +24,7 @@ STUDY = "study"  # the attribute with the name of a study, then its request as J
 
 
 # how the growth of a small change is found, and how it was before run.json told
-GROWTH_METHODS = {"megno": Megno.growth_method}
+GROWTH_METHODS = {"megno": WATCHED["megno"].growth_method}
 FORMER_METHODS = {"megno": "neighbour"}
 
 

@@ -82,7 +82,7 @@ def test_every_step_counts(steps, heavy):
     at = 50 * steps
     assert t[at] == pytest.approx(0.1 * steps)
     grown, megno = (np.array([one[i][at] for one in true]) for i in range(2))
-    assert np.abs(0.1 * steps * ds.lyapunov.values - grown).max() < 3e-6  # measured MEASURED
+    assert np.abs(0.1 * steps * ds.lyapunov.values - grown).max() < 3e-6
     assert np.abs(ds.megno.values - megno).max() < 0.02  # measured 0.0074, after 80 steps
 
 
@@ -142,7 +142,7 @@ def test_the_tangent_of_a_splitting_is_that_of_the_true_state(integrator):
     ds = rm.simulate(scene, integrator=integrator, dt=1e-3, t_end=3.0, members=1, save=("megno",))
     l, q = ds.start_omega.values[:, 0] * body.moments, ds.start_attitude.values[:, 0]
     grown, megno = (x[-1] for x in tangent(body, 9.81, l, q, np.linspace(0.0, 3.0, 30_001)))
-    # measured MEASURED
+
     assert abs(3.0 * ds.lyapunov.values[0] - grown) < 1e-4
     assert abs(ds.megno.values[0] - megno) < 4e-4  # measured 8e-5
 
@@ -232,7 +232,7 @@ def test_noise_is_the_same_along_the_tangent():
         for a, b in ((there.attitude, back.attitude), (there.momentum, back.momentum))
     ]
     grown = 0.5 * math.log(4.0 * (apart[0] ** 2).sum() + weight * (apart[1] ** 2).sum())
-    assert abs(3.0 * here.lyapunov.item() - grown) < 1e-6  # measured MEASURED
+    assert abs(3.0 * here.lyapunov.item() - grown) < 1e-6
 
 
 @impossible
