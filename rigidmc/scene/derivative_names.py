@@ -237,8 +237,8 @@ def _of_attitude(model: Model) -> dict[str, Given]:
 
 
 def _own_rotations(name: str, model: Model) -> dict[str, Given]:
-    """Return the parameters of an attitude that is drawn as a whole: rotations about the body axes,
-    and those of its distribution."""
+    """Return the own parameters of an attitude that is drawn as a whole: rotations about the body
+    axes."""
     names = [f"{name}.{i + 1}" for i in range(3)]
     if model.start.attitude == "ensemble" and model.body.is_turned:
         rule = "is drawn in the principal axes of each member, not in the axes of the scene"
