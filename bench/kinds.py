@@ -176,7 +176,7 @@ def _settings():
         "float32": {"dtype": "float32"},
         "compensated": {"compensated": True},
         "steps of their own": {"turn": 0.1},
-        "works and a neighbour": {"save": (*state, "work", "megno")},
+        "works and a tangent": {"save": (*state, "work", "megno")},
         "watched": {"save": ("nutation", "precession", *last, *parts)},
         "thinned": {"keep": "thinned", "thin": 4},
         "summary": {"keep": "summary"},

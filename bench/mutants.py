@@ -25,7 +25,7 @@ ROOT = os.path.dirname(HERE)
 FOLDERS = ("physics/dynamics", "physics/effects", "physics/integrators", "physics/observables")
 ENGINE = tuple(
     f"kernel/{name}.py"
-    for name in ("member", "march", "monitoring", "shadow", "events", "extrema", "block", "noise")
+    for name in ("member", "march", "monitoring", "growth", "events", "extrema", "block", "noise")
 )  # runs uncompiled too
 COMPILED = tuple(
     f"compiler/{name}.py"

@@ -94,7 +94,7 @@ def run(
     """Change the block in place by `steps` steps; return the saves (slot, value row, member).
 
     made : a Form;  cuts : steps at which the run is split into several calls
-    watch : events, running observables and neighbour; the block then has `more` rows, see
+    watch : events, running observables and growth; the block then has `more` rows, see
         `rigidmc.engine.kernel.layout.monitor_rows`
     slots_each : rounds of length h, in which each member makes block[STEPS] steps; `steps` and
         `stride` then count slots

@@ -34,11 +34,6 @@ ABOUT_SI = re.compile(r"air|molecule|star|osmium|millimetre|degrees|kelvin| K\b"
 LIMIT = 1e-10  # measured 3.1e-12, of an index of `sensitivity`; all others below 1e-12
 # {row of the table: limit}
 LIMITS = {
-    # a neighbour at 1e-8 of the motion holds half the digits: measured 2.1e-6 and 2.9e-6
-    "lyapunov": 1e-5,
-    "megno": 1e-5,
-    # neighbours at 2^-28 of a probability, 1e-9 of a state, hold seven digits: 5.2e-6
-    "ftle": 1e-4,
     # an error of 1.9e-7 of |L|^2 is a difference of near numbers: 3.1e-9 of it, 6e-16 of |L|^2
     "accuracy": 1e-7,
     # what is the cheapest way to a tolerance of 1e-6 is a matter of the clock: 6e-7
@@ -138,8 +133,8 @@ class Row(NamedTuple):
 
 
 def rows(kind: str, seed: int, only: Iterable[str] = ()) -> Iterator[tuple[str, Row]]:
-    """(name, Row) of every function of a scene in each of OTHERS: the neighbours of megno and
-    lyapunov have rows of their own."""
+    """(name, Row) of every function of a scene in each of OTHERS: megno and lyapunov have
+    rows of their own."""
     one = units.scene(kind, seed)
     for name, function in asked(one, PLAIN).items():
         if only and name not in only:

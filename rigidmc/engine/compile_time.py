@@ -25,7 +25,7 @@ compiled: list[str] = []  # labels of the programs this process has compiled
 KERNELS = {
     "gather": 0.08, "scatter": 0.04, "initialise": 0.2, "assess": 0.2, "record": 0.12,
     "advance": 0.8, "begin_monitors": 0.14, "monitor_steps": 0.95, "refine_event": 0.12,
-    "begin_shadow": 0.1, "renormalise_shadow": 0.12,
+    "begin_growth": 0.1, "record_growth": 0.12,
     "formulas": 0.8,  # 0.4 to 1.5
     "kernel": 2.5,  # of a GPU, all kernels for one member in one: 2.2 (rk4) to 5.4 (rk8)
 }  # fmt: skip
@@ -137,7 +137,7 @@ def summary(label: str, missing: Sequence[str]) -> str:
     words = {
         "refine_event": "events",
         "monitor_steps": "running observables",
-        "renormalise_shadow": "shadow trajectory",
+        "record_growth": "growth of a tangent",
         "record": "saves",
     }
     if "refine_event" in missing:  # then the steps are monitored for the events

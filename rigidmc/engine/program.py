@@ -36,6 +36,7 @@ from rigidmc.engine.kernel.arguments import (  # fmt: skip
 )
 from rigidmc.engine.kernel.block import TRACE, advance
 from rigidmc.engine.kernel.events import TRIES, refine_event
+from rigidmc.engine.kernel.growth import begin_growth, record_growth
 from rigidmc.engine.kernel.layout import (
     AXES_ROWS,
     BODY,
@@ -46,7 +47,6 @@ from rigidmc.engine.kernel.layout import (
     map_rows,
 )
 from rigidmc.engine.kernel.march import march
-from rigidmc.engine.kernel.shadow import begin_shadow, renormalise_shadow
 from rigidmc.engine.machine import vector_bits
 from rigidmc.physics.dynamics.methods import OFF, Flag, flag, implements, static_count
 from rigidmc.physics.effects import label_effects
@@ -98,8 +98,8 @@ class Program:
         has no such conservation law
     works : () if no works are saved; else for each effect OFF if its energy accounts for its work,
         ON if not, see `rigidmc.physics.effects.sums`
-    events, running, shadow : monitored quantities: compiled events; pairs (running observable,
-        `static_count` of the numbers of its state); ON for a shadow trajectory
+    events, running, growth : monitored quantities: compiled events; pairs (running observable,
+        `static_count` of the numbers of its state); ON to record the growth of a tangent
     lanes : members worked on at the same time, by default as many as suit this CPU; 1 if a custom
         class runs on one member at a time only
     ask : compile nothing; `missing` then names the kernels to compile
@@ -118,7 +118,7 @@ class Program:
         self, scheme: Any, effects: Sequence[Any], observables: Sequence[Any] = (),
         attitude: bool = True, compensated: bool = False, dtype: DTypeLike = "float64",
         limits: Sequence[float] = (), works: Sequence[Any] = (), events: Sequence[Any] = (),
-        running: Sequence[Any] = (), shadow: Flag = OFF, lanes: int | None = None,
+        running: Sequence[Any] = (), growth: Flag = OFF, lanes: int | None = None,
         ask: bool = False, nodes: int = 0, paired: bool = False, shortens: bool = False,
         axes: bool = False, derivatives: Derivatives = NO_DERIVATIVES,
         meanwhile: Callable[[], None] | None = None,
@@ -137,26 +137,24 @@ class Program:
         scalar = config.DISABLE_JIT or scalar_parts(scheme.integrator, effects, watches)
         # A branch on a member's number compiles for one lane only: members then go one at a time.
         # With derivatives, a number and its derivatives fill the registers.
-        self.lanes = 1 if scalar else lanes or lanes_for(dtype) // (1 + bool(derivatives.at_once))
+        moves_tangents = bool(derivatives.at_once or growth)
+        by_default = max(1, lanes_for(dtype) // (1 + moves_tangents))
+        self.lanes = 1 if scalar else lanes or by_default
         self.substeps = np.ascontiguousarray(scheme.substeps, dtype=float).ravel()
 
         marks = [len(m) for _, m in running]
-        rows = map_rows(tree_size(effects), len(works), len(events), marks, bool(shadow), axes)
+        rows = map_rows(tree_size(effects), len(works), len(events), marks, bool(growth), axes)
         self.rows = rows.end
         random = any(map(takes_noise, effects))
         self.paired, self.deferred = flag(paired), flag(nodes == 1 and all_merge(running))
         self.kept = TRACE * sum(marks) if self.deferred else 0
-        self.tangents = NO_TANGENTS
-        if derivatives.at_once:
-            counts = self.row_counts(rows.end)
-            self.tangents = Tangents(
-                derivatives.at_once,
-                in_state=_rounded_up(counts["state"]),
-                in_work=_rounded_up(counts["work"]),
-                in_trace=_rounded_up(counts["trace"]),
-                in_kept=_rounded_up(counts["kept"]),
-                of_body=derivatives.of_body,
-                of_effects=derivatives.of_effects,
+        self.tangents = self._tangents(derivatives)
+        # along the steps, with the tangent that grows, which is the last one
+        self.moving = NO_TANGENTS
+        if moves_tangents:
+            self.moving = self.tangents._replace(
+                of_each=derivatives.at_once + len(growth),
+                in_state=_rounded_up(self.row_counts(rows.end)["state"]),
             )
         self.shape = KernelShape(
             lanes=self.lanes,
@@ -165,11 +163,11 @@ class Program:
             works=len(works),
             monitor_row=MEMBER_ROWS + rows.events,
             axes_row=MEMBER_ROWS + rows.axes,
-            shadow_row=rows.in_state(rows.shadow),
+            growth_row=MEMBER_ROWS + rows.growth,
             # monitors compute in float64: one register per number
             monitors=max(1, 64 * self.lanes // vector_bits()) if events or running else 0,
             nodes=nodes,
-            shadow=len(shadow),
+            growth=len(growth),
             records=2 * len(events),
             tries=0 if random else TRIES,
             is_random=int(random),
@@ -177,21 +175,30 @@ class Program:
             reweighs=int(shortens and bool(running)),
             tangents=self.tangents.of_each,
             passes=derivatives.passes,
-            tangents_in_state=self.tangents.in_state,
-            tangents_in_work=self.tangents.in_work,
-            parking=TRACE_ROWS + self.tangents.of_each * self.tangents.in_trace,
+            tangents_in_state=self.moving.in_state,
+            tangents_in_work=self.moving.in_work,
+            parking=TRACE_ROWS + self.moving.of_each * self.moving.in_trace,
         )
         kept = flag(attitude), flag(compensated)
         self.kernel_keys = self._make_keys(
-            kept, observables, tuple(limits), works, events, running, shadow,
+            kept, observables, tuple(limits), works, events, running, growth,
             static_count(AXES_ROWS * axes),
         )  # fmt: skip
         if not ask:
             self._compile(meanwhile)
 
+    def _tangents(self, derivatives: Derivatives) -> Tangents:
+        """Return the derivatives that kernels compute along with their numbers."""
+        if not derivatives.at_once:
+            return NO_TANGENTS
+        counts = self.row_counts(self.rows)
+        apart: dict[str, Any] = {f"in_{name}": _rounded_up(n) for name, n in counts.items()}
+        body, effects = derivatives.of_body, derivatives.of_effects
+        return Tangents(derivatives.at_once, **apart, of_body=body, of_effects=effects)
+
     def _make_keys(
         self, flags: tuple[Any, Any], observables: Any, limits: Any, works: Any, events: Any,
-        running: Any, shadow: Any, axes: Any,
+        running: Any, growth: Any, axes: Any,
     ) -> dict[str, KernelKey | None]:  # fmt: skip
         """Return {name: KernelKey} of all kernels, None for unused ones.
 
@@ -199,7 +206,7 @@ class Program:
         """
         integrator, effects, shape = self.scheme.integrator, self.effects, self.shape
         several_groups = min(self.lanes, interleaving(integrator))
-        groups = static_count(1 if self.tangents.of_each else several_groups)
+        groups = static_count(1 if self.moving.of_each else several_groups)
         several, count = flag(len(self.scheme.substeps) > 2), static_count(len(works))
         stepped = (integrator, effects, *flags, count, groups, several, self.paired)
         form, dense = stepping_form(integrator), static_count(min(shape.nodes, 2))
@@ -207,10 +214,15 @@ class Program:
         def key(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
             return KernelKey(function, parts, self.dtype, self.lanes, arguments) if wanted else None
 
-        def dual(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
+        def dual(
+            wanted: Any, function: Any, parts: Any, arguments: str, tangents: Any = self.tangents
+        ) -> Any:
             """Return the KernelKey of a kernel that takes derivatives along."""
             plain = key(wanted, function, parts, arguments)
-            return plain and plain._replace(tangents=self.tangents)
+            return plain and plain._replace(tangents=tangents)
+
+        last_one = self.moving.of_each * self.moving.in_state
+        growing = NO_TANGENTS._replace(of_each=1, in_state=last_one)
 
         is_monitored = events or running
         stops = form, effects, events, axes, flag(self.tangents.of_each > 0)
@@ -219,9 +231,9 @@ class Program:
         last = form, effects, flags[1], works
         table = KernelTable(
             gather=key(True, member.gather, (), "piiiiffsw"),
-            scatter=key(True, member.scatter, (), "piiiiiiisw"),
+            scatter=key(True, member.scatter, (), "piiiiiisw"),
             initialise=dual(True, member.initialise, (form, effects, limits, works), "psw"),
-            march=dual(True, march, stepped, MARCH),
+            march=dual(True, march, stepped, MARCH, self.moving),
             assess=dual(True, member.assess, (form, effects, *flags, limits, works), "pswffff"),
             record=dual(
                 observables, member.record, (observables, effects, works, axes), "wipiifiii"
@@ -231,9 +243,11 @@ class Program:
             ),
             monitor_steps=dual(is_monitored, monitoring.monitor_steps, steps, "pswtdiiiiii"),
             refine_event=dual(events, refine_event, stops, "pwswiiiiff"),
-            begin_shadow=key(shadow, begin_shadow, (form, effects), "pswsif"),
-            renormalise_shadow=key(shadow, renormalise_shadow, (form, effects), "pswsifff"),
-            change_length=dual(shape.changes_length, last_interval.change_length, last, "pswfffi"),
+            begin_growth=dual(growth, begin_growth, (form, effects), "pswif", growing),
+            record_growth=dual(growth, record_growth, (form, effects), "pswiff", growing),
+            change_length=dual(
+                shape.changes_length, last_interval.change_length, last, "pswfffi", self.moving
+            ),
             reweigh=dual(shape.reweighs, last_interval.reweigh, (events, running), "wif"),
         )
         return {**table._asdict(), "advance": advance_key(self.dtype)}
@@ -366,19 +380,19 @@ class Program:
 
         rows : of its block
         """
-        count, counts = self.tangents.of_each, self.row_counts(rows)
+        count, counts = self.moving.of_each, self.row_counts(rows)
         state, work, trace, kept = (
-            counts[name] + count * getattr(self.tangents, f"in_{name}") for name in counts
+            counts[name] + count * getattr(self.moving, f"in_{name}") for name in counts
         )
         parked = (1 + count) * (START + self.shape.works)
         return {
             "state": (state, self.dtype),
-            "shadow_state": (state, self.dtype),
+            "spare_state": (state, self.dtype),
             "work": (work, float),
-            "spare_work": (MEMBER_ROWS + count * self.tangents.in_work, float),
+            "spare_work": (MEMBER_ROWS + count * self.moving.in_work, float),
             "trace": (trace + parked, self.dtype),
             "kept": (kept, float),
-            "saved": (max(1, self.shape.values * (1 + count)), float),
+            "saved": (max(1, self.shape.values * (1 + self.shape.tangents)), float),
         }
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from rigidmc.engine.machine import is_uncompiled
 from rigidmc.errors import PartError, SceneError
 from rigidmc.mechanics.inertia import vectors_from, violates_triangle
 from rigidmc.physics.dynamics.methods import implements
@@ -18,7 +19,7 @@ from rigidmc.physics.observables import OUTCOMES, is_own, outputs
 from rigidmc.physics.observables.protocol import (
     DIMENSIONS,
     EnsembleObservable,
-    Neighbour,
+    Growth,
     Running,
 )
 from rigidmc.scene.amounts import count_text
@@ -36,6 +37,8 @@ from rigidmc.scene.user_parts.integrators import check_user_integrator
 from rigidmc.scene.user_parts.observables import check_user_observable
 from rigidmc.scene.validation import ALLOWED, PILOT, named_integrators, outside, parameter_limits
 from rigidmc.scene.vector_distributions import Correlated
+
+COMPILED = "needs compiled code, but NUMBA_DISABLE_JIT is set"
 
 
 def check_scene(scene: Scene, recording: Recording) -> None:
@@ -56,6 +59,8 @@ def check_scene(scene: Scene, recording: Recording) -> None:
         raise SceneError(rule, at="run.save", value="noise_score")
     if run.wrt:
         _check_derivatives(run, model, recording)
+    if run.wrt and is_uncompiled():
+        raise SceneError(f"derivatives {COMPILED}", at="run.wrt", value=", ".join(run.wrt))
     if run.integrator != "auto":
         refused = refusal(
             run.integrator, model.effects, run.compensated, works, scene.known_integrators()
@@ -288,14 +293,8 @@ def _not_monitored(run: Run, recording: Recording) -> str:
             "the work of a member is lost when an event stops it: save work without stop, or stop"
             " without saving work"
         )
-    if not any(isinstance(one, Neighbour) for one in observables):
+    if not any(isinstance(one, Growth) for one in observables):
         return ""
-    if run.dtype == "float32":
-        return "megno needs float64: float32 does not resolve a shadow trajectory at 1e-8"
-    if run.compensated:
-        return "megno does not support compensated sums"
     if stops:
         return "megno does not support an event that stops members"
-    if run.turn is not None:
-        return "megno needs the same steps for all members: use dt, not turn"
-    return ""
+    return f"megno {COMPILED}" if is_uncompiled() else ""

@@ -158,7 +158,7 @@ def make_sampler(model: Model, run: Run) -> Source:
     if run.points == "antithetic":
         return AntitheticPairs(run.seed)
     if run.points in DESIGNS:
-        return DESIGNS[run.points](run.seed, uncertain_numbers(model)[1], run.dtype)
+        return DESIGNS[run.points](run.seed, uncertain_numbers(model)[1])
     return points(
         run.seed, run.points, random_dimensions(model), run.strata or run.first + run.members
     )

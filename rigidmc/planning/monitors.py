@@ -12,7 +12,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.events import event_record
 from rigidmc.engine.kernel.layout import (
     EVENT_ROWS,
-    SHADOW_ROWS,
+    RECORDED,
     STATUSES,
     SUMS,
     RowMap,
@@ -33,7 +33,7 @@ from rigidmc.physics.observables import bind, dimensions, outputs
 from rigidmc.physics.observables.protocol import (
     EnsembleObservable,
     Event,
-    Neighbour,
+    Growth,
     NoiseSum,
     Running,
     armed,
@@ -58,7 +58,7 @@ from rigidmc.scene.validation import PILOT
 
 
 class Monitors(NamedTuple):
-    """Events, running observables and the shadow trajectory as the kernel uses them, and
+    """Events, running observables and the growth of a tangent as the kernel uses them, and
     [(label, observable)] of each, and of sums over the noise.
 
     bins : (dimension, edges, units) of each histogram;  dims : dimensions of all recorded variables
@@ -66,10 +66,10 @@ class Monitors(NamedTuple):
 
     events: tuple[Any, ...] = ()
     running: tuple[Any, ...] = ()
-    shadow: Flag = OFF
+    growth: Flag = OFF
     of_events: Labelled = ()
     of_running: Labelled = ()
-    of_shadow: Labelled = ()
+    of_growth: Labelled = ()
     of_noise: Labelled = ()
     bins: tuple[tuple[str, NDArray[np.float64], str], ...] = ()
     dims: tuple[str, ...] = ()
@@ -77,12 +77,12 @@ class Monitors(NamedTuple):
     @property
     def compiled(self) -> tuple[tuple[Any, ...], tuple[Any, ...], Flag]:
         """The arguments of `rigidmc.engine.program.Program`."""
-        return self.events, self.running, self.shadow
+        return self.events, self.running, self.growth
 
     @property
     def labelled(self) -> Labelled:
         """All (label, observable)."""
-        return *self.of_events, *self.of_running, *self.of_shadow, *self.of_noise
+        return *self.of_events, *self.of_running, *self.of_growth, *self.of_noise
 
     @property
     def each_step(self) -> list[str]:
@@ -104,16 +104,16 @@ def make_monitors(model: Model, recording: Recording, seed: int) -> Monitors:
         if not isinstance(one, EnsembleObservable)
     ]
     events = tuple((label, one) for label, one in observables if isinstance(one, Event))
-    shadow = tuple((label, one) for label, one in observables if isinstance(one, Neighbour))
+    growth = tuple((label, one) for label, one in observables if isinstance(one, Growth))
     running = tuple((label, one) for label, one in observables if isinstance(one, Running))
     moments, complete = _bodies(model, seed) if events else (np.empty((3, 0)), True)
     return Monitors(
         tuple(one.bind(moments, complete, model.effects) for _, one in events),
         tuple((bind(one, model.effects), static_count(one.state_size)) for _, one in running),
-        flag(shadow),
+        flag(growth),
         events,
         running,
-        shadow,
+        growth,
         tuple((label, one) for label, one in observables if isinstance(one, NoiseSum)),
         tuple(
             (f"{label}_bin", one.edges(), recording.observable(one.name).units)
@@ -151,8 +151,8 @@ def places_of(effects: Sequence[Any], has_work: bool, monitors: Monitors, has_ax
     """
     works = len(effects) if has_work else 0
     marks = [len(numbers) for _, numbers in monitors.running]
-    events, shadow = len(monitors.events), bool(monitors.shadow)
-    return places_for(parameter_count(*effects), works, events, marks, shadow, has_axes)
+    events, growth = len(monitors.events), bool(monitors.growth)
+    return places_for(parameter_count(*effects), works, events, marks, growth, has_axes)
 
 
 def has_attitude(effects: Sequence[Any], recording: Recording, monitors: Monitors) -> bool:
@@ -160,7 +160,7 @@ def has_attitude(effects: Sequence[Any], recording: Recording, monitors: Monitor
     observable."""
     if any("q" in argument_names(e, "torque", "kick", "energy") for e in effects):
         return True
-    if monitors.shadow:  # the distance to the shadow trajectory uses attitude and momentum
+    if monitors.growth:  # the tangent is of attitude and momentum
         return True
     works = static_count(len(effects))
     return (
@@ -225,9 +225,9 @@ def results(
         seen = 2.0 * nodes * weighed if nodes and is_time_average(one) else weighed
         add(label, one, results_of(one, block[at : at + len(marks)], seen).values())
         at += len(marks)
-    for label, one in monitors.of_shadow:
-        distances = rows[places.shadow + SUMS : places.shadow + SHADOW_ROWS]
-        add(label, one, one.results(distances, clock.position(total), clock.dt).values())
+    for label, one in monitors.of_growth:
+        sums = rows[places.growth + SUMS : places.growth + RECORDED]
+        add(label, one, one.results(sums, clock.time(total)).values())
     for label, one in monitors.of_noise:
         add(label, one, one.results(rows[layout.EXTRA : layout.START]).values())
     if lags:

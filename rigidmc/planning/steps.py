@@ -101,11 +101,6 @@ class Clock(NamedTuple):
         late = np.maximum(steps - self.head, 0.0)
         return np.minimum(steps, self.head) * self.dt + late * self.last_dt
 
-    def position(self, steps: Any) -> Any:
-        """Return the time after a number of steps, in units of the first step length."""
-        late = np.maximum(steps - self.head, 0.0)
-        return np.minimum(steps, self.head) + late * (self.last_dt / self.dt)
-
     def steps(self, time: Any) -> Any:
         """Return how many steps end by a time [s], at which a step ends."""
         begun = self.head * self.dt

@@ -23,6 +23,7 @@ from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import Drawn, Grid, Marked, Rate, Varied
 
 Array = NDArray[np.float64]
+SAMPLING = "sample", "sample_attitude"  # methods that draw vectors of members
 
 
 def tangents_at_start(
@@ -104,8 +105,8 @@ def marked_model(model: Model, names: Sequence[str]) -> Model:
     for j, seeds in enumerate(seeds_of(model, names)):
         for path, rate in seeds:
             rates.setdefault(path, {})[j] = rate
-    # methods last, so that they belong to a distribution whose fields are marked
-    for path, given in sorted(rates.items(), key=lambda one: one[0][-1] == "sample"):
+    # methods last, so that they belong to parts whose fields are marked
+    for path, given in sorted(rates.items(), key=lambda one: one[0][-1] in SAMPLING):
         value: Any = model
         for key in path:
             value = value[key] if isinstance(key, int) else getattr(value, key)

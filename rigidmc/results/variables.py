@@ -12,6 +12,7 @@ from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import Effect, facts, shape
 from rigidmc.physics.observables import OBSERVABLES, outputs, title
+from rigidmc.physics.observables.protocol import Growth
 from rigidmc.physics.observables.saving import (
     CENSORED,
     FOLLOWED,
@@ -165,7 +166,8 @@ def member_variables(
     for label, one in recording.monitored:
         lags |= (times := event_times(label, one))
         for name, (units, text, dims) in outputs(label, one).items():
-            variables[name] = _by_member(text, units, dims, **_censored(name, times))
+            more = _censored(name, times) | _method_of(one)
+            variables[name] = _by_member(text, units, dims, **more)
     if lags:
         variables[FOLLOWED] = _by_member(_FOLLOWED, "s")
     return {**variables, **_start_variables(model.start, has_attitude)}
@@ -189,6 +191,15 @@ def _censored(name: str, lags: Mapping[str, float]) -> dict[str, Any]:
     if lag is None:
         return {}
     return {CENSORED: FOLLOWED, **({LAG: lag} if lag else {})}
+
+
+# attribute of variables whose method has changed: results of another method are not alike
+METHOD = "method"
+
+
+def _method_of(one: Any) -> dict[str, Any]:
+    """Return the attribute METHOD of the results of an observable over all steps, if it has one."""
+    return {METHOD: one.growth_method} if isinstance(one, Growth) else {}
 
 
 def is_turned(body: Body, effect: Effect, name: str) -> bool:

@@ -8,7 +8,7 @@ from rigidmc.engine.cuda.devices import device_number, is_gpu
 from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
 from rigidmc.engine.program import Derivatives, Program
-from rigidmc.errors import PartError, SceneError
+from rigidmc.errors import PartError
 from rigidmc.physics.dynamics.trials import RULE
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import blank
@@ -85,17 +85,14 @@ def make_program(
 
     compiled : if False, nothing is compiled and the Program lists what is `missing`
     derivatives : that a block has besides its rows, by default those that the plan asks for
-    Raises SceneError for custom code that cannot be compiled, and for derivatives where nothing is.
+    Raises SceneError for custom code that cannot be compiled.
     """
     if plan.scheme is None:
         return None
     effects, derivatives = plan.model.effects, derivatives or plan.derivatives
-    if compiled and derivatives.at_once and is_uncompiled():
-        rule = "derivatives require compiled code, but NUMBA_DISABLE_JIT is set"
-        raise SceneError(rule, at="run.wrt", value=", ".join(plan.wrt))
     try:
         refuse_memory(effects)
-        events, running, shadow = plan.monitors.compiled
+        events, running, growth = plan.monitors.compiled
         kind: Any = Program
         if is_gpu(device):
             from rigidmc.engine.cuda.program import CudaProgram
@@ -116,7 +113,7 @@ def make_program(
             plan.works,
             events,
             running,
-            shadow,
+            growth,
             ask=not compiled,
             nodes=plan.nodes,
             paired=plan.paired,

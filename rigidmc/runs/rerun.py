@@ -21,6 +21,7 @@ from rigidmc.planning.saves import first_and_last, settle_saves
 from rigidmc.planning.steps import make_time_grid
 from rigidmc.results.export import write
 from rigidmc.results.reader import open_result
+from rigidmc.results.variables import METHOD
 from rigidmc.runs.directory.dataset import open_run
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.simulate import simulate
@@ -240,8 +241,14 @@ def _compared(again: xr.Dataset, result: xr.Dataset, scene: Scene, source: str) 
     digits = scene.run.digits
     times: NDArray[np.float64] = np.empty(0)
     names, apart = list[str](), dict[str, float]()
+    others = [str(name) for name in again if _other_method(again, result, str(name))]
+    if others:
+        rule = f"of {source} were found by another method, not by tangents: not compared"
+        warnings.warn(f"{', '.join(others)} {rule}", SceneWarning, stacklevel=3)
     for pair in _pairs(again, result, scene):
         rounded = False
+        if pair.name in others:
+            continue
         if pair.times is not None:
             names.append(pair.name)
             times = np.union1d(times, pair.times)
@@ -263,6 +270,12 @@ def _compared(again: xr.Dataset, result: xr.Dataset, scene: Scene, source: str) 
         how = f"to the {digits} digits that were kept"
     count = f" at {times.size:,} times" if times.size else ""
     return f"equal {how}{count} in {', '.join(names)}"
+
+
+def _other_method(again: xr.Dataset, result: xr.Dataset, name: str) -> bool:
+    """Return whether both results have a variable, found by different methods."""
+    known = [ds[name].attrs.get(METHOD, "") for ds in (again, result) if name in ds]
+    return len({*known}) == 2
 
 
 def _refuse_other_inputs(pair: Pair, members: NDArray[np.int64], source: str) -> None:

@@ -17,6 +17,7 @@ from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.dynamics.functions import normal_quantile
 from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.dynamics.so3 import multiply
 from rigidmc.physics.effects import EFFECTS, label_effects, name_of
 from rigidmc.physics.effects.protocol import shape, user_parameters
 from rigidmc.scene.body_derivatives import (
@@ -111,7 +112,8 @@ def derivative_unit(scene: Scene, name: str) -> str:
     if table == "body" and first == "tensor":
         return BODY["centre" if "centre" in rest else "tensor"]
     if name.startswith("start.attitude") and not scene.start.has_euler_angles:
-        return "1"
+        is_rotation = rest[0].isdecimal() and not isinstance(scene.start.attitude, tuple)
+        return "rad" if is_rotation else "1"
     known = {**BODY, **START}
     if first in known and (not rest or rest[0].isdecimal()):
         return known[first]
@@ -209,14 +211,15 @@ def _of_correlated(name: str, path: Path, whole: Correlated) -> dict[str, Given]
 
 
 def _of_attitude(model: Model) -> dict[str, Given]:
-    """Return the parameters of the attitude at the start: its angles, or the four components of its
-    quaternion, which is normalised."""
+    """Return the parameters of the attitude at the start: its angles, the four components of its
+    quaternion, which is normalised, or the rotations of an attitude that is drawn as a whole."""
     name, value = "start.attitude", model.start.attitude
+    if not isinstance(value, tuple):
+        known = _own_rotations(name, model)
     if isinstance(value, Fisher):
         rule = "is a parameter of a distribution whose quantiles are read from a table"
-        return {f"{name}.{field}": rule for field in value.names()}
+        return known | {f"{name}.{field}": rule for field in value.names()}
     if isinstance(value, VectorDistribution):
-        known: dict[str, Given] = {}
         for field, part in value.as_dict().items():
             known |= _of_field(f"{name}.{field}", ("start", "attitude", field), part)
         if isinstance(value, Pointing) and not any(value.direction[:2]):
@@ -224,7 +227,7 @@ def _of_attitude(model: Model) -> dict[str, Given]:
             known |= dict.fromkeys((f"{name}.direction.{i}" for i in (1, 2, 3)), rule)
         return known
     if not isinstance(value, tuple):
-        return {}
+        return known
     known = {}
     if len(value) == 3:
         for i, angle in enumerate(angle_names(model.start.sequence)):
@@ -233,6 +236,23 @@ def _of_attitude(model: Model) -> dict[str, Given]:
     if any(isinstance(x, Distribution) for x in value):
         return _of_vector(name, ("start", "attitude"), value)
     return {f"{name}.{k + 1}": lambda k=k: list(_of_component(value, k)) for k in range(4)}  # type: ignore[misc]
+
+
+def _own_rotations(name: str, model: Model) -> dict[str, Given]:
+    """Return the own parameters of an attitude that is drawn as a whole: rotations about the body
+    axes."""
+    names = [f"{name}.{i + 1}" for i in range(3)]
+    if model.start.attitude == "ensemble" and model.body.is_turned:
+        rule = "is drawn in the principal axes of each member, not in the axes of the scene"
+        return dict.fromkeys(names, rule)
+    path = "start", "sample_attitude"
+    return {one: one_seed(path, _own_rotation(i)) for i, one in enumerate(names)}
+
+
+def _own_rotation(i: int) -> Rate:
+    """Return the derivatives q (0, e_i)/2 of attitudes (4, n) by a rotation about body axis i."""
+    half = tuple(0.5 * float(i == k) for k in range(3))
+    return lambda drawn: np.stack(multiply(tuple(drawn.values), (0.0, *half)))
 
 
 def _of_component(value: Any, k: int) -> Iterator[Seed]:

@@ -41,11 +41,6 @@ BITS = 30
 # of neighbours, in probability: the last is 6e-8, which float64 resolves to eight digits
 DISTANCES = tuple(0.25**k for k in range(1, 13))
 
-# of tangents, in probability: in float64, rounding of a thousand steps is 1e-5 of it, and a
-# distance that grows by a million is still small; in float32 rounding is 1 %, and so is the
-# curvature of a distance that grows by 100
-NEAREST = {"float64": 0.5**28, "float32": 0.5**11}
-
 
 class DimensionProbe:
     """A point set that records which numbers are drawn instead of drawing them."""
@@ -208,33 +203,6 @@ def _engine(name: str, dimensions: int, rng: np.random.Generator, **options: Any
     return kind(dimensions, **{key: rng}, **options)
 
 
-class TangentFamilies:
-    """Families of a member and a neighbour at NEAREST along each of the d numbers.
-
-    The first member of a family has a Sobol point u. Member 1 + k has the same numbers, except that
-    number k is u + NEAREST, or u - NEAREST if u is not below 0.5. NEAREST depends on the precision.
-
-    group : {dimension: anything}
-    """
-
-    def __init__(
-        self, seed: int, group: Mapping[RandomDimension, int], dtype: str = "float64"
-    ) -> None:
-        self.base, self.size = points(seed, "sobol", tuple(group)), 1 + len(group)
-        self.nearest = NEAREST[dtype]
-
-    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
-        member = np.arange(first, first + count)
-        family, place = member // self.size, member % self.size
-        low, high = int(family[0]), int(family[-1]) + 1
-        words = self.base.words(name, low, high - low, draw, used)[:, family - low]
-        for i in used:
-            moved = place == 1 + self.base.place[name, draw, i]
-            near = np.where(words[i] < 0.5, self.nearest, -self.nearest)
-            words[i] += np.where(moved, near, 0.0)
-        return words
-
-
 @lru_cache(maxsize=8)
 def points(
     seed: int, kind: str, dimensions: tuple[RandomDimension, ...], strata: int | None = None
@@ -243,12 +211,11 @@ def points(
     return PointSequence(seed, kind, dimensions, strata)
 
 
-FamilyDesign = Saltelli | NeighbourFamilies | TangentFamilies
-# functions of seed, groups, and the precision of the run
-DESIGNS: dict[str, Callable[[int, Mapping[RandomDimension, int], str], FamilyDesign]] = {
-    "saltelli": lambda seed, group, _: Saltelli(seed, group),
-    "neighbours": lambda seed, group, _: NeighbourFamilies(seed, group),
-    "tangents": TangentFamilies,
+FamilyDesign = Saltelli | NeighbourFamilies
+# functions of seed and groups
+DESIGNS: dict[str, Callable[[int, Mapping[RandomDimension, int]], FamilyDesign]] = {
+    "saltelli": Saltelli,
+    "neighbours": NeighbourFamilies,
 }
 
 

@@ -68,9 +68,7 @@ Positive = Annotated[float, Field(gt=0)]
 Angle = Annotated[float, BeforeValidator(partial(_in_units, "rad")), Field(gt=0)]
 Rate = Annotated[float, BeforeValidator(partial(_in_units, "rad s-1")), Field(ge=0)]
 Share = Annotated[float, Field(gt=0, lt=1)]
-Points = Literal[
-    "independent", "sobol", "latin_hypercube", "antithetic", "saltelli", "neighbours", "tangents"
-]
+Points = Literal["independent", "sobol", "latin_hypercube", "antithetic", "saltelli", "neighbours"]
 Precision = Literal["float64", "float32"]
 
 
@@ -211,6 +209,12 @@ class Run(Table):
             del data["wrt"]  # no derivatives, as without the setting
         if data.get("dt") is not None and data.get("turn") is not None:
             raise SceneError("give dt or turn, not both", at="run.turn", value=data["turn"])
+        if data.get("points") == "tangents":
+            rule = (
+                "were starts and neighbours of an earlier ftle, which now takes exact derivatives:"
+                " run `rigidmc ftle` again"
+            )
+            raise SceneError(rule, at="run.points", value="tangents")
         if data.get("tolerance") is not None and data.get("integrator") is None:
             data["integrator"] = "auto"
         return data

@@ -1,7 +1,7 @@
 """Runs whose bits are compared across vector widths, CPUs and GPUs.
 
 Free, heavy and driven tops, and tops in a bath, with every integrator: with events, statistics,
-noise, work, shadow trajectories, individual steps of members, and float32.
+noise, work, the growth of tangents, individual steps of members, and float32.
 """
 
 import hashlib
@@ -65,7 +65,7 @@ def cases(
             found.append(_case(motion, scene, "rk4, 0.05, float32", **single))
             save = (*scene.run.save, "work", "megno")
             more = {"integrator": "strang", "dt": 0.05, "save": save}
-            found.append(_case(motion, scene, "strang, 0.05, works and a neighbour", **more))
+            found.append(_case(motion, scene, "strang, 0.05, works and a tangent", **more))
     return found
 
 

@@ -107,9 +107,9 @@ def test_the_message_names_what_is_compiled():
     assert (
         summary(
             "rk4",
-            ["march", "begin_monitors", "monitor_steps", "begin_shadow", "renormalise_shadow"],
+            ["march", "begin_monitors", "monitor_steps", "begin_growth", "record_growth"],
         )
-        == "rk4 + running observables + shadow trajectory"
+        == "rk4 + running observables + growth of a tangent"
     )
     assert (
         summary("rk4", ["record", "begin_monitors", "monitor_steps", "refine_event"])

@@ -67,11 +67,11 @@ def moved(run, change=None, at_once=0):
 
 def with_derivatives(plan, derivatives):
     """The program of a plan, with derivatives."""
-    events, running, shadow = plan.monitors.compiled
+    events, running, growth = plan.monitors.compiled
     return Program(
         plan.scheme, blank(plan.model.effects), tuple(plan.recording.recorded.values()),
         plan.has_attitude, plan.compensated, plan.dtype, tuple(plan.limits), plan.works, events,
-        running, shadow, nodes=plan.nodes, shortens=plan.grid.is_shortened, axes=plan.has_axes,
+        running, growth, nodes=plan.nodes, shortens=plan.grid.is_shortened, axes=plan.has_axes,
         derivatives=derivatives,
     )  # fmt: skip
 
@@ -133,7 +133,7 @@ CASES = {
     "compensated": {"compensated": True},
     "own steps": {"turn": 0.05},
     "monitors": {"save": ("omega", "flips", "nutation", "energy_mean", "omega_max")},
-    "shadow": {"save": ("omega", "megno")},
+    "growth": {"save": ("omega", "megno")},
 }
 
 

@@ -78,7 +78,7 @@ class Tangents(NamedTuple):
 
     of_each : derivatives of each number, 0 for none
     in_state, in_work, in_trace, in_kept : vectors from a number to its first derivative in this
-        memory, see `DualRows`
+        memory, see `DualRows`; 0 for memory without derivatives
     of_body, of_effects : whether derivatives of the body and of the effects' parameters may be
         other than 0
     """
@@ -92,7 +92,7 @@ class Tangents(NamedTuple):
     of_effects: bool = True
 
 
-NO_TANGENTS = Tangents(0)
+NO_TANGENTS = Tangents(0, of_body=False, of_effects=False)
 
 
 class KernelKey(NamedTuple):
@@ -145,7 +145,7 @@ def signature_of(key: KernelKey) -> Any:
 def _rows(key: KernelKey, real: Any, apart: int) -> Rows:
     """Return the type of a workspace of a kernel."""
     count, *_, of_body, of_effects = key.tangents
-    if not count:
+    if not count or not apart:
         return Rows(real, key.lanes)
     return DualRows(real, key.lanes, count, apart, (of_body, of_effects))
 

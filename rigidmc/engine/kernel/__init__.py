@@ -25,7 +25,7 @@ monitoring    events and running observables, step by step and node by node
 extrema       extrema between two nodes
 noted         extrema that are searched after the steps, for all members together
 running       states of running observables, in rows and after a step
-shadow        a shadow trajectory: how fast nearby trajectories diverge
+growth        the growth of a tangent: how fast nearby trajectories diverge
 
 and parts that few runs need:
 

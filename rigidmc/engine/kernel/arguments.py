@@ -26,7 +26,7 @@ class KernelTable(NamedTuple):
     march : `rigidmc.engine.kernel.march`
     begin_monitors, monitor_steps : `rigidmc.engine.kernel.monitoring`
     refine_event : `rigidmc.engine.kernel.events`
-    begin_shadow, renormalise_shadow : `rigidmc.engine.kernel.shadow`
+    begin_growth, record_growth : `rigidmc.engine.kernel.growth`
     change_length, reweigh : `rigidmc.engine.kernel.last_interval`
     """
 
@@ -39,8 +39,8 @@ class KernelTable(NamedTuple):
     begin_monitors: CompiledFunction
     monitor_steps: CompiledFunction
     refine_event: CompiledFunction
-    begin_shadow: CompiledFunction
-    renormalise_shadow: CompiledFunction
+    begin_growth: CompiledFunction
+    record_growth: CompiledFunction
     change_length: CompiledFunction
     reweigh: CompiledFunction
 
@@ -51,17 +51,17 @@ class KernelShape(NamedTuple):
     lanes : members worked on at the same time
     values : numbers of a save
     work_row, works : the first row of the works in `state`, and the number of saved works
-    monitor_row, axes_row, shadow_row : the first row of monitors and of axes in `work`, and of the
-        shadow in `state`
-    monitors, shadow : groups of members that are monitored one after the other, 0 if steps are not
-        monitored, and whether there is a shadow trajectory
+    monitor_row, axes_row, growth_row : the first row of monitors, of axes and of growth in `work`
+    monitors, growth : groups of members that are monitored one after the other, 0 if steps are not
+        monitored, and whether the growth of a tangent is recorded
     nodes : monitored states per step, the last of them at its end
     records : of events, two each
     tries : steps back to find the time of an event
     is_random : whether effects are random
     changes_length, reweighs : whether the kernels `change_length` and `reweigh` begin the last
         interval
-    tangents, passes : derivatives of each number in a pass, and passes through the steps
+    tangents, passes : derivatives of each number in a pass, without the tangent that grows, and
+        passes through the steps
     tangents_in_state, tangents_in_work : vectors from a number to its first derivative, see
         `rigidmc.engine.compiler.memory.DualRows`
     parking : the row of the trace from which on the states of finished members are kept
@@ -73,10 +73,10 @@ class KernelShape(NamedTuple):
     works: int
     monitor_row: int
     axes_row: int
-    shadow_row: int
+    growth_row: int
     monitors: int
     nodes: int
-    shadow: int
+    growth: int
     records: int
     tries: int
     is_random: int
@@ -164,7 +164,7 @@ class Workspace(NamedTuple):
     substeps, substep_rows : of a StepScheme, and their number
     block, rows, width : the block, its rows and its members; behind the block are as many rows of
         derivatives by each parameter
-    state, shadow_state : two states
+    state, spare_state : two states
     work, spare_work : two copies of the rows of `work`, see `rigidmc.engine.kernel.layout`
     trace : the states before and after TRACE steps, and one more
     kept : running states before each of TRACE steps
@@ -178,7 +178,7 @@ class Workspace(NamedTuple):
     rows: int
     width: int
     state: Memory
-    shadow_state: Memory
+    spare_state: Memory
     work: Memory
     spare_work: Memory
     trace: Memory

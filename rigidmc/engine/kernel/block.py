@@ -30,7 +30,7 @@ from rigidmc.engine.kernel.layout import (  # fmt: skip
     STEP_LENGTH,
 )
 from rigidmc.physics.dynamics.functions import as_float
-from rigidmc.physics.observables.chaos import RENORMALISE_EVERY
+from rigidmc.physics.observables.chaos import RECORD_EVERY
 
 # Steps between two assessments of drift and health: one assessment takes as long as 2 steps of rk4
 # without effects, 3 % of 64 steps.
@@ -46,7 +46,7 @@ class BlockMemory(NamedTuple):
     substeps: Any
     block: Any
     state: Any
-    shadow: Any
+    spare_state: Any
     work: Any
     spare_work: Any
     trace: Any
@@ -56,10 +56,10 @@ def block_memory(frame):
     """Return the BlockMemory of a frame."""
     real = frame.real
     substeps, block = memory(frame.substeps, 1.0), memory(frame.block, 1.0)
-    state, shadow = memory(frame.state, real), memory(frame.shadow_state, real)
+    state, spare_state = memory(frame.state, real), memory(frame.spare_state, real)
     work, spare_work = memory(frame.work, 1.0), memory(frame.spare_work, 1.0)
     trace = memory(frame.trace, real)
-    return BlockMemory(substeps, block, state, shadow, work, spare_work, trace)
+    return BlockMemory(substeps, block, state, spare_state, work, spare_work, trace)
 
 
 def advance(tree, numbers, frame):
@@ -90,10 +90,10 @@ def run_pass(frame, low, part):
     flat = block_memory(frame)
     gather_members(frame, low)
     gather_tangents(frame, low, part)
+    if frame.growth != 0:
+        gather_growing(frame, low)
     if frame.first == 0:
         initialise_members(frame, low, part)
-    elif frame.shadow != 0:
-        exchange_shadow(frame, 0)
     # Once all lanes are stopped or frozen, no more steps are made, but saves go on to the end.
     now, idle = frame.first, False
     save = next_save(frame, now)
@@ -166,10 +166,8 @@ def begin_last_interval(frame, slot):
     flat, lanes, work = block_memory(frame), frame.lanes, block_memory(frame).work
     own, h, round_start = frame.member_steps, frame.last_h, last_round_start(frame)
     if frame.changes_length != 0:
-        for which in range(1 + frame.shadow):
-            state = flat.shadow if which != 0 else flat.state
-            arguments = flat.substeps, state, work, slot, round_start, h, own
-            call_address(frame.change_length, arguments)
+        arguments = flat.substeps, flat.state, work, slot, round_start, h, own
+        call_address(frame.change_length, arguments)
     if frame.reweighs != 0:
         call_address(frame.reweigh, (work, frame.monitor_row, frame.h / h))
     for k in range(lanes):
@@ -196,13 +194,6 @@ def time_at(frame, now):
     return frame.head // frame.slots * frame.h + late
 
 
-def position(frame, now):
-    """Return the time at step `now`, in steps of the first length."""
-    if now <= frame.head:
-        return now * 1.0
-    return frame.head + (now - frame.head) * (frame.last_h / frame.h)
-
-
 def initialise_members(frame, low, part):
     """Classify, monitor and save the start of the members."""
     flat = block_memory(frame)
@@ -211,11 +202,9 @@ def initialise_members(frame, low, part):
     if frame.monitors != 0:
         arguments = substeps, state, work, frame.monitor_row, frame.axes_row
         call_address(frame.begin_monitors, arguments)
-    if frame.shadow != 0:
-        exchange_shadow(frame, 0)
-        duration = time_at(frame, frame.total)
-        arguments = substeps, state, work, flat.shadow, frame.shadow_row, duration
-        call_address(frame.begin_shadow, arguments)
+    if frame.growth != 0:
+        arguments = substeps, state, work, frame.growth_row, time_at(frame, frame.total)
+        call_address(frame.begin_growth, arguments)
     save_members(frame, low, 0, 0, part)
 
 
@@ -268,19 +257,29 @@ def assess_members(frame, rounds, slot, late, planned):
     return call_address(frame.assess, arguments) == 0
 
 
-def exchange_shadow(frame, stores):
-    """Copy the shadows of the members from their rows, or to their rows if `stores`."""
-    at, flat = frame.shadow_row * frame.lanes, block_memory(frame)
-    state, shadow = flat.state, flat.shadow
-    # A shadow has the body and effects of its member: first copy the whole state, then its own 14
-    # numbers.
-    for i in range((BODY_AT + frame.rows - BODY) * frame.lanes if stores == 0 else 0):
-        shadow[i] = state[i]
-    for i in range(START * frame.lanes):
-        if stores == 0:
-            shadow[i] = state[at + i]
-        else:
-            state[at + i] = shadow[i]
+def gather_growing(frame, low):
+    """Copy the tangents that grow, of the members from `low` on, to the workspace: they are the
+    last derivatives of the state. Bodies and effects do not change along them.
+    """
+    flat, lanes, members = block_memory(frame), frame.lanes, frame.width
+    state = shifted(flat.state, (1 + frame.tangents) * frame.tangents_in_state * lanes)
+    work = shifted(flat.work, (1 + frame.tangents) * frame.tangents_in_work * lanes)
+    first = (frame.growth_row - MEMBER_ROWS) * members + low
+    for i in range(BODY_AT + frame.rows - BODY):
+        for k in range(lanes):
+            state[i * lanes + k] = flat.block[first + i * members + k] if i < START else 0.0
+    for i in range((MEMBER_ROWS + frame.rows) * lanes if frame.tangents != 0 else 0):
+        work[i] = 0.0
+
+
+def scatter_growing(frame, low):
+    """Copy the tangents that grow, of the members from `low` on, back to the block."""
+    flat, lanes, members = block_memory(frame), frame.lanes, frame.width
+    state = shifted(flat.state, (1 + frame.tangents) * frame.tangents_in_state * lanes)
+    first = (frame.growth_row - MEMBER_ROWS) * members + low
+    for i in range(START):
+        for k in range(lanes):
+            flat.block[first + i * members + k] = state[i * lanes + k]
 
 
 def make_steps(frame, round_first, first, last):
@@ -289,33 +288,31 @@ def make_steps(frame, round_first, first, last):
     round_first : the step with which the round began
     """
     now, flat = first, block_memory(frame)
-    substeps, state, shadow, work = flat.substeps, flat.state, flat.shadow, flat.work
+    substeps, state, work = flat.substeps, flat.state, flat.work
     if frame.member_steps != 0:
         last = max_member_steps(frame, last)
     while now < last:
         stop = last
-        if frame.shadow != 0:
-            # Counted from the start of the run, so calls and saves shift no renormalisation.
-            interval = renormalise_interval(round_first + now)
-            stop = min_integer(stop, ((round_first + now) // interval + 1) * interval - round_first)
+        if frame.growth != 0:
+            # Counted from the start of the round, so calls and saves shift no record.
+            interval = record_interval(round_first, now)
+            stop = min_integer(stop, (now // interval + 1) * interval)
         if frame.monitors != 0:
             stop = min_integer(stop, (now // TRACE + 1) * TRACE)
         if frame.member_steps != 0:
             stop = next_finish(frame, now, stop)
         rounds = round_first // frame.slots if frame.member_steps != 0 else 0
-        for which in range(1 + frame.shadow):
-            moved_state = shadow if which != 0 else state
-            # Lanes make steps together: the states of finished members are saved from them.
-            idle = frame.member_steps != 0 and park_finished(frame, moved_state, now, 1)
-            march_members(
-                frame, moved_state, work, frame.monitors if which == 0 else 0, rounds, now, stop
-            )
-            if idle:
-                park_finished(frame, moved_state, now, 0)
-        if frame.shadow != 0 and is_renormalised(round_first + stop, frame.total):
-            at, before = position(frame, stop), position(frame, last_renormalisation(stop))
-            arguments = substeps, state, work, shadow, frame.shadow_row, stop * 1.0, at, before
-            call_address(frame.renormalise_shadow, arguments)
+        # Lanes make steps together: the states of finished members are saved from them.
+        idle = frame.member_steps != 0 and park_finished(frame, state, now, 1)
+        march_members(frame, state, work, frame.monitors, rounds, now, stop)
+        if idle:
+            park_finished(frame, state, now, 0)
+        if frame.growth != 0:
+            is_planned = is_recorded(frame, round_first, stop)
+            if is_planned or frame.member_steps != 0:
+                planned = 1.0 if is_planned else 0.0
+                arguments = substeps, state, work, frame.growth_row, stop * 1.0, planned
+                call_address(frame.record_growth, arguments)
         for group in range(frame.monitors):
             arguments = (
                 substeps, state, work, flat.trace, memory(frame.kept, 1.0), frame.monitor_row,
@@ -325,24 +322,22 @@ def make_steps(frame, round_first, first, last):
         now = stop
 
 
-def renormalise_interval(step):
-    """Return the steps between two renormalisations of the shadow after `step`.
+def record_interval(round_first, step):
+    """Return the steps between two records of growth after step `step` of a round.
 
-    At first this is an eighth of the steps made: between two renormalisations the distance is
-    assumed to grow at one rate.
+    At first this is an eighth of the steps made: between two records the tangent is assumed to grow
+    at one rate.
     """
-    return 1 if step < 16 else 2 if step < 32 else 4 if step < 64 else RENORMALISE_EVERY
+    if round_first > 0:
+        return RECORD_EVERY
+    return 1 if step < 16 else 2 if step < 32 else 4 if step < 64 else RECORD_EVERY
 
 
-def last_renormalisation(step):
-    """Return the step of the last renormalisation before the one at `step`."""
-    interval = renormalise_interval(step - 1)
-    return (step - 1) // interval * interval
-
-
-def is_renormalised(step, total):
-    """Return whether the shadow is renormalised after a step; it is after the last, `total`."""
-    return step == total or step % renormalise_interval(step - 1) == 0
+def is_recorded(frame, round_first, step):
+    """Return whether growth is recorded after step `step` of a round for all members: as planned,
+    and after the last step of a run without member steps."""
+    is_last = frame.member_steps == 0 and step == frame.total
+    return is_last or step % record_interval(round_first, step - 1) == 0
 
 
 def march_members(frame, state, work, is_traced, rounds, first, last):
@@ -388,7 +383,7 @@ def park_finished(frame, state, now, stores):
     for k in range(lanes):
         if work[MEMBER_STEPS * lanes + k] <= float(now):
             is_any_finished = True
-            for j in range(1 + frame.tangents):
+            for j in range(1 + frame.tangents + frame.growth):
                 for i in range(START + frame.works):
                     row = i if i < START else frame.work_row + i - START
                     at = (j * frame.tangents_in_state + row) * lanes + k
@@ -439,32 +434,29 @@ def scatter_members(frame, low, part):
     At the end of the run they contain the last good state and the exact times of events.
     """
     done = 1 if frame.last == frame.total else 0
-    if frame.shadow != 0:
-        exchange_shadow(frame, 1)
     if done != 0 and frame.records > 0:
         refine_events(frame)
     scatter_tangents(frame, low, part)
     if part < frame.passes - 1:
         return
     flat, rows, members, works = block_memory(frame), frame.rows, frame.width, frame.works
-    work_row, shadow_row = BODY + frame.work_row - BODY_AT, BODY + frame.shadow_row - BODY_AT
-    state, work = flat.state, flat.work
-    call_address(
-        frame.scatter,
-        (flat.block, rows, members, low, works, work_row, shadow_row, done, state, work),
-    )
+    work_row = BODY + frame.work_row - BODY_AT
+    at = rows, members, low, works, work_row, done
+    call_address(frame.scatter, (flat.block, *at, flat.state, flat.work))
+    if frame.growth != 0:
+        scatter_growing(frame, low)
 
 
 def scatter_tangents(frame, low, part):
     """Copy the derivatives of the members from `low` on to the block; part : the pass."""
     flat, lanes, rows, members = block_memory(frame), frame.lanes, frame.rows, frame.width
-    work_row, shadow_row = BODY + frame.work_row - BODY_AT, BODY + frame.shadow_row - BODY_AT
+    work_row = BODY + frame.work_row - BODY_AT
     done = 1 if frame.last == frame.total else 0
     for j in range(frame.tangents):
         block = shifted(flat.block, (1 + part * frame.tangents + j) * rows * members)
         state = shifted(flat.state, (1 + j) * frame.tangents_in_state * lanes)
         work = shifted(flat.work, (1 + j) * frame.tangents_in_work * lanes)
-        at = rows, members, low, frame.works, work_row, shadow_row, done
+        at = rows, members, low, frame.works, work_row, done
         call_address(frame.scatter, (block, *at, state, work))
 
 
@@ -473,7 +465,7 @@ def refine_events(frame):
     states."""
     lanes, flat, ratio = frame.lanes, block_memory(frame), 1.0
     substeps, work, spare_work = flat.substeps, flat.work, flat.spare_work
-    state, spare_state = flat.state, flat.shadow
+    state, spare_state = flat.state, flat.spare_state
     if frame.total > frame.head:
         ratio = frame.h / frame.last_h
     long_until = time_at(frame, min_integer(frame.total, frame.head))

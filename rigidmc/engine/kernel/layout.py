@@ -108,13 +108,14 @@ RECORD_ROWS = 12
 RECORDS = _event.take(2 * RECORD_ROWS)  # of the first and of the last
 EVENT_ROWS = _event.end
 
-# Rows of the shadow trajectory: its state and the remainders of its sums, laid out as in a block up
-# to START, then further numbers.
-_shadow = _RowCounter()
-_shadow.take(START)
-SUMS = _shadow.take(3)  # sums of ln growth, and over steps of (d'/d) s and of Y
-WEIGHT = _shadow.take(1)  # 1/|L|^2 of the motion
-SHADOW_ROWS = _shadow.end
+# Rows of the growth of a tangent: the tangent, laid out as a state in a block up to START, then
+# further numbers.
+_growth = _RowCounter()
+_growth.take(START)
+SUMS = _growth.take(3)  # sum of ln growth, and integrals over time of (d'/d) s and of Y
+RECORDED = _growth.take(1)  # time of the last record
+WEIGHT = _growth.take(1)  # 1/|L|^2 of the motion
+GROWTH_ROWS = _growth.end
 
 
 class RowMap(NamedTuple):
@@ -126,7 +127,7 @@ class RowMap(NamedTuple):
     good_works: int  # the same at the last good state
     events: int  # EVENT_ROWS rows for each event
     running: int  # the state of each running observable
-    shadow: int  # SHADOW_ROWS
+    growth: int  # GROWTH_ROWS
     axes: int  # AXES_ROWS if the body is described in axes other than its principal axes
     end: int
 
@@ -140,27 +141,27 @@ def map_rows(
     works: int = 0,
     events: int = 0,
     marks: Sequence[int] = (),
-    shadow: bool = False,
+    growth: bool = False,
     axes: bool = False,
 ) -> RowMap:
     """Return the RowMap for `parameters` parameters of effects and `works` saved works.
 
     events : number of events
     marks : state size of each running observable
-    shadow : whether there is a shadow trajectory
+    growth : whether the growth of a tangent is recorded
     axes : whether members have the rows of their axes
     """
     counts = (
-        parameters, works, works, EVENT_ROWS * events, sum(marks), SHADOW_ROWS * shadow,
+        parameters, works, works, EVENT_ROWS * events, sum(marks), GROWTH_ROWS * growth,
         AXES_ROWS * axes,
     )  # fmt: skip
     return RowMap(*accumulate(counts, initial=EFFECTS))
 
 
-def monitor_rows(events: Sequence[Any], running: Sequence[Any], shadow: Flag) -> int:
+def monitor_rows(events: Sequence[Any], running: Sequence[Any], growth: Flag) -> int:
     """Return the number of rows of a block for the monitors; arguments as in
     `rigidmc.engine.program.Program`."""
-    rows = map_rows(0, 0, len(events), [len(marks) for _, marks in running], len(shadow) > 0)
+    rows = map_rows(0, 0, len(events), [len(marks) for _, marks in running], len(growth) > 0)
     return rows.end - rows.events
 
 

@@ -111,14 +111,11 @@ def gather(tree, numbers, block, rows, members, low, member_steps, h, round_time
     return 0
 
 
-def scatter(
-    tree, numbers, block, rows, members, low, works, work_row, shadow_row, done, state, work
-):
+def scatter(tree, numbers, block, rows, members, low, works, work_row, done, state, work):
     """Copy the rows of the members from `low` on back to the block; finally the last good state.
 
     works : number of works, in the rows from `work_row` of the block on, followed by the last good
         ones
-    shadow_row : the first row of the shadow trajectory, after the rows of monitors
     """
     for row in range(rows):
         place = row * members + low
@@ -126,11 +123,7 @@ def scatter(
             last = done != 0 and row < EXTRA
             x = work[MEMBER_ROWS + GOOD_STATE + row] if last else cast_like(state[row], work)
             store_lanes(block, place, x)
-        elif row < BODY:
-            store_lanes(block, place, work[MEMBER_ROWS + row])
-        elif row >= shadow_row:
-            store_lanes(block, place, cast_like(state[BODY_AT + row - BODY], work))
-        elif row >= work_row + works:
+        elif row < BODY or row >= work_row + works:
             store_lanes(block, place, work[MEMBER_ROWS + row])
         elif row >= work_row:
             now = cast_like(state[BODY_AT + row - BODY], work)

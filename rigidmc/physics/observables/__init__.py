@@ -45,7 +45,7 @@ from rigidmc.physics.dynamics.methods import argument_names, implements, number_
 from rigidmc.physics.observables.protocol import (
     EnsembleObservable,
     Event,
-    Neighbour,
+    Growth,
     NoiseSum,
     Observable,
     Outputs,
@@ -95,7 +95,7 @@ def is_observable(value: Any) -> bool:
     if type(value) is tuple:  # a plain tuple of observables, not an observable
         return False
     if type(value) not in _of_observables:
-        kinds = Observable, Event, Running, Neighbour, NoiseSum, EnsembleObservable
+        kinds = Observable, Event, Running, Growth, NoiseSum, EnsembleObservable
         if not isinstance(value, tuple) or not (isinstance(value, kinds) or is_opaque(value)):
             return False
         _of_observables.add(type(value))

@@ -158,13 +158,16 @@ class Running(Monitored, Protocol):
 
 
 @runtime_checkable
-class Neighbour(Monitored, Protocol):
-    """Results of a shadow trajectory, see `rigidmc.engine.kernel.shadow`."""
+class Growth(Monitored, Protocol):
+    """Results of the growth of a tangent, see `rigidmc.engine.kernel.growth`.
 
-    shadow: bool
+    growth_method : how the growth is found; the attribute `method` of the results
+    """
 
-    def results(self, state: Array, steps: float, h: Array) -> dict[str, Array]:
-        """Return the outputs from the sums (3, n) over this number of steps of length h [s]."""
+    growth_method: str
+
+    def results(self, state: Array, time: Array) -> dict[str, Array]:
+        """Return the outputs from the sums (3, n) over this time [s]."""
 
 
 @runtime_checkable
@@ -235,7 +238,7 @@ _DEFAULTS: dict[type, dict[str, Any]] = {
     Observable: {"conserved": ""},
     Event: {**_OVER_STEPS, "bind": _as_it_stands},
     Running: _OVER_STEPS,
-    Neighbour: _OVER_STEPS,
+    Growth: _OVER_STEPS,
     NoiseSum: _OVER_STEPS,
     EnsembleObservable: _OVER_STEPS,
 }
@@ -314,7 +317,7 @@ def _members(protocol: type) -> Sequence[str]:
 observable = _decorator(Observable)
 event = _decorator(Event)
 running = _decorator(Running)
-neighbour = _decorator(Neighbour)
+growth = _decorator(Growth)
 noise_sum = _decorator(NoiseSum)
 ensemble = _decorator(EnsembleObservable)
 

@@ -135,7 +135,7 @@ def results_of(one: Any, numbers: Any, *more: Any) -> dict[str, Any]:
 
 def outputs_with_derivatives(label: str, one: Any) -> list[str]:
     """Return the variables of an observable over all steps that have derivatives by parameters of
-    the scene. Counts and results of a shadow trajectory have none.
+    the scene. Counts, and the growth of a tangent, have none.
 
     label : as in `rigidmc.physics.observables.outputs`
     """

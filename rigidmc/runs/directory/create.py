@@ -43,7 +43,7 @@ from rigidmc.results.run_directory import (
 )
 from rigidmc.results.sinks import Arrays
 from rigidmc.results.writer import write_columns
-from rigidmc.runs.directory.load import scene_in
+from rigidmc.runs.directory.load import growth_methods, scene_in
 from rigidmc.runs.directory.shards import (
     SHARD,
     TIME,
@@ -169,6 +169,7 @@ def _facts(run: PreparedRun, shard: int, block: int, about: Mapping[str, str]) -
     """Return the facts for run.json, with the hashes of scene and columns still empty."""
     scene = run.scene
     versions, machine = this_machine(*["scipy"] * bool(drawn_through(scene.model, scene.run)))
+    versions |= growth_methods(run.scene)
     sources = [file for part in user_parts_of(scene) for file in sources_of(type(part))]
     return {
         "format": FORMAT,

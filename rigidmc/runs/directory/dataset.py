@@ -14,9 +14,14 @@ from rigidmc.files.stores import absolute, local_copy
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.reader import check_result
 from rigidmc.results.run_directory import RunDirectory
-from rigidmc.results.variables import Variable
+from rigidmc.results.variables import METHOD, Variable
 from rigidmc.runs.directory.chunks import GROWING, ShardChunks
-from rigidmc.runs.directory.load import load_run, scene_of_run, text_of_run
+from rigidmc.runs.directory.load import (
+    load_run,
+    method_of_growth,
+    scene_of_run,
+    text_of_run,
+)
 from rigidmc.scene.amounts import count_text
 
 
@@ -50,6 +55,9 @@ def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
             stacklevel=3,
         )
     layout = _of_shard(directory, shards.paths[0]) if run is None else _of_run(run.layout)
+    for _, _, attrs in layout.variables.values() if run is not None else ():
+        if METHOD in attrs:
+            attrs[METHOD] = method_of_growth(directory)
     about = layout.coordinates["member"][2]
     layout.coordinates["member"] = xr.IndexVariable(("member",), shards.indices(), about)
     shards.group(layout.variables, layout.sizes)

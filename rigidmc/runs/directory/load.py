@@ -2,7 +2,7 @@
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 import tomli_w
@@ -13,12 +13,37 @@ from rigidmc.errors import FileError, SceneError
 from rigidmc.files.netcdf import read
 from rigidmc.files.opening import open_plain
 from rigidmc.files.reading import text_of, toml
+from rigidmc.physics.observables import WATCHED
+from rigidmc.physics.observables.protocol import Growth
 from rigidmc.results.run_directory import RunDirectory, hash_of, hash_of_file
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import block_of_shard
+from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene, loads
 
 STUDY = "study"  # the attribute with the name of a study, then its request as JSON
+
+
+# how the growth of a small change is found, and how it was before run.json told
+GROWTH_METHODS = {"megno": WATCHED["megno"].growth_method}
+FORMER_METHODS = {"megno": "neighbour"}
+
+
+def growth_methods(scene: Scene) -> dict[str, str]:
+    """Return the entries of GROWTH_METHODS that concern the results of a scene."""
+    monitored = make_recording(scene).monitored
+    return GROWTH_METHODS if any(isinstance(one, Growth) for _, one in monitored) else {}
+
+
+def method_of_growth(directory: RunDirectory) -> str:
+    """Return how the runs of a directory find the growth of a small change."""
+    return str({**FORMER_METHODS, **directory.facts["versions"]}["megno"])
+
+
+def _saved(directory: RunDirectory) -> Collection[str]:
+    """Return the names of what a run saves, without reading its parts."""
+    tables = toml(text_of(os.path.join(directory.folder, "scene.toml"), links=False))
+    return {*tables.get("run", {}).get("save", ()), *tables.get("observables", {})}
 
 
 def load_run(directory: RunDirectory, allow_code: bool = False) -> PreparedRun:
@@ -124,7 +149,9 @@ def check_versions(directory: RunDirectory, accept: bool) -> None:
     known = directory.facts["versions"]
     versions, _ = this_machine(*["scipy"] * ("scipy" in known))
     compiled = dict.fromkeys(UNCOMPILED, "yes")
-    there, here = {**compiled, **known}, {**compiled, **versions}
+    former = FORMER_METHODS if "megno" in _saved(directory) else {}
+    there, here = {**compiled, **former, **known}, {**compiled, **versions}
+    here |= {name: GROWTH_METHODS[name] for name in there.keys() & GROWTH_METHODS.keys()}
     other = [
         f"{name} {there.get(name)} there, {here.get(name)} here"
         for name in {**here, **there}

@@ -60,7 +60,7 @@ Vector distributions:
 [run]
   points                     how distributions are sampled: "independent",
                              "sobol", "latin_hypercube", "antithetic",
-                             "saltelli", "neighbours", "tangents"
+                             "saltelli", "neighbours"
 """
 
 import os

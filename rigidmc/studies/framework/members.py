@@ -19,7 +19,7 @@ from rigidmc.mechanics.euler_angles import TEXTBOOK, angle_names
 from rigidmc.physics.dynamics.body_axes import body_axes
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import is_random
-from rigidmc.physics.observables import OBSERVABLES
+from rigidmc.physics.observables import OBSERVABLES, label_observables
 from rigidmc.planning.initial import make_sampler
 from rigidmc.planning.saves import first_and_last
 from rigidmc.progress import Progress, announce, reporter, say
@@ -256,6 +256,14 @@ def refuse_noise(scene: Scene) -> None:
         if is_random(effect):
             rule = "noise separates any two motions: this study requires a scene without noise"
             raise SceneError(rule, at=f"effects.{label}")
+
+
+def refuse_stops(scene: Scene) -> None:
+    """Raise SceneError for an event that stops members: an exponent is of a motion that goes on."""
+    for label, one in label_observables(scene.observables):
+        if getattr(one, "stop", False):
+            rule = "stops members, but exponents are of a motion that goes on: remove it"
+            raise SceneError(rule, at=f"observables.{label}.stop", value=True)
 
 
 def _element(part: xr.Dataset, indices: Sequence[str]) -> Array:

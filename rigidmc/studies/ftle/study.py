@@ -1,15 +1,17 @@
 """Compute how much a small change of each start has grown at the end: the field of finite-time
 Lyapunov exponents, whose ridges are the stable manifolds of unstable motions.
 
-With the flow Phi over the time T and all changes x of the d parameters that a start draws::
+With the flow Phi over the time T and all changes x of the start by its uncertain parameters::
 
     ftle = 1/T ln max |D Phi x|/|x|,   |x|^2 = angle^2 + unit^2 |change of omega|^2
 
 The maximum is the root of the largest eigenvalue of the Cauchy-Green tensor of the changes at
-the end, relative to that of the changes at the start. The changes are the differences from d shadow
-trajectories, see `rigidmc.scene.sampling.TangentFamilies`: with six parameters they span all
-changes of attitude and angular velocity, with fewer a subspace. A different unit changes ftle by a
-term of size 1/T.
+the end, relative to that of the changes at the start. The changes are exact derivatives of the
+steps (`[run] wrt`), so no distance has to be small, and neither the precision nor the width of a
+distribution matters. With six parameters they span all changes of attitude and angular velocity,
+with fewer a subspace; a vector or an attitude that is drawn as a whole changes in all directions.
+Bodies, effects and noise of a member do not change. A different unit changes ftle by a term of size
+1/T.
 Source: Haller, Physica D 149 (2001) 248; Shadden, Lekien & Marsden, Physica D 212 (2005) 271.
 
 {parameters}
@@ -17,14 +19,14 @@ Source: Haller, Physica D 149 (2001) 248; Shadden, Lekien & Marsden, Physica D 2
 Returns
 -------
 xarray.Dataset
-    over family: `ftle` [1/s], nan where a member is flagged, the changes are not independent,
-    or a shadow trajectory is nearer than rounding; and `start`, over number (a parameter)
+    over family: `ftle` [1/s], nan where a member is flagged or a derivative is not finite; and
+    `start`, over number (a parameter)
 
 Raises
 ------
 SceneError
-    if nothing or more than six parameters are drawn, if parameters outside the start are drawn,
-    or if an effect is random
+    if the start has no uncertain parameter, or one without derivatives, and for closed forms, which
+    have no steps
 
 Examples
 --------
@@ -33,10 +35,11 @@ The angular velocity about the axis of a disc is constant, and its change times 
 >>> start = rm.Start(omega=(0.0, 0.0, rm.uniform(1.0, 2.0)))
 >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
 >>> found = rm.ftle(scene, 8, unit=1.0, integrator="exact", t_end=10.0)
->>> bool(abs(found.ftle - np.log(101.0) / 20.0).max() < 1e-6)
+>>> bool(abs(found.ftle - np.log(101.0) / 20.0).max() < 1e-12)
 True
 """
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -45,42 +48,34 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.errors import SceneError
-from rigidmc.planning.initial import uncertain_numbers
-from rigidmc.results.frames import described, principal
-from rigidmc.results.intervals import resolution_of
+from rigidmc.errors import OptionError, SceneError
+from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.results.labels import count_text, value_text
+from rigidmc.runs.resources import refuse_count
+from rigidmc.scene.quantities import is_shared
+from rigidmc.scene.sampling import is_drawn
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.start import Start
 from rigidmc.studies.framework.members import (
     TUNING,
     Batches,
     Members,
-    drawn_families,
-    family_size,
-    refuse_noise,
+    refuse_stops,
     start_numbers,
 )
 from rigidmc.studies.framework.options import Example, Options, option
 from rigidmc.studies.framework.study import Study
 
 Array = NDArray[np.float64]
-FAR = 0.1  # rad: shadow trajectories that end farther apart are no longer tangent
-RESOLVED = 30.0  # least difference, in units of the resolution: growth is then known to 3 %
-CURE = (
-    "use wider distributions (the exponents do not depend on the width), float64 or a shorter time"
-)
-ALIKE = 1e-8  # least eigenvalue of the start directions; below it they differ by rounding alone
-STATE = "attitude_last", "omega_last"
+ALIKE = 1e-8  # least eigenvalue of independent changes; below it they differ by rounding alone
+STATE = "attitude", "omega"
+KEPT_CHANGES = 1600.0  # bytes: twice six numbers for each of six parameters, and two copies
 
 
 class FtleOptions(Options):
     """The options of `ftle`."""
 
-    families: int = option(
-        16384,
-        "number of starts; each has one shadow trajectory per uncertain parameter",
-        is_new=True,
-    )
+    families: int = option(16384, "number of starts", is_new=True)
     unit: float | None = option(
         None,
         "time that turns changes of angular velocity into angles, by multiplication",
@@ -100,124 +95,143 @@ class FtlePlaneOptions(Options):
 
 
 def scene_of_tangents(scene: Scene, options: FtleOptions, settings: Mapping[str, Any]) -> Scene:
-    """Return the scene with the members of the study; SceneError if it has no tangents."""
-    refuse_noise(scene)
-    scene = drawn_families(scene, STATE, "tangents", options.families)
-    names, dimensions = uncertain_numbers(scene.model)
-    for name in names:
-        if not name.startswith("start."):
-            rule = "is uncertain but not a parameter of the start: give it one value"
-            raise SceneError(rule, at=name, table="")
-    if len(dimensions) > 6:
-        rule = f"{len(dimensions)} parameters are drawn, and a state has six: give some one value"
-        raise SceneError(rule, at=f"start.{scene.start.spin_name}")
-    return scene
+    """Return the scene with the members of the study, saved at start and end with the derivatives
+    by their starts."""
+    names = uncertain_parameters(scene.start)
+    if not names:
+        rule = "has no distribution, table or grid, so no parameter changes"
+        raise SceneError(rule, at="start", table="")
+    refuse_count(options.families, "families", KEPT_CHANGES, "use fewer families")
+    return dataclasses.replace(scene, observables=()).with_run(
+        points="sobol" if is_drawn(scene.model) else "independent",
+        wrt=names,
+        save=STATE,
+        keep="full",
+        every=scene.run.t_end,
+        members=options.families,
+        first=0,
+    )
 
 
-def exponents(start: Array, end: Array, unit: float, time: float) -> tuple[Array, Array]:
-    """Return (ftle [1/s], largest distance of a shadow trajectory at the end) of families.
+def uncertain_parameters(start: Start) -> tuple[str, ...]:
+    """Return the names of the parameters of a start by which members differ; one name for a vector
+    or an attitude that is drawn as a whole."""
+    names: list[str] = []
+    for key, parts in (("attitude", angle_names(start.sequence)), (start.spin_name, "123")):
+        value, whole = getattr(start, key), f"start.{key}"
+        if not isinstance(value, tuple) or len(value) != len(parts):
+            names += [whole] * (not isinstance(value, tuple) or not is_shared(*value))
+        else:
+            pairs = zip(parts, value, strict=True)
+            names += [f"{whole}.{part}" for part, one in pairs if not is_shared(one)]
+    return tuple(names)
 
-    start, end : (families, 1 + d, 7) attitudes and angular velocities of the members
+
+def check_result(scene: Scene, result: xr.Dataset, options: FtleOptions) -> None:
+    """Raise OptionError for a result without the derivatives at start and end by its starts."""
+    refuse_stops(scene)
+    lacking = [f"d_{name}" for name in STATE if "time" not in result.get(f"d_{name}", result).dims]
+    if lacking or result.sizes["time"] < 2 or not _parameters(result):
+        rule = (
+            "expected the derivatives of attitude and omega by parameters of the start, saved at"
+            f" start and end; `rigidmc run SCENE --save {','.join(STATE)} --wrt start.omega.1`"
+        )
+        raise OptionError(rule, at="run.wrt", value=list(scene.run.wrt or ()))
+
+
+def _parameters(result: xr.Dataset) -> list[str]:
+    """Return the parameters of the start by which a result has derivatives."""
+    names = map(str, result.parameter.values if "parameter" in result else ())
+    return [name for name in names if name.startswith("start.")]
+
+
+def exponents(start: Array, end: Array, time: float) -> Array:
+    """Return ftle [1/s] of members, nan where a change is not finite.
+
+    start, end : (members, d, 6) changes: angles, and changes of angular velocity times the unit
     """
-    before, after = _changes(start, unit), _changes(end, unit)
     with np.errstate(all="ignore"):
-        long = np.sqrt((before * before).sum(axis=-1, keepdims=True))
-        before, apart = before / long, np.sqrt((after * after).sum(axis=-1)).max(axis=-1)
-        after = after / long
-    first, last = (x @ np.swapaxes(x, -1, -2) for x in (before, after))
-    first = np.where(np.isfinite(first), first, 0.0)
-    values, vectors = np.linalg.eigh(first)
+        # a change of any length has the same growth, and no square is out of range
+        size = np.abs(start).max(axis=-1, keepdims=True)
+        start, end = start / size, end / size
+        long = np.sqrt((start * start).sum(axis=-1, keepdims=True))
+        first, last = start / long, end / long
+        largest = np.abs(last).max(axis=(1, 2))
+        last = last / largest[:, None, None]
+        first, last = (x @ np.swapaxes(x, -1, -2) for x in (first, last))
+    good = np.isfinite(first).all(axis=(1, 2)) & np.isfinite(last).all(axis=(1, 2))
+    values, vectors = np.linalg.eigh(np.where(good[:, None, None], first, 0.0))
+    # of changes that depend on each other, only the independent ones count
+    counts = values > ALIKE
+    roots = vectors * (counts / np.sqrt(np.where(counts, values, 1.0)))[:, None, :]
+    grown = np.swapaxes(roots, -1, -2) @ np.where(good[:, None, None], last, 0.0) @ roots
     with np.errstate(all="ignore"):
-        roots = vectors / np.sqrt(values)[:, None, :]
-        grown = np.swapaxes(roots, -1, -2) @ last @ roots
-        good = np.isfinite(grown).all(axis=(1, 2)) & (values[:, 0] > ALIKE)
-        largest = np.linalg.eigvalsh(np.where(good[:, None, None], grown, 0.0))[:, -1]
-        found = np.where(good, 0.5 * np.log(largest) / time, np.nan)
-    return found, apart
-
-
-def is_resolved(start: Array, end: Array, unit: float, eps: float) -> NDArray[np.bool_]:
-    """Return whether the differences in families exceed rounding: all differences at the start, and
-    the largest at the end, must be RESOLVED times the resolution of the states.
-
-    eps : the relative resolution of the states;  others as in `exponents`
-    """
-    sure = np.ones(start.shape[0], bool)
-    for states, least in ((start, np.min), (end, np.max)):
-        spin = unit * np.sqrt((states[:, 0, 4:] ** 2).sum(axis=-1))
-        long = np.sqrt((_changes(states, unit) ** 2).sum(axis=-1))
-        with np.errstate(invalid="ignore"):
-            sure &= ~(least(long, axis=-1) < RESOLVED * eps * np.hypot(1.0, spin))
-    return sure
-
-
-def _changes(states: Array, unit: float) -> Array:
-    """Return differences (families, d, 7) between shadow trajectories and their member: angles, and
-    changes of angular velocity times `unit`. The states are (families, 1 + d, 7)."""
-    own, others = states[:, :1], states[:, 1:]
-    same = np.where((own[..., :4] * others[..., :4]).sum(-1, keepdims=True) < 0.0, -1.0, 1.0)
-    turned = 2.0 * (same * others[..., :4] - own[..., :4])
-    return np.concatenate([turned, unit * (others[..., 4:] - own[..., 4:])], axis=-1)
-
-
-def _states(part: xr.Dataset) -> tuple[Array, Array]:
-    """Return (start, end) of members, (n, 7) each; the end is nan for flagged members."""
-    if "start_omega" in part:
-        spin = part["start_omega"]
-    else:
-        spin = described(part, principal(part, "start_momentum") / part.moments)
-    end = np.concatenate([part[name].transpose(..., "member").values for name in STATE])
-    start = [x.transpose(..., "member").values for x in (part["start_attitude"], spin)]
-    return np.concatenate(start).T, np.where(part.status.values == 0, end, np.nan).T
+        square = np.linalg.eigvalsh(grown)[:, -1]
+        found: Array = (0.5 * np.log(square) + np.log(largest)) / time
+    return np.where(good, found, np.nan)
 
 
 def reduce(batches: Batches, options: FtleOptions) -> xr.Dataset:
     """Return the Dataset of the study of members."""
-    scene, unit = batches.scene, options.unit
-    names, many = uncertain_numbers(scene.model)[0], family_size(scene)
-    count = -(-(scene.run.first + scene.run.members) // many)
-    states = np.full((2, count * many, 7), np.nan)
-    numbers, units = np.full((count, len(names)), np.nan), ["1"] * len(names)
-    for part in batches.results:
-        member = part.member.values
-        states[:, member] = _states(part)
-        own = member % many == 0
-        for i, name in enumerate(names):
-            values, units[i] = start_numbers(part, name)
-            numbers[member[own] // many, i] = values[own]
+    scene, parts = batches.scene, list(map(_changes, batches.results))
+    names, time = parts[0][0], float(scene.run.t_end)
+    changes, numbers = (np.concatenate([part[i] for part in parts]) for i in (1, 2))
+    unit = options.unit
     if unit is None:
-        with np.errstate(all="ignore"):
-            square = float(np.nanmean((states[..., 4:] ** 2).sum(axis=-1)))
+        square = sum(part[3] for part in parts) / max(1, sum(part[4] for part in parts))
         # 1 s if nothing rotates: the unit then has no effect
         unit = 1.0 / math.sqrt(square) if square > 0.0 else 1.0
-    start, end = states.reshape(2, count, many, 7)
-    found, apart = exponents(start, end, unit, scene.run.t_end)
-    sure = is_resolved(start, end, unit, resolution_of(scene))
-    flat, found = np.isnan(found), np.where(sure, found, np.nan)
-    about = {"long_name": "finite-time Lyapunov exponent", "units": "s-1"}
+    changes[..., 3:] *= unit
+    found = exponents(changes[:, 0], changes[:, 1], time)
+    about = {
+        "long_name": "finite-time Lyapunov exponent",
+        "units": "s-1",
+        "method": "tangents",
+    }
     variables: dict[str, Any] = {
         "ftle": ("family", found, about),
-        "start": (("family", "number"), numbers, {"long_name": "parameter of the first member"}),
+        "start": (("family", "number"), numbers, {"long_name": "parameter of the start"}),
     }
     attrs = {
         "title": scene.title,
-        "t_end": float(scene.run.t_end),
+        "t_end": time,
         "unit": unit,
-        "numbers": many - 1,
-        "far": int((apart > FAR).sum()),
-        "left_out": int((flat & sure).sum()),
-        "unresolved": int((~sure).sum()),
+        "numbers": len(names),
+        "left_out": int(np.isnan(found).sum()),
         "scene": scene.dumps(),
     }
-    return xr.Dataset(variables, {"number": names, "units": ("number", units)}, attrs)
+    units = ("number", parts[0][5])
+    member = np.concatenate([part[6] for part in parts])
+    return xr.Dataset(variables, {"family": member, "number": names, "units": units}, attrs)
+
+
+def _changes(part: xr.Dataset) -> tuple[Any, ...]:
+    """Return of members: the names of their d parameters; their changes (n, 2, d, 6) at start and
+    end, angles and changes of angular velocity, nan if flagged; the parameters (n, d); the sum of
+    the squares of the angular velocities and their number; the units of the parameters; and the
+    indices of the members."""
+    names, ends = _parameters(part), part.isel(time=[0, -1])
+    both = [
+        ends[f"d_{name}"].sel(parameter=names).transpose("member", "time", "parameter", "axis")
+        for name in STATE
+    ]
+    healthy = part.status.values == 0
+    changes = np.concatenate(both, axis=-1)
+    changes[~healthy] = np.nan
+    square = (ends.omega**2).sum("axis").transpose("member", "time").values[healthy]
+    starts = [start_numbers(part, name) for name in names]
+    numbers, units = zip(*starts, strict=True)
+    known = names, changes, np.stack(numbers, -1), float(square.sum()), square.size
+    return *known, list(units), part.member.values
 
 
 def table(study: xr.Dataset) -> list[str]:
     """Return the study as lines of text."""
     a, good = study.attrs, study.ftle.values[np.isfinite(study.ftle.values)]
     lines = [
-        f"{a['title']}: {count_text(good.size, 'start')}, each with one shadow trajectory per"
-        f" uncertain parameter ({a['numbers']}), to t = {a['t_end']:g} s; unit = {a['unit']:.4g} s"
+        f"{a['title']}: {count_text(good.size, 'start')}, each changed by"
+        f" {count_text(a['numbers'], 'parameter')}, to t = {a['t_end']:g} s; unit ="
+        f" {a['unit']:.4g} s"
     ]
     if good.size:
         ends = np.quantile(good, [0.0, 0.05, 0.5, 0.95, 1.0])
@@ -230,18 +244,8 @@ def table(study: xr.Dataset) -> list[str]:
                 strict=True,
             )
         ]
-    if far := a["far"]:
-        lines.append(
-            f"  starts whose shadow trajectories end more than {FAR} rad apart; their growth may be"
-            f" larger: {far:,}"
-        )
-    if rounded := a["unresolved"]:
-        lines.append(
-            "  starts left out because their shadow trajectories differ by little more than"
-            f" rounding: {rounded:,}; {CURE}"
-        )
     if left := a["left_out"]:
-        lines.append(f"  starts left out with a flagged member or dependent changes: {left:,}")
+        lines.append(f"  starts left out, flagged or with an infinite derivative: {left:,}")
     return lines
 
 
@@ -249,12 +253,12 @@ ftle = Study(
     name="ftle",
     text=__doc__,
     options=FtleOptions,
-    work=Members(scene_of_tangents, reduce, batch=2**17, points="tangents", needs=STATE),
+    work=Members(scene_of_tangents, reduce, batch=2**15, check=check_result),
     table=table,
     picture="ftle_field",
     picture_options=FtlePlaneOptions,
     settings=TUNING,
     scene_text="a scene, its file, or the name of a shipped scene; the parameters of its start that"
-    " are distributions change",
+    " are distributions, tables or grids change",
     example=Example("dzhanibekov", {"families": 12}, {"t_end": 6.0}),
 )

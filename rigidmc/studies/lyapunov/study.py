@@ -59,7 +59,6 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError, SceneError
-from rigidmc.physics.observables import label_observables
 from rigidmc.planning.initial import make_pilot
 from rigidmc.planning.scheme import largest_rates
 from rigidmc.planning.turns import longest_interval
@@ -72,7 +71,7 @@ from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.recording import conservation
 from rigidmc.scene.sampling import is_sample
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.framework.members import TUNING
+from rigidmc.studies.framework.members import TUNING, refuse_stops
 from rigidmc.studies.framework.options import Example, Options, Time, confidence_option, option
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.framework.tasks import Tasks
@@ -111,7 +110,7 @@ def start(
     scene: Scene, options: LyapunovOptions, settings: Mapping[str, Any]
 ) -> tuple[Scene, dict[str, Any]]:
     """Return (the scene of the members, saved at each orthonormalisation; the request)."""
-    _refuse_stops(scene)
+    refuse_stops(scene)
     run = prepare_scene(scene.with_run(save=STATE, keep="full", every=scene.run.t_end))
     if isinstance(settings.get("every"), tuple):
         rule = "exponents are saved at even times: give the time between saves"
@@ -125,14 +124,6 @@ def start(
     refuse_count(members, "members with a spectrum", 3 * 8 * (2 * COUNT + 1) * saves)
     lanes = min(LARGEST // layout.LANES, -(-members // (TASKS * layout.LANES)))
     return run.scene.with_run(every=interval), {"keep": keep, "size": lanes * layout.LANES}
-
-
-def _refuse_stops(scene: Scene) -> None:
-    """Raise SceneError for an event that stops members: an exponent is of a motion that goes on."""
-    for label, one in label_observables(scene.observables):
-        if getattr(one, "stop", False):
-            rule = "stops members, but exponents are of a motion that goes on: remove it"
-            raise SceneError(rule, at=f"observables.{label}.stop", value=True)
 
 
 def _interval(run: PreparedRun, given: float | None, every: float | None) -> tuple[float, int]:

@@ -34,7 +34,7 @@ BOUNDS = {
     # measured 1287: the steps of a search are loaded member by member
     ("rk4", True, "omega_max"): {"monitor_steps": 1416},
     ("rk4", True, "energy_mean"): {"begin_monitors": 102, "monitor_steps": 158},  # measured 92, 143
-    ("rk4", True, "megno"): {"begin_shadow": 180, "renormalise_shadow": 233},  # measured 163, 212
+    ("rk4", True, "megno"): {"begin_growth": 180, "record_growth": 233},  # measured 163, 212
 }  # fmt: skip
 
 

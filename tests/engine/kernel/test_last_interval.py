@@ -108,8 +108,8 @@ def test_bits_up_to_the_last_save_but_one_are_those_of_a_run_that_ends_there(wat
 @pytest.mark.parametrize("settings", [
     {"integrator": "srkn11", "save": WATCHED},
     {"integrator": "rk8", "save": ("attitude", "megno")},
-    {"turn": 0.05, "integrator": "rk8", "save": WATCHED},
-], ids=["kept", "neighbour", "own steps"])  # fmt: skip
+    {"turn": 0.05, "integrator": "rk8", "save": (*WATCHED, "megno")},
+], ids=["kept", "tangent", "own steps"])  # fmt: skip
 def test_calls_change_no_bit(monkeypatch, settings):
     """A run may be cut anywhere, also before and after the first step of the last interval."""
     whole = rm.simulate(scene().with_run(**settings))

@@ -45,7 +45,7 @@ def test_a_scene_is_staged_by_the_table_of_rows(save):
         len(work_flags(scene.effects, "work" in save)),
         len(watched.events),
         [len(marks) for _, marks in watched.running],
-        bool(watched.shadow),
+        bool(watched.growth),
     )
     assert (
         rows.events == block_rows(scene.effects, "work" in save)

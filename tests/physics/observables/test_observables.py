@@ -14,7 +14,7 @@ from rigidmc.physics.observables.protocol import (
     EnsembleObservable,
     Event,
     EventRecord,
-    Neighbour,
+    Growth,
     NoiseSum,
     Observable,
     Running,
@@ -105,7 +105,7 @@ def over_steps():
 def test_outputs_over_all_steps(label):
     one = over_steps()[label]
     one.check()
-    every = Event, Running, Neighbour, NoiseSum, EnsembleObservable
+    every = Event, Running, Growth, NoiseSum, EnsembleObservable
     kinds = [kind for kind in every if isinstance(one, kind)]
     assert len(kinds) == 1
     facts, some = outputs(label, one), np.ones(2)
@@ -116,8 +116,8 @@ def test_outputs_over_all_steps(label):
         kept = begin(one, BODY, (), 0.0, Q, L)
         assert len(kept) == len(update(one, kept, BODY, (), 0.1, Q, L)) == one.state_size
         found = one.results(np.array([kept, kept]).T, some)
-    elif kinds == [Neighbour]:
-        found = one.results(np.ones((3, 2)), 4, some)
+    elif kinds == [Growth]:
+        found = one.results(np.ones((3, 2)), some)
     elif kinds == [NoiseSum]:
         found = one.results(np.ones((7, 2)))
     else:

@@ -1,0 +1,156 @@
+"""The growth of a tangent of each member: how fast nearby trajectories diverge.
+
+The tangent is the derivative of the state along one direction, and moves with it: `march` makes the
+steps of both, exactly. At each record the growth of its length is added up, and its length is made
+1 again, so that no number overflows: every RECORD_EVERY steps, at first more often, and after the
+last step. Its rows are the GROWTH_ROWS of `rigidmc.engine.kernel.layout`. While steps are made, the
+tangent is the last derivative of the state, and to these kernels the only one. The kernels are like
+the kernels of `rigidmc.engine.kernel.member`.
+"""
+
+import math
+import sys
+
+from rigidmc.engine.compiler.compose import inline_all
+from rigidmc.engine.compiler.derivatives import change_of, moving, without_derivatives
+from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
+from rigidmc.engine.compiler.memory import four_at, put_rows, three_at, tuple_at
+from rigidmc.engine.compiler.trees import tree_unpack
+from rigidmc.engine.kernel.layout import (  # fmt: skip
+    ATTITUDE,
+    GOOD_STATE,
+    MEMBER_ROWS,
+    MEMBER_STEPS,
+    RECORDED,
+    ROUND_START,
+    START,
+    STEP_LENGTH,
+    SUMS,
+    WEIGHT,
+    body_and_effects,
+    momentum_at,
+    opening_substep,
+    put_stepping,
+)
+from rigidmc.physics.dynamics.euler import kinetic_energy
+from rigidmc.physics.dynamics.functions import logarithm
+from rigidmc.physics.dynamics.so3 import dot, first_three, scale, select
+from rigidmc.physics.effects.sums import total_energy_scale, total_torque
+from rigidmc.physics.integrators.protocol import from_stepping, to_stepping
+from rigidmc.physics.observables.chaos import TORQUE_TRIALS
+
+_STATE = (0.0,) * START  # marks of the numbers of a state that steps move
+
+
+def begin_growth(tree, numbers, substeps, state, work, row, duration):
+    """Give each member a tangent of length 1, in a direction that is special for no body.
+
+    row : first of the rows of growth in `work`;  duration : of the run [s]
+    """
+    integrator, effects = tree_unpack(tree, numbers)
+    body, present = body_and_effects(effects, work)
+    q, l = four_at(work, MEMBER_ROWS + GOOD_STATE), three_at(work, MEMBER_ROWS + GOOD_STATE + 4)
+    lightest = min(min(body.i1, body.i2), body.i3)
+    weight = 0.5 * lightest / energy_measure(present, body, lightest, q, l, duration)
+    size = 1.0 / math.sqrt(weight)
+    # A unit vector of attitude and momentum whose components no symmetry singles out: its squares
+    # add up to 1. Here half of the angles.
+    a, b, c = 0.155, 0.215, 0.19
+    dq = (
+        -q[1] * a - q[2] * b - q[3] * c,
+        q[0] * a + q[2] * c - q[3] * b,
+        q[0] * b + q[3] * a - q[1] * c,
+        q[0] * c + q[1] * b - q[2] * a,
+    )
+    dl = 0.54 * size, 0.47 * size, 0.25 * size
+    t, substep = opening_after(substeps, work, 0.0)
+    q, l = to_stepping(integrator, body, present, t, substep, moved(q, dq), moved(l, dl))
+    put_stepping(in_precision(q, state), in_precision(l, state), state)
+    put_rows((0.0 * weight, 0.0 * weight, 0.0 * weight), work, row + SUMS)
+    put_rows((0.0 * weight, weight), work, row + RECORDED)
+    return 0
+
+
+def energy_measure(effects, body, lightest, q, l, duration):
+    """Return the energy scale of a motion, which weighs its momentum [J].
+
+    It is the larger of two: the kinetic energy at the start plus the bounds on the energies of the
+    effects, and the largest torque on the body in its initial state, at TORQUE_TRIALS times of the
+    run, times 1 rad. A body that nothing moves gets the energy of 1 rad in the run.
+
+    lightest : 1/(largest moment)
+    """
+    energy, largest = kinetic_energy(body, l) + total_energy_scale(effects, body), 0.0 * lightest
+    for k in range(TORQUE_TRIALS):
+        # Multiples of the golden section, modulo 1, spread over the run out of step with every
+        # period of a torque.
+        t = duration * (k * 0.6180339887498949 % 1.0)
+        torque = total_torque(effects, body, cast_like(t, largest), q, l)
+        largest = max(largest, dot(torque, torque))
+    energy = max(energy, math.sqrt(largest))
+    return select(energy > 0.0, energy, 0.5 / (lightest * duration * duration))
+
+
+def record_growth(tree, numbers, substeps, state, work, row, slot, is_planned):
+    """Add up how much the tangent has grown since the last record, and give it the length 1.
+
+    slot : steps of the round made so far
+    is_planned : 1 to record all members, 0 those that have made all their own steps of the round
+
+    Between two records the length is assumed to grow at one rate: the integrals over it are exact.
+    """
+    integrator, effects = tree_unpack(tree, numbers)
+    body, present = body_and_effects(effects, work)
+    t, substep = opening_after(substeps, work, slot)
+    q, l = in_precision(four_at(state, ATTITUDE), work), momentum_at(integrator, state)
+    q, l = from_stepping(integrator, body, present, t, substep, q, in_precision(l, work))
+    dq, dl = changes_of(q), changes_of(first_three(l))
+    weight, before = work[row + WEIGHT], work[row + RECORDED]
+    square = 4.0 * (dq[0] * dq[0] + dq[1] * dq[1] + dq[2] * dq[2] + dq[3] * dq[3])
+    square = square + weight * dot(dl, dl)
+    now = work[ROUND_START] + min(work[MEMBER_STEPS], slot) * work[STEP_LENGTH]
+    # A member that waits for others to end the round has its record already.
+    is_due = (now > before) & (select(work[MEMBER_STEPS] <= slot, 1.0, is_planned) > 0.0)
+    growth = select(is_due, 0.5 * logarithm(square), 0.0)
+    shrink = cast_like(select(is_due, 1.0 / math.sqrt(square), 1.0), state)
+    rows = tuple_at(_STATE, state, ATTITUDE)
+    put_rows(moved(values_of(rows), scale(shrink, changes_of(rows))), state, ATTITUDE)
+    sums, midpoint = three_at(work, row + SUMS), 0.5 * (now + before)
+    # S = int (d'/d) s ds and int 2 S/s ds
+    has_records, since = before > 0.0, select(is_due, now - before, 1.0)
+    log_ratio = logarithm(select(has_records, now / select(has_records, before, 1.0), 1.0))
+    rest = sums[1] - growth * (0.5 * before * before / since)
+    mean_growth = sums[2] + select(is_due, 2.0 * rest * log_ratio + midpoint * growth, 0.0)
+    put_rows((sums[0] + growth, sums[1] + midpoint * growth, mean_growth), work, row + SUMS)
+    work[row + RECORDED] = select(is_due, now, before)
+    return 0
+
+
+def opening_after(substeps, work, slot):
+    """Return (time of the torque, times of row 0) for a state after `slot` steps of a round."""
+    h, done = work[STEP_LENGTH], min(work[MEMBER_STEPS], slot)
+    return work[ROUND_START] + (done + substeps[3]) * h, opening_substep(substeps, h)
+
+
+def moved(values, changes):
+    """Return numbers with these values and changes."""
+    if len(values) == 0:
+        return ()
+    return (moving(values[0], changes[0]),) + moved(values[1:], changes[1:])
+
+
+def values_of(numbers):
+    """Return the values of numbers with changes."""
+    if len(numbers) == 0:
+        return ()
+    return (without_derivatives(numbers[0]),) + values_of(numbers[1:])
+
+
+def changes_of(numbers):
+    """Return the changes of numbers."""
+    if len(numbers) == 0:
+        return ()
+    return (change_of(numbers[0]),) + changes_of(numbers[1:])
+
+
+inline_all(sys.modules[__name__])
