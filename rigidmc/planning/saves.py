@@ -8,7 +8,7 @@ import math
 
 from rigidmc.errors import SceneError
 from rigidmc.physics.observables import value_rows
-from rigidmc.planning.plan import MOST_SAVES, choose_columns
+from rigidmc.planning.plan import MOST_SAVES
 from rigidmc.planning.steps import make_time_grid
 from rigidmc.planning.turns import MOST, shown_rate
 from rigidmc.scene.recording import Recording
@@ -59,7 +59,7 @@ def save_to_plot(scene: Scene, recording: Recording, members: int, parameters: i
     if not 0 < members <= FEW_MEMBERS or words != {"full"}:
         return scene
     rows = max(one.stop for one in value_rows(recording.recorded, len(scene.effects)).values())
-    numbers = rows * (1 + choose_columns(parameters)[0])
+    numbers = rows * (1 + parameters)
     angle = run.t_end * shown_rate(scene.model, run)
     count = max(POINTS, math.ceil(PER_TURN * angle / (2.0 * math.pi)))
     count = min(count, MOST_POINTS, int(MOST_BYTES / (8 * members * numbers)))

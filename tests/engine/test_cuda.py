@@ -89,8 +89,8 @@ def invoked(*words):
 
 
 def test_the_launches_give_the_recorded_bits(fake):
-    """Events, statistics, works and the growth of tangents; one case, as each compiles 9 kernels, and the rest
-    below."""
+    """Events, statistics, works and the growth of tangents; one case, as each compiles 9
+    kernels, and the rest below."""
     driver = fake()
     assert not changed(sums((0,), QUICK, names=FEW, device="cuda"))
     assert driver.launches
