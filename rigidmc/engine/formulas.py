@@ -4,9 +4,10 @@ A formula is a NamedTuple whose fields are its arguments and whose method `value
 tuple of numbers. It is written once, runs in Python as it stands, and is compiled by its type like
 an effect: `evaluate` applies it to arrays.
 
-Two formulas of the physics are here. `Forces` is the torque and energy of effects for many members
-at once, outside a run. `AdvancedState` is the state of a member some time after a known state, by
-one step of an integrator, with its observables.
+Three formulas of the physics are here. `Forces` is the torque and energy of effects for many
+members at once, outside a run. `AdvancedState` is the state of a member some time after a known
+state, by one step of an integrator, with its observables. `RatesOfChange` are the derivatives of
+observables by time along the motion.
 """
 
 import sys
@@ -18,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.engine.compile_time import announce_compiling
 from rigidmc.engine.compiler.compose import NumbaError, compile_method, inline, inline_all
+from rigidmc.engine.compiler.derivatives import change_of, moving
 from rigidmc.engine.compiler.intrinsics import intrinsic
 from rigidmc.engine.compiler.kernels import (
     WIDTH,
@@ -29,13 +31,20 @@ from rigidmc.engine.compiler.kernels import (
 from rigidmc.engine.compiler.memory import put_rows
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
 from rigidmc.engine.inspection import refuse_memory
+from rigidmc.engine.kernel.events import first_values, moving_each
 from rigidmc.engine.machine import threads_available
-from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
+from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties, scaled
 from rigidmc.physics.dynamics.methods import method
+from rigidmc.physics.dynamics.so3 import first_three
 from rigidmc.physics.effects.protocol import blank, numbers
-from rigidmc.physics.effects.sums import total_energy, total_torque
+from rigidmc.physics.effects.sums import (
+    corrected_by_work,
+    state_rates,
+    total_energy,
+    total_torque,
+)
 from rigidmc.physics.integrators.protocol import step
-from rigidmc.physics.observables.protocol import observed
+from rigidmc.physics.observables.protocol import begin, observed
 from rigidmc.threads import Task, threads_of
 
 # Elements per call on a thread, at most (a few ms) and at least (0.1 ms).
@@ -230,16 +239,72 @@ class AdvancedState(NamedTuple):
         q, l = step(
             self.integrator, self.body, self.effects, self.t, self.h, part, self.q, self.l, ()
         )
-        return q + l + observe_all(self.observables, self.body, self.effects, self.t + self.h, q, l)
+        zero = 0.0 * self.t
+        start = zero, zero, zero, zero
+        return (
+            q
+            + l
+            + observe_all(
+                self.observables, self.body, self.effects, self.t + self.h, q, l, start, ()
+            )
+        )
 
 
-def observe_all(observables, body, effects, t, q, l):
-    """Return the numbers of observables of state and time, one after the other."""
+def observe_all(observables, body, effects, t, q, l, start, works):
+    """Return the numbers of observables, one after the other; start, works : as for `value`."""
     if len(observables) == 0:
         return ()
-    zero = 0.0 * t
-    first = observed(observables[0], body, effects, t, q, l, (zero, zero, zero, zero), ())
-    return first + observe_all(observables[1:], body, effects, t, q, l)
+    first = observed(observables[0], body, effects, t, q, l, start, works)
+    return first + observe_all(observables[1:], body, effects, t, q, l, start, works)
+
+
+class RatesOfChange(NamedTuple):
+    """The rates of observables [1/s] along the motion, then the running states that would begin
+    here, and their rates.
+
+    effects, observables, running : in compiled form
+    untracked : of the effects whose works are saved, as in `rigidmc.physics.effects.sums`
+    start : (E, 1/scale of E, |L|^2, 1/|L|^2) at t = 0
+    l : L, followed by the works
+    """
+
+    body: MassProperties
+    effects: Any
+    observables: Any
+    running: Any
+    untracked: Any
+    start: tuple[float, ...]
+    t: float
+    q: tuple[float, ...]
+    l: tuple[float, ...]
+
+    def values(self):
+        """Return the numbers in this order."""
+        second = 1.0 + 0.0 * self.t
+        dq, dl = state_rates(
+            scaled(self.body, second), self.effects, self.body, self.t, second, self.q, self.l
+        )
+        t, q, l = moving(self.t, second), moving_each(self.q, dq), moving_each(self.l, dl)
+        works, l = l[3:], first_three(l)
+        start = corrected_by_work(self.start, self.untracked, works)
+        found = observe_all(self.observables, self.body, self.effects, t, q, l, start, works)
+        states = begin_all(self.running, self.body, self.effects, t, q, l)
+        return changes_of(found) + first_values(states) + changes_of(states)
+
+
+def begin_all(running, body, effects, t, q, l):
+    """Return the states of running observables that begin in a state, one after the other."""
+    if len(running) == 0:
+        return ()
+    first = begin(running[0], body, effects, t, q, l)
+    return first + begin_all(running[1:], body, effects, t, q, l)
+
+
+def changes_of(numbers):
+    """Return the only derivative of each number."""
+    if len(numbers) == 0:
+        return ()
+    return (change_of(numbers[0]),) + changes_of(numbers[1:])
 
 
 inline_all(sys.modules[__name__])

@@ -14,8 +14,14 @@ from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.physics.effects.protocol import Effect, facts, is_random, shape
 from rigidmc.physics.integrators import refusal
 from rigidmc.physics.observables import OUTCOMES, is_own, outputs
-from rigidmc.physics.observables.protocol import DIMENSIONS, EnsembleObservable, Neighbour
+from rigidmc.physics.observables.protocol import (
+    DIMENSIONS,
+    EnsembleObservable,
+    Neighbour,
+    Running,
+)
 from rigidmc.scene.amounts import count_text
+from rigidmc.scene.derivative_names import END
 from rigidmc.scene.derivatives import derivative_name
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import Grid, count_rows, draw, is_shared
@@ -45,9 +51,8 @@ def check_scene(scene: Scene, recording: Recording) -> None:
     if works and run.dtype == "float32":
         rule = "needs float64: sums in float32 keep their remainders, but sums of work cannot"
         raise SceneError(rule, at="run.save", value="work")
-    if run.wrt and run.integrator == "closed":
-        rule = 'closed forms have no derivatives: use integrator = "exact" or "rk8"'
-        raise SceneError(rule, at="run.wrt", value=", ".join(run.wrt))
+    if run.wrt:
+        _check_derivatives(run, model, recording)
     if run.integrator != "auto":
         refused = refusal(
             run.integrator, model.effects, run.compensated, works, scene.known_integrators()
@@ -60,6 +65,25 @@ def check_scene(scene: Scene, recording: Recording) -> None:
     _check_parts(model.effects, scene.observables, scene.integrators)
     _check_variables(run, recording)
     _check_sampled(model, run)
+
+
+def _check_derivatives(run: Run, model: Model, recording: Recording) -> None:
+    """Raise SceneError for derivatives that a run cannot have; names are known to be right."""
+    assert run.wrt is not None
+    if run.integrator == "closed":
+        rule = "the functions of closed forms have no derivatives here: use integrator = " + (
+            '"rk8"' if model.effects else '"exact", which has them to rounding at any dt'
+        )
+        raise SceneError(rule, at="run.wrt", value=", ".join(run.wrt))
+    if END not in run.wrt:
+        return
+    if noisy := [label for label, one in label_effects(model.effects) if is_random(one)]:
+        rule = f"has no derivative: under the noise of {', '.join(noisy)} no state has a rate"
+        raise SceneError(rule, at="run.wrt", value=END)
+    running = [pair for pair in recording.monitored if isinstance(pair[1], Running)]
+    if lost := [label for label, one in running if not implements(one, "lengthened")]:
+        rule = f"has no derivative of {', '.join(lost)}: the class needs a method `lengthened`"
+        raise SceneError(rule, at="run.wrt", value=END)
 
 
 def _check_points(model: Model, run: Run) -> None:

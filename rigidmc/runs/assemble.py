@@ -8,7 +8,7 @@ from rigidmc.engine.cuda.devices import device_number
 from rigidmc.engine.inspection import refuse_memory
 from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
 from rigidmc.engine.program import NO_DERIVATIVES, Derivatives, Program
-from rigidmc.errors import PartError
+from rigidmc.errors import PartError, SceneError
 from rigidmc.physics.dynamics.trials import RULE
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import blank
@@ -85,11 +85,14 @@ def make_program(
 
     compiled : if False, nothing is compiled and the Program lists what is `missing`
     derivatives : that a block has besides its rows, by default those that the plan asks for
-    Raises SceneError for custom code that cannot be compiled.
+    Raises SceneError for custom code that cannot be compiled, and for derivatives where nothing is.
     """
     if plan.scheme is None:
         return None
-    effects = plan.model.effects
+    effects, derivatives = plan.model.effects, derivatives or _derivatives(plan)
+    if compiled and derivatives.at_once and is_uncompiled():
+        rule = "derivatives require compiled code, but NUMBA_DISABLE_JIT is set"
+        raise SceneError(rule, at="run.wrt", value=", ".join(plan.wrt))
     try:
         refuse_memory(effects)
         events, running, shadow = plan.monitors.compiled
@@ -115,7 +118,7 @@ def make_program(
             paired=plan.paired,
             shortens=plan.grid.is_shortened,
             axes=plan.has_axes,
-            derivatives=derivatives or _derivatives(plan),
+            derivatives=derivatives,
             meanwhile=_import_xarray,
         )
         return found

@@ -23,6 +23,8 @@ from rigidmc.planning.units import UnitScale
 from rigidmc.progress import Progress, Report, reporter
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.variables import ROTATED
+from rigidmc.runs.end_of_run import add_derivatives_by_end
+from rigidmc.scene.derivative_names import END
 from rigidmc.scene.derivatives import derivative_name
 from rigidmc.scene.drifts import drift_laws
 
@@ -130,7 +132,7 @@ def compute(
     # returns no job that the sink does not need: the next block then reuses its memory, which is
     # still in the cache of this core
     def end(job: BlockJob) -> tuple[list[int], Any]:
-        results = _results(job, plan)
+        results = _results(job, plan, result)
         counts = np.bincount(results["status"], minlength=len(layout.STATUSES))
         if plan.columns:
             _turn_derivatives(job, result)
@@ -245,11 +247,13 @@ def _close(plan: Plan, rows: Array, start: Start, out: Array, width: int, column
         out.reshape(plan.times.size, -1, width)[:, :, place] = values
 
 
-def _results(job: BlockJob, plan: Plan) -> dict[str, np.ndarray]:
+def _results(job: BlockJob, plan: Plan, result: ResultLayout) -> dict[str, np.ndarray]:
     """Return {variable: values} of a block's finished members, except values saved over time."""
     rows = job.block
     if job.order is not None:
         _reorder(rows, np.argsort(job.order))
+    if END in plan.wrt:
+        add_derivatives_by_end(plan, rows, _saves_of(job, result))
     status = rows[layout.STATUS, : job.size].astype("i1")
     flagged, fault = rows[layout.STATUS] > 0.0, rows[layout.FAULT_STEP]
     step, time = np.array(-1.0), np.array(np.nan)  # of a fault that most blocks do not have

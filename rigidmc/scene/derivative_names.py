@@ -40,7 +40,7 @@ from rigidmc.scene.vector_distributions.protocol import EquilibriumEnsemble, Vec
 from rigidmc.scene.vector_distributions.vectors import Correlated, lower_factor, whole_of
 
 _SYMMETRIC = (".tensor", ".mean", ".covariance")  # names before the indices of symmetric matrices
-_END = "moves only the last save, at the rate of the observable there: save it at two times"
+END = "run.t_end"  # enters no member at its start, see `rigidmc.runs.end_of_run`
 
 
 def parameter_names_of_derivatives(scene: Scene) -> list[str]:
@@ -99,6 +99,8 @@ def _upper_element(name: str) -> str:
 
 def derivative_unit(scene: Scene, name: str) -> str:
     """Return the SI units of a parameter by which a scene has derivatives."""
+    if name == END:
+        return "s"
     table, first, *rest = name.split(".")
     if table == "body" and first in SOLIDS:
         return size_units(rest[0])
@@ -135,7 +137,7 @@ def parameters_of(model: Model) -> dict[str, Given]:
             name = f"effects.{label}.{field}"
             scalar = shape(effect, field) is None
             known |= of_quantity(name, path, value) if scalar else _of_vector(name, path, value)
-    return {**known, **_refused_by_rejection(model, known), "run.t_end": _END}
+    return {**known, **_refused_by_rejection(model, known), END: list}
 
 
 def _of_vector(name: str, path: Path, value: Any) -> dict[str, Given]:

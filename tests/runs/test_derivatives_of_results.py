@@ -192,11 +192,6 @@ def test_custom_results_have_derivatives_if_their_code_has():
         rm.prepare(scene, wrt=WRT)
 
 
-def test_the_end_of_a_run_is_refused_with_the_reason():
-    with pytest.raises(SceneError, match=r"run.t_end.*has no derivative: it moves only the last"):
-        rm.prepare(SCENE, wrt=("run.t_end",))
-
-
 def flip_time(one, two, three, *w):
     """When a free top first has no angular momentum about its middle axis, by its closed form
     (Landau & Lifshitz, Mechanics, par. 37): in 50 digits."""

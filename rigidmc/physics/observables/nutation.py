@@ -9,6 +9,7 @@ from rigidmc.physics.dynamics.body_axes import described_attitude
 from rigidmc.physics.dynamics.functions import arcsine
 from rigidmc.physics.dynamics.so3 import arctan2, select
 from rigidmc.physics.observables.protocol import Array, running
+from rigidmc.physics.observables.statistics import lowered, raised
 
 
 @running(
@@ -48,6 +49,14 @@ class Nutation(NamedTuple):
     def merged(self, state, inserted):
         low, high = inserted
         return select(low < state[0], low, state[0]), select(high > state[1], high, state[1])
+
+    def lengthened(
+        self, state: Array, now: Array, rates: Array, time: float, steps: Array
+    ) -> Array:
+        (low, high), step = state, time / steps
+        return np.stack(
+            [lowered(low, now[0], rates[0], step), raised(high, now[1], rates[1], step)]
+        )
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """Return the outputs from the running state (2, n)."""
@@ -93,6 +102,12 @@ class Precession(NamedTuple):
     def merged(self, state, without, inserted):
         # Counts are whole numbers: their sum is exact in any order.
         return state[0], state[1], state[2] + (inserted[2] - without[2]), state[3], state[4]
+
+    def lengthened(
+        self, state: Array, now: Array, rates: Array, time: float, steps: Array
+    ) -> Array:
+        x, y = rates[:2]
+        return np.stack([x, y, 0.0 * x, 0.0 * x, 0.0 * x])
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """Return the outputs from the running state (5, n)."""

@@ -147,6 +147,35 @@ def rest(like, a):
     return rest(like[1:], a[1:])
 
 
+# A smallest value lies at the end of a run if the value there is as small within this part of its
+# change in the last step: the states of steps and of saves differ by rounding.
+_NEAR = 1e-3
+
+
+def lowered(state: Array, now: Array, rates: Array, step: Array) -> Array:
+    """Return the derivatives of smallest values so far by the end of the run: the rate of a value
+    that is the smallest now, and falls; else 0.
+
+    now, rates : the values at the end, and their rates;  step : length of the last step [s]
+    """
+    at_end = now - state <= _NEAR * step * np.abs(rates)
+    return np.where(at_end & (rates < 0.0), rates, 0.0)
+
+
+def raised(state: Array, now: Array, rates: Array, step: Array) -> Array:
+    """Do the same as `lowered` for largest values."""
+    return -lowered(-state, -now, -rates, step)
+
+
+def summed(total: Array, last: Array, rate: Array, time: float, steps: Array) -> Array:
+    """Return the derivative of a sum over steps by the end of the run, for the same number of
+    steps: the mean by the trapezoidal rule, m, changes by (last - m)/time.
+
+    last, rate : the last term, and its rate;  time : of all steps [s]
+    """
+    return 0.5 * rate + (steps * last - (total - 0.5 * last)) / time
+
+
 def by_rows(of: Any, rows: int, state: Array) -> Array:
     """Reshape a block (rows * values, n) to (rows, values, n); leave it if `of` is a scalar."""
     return state.reshape(rows, -1, state.shape[1]) if of.dims else state
@@ -190,6 +219,11 @@ class Minimum(NamedTuple):
     def merged(self, state, inserted):
         return smaller(state, inserted)
 
+    def lengthened(
+        self, state: Array, now: Array, rates: Array, time: float, steps: Array
+    ) -> Array:
+        return lowered(state, now, rates, time / steps)
+
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """Return the smallest values."""
         return {"min": by_rows(self.of, 1, state)[0]}
@@ -220,6 +254,11 @@ class Maximum(NamedTuple):
 
     def merged(self, state, inserted):
         return larger(state, inserted)
+
+    def lengthened(
+        self, state: Array, now: Array, rates: Array, time: float, steps: Array
+    ) -> Array:
+        return raised(state, now, rates, time / steps)
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """Return the largest values."""
@@ -257,6 +296,13 @@ class Mean(NamedTuple):
         sums = rest(shifts, state)
         last = rest(shifts, sums)
         return shifts + weigh_sums(head(shifts, sums), offsets(last, shifts), longer) + last
+
+    def lengthened(
+        self, state: Array, now: Array, rates: Array, time: float, steps: Array
+    ) -> Array:
+        first, total, last = np.split(state, 3)
+        rate = np.split(rates, 3)[2]
+        return np.concatenate([0.0 * rate, summed(total, last - first, rate, time, steps), rate])
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """Return the mean; without steps, the first value."""
@@ -310,6 +356,15 @@ class Variance(NamedTuple):
             + last
         )
 
+    def lengthened(
+        self, state: Array, now: Array, rates: Array, time: float, steps: Array
+    ) -> Array:
+        first, total, squares, last = np.split(state, 4)
+        rate, end = np.split(rates, 4)[3], last - first
+        sums = summed(total, end, rate, time, steps)
+        of_squares = summed(squares, end * end, 2.0 * end * rate, time, steps)
+        return np.concatenate([0.0 * rate, sums, of_squares, rate])
+
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """Return the variance; without steps, 0."""
         first, total, squares, last = by_rows(self.of, 4, state)
@@ -337,6 +392,11 @@ class Last(NamedTuple):
 
     def update(self, state, body, effects, t, q, l):
         return observe(self.of, body, effects, t, q, l)
+
+    def lengthened(
+        self, state: Array, now: Array, rates: Array, time: float, steps: Array
+    ) -> Array:
+        return rates
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """Return the last values."""

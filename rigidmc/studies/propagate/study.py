@@ -61,7 +61,7 @@ from rigidmc.results.intervals import ULPS, resolution_of
 from rigidmc.results.labels import count_text, with_units
 from rigidmc.runs.prepare import prepare
 from rigidmc.runs.simulate import simulate
-from rigidmc.scene.derivative_names import derivative_unit
+from rigidmc.scene.derivative_names import END, derivative_unit
 from rigidmc.scene.derivatives import derivative_name, parameters_of_run
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.varied import value_at
@@ -154,6 +154,9 @@ def input_of(scene: Scene, options: PropagateOptions) -> Input:
         rule = "is given beside `covariance`: give one of them"
         raise OptionError(rule, at="deviations", value=list(options.deviations))
     chosen = _known(nominal, list(options.wrt))
+    if END in chosen:
+        rule = "is the same for all members: no ensemble has it as a random number"
+        raise OptionError(rule, at="wrt", value=END)
     if options.deviations is None:
         return Input(nominal, chosen, checked_covariance(options.covariance, len(chosen)), None)
     if len(options.deviations) != len(chosen) or not min(options.deviations) >= 0.0:
