@@ -31,6 +31,7 @@ from rigidmc.physics.dynamics.functions import (
     sincos,
 )
 from rigidmc.physics.dynamics.vectors import (
+    add,
     dot,
     logical_not,
     nearest_integer,
@@ -38,6 +39,7 @@ from rigidmc.physics.dynamics.vectors import (
     select,
     select_all,
 )
+from rigidmc.physics.integrators.free_motion import turn_and_momentum, unit_momentum_after
 
 _TUPLE: Any = types.BaseTuple  # as Any: Numba's stubs lack the items of tuples
 
@@ -144,6 +146,29 @@ def _momentum_size(moves, square):
     return chained(square, size, select(moves, 0.5 / select(moves, size, 1.0), math.nan))
 
 
+def _with_tangents_of(v, values, by):
+    """Return three numbers with their values, and with the tangents of v times `by`."""
+    return (
+        chained(v[0], without_derivatives(values[0]), by),
+        chained(v[1], without_derivatives(values[1]), by),
+        chained(v[2], without_derivatives(values[2]), by),
+    )
+
+
+def _unit_momentum_after(body, h, l, u, end):
+    # a small L turns a body at rest by h omega in each step, and stays
+    rests, v = logical_not(is_moving(dot(l, l))), scale(h, angular_velocity(body, l))
+    return select_all(rests, _with_tangents_of(add(u, v), end, 1.0 + 0.0 * h), end)
+
+
+def _turn_and_momentum(l, u, turn, momentum):
+    square = without_derivatives(dot(l, l))
+    rests, half = logical_not(is_moving(square)), 0.5 + 0.0 * square
+    still = (without_derivatives(turn[0]),) + _with_tangents_of(u, turn[1:], half)
+    momentum = select_all(rests, _with_tangents_of(l, momentum, half + half), momentum)
+    return select_all(rests, still, turn), momentum
+
+
 def _free_flow(body, halvings, panels, h, l):
     turn, change = flow_about_momentum(body, halvings, panels, h, l)
     # At rest L has no axis, but a small L turns the body by h omega, in any direction, and stays.
@@ -168,6 +193,8 @@ def _free_flow(body, halvings, panels, h, l):
 
 RULES: dict[Callable[..., Any], Callable[..., Any]] = {
     free_flow: _free_flow,
+    unit_momentum_after: _unit_momentum_after,
+    turn_and_momentum: _turn_and_momentum,
     momentum_size: _momentum_size,
     nearest_integer: _nearest_integer,
     sincos: _sincos,

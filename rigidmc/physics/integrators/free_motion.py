@@ -62,7 +62,7 @@ class FreeSteps(NamedTuple):
         m, _ = make_flow(body, self.drift.halvings, self.drift.panels, substep[0], l[7:])
         return m, slopes(m.whole), slopes(m.panel), return_factors(m)
 
-    def step(self, constants, q, l):
+    def step(self, body, substep, constants, q, l):
         m, of_step, of_panel, shares = constants
         u = first_three(l)
         integral, _ = integrate_phase(m, self.drift.panels, u, phase_fraction(m, u), of_panel)
@@ -71,9 +71,8 @@ class FreeSteps(NamedTuple):
         turns, rest = two_sum(q[0], (0.25 / math.pi) * phase(m, m.time, integral) + q[1])
         end = add(u, momentum_change(m, self.drift.halvings, u, of_step))
         # Drop whole turns: the attitude does not depend on them, and the fraction keeps its digits.
-        return (turns - nearest_integer(turns), rest, q[2], q[3]), pull_back(m, shares, u, end) + l[
-            3:
-        ]
+        end = unit_momentum_after(body, substep[0], l[7:], u, pull_back(m, shares, u, end))
+        return (turns - nearest_integer(turns), rest, q[2], q[3]), end + l[3:]
 
     def to_stepping(self, body, substep, q, l):
         _, u = make_flow(body, self.drift.halvings, self.drift.panels, substep[0], l)
@@ -87,9 +86,27 @@ class FreeSteps(NamedTuple):
         angle = (2.0 * math.pi) * (q[0] + q[1]) + 0.5 * phase(
             m, 0.0, end_correction(m, self.drift.panels, one, two)
         )
-        return apply_rotation(
-            l[3:7], turn_between(m, start, difference(u, start), angle, one, two)
-        ), scale(m.size, to_body_axes(m, u))
+        turn = turn_between(m, start, difference(u, start), angle, one, two)
+        turn, momentum = turn_and_momentum(l[7:], u, turn, scale(m.size, to_body_axes(m, u)))
+        return apply_rotation(l[3:7], turn), momentum
+
+
+def unit_momentum_after(body, h, l, u, end):
+    """Return the unit momentum `end` after a step h from u; l : L at the start.
+
+    At rest, where u has no direction, its derivatives are those of the rotation vector since the
+    start: a rule of `rigidmc.engine.compiler.derivatives`.
+    """
+    return end
+
+
+def turn_and_momentum(l, u, turn, momentum):
+    """Return (turn since the start, L now); at rest with the derivatives of u, see
+    `unit_momentum_after`.
+
+    l, u : L at the start, and the unit momentum now
+    """
+    return turn, momentum
 
 
 @dataclass(frozen=True)
