@@ -1,8 +1,8 @@
 """Derivatives by the end of a run, `run.t_end`.
 
 The end moves only the last state of a member, along its motion. So these derivatives follow from
-that state, after the run: those of the last save are the rates of the observables there, and those
-of results over all steps follow from such rates (`lengthened` of
+that state, after the run: derivatives of the last save are the rates of the observables there,
+and derivatives of results over all steps follow from such rates (`lengthened` of
 `rigidmc.physics.observables.protocol.Running`). No event moves.
 
 A member that is flagged, or that an event has stopped, no longer moves: its derivatives are 0.
@@ -29,7 +29,7 @@ from rigidmc.scene.derivative_names import END
 def add_derivatives_by_end(plan: Plan, rows: Array, saves: Array) -> None:
     """Set the derivatives by the end of a run, in place.
 
-    rows : of a finished block, in the order of the members: those of running observables change
+    rows : of a finished block, in the order of the members: rows of running observables change
     saves : (time, value, 1 + columns, member) of the block: the last save changes
     """
     column, places = 1 + plan.wrt.index(END), plan.places

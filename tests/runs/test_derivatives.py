@@ -251,10 +251,9 @@ def test_what_has_no_derivative_is_refused_by_name(settings, words):
 
 
 def test_derivatives_require_compiled_code(monkeypatch):
-    monkeypatch.setattr(assemble, "is_uncompiled", lambda: True)
-    plan = rm.prepare(SCENE, wrt=WRT).plan
+    monkeypatch.setattr(check, "is_uncompiled", lambda: True)
     with pytest.raises(SceneError, match=r"wrt.*NUMBA_DISABLE_JIT is set"):
-        assemble.make_program(plan)
+        rm.prepare(SCENE, wrt=WRT)
 
 
 def test_a_vector_stands_for_its_components():

@@ -67,6 +67,7 @@ def starts(study):
     return zip(ends.start_attitude.values.T, ends.start_omega.values.T, strict=True)
 
 
+@pytest.mark.slow
 def test_a_heavy_top_has_the_tangent_map_of_scipy():
     """All six numbers of a start change; neighbours were right to 6e-8, and in float32 to 0.04."""
     study = rm.ftle(TOP, 5, unit=0.7)

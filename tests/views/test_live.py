@@ -98,6 +98,7 @@ def test_a_page_has_the_bits_of_the_processor(browser, tmp_path):
     assert page.faults == []
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 def test_a_page_is_used(browser, tmp_path):
     """Pictures, sliders by keys, restart, a link, a narrow screen, members, and a dark theme."""

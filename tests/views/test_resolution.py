@@ -193,7 +193,7 @@ def test_a_new_scene_saves_what_lines_can_join(tmp_path, spin):
 
 def test_show_says_so():
     scene = GYROSCOPE.with_run(every=0.01)
-    shown = "\n".join(_steps(prepare_scene(scene)))
+    shown = "\n".join(_steps(prepare_scene(scene), scene.run.every))
     assert "turn by up to 5.93 rad between saves" in shown and "use every <= 0.0033 s" in shown
 
 

@@ -118,6 +118,7 @@ def record_growth(tree, numbers, substeps, state, work, row, slot, is_planned):
     sums, midpoint = three_at(work, row + SUMS), 0.5 * (now + before)
     # S = int (d'/d) s ds and int 2 S/s ds
     has_records, since = before > 0.0, select(is_due, now - before, 1.0)
+    # 1 s avoids 0/0 before the first record
     log_ratio = logarithm(select(has_records, now / select(has_records, before, 1.0), 1.0))
     rest = sums[1] - growth * (0.5 * before * before / since)
     mean_growth = sums[2] + select(is_due, 2.0 * rest * log_ratio + midpoint * growth, 0.0)

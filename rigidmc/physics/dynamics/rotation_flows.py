@@ -57,6 +57,7 @@ def turn_by_asymmetry(body, h, l):
     _, _, rate = relabel(first, third, (body.a1, body.a2, body.a3))
     x = h * rate * two
     s, _ = sincos(x)
+    # an angle of 0 rad: sin(x)/x is 1
     u = select(x == 0.0, 1.0, s / select(x == 0.0, 1.0, x))
     second = _v(x) * (one * one - three * three) + u * u * one * three
     eta = h * u * one, h * two + h * h * rate * second, -h * u * three

@@ -94,7 +94,7 @@ class FreeSteps(NamedTuple):
 def unit_momentum_after(body, h, l, u, end):
     """Return the unit momentum `end` after a step h from u; l : L at the start.
 
-    At rest, where u has no direction, its derivatives are those of the rotation vector since the
+    At rest, where u has no direction, its derivatives are the rotation vector's since the
     start: a rule of `rigidmc.engine.compiler.derivatives`.
     """
     return end

@@ -138,7 +138,7 @@ class Running(Monitored, Protocol):
     state_size : how many numbers
 
     A class whose results have derivatives by the end of the run has a method
-    `lengthened(state, now, rates, time, steps)`, which returns those of the running state.
+    `lengthened(state, now, rates, time, steps)`, which returns the running state's.
 
     state : at the end (state_size, n);  now, rates : `begin` there, and its rates (state_size, n)
     time : from the start to the end [s];  steps : as in `results`; it counts as fixed

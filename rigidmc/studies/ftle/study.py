@@ -163,6 +163,7 @@ def exponents(start: Array, end: Array, time: float) -> Array:
     values, vectors = np.linalg.eigh(np.where(good[:, None, None], first, 0.0))
     # of changes that depend on each other, only the independent ones count
     counts = values > ALIKE
+    # 1 avoids 0/0 for the dependent ones
     roots = vectors * (counts / np.sqrt(np.where(counts, values, 1.0)))[:, None, :]
     grown = np.swapaxes(roots, -1, -2) @ np.where(good[:, None, None], last, 0.0) @ roots
     with np.errstate(all="ignore"):
@@ -260,5 +261,5 @@ ftle = Study(
     settings=TUNING,
     scene_text="a scene, its file, or the name of a shipped scene; the parameters of its start that"
     " are distributions, tables or grids change",
-    example=Example("dzhanibekov", {"families": 12}, {"t_end": 6.0}),
+    example=Example("dzhanibekov", {"families": 40}, {"t_end": 6.0}),
 )

@@ -239,7 +239,7 @@ def aligned_attitudes(axis: Array) -> Array:
     size = float(np.sqrt(axis @ axis))
     up = axis / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
     east = np.eye(3)[0] - up[0] * up
-    if abs(up[0]) > 0.9:  # x is no direction across the axis
+    if abs(up[0]) > 0.9:  # x is nearly along the axis
         east = np.eye(3)[1] - up[1] * up
     east /= np.sqrt(east @ east)
     base = quaternion_from_matrix(np.stack([east, np.cross(up, east), up], axis=1))
