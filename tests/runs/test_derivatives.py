@@ -251,7 +251,7 @@ def test_what_has_no_derivative_is_refused_by_name(settings, words):
 
 
 def test_derivatives_require_compiled_code(monkeypatch):
-    monkeypatch.setattr(check, "is_uncompiled", lambda: True)
+    monkeypatch.setattr("rigidmc.planning.check.is_uncompiled", lambda: True)
     with pytest.raises(SceneError, match=r"wrt.*NUMBA_DISABLE_JIT is set"):
         rm.prepare(SCENE, wrt=WRT)
 
