@@ -122,7 +122,7 @@ def inspected(what, name, scene, watched, capability, wrt=()):
     with mock.patch.object(cuda, "select_devices", lambda number: (NOBODY,)):
         program = make_program(prepare_scene(scene).plan, "cuda", compiled=False)
         began = time.perf_counter()
-        text = program.ptx(capability)
+        text = program.code_for("{}.{}".format(*capability))
     counts = Counter(kind for kind, _ in ROUNDED.findall(text))
     return {
         "kind": "ptx",

@@ -15,6 +15,7 @@ import llvmlite.binding as llvm
 import numpy as np
 import pytest
 
+from rigidmc.engine import linked
 from rigidmc.engine.cuda import devices as cuda_device
 from rigidmc.engine.cuda import program as cuda
 from rigidmc.engine.linked import link_kernel, optimise
@@ -283,7 +284,7 @@ def fake(monkeypatch):
         monkeypatch.setitem(sys.modules, "cuda.bindings", package.bindings)
         monkeypatch.setitem(sys.modules, "cuda.bindings.driver", driver)
         if compiled:
-            monkeypatch.setattr(cuda, "link_kernel", lambda *given: link_kernel(*given[:3]))
+            monkeypatch.setattr(linked, "link_kernel", lambda *given: link_kernel(*given[:3]))
             monkeypatch.setattr(cuda, "ptx_of", lambda module, _: optimised_text(str(module)))
             # which is no PTX and must not go to the disk cache
             monkeypatch.setattr(cuda, "cached_text", lambda types, more, make: make())

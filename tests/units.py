@@ -29,6 +29,7 @@ from rigidmc.physics.observables import (
     square_units,
 )
 from rigidmc.planning.units import scale_scene
+from rigidmc.scene.derivatives import quotient
 from rigidmc.scene.distributions import Distribution
 from rigidmc.studies.stress.trust import trust
 from rigidmc.views.live.engine import live_run
@@ -274,9 +275,15 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
         return rm.lyapunov(one, members=4)
 
     def slope() -> Any:
-        return _plain(
-            rm.gradient(single, f"mean({fast.replace('max', 'last')})", "start.omega.2", members=8)
-        )
+        of = f"mean({fast.replace('max', 'last')})"
+        found = rm.gradient(single, of, "start.omega.2", members=8).isel(measure=0, parameter=0)
+        unit = str(found.unit.item())
+        kinds = {"value": unit, "derivative": quotient(unit, str(found.parameter_unit.item()))}
+        return {
+            name: (variable.values, kinds.get(str(name).split("_")[0], "1"))
+            for name, variable in found.data_vars.items()
+            if variable.dtype.kind in "fi"
+        }
 
     def linear() -> Any:
         return rm.propagate(

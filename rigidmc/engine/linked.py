@@ -8,16 +8,21 @@ same bits.
 
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import llvmlite.binding as llvm
 import numpy as np
+from numpy.typing import NDArray
 
+from rigidmc.engine.compile_time import announce_compiling
 from rigidmc.engine.compiler.compose import inline_all
-from rigidmc.engine.compiler.kernels import KernelKey, llvm_of
+from rigidmc.engine.compiler.disk_cache import cached_text, has_text
+from rigidmc.engine.compiler.kernels import KernelKey, llvm_of, signature_of
+from rigidmc.engine.compiler.trees import tree_flatten
 from rigidmc.engine.kernel.arguments import KernelShape, record_type
 from rigidmc.engine.kernel.block import run_lanes
+from rigidmc.engine.program import Program
 
 KERNEL = "members"
 # Lines and attributes in a module that depend on the target machine or on the caller's stack.
@@ -28,6 +33,56 @@ define internal i64 @thread() alwaysinline {
   ret i64 0
 }
 """
+
+
+class LinkedProgram(Program):
+    """A Program whose kernels are one code for another processor than this CPU.
+
+    target : words that determine the code together with the kernels
+    """
+
+    target: str
+
+    def make_code(self, target: str) -> str:
+        """Return the code for a target, from `self.linked()`."""
+        raise NotImplementedError
+
+    def code_for(self, target: str) -> str:
+        """Return the code for a target, from the cache or newly made."""
+        return cached_text(*self._key(target), lambda: self.make_code(target))
+
+    def linked(self, thread: str = ONE_THREAD) -> llvm.ModuleRef:
+        """Return the LLVM code of the kernels; see `link_kernel`."""
+        return link_kernel(self.kernel_keys, self.shape, self._sizes(), thread)
+
+    def kernel_numbers(self) -> list[NDArray[np.float64]]:
+        """Return the numbers of each kernel, in the order of a KernelTable."""
+        keys = [key for name, key in self.kernel_keys.items() if name != "advance"]
+        return [np.array(tree_flatten(key.parts if key else ()) or [0.0]) for key in keys]
+
+    def missing(self) -> list[str]:
+        """Return ["kernel"] if it is neither in memory nor in the disk cache."""
+        return [] if has_text(*self._key(self.target)) else ["kernel"]
+
+    def helper_share(self) -> list[str]:
+        """Return an empty list: one process compiles the one kernel."""
+        return []
+
+    def _compile(self, meanwhile: Callable[[], None] | None = None) -> None:
+        with announce_compiling(self.label, self.missing(), self.effects):
+            self.code = self.code_for(self.target)
+
+    def _key(self, target: str) -> tuple[list[Any], str]:
+        """Return (types of the kernels, the other inputs of the code)."""
+        types = [signature_of(key) for key in self.kernel_keys.values() if key]
+        return types, f"{self.shape} {self._sizes()} {target}"
+
+    def _sizes(self) -> dict[str, int]:
+        """Return {name in Workspace: bytes} of the memory that a thread works in."""
+        return {
+            name: count * np.dtype(kind).itemsize * self.lanes
+            for name, (count, kind) in self.working_memory(self.rows).items()
+        }
 
 
 def run_member(kinds, numbers, frame, low):

@@ -30,7 +30,7 @@ from rigidmc.planning.initial import (
 from rigidmc.planning.monitors import has_attitude, make_monitors
 from rigidmc.planning.notes import scene_notes, step_notes
 from rigidmc.planning.plan import Plan, make_plan
-from rigidmc.planning.saves import save_to_plot, settle_saves
+from rigidmc.planning.saves import FEW_MEMBERS, first_and_last, save_to_plot, settle_saves
 from rigidmc.planning.tolerance.choose import Choice, choose_integrator
 from rigidmc.planning.units import UnitScale, choose_units, scale_scene
 from rigidmc.progress import Progress
@@ -396,8 +396,12 @@ def prepare(
     if names := (varied,) if isinstance(varied, str) else tuple(varied):
         scene = scene.with_run(varied=nominal_of(scene, names))
     count = scene.run.members if which is None else which.size
-    # a part of an ensemble has the saves of the whole, so that parts fit together
-    run = prepare_scene(scene, max(count, whole) if isinstance(members, range) else count)
+    if isinstance(members, range):
+        # A part of an ensemble has the saves of the whole, so that parts fit together. The result
+        # says so: else its own scene, which has few members, would save more.
+        count = max(count, whole)
+        scene = first_and_last(scene) if count > FEW_MEMBERS else scene
+    run = prepare_scene(scene, count)
     return run if which is None else run.with_members(which)
 
 

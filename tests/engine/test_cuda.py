@@ -146,7 +146,7 @@ def test_the_comparison_sees_one_bit(fake, monkeypatch):
         text = re.sub(r"= fmul <1", "= fmul contract <1", str(made(*given[:3])))
         return llvm.parse_assembly(re.sub(r"= fadd <1", "= fadd contract <1", text))
 
-    monkeypatch.setattr(cuda, "link_kernel", fusing)
+    monkeypatch.setattr(linked, "link_kernel", fusing)
     assert changed(sums((0,), QUICK, names=NAMES[-2:], device="cuda"))
 
 
@@ -182,7 +182,7 @@ def test_ptx_has_only_operations_of_ieee_754(name, cases, fake):
     that is not part of the code."""
     fake(compiled=False)
     for label, program, capability in targets(kernels(name, **cases)):
-        ptx = program.ptx(capability)
+        ptx = program.code_for("{}.{}".format(*capability))
         assert f".target sm_{capability[0]}{capability[1]}" in ptx
         assert ".visible .entry members(" in ptx
         assert not APPROXIMATE.findall(ptx), label
@@ -242,7 +242,7 @@ def test_steps_touch_no_memory(name, fake):
     """The state stays in registers from the first step of a launch to the last look."""
     fake(compiled=False)
     label = f"heavy, {name}, 0.05" if name != "exact" else EXACT  # with the most registers
-    text = kernels(name, names=(label,))[label].ptx((9, 0))
+    text = kernels(name, names=(label,))[label].code_for("9.0")
     memory = [
         sum(bool(re.search(r"\b(ld|st)\.", line)) for line in loop)
         for loop in loops(march_of(text))
@@ -421,7 +421,7 @@ def test_the_code_is_kept(fake, monkeypatch, tmp_path):
     fake(compiled=False)
     program = kernels("rk4")["free, rk4, 0.05"]
     assert program.missing() == ["kernel"]
-    text = program.ptx((9, 0))
+    text = program.code_for("9.0")
     (file,) = (p for p in tmp_path.rglob("*") if p.is_file() and p.name != disk_cache._MARK)
     for whole in (True, False):
         disk_cache._texts.clear()
@@ -429,10 +429,10 @@ def test_the_code_is_kept(fake, monkeypatch, tmp_path):
         with monkeypatch.context() as patch:
             if whole:
                 patch.setattr(cuda, "ptx_of", None)  # which is not asked for
-            assert program.ptx((9, 0)) == text
+            assert program.code_for("9.0") == text
         file.write_text(file.read_text().replace("fma.rn", "fma.rz", 1))
     file.unlink()
-    assert not program.missing() and program.ptx((9, 0)) == text and not file.exists()
+    assert not program.missing() and program.code_for("9.0") == text and not file.exists()
 
 
 def test_doctor_compares_and_measures(fake, monkeypatch):
@@ -479,7 +479,7 @@ def test_the_bench_measures_a_device(fake, capsys):
 def test_the_bench_limits_the_registers_of_a_thread(fake):
     """Also those of the steps, which the kernel calls."""
     fake(compiled=False)
-    text = kernels("rk4")["free, rk4, 0.05"].ptx((9, 0))
+    text = kernels("rk4")["free, rk4, 0.05"].code_for("9.0")
     assert device_bench.limited(text, None) == text
     found = assembled(device_bench.limited(text, 80), (9, 0))
     assert 64 < found["registers"] <= 80  # measured 80, and 255 without a limit

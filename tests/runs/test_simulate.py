@@ -222,7 +222,6 @@ def test_a_result_file_is_enough_to_run_again(attitude, tmp_path):
         seed=9,
         dt=0.025,
         t_end=1.0,
-        every=1.0,
         save=("momentum", "attitude"),
         output=tmp_path / "one.nc",
     )

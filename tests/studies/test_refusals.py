@@ -19,7 +19,6 @@ STUDIES = {
     "multilevel": (BATH, lambda scene: rm.multilevel(scene, GOAL, integrator="strang")),
     "sensitivity": (None, lambda scene: rm.sensitivity(scene, "mean(omega_max[3])")),
     "basins": (None, lambda scene: rm.basins(scene, OF)),
-    "ftle": (None, lambda scene: rm.ftle(scene)),
     "until": (None, lambda scene: rm.simulate_until(scene, GOAL)),
 }
 
@@ -39,7 +38,7 @@ def test_what_goes_by_the_index_of_a_member_is_refused(study):
     more, ask = STUDIES[study]
     for values in (np.linspace(1.05, 1.5, 2000), rm.grid(1.05, 1.5, 50)):
         tables = isinstance(values, np.ndarray)
-        if study == "ftle" or (study == "until" and tables):
+        if study == "until" and tables:
             continue  # its members are the first rows, and none is moved
         for name, parts in places(values):
             effects = parts.get("effects", ()) + ((more,) if more else ())

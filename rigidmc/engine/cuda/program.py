@@ -16,10 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.compile_time import announce_compiling
-from rigidmc.engine.compiler.disk_cache import cached_text, has_text
-from rigidmc.engine.compiler.kernels import CompiledFunction, config, signature_of
-from rigidmc.engine.compiler.trees import tree_flatten
+from rigidmc.engine.compiler.kernels import CompiledFunction, config
 from rigidmc.engine.cuda.devices import (
     TARGETS,
     CudaStream,
@@ -37,8 +34,8 @@ from rigidmc.engine.kernel.arguments import (
     Workspace,
     record_type,
 )
-from rigidmc.engine.linked import KERNEL, link_kernel
-from rigidmc.engine.program import NO_NOISE, NO_SAVES, Program, fill_record
+from rigidmc.engine.linked import KERNEL, LinkedProgram
+from rigidmc.engine.program import NO_NOISE, NO_SAVES, fill_record
 from rigidmc.errors import NoDevice, NoRoom
 
 Array = NDArray[Any]
@@ -50,8 +47,8 @@ FIRST, GROWTH = 16, 8.0
 SAVED = 64 * 2**20  # most bytes of saved values of a block on the GPU
 
 
-class CudaProgram(Program):
-    """A Program whose members move on GPUs; `advance` and `through` as in Program.
+class CudaProgram(LinkedProgram):
+    """A LinkedProgram whose members move on GPUs; `advance` and `through` as in Program.
 
     number : of the GPU; None for all of them, which take blocks in turn
     """
@@ -65,43 +62,17 @@ class CudaProgram(Program):
         self._streams = threading.local()
         self._loading, self._modules = threading.Lock(), dict[Device, Module]()
         least = min(one.capability for one in self.devices)
-        self._capability = max(one for one in TARGETS if one <= least)
+        self.target = "{}.{}".format(*max(one for one in TARGETS if one <= least))
         super().__init__(*arguments, **{**named, "lanes": 1})
 
-    def missing(self) -> list[str]:
-        """Return ["kernel"] if it is neither in memory nor in the disk cache."""
-        return [] if has_text(*self._key(self._capability)) else ["kernel"]
-
-    def helper_share(self) -> list[str]:
-        """Return an empty list: one process compiles the one kernel."""
-        return []
-
     def _compile(self, meanwhile: Callable[[], None] | None = None) -> None:
-        with announce_compiling(self.label, self.missing(), self.effects):
-            self._code = self.ptx(self._capability)
+        super()._compile(meanwhile)
         self._frame = np.zeros(1, record_type(self.dtype))
 
-    def ptx(self, capability: tuple[int, int]) -> str:
-        """Return the code of the kernel for GPUs of a compute capability or a later one."""
-
-        def make() -> str:
-            return ptx_of(
-                link_kernel(self.kernel_keys, self.shape, self._sizes(), THREAD), capability
-            )
-
-        return cached_text(*self._key(capability), make)
-
-    def _key(self, capability: tuple[int, int]) -> tuple[list[Any], str]:
-        """Return (types of the kernels, the other inputs of the code)."""
-        types = [signature_of(key) for key in self.kernel_keys.values() if key]
-        return types, f"{self.shape} {self._sizes()} {capability}"
-
-    def _sizes(self) -> dict[str, int]:
-        """Return {name in Workspace: bytes} of the memory that a member works in."""
-        return {
-            name: count * np.dtype(kind).itemsize
-            for name, (count, kind) in self.working_memory(self.rows).items()
-        }
+    def make_code(self, target: str) -> str:
+        """Return the PTX for GPUs of a compute capability or a later one."""
+        major, minor = map(int, target.split("."))
+        return ptx_of(self.linked(THREAD), (major, minor))
 
     def places(self, threads: int) -> tuple[str, str]:
         """Return words for one GPU, and for all of them with their resident threads."""
@@ -140,9 +111,7 @@ class CudaProgram(Program):
 
     def _load(self, device: Device) -> Module:
         """Load the code and the numbers of the kernels and substeps on a GPU."""
-        keys = [key for name, key in self.kernel_keys.items() if name != "advance"]
-        numbers = [np.array(tree_flatten(key.parts if key else ()) or [0.0]) for key in keys]
-        return Module(device, self._code, KERNEL, [*numbers, self.substeps])
+        return Module(device, self.code, KERNEL, [*self.kernel_numbers(), self.substeps])
 
     def advance(
         self,

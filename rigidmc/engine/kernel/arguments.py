@@ -126,13 +126,6 @@ class StepRange(NamedTuple):
         return min(self.total, save * self.stride)
 
 
-def save_numbers(steps: StepRange, first: int, last: int) -> range:
-    """Return the numbers of the saves that steps from `first` to `last` make."""
-    begin = 0 if first == 0 else first // steps.stride + 1
-    final = -(-steps.total // steps.stride) if last == steps.total else last // steps.stride
-    return range(begin, final + 1)
-
-
 class NoiseKeys(NamedTuple):
     """The keys of the noise: two words of the seed, the stream of each random effect, and the
     indices of the members of the block."""

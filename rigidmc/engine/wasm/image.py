@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.compiler.kernels import CompiledFunction
-from rigidmc.engine.compiler.trees import tree_flatten
 from rigidmc.engine.kernel.arguments import (
     KernelTable,
     NoiseKeys,
@@ -16,7 +15,8 @@ from rigidmc.engine.kernel.arguments import (
     Workspace,
     record_type,
 )
-from rigidmc.engine.program import Program, fill_record
+from rigidmc.engine.linked import LinkedProgram
+from rigidmc.engine.program import fill_record
 
 PAGE = 65536  # bytes: memory grows by pages
 STACK = 2**19  # bytes below all numbers; the frames of kernels take up to 100 kB
@@ -51,9 +51,13 @@ class _Memory:
 
 
 def image_of(
-    program: Program, block: NDArray[np.float64], steps: StepRange, noise: NoiseKeys, saves: int,
+    program: LinkedProgram,
+    block: NDArray[np.float64],
+    steps: StepRange,
+    noise: NoiseKeys,
+    saves: int,
     order: NDArray[np.int64],
-) -> Image:  # fmt: skip
+) -> Image:
     """Return memory in which `members` makes these steps.
 
     saves : places for saves in `out`
@@ -61,11 +65,9 @@ def image_of(
     """
     memory, members = _Memory(), block.shape[1]
     rows = len(block) // program.copies
-    keys = [key for name, key in program.kernel_keys.items() if name != "advance"]
-    numbers = [
-        CompiledFunction(0, 0, memory.put(tree_flatten(key.parts if key else ()) or [0.0]))
-        for key in keys
-    ]
+    numbers = [CompiledFunction(0, 0, memory.put(one)) for one in program.kernel_numbers()]
+    if steps.save_count:
+        steps = steps._replace(save_steps=memory.put(steps.save_steps))
     at = memory.put(block)
     workspace = Workspace(
         substeps=memory.put(program.substeps),

@@ -58,13 +58,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.errors import OptionError, SceneError, nearest, unknown
+from rigidmc.errors import OptionError, SceneError, unknown
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.results.intervals import resolution_of
 from rigidmc.results.labels import count_text
-from rigidmc.results.measures import Measure, Variables, measure, save_for_measures
+from rigidmc.results.measures import save_for_measures
 from rigidmc.results.variables import saved_variables, variables_of
-from rigidmc.scene.derivative_names import derivative_unit, parameter_names_of_derivatives
+from rigidmc.scene.derivative_names import derivative_unit
 from rigidmc.scene.derivatives import derivative_name, parameters_of_run, quotient
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.sampling import is_sample
@@ -88,16 +88,12 @@ from rigidmc.studies.gradient.estimators import (
     of_score,
     terms_of,
 )
-from rigidmc.studies.gradient.scores import (
-    scores_of_noise,
-    scores_of_scene,
-    why_no_noise_score,
-)
+from rigidmc.studies.gradient.scores import scores_of_noise, scores_of_scene
+from rigidmc.studies.gradient.ways import ENDS, Asked, asked_of, ways
 
 Array = NDArray[np.float64]
 METHODS = "auto", "path", "score"
 FEW = 30.0  # effective members below which an interval of a mean is not reliable
-ENDS = "_final", "_last"  # of names of observables at the end
 
 
 class GradientOptions(Options):
@@ -122,20 +118,6 @@ class GradientOptions(Options):
         ' "auto"; by default "auto", which is "path" where possible',
     )
     confidence: float = confidence_option("confidence level of the intervals")
-
-
-class Asked(NamedTuple):
-    """A measure, and the observable at the end that it uses; "" for other variables."""
-
-    measure: Measure
-    observable: str
-
-
-def asked_of(text: str, variables: Variables, may_save_more: bool) -> Asked:
-    """Parse a measure; OptionError."""
-    found = measure(text, variables, may_save_more)
-    base, _, end = found.result.name.rpartition("_")
-    return Asked(found, base if f"_{end}" in ENDS and f"{base}{ENDS[0]}" in variables else "")
 
 
 def observables_of(texts: Sequence[str]) -> tuple[str, ...]:
@@ -189,61 +171,6 @@ def expanded(scene: Scene, names: Sequence[str]) -> tuple[str, ...]:
             single = parameters_of_run(scene.with_run(wrt=(name,)))
         found |= dict.fromkeys(single)
     return tuple(found)
-
-
-def ways(
-    scene: Scene, asked: Sequence[Asked], names: Sequence[str], method: str
-) -> list[list[str]]:
-    """Return the estimator of each measure by each parameter; OptionError where there is none."""
-    able = set(parameter_names_of_derivatives(scene))
-    return [[_way(scene, one, name, method, able) for name in names] for one in asked]
-
-
-def _way(scene: Scene, one: Asked, name: str, method: str, able: set[str]) -> str:
-    no_path = why_no_path(one)
-    if not no_path and name not in able:
-        no_path = f"{name} has no derivative at fixed random numbers"
-    if not no_path and method != "score":
-        return "path"
-    no_score = why_no_score(scene, one.measure, name)
-    if not no_score and method != "path":
-        return "score"
-    reasons = {"path": (no_path,), "score": (no_score,), "auto": (no_path, no_score)}[method]
-    raise OptionError(
-        f"has no derivative by {name}: {'; '.join(reasons)}", at="of", value=one.measure.text
-    )
-
-
-def why_no_path(one: Asked) -> str:
-    """Return the reason why a measure has no derivative by the path; "" if it has."""
-    kind, name = one.measure.kind, one.measure.result.name
-    if kind == "p":
-        return "members jump from 0 to 1, so that their derivatives are 0 and miss the change of p"
-    if kind == "correlation":
-        return "a correlation is not a mean of members"
-    if one.measure.given is not None:
-        return "members jump across the condition, which their derivatives miss"
-    if not one.observable:
-        return f"{name} has no derivative of a member: use an observable at the end, as energy_last"
-    return ""
-
-
-def why_no_score(scene: Scene, asked: Measure, name: str) -> str:
-    """Return the reason why a measure has no likelihood ratio by a parameter; "" if it has."""
-    if asked.kind not in ("p", "mean"):
-        return "the likelihood ratio requires a mean or p(NAME >= NUMBER)"
-    scores = scores_of_scene(scene)
-    if name in scores:
-        score = scores[name][1]
-        return f"{name} {score}" if isinstance(score, str) else ""
-    no_noise = why_no_noise_score(scene, name)
-    if name in scores_of_noise(scene):
-        return no_noise
-    known = [key for key, (_, one) in scores.items() if not isinstance(one, str)]
-    way = nearest(name, known) or next((k for k in known if k.startswith(f"{name}.")), "")
-    hint = f", such as {way or known[0]}" if known else "; this scene draws no such number"
-    rule = f"the likelihood ratio requires a parameter of a distribution of numbers{hint}"
-    return f"{rule}; {no_noise}" if no_noise else rule
 
 
 def with_ends(part: xr.Dataset) -> xr.Dataset:

@@ -156,7 +156,7 @@ def input_of(scene: Scene, options: PropagateOptions) -> Input:
         raise OptionError(rule, at="deviations", value=list(options.deviations))
     chosen = _known(nominal, list(options.wrt))
     if END in chosen:
-        rule = "is the same for all members: no ensemble has it as a random number"
+        rule = "has one value for all members: no ensemble has it as a random number"
         raise OptionError(rule, at="wrt", value=END)
     if options.deviations is None:
         return Input(nominal, chosen, checked_covariance(options.covariance, len(chosen)), None)

@@ -190,7 +190,7 @@ const ballTones = () => Array.from({ length: BALL.length / 9 }, (_, k) => {
 const SHAPE = { corners: new Float32Array(bytes(DATA.shape.corners).buffer), tones: DATA.shape.faces.map(tone => DATA.tones[tone]) };
 const UNIT = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
 const stretched = ([a, b, c], [x, y, z] = [0, 0, 0]) => [a, 0, 0, x, 0, b, 0, y, 0, 0, c, z];
-// the ellipsoid of uniform density with these moments; the shape itself as long as its moments are its own
+// the ellipsoid of uniform density with these moments; the shape itself until its moments change
 function form() {
   const { moments: i, mass, centre: c } = state.body, isOwn = !SLIDERS.some(s => isMoved(s) && ["moments", "mass", "centre"].includes(s.kind));
   if (isOwn) return { corners: SHAPE.corners, tones: SHAPE.tones, form: DATA.shape.form };

@@ -1,6 +1,6 @@
 "use strict";
 // The engine: members in WebAssembly. A message { to, from, count, members } moves the first members to step
-// `to` with `count` saves on the way; { rows } begins anew. The answer holds the saves.
+// `to` with `count` saves on the way; { rows } starts again. The answer holds the saves.
 const FOREVER = 2 ** 40;   // steps of a run that the reader ends
 let engine = null;
 
