@@ -160,6 +160,7 @@ def test_the_width_of_a_distribution_does_not_matter(dtype):
         assert off < {"float64": 1e-14, "float32": 1e-6}[dtype]
 
 
+@pytest.mark.slow
 def test_starts_may_be_drawn_as_a_whole_or_stand_in_a_grid():
     """An attitude and an angular velocity that are drawn as wholes change in all six directions,
     whatever their distributions; so do the numbers of a grid."""
@@ -176,6 +177,7 @@ def test_starts_may_be_drawn_as_a_whole_or_stand_in_a_grid():
     assert found.start.values[:, 0].tolist() == [0.125, 0.375, 0.625, 0.875]
 
 
+@pytest.mark.slow
 def test_a_change_keeps_the_noise_of_its_member():
     """Against two runs with the same noise, whose starts are apart."""
     body = rm.Body((1.0, 1.5, 2.2), mass=1.0, centre=(0.0, 0.1, 0.3))

@@ -197,6 +197,7 @@ def test_what_hardly_differs_has_no_indices():
     assert np.isnan(indices(single, resolved=resolution("float32"))[0].value).all()
 
 
+@pytest.mark.slow
 def test_the_moment_about_the_spin_counts():
     """The spin about axis 3 is the smaller the larger the moment there; nothing else matters."""
     spread = np.diag([1e-4, 1e-4, 1e-2, 1e-5, 1e-5, 1e-5])

@@ -210,6 +210,7 @@ def test_a_long_chaotic_tangent_stays_finite(dtype):
     assert abs(ratio - 1.0) < 0.2  # measured 0.92 and 0.98
 
 
+@pytest.mark.slow
 def test_noise_is_the_same_along_the_tangent():
     """Against two runs with the same noise, whose starts are 1e-6 apart to either side."""
     body = rm.Body.from_moments((1.0, 1.5, 2.2), mass=1.0, centre=(0.0, 0.1, 0.3))
