@@ -48,7 +48,7 @@ def _method(name: str) -> Callable[..., Any]:
 
     module, words = PICTURES[name]
     draw.__name__, draw.__qualname__ = name, f"Pictures.{name}"
-    draw.__doc__ = f"Draw {words}; options are those of `rigidmc.views.{module}.{name}`."
+    draw.__doc__ = f"Draw {words}; it takes the options of `rigidmc.views.{module}.{name}`."
     return draw
 
 

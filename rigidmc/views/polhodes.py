@@ -157,8 +157,8 @@ def polhodes(
     surface: str = "sphere",
     energies: Sequence[float] = (),
 ) -> Figure:
-    """Draw the polhodes of up to 20 members among those of other energies; for more, the density of
-    `momentum_sphere`.
+    """Draw the polhodes of up to 20 members among polhodes of other energies; for more members, the
+    density of `momentum_sphere`.
 
     Under torques, the lines are the paths of the momentum. The family of grey polhodes belongs to
     the first member's body and |L|.

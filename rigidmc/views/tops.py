@@ -279,6 +279,7 @@ def _swing(path: MemberPath, axis: Floats) -> tuple[Floats, Floats]:
     theta = np.degrees(np.arctan2(sine, s @ axis))
     u = to_space(path.principal_attitude, axis)
     at = np.argmax(sine)
+    # 1e-300: an axis that stays vertical has no plane, and every side of it is the same
     n = u[at, :2] / max(sine[at], 1e-300)
     if np.abs(u[:, 0] * n[1] - u[:, 1] * n[0]).max() > PLANAR:
         return theta, rate
