@@ -345,8 +345,9 @@ def results(threads):
             made = f"{file[0]}.{ending}"
             yield f"export {made}, printed", done_well("export", file, "-o", made)
             yield f"export {made}", _exported(made)
-        for picture in ("summary", "momentum_sphere", "axis_sphere", "middle_component",
-                        "start_and_end", "drift_histogram", "gibbs"):  # fmt: skip
+        for picture in ("summary", "trajectory", "angles", "phase_portrait", "effective_potential",
+                        "polhodes", "poinsot", "middle_component", "start_and_end",
+                        "drift_histogram", "gibbs"):  # fmt: skip
             made = f"{file[0]}-{picture}.png"
             text = told("plot", file, "-o", made, "--picture", picture)
             yield f"plot {made}", text + (pixels(made) if os.path.exists(made) else "")

@@ -46,6 +46,12 @@ _WORDS = {
     "gibbs": "canonical maxwell boltzmann thermal",
     "fisher": "von_mises vonmises von_mises_fisher",
     "correlated": "multivariate_normal covariance",
+    # pictures
+    "polhodes": "momentum_sphere herpolhode",
+    "trajectory": "axis_sphere path",
+    "angles": "euler euler_angles",
+    "phase_portrait": "phase_space phase_plane",
+    "effective_potential": "potential",
     # settings of a run
     "t_end": "tmax t_max tend tstop t_stop tfinal t_final t_f tf duration time end",
     "members": "n num count samples n_members n_samples ensemble size",

@@ -110,7 +110,8 @@ def plot_command(
         typer.Option(help=f"Kind of picture: {', '.join(PICTURES)}; with a bath also gibbs."),
     ] = "summary",
     surface: Annotated[
-        str | None, typer.Option(help="Of polhodes: sphere (of the momentum) or ellipsoid.")
+        str | None,
+        typer.Option(help="Of polhodes: sphere (of the momentum) or ellipsoid (of inertia)."),
     ] = None,
     energies: Annotated[
         str | None,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
+from rigidmc.errors import nearest
 from rigidmc.views import PICTURES, picture
 from rigidmc.views.states import ResultStates
 
@@ -37,7 +38,9 @@ class Pictures:
         self._result = result
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
-        raise AttributeError(f"no picture '{name}'; known: {', '.join(PICTURES)}")
+        close = nearest(name, PICTURES)
+        hint = f"; did you mean '{close}'?" if close else ""
+        raise AttributeError(f"no picture '{name}'; known: {', '.join(PICTURES)}{hint}")
 
 
 def _method(name: str) -> Callable[..., Any]:
@@ -48,7 +51,7 @@ def _method(name: str) -> Callable[..., Any]:
 
     module, words = PICTURES[name]
     draw.__name__, draw.__qualname__ = name, f"Pictures.{name}"
-    draw.__doc__ = f"Draw {words}; it takes the options of `rigidmc.views.{module}.{name}`."
+    draw.__doc__ = f"Draw {words}. It takes the arguments of `rigidmc.views.{module}.{name}`."
     return draw
 
 

@@ -21,7 +21,7 @@ from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.turns import BODY
 from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.results.labels import axis_label, count_text, with_units
-from rigidmc.views.hemispheres import axis_sphere, momentum_sphere
+from rigidmc.views.hemispheres import axis_density, momentum_density
 from rigidmc.views.sample import (
     drawn_members,
     figure_of_result,
@@ -42,16 +42,16 @@ def summary(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
     The axis in space requires saved attitudes. With fewer than three saves, the spread at the start
     and at the end replaces the time series.
     """
-    spheres = [momentum_sphere, axis_sphere] if "attitude" in ds else [momentum_sphere]
-    figure = figure or figure_of_result(ds, (13.0, 8.0) if len(spheres) > 1 else (10.0, 8.0))
+    densities = [momentum_density, axis_density] if "attitude" in ds else [momentum_density]
+    figure = figure or figure_of_result(ds, (13.0, 8.0) if len(densities) > 1 else (10.0, 8.0))
     if not (ds.status.values == 0).any():
         figure.text(0.5, 0.5, "nothing to draw: every member is flagged", ha="center")
         return figure
     part, grid = thin_result(ds), figure.add_gridspec(2, 1, height_ratios=[1.15, 1.0])
-    upper = grid[0].subgridspec(1, len(spheres))
+    upper = grid[0].subgridspec(1, len(densities))
     lower = grid[1].subgridspec(1, 2, width_ratios=[1.4, 1.0])
-    for place, sphere in enumerate(spheres):
-        sphere(part, figure.add_subplot(upper[place]))
+    for place, density in enumerate(densities):
+        density(part, figure.add_subplot(upper[place]))
     series = ("omega" in ds or "momentum" in ds) and ds.sizes["time"] > 2
     (middle_component if series else start_and_end)(part, figure.add_subplot(lower[0]))
     drift_histogram(ds, figure.add_subplot(lower[1]))

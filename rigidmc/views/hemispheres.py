@@ -1,7 +1,9 @@
-"""Pictures of directions: of momenta in the body, and of body axes in space."""
+"""Directions on flat discs: densities of momenta in the body and of body axes in space, and paths
+that stay close to an axis.
+"""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -12,7 +14,7 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from rigidmc.figures import DENSITY, HALO, INK, PATH, add_title, figure_of
+from rigidmc.figures import DENSITY, GREY, HALO, INK, PATH, add_title, figure_of
 from rigidmc.planning.turns import AXIS, BODY
 from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.views.sample import (
@@ -25,6 +27,8 @@ from rigidmc.views.sample import (
 )
 from rigidmc.views.sphere import central_axis, disc_density, lambert, polhodes
 
+NARROW = 10.0  # deg: paths that stay so close to an axis would be a dot on a sphere
+POINT = 1e-9  # size of curves that are a point, far below the smallest of CAPS
 COARSE = 0.8  # mean cosine of the angle between two steps of a path; below it a path becomes dots,
 # because lines would cut corners
 
@@ -44,8 +48,8 @@ def is_free(ds: xr.Dataset) -> bool:
     return conserved == ["yes", "yes"] and "work" not in ds
 
 
-def momentum_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
-    """Draw the direction of the angular momentum in the body: density, and paths of a few members.
+def momentum_density(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
+    """Draw the density of directions of the angular momentum in the body, and a few paths.
 
     The picture shows two hemispheres in Lambert's equal-area projection, seen along the axis of the
     middle moment (for a symmetric body, the symmetry axis), or one cap that contains all members.
@@ -79,17 +83,19 @@ def momentum_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     return figure_of(axes)
 
 
-def axis_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
-    """Draw the direction of body axis 3 in space, from above (+z) and below: density and paths.
+def axis_density(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
+    """Draw the density of directions of body axis 3 in space, from above (+z) and below, and a few
+    paths.
 
     Axis 3 is the third column of the rotation matrix, (2(xz + wy), 2(yz - wx),
-    w^2 - x^2 - y^2 + z^2); projection and times as in `momentum_sphere`.
+    w^2 - x^2 - y^2 + z^2); projection and times as in `momentum_density`.
 
     ds : result with attitude
     """
     if "attitude" not in ds:
         raise ValueError(
-            'axis_sphere needs the attitude, which was not saved: run with save=("attitude",)'
+            "the direction of axis 3 needs the attitude, which was not saved: run with"
+            ' save=("attitude",)'
         )
     part = thin_result(ds)
     w, x, y, z = np.moveaxis(part.attitude.transpose("time", "quat", "member").values, 1, 0)
@@ -141,6 +147,57 @@ def _hemispheres(
     bar.ax.tick_params(labelsize=8)
 
 
+class Cap(NamedTuple):
+    """A cap of the sphere around a coordinate axis (0 to 2), on its side 1 or -1; its rim is at an
+    angle [deg] from this axis."""
+
+    axis: int
+    side: int
+    angle: float
+
+
+def narrow_cap(curves: Sequence[Vectors]) -> Cap | None:
+    """Return the cap around an axis that contains curves of directions (n, 3); None if it is wider
+    than NARROW, if all are one point, or if a curve has no direction."""
+    all_directions = np.concatenate(curves)
+    if not np.ptp(all_directions, axis=0).max() > POINT:  # also if one is nan
+        return None
+    axis = int(np.argmax(np.abs(all_directions).min(axis=0)))
+    sides, angle = _visible(np.roll(all_directions, 2 - axis, axis=1).T)
+    return Cap(axis, sides[0], angle) if len(sides) == 1 and angle <= NARROW else None
+
+
+def draw_on_cap(
+    axes: Axes,
+    cap: Cap,
+    names: Sequence[str],
+    curves: Sequence[Vectors],
+    styles: Sequence[dict[str, Any]],
+    labels: Sequence[str | None],
+) -> None:
+    """Draw curves of directions (n, 3) and their starts on a cap, in Lambert's equal-area
+    projection.
+
+    names : of the three axes;  labels : of the curves, None for none
+    """
+    axes.set_axis_off()
+    order, limit = np.roll(np.arange(3), 2 - cap.axis), 2.0 * np.sin(np.radians(cap.angle) / 2.0)
+    rim = _rim(axes, 0.0, limit)
+    for curve, style, label in zip(curves, styles, labels, strict=True):
+        right, up, toward = curve[:, order].T
+        x, y = lambert(cap.side * right, up, cap.side * toward)
+        axes.plot(x, y, linewidth=1.5, label=label, **style)
+        axes.plot(x[:1], y[:1], "o", color=style["color"], markersize=6)
+    axes.plot([], [], "o", color=GREY, markersize=6, label="start")
+    _names(axes, [names[k] for k in order], rim, cap.side, False)
+    ends = (-1.2 * limit, 1.2 * limit)
+    axes.set(xlim=ends, ylim=(-1.35 * limit, 1.2 * limit), aspect="equal")
+    title = f"rim: {_angle(cap.angle)} from centre"
+    axes.legend(
+        loc="lower center", title=title, ncols=4, fontsize=9, title_fontsize=9, frameon=False
+    )
+
+
 def _visible(directions: NDArray[np.float64]) -> tuple[list[int], float]:
     """Return (sides, angle of the rim [deg]) of two discs, or of the cap that contains all
     directions (right, up, toward)."""
@@ -166,14 +223,20 @@ def _disc(
     axes: Axes, shown: NDArray[Any], norm: LogNorm, centre: float, limit: float
 ) -> tuple[AxesImage, Circle]:
     """Draw the image of a density on a disc, and the rim of the disc."""
-    rim = Circle((centre, 0.0), limit, facecolor="none", edgecolor=INK, linewidth=0.8, zorder=4)
-    axes.add_patch(rim)
+    rim = _rim(axes, centre, limit)
     box = (centre - limit, centre + limit, -limit, limit)
-    axes.plot(centre, 0.0, "o", color=INK, markersize=4, markeredgecolor="white", zorder=5)
     image = axes.imshow(
         shown, DENSITY, norm, extent=box, origin="lower", interpolation="nearest", clip_path=rim
     )
     return image, rim
+
+
+def _rim(axes: Axes, centre: float, limit: float) -> Circle:
+    """Draw the rim of a disc and the point at its centre."""
+    rim = Circle((centre, 0.0), limit, facecolor="none", edgecolor=INK, linewidth=0.8, zorder=4)
+    axes.add_patch(rim)
+    axes.plot(centre, 0.0, "o", color=INK, markersize=4, markeredgecolor="white", zorder=5)
+    return rim
 
 
 def _lines(axes: Axes, paths: Vectors, rim: Circle, side: int, slopes: Sequence[float]) -> None:

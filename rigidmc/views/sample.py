@@ -147,35 +147,40 @@ class MemberPath(NamedTuple):
     moments: NDArray[np.float64]
 
 
-def member_paths(ds: xr.Dataset) -> tuple[list[MemberPath], str]:
+def member_paths(ds: xr.Dataset, kind: str) -> tuple[list[MemberPath], str]:
     """Return the smooth paths of all good members, and a warning if they are not.
 
-    Where the saves are too far apart, or lack the attitude, the member is recomputed as for an
+    Where the saves are too far apart, or lack a state, the member is recomputed as for an
     animation, up to the time that DENSE[1] points can show. A member that cannot be recomputed, as
     without its scene or with custom code, is drawn through its saves.
+
+    kind : quantity in the picture, from `rigidmc.planning.turns`; for BODY the attitude may be
+        missing, and is nan
     """
-    paths, notes = [], []
-    for k in range(good_members(ds).sizes["member"]):
-        one, note = _dense(good_members(ds).isel(member=[k]))
+    good, paths, notes = good_members(ds), [], []
+    for k in range(good.sizes["member"]):
+        one, note = _dense(good.isel(member=[k]), kind)
         t = one.time.values
         l = omega_or_momentum(in_principal_axes(one), "momentum")[0][..., 0]
         moments = one.moments.values[:, 0]
-        own, q = (
-            v.transpose("time", "quat", "member").values[..., 0]
-            for v in (one.attitude, principal(one, "attitude"))
-        )
+        own = q = np.full((t.size, 4), np.nan)
+        if "attitude" in one:
+            own, q = (
+                v.transpose("time", "quat", "member").values[..., 0]
+                for v in (one.attitude, principal(one, "attitude"))
+            )
         paths.append(MemberPath(int(one.member[0]), t, own, q, l, l / moments, moments))
         notes += [note] if note else []
     return paths, notes[0] if notes else ""
 
 
-def _dense(one: xr.Dataset) -> tuple[xr.Dataset, str]:
+def _dense(one: xr.Dataset, kind: str) -> tuple[xr.Dataset, str]:
     """Return a member at close times, and a warning if they are not close."""
     from rigidmc.runs.rerun import frames
 
     part = thin_result(one)
-    rate = max(float(fastest(part, kind)[0]) for kind in (BODY, AXIS, ATTITUDE))
-    has_states = "attitude" in one and ("omega" in one or "momentum" in one)
+    rate = float(fastest(part, kind)[0])
+    has_states = ("omega" in one or "momentum" in one) and (kind == BODY or "attitude" in one)
     apart = float(np.diff(np.atleast_1d(one.time.values)).max(initial=0.0))
     if has_states and one.sizes["time"] > 2 and rate * apart <= FINE:
         return one, ""
@@ -186,11 +191,22 @@ def _dense(one: xr.Dataset) -> tuple[xr.Dataset, str]:
         return frames(one, int(one.member[0]), count, until=until), ""
     except (RigidmcError, NumbaError, AttributeError, TypeError, KeyError):
         if not has_states:
+            states = '"omega"' if kind == BODY else '"omega", "attitude"'
             raise ValueError(
                 "the member cannot be recomputed, and its states were not saved: run with"
-                ' save=("omega", "attitude") and keep="full"'
+                f' save=({states},) and keep="full"'
             ) from None
-        return one, note_on(part, ATTITUDE)
+        return one, note_on(part, kind)
+
+
+def member_labels(members: NDArray[Any]) -> list[str | None]:
+    """Return the labels of the lines of members; more than KEYED lines have none."""
+    return [f"member {one}" if members.size <= KEYED else None for one in members]
+
+
+def times_of(paths: list[MemberPath]) -> str:
+    """Describe the times that paths cover."""
+    return f"t = {paths[0].t[0]:.5g} to {max(path.t[-1] for path in paths):.5g} s"
 
 
 STATES = 1_000_000  # states per batch when computing rates

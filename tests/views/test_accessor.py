@@ -103,7 +103,7 @@ def test_a_polhode_keeps_energy_and_size(result):
 
 def test_pictures_and_summary(result):
     with rm.open(str(result)) as ds:
-        assert ds.rigid.plot.momentum_sphere().axes
+        assert ds.rigid.plot.polhodes().axes
         assert all(callable(getattr(ds.rigid.plot, name)) for name in PICTURES)
         assert set(PICTURES) <= set(dir(ds.rigid.plot))
         with pytest.raises(AttributeError, match="known"):

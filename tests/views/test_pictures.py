@@ -16,7 +16,7 @@ import rigidmc as rm
 from rigidmc import views
 from rigidmc.figures import save
 from rigidmc.studies.stability_map import picture as maps
-from rigidmc.views import PICTURES, ensemble, sphere
+from rigidmc.views import PICTURES, ensemble, hemispheres, sphere
 from rigidmc.views.descriptions import describe_body
 from rigidmc.views.sample import DRAWN, MEMBERS, TIMES, omega_or_momentum, thin_result
 from tests.axes import unlabelled
@@ -113,19 +113,19 @@ def draw(figure):
     return figure
 
 
-ENSEMBLES = [name for name, (file, _) in PICTURES.items() if file in ("ensemble", "hemispheres")]
+ENSEMBLES = [name for name, (file, _) in PICTURES.items() if file == "ensemble"]
 
 
-@pytest.mark.parametrize("name", ENSEMBLES)
+@pytest.mark.parametrize("name", [*ENSEMBLES, "polhodes", "trajectory"])
 def test_every_axis_has_a_label(name, free, ends, tops):
     for ds in (free, ends, tops):
-        lacking = {"axis_sphere": ds is not tops, "middle_component": ds is ends}
+        lacking = {"trajectory": ds is not tops, "middle_component": ds is ends}
         if not lacking.get(name):
             assert not unlabelled(views.picture(name)(ds))
 
 
-def test_momentum_sphere_shows_two_discs_axes_paths_and_separatrices(free):
-    figure = draw(ensemble.momentum_sphere(free))
+def test_momentum_density_shows_two_discs_axes_paths_and_separatrices(free):
+    figure = draw(hemispheres.momentum_density(free))
     axes, bar = figure.axes
     assert len(axes.images) == 2
     assert {text.get_text() for text in axes.texts} == {
@@ -140,7 +140,7 @@ def test_momentum_sphere_shows_two_discs_axes_paths_and_separatrices(free):
 def test_separatrices_are_where_2t_i_mid_is_l2(free):
     line = next(
         line
-        for line in ensemble.momentum_sphere(free).axes[0].lines
+        for line in hemispheres.momentum_density(free).axes[0].lines
         if line.get_label() == "separatrices"
     )
     (x0, x1), (y0, y1) = line.get_data()
@@ -191,14 +191,14 @@ def test_both_hemispheres_are_shown_where_a_path_goes_on_to_the_other(free):
     bare = free.drop_vars("omega")
     # one point; its polhode goes around axis 1
     bare["start_omega"][:] = np.array([0.5, 0.1, 0.1])[:, None]
-    assert len(ensemble.momentum_sphere(bare).axes[0].images) == 2
+    assert len(hemispheres.momentum_density(bare).axes[0].images) == 2
 
 
 def test_paths_of_tops_under_torque_are_their_saves(tops):
     saved = omega_or_momentum(tops, "momentum")[0][:, :, 0]
     line = next(
         line
-        for line in ensemble.momentum_sphere(tops).axes[0].lines
+        for line in hemispheres.momentum_density(tops).axes[0].lines
         if line.get_label() == "single members"
     )
     u = saved / np.linalg.norm(saved, axis=1, keepdims=True)
@@ -228,7 +228,7 @@ def test_middle_component_follows_the_middle_moment_of_each_member(free):
     (axes,) = ensemble.middle_component(mixed).axes
     assert axes.get_ylabel() == "$\\omega_\\mathrm{mid}$ [rad/s]"
     assert np.array_equal(axes.lines[0].get_ydata(), np.median(free.omega.sel(axis=2), axis=1))
-    assert "separatrices" not in legend(ensemble.momentum_sphere(mixed).axes[0])  # not one body
+    assert "separatrices" not in legend(hemispheres.momentum_density(mixed).axes[0])  # not one body
 
 
 def test_pictures_in_principal_axes_do_not_depend_on_the_axes_of_the_description():
@@ -243,7 +243,7 @@ def test_pictures_in_principal_axes_do_not_depend_on_the_axes_of_the_description
         for body, w in ((described, omega), (rm.Body(described.moments), omega @ axes))
     ]
     assert abs(results[0].omega - results[1].omega).max() > 0.1
-    for picture in (ensemble.middle_component, ensemble.momentum_sphere):
+    for picture in (ensemble.middle_component, hemispheres.momentum_density):
         one, other = (
             [line.get_xydata() for line in picture(ds).axes[0].lines] for ds in results
         )  # fmt: skip
@@ -258,7 +258,7 @@ def test_symmetric_tops_are_seen_along_their_symmetry_axis(free):
     lagrange = free.assign(
         moments=free.moments.copy(data=np.repeat([[2.0], [2.0], [1.0]], 400, axis=1))
     )
-    texts = draw(ensemble.momentum_sphere(lagrange)).axes[0].texts
+    texts = draw(hemispheres.momentum_density(lagrange)).axes[0].texts
     assert texts[4].get_text() == "$+3$"
     assert texts[4].xy == (0.0, 0.0)
     assert (
@@ -270,8 +270,8 @@ def test_symmetric_tops_are_seen_along_their_symmetry_axis(free):
 def test_momentum_saved_instead_of_omega_gives_the_same_pictures(free):
     other = free.assign(momentum=free.omega * free.moments).drop_vars("omega")
     assert np.array_equal(
-        discs(ensemble.momentum_sphere(free)),
-        discs(ensemble.momentum_sphere(other)),
+        discs(hemispheres.momentum_density(free)),
+        discs(hemispheres.momentum_density(other)),
         equal_nan=True,
     )
     medians = [ensemble.middle_component(ds).axes[0].lines[0].get_ydata() for ds in (free, other)]
@@ -314,8 +314,8 @@ def test_drift_histogram_without_a_drift_to_show(free, value):
     )
 
 
-def test_axis_sphere_shows_the_third_column_of_a_on_one_cap(tops):
-    figure = draw(ensemble.axis_sphere(tops))
+def test_axis_density_shows_the_third_column_of_a_on_one_cap(tops):
+    figure = draw(hemispheres.axis_density(tops))
     (density,) = discs(figure)
     row, column = np.nonzero(np.isfinite(density))
     assert figure.axes[0].get_legend().get_title().get_text() == "rim: 45° from centre"
@@ -333,7 +333,7 @@ def test_the_rim_of_a_cap_is_the_next_round_angle(angle, words):
     start = rm.Start(momentum=rm.Cone(3, 1.0, angle))
     scene = rm.Scene(rm.Body.from_moments((1.0, 1.0, 1.5)), start=start)
     ds = rm.simulate(scene, members=32, dt=0.1, t_end=1.0, save=("omega",))
-    figure = draw(ensemble.momentum_sphere(ds))
+    figure = draw(hemispheres.momentum_density(ds))
     assert figure.axes[0].get_legend().get_title().get_text() == f"rim: {words} from centre"
 
 
@@ -368,8 +368,8 @@ def test_summary_without_states_shows_the_start_and_says_so(free):
     )
     for ds, picture, wanted in (
         (bare, ensemble.middle_component, "every="),
-        (bare, ensemble.axis_sphere, 'save=("attitude",)'),
-        (bare.drop_vars("start_omega"), ensemble.momentum_sphere, 'save=("omega",)'),
+        (bare, hemispheres.axis_density, 'save=("attitude",)'),
+        (bare.drop_vars("start_omega"), hemispheres.momentum_density, 'save=("omega",)'),
     ):
         with pytest.raises(ValueError, match="run with") as error:
             picture(ds)
@@ -401,7 +401,7 @@ def test_nothing_but_flagged_members(free):
         == "nothing to draw: every member is flagged"
     )
     with pytest.raises(ValueError, match="400 members"):
-        ensemble.momentum_sphere(dead)
+        hemispheres.momentum_density(dead)
 
 
 @pytest.mark.parametrize("members", [1, 2, 3])

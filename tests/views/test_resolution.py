@@ -25,8 +25,9 @@ from rigidmc.planning.turns import (
 )
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.library import shipped_names
-from rigidmc.views import animation
+from rigidmc.views import animation, ensemble
 from rigidmc.views.descriptions import _steps
+from rigidmc.views.hemispheres import momentum_density
 from rigidmc.views.sample import TIMES, fastest, note_on, thin_result
 
 GYROSCOPE = rm.Scene.load("gyroscope").with_run(members=16, t_end=0.4)
@@ -138,11 +139,11 @@ def test_shipped_scenes_as_they_move(name):
 def test_every_picture_of_what_turns_too_far_says_so(tmp_path):
     coarse = rm.simulate(GYROSCOPE, threads=1, every=0.01)
     fine = rm.simulate(GYROSCOPE, threads=1)
-    for name in ("summary", "middle_component", "momentum_sphere"):
+    for draw in (ensemble.summary, ensemble.middle_component, momentum_density):
         for ds, says in ((coarse, True), (fine, False)):
-            figure = getattr(ds.rigid.plot, name)()
+            figure = draw(ds)
             titles = " ".join(axes.get_title() for axes in figure.axes).replace("\n", " ")
-            assert ("of 16 members turn by up to" in titles) is says, (name, titles)
+            assert ("of 16 members turn by up to" in titles) is says, (draw, titles)
             assert ("use every <= 0.0034 s" in titles) is says
     truth = np.linalg.norm(fine.omega.values, axis=1).max()
     assert truth * 0.0034 < MOST < truth * 0.0035

@@ -14,6 +14,7 @@ from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.read import _value
 from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
 from rigidmc.synonyms import NAMES
+from rigidmc.views import PICTURES
 
 BODY = rm.Body.from_moments((1.0, 2.0, 2.5))
 SETTINGS = [*Run.model_fields, "threads", "output", "force"]
@@ -46,6 +47,9 @@ SETTINGS = [*Run.model_fields, "threads", "output", "force"]
         ("foo", shipped_names(), None),
         ("heavytop", shipped_names(), "heavy_top"),
         ("gaussian", ["normal", "uniform"], "normal"),
+        ("momentum_sphere", PICTURES, "polhodes"),  # its name in 0.1.0
+        ("axis_sphere", PICTURES, "trajectory"),
+        ("phase_space", PICTURES, "phase_portrait"),
     ],
 )
 def test_the_nearest_word(word, known, right):
@@ -56,7 +60,7 @@ def test_every_hint_is_a_name_that_there_is():
     """A name that is renamed would leave hints behind that name nothing."""
     keys = {"mass", "centre", "radius", "height", "density", "particles", "tensor", "moments"}
     keys |= {"normal", "uniform", "expon"} | {law.name for law in VECTOR_DISTRIBUTIONS}
-    known = {*SOLIDS, *EFFECTS, *KNOWN, *INTEGRATORS, "closed", *SETTINGS, *keys}
+    known = {*SOLIDS, *EFFECTS, *KNOWN, *INTEGRATORS, "closed", *SETTINGS, *PICTURES, *keys}
     assert {name for names in NAMES.values() for name in names} <= known
 
 

@@ -91,10 +91,14 @@ COMMANDS = {
 }
 PICTURES = (
     "summary",
-    "momentum_sphere",
+    "trajectory",
+    "angles",
+    "phase_portrait",
+    "effective_potential",
+    "polhodes",
+    "poinsot",
     "middle_component",
     "drift_histogram",
-    "axis_sphere",
     "gibbs",
 )
 
