@@ -13,8 +13,14 @@ from rigidmc.errors import PartError as PartError
 from rigidmc.errors import RigidmcError as RigidmcError
 from rigidmc.errors import SceneError as SceneError
 from rigidmc.errors import SceneWarning as SceneWarning
+from rigidmc.mechanics.euler_rates import euler_rates as euler_rates
+from rigidmc.mechanics.euler_rates import omega_from_euler_rates as omega_from_euler_rates
 from rigidmc.mechanics.free_top import analyse_free_top as analyse_free_top
 from rigidmc.mechanics.free_top import solve_free_top as solve_free_top
+from rigidmc.mechanics.lagrange_steady import effective_potential as effective_potential
+from rigidmc.mechanics.lagrange_steady import least_spin as least_spin
+from rigidmc.mechanics.lagrange_steady import steady_precession as steady_precession
+from rigidmc.mechanics.lagrange_steady import tilt_growth as tilt_growth
 from rigidmc.mechanics.lagrange_top import analyse_lagrange_top as analyse_lagrange_top
 from rigidmc.mechanics.lagrange_top import solve_lagrange_top as solve_lagrange_top
 from rigidmc.physics.effects.bath import Bath as Bath

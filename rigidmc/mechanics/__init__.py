@@ -5,13 +5,14 @@ broadcast, and cites its equation. The closed forms are the reference for all in
 package uses no integrator.
 
 Reading order: `euler_angles` (all 12 sequences), `rotation` (quaternions, matrices, Euler angles),
-`inertia`, `solids` and `mesh` (bodies), `axes_rates` (how principal axes change with a tensor),
-`impossible` (why a body cannot exist), `log_cholesky` (the inertia of a body as ten numbers),
-`coordinates` (generalised coordinates and the torques of potentials); then the free top: `textbook`
-(omega as in textbooks, and elliptic functions), `jacobi` (elliptic functions as formulas),
-`free_orbit` (the motion as formulas), `free_top` (for arrays); then heavy tops: `lagrange_limits`,
-`lagrange_orbit`, `lagrange_top`, and `integrable_tops` (Kovalevskaya, Goryachev-Chaplygin, Staude,
-Grioli).
+`euler_rates` (rates of Euler angles, and omega), `inertia`, `solids` and `mesh` (bodies),
+`axes_rates` (how principal axes change with a tensor), `impossible` (why a body cannot exist),
+`log_cholesky` (the inertia of a body as ten numbers), `coordinates` (generalised coordinates and
+the torques of potentials); then the free top: `textbook` (omega as in textbooks, and elliptic
+functions), `jacobi` (elliptic functions as formulas), `free_orbit` (the motion as formulas),
+`free_top` (for arrays); then heavy tops: `lagrange_limits`, `lagrange_orbit`, `lagrange_top`,
+`lagrange_steady` (effective potential, steady motions, stability), and `integrable_tops`
+(Kovalevskaya, Goryachev-Chaplygin, Staude, Grioli).
 
 The formulas contain no cancelling subtraction and no branch on a rounded number; the tests compare
 them with mpmath. Their order of operations determines a member's bits in `closed` runs.

@@ -1,10 +1,10 @@
 """Generalised coordinates of a body with a fixed point, and torques of potentials.
 
-TdC (3.29)-(3.34). Coordinates are a name, "zxz", "zyz" or "rotation_vector", or a function A(q) ->
-(..., 3, 3) of q (..., n). Potentials are functions V(A) [J] of matrices (..., 3, 3). Both kinds of
-functions must accept complex numbers: a complex step of 1e-30 differentiates them, exactly to
-rounding because it forms no difference. They may use np.sin, np.sqrt, @ and so on, but not abs,
-norm, conj or comparisons.
+TdC (3.29)-(3.34). Coordinates are a sequence of Euler angles such as "313", "rotation_vector", or a
+function A(q) -> (..., 3, 3) of q (..., n). Potentials are functions V(A) [J] of matrices
+(..., 3, 3). Both kinds of functions must accept complex numbers: a complex step of 1e-30
+differentiates them, exactly to rounding because it forms no difference. They may use np.sin,
+np.sqrt, @ and so on, but not abs, norm, conj or comparisons.
 """
 
 from collections.abc import Callable, Iterator
@@ -15,14 +15,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import floats
 from rigidmc.errors import unknown
-from rigidmc.mechanics.rotation import euler_rate_matrix, hat
+from rigidmc.mechanics.euler_angles import SEQUENCES
+from rigidmc.mechanics.euler_rates import euler_rate_matrix
+from rigidmc.mechanics.rotation import hat
 
 Potential = Callable[[NDArray[Any]], Any]
 Coordinates = str | Callable[[NDArray[Any]], ArrayLike]
 _Floats = NDArray[np.float64]
 
 STEP = 1e-30  # of a coordinate, or of an angle [rad]: its square is negligible compared with 1
-NAMED = ("zxz", "zyz", "rotation_vector")
+NAMED = (*SEQUENCES, "rotation_vector")
 _FREE = (
     "it must accept complex numbers and keep them complex: "
     "write np.sqrt((x * x).sum(-1)) for a norm and x * x for abs(x)**2"
@@ -40,9 +42,8 @@ def matrix(coordinates: Coordinates, q: ArrayLike) -> NDArray[Any]:
         rotated: NDArray[Any] = np.eye(3) + first * k + second * (k @ k)
         return rotated
     _check_known(coordinates)
-    phi, theta, psi = np.moveaxis(q, -1, 0)
-    tilt = _about(0 if coordinates == "zxz" else 1, theta)
-    product: NDArray[Any] = _about(2, phi) @ tilt @ _about(2, psi)
+    one, two, three = (_about(int(axis) - 1, q[..., k]) for k, axis in enumerate(coordinates))
+    product: NDArray[Any] = one @ two @ three
     return product
 
 
@@ -74,7 +75,7 @@ def identity_residual(m: Callable[[NDArray[Any]], ArrayLike], q: ArrayLike) -> _
 
     It is 0 for every M that belongs to coordinates.
 
-    m : function M(q) that accepts complex numbers, e.g. lambda q: rate_matrix("zxz", q)
+    m : function M(q) that accepts complex numbers, e.g. lambda q: rate_matrix("313", q)
     """
     value = np.asarray(m(floats(q, "q")))
     slopes = np.stack(list(_slopes(m, q, "M(q)")), -1)  # dM_is/dq_r as [..., i, s, r]

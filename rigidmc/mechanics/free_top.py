@@ -152,8 +152,8 @@ def solve_free_top(
         (some published problems use them)
     momentum : array_like (..., 3) [kg m^2/s]
         angular momentum in principal axes at t = 0
-    attitude : array_like (..., 4), (..., 3, 3) or scipy Rotation
-        quaternions or matrices, body to space, at t = 0
+    attitude : array_like (..., 4), (..., 3, 3) or (3,), or scipy Rotation
+        quaternions or matrices, body to space, or three Euler angles z-x-z [rad], at t = 0
     t : array_like (...) [s]
         times; may be sparse, huge or negative
 

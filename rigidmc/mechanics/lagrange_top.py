@@ -17,7 +17,6 @@ from rigidmc.mechanics.rotation import Attitude, quaternion
 from rigidmc.physics.dynamics.quaternions import conjugate, multiply
 
 _Floats = NDArray[np.float64]
-_Numbers = float | _Floats
 
 # smaller relative widths and rates count as 0 in the classification of a motion
 SAME = 1e-12
@@ -118,8 +117,9 @@ def solve_lagrange_top(
         if it lies on the other side
     momentum : array_like (..., 3) [kg m^2/s]
         angular momentum in principal axes at t = 0
-    attitude : array_like (..., 4), (..., 3, 3) or scipy Rotation
-        quaternions or matrices, body to space, at t = 0; may be upright or hanging
+    attitude : array_like (..., 4), (..., 3, 3) or (3,), or scipy Rotation
+        quaternions or matrices, body to space, or three Euler angles z-x-z [rad], at t = 0; may be
+        upright or hanging
     t : array_like (...) [s]
         times
     axis : int, optional
@@ -178,8 +178,8 @@ def analyse_lagrange_top(
         k = m g l, as for `solve_lagrange_top`
     momentum : array_like (..., 3) [kg m^2/s]
         angular momentum in principal axes
-    attitude : array_like (..., 4), (..., 3, 3) or scipy Rotation
-        quaternions or matrices, body to space
+    attitude : array_like (..., 4), (..., 3, 3) or (3,), or scipy Rotation
+        quaternions or matrices, body to space, or three Euler angles z-x-z [rad]
     axis : int, optional
         the symmetry axis, 1, 2 or 3
 
@@ -219,7 +219,15 @@ def analyse_lagrange_top(
     cusps 1.348585
     """
     table, columns, shape, bad, below = _orbits(moments, weight, momentum, attitude, axis)
-    o: Any = LagrangeOrbit(*table.T)
+    found = _turned_back(_nutation(LagrangeOrbit(*table.T), columns, bad), below)
+    return NutationRange(*(np.reshape(v, shape) for v in found))
+
+
+def _nutation(o: Any, columns: _Floats, bad: NDArray[np.bool_]) -> NutationRange:
+    """Return the NutationRange (n,) of each LagrangeOrbit in o, whose weights are not negative.
+
+    columns : A, C, k, L, attitude (10, n);  bad : mask of impossible tops
+    """
     (a, c, k, l1, l2, l3), q = columns[:6], columns[6:]
     with np.errstate(all="ignore"):
         fixed = (o.width <= SAME) | (o.v1 == o.v2)
@@ -231,22 +239,20 @@ def analyse_lagrange_top(
         )
         height = (q[0] ** 2 + q[3] ** 2 - q[1] ** 2 - q[2] ** 2) / (q**2).sum(0)
         energy = 0.5 * ((l1**2 + l2**2) / a + l3**2 / c) + k * height
+    p_phi = 0.5 * o.inertia * (o.e_plus + o.e_minus)
+    constants = kind, p_phi, l3, energy, low, high
+    return NutationRange(*constants, o.m, o.mc, o.rate, period, precession, spin)
+
+
+def _turned_back(found: NutationRange, below: NDArray[np.bool_]) -> NutationRange:
+    """Return the NutationRange of tops that `_orbits` has turned upside down where `below`."""
     upside = np.where(below, -1.0, 1.0)
-    values = (
-        kind,
-        upside * 0.5 * o.inertia * (o.e_plus + o.e_minus),
-        l3,
-        energy,
-        np.where(below, np.pi - high, low),
-        np.where(below, np.pi - low, high),
-        o.m,
-        o.mc,
-        o.rate,
-        period,
-        upside * precession,
-        spin,
+    return found._replace(
+        p_phi=upside * found.p_phi,
+        low=np.where(below, np.pi - found.high, found.low),
+        high=np.where(below, np.pi - found.low, found.high),
+        precession=upside * found.precession,
     )
-    return NutationRange(*(np.reshape(v, shape) for v in values))
 
 
 def _kinds(o: Any, columns: _Floats, bad: NDArray[np.bool_], fixed: NDArray[np.bool_]) -> Any:
@@ -284,68 +290,3 @@ def _turns_of_a_period(o: Any, period: _Floats) -> tuple[_Floats, _Floats]:
     delta = 2.0 * o.s_minus * (o.h_minus * o.quarter + o.minus_all) - o.drift * period
     ends = np.isfinite(period)
     return np.where(ends, sigma + delta, np.nan), np.where(ends, sigma - delta, np.nan)
-
-
-def effective_potential(
-    moments: ArrayLike, weight: _Numbers, p_phi: _Numbers, p_psi: _Numbers, theta: _Numbers
-) -> _Floats:
-    """Return the potential [J] in which theta moves, TdC (3.42): E = I_1 theta'^2/2 + U(theta).
-
-        U = (p_phi - p_psi cos theta)^2/(2 I_1 sin^2 theta) + p_psi^2/(2 I_3) + k cos theta
-
-    moments (..., 3) with I_1 = I_2 [kg m^2];  weight k [N m];  p_phi = L_z, p_psi = L_3 [kg m^2/s]
-    theta [rad]: at 0 and pi the limit of U, inf if it is not finite. All broadcast.
-    """
-    moments = floats(moments, "moments", 3)
-    weight, p_phi = floats(weight, "weight"), floats(p_phi, "p_phi")
-    p_psi, theta = floats(p_psi, "p_psi"), floats(theta, "theta")
-    cosine, sine = np.cos(theta), np.sin(theta)
-    with np.errstate(all="ignore"):
-        across = np.where(
-            np.abs(sine) > 0.0,
-            (p_phi - p_psi * cosine) ** 2 / sine**2,
-            np.where(p_phi == p_psi * cosine, 0.0, np.inf),
-        )
-    kinetic = 0.5 * across / moments[..., 0] + 0.5 * np.square(p_psi) / moments[..., 2]
-    potential: _Floats = kinetic + weight * cosine
-    return potential
-
-
-def steady_precession(
-    moments: ArrayLike, weight: _Numbers, omega3: _Numbers, theta: _Numbers
-) -> tuple[_Floats, _Floats]:
-    """Return the two rates phi' [rad/s] (slow, fast) of a precession without nutation.
-
-        I_1 phi'^2 cos theta - I_3 omega_3 phi' + k = 0
-
-    moments (..., 3) with I_1 = I_2 [kg m^2];  weight k [N m];  omega3 [rad/s];  theta [rad]. All
-    broadcast.
-
-    Both are nan if (I_3 omega_3)^2 < 4 I_1 k cos theta: no such precession exists. If cos theta is
-    0 to 4 units of rounding, only one exists, and the fast rate is inf.
-    """
-    moments = floats(moments, "moments", 3)
-    omega3, theta = floats(omega3, "omega3"), floats(theta, "theta")
-    weight, cosine = floats(weight, "weight"), np.cos(theta)
-    # the cosine of pi/2 is 6e-17, and the cosine of an angle from a quaternion has errors of 2e-16
-    cosine = np.where(np.abs(cosine) <= 4.0 * np.finfo(float).eps, 0.0, cosine)
-    spin, rise = moments[..., 2] * omega3, moments[..., 0] * cosine
-    with np.errstate(all="ignore"):
-        # the larger root first, which does not cancel
-        root = np.copysign(np.sqrt(spin**2 - 4.0 * rise * weight), spin)
-        larger = 0.5 * (spin + root)
-        return np.where(larger == 0.0, np.nan, weight / larger), larger / rise
-
-
-def sleeping_growth(moments: ArrayLike, weight: _Numbers, omega3: _Numbers) -> _Floats:
-    """Return the growth rate [1/s] of a small tilt of an upright top; 0 if it sleeps stably.
-
-        sqrt(4 I_1 k - (I_3 omega_3)^2)/(2 I_1)
-
-    moments (..., 3) with I_1 = I_2 [kg m^2];  weight k [N m];  omega3 [rad/s]. All broadcast.
-    """
-    moments = floats(moments, "moments", 3)
-    omega3 = floats(omega3, "omega3")
-    square = 4.0 * moments[..., 0] * floats(weight, "weight") - (moments[..., 2] * omega3) ** 2
-    rate: _Floats = np.sqrt(np.maximum(square, 0.0)) / (2.0 * moments[..., 0])
-    return rate

@@ -1,10 +1,10 @@
-"""Rotations for users: quaternions, matrices, Euler angles, rotation vectors, and their rates.
+"""Rotations for users: quaternions, matrices, Euler angles, rotation vectors, angular velocity.
 
 A maps body to space components, x = A x'; its columns are the body axes in space, TdC (3.1)-(3.5).
 Quaternions (w, x, y, z) represent the same rotation, scalar first; q and -q are the same attitude.
 omega has body components unless a name ends in _space: dA/dt = A hat(omega). Arrays have components
-last and any leading shape. An `attitude` consists of quaternions (..., 4), matrices (..., 3, 3) or
-a scipy Rotation.
+last and any leading shape. An `attitude` consists of quaternions (..., 4), matrices (..., 3, 3), a
+scipy Rotation, or one triple of Euler angles (phi, theta, psi), z-x-z.
 """
 
 from typing import Any, Protocol, runtime_checkable
@@ -16,6 +16,7 @@ from rigidmc.arrays import check_rows, floats
 from rigidmc.errors import SceneError
 from rigidmc.labelled import Wanted
 from rigidmc.mechanics.euler_angles import (
+    TEXTBOOK,
     angles_of_quaternions,
     check_sequence,
     quaternions_of_angles,
@@ -23,7 +24,6 @@ from rigidmc.mechanics.euler_angles import (
 from rigidmc.physics.dynamics.functions import sincos
 from rigidmc.physics.dynamics.quaternions import multiply
 
-CONVENTIONS = ("zxz", "zyz")
 _EYE = np.eye(3)
 _Floats = NDArray[np.float64]
 _Numbers = float | _Floats
@@ -40,7 +40,7 @@ Attitude = ArrayLike | Rotations
 
 
 def quaternion(attitude: Attitude) -> _Floats:
-    """Return the unit quaternions (..., 4) of an attitude.
+    """Return the unit quaternions (..., 4) of an attitude; three numbers are Euler angles z-x-z.
 
     SceneError for a wrong shape, a norm of 0, or a matrix that is not a rotation (with its
     deviation from one). If only some elements are bad, these become nan and a SceneWarning counts
@@ -51,8 +51,13 @@ def quaternion(attitude: Attitude) -> _Floats:
     array = floats(attitude, "attitude", wanted=Wanted((4,), by_member=False))
     if array.shape[-2:] == (3, 3):
         return quaternion_from_matrix(array)
+    if array.shape == (3,):
+        return from_euler(array)
     if array.shape[-1:] != (4,):
-        allowed = "quaternions (..., 4), matrices (..., 3, 3) or a scipy Rotation"
+        allowed = (
+            "quaternions (..., 4), matrices (..., 3, 3), a scipy Rotation, or three Euler angles"
+            " z-x-z"
+        )
         raise SceneError(f"has shape {array.shape}: give {allowed}", at="attitude")
     norm = np.linalg.norm(array, axis=-1, keepdims=True)
     bad = ~(norm[..., 0] > 0.0) | ~np.isfinite(norm[..., 0])
@@ -121,37 +126,33 @@ def quaternion_from_euler(phi: _Numbers, theta: _Numbers, psi: _Numbers) -> _Flo
     return np.stack([c * cos_plus, s * cos_minus, s * sin_minus, c * sin_plus])
 
 
-def from_euler(angles: ArrayLike, convention: str = "zxz") -> _Floats:
+def from_euler(angles: ArrayLike, sequence: str = TEXTBOOK) -> _Floats:
     """Return the quaternions (..., 4) of Euler angles (..., 3) [rad], in order of the rotations.
 
-    "zxz": A = Rz(phi) Rx(theta) Rz(psi), TdC (3.36);  "zyz": A = Rz(phi) Ry(theta) Rz(psi); or any
-    sequence of `rigidmc.mechanics.euler_angles`, such as "321": A = Rz(yaw) Ry(pitch) Rx(roll)
+    sequence : of `rigidmc.mechanics.euler_angles`; "313" is A = Rz(phi) Rx(theta) Rz(psi),
+        TdC (3.36), "321" is A = Rz(yaw) Ry(pitch) Rx(roll)
     """
     phi, theta, psi = np.moveaxis(floats(angles, "angles", 3), -1, 0)
-    if convention not in CONVENTIONS:
-        sequence = check_sequence(convention, "convention")
-        return np.moveaxis(quaternions_of_angles(sequence, phi, theta, psi), 0, -1)
-    w, x, y, z = quaternion_from_euler(phi, theta, psi)
-    return np.stack((w, x, y, z) if _is_zxz(convention) else (w, -y, x, z), -1)
+    sequence = check_sequence(sequence)
+    if sequence == TEXTBOOK:
+        return np.moveaxis(quaternion_from_euler(phi, theta, psi), 0, -1)
+    return np.moveaxis(quaternions_of_angles(sequence, phi, theta, psi), 0, -1)
 
 
-def euler(attitude: Attitude, convention: str = "zxz") -> _Floats:
-    """Return the Euler angles (phi, theta, psi) (..., 3) [rad] of an attitude, 0 <= theta <= pi.
+def euler(attitude: Attitude, sequence: str = TEXTBOOK) -> _Floats:
+    """Return the Euler angles (..., 3) [rad] of an attitude, in order of the rotations.
 
-    convention : "zxz", "zyz", or any sequence of `rigidmc.mechanics.euler_angles`, such as "321"
-        with yaw, pitch and roll
+    sequence : as for `from_euler`
 
-    phi and psi lie in (-pi, pi]. The angles reproduce the attitude to rounding everywhere. If
-    sin(theta) = 0, only phi + psi (theta = 0) or phi - psi (theta = pi) is determined, and psi is
-    0; near these poles psi is as accurate as the attitude allows.
+    For "313", 0 <= theta <= pi, and phi and psi lie in (-pi, pi]. The angles reproduce the attitude
+    to rounding everywhere. If sin(theta) = 0, only phi + psi (theta = 0) or phi - psi (theta = pi)
+    is determined, and psi is 0; near these poles psi is as accurate as the attitude allows.
     """
     q = np.moveaxis(quaternion(attitude), -1, 0)
-    if convention not in CONVENTIONS:
-        sequence = check_sequence(convention, "convention")
+    sequence = check_sequence(sequence)
+    if sequence != TEXTBOOK:
         return np.moveaxis(angles_of_quaternions(sequence, q), 0, -1)
     w, x, y, z = q
-    if not _is_zxz(convention):
-        x, y = y, -x
     theta = 2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z))
     plus, minus = np.arctan2(z, w), np.arctan2(y, x)  # (phi + psi)/2, (phi - psi)/2
     upright, inverted = (x == 0.0) & (y == 0.0), (w == 0.0) & (z == 0.0)
@@ -259,58 +260,6 @@ def angular_velocity_of_series(
     return to_space(q, omega) if space else omega
 
 
-def euler_rate_matrix(angles: ArrayLike, convention: str = "zxz") -> NDArray[Any]:
-    """Return M (..., 3, 3) with omega = M (phi', theta', psi'), TdC (3.37).
-
-    angles (..., 3) [rad]; complex angles give a complex M
-    """
-    _, theta, psi = np.moveaxis(floats(angles, "angles", 3, kinds="fiuc"), -1, 0)
-    zero, one = 0.0 * theta, 1.0 + 0.0 * theta
-    s, c, sp, cp = np.sin(theta), np.cos(theta), np.sin(psi), np.cos(psi)
-    if _is_zxz(convention):
-        first, second = (s * sp, cp, zero), (s * cp, -sp, zero)
-    else:
-        first, second = (-s * cp, sp, zero), (s * sp, cp, zero)
-    return np.stack([np.stack(row, -1) for row in (first, second, (c, zero, one))], -2)
-
-
-def omega_from_euler_rates(angles: ArrayLike, rates: ArrayLike, convention: str = "zxz") -> _Floats:
-    """Return omega (..., 3) of Euler angles and their rates, TdC (3.37).
-
-    omega_1 = phi' sin theta sin psi + theta' cos psi and so on
-    """
-    rates = floats(rates, "rates", 3)
-    omega: _Floats = np.einsum("...ij,...j->...i", euler_rate_matrix(angles, convention), rates)
-    return omega
-
-
-def euler_rates(angles: ArrayLike, omega: ArrayLike, convention: str = "zxz") -> _Floats:
-    """Return (phi', theta', psi') (..., 3) of Euler angles and omega, TdC (3.38).
-
-    If sin(theta) = 0, phi' and psi' are undetermined: they are nan, with a SceneWarning.
-    """
-    angles, omega = floats(angles, "angles", 3), floats(omega, "omega", 3)
-    angles, omega = np.broadcast_arrays(angles, omega)
-    one, two, three = np.moveaxis(omega, -1, 0)
-    if not _is_zxz(convention):
-        one, two = two, -one
-    _, theta, psi = np.moveaxis(angles, -1, 0)
-    bad = np.sin(theta) == 0.0
-    check_rows(bad, "Euler rates need sin(theta) != 0")
-    with np.errstate(all="ignore"):
-        phi = np.where(bad, np.nan, (one * np.sin(psi) + two * np.cos(psi)) / np.sin(theta))
-    return np.stack([phi, one * np.cos(psi) - two * np.sin(psi), three - phi * np.cos(theta)], -1)
-
-
-def kinetic_energy_of_euler_rates(
-    moments: ArrayLike, angles: ArrayLike, rates: ArrayLike, convention: str = "zxz"
-) -> _Floats:
-    """Return T = 1/2 sum I_i omega_i^2 (...) [J] of Euler angles and rates, TdC (3.39)."""
-    omega = omega_from_euler_rates(angles, rates, convention)
-    energy: _Floats = 0.5 * (floats(moments, "moments", 3) * omega**2).sum(-1)
-    return energy
-
-
 def hat(v: ArrayLike) -> NDArray[Any]:
     """Return the matrices hat(v) (..., 3, 3) with hat(v) w = v x w, complex for complex v."""
     x, y, z = np.moveaxis(floats(v, "v", 3, kinds="fiuc"), -1, 0)
@@ -330,10 +279,3 @@ def _wrapped(angle: _Floats) -> _Floats:
     """Reduce an angle in (-2 pi, 2 pi] to (-pi, pi]."""
     raised = np.where(angle <= -np.pi, angle + 2.0 * np.pi, angle)
     return np.where(angle > np.pi, angle - 2.0 * np.pi, raised)
-
-
-def _is_zxz(convention: str) -> bool:
-    """Return whether the convention is "zxz"; ValueError if it is unknown."""
-    if convention not in CONVENTIONS:
-        raise ValueError(f"convention = {convention!r}: expected one of {', '.join(CONVENTIONS)}")
-    return convention == "zxz"

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics.free_top import FreeMotionType, Motion
-from rigidmc.mechanics.lagrange_top import NutationRange, sleeping_growth, steady_precession
+from rigidmc.mechanics.lagrange_steady import least_spin, steady_precession, tilt_growth
+from rigidmc.mechanics.lagrange_top import NutationRange
 from rigidmc.mechanics.rotation import attitude_error, matrix
 from rigidmc.planning.closed_form import NONE, ClosedMotion, closed_form
 from rigidmc.planning.initial import make_sampler
@@ -111,18 +112,21 @@ def _steady(case: ClosedMotion, motions: Motions, first: int) -> Iterator[str]:
         moments, weight = np.roll(part.moments[0], 3 - form), part.weight[0]
         spin = part.momentum[0, form - 1] / moments[2]
         theta = float(np.arccos(np.clip(matrix(part.attitude[0])[2, form - 1], -1.0, 1.0)))
-        slow, fast = steady_precession(moments, weight, spin, theta)
-        if np.isinf(fast):
-            words = f"slow {slow:.6g} rad/s, no fast one"
-        elif np.isfinite(slow):
-            words = f"slow {slow:.6g}, fast {fast:.6g} rad/s"
-        else:
-            least = 2.0 * np.sqrt(moments[0] * weight * np.cos(theta)) / moments[2]
-            words = f"none below a spin of {least:.6g} rad/s"
-        degrees, member = np.degrees(theta), first + members[0]
-        yield f"steady       {words}: precession of member {member} at {degrees:.6g} deg"
-        least = 2.0 * np.sqrt(moments[0] * abs(weight)) / moments[2]
+        top = f"member {first + members[0]} at {np.degrees(theta):.6g} deg"
+        yield f"steady       precession of {top}: {_rates(moments, weight, spin, theta)}"
+        least = least_spin(moments, abs(weight))
         yield f"sleep        upright, it sleeps above {least:.6g} rad/s; its spin is {spin:.6g}"
+
+
+def _rates(moments: NDArray[np.float64], weight: float, spin: float, theta: float) -> str:
+    """Describe the two rates of steady precession, or why there is none."""
+    slow, fast = steady_precession(moments, weight, spin, theta)
+    if np.isfinite(fast):
+        return f"slow {slow:.6g}, fast {fast:.6g} rad/s"
+    if np.isfinite(slow):
+        return f"slow {slow:.6g} rad/s, fast none"
+    least = least_spin(moments, weight, theta)
+    return f"none below a spin of {least:.6g} rad/s" if least else "none without spin"
 
 
 def _sleep(case: ClosedMotion, motions: Motions) -> Iterator[str]:
@@ -134,10 +138,10 @@ def _sleep(case: ClosedMotion, motions: Motions) -> Iterator[str]:
         moments = np.roll(part.moments, 3 - form, -1)
         spin, weight = part.momentum[:, form - 1] / moments[:, 2], part.weight
         up = np.isin(motion.kind, _UP) & (weight != 0.0)
-        growth = sleeping_growth(moments, np.abs(weight), spin)[up]
+        growth = tilt_growth(moments, np.abs(weight), spin)[up]
         counts["stable"] += int((motion.kind[up] == "sleeping").sum())
         counts["unstable"] += int((motion.kind[up] == "unstable").sum())
-        spins += list(2.0 * np.sqrt(moments[up, 0] * np.abs(weight[up])) / moments[up, 2])
+        spins += list(least_spin(moments[up], np.abs(weight[up])))
         fastest = max(fastest, growth.max(initial=0.0))
     if spins:
         words = ", ".join(f"{word} ({count:,})" for word, count in counts.items() if count)

@@ -21,10 +21,10 @@ from rigidmc.figures import (
     new_figure,
 )
 from rigidmc.mechanics.free_top import solve_free_top
+from rigidmc.mechanics.lagrange_steady import effective_potential
 from rigidmc.mechanics.lagrange_top import (
     NutationRange,
     analyse_lagrange_top,
-    effective_potential,
     solve_lagrange_top,
     with_axis_third,
 )

@@ -10,6 +10,7 @@ import numpy as np
 import tomli_w
 
 from rigidmc.errors import OptionError
+from rigidmc.mechanics.lagrange_steady import least_spin
 from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.planning.initial import make_pilot
 from rigidmc.planning.scheme import largest_rates
@@ -89,12 +90,12 @@ def default_gravity(body: Body) -> float:
 
 
 def default_spin(body: Body, gravity: float) -> tuple[float, float, float]:
-    """Return twice the spin about axis 3 above which an upright top sleeps, 2 sqrt(I m g l)/I3;
+    """Return twice the spin about axis 3 above which an upright top sleeps, see `least_spin`;
     without gravity, one turn per second about the middle axis, which flips [rad/s]."""
     moments = np.array(body.moments)
     if gravity:
         weight = body.mass * abs(gravity) * float(np.linalg.norm(body.centre))
-        sleeping = 2.0 * math.sqrt(float(moments.max()) * weight) / float(moments[2])
+        sleeping = least_spin((moments.max(), moments.max(), moments[2]), weight)
         return 0.0, 0.0, float(f"{2.0 * sleeping:.1g}")
     middle = int(np.argsort(moments, kind="stable")[1])
     first, second, third = (6.28 if k == middle else 0.0 for k in range(3))

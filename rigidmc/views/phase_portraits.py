@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rigidmc.figures import INK, LIGHT, add_density, add_title, line_styles
-from rigidmc.mechanics.lagrange_top import analyse_lagrange_top, effective_potential
+from rigidmc.mechanics.lagrange_steady import effective_potential
+from rigidmc.mechanics.lagrange_top import analyse_lagrange_top
 from rigidmc.mechanics.rotation import to_body, to_space
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.closed_form import ClosedMotion

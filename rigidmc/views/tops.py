@@ -159,7 +159,7 @@ def effective_potential(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     angles of each member; of more than 20 members, the density of the potentials.
 
     theta is the angle of the symmetry axis from the vertical, see
-    `rigidmc.mechanics.lagrange_top.effective_potential`.
+    `rigidmc.mechanics.lagrange_steady.effective_potential`.
 
     ds : result of a scene with gravity on a body with two equal moments and its centre of mass on
         the third axis

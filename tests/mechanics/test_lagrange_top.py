@@ -6,15 +6,23 @@ Every kind of motion, and bad input.
 import numpy as np
 import pytest
 
-from rigidmc import SceneError, SceneWarning, analyse_lagrange_top, solve_lagrange_top
+from rigidmc import (
+    SceneError,
+    SceneWarning,
+    analyse_lagrange_top,
+    effective_potential,
+    least_spin,
+    omega_from_euler_rates,
+    solve_lagrange_top,
+    steady_precession,
+    tilt_growth,
+)
 from rigidmc.mechanics import integrable_tops
-from rigidmc.mechanics.lagrange_top import effective_potential, sleeping_growth, steady_precession
 from rigidmc.mechanics.rotation import (
     attitude_error,
     euler,
     from_euler,
     matrix,
-    omega_from_euler_rates,
     product,
 )
 from rigidmc.studies.stress.problems import PROBLEMS
@@ -121,8 +129,8 @@ def test_sleeping_top_stays_and_its_stability():
         assert attitude_error(end.attitude[1], (np.cos(half), 0, 0, np.sin(half))) < 1e-11
         kind = "sleeping" if spin == 6.0 else "unstable"  # from 2 sqrt(I1 k) = 3.3 on
         assert analyse_lagrange_top(I, K, (0.0, 0.0, spin), (1.0, 0, 0, 0)).kind == kind
-    growth = sleeping_growth(I, K, 0.6 / 0.7)
-    assert sleeping_growth(I, K, 6.0 / 0.7) == 0.0
+    growth = tilt_growth(I, K, 0.6 / 0.7)
+    assert tilt_growth(I, K, 6.0 / 0.7) == 0.0
     tilt = [
         np.hypot(*(solve_lagrange_top(I, K, (1e-10, 0, 0.6), (1, 0, 0, 0), t).attitude[1:3]))
         for t in (8.0, 9.0)
@@ -274,3 +282,25 @@ def test_griolis_precession_and_staudes_rotation():
     assert square == pytest.approx(2.1, rel=1e-14)
     assert defect < 1e-15  # 2.5e-18
     assert integrable_tops.staude(moments, c + [0.0, 0.1, 0.0], up)[1] > 1e-3
+
+
+def test_the_least_spin_bounds_steady_precession_and_sleep():
+    for theta in (0.0, 0.4, 1.5):
+        least = least_spin(I, K, theta)
+        for spin, exists in ((0.999999 * least, False), (1.000001 * least, True)):
+            slow, fast = steady_precession(I, K, (spin, -spin), theta)
+            assert np.isfinite(slow).all() == np.isfinite(fast).all() == exists
+    # a level or hanging axis, and a centre of mass below, precess at any spin
+    for weight, theta in ((K, np.pi / 2), (K, 2.5), (-K, 0.3)):
+        assert least_spin(I, weight, theta) == 0.0
+        assert np.isfinite(steady_precession(I, weight, 1e-3, theta).slow)
+    critical = least_spin(I, K)
+    for spin, kind in ((0.999999 * critical, "unstable"), (1.000001 * critical, "sleeping")):
+        assert (tilt_growth(I, K, spin) == 0.0) == (kind == "sleeping")
+        assert analyse_lagrange_top(I, K, (0.0, 0.0, I[2] * spin), (0.0, 0.0, 0.0)).kind == kind
+
+
+def test_three_numbers_are_euler_angles():
+    by_angles = solve_lagrange_top(I, K, (0.1, 0.2, 3.0), (0.3, 0.9, -0.2), 2.0)
+    by_quaternion = solve_lagrange_top(I, K, (0.1, 0.2, 3.0), from_euler((0.3, 0.9, -0.2)), 2.0)
+    assert np.array_equal(by_angles.attitude, by_quaternion.attitude)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.mechanics.rotation import from_euler, matrix, omega_from_euler_rates
+from rigidmc.mechanics.euler_rates import omega_from_euler_rates
+from rigidmc.mechanics.rotation import from_euler, matrix
 from rigidmc.physics.dynamics.so3 import vertical
 from rigidmc.studies.stress.case import ErrorOf, HardCase, makes_steps
 from rigidmc.studies.stress.motions import (

@@ -1,0 +1,217 @@
+"""The effective potential of the heavy symmetric top, its steady motions, and their stability.
+
+I_1 = I_2 and I_3 are the moments about the fixed point, k = m g l is the weight times the height of
+the centre of mass along axis 3, and theta is the angle of axis 3 from the vertical. k is negative
+for a centre of mass on the other side.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rigidmc.arrays import floats
+
+_Floats = NDArray[np.float64]
+
+
+def effective_potential(
+    moments: ArrayLike, weight: ArrayLike, p_phi: ArrayLike, p_psi: ArrayLike, theta: ArrayLike
+) -> _Floats:
+    """Compute the potential in which theta moves, TdC (3.42).
+
+    ::
+
+        E = I_1 theta'^2/2 + U(theta)
+        U = (p_phi - p_psi cos theta)^2/(2 I_1 sin^2 theta) + p_psi^2/(2 I_3) + k cos theta
+
+    Leading shapes broadcast.
+
+    Parameters
+    ----------
+    moments : array_like (..., 3) [kg m^2]
+        principal moments about the fixed point, I_1 = I_2
+    weight : array_like (...) [N m]
+        k = m g l
+    p_phi, p_psi : array_like (...) [kg m^2/s]
+        the constants L_z and L_3, such as fields of the result of `analyse_lagrange_top`
+    theta : array_like (...) [rad]
+        angle of axis 3 from the vertical
+
+    Returns
+    -------
+    numpy.ndarray (...) [J]
+        U; at theta = 0 and pi its limit, inf if that is not finite
+
+    Raises
+    ------
+    SceneError
+        for anything but numbers, and a wrong shape
+
+    Examples
+    --------
+    >>> top = (1.0, 1.0, 0.5), 1.0
+    >>> motion = rm.analyse_lagrange_top(*top, (0.0, 0.0, 5.0), (0.0, 0.6, 0.0))
+    >>> low = rm.effective_potential(*top, motion.p_phi, motion.p_psi, motion.low)
+    >>> abs(low / motion.energy - 1.0) < 1e-12  # theta' = 0 at a turning angle
+    np.True_
+    """
+    moments = floats(moments, "moments", 3)
+    weight, p_phi = floats(weight, "weight"), floats(p_phi, "p_phi")
+    p_psi, theta = floats(p_psi, "p_psi"), floats(theta, "theta")
+    cosine, sine = np.cos(theta), np.sin(theta)
+    with np.errstate(all="ignore"):
+        across = np.where(
+            np.abs(sine) > 0.0,
+            (p_phi - p_psi * cosine) ** 2 / sine**2,
+            np.where(p_phi == p_psi * cosine, 0.0, np.inf),
+        )
+    kinetic = 0.5 * across / moments[..., 0] + 0.5 * np.square(p_psi) / moments[..., 2]
+    potential: _Floats = kinetic + weight * cosine
+    return potential
+
+
+def _cosine(theta: _Floats) -> _Floats:
+    """Return cos theta, 0 for a level axis."""
+    cosine = np.cos(theta)
+    # the cosine of pi/2 is 6e-17, and the cosine of an angle from a quaternion has errors of 2e-16
+    return np.where(np.abs(cosine) <= 4.0 * np.finfo(float).eps, 0.0, cosine)
+
+
+class SteadyPrecession(NamedTuple):
+    """The two rates phi' [rad/s] of a precession without nutation."""
+
+    slow: NDArray[np.float64]
+    fast: NDArray[np.float64]
+
+
+def steady_precession(
+    moments: ArrayLike, weight: ArrayLike, omega3: ArrayLike, theta: ArrayLike
+) -> SteadyPrecession:
+    """Compute the rates of precession at which a heavy symmetric top does not nutate.
+
+    They are the roots of Goldstein, Classical Mechanics, section 5.7::
+
+        I_1 phi'^2 cos theta - I_3 omega_3 phi' + k = 0
+
+    Leading shapes broadcast.
+
+    Parameters
+    ----------
+    moments : array_like (..., 3) [kg m^2]
+        principal moments about the fixed point, I_1 = I_2
+    weight : array_like (...) [N m]
+        k = m g l
+    omega3 : array_like (...) [rad/s]
+        component of omega along axis 3, which includes phi' cos theta
+    theta : array_like (...) [rad]
+        angle of axis 3 from the vertical
+
+    Returns
+    -------
+    SteadyPrecession
+        slow, fast: arrays (...) [rad/s], the smaller and the larger in size. Both are nan below the
+        spin of `least_spin`, where neither exists. For a level axis (cos theta is 0 to 4 units of
+        rounding) only the slow one exists, and fast is its limit, inf
+
+    Raises
+    ------
+    SceneError
+        for anything but numbers, and a wrong shape
+
+    Examples
+    --------
+    >>> slow, fast = rm.steady_precession((1.0, 1.0, 0.5), 1.0, 10.0, 0.4)
+    >>> slow.round(4), fast.round(4)
+    (np.float64(0.2079), np.float64(5.2206))
+    """
+    moments = floats(moments, "moments", 3)
+    omega3, theta = floats(omega3, "omega3"), floats(theta, "theta")
+    weight, spin = floats(weight, "weight"), moments[..., 2] * omega3
+    rise = moments[..., 0] * _cosine(theta)
+    with np.errstate(all="ignore"):
+        # the larger root first, which does not cancel
+        root = np.copysign(np.sqrt(spin**2 - 4.0 * rise * weight), spin)
+        larger = 0.5 * (spin + root)
+        slow = np.where(larger == 0.0, np.nan, weight / larger)
+        return SteadyPrecession(slow, larger / rise)
+
+
+def least_spin(moments: ArrayLike, weight: ArrayLike, theta: ArrayLike = 0.0) -> _Floats:
+    """Compute the least spin at which a heavy symmetric top precesses without nutation.
+
+    At theta = 0 it is the spin above which an upright top sleeps. For k cos theta > 0::
+
+        |omega_3| = 2 sqrt(I_1 k cos theta)/I_3
+
+    Leading shapes broadcast.
+
+    Parameters
+    ----------
+    moments : array_like (..., 3) [kg m^2]
+        principal moments about the fixed point, I_1 = I_2
+    weight : array_like (...) [N m]
+        k = m g l
+    theta : array_like (...), optional [rad]
+        angle of axis 3 from the vertical
+
+    Returns
+    -------
+    numpy.ndarray (...) [rad/s]
+        the size of omega_3; 0 if the centre of mass is not above the fixed point, where any spin
+        suffices
+
+    Raises
+    ------
+    SceneError
+        for anything but numbers, and a wrong shape
+
+    Examples
+    --------
+    >>> rm.least_spin((1.0, 1.0, 0.5), 1.0)
+    np.float64(4.0)
+    """
+    moments = floats(moments, "moments", 3)
+    rise = floats(weight, "weight") * _cosine(floats(theta, "theta"))
+    spin: _Floats = 2.0 * np.sqrt(moments[..., 0] * np.maximum(rise, 0.0)) / moments[..., 2]
+    return spin
+
+
+def tilt_growth(moments: ArrayLike, weight: ArrayLike, omega3: ArrayLike) -> _Floats:
+    """Compute the growth rate of a small tilt of an upright top.
+
+    ::
+
+        sqrt(4 I_1 k - (I_3 omega_3)^2)/(2 I_1)
+
+    Leading shapes broadcast.
+
+    Parameters
+    ----------
+    moments : array_like (..., 3) [kg m^2]
+        principal moments about the fixed point, I_1 = I_2
+    weight : array_like (...) [N m]
+        k = m g l
+    omega3 : array_like (...) [rad/s]
+        spin about the vertical axis 3
+
+    Returns
+    -------
+    numpy.ndarray (...) [1/s]
+        the rate; 0 if the top sleeps, which is from the spin of `least_spin` on
+
+    Raises
+    ------
+    SceneError
+        for anything but numbers, and a wrong shape
+
+    Examples
+    --------
+    >>> rm.tilt_growth((1.0, 1.0, 0.5), 1.0, [3.0, 5.0]).round(4).tolist()
+    [0.6614, 0.0]
+    """
+    moments = floats(moments, "moments", 3)
+    omega3 = floats(omega3, "omega3")
+    square = 4.0 * moments[..., 0] * floats(weight, "weight") - (moments[..., 2] * omega3) ** 2
+    rate: _Floats = np.sqrt(np.maximum(square, 0.0)) / (2.0 * moments[..., 0])
+    return rate

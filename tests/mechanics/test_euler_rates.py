@@ -1,0 +1,51 @@
+"""Rates of Euler angles and omega: all sequences, against the derivative of the attitude."""
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.mechanics import rotation as R
+from rigidmc.mechanics.euler_angles import PROPER, SEQUENCES
+from rigidmc.mechanics.euler_rates import kinetic_energy_of_euler_rates
+
+RNG = np.random.default_rng(37)
+
+
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_both_ways_and_their_energy(sequence):
+    second = RNG.uniform(0.3, 2.8, 50) if sequence in PROPER else RNG.uniform(-1.2, 1.2, 50)
+    angles = np.stack([RNG.uniform(-3, 3, 50), second, RNG.uniform(-3, 3, 50)], -1)
+    rates, h = RNG.normal(size=(50, 3)), 1e-5
+    omega = rm.omega_from_euler_rates(angles, rates, sequence)
+    before, after = (R.matrix(R.from_euler(angles + s * h * rates, sequence)) for s in (-1, 1))
+    a = R.matrix(R.from_euler(angles, sequence))
+    assert np.abs(R.angular_velocity(a, (after - before) / (2 * h)) - omega).max() < 1e-8  # 1.4e-09
+    assert np.abs(rm.euler_rates(angles, omega, sequence) - rates).max() < 1e-13  # 3e-15
+    moments = np.array([1.0, 2.0, 2.5])
+    energy = kinetic_energy_of_euler_rates(moments, angles, rates, sequence)
+    assert np.abs(energy - 0.5 * (moments * omega**2).sum(-1)).max() < 1e-14  # 0.0e+00
+    wrong = rm.omega_from_euler_rates(angles, rates * [1, -1, 1], sequence)
+    assert np.abs(wrong - omega).max() > 0.1
+
+
+@pytest.mark.parametrize(("sequence", "locked"), [("313", 0.0), ("313", np.pi), ("321", np.pi / 2)])
+def test_rates_at_gimbal_lock_are_nan_and_counted(sequence, locked):
+    angles = np.array([[0.1, 0.5, 0.2], [0.1, locked, 0.2], [0.3, 1.0, 0.1]])
+    with pytest.warns(SceneWarning, match="1 of 3"):
+        rates = rm.euler_rates(angles, (0.1, 0.2, 0.3), sequence)
+    assert np.isnan(rates[1, [0, 2]]).all() and np.isfinite(rates[1, 1])
+    good = rm.euler_rates(angles[[0, 2]], (0.1, 0.2, 0.3), sequence)
+    assert (rates[[0, 2]] == good).all()
+    with pytest.raises(SceneError, match="gimbal lock"):
+        rm.euler_rates(angles[1], (0.1, 0.2, 0.3), sequence)
+
+
+def test_words_of_scipy_name_the_same_sequence():
+    angles, rates = (0.3, 0.4, -0.2), (1.0, 2.0, 3.0)
+    assert (
+        rm.omega_from_euler_rates(angles, rates, "ZYX")
+        == rm.omega_from_euler_rates(angles, rates, "321")
+    ).all()
+    with pytest.raises(SceneError, match="about the axes of space"):
+        rm.euler_rates(angles, rates, "zxz")
