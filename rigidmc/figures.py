@@ -87,12 +87,12 @@ def add_title(axes: Axes, text: str, note: str = "", pad: float | None = None) -
 
 
 def line_styles(count: int) -> list[dict[str, Any]]:
-    """Return the styles of the lines of some members: up to four differ in dashes, more in shade,
-    from dark to light."""
+    """Return the styles of the lines of some members: up to four differ in dashes, more are thinner
+    and differ in shade, from dark to light."""
     if count <= len(FEW):
-        return [dict(style) for style in FEW[:count]]
+        return [{**style, "linewidth": 1.5} for style in FEW[:count]]
     shades = colormaps[VALUES](np.linspace(0.0, 0.85, count))
-    return [{"color": tuple(shade), "linestyle": "-"} for shade in shades]
+    return [{"color": tuple(shade), "linestyle": "-", "linewidth": 0.9} for shade in shades]
 
 
 def add_density(

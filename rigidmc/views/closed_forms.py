@@ -4,6 +4,8 @@ Each function draws into a new Figure or into given axes; `free_summary` and `la
 combine them.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -75,14 +77,16 @@ def axis_path(
     return figure_of(axes)
 
 
-def draw_turning_angles(axes: Axes, high: float, low: float) -> None:
-    """Draw the circles on the unit sphere on which the axis of a top turns back."""
+def draw_turning_angles(
+    axes: Axes, high: float, low: float, draw: Callable[..., None] = draw_curve
+) -> None:
+    """Draw the circles on the unit sphere on which the axis of a top turns back, by `draw`."""
     for theta, style in ((high, "--"), (low, "-.")):
         if np.sin(theta) > 1e-6:
             x, y = np.sin(theta) * np.cos(CIRCLE), np.sin(theta) * np.sin(CIRCLE)
             circle = np.stack([x, y, np.cos(theta) + 0.0 * CIRCLE], -1)
             label = f"theta = {np.degrees(theta):.4g} deg"
-            draw_curve(axes, circle, color=GREY, linewidth=1.0, linestyle=style, label=label)
+            draw(axes, circle, color=GREY, linewidth=1.0, linestyle=style, label=label)
 
 
 def draw_effective_potential(

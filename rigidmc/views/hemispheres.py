@@ -14,7 +14,7 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from rigidmc.figures import DENSITY, GREY, HALO, INK, PATH, add_title, figure_of
+from rigidmc.figures import DENSITY, HALO, INK, PATH, add_title, figure_of
 from rigidmc.planning.turns import AXIS, BODY
 from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.views.sample import (
@@ -27,7 +27,6 @@ from rigidmc.views.sample import (
 )
 from rigidmc.views.sphere import central_axis, disc_density, lambert, polhodes
 
-NARROW = 10.0  # deg: paths that stay so close to an axis would be a dot on a sphere
 POINT = 1e-9  # size of curves that are a point, far below the smallest of CAPS
 COARSE = 0.8  # mean cosine of the angle between two steps of a path; below it a path becomes dots,
 # because lines would cut corners
@@ -66,7 +65,7 @@ def momentum_density(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     l, when = omega_or_momentum(part, "momentum")
     moments = part.moments.values
     body = np.median(moments, axis=1)
-    order = np.roll(np.arange(3), 2 - central_axis(body))  # axes right, up, toward the reader
+    order = _order(central_axis(body))
     right, up, toward = body[order]
     with np.errstate(all="ignore"):
         slope = np.sqrt((toward / right - 1.0) / (1.0 - toward / up))
@@ -156,46 +155,45 @@ class Cap(NamedTuple):
     angle: float
 
 
-def narrow_cap(curves: Sequence[Vectors]) -> Cap | None:
-    """Return the cap around an axis that contains curves of directions (n, 3); None if it is wider
-    than NARROW, if all are one point, or if a curve has no direction."""
+def narrow_cap(curves: Sequence[Vectors], widest: float) -> Cap | None:
+    """Return the cap around an axis that contains curves of directions (n, 3); None if its rim is
+    farther than `widest` [deg], if all are one point, or if a curve has no direction."""
     all_directions = np.concatenate(curves)
     if not np.ptp(all_directions, axis=0).max() > POINT:  # also if one is nan
         return None
     axis = int(np.argmax(np.abs(all_directions).min(axis=0)))
     sides, angle = _visible(np.roll(all_directions, 2 - axis, axis=1).T)
-    return Cap(axis, sides[0], angle) if len(sides) == 1 and angle <= NARROW else None
+    return Cap(axis, sides[0], angle) if len(sides) == 1 and angle <= widest else None
+
+
+def cap_points(cap: Cap, u: Vectors) -> tuple[Vectors, Vectors]:
+    """Return (x, y) of directions u (..., 3) on a cap, in Lambert's equal-area projection."""
+    right, up, toward = (u[..., k] for k in _order(cap.axis))
+    x, y = lambert(cap.side * right, up, cap.side * toward)
+    return x, y
 
 
 def draw_on_cap(
-    axes: Axes,
-    cap: Cap,
-    names: Sequence[str],
-    curves: Sequence[Vectors],
-    styles: Sequence[dict[str, Any]],
-    labels: Sequence[str | None],
+    axes: Axes, u: Vectors, label: str | None = None, *, cap: Cap, **style: Any
 ) -> None:
-    """Draw curves of directions (n, 3) and their starts on a cap, in Lambert's equal-area
-    projection.
+    """Draw the curve of directions u (n, 3) on a cap."""
+    axes.plot(*cap_points(cap, u), label=label, **style)
 
-    names : of the three axes;  labels : of the curves, None for none
-    """
+
+def draw_cap(axes: Axes, cap: Cap, names: str) -> None:
+    """Draw the rim and the centre of a cap; names : of the three axes."""
     axes.set_axis_off()
-    order, limit = np.roll(np.arange(3), 2 - cap.axis), 2.0 * np.sin(np.radians(cap.angle) / 2.0)
+    limit = 2.0 * np.sin(np.radians(cap.angle) / 2.0)
     rim = _rim(axes, 0.0, limit)
-    for curve, style, label in zip(curves, styles, labels, strict=True):
-        right, up, toward = curve[:, order].T
-        x, y = lambert(cap.side * right, up, cap.side * toward)
-        axes.plot(x, y, linewidth=1.5, label=label, **style)
-        axes.plot(x[:1], y[:1], "o", color=style["color"], markersize=6)
-    axes.plot([], [], "o", color=GREY, markersize=6, label="start")
-    _names(axes, [names[k] for k in order], rim, cap.side, False)
+    axes.plot([], [], color=INK, linewidth=0.8, label=f"rim: {_angle(cap.angle)} from centre")
+    _names(axes, [names[k] for k in _order(cap.axis)], rim, cap.side, False)
     ends = (-1.2 * limit, 1.2 * limit)
-    axes.set(xlim=ends, ylim=(-1.35 * limit, 1.2 * limit), aspect="equal")
-    title = f"rim: {_angle(cap.angle)} from centre"
-    axes.legend(
-        loc="lower center", title=title, ncols=4, fontsize=9, title_fontsize=9, frameon=False
-    )
+    axes.set(xlim=ends, ylim=(-1.45 * limit, 1.2 * limit), aspect="equal")
+
+
+def _order(toward: int) -> NDArray[np.int_]:
+    """Return the axes right, up and toward the reader, of which the last is given."""
+    return np.roll(np.arange(3), 2 - toward)
 
 
 def _visible(directions: NDArray[np.float64]) -> tuple[list[int], float]:

@@ -70,7 +70,7 @@ def phase_portrait(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
             theta, rate = _swing(path, _swinging_axis(tops, path))
             jumps = np.abs(np.diff(theta, prepend=theta[:1])) > 180.0
             theta = np.where(jumps, np.nan, theta)
-            axes.plot(theta, rate, linewidth=1.5, label=label, **style)
+            axes.plot(theta, rate, label=label, **style)
             axes.plot(theta[:1], rate[:1], "o", color=style["color"], markersize=5)
     if tops is not None:
         _levels(axes, symmetric_about_3(tops))
@@ -192,7 +192,7 @@ def _free_portrait(ds: xr.Dataset, good: xr.Dataset, figure: Figure | None) -> F
         for path, style, label in zip(paths, line_styles(count), labels, strict=True):
             for axes, (i, j) in zip(panels, pairs, strict=True):
                 x, y = path.omega[:, i], path.omega[:, j]
-                axes.plot(x, y, linewidth=1.5, label=label, **style)
+                axes.plot(x, y, label=label, **style)
                 axes.plot(x[:1], y[:1], "o", color=style["color"], markersize=5)
     curves, separatrices = family(moments) if is_shared else ([], [])
     for axes, (i, j) in zip(panels, pairs, strict=True):

@@ -81,7 +81,7 @@ def _herpolhodes(axes: Axes, good: xr.Dataset, moments: Vectors, l: Vectors, q: 
         t, labels = np.linspace(0.0, end, count), member_labels(good.member.values)
         for k, style in enumerate(line_styles(len(l))):
             x, y, _ = _in_plane(moments[k], l[k], q[k], t).T
-            axes.plot(x, y, linewidth=1.3, label=labels[k], **style)
+            axes.plot(x, y, label=labels[k], **style)
             axes.plot(x[:1], y[:1], "o", color=style["color"], markersize=5)
             for radius in (np.hypot(x, y).min(), np.hypot(x, y).max()) if len(l) == 1 else ():
                 axes.plot(radius * np.cos(CIRCLE), radius * np.sin(CIRCLE), color=GREY, lw=0.7)

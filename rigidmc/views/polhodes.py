@@ -19,7 +19,14 @@ from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
 from rigidmc.planning.turns import BODY, MOST
 from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import units_text
-from rigidmc.views.hemispheres import draw_on_cap, is_free, momentum_density, narrow_cap
+from rigidmc.views.hemispheres import (
+    cap_points,
+    draw_cap,
+    draw_on_cap,
+    is_free,
+    momentum_density,
+    narrow_cap,
+)
 from rigidmc.views.quadric import SPHERE, Quadric, Vectors, draw_curve, draw_quadric, screen
 from rigidmc.views.sample import (
     DENSE,
@@ -33,6 +40,7 @@ from rigidmc.views.sample import (
 from rigidmc.views.sphere import curves_at_energy, family
 
 SURFACES = ("sphere", "ellipsoid")
+NARROW = 10.0  # deg: paths that stay so close to an axis would be a dot on the sphere
 
 
 def draw_polhodes(
@@ -101,15 +109,18 @@ def polhodes(
     curves = [_directions(curve) for curve in curves]
     labels = member_labels(good.member.values)
     axes = axes or figure_of_result(ds, (6.0, 6.4)).add_subplot()
-    cap = narrow_cap(curves) if surface == "sphere" and not energies else None
+    cap = narrow_cap(curves, NARROW) if surface == "sphere" and not energies else None
     if cap is not None:
-        draw_on_cap(axes, cap, "123", curves, line_styles(len(curves)), labels)
+        draw_cap(axes, cap, "123")
     else:
         on = _draw_family(axes, moments[0], l[0], surface, energies)
-        for u, label, style in zip(curves, labels, line_styles(len(curves)), strict=True):
-            if np.isfinite(u).any():
-                _draw_path(axes, u, label, on, style)
-        _add_key(axes)
+    for u, label, style in zip(curves, labels, line_styles(len(curves)), strict=True):
+        if cap is not None:
+            draw_on_cap(axes, u, label, cap=cap, **style)
+            axes.plot(*cap_points(cap, u[:1]), "o", color=style["color"], markersize=6)
+        elif np.isfinite(u).any():
+            _draw_path(axes, u, label, on, style)
+    _add_key(axes)
     _add_title(axes, moments[0], surface, words, note)
     return figure_of(axes)
 
@@ -165,7 +176,7 @@ def _draw_path(
     axes: Axes, u: Vectors, label: str | None, on: Quadric, style: dict[str, Any]
 ) -> None:
     """Draw a path of directions u (n, 3), its start, and an arrow along it."""
-    draw_curve(axes, u, label, on, linewidth=2.0, **style)
+    draw_curve(axes, u, label, on, **style)
     start = u[np.isfinite(u).all(-1)][:1]  # after a start at rest
     face = style["color"] if screen(start @ on.turn.T)[2] >= 0.0 else "white"
     x, y, _ = screen(on.points(start))

@@ -27,7 +27,7 @@ MEMBERS, POINTS, VECTORS = 20_000, 2_000_000, 8_000_000
 DRAWN = 4  # members drawn as lines over a density: more are hard to follow
 LINES = 20  # most members that a picture of single members draws as lines instead of a density
 KEYED = 6  # most lines that a legend names
-FINE = 0.5  # rad between two points of a curve: it then looks smooth
+FINE = 0.2  # rad between two points of a curve: it then looks smooth, also on a small cap
 DENSE = 1600, 20_000  # least and most points of the curve of a member
 
 SAVES = "rigidmc_saves"  # key for the saves of the result, in the encoding of a sample

@@ -5,6 +5,8 @@ smooth: where the saves are too far apart, members are recomputed, see
 `rigidmc.views.sample.member_paths`. Closed forms are results of the integrator "closed".
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,7 +31,7 @@ from rigidmc.views.closed_forms import (
     euler_curves,
     mean_rate,
 )
-from rigidmc.views.hemispheres import axis_density, draw_on_cap, narrow_cap
+from rigidmc.views.hemispheres import axis_density, cap_points, draw_cap, draw_on_cap, narrow_cap
 from rigidmc.views.quadric import draw_curve, draw_quadric, screen
 from rigidmc.views.sample import (
     LINES,
@@ -41,11 +43,13 @@ from rigidmc.views.sample import (
     times_of,
 )
 
+NARROW = 30.0  # deg: loops and cusps so close to the vertical are small on the sphere
+
 
 def trajectory(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     """Draw the directions of body axis 3 in space.
 
-    Up to 20 members are paths on the unit sphere, or, if they stay within 10 degrees of a space
+    Up to 20 members are paths on the unit sphere, or, if they stay within 30 degrees of a space
     axis, on a cap around it. More members are a density on two flat discs, see
     `rigidmc.views.hemispheres.axis_density`. For one heavy symmetric top, circles mark the turning
     angles.
@@ -59,30 +63,33 @@ def trajectory(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     tips = [to_space(path.attitude, (0.0, 0.0, 1.0)) for path in paths]
     styles, labels = line_styles(len(paths)), member_labels(good.member.values)
     axes = axes or figure_of_result(ds, (6.0, 6.4)).add_subplot()
-    cap = narrow_cap(tips)
-    if cap is not None:
-        draw_on_cap(axes, cap, "xyz", tips, styles, labels)
-    else:
+    draw: Callable[..., None] = draw_curve
+    place: Callable[..., Any] = screen
+    cap = narrow_cap(tips, NARROW)
+    if cap is None:
         draw_quadric(axes, ("x", "y", "z"))
-        _draw_limits(axes, good)
-        for tip, style, label in zip(tips, styles, labels, strict=True):
-            draw_curve(axes, tip, label, linewidth=1.5, **style)
-            x, y, _ = screen(tip)
-            axes.plot(x[:1], y[:1], "o", color=style["color"], markersize=6)
-        axes.plot([], [], "o", color=GREY, markersize=6, label="start")
-        axes.legend(loc="lower center", ncols=3, fontsize=9, frameon=False)
+    else:
+        draw_cap(axes, cap, "xyz")
+        draw, place = partial(draw_on_cap, cap=cap), partial(cap_points, cap)
+    _draw_limits(axes, good, draw)
+    for tip, style, label in zip(tips, styles, labels, strict=True):
+        draw(axes, tip, label, **style)
+        x, y, *_ = place(tip[:1])
+        axes.plot(x, y, "o", color=style["color"], markersize=6)
+    axes.plot([], [], "o", color=GREY, markersize=6, label="start")
+    axes.legend(loc="lower center", ncols=3, fontsize=9, frameon=False)
     add_title(axes, f"Path of axis 3 of the body in space, {times_of(paths)}", note)
     return figure_of(axes)
 
 
-def _draw_limits(axes: Axes, good: xr.Dataset) -> None:
-    """Draw the circles on which the axis of one heavy symmetric top turns back."""
+def _draw_limits(axes: Axes, good: xr.Dataset, draw: Callable[..., None]) -> None:
+    """Draw the circles on which the axis of one heavy symmetric top turns back, by `draw`."""
     tops = heavy_tops(good) if good.sizes["member"] == 1 else None
     if tops is not None and tops.form[0] == 3:
         one = analyse_lagrange_top(
             *(v[0] for v in (tops.moments, tops.weight, tops.momentum, tops.attitude))
         )
-        draw_turning_angles(axes, float(one.high), float(one.low))
+        draw_turning_angles(axes, float(one.high), float(one.low), draw)
 
 
 def angles(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
@@ -112,7 +119,7 @@ def angles(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
         for row, values in zip(rows, euler_curves(path.attitude), strict=True):
             rate = 0.0 if row is rows[0] else mean_rate(path.t, values)
             angle = np.degrees(values - rate * (path.t - path.t[0]))
-            row.plot(path.t, angle, linewidth=1.3, label=label, **style)
+            row.plot(path.t, angle, label=label, **style)
     _name_rows(rows, axis_label(ds.time), note)
     return figure
 

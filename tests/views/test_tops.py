@@ -8,6 +8,7 @@ pytest.importorskip("matplotlib")
 import rigidmc as rm
 from rigidmc.errors import RigidmcError
 from rigidmc.views import PICTURES
+from rigidmc.views.hemispheres import narrow_cap
 from rigidmc.views.quadric import Quadric
 from rigidmc.views.sample import LINES
 from rigidmc.views.sphere import curves_at_energy
@@ -59,6 +60,23 @@ def test_curves_at_an_energy_have_it_on_sphere_and_ellipsoid():
             assert np.abs((u * u / moments).sum(-1) - inverse).max() < 1e-13  # measured 2e-16
             x = Quadric(moments).points(u)
             assert np.abs((moments * x * x).sum(-1) - moments.min()).max() < 1e-13  # 4e-16
+
+
+@pytest.mark.parametrize(("axis", "side"), [(0, 1), (1, -1), (2, 1)])
+def test_narrow_paths_are_drawn_on_a_cap_around_their_axis(axis, side):
+    turn = np.linspace(0.0, 2.0 * np.pi, 50)
+
+    def cone(degrees):
+        angle = np.radians(degrees)
+        across = np.sin(angle) * np.stack([np.cos(turn), np.sin(turn)], -1)
+        return np.roll(np.column_stack([across, np.full(50, side * np.cos(angle))]), axis + 1, 1)
+
+    assert narrow_cap([cone(4.9)], 10.0) == (axis, side, 5)
+    assert narrow_cap([cone(4.9), cone(1.0)], 10.0) == (axis, side, 5)
+    assert narrow_cap([cone(11.0)], 10.0) is None
+    assert narrow_cap([cone(4.9), -cone(4.9)], 10.0) is None
+    assert narrow_cap([cone(0.0)], 10.0) is None  # a point
+    assert narrow_cap([cone(4.9), np.full((2, 3), np.nan)], 10.0) is None  # at rest
 
 
 def test_refusals_name_the_rule(pendulums, free):

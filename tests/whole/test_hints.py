@@ -93,6 +93,9 @@ def test_a_scene_by_its_name_and_a_body_alone(tmp_path):
         (rm.multilevel, ("until",)),
         (rm.frequencies, ("of",)),
         (rm.precompile, ()),
+        (rm.prepare, ()),
+        (rm.live, ()),
+        (rm.linearise, ()),
     ):
         more = {name: settings[name] for name in names}
         with pytest.raises(rm.SceneError, match=r"is a Body; .*rm.Scene\(body, start="):

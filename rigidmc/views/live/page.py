@@ -18,7 +18,7 @@ from rigidmc.mechanics.euler_angles import PROPER, axes_of
 from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.results.labels import count_text
 from rigidmc.scene.recording import conservation
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.scene import Scene, as_scene
 from rigidmc.views.html_page import Page, fill_template
 from rigidmc.views.live.engine import doubles, engine_data, live_run
 from rigidmc.views.live.sliders import Range, Slider, make_sliders, template
@@ -74,8 +74,7 @@ def live(
     >>> page.text.startswith("<!doctype html>")
     True
     """
-    if not isinstance(scene, Scene):
-        scene = Scene.load(scene)
+    scene = as_scene(scene)
     if output is not None:
         refuse_existing(output, force, "pages")
     page = Page(_text(scene, sliders, _count(scene, members)))
