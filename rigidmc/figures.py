@@ -9,9 +9,10 @@ from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from textwrap import fill
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, LogNorm, Normalize
@@ -36,6 +37,14 @@ COLOURS = (
 )  # fmt: skip
 MARKERS = ("o", "s", "^", "v", "<", "x", "P", "X", "D", ">", "p", "h", "d", "*", "H", "+", "1")
 DASHES = ("-", "--", ":", "-.")
+
+# lines of a few members
+FEW: tuple[dict[str, Any], ...] = (
+    {"color": PATH, "linestyle": "-"},
+    {"color": MEDIAN, "linestyle": "--"},
+    {"color": CORE, "linestyle": "-."},
+    {"color": INK, "linestyle": (0, (6, 1, 1, 1, 1, 1))},
+)
 
 # low, middle and high of three values, dark to light
 THREE = (MEDIAN, "#bbbbbb", "#fdd49e")
@@ -75,6 +84,39 @@ def add_title(axes: Axes, text: str, note: str = "", pad: float | None = None) -
     lines = [text, *([fill(note, 74)] if note else [])]
     colour = ALARM if note else "black"
     axes.set_title("\n".join(lines), fontsize=9 if note else 10, pad=pad, color=colour)
+
+
+def line_styles(count: int) -> list[dict[str, Any]]:
+    """Return the styles of the lines of some members: up to four differ in dashes, more in shade,
+    from dark to light."""
+    if count <= len(FEW):
+        return [dict(style) for style in FEW[:count]]
+    shades = colormaps[VALUES](np.linspace(0.0, 0.85, count))
+    return [{"color": tuple(shade), "linestyle": "-"} for shade in shades]
+
+
+def add_density(
+    axes: Axes,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    of: str,
+    edges: NDArray[np.float64] | None = None,
+) -> None:
+    """Draw how many points there are in each bin, on a logarithmic scale.
+
+    of : what is counted, such as "states";  edges : of the bins of x
+    """
+    there = np.isfinite(x) & np.isfinite(y)
+    # about four points in a bin, if they fill the picture
+    across = int(np.clip(0.5 * np.sqrt(np.count_nonzero(there)), 40, 160))
+    bins = (across if edges is None else edges, across)
+    count, *places = np.histogram2d(x[there], y[there], bins=bins)
+    norm = LogNorm(1.0, max(count.max(), 10.0))
+    shown = np.where(count > 0.0, count, np.nan).T
+    image = axes.pcolormesh(*places, shown, cmap=DENSITY, norm=norm, rasterized=True)
+    bar = figure_of(axes).colorbar(image, ax=axes, aspect=30, pad=0.02)
+    bar.set_label(f"{of} per bin", fontsize=9)
+    bar.ax.tick_params(labelsize=8)
 
 
 def legend_above(axes: Axes, columns: int) -> None:

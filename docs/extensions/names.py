@@ -23,12 +23,12 @@ from rigidmc.studies import STUDIES
 REFERENCE = Path(__file__).parent.parent / "reference"
 # {name: the members that its page has}; of a protocol what is called, and not its numbers
 MEMBERS = {
-    **dict.fromkeys(("Body", "Scene", "views.accessor.Rigid"), ""),
+    **dict.fromkeys(("Body", "Scene", "views.accessor.Rigid", "views.accessor.Pictures"), ""),
     "protocols.Event": "bind, results",
     "protocols.Running": "results",
     "protocols.VectorDistribution": "check, sample",
 }
-TITLES = {"views.accessor.Rigid": "ds.rigid"}
+TITLES = {"views.accessor.Rigid": "ds.rigid", "views.accessor.Pictures": "ds.rigid.plot"}
 
 
 def listed(words):

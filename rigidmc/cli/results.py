@@ -109,10 +109,18 @@ def plot_command(
         str,
         typer.Option(help=f"Kind of picture: {', '.join(PICTURES)}; with a bath also gibbs."),
     ] = "summary",
+    surface: Annotated[
+        str | None, typer.Option(help="Of polhodes: sphere (of the momentum) or ellipsoid.")
+    ] = None,
+    energies: Annotated[
+        str | None,
+        typer.Option(metavar="LIST", help="Of polhodes: other energies [J], e.g. 0.5,0.6."),
+    ] = None,
     force: Force = False,
     allow_code: AllowCode = False,
 ) -> None:
     with report_errors():
+        options = _polhode_options(picture, surface, energies)
         if picture not in (*PICTURES, "gibbs"):
             raise unknown(
                 "picture", (*PICTURES, "gibbs"), at="picture", value=picture, error=OptionError
@@ -125,12 +133,28 @@ def plot_command(
 
                     save_picture(gibbs(dataset, allow_code), output, force)
                 else:
-                    save_picture(picture_named(picture)(dataset), output, force)
+                    save_picture(picture_named(picture)(dataset, **options), output, force)
         except RigidmcError:
             raise
         except ValueError as error:
             fail(error, INVALID)
         print(*report_files([output]))
+
+
+def _polhode_options(picture: str, surface: str | None, energies: str | None) -> dict[str, Any]:
+    """Return the options of the picture polhodes; OptionError for options of other pictures."""
+    given = {"surface": surface, "energies": energies}
+    options: dict[str, Any] = {name: text for name, text in given.items() if text is not None}
+    for name, text in options.items():
+        if picture != "polhodes":
+            raise OptionError("is for --picture polhodes", at=name, value=text)
+    if energies is not None:
+        try:
+            options["energies"] = [float(word) for word in energies.split(",")]
+        except ValueError:
+            rule = "expected energies [J] separated by commas, e.g. 0.5,0.6"
+            raise OptionError(rule, at="energies", value=energies) from None
+    return options
 
 
 def export_command(

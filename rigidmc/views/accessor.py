@@ -6,7 +6,6 @@ use, so that this import stays quick.
 
 import html
 from collections.abc import Callable, Iterable
-from functools import partial
 from html import escape
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -22,18 +21,39 @@ if TYPE_CHECKING:
 
 
 class Pictures:
-    """Pictures of a result as methods, e.g. ds.rigid.plot.momentum_sphere()."""
+    """Pictures of a result as methods, `ds.rigid.plot.trajectory()`; each returns a Figure.
+
+    Up to 20 members are lines, more are a density. `savefig` writes .png, .pdf or .svg; the command
+    `rigidmc plot RESULT --picture NAME -o FILE` draws the same.
+
+    Examples
+    --------
+    >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+    >>> len(ds.rigid.plot.polhodes(surface="ellipsoid").axes)
+    1
+    """
 
     def __init__(self, result: "Rigid") -> None:
         self._result = result
 
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *PICTURES]
-
     def __getattr__(self, name: str) -> Callable[..., Any]:
-        if name not in PICTURES:
-            raise AttributeError(f"no picture '{name}'; known: {', '.join(PICTURES)}")
-        return partial(picture(name), self._result._dataset)
+        raise AttributeError(f"no picture '{name}'; known: {', '.join(PICTURES)}")
+
+
+def _method(name: str) -> Callable[..., Any]:
+    """Return the method that draws a picture."""
+
+    def draw(self: Pictures, *args: Any, **options: Any) -> Any:
+        return picture(name)(self._result._dataset, *args, **options)
+
+    module, words = PICTURES[name]
+    draw.__name__, draw.__qualname__ = name, f"Pictures.{name}"
+    draw.__doc__ = f"Draw {words}; it takes the options of `rigidmc.views.{module}.{name}`."
+    return draw
+
+
+for _name in PICTURES:
+    setattr(Pictures, _name, _method(_name))
 
 
 @xr.register_dataset_accessor("rigid")

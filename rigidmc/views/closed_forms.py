@@ -10,7 +10,16 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import OptionError
-from rigidmc.figures import GREY, INK, MEDIAN, PATH, figure_of, new_figure
+from rigidmc.figures import (
+    GREY,
+    INK,
+    MEDIAN,
+    PATH,
+    add_density,
+    figure_of,
+    line_styles,
+    new_figure,
+)
 from rigidmc.mechanics.free_top import solve_free_top
 from rigidmc.mechanics.lagrange_top import (
     NutationRange,
@@ -19,16 +28,16 @@ from rigidmc.mechanics.lagrange_top import (
     solve_lagrange_top,
     with_axis_third,
 )
+from rigidmc.mechanics.rotation import to_space
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.closed_form import NONE, ClosedMotion
 from rigidmc.planning.turns import Drive, turning_rates
 from rigidmc.results.labels import units_text, with_units
-from rigidmc.views.sphere import CIRCLE, draw_curve, draw_polhodes, draw_sphere, screen
+from rigidmc.views.polhodes import CIRCLE, draw_curve, draw_polhodes, draw_quadric, screen
+from rigidmc.views.sample import DENSE, FINE, LINES
 
 NARROW = 0.02  # rad: smallest width of a nutation that sets the scale of a picture
 
-FINE = 0.5  # rad between two points of a curve: a circle then looks smooth
-POINTS = 1600, 20_000  # minimum and maximum for a curve
 TIME = with_units("time", "s")
 UPRIGHT = 0.05  # relative to the largest sin theta: below it phi and psi run fast and opposite
 
@@ -51,17 +60,9 @@ def axis_path(
     nutation = analyse_lagrange_top(moments, weight, momentum, attitude)
     t = _times(moments, momentum, nutation, periods)
     q = solve_lagrange_top(moments, weight, momentum, attitude, t).attitude
-    w, x, y, z = np.moveaxis(q, -1, 0)
-    tip = np.stack(
-        [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z], -1
-    )
-    draw_sphere(axes, ("x", "y", "z"))
-    for theta, style in ((nutation.high, "--"), (nutation.low, "-.")):
-        if np.sin(theta) > 1e-6:
-            x, y = np.sin(theta) * np.cos(CIRCLE), np.sin(theta) * np.sin(CIRCLE)
-            circle = np.stack([x, y, np.cos(theta) + 0.0 * CIRCLE], -1)
-            label = f"theta = {np.degrees(theta):.4g} deg"
-            draw_curve(axes, circle, color=GREY, linewidth=1.0, linestyle=style, label=label)
+    draw_quadric(axes, ("x", "y", "z"))
+    draw_turning_angles(axes, float(nutation.high), float(nutation.low))
+    tip = to_space(q, (0.0, 0.0, 1.0))
     draw_curve(axes, tip, color=PATH, linewidth=1.8, label="axis of the top")
     x, y, _ = screen(tip)
     axes.plot(x[:1], y[:1], "o", color=PATH, markersize=6, label="start")
@@ -73,43 +74,61 @@ def axis_path(
     return figure_of(axes)
 
 
-def potential(
+def draw_turning_angles(axes: Axes, high: float, low: float) -> None:
+    """Draw the circles on the unit sphere on which the axis of a top turns back."""
+    for theta, style in ((high, "--"), (low, "-.")):
+        if np.sin(theta) > 1e-6:
+            x, y = np.sin(theta) * np.cos(CIRCLE), np.sin(theta) * np.sin(CIRCLE)
+            circle = np.stack([x, y, np.cos(theta) + 0.0 * CIRCLE], -1)
+            label = f"theta = {np.degrees(theta):.4g} deg"
+            draw_curve(axes, circle, color=GREY, linewidth=1.0, linestyle=style, label=label)
+
+
+def draw_effective_potential(
     moments: ArrayLike,
-    weight: float,
+    weight: ArrayLike,
     momentum: ArrayLike,
     attitude: ArrayLike,
     axes: Axes | None = None,
 ) -> Figure:
-    """Draw the effective potential of theta, TdC (3.42), with energy and turning angles."""
+    """Draw the effective potential of theta, TdC (3.42), with energies and turning angles.
+
+    Up to 20 tops are lines, more are a density of potentials. The constant energy of each spin is
+    subtracted. Tops with one potential share its line.
+
+    moments (n, 3) [kg m^2], weight k = m g l (n,) [N m], momentum (n, 3) [kg m^2/s] in principal
+    axes, attitude (n, 4), all also without n
+    """
     axes = axes if axes is not None else new_figure("", (6.0, 4.2)).add_subplot()
-    nutation = analyse_lagrange_top(moments, weight, momentum, attitude)
-    p_phi, p_psi = nutation.p_phi, nutation.p_psi
-    high, low = float(nutation.high), float(nutation.low)
-    # the energy of the spin is constant; without it the nutation fills the scale
-    spin = 0.5 * float(p_psi) ** 2 / np.asarray(moments)[2]
+    moments, momentum, attitude = map(np.atleast_2d, (moments, momentum, attitude))
+    weight = np.atleast_1d(weight)
+    tops = analyse_lagrange_top(moments, weight, momentum, attitude)
+    spin = 0.5 * tops.p_psi**2 / moments[:, 2]
+    high, low = float(tops.high.min()), float(tops.low.max())
     margin = 0.35 * max(low - high, NARROW)
     theta = np.linspace(max(high - margin, 1e-6), min(low + margin, np.pi - 1e-6), 1001)
-    u = effective_potential(moments, weight, p_phi, p_psi, theta) - spin
-    energy, floor = float(nutation.energy) - spin, u.min()
-    size = max(float(np.median(np.abs(u))), abs(energy))
+    p_phi, p_psi = tops.p_phi[:, None], tops.p_psi[:, None]
+    u = effective_potential(moments[:, None], weight[:, None], p_phi, p_psi, theta) - spin[:, None]
+    energy, floor = tops.energy - spin, float(np.median(u.min(axis=1)))
+    size = max(float(np.median(np.abs(u))), float(np.abs(energy).max()))
     # if all energies are 0, the unit is 1 J
     unit = 10.0 ** np.floor(np.log10(size)) if size > 0.0 else 1.0
     u, energy, floor = u / unit, energy / unit, floor / unit
-    axes.plot(np.degrees(theta), u, color=MEDIAN, linewidth=2.0, label="effective potential")
-    axes.axhline(energy, color=PATH, linewidth=1.5, label="energy")
-    words = f"turning angles {np.degrees(high):.4g}, {np.degrees(low):.4g} deg"
-    for angle, label in ((high, words), (low, "_")):
-        axes.axvline(np.degrees(angle), color=GREY, linestyle="--", linewidth=1.0, label=label)
-    inside = (theta >= high) & (theta <= low)
-    degrees = np.degrees(theta)
-    axes.fill_between(degrees, u, energy, where=inside, color=PATH, alpha=0.15, linewidth=0)
+    top = float(energy.max())
     # height of the drawing in `unit`; 1e-300 only keeps its ends apart
-    height = max(energy - floor, 1e-12 * max(abs(energy), 1e-300))
+    height = max(top - floor, 1e-12 * max(abs(top), 1e-300))
     if low - high < NARROW:  # the energy is close to the floor: the well sets the scale
-        height = max(height, 0.5 * (u[[0, -1]].min() - floor))
-    axes.set(xlim=degrees[[0, -1]], ylim=(floor - 0.25 * height, energy + 1.1 * height))
+        height = max(height, 0.5 * (float(np.median(u[:, [0, -1]])) - floor))
+    axes.set(ylim=(floor - 0.25 * height, top + 1.1 * height))
+    degrees = np.degrees(theta)
+    turns = np.degrees(np.stack([tops.high, tops.low], -1))
+    if len(u) == 1:
+        _one_well(axes, degrees, u[0], float(energy[0]), turns[0])
+    else:
+        _wells(axes, degrees, u, energy, turns)
     scale = f"{unit:.0e} {units_text('J')}" if unit != 1.0 else "J"
     axes.set(
+        xlim=degrees[[0, -1]],
         xlabel=with_units("theta", "deg"),
         ylabel=with_units("energy minus spin energy", scale),
     )
@@ -118,30 +137,89 @@ def potential(
     return figure_of(axes)
 
 
+Floats = NDArray[np.float64]
+
+
+def _one_well(axes: Axes, degrees: Floats, u: Floats, energy: float, turns: Floats) -> None:
+    """Draw the effective potential of one top, its energy, and its turning angles [deg]."""
+    axes.plot(degrees, u, color=MEDIAN, linewidth=2.0, label="effective potential")
+    axes.axhline(energy, color=PATH, linewidth=1.5, label="energy")
+    words = f"turning angles {turns[0]:.4g}, {turns[1]:.4g} deg"
+    for angle, label in zip(turns, (words, "_"), strict=True):
+        axes.axvline(angle, color=GREY, linestyle="--", linewidth=1.0, label=label)
+    inside = (degrees >= turns[0]) & (degrees <= turns[1])
+    axes.fill_between(degrees, u, energy, where=inside, color=PATH, alpha=0.15, linewidth=0)
+
+
+def _wells(axes: Axes, degrees: Floats, u: Floats, energy: Floats, turns: Floats) -> None:
+    """Draw effective potentials (n, points) with energies (n,) and turning angles (n, 2) [deg]."""
+    low, high = axes.get_ylim()
+    if np.ptp(u, axis=0).max() <= 1e-9 * (high - low):
+        axes.plot(degrees, u[0], color=MEDIAN, linewidth=2.0, label="effective potential of all")
+    elif len(u) <= LINES:
+        for k, (one, style) in enumerate(zip(u, line_styles(len(u)), strict=True)):
+            axes.plot(degrees, one, label="_" if k else "effective potentials", **style)
+    else:
+        some = u[:: -(-len(u) // 2000)]
+        shown = np.where((some > low) & (some < high), some, np.nan)
+        add_density(axes, np.broadcast_to(degrees, some.shape).ravel(), shown.ravel(), "curves")
+        few = slice(None, None, -(-len(u) // 500))
+        both = np.repeat(energy[few], 2)
+        axes.plot(turns[few].ravel(), both, ".", color=PATH, ms=2.0, label="turning points")
+        return
+    for k, (e, ends) in enumerate(zip(energy, turns, strict=True)):
+        axes.plot(
+            ends,
+            (e, e),
+            "o-",
+            color=PATH,
+            ms=4.0,
+            lw=1.0,
+            label="_" if k else "energy between turning points",
+        )
+
+
+def euler_curves(attitude: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Return continuous Euler angles theta, phi, psi (n,) [rad] of attitudes (n, 4).
+
+    Near theta = 0 and pi only phi + psi or phi - psi is well defined: phi and psi are nan there,
+    unless the body stays there.
+    """
+    w, x, y, z = np.moveaxis(attitude, -1, 0)
+    theta = 2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z))
+    tilted = np.sin(theta) > UPRIGHT * np.sin(theta).max()
+    tilted |= np.count_nonzero(tilted) < 2
+    plus, minus = np.full((2, theta.size), np.nan)
+    for angle, *parts in ((plus, z, w), (minus, y, x)):
+        angle[tilted] = np.unwrap(2.0 * np.arctan2(*(part[tilted] for part in parts)))
+    return theta, 0.5 * (plus + minus), 0.5 * (plus - minus)
+
+
+def mean_rate(t: NDArray[np.float64], angle: NDArray[np.float64]) -> float:
+    """Return the mean rate of an angle, by least squares [rad/s]: the values at the ends alone are
+    anywhere in a nutation."""
+    there = np.isfinite(angle)
+    if np.count_nonzero(there) < 2:
+        return 0.0
+    return float(np.polyfit(t[there] - t[0], angle[there], 1)[0])
+
+
 def euler_angles(
     attitude: NDArray[np.float64], t: NDArray[np.float64], axes: Axes | None = None
 ) -> Figure:
     """Draw Euler angles z-x-z of attitudes (n, 4) against t (n,).
 
-    The curves are theta, and phi and psi minus their mean rates, which the legend shows. Near
-    theta = 0 and pi only phi + psi or phi - psi is well defined; the picture omits phi and psi
-    there, unless the body stays there.
+    The curves are theta, and phi and psi minus their mean rates, which the legend shows; see
+    `euler_curves` for theta near 0 and pi.
     """
     axes = axes if axes is not None else new_figure("", (6.0, 4.6)).add_subplot()
-    w, x, y, z = np.moveaxis(attitude, -1, 0)
-    theta = 2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z))
-    tilted = np.sin(theta) > UPRIGHT * np.sin(theta).max()
-    tilted |= np.count_nonzero(tilted) < 2
-    plus, minus = np.full((2, t.size), np.nan)
-    for angle, *parts in ((plus, z, w), (minus, y, x)):
-        angle[tilted] = np.unwrap(2.0 * np.arctan2(*(part[tilted] for part in parts)))
-    first, last = np.flatnonzero(tilted)[[0, -1]]
+    theta, phi, psi = euler_curves(attitude)
     for name, values, style, color in (
         ("theta", theta, "-", MEDIAN),
-        ("phi", 0.5 * (plus + minus), "--", PATH),
-        ("psi", 0.5 * (plus - minus), ":", INK),
+        ("phi", phi, "--", PATH),
+        ("psi", psi, ":", INK),
     ):
-        rate = 0.0 if name == "theta" else (values[last] - values[first]) / (t[last] - t[first])
+        rate = 0.0 if name == "theta" else mean_rate(t, values)
         sign = "-" if rate > 0.0 else "+"
         label = name if rate == 0.0 else f"{name} {sign} {abs(rate):.4g} rad/s t"
         angle = np.degrees(values - rate * (t - t[0]))
@@ -161,7 +239,7 @@ def lagrange_summary(
     """Draw axis on the sphere, effective potential and Euler angles of one Lagrange top."""
     figure, left, upper, lower = _three(title)
     axis_path(moments, weight, momentum, attitude, left)
-    potential(moments, weight, momentum, attitude, upper)
+    draw_effective_potential(moments, weight, momentum, attitude, upper)
     t = _times(moments, momentum, analyse_lagrange_top(moments, weight, momentum, attitude), 4)
     euler_angles(solve_lagrange_top(moments, weight, momentum, attitude, t).attitude, t, lower)
     return figure
@@ -232,12 +310,12 @@ def _times(
 
 
 def _resolved(moments: ArrayLike, momentum: ArrayLike, end: float) -> NDArray[np.float64]:
-    """Return times until `end` [s], between which a body turns by at most FINE; at most POINTS[1]
+    """Return times until `end` [s], between which a body turns by at most FINE; at most DENSE[1]
     times, which may end earlier."""
     rates = turning_rates(
         np.asarray(moments, float)[:, None], np.asarray(momentum, float)[:, None], Drive(True)
     )
     rate = max(float(one[0]) for one in rates)
-    count = int(np.clip(np.ceil(rate * end / FINE), *POINTS))
+    count = int(np.clip(np.ceil(rate * end / FINE), *DENSE))
     last = min(end, count * FINE / rate) if rate > 0.0 else end
     return np.linspace(0.0, last, count)

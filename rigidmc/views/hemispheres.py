@@ -38,6 +38,12 @@ CAPS = (
 Vectors = NDArray[np.float64]  # (time, axis, member)
 
 
+def is_free(ds: xr.Dataset) -> bool:
+    """Return whether the momentum of each member stays on its polhode."""
+    conserved = [ds[f"{name}_drift_max"].attrs.get("conserved") for name in ("energy", "l2")]
+    return conserved == ["yes", "yes"] and "work" not in ds
+
+
 def momentum_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     """Draw the direction of the angular momentum in the body: density, and paths of a few members.
 
@@ -62,11 +68,7 @@ def momentum_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
         slope = np.sqrt((toward / right - 1.0) / (1.0 - toward / up))
     one_body = np.ptp(moments, axis=1).max() <= 1e-12 * body.max()
     axes = axes or figure_of_result(ds, (8.0, 5.2)).add_subplot()
-    conserved = all(
-        part[f"{name}_drift_max"].attrs.get("conserved") == "yes" for name in ("energy", "l2")
-    )
-    few = drawn_members(l)
-    free = conserved and "work" not in ds
+    few, free = drawn_members(l), is_free(ds)
     paths = polhodes(l[0][:, few], moments[:, few]) if free else l[..., few]
     slopes = [slope, -slope] if one_body and 0.0 < slope < np.inf else []
     shown = l if len(l) > 2 else l[-1:]

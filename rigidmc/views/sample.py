@@ -5,7 +5,7 @@ members takes seconds. `note_on` warns if saves are too far apart for a picture 
 by the rule in `rigidmc.planning.turns`.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -16,7 +16,7 @@ from rigidmc.engine.compiler.compose import NumbaError
 from rigidmc.errors import RigidmcError
 from rigidmc.figures import new_figure
 from rigidmc.mechanics.rotation import euler
-from rigidmc.planning.turns import ATTITUDE, AXIS, Drive, Sparse, drive, sparse, turning_rates
+from rigidmc.planning.turns import ATTITUDE, AXIS, BODY, Drive, Sparse, drive, sparse, turning_rates
 from rigidmc.results.frames import described, in_principal_axes, principal
 from rigidmc.results.labels import count_text
 from rigidmc.scene.scene import scene_of
@@ -24,7 +24,11 @@ from rigidmc.scene.scene import scene_of
 TIMES = 4000  # most saves to read: a line on a picture cannot show more
 # most members to read: MEMBERS, more up to POINTS vectors, fewer beyond VECTORS
 MEMBERS, POINTS, VECTORS = 20_000, 2_000_000, 8_000_000
-DRAWN = 4  # members drawn as lines: more are hard to follow
+DRAWN = 4  # members drawn as lines over a density: more are hard to follow
+LINES = 20  # most members that a picture of single members draws as lines instead of a density
+KEYED = 6  # most lines that a legend names
+FINE = 0.5  # rad between two points of a curve: it then looks smooth
+DENSE = 1600, 20_000  # least and most points of the curve of a member
 
 SAVES = "rigidmc_saves"  # key for the saves of the result, in the encoding of a sample
 
@@ -117,6 +121,76 @@ def figure_of_result(ds: xr.Dataset, size: tuple[float, float]) -> Figure:
     facts += [f"{flagged:,} flagged and excluded"] if flagged else []
     title = ds.attrs.get("title", "ensemble")
     return new_figure(f"{title}: {', '.join(filter(None, facts))}", size)
+
+
+def good_members(ds: xr.Dataset) -> xr.Dataset:
+    """Return the members that are not flagged; ValueError if all are."""
+    good = ds.status.values == 0
+    if not good.any():
+        raise ValueError(f"nothing to draw: all {good.size:,} members are flagged")
+    return ds if good.all() else ds.isel(member=good)
+
+
+class MemberPath(NamedTuple):
+    """The motion of one member at times t (n,) [s] that are close enough for smooth lines.
+
+    attitude (n, 4) of the axes of the result;  principal_attitude (n, 4), momentum (n, 3)
+    [kg m2/s] and omega (n, 3) [rad/s] in principal axes;  moments (3,) [kg m2]
+    """
+
+    member: int
+    t: NDArray[np.float64]
+    attitude: NDArray[np.float64]
+    principal_attitude: NDArray[np.float64]
+    momentum: NDArray[np.float64]
+    omega: NDArray[np.float64]
+    moments: NDArray[np.float64]
+
+
+def member_paths(ds: xr.Dataset) -> tuple[list[MemberPath], str]:
+    """Return the smooth paths of all good members, and a warning if they are not.
+
+    Where the saves are too far apart, or lack the attitude, the member is recomputed as for an
+    animation, up to the time that DENSE[1] points can show. A member that cannot be recomputed, as
+    without its scene or with custom code, is drawn through its saves.
+    """
+    paths, notes = [], []
+    for k in range(good_members(ds).sizes["member"]):
+        one, note = _dense(good_members(ds).isel(member=[k]))
+        t = one.time.values
+        l = omega_or_momentum(in_principal_axes(one), "momentum")[0][..., 0]
+        moments = one.moments.values[:, 0]
+        own, q = (
+            v.transpose("time", "quat", "member").values[..., 0]
+            for v in (one.attitude, principal(one, "attitude"))
+        )
+        paths.append(MemberPath(int(one.member[0]), t, own, q, l, l / moments, moments))
+        notes += [note] if note else []
+    return paths, notes[0] if notes else ""
+
+
+def _dense(one: xr.Dataset) -> tuple[xr.Dataset, str]:
+    """Return a member at close times, and a warning if they are not close."""
+    from rigidmc.runs.rerun import frames
+
+    part = thin_result(one)
+    rate = max(float(fastest(part, kind)[0]) for kind in (BODY, AXIS, ATTITUDE))
+    has_states = "attitude" in one and ("omega" in one or "momentum" in one)
+    apart = float(np.diff(np.atleast_1d(one.time.values)).max(initial=0.0))
+    if has_states and one.sizes["time"] > 2 and rate * apart <= FINE:
+        return one, ""
+    try:
+        end = scene_of(one).run.t_end
+        count = int(np.clip(np.ceil(rate * end / FINE), *DENSE))
+        until = min(end, count * FINE / rate) if rate > 0.0 else end
+        return frames(one, int(one.member[0]), count, until=until), ""
+    except (RigidmcError, NumbaError, AttributeError, TypeError, KeyError):
+        if not has_states:
+            raise ValueError(
+                "the member cannot be recomputed, and its states were not saved: run with"
+                ' save=("omega", "attitude") and keep="full"'
+            ) from None
+        return one, note_on(part, ATTITUDE)
 
 
 STATES = 1_000_000  # states per batch when computing rates

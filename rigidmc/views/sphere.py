@@ -1,17 +1,10 @@
-"""The unit sphere in pictures: directions, their density, Lambert's map, and Poinsot's polhodes."""
+"""The unit sphere in pictures: directions, their density, Lambert's map, families of polhodes."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
-
-from rigidmc.arrays import floats
-from rigidmc.figures import GREY, HALO, INK, LIGHT, PATH, figure_of, new_figure
-from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
 
 # bins across a disc, averaged 3 x 3 (about 4 degrees): a thin ensemble stays visible under a path
 BINS, SMOOTH = 120, 3
@@ -90,6 +83,25 @@ def family(moments: NDArray[np.float64]) -> tuple[list[Curve], list[Curve]]:
     return list(curves), separatrices
 
 
+def curves_at_energy(moments: NDArray[np.float64], inverse: float) -> list[Curve]:
+    """Return the polhodes (n, 3) on the unit sphere with c = 2 T/L^2 = `inverse`, which lies
+    between 1/max I and 1/min I.
+
+    On an axis they are points, at the middle moment the separatrices.
+    """
+    low, middle, high = map(int, np.argsort(moments, kind="stable"))
+    axes, c = np.eye(3), 1.0 / moments
+    pole = low if inverse > c[middle] or c[middle] == c[high] else high
+    across = middle if c[middle] != c[pole] else (high if pole == low else low)
+    square = ((c[pole] - inverse) / (c[pole] - c[across])).clip(0.0, 1.0)
+    if square == 1.0:
+        return family(moments)[1]
+    one = np.sqrt(square) * axes[across]
+    starts = [side * np.sqrt(1.0 - square) * axes[pole] + one for side in (-1.0, 1.0)]
+    curves = polhodes(np.array(starts).T, np.repeat(moments[:, None], 2, axis=1), 361)
+    return list(curves.transpose(2, 0, 1))
+
+
 def lambert(
     right: NDArray[np.float64], up: NDArray[np.float64], toward: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -130,103 +142,3 @@ def disc_density(
         empty = np.full(count.shape, np.nan)
         densities.append(np.divide(count, isotropic, out=empty, where=present))
     return densities
-
-
-VIEW = np.array([0.80, 0.45, 0.40])  # toward the reader; along an axis a sphere would look flat
-CIRCLE = np.linspace(0.0, 2.0 * np.pi, 361)
-
-Vectors = NDArray[np.float64]  # (..., 3)
-
-
-def screen(v: Vectors) -> tuple[Vectors, Vectors, Vectors]:
-    """Return (x, y, toward the reader) of vectors (..., 3), seen from VIEW with axis 3 upward."""
-    toward = VIEW / np.linalg.norm(VIEW)
-    right = np.cross((0.0, 0.0, 1.0), toward)
-    right /= np.linalg.norm(right)
-    return v @ right, v @ np.cross(toward, right), v @ toward
-
-
-def draw_sphere(axes: Axes, names: tuple[str, str, str]) -> None:
-    """Draw a unit sphere with outline, equator and three named axes."""
-    axes.set_aspect("equal")
-    axes.set_axis_off()
-    axes.plot(np.cos(CIRCLE), np.sin(CIRCLE), color=INK, linewidth=1.0)
-    equator = np.stack([np.cos(CIRCLE), np.sin(CIRCLE), 0.0 * CIRCLE], -1)
-    draw_curve(axes, equator, color=LIGHT, linewidth=0.8)
-    for k, name in enumerate(names):
-        x, y, _ = screen(np.stack([np.eye(3)[k], 1.22 * np.eye(3)[k]]))
-        axes.plot(x, y, color=GREY, linewidth=1.0)
-        axes.annotate(
-            name,
-            (x[1], y[1]),
-            ha="center",
-            va="center",
-            fontsize=10,
-            path_effects=HALO,
-            xytext=(0, 5),
-            textcoords="offset points",
-        )
-    axes.set(xlim=(-1.25, 1.25), ylim=(-1.5, 1.4))
-
-
-def draw_curve(axes: Axes, v: Vectors, label: str | None = None, **style: Any) -> None:
-    """Draw a curve (n, 3) on the sphere: in full in front, thin and dotted behind."""
-    x, y, z = screen(v)
-    axes.plot(np.where(z >= 0.0, x, np.nan), np.where(z >= 0.0, y, np.nan), label=label, **style)
-    behind = {**style, "linewidth": 0.6 * style["linewidth"], "linestyle": ":"}
-    axes.plot(np.where(z < 0.0, x, np.nan), np.where(z < 0.0, y, np.nan), **behind)
-
-
-def draw_polhodes(moments: ArrayLike, momentum: ArrayLike, axes: Axes | None = None) -> Figure:
-    """Draw Poinsot's construction: the curves that the momentum of a free body may follow.
-
-    Energy ellipsoids cut the sphere |L| = const in polhodes, TdC Example 3.6. The polhode through
-    `momentum` is coloured and shows start and direction; other energies are grey, the separatrix
-    2 T I_mid = |L|^2 is black.
-
-    moments (3,) [kg m^2], momentum (3,) [kg m^2/s] in principal axes
-    """
-    axes = axes if axes is not None else new_figure("", (5.2, 5.4)).add_subplot()
-    moments, momentum = floats(moments, "moments", 3), floats(momentum, "momentum", 3)
-    draw_sphere(axes, ("1", "2", "3"))
-    curves, separatrices = family(moments)
-    for curve in curves:
-        draw_curve(axes, curve, color=LIGHT, linewidth=0.9)
-    for k, curve in enumerate(separatrices):
-        label = None if k else "separatrix"
-        draw_curve(axes, curve, label=label, color=INK, linewidth=1.6)
-    size = np.linalg.norm(momentum)
-    if size > 0.0:
-        _this_body(axes, moments, momentum / size)
-    axes.legend(loc="lower center", ncols=3, fontsize=9, frameon=False)
-    values = ", ".join(f"{i:.3g}" for i in moments)
-    title = f"Momentum sphere in body axes, I = ({values}) kg m²"
-    axes.set_title(f"{title}\n{analyse_free_top(moments, momentum).kind}", fontsize=10)
-    return figure_of(axes)
-
-
-def _this_body(axes: Axes, moments: Vectors, u: Vectors) -> None:
-    """Draw the polhode through u (3,), its start, and an arrow along it."""
-    path = _polhode(moments, u)
-    draw_curve(axes, path, color=PATH, linewidth=2.2, label="this body")
-    x, y, z = screen(path)
-    face = PATH if z[0] >= 0 else "white"
-    style: dict[str, Any] = {"color": PATH, "markersize": 6, "markerfacecolor": face}
-    axes.plot(x[:1], y[:1], "o", label="start", **style)
-    at = len(path) // 12
-    if np.hypot(x[at + 1] - x[at], y[at + 1] - y[at]) > 0.0:
-        arrow = {"arrowstyle": "-|>", "color": PATH, "lw": 1.5}
-        axes.annotate("", (x[at + 1], y[at + 1]), (x[at], y[at]), arrowprops=arrow)
-
-
-def _polhode(moments: Vectors, u: Vectors) -> Vectors:
-    """Return momenta (n, 3) over one period of the free motion from the momentum u (3,)."""
-    motion = analyse_free_top(moments, u)
-    rate = float(motion.rate)
-    period = float(motion.period)
-    if not np.isfinite(period) or rate == 0.0:
-        # if nothing moves, 1 s is as good as any time
-        period = 40.0 / rate if rate > 0.0 else 1.0
-    t = np.linspace(0.0, period, 721)
-    path: Vectors = solve_free_top(moments, u, (1.0, 0.0, 0.0, 0.0), t).momentum
-    return path

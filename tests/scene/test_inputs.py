@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import rigidmc as rm
 from rigidmc.arrays import as_plain_arrays, floats
 from rigidmc.mechanics import coordinates, inertia, rotation, textbook
-from rigidmc.views.sphere import draw_polhodes
+from rigidmc.views.polhodes import draw_polhodes
 
 BODY = rm.Body((1.0, 2.0, 2.5))
 BOX = rm.Body.box(12.0, (1.0, 2.0, 3.0))

@@ -9,10 +9,10 @@ import rigidmc as rm
 from rigidmc.mechanics.lagrange_top import steady_precession
 from rigidmc.studies.closed_form import compare
 from rigidmc.views.closed_forms import (
+    draw_effective_potential,
     euler_angles,
     free_summary,
     lagrange_summary,
-    potential,
 )
 from tests.axes import unlabelled
 
@@ -26,7 +26,7 @@ def test_the_potential_of_a_steady_top_is_a_well():
     slow = float(steady_precession(MOMENTS, WEIGHT, SPIN, THETA)[0])
     momentum = MOMENTS * (0.0, slow * np.sin(THETA), SPIN)
     assert rm.analyse_lagrange_top(MOMENTS, WEIGHT, momentum, ATTITUDE).kind == "steady precession"
-    axes = potential(MOMENTS, WEIGHT, momentum, ATTITUDE).axes[0]
+    axes = draw_effective_potential(MOMENTS, WEIGHT, momentum, ATTITUDE).axes[0]
     theta, u = axes.lines[0].get_data()
     low, high = axes.get_ylim()
     inside = theta[(u > low) & (u < high)]

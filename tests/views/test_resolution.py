@@ -231,12 +231,13 @@ def test_a_page_shows_what_spins_up():
 
 def test_closed_forms_are_drawn_finely_enough():
     """A pencil: its spin turns 100 times in a nutation."""
-    from rigidmc.views.closed_forms import FINE, POINTS, _resolved
+    from rigidmc.views.closed_forms import _resolved
+    from rigidmc.views.sample import DENSE, FINE
 
     t = _resolved((1.0, 1.0, 0.004), (0.0, 0.1, 0.4), 2.0 * np.pi / 0.4)
     assert np.diff(t).max() * 100.0 <= FINE * 1.01 and t[-1] == 2.0 * np.pi / 0.4
     t = _resolved((1.0, 1.0, 1e-6), (0.0, 0.1, 0.4), 10.0)
-    assert len(t) == POINTS[1] and np.diff(t).max() * 4e5 <= FINE * 1.01
+    assert len(t) == DENSE[1] and np.diff(t).max() * 4e5 <= FINE * 1.01
 
 
 def test_kinds_are_fields_of_turning():

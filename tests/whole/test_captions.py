@@ -66,6 +66,21 @@ def cusps():
     assert nutation("heavy_top", 200.0, 0.4).kind == "cusps"
 
 
+def closed_portrait():
+    assert all(np.isfinite(nutation("heavy_top", spin, 0.4).period) for spin in (190.0, 210.0))
+
+
+def rolling():
+    """The tangent plane at the point of omega stays in place: it has the normal L, and its distance
+    is omega . L/|L| = 2 T/|L|."""
+    scene = rm.Scene.load("nasa_brick")
+    moments = np.array(scene.body.moments)
+    l = moments * (0.5, 0.3, 0.2)
+    motion = rm.solve_free_top(moments, l, (1.0, 0.0, 0.0, 0.0), np.linspace(0.0, 30.0, 50))
+    distance = (motion.omega * motion.momentum).sum(-1) / np.linalg.norm(motion.momentum, axis=-1)
+    assert np.ptp(distance) < 1e-12 * distance[0]
+
+
 def gyroscope():
     nods = [nutation("gyroscope", spin, np.pi / 2) for spin in (300.0, 600.0)]
     swings = [np.degrees(float(one.low - one.high)) for one in nods]
@@ -283,6 +298,15 @@ FACTS = {
         ["by elliptic functions"],
         "tests/mechanics/test_lagrange_top.py::test_random_tops_and_weights_below",
     ),
+    "A heavy top in phase space": (
+        ["each top returns to the start"],
+        closed_portrait,
+    ),
+    "The ellipsoid that rolls without slipping": (
+        ["touches the invariable plane"],
+        rolling,
+    ),
+    "Polhodes on the inertia ellipsoid": (["close to the separatrix"], handle),
     "A toy gyroscope": (["nods by one to three degrees"], gyroscope),
     "A pendulum of all amplitudes": (["wide swings take longer"], pendulum),
     "Kovalevskaya's top": (

@@ -1,0 +1,79 @@
+"""Pictures of tops: lines and densities of the same members, turning points, refusals by name."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+
+import rigidmc as rm
+from rigidmc.errors import RigidmcError
+from rigidmc.views import PICTURES
+from rigidmc.views.polhodes import Quadric
+from rigidmc.views.sample import LINES
+from rigidmc.views.sphere import curves_at_energy
+from tests.axes import unlabelled
+
+PENDULUM = ("trajectory", "angles", "phase_portrait", "effective_potential", "polhodes")
+
+
+@pytest.fixture(scope="module")
+def pendulums():
+    return rm.simulate(rm.Scene.load("pendulum"), t_end=1.0)
+
+
+@pytest.fixture(scope="module")
+def free():
+    scene = rm.Scene.load("dzhanibekov")
+    return rm.simulate(scene, members=24, t_end=2.0, every=0.02, save=("omega", "attitude"))
+
+
+@pytest.mark.parametrize("members", [1, 3, 24])
+def test_every_picture_of_a_top_has_labelled_axes(pendulums, free, members):
+    for ds, names in ((pendulums, PENDULUM), (free, ("polhodes", "poinsot", "phase_portrait"))):
+        for name in names:
+            if name == "angles" and members > LINES:
+                continue  # refused: phi of a pendulum has no bound
+            figure = getattr(ds.isel(member=slice(members)).rigid.plot, name)()
+            assert figure.axes and not unlabelled(figure), name
+
+
+def test_the_portrait_of_a_pendulum_and_its_separatrix(pendulums):
+    one = pendulums.isel(member=[10])
+    axes = one.rigid.plot.phase_portrait().axes[0]
+    lines = {line.get_label(): line.get_data() for line in axes.lines}
+    theta, rate = lines["member 10"]
+    scene = rm.Scene.load("pendulum")
+    inertia, weight = scene.body.moments[0], scene.body.mass * 9.81 * scene.body.centre[2]
+    energy = 0.5 * inertia * rate**2 + weight * np.cos(np.radians(theta))
+    assert np.ptp(energy) < 1e-6 * abs(energy).max()  # the Hamiltonian; rk8 keeps it to 1e-9
+    theta, rate = lines["separatrix"]
+    assert np.allclose(
+        0.5 * inertia * rate**2, abs(weight) * 2.0 * np.sin(0.5 * np.radians(theta)) ** 2
+    )
+
+
+def test_curves_at_an_energy_have_it_on_sphere_and_ellipsoid():
+    moments = np.array([1.0, 2.0, 3.0])
+    for inverse in (0.35, 0.4, 0.5, 0.7, 0.95):
+        for u in curves_at_energy(moments, inverse):
+            assert np.abs((u * u / moments).sum(-1) - inverse).max() < 1e-13  # measured 2e-16
+            x = Quadric(moments).points(u)
+            assert np.abs((moments * x * x).sum(-1) - moments.min()).max() < 1e-13  # 4e-16
+
+
+def test_refusals_name_the_rule(pendulums, free):
+    one = free.isel(member=[0]).rigid.plot
+    for draw, words in (
+        (lambda: one.effective_potential(), "needs heavy symmetric tops"),
+        (lambda: pendulums.rigid.plot.poinsot(), "needs free bodies"),
+        (lambda: one.polhodes(surface="elipsoid"), "did you mean 'ellipsoid'"),
+        (lambda: one.polhodes(energies=[1.0]), "the energy is"),
+        (lambda: free.rigid.plot.polhodes(surface="ellipsoid"), "select some"),
+    ):
+        with pytest.raises((RigidmcError, ValueError), match=words):
+            draw()
+
+
+def test_help_lists_the_pictures(free):
+    methods = vars(type(free.rigid.plot))
+    assert all(methods[name].__doc__.startswith("Draw ") for name in PICTURES)
