@@ -4,10 +4,11 @@ Every view reads a Dataset or a scene and changes neither. Reading order: `acces
 notebooks), `descriptions` (text on scenes and bodies), `new_scene` (a first scene as text),
 `summary` (text on a result), `axes` and `states` (axes of a result, quantities from saved states),
 `attitudes` (Euler angles of any sequence), `sample` (the members and times that pictures read),
-`ensemble` and `hemispheres` (pictures of an ensemble), `sphere` and `surfaces` (shapes to draw),
-`polhodes`, `closed_forms` and `tops` (pictures of single bodies), `gibbs`, `animation`, `html_page`
-(a page in one file), `viewer` (a page that turns the body in a browser), and `live` (a page that
-computes the motion).
+`surfaces`, `sphere`, `quadric` and `stage` (shapes, densities and what to draw them in
+perspective), `ensemble` and `globes` (pictures of an ensemble), `snapshots`, `polhodes`,
+`closed_forms` and `tops` (pictures of single bodies), `gibbs`, `animation`, `html_page` (a page in
+one file), `web` (what pages share in the browser), `viewer` (a page that replays the motion), and
+`live` (a page that computes it).
 
 A new picture is a function of the Dataset and a line in PICTURES. Views do not import studies; each
 study draws itself in `rigidmc/studies/*/picture.py`. Importing rigidmc imports neither xarray,
@@ -25,15 +26,16 @@ from rigidmc.import_hook import Load, on_import
 # {name of the function: (its module, what it shows)}; modules are imported at first use, because
 # they need matplotlib
 PICTURES = {
-    "summary": ("ensemble", "directions, the middle component of omega, drifts"),
+    "summary": ("ensemble", "a body in motion, the ensemble against time, directions, drifts"),
+    "snapshots": ("snapshots", "a typical body at eight instants of its motion"),
     "trajectory": ("tops", "the path of body axis 3 in space"),
     "angles": ("tops", "the Euler angles against time, without their mean rates"),
     "phase_portrait": ("tops", "theta against its rate, or the components of omega of free bodies"),
     "effective_potential": ("tops", "the potential of a heavy symmetric top, and energies"),
     "polhodes": ("polhodes", "polhodes on the momentum sphere or the inertia ellipsoid"),
     "poinsot": ("polhodes", "the inertia ellipsoid on the invariable plane, and the herpolhode"),
-    "momentum_sphere": ("hemispheres", "directions of the momentum in the body, on two discs"),
-    "axis_sphere": ("hemispheres", "directions of body axis 3 in space, on two discs"),
+    "momentum_sphere": ("hemispheres", "directions of the momentum in the body, on a sphere"),
+    "axis_sphere": ("hemispheres", "directions of body axis 3 in space, on a sphere"),
     "middle_component": ("ensemble", "omega about the axis of the middle moment against time"),
     "start_and_end": ("ensemble", "histograms of omega at the start and at the end"),
     "drift_histogram": ("ensemble", "histograms of the drifts of energy and |L|^2"),

@@ -33,7 +33,8 @@ from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.closed_form import NONE, ClosedMotion
 from rigidmc.planning.turns import Drive, turning_rates
 from rigidmc.results.labels import units_text, with_units
-from rigidmc.views.polhodes import CIRCLE, draw_curve, draw_polhodes, draw_quadric, screen
+from rigidmc.views.polhodes import draw_polhodes
+from rigidmc.views.quadric import CIRCLE, draw_curve, draw_quadric, screen
 from rigidmc.views.sample import DENSE, FINE, LINES
 
 NARROW = 0.02  # rad: smallest width of a nutation that sets the scale of a picture

@@ -5,7 +5,7 @@ the ellipsoid that rolls on the invariable plane.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -33,7 +33,8 @@ from rigidmc.mechanics.rotation import matrix, to_space
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import units_text, with_units
-from rigidmc.views.hemispheres import is_free, momentum_sphere
+from rigidmc.views.globes import is_free, momentum_sphere
+from rigidmc.views.quadric import CIRCLE, SPHERE, Quadric, draw_curve, draw_quadric, screen
 from rigidmc.views.sample import (
     DENSE,
     FINE,
@@ -46,82 +47,10 @@ from rigidmc.views.sample import (
 )
 from rigidmc.views.sphere import curves_at_energy, family
 
-VIEW = np.array([0.80, 0.45, 0.40])  # toward the reader; along an axis a sphere would look flat
-CIRCLE = np.linspace(0.0, 2.0 * np.pi, 361)
 SURFACES = ("sphere", "ellipsoid")
 PERIODS = 8  # of the polhode in a herpolhode: more fill the ring between its circles
 
 Vectors = NDArray[np.float64]  # (..., 3)
-
-
-def screen(v: Vectors) -> tuple[Vectors, Vectors, Vectors]:
-    """Return (x, y, toward the reader) of vectors (..., 3), seen from VIEW with axis 3 upward."""
-    toward = VIEW / np.linalg.norm(VIEW)
-    right = np.cross((0.0, 0.0, 1.0), toward)
-    right /= np.linalg.norm(right)
-    return v @ right, v @ np.cross(toward, right), v @ toward
-
-
-class Quadric(NamedTuple):
-    """The unit sphere, or with `moments` (3,) the inertia ellipsoid, turned by `turn` (3, 3).
-
-    A direction u of the momentum is the normal at its point: on the sphere u itself, on the
-    ellipsoid  sum I_i x_i^2 = min I  the point of omega,  x = sqrt(min I/(2 T)) omega.
-    """
-
-    moments: Vectors | None = None
-    turn: Vectors = np.eye(3)
-
-    def points(self, u: Vectors) -> Vectors:
-        """Return the points (..., 3) of directions u (..., 3)."""
-        if self.moments is None:
-            return u @ self.turn.T
-        x = u / self.moments / np.sqrt((u * u / self.moments).sum(-1, keepdims=True))
-        points: Vectors = np.sqrt(self.moments.min()) * x @ self.turn.T
-        return points
-
-
-SPHERE = Quadric()
-
-
-def draw_quadric(axes: Axes, names: tuple[str, str, str], on: Quadric = SPHERE) -> None:
-    """Draw a sphere or an ellipsoid with outline, equator and three named axes."""
-    axes.set_aspect("equal")
-    axes.set_axis_off()
-    toward = VIEW / np.linalg.norm(VIEW) @ on.turn
-    right = np.cross(toward, np.eye(3)[np.argmin(np.abs(toward))])
-    right /= np.linalg.norm(right)
-    across = np.outer(np.cos(CIRCLE), right) + np.outer(np.sin(CIRCLE), np.cross(toward, right))
-    x, y, _ = screen(on.points(across))
-    axes.plot(x, y, color=INK, linewidth=1.0)
-    equator = np.stack([np.cos(CIRCLE), np.sin(CIRCLE), 0.0 * CIRCLE], -1)
-    draw_curve(axes, equator, on=on, color=LIGHT, linewidth=0.8)
-    for k, name in enumerate(names):
-        end = on.points(np.eye(3)[k])
-        x, y, _ = screen(np.stack([end, end + 0.22 * on.turn[:, k]]))
-        axes.plot(x, y, color=GREY, linewidth=1.0)
-        axes.annotate(
-            name,
-            (x[1], y[1]),
-            ha="center",
-            va="center",
-            fontsize=10,
-            path_effects=HALO,
-            xytext=(0, 5),
-            textcoords="offset points",
-        )
-    axes.set(xlim=(-1.25, 1.25), ylim=(-1.5, 1.4))
-
-
-def draw_curve(
-    axes: Axes, u: Vectors, label: str | None = None, on: Quadric = SPHERE, **style: Any
-) -> None:
-    """Draw the curve of directions u (n, 3): in full in front, thin and dotted behind."""
-    x, y, _ = screen(on.points(u))
-    front = screen(u @ on.turn.T)[2] >= 0.0
-    axes.plot(np.where(front, x, np.nan), np.where(front, y, np.nan), label=label, **style)
-    behind = {**style, "linewidth": 0.6 * style["linewidth"], "linestyle": ":"}
-    axes.plot(np.where(front, np.nan, x), np.where(front, np.nan, y), **behind)
 
 
 def draw_polhodes(
@@ -173,7 +102,7 @@ def polhodes(
             rule = f"for up to {LINES} members; select some, as in ds.isel(member=[0, 1])"
             raise OptionError(rule, at="surface" if surface != "sphere" else "energies")
         return momentum_sphere(ds, axes)
-    moments, l, _ = _starts(good)
+    moments, l, _ = starts(good)
     if surface == "ellipsoid" and np.ptp(moments, axis=0).max() > 1e-12 * moments.max():
         rule = "the members have different inertia ellipsoids: select one, as ds.isel(member=[0])"
         raise OptionError(rule, at="surface", value=surface)
@@ -232,8 +161,7 @@ def _draw_path(
         u = l / np.linalg.norm(l, axis=-1, keepdims=True)
     draw_curve(axes, u, label, on, linewidth=2.0, **style)
     x, y, _ = screen(on.points(u))
-    is_front = screen(u[0] @ on.turn.T)[2] >= 0.0
-    face = style["color"] if is_front else "white"
+    face = style["color"] if on.is_seen(u[0]) else "white"
     axes.plot(x[:1], y[:1], "o", color=style["color"], markersize=6, markerfacecolor=face)
     at = len(u) // 12
     if np.hypot(x[at + 1] - x[at], y[at + 1] - y[at]) > 1e-9:
@@ -269,7 +197,7 @@ def _period(moments: Vectors, l: Vectors) -> Vectors:
     return np.linspace(0.0, period, int(np.clip(turns / 0.1, 721, DENSE[1])))
 
 
-def _starts(good: xr.Dataset) -> tuple[Vectors, Vectors, Vectors]:
+def starts(good: xr.Dataset) -> tuple[Vectors, Vectors, Vectors]:
     """Return (moments, momentum, attitude) of members at the start (member, ...), in principal
     axes."""
     moments = good.moments.transpose("member", "axis").values
@@ -296,7 +224,7 @@ def poinsot(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
     good = in_principal_axes(thin_result(good_members(ds)))
     if not is_free(ds):
         raise ValueError("poinsot needs free bodies: energy and |L|^2 are not both conserved")
-    moments, l, q = _starts(good)
+    moments, l, q = starts(good)
     if not l.any(axis=1).all():
         raise ValueError("poinsot needs turning bodies: a member is at rest")
     figure = figure or figure_of_result(ds, (11.0, 5.6))

@@ -46,8 +46,8 @@ from rigidmc.views.closed_forms import (
     euler_curves,
     mean_rate,
 )
-from rigidmc.views.hemispheres import axis_sphere, is_free
-from rigidmc.views.polhodes import draw_curve, draw_quadric, screen
+from rigidmc.views.globes import axis_sphere, is_free
+from rigidmc.views.quadric import draw_curve, draw_quadric, screen
 from rigidmc.views.sample import (
     KEYED,
     LINES,

@@ -212,7 +212,6 @@ def test_an_animation_says_how_far_it_turns_between_frames():
 @pytest.mark.slow  # 6 s, to compile
 def test_a_page_shows_what_spins_up():
     """From rest: the first momentum tells no rate, and 300 frames would jump by 10 rad each."""
-    pytest.importorskip("k3d")
     from rigidmc.runs.rerun import frames
     from rigidmc.views.viewer.data import closer, motion_span, unseen
 
