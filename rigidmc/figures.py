@@ -15,10 +15,18 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, LogNorm, Normalize
+from matplotlib.colors import (
+    BoundaryNorm,
+    Colormap,
+    LinearSegmentedColormap,
+    ListedColormap,
+    LogNorm,
+    Normalize,
+)
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
+from PIL import Image
 
 from rigidmc.files.opening import check_suffix
 from rigidmc.files.outputs import refuse_existing, write_bytes
@@ -29,6 +37,7 @@ PATH = "#d94801"  # single members and highlights
 BAND, CORE, MEDIAN = "#c6dbef", "#6baed6", "#08306b"  # outer and inner quantiles, median
 ALARM = "#a61c00"  # limits and failures
 DENSITY, VALUES = "cividis_r", "cividis"  # colour maps, dark or bright at large values
+CROWD = LinearSegmentedColormap.from_list("crowd", (BAND, CORE, MEDIAN))  # of members, as on pages
 HALO = [withStroke(linewidth=2.0, foreground="white")]  # around text and lines over an image
 # distinguish lines: by colour, and in greyscale by marker and dash
 COLOURS = (
@@ -37,6 +46,9 @@ COLOURS = (
 )  # fmt: skip
 MARKERS = ("o", "s", "^", "v", "<", "x", "P", "X", "D", ">", "p", "h", "d", "*", "H", "+", "1")
 DASHES = ("-", "--", ":", "-.")
+
+AXES = ("#2171b5", "#b5651d", "#5a5a5a")  # axes 1, 2 and 3 of a body, as on pages
+PULL = COLOURS[4]  # gravity and fields
 
 # lines of a few members
 FEW: tuple[dict[str, Any], ...] = (
@@ -55,9 +67,17 @@ Ticks = tuple[list[float], list[str]]
 Scale = tuple[str | Colormap, Normalize, Ticks | None]  # colour map, norm, ticks
 
 
+DPI, MOST_PIXELS = 150, 2000  # resolution, and the longest side of a .png: taller tables get less
+
+
 class Picture(Figure):
     """A figure that notebooks display even without pyplot, which registers the display of a plain
-    Figure."""
+    Figure.
+
+    has_few_colours : whether a .png has a palette, as for tables with a background in a few colours
+    """
+
+    has_few_colours = False
 
     def _repr_png_(self) -> bytes:
         data = io.BytesIO()
@@ -65,7 +85,7 @@ class Picture(Figure):
         return data.getvalue()
 
 
-def new_figure(title: str, size: tuple[float, float]) -> Figure:
+def new_figure(title: str, size: tuple[float, float]) -> Picture:
     """Return an empty figure with a heading; size in inches."""
     figure = Picture(size, layout="constrained")
     FigureCanvasAgg(figure)
@@ -113,15 +133,19 @@ def add_density(
     count, *places = np.histogram2d(x[there], y[there], bins=bins)
     norm = LogNorm(1.0, max(count.max(), 10.0))
     shown = np.where(count > 0.0, count, np.nan).T
-    image = axes.pcolormesh(*places, shown, cmap=DENSITY, norm=norm, rasterized=True)
+    image = axes.pcolormesh(*places, shown, cmap=CROWD, norm=norm, rasterized=True)
     bar = figure_of(axes).colorbar(image, ax=axes, aspect=30, pad=0.02)
     bar.set_label(f"{of} per bin", fontsize=9)
     bar.ax.tick_params(labelsize=8)
 
 
-def legend_above(axes: Axes, columns: int) -> None:
-    """Draw a legend between the axes and their title."""
+def legend_above(axes: Axes, columns: int, of: Axes | None = None) -> None:
+    """Draw a legend between the axes and their title.
+
+    of : axes whose lines it names, by default the same
+    """
     axes.legend(
+        *(of or axes).get_legend_handles_labels(),
         loc="lower center",
         bbox_to_anchor=(0.5, 0.99),
         ncols=columns,
@@ -172,8 +196,18 @@ def picture_bytes(figure: Figure, path: str | PathLike[str]) -> bytes:
     """Return the bytes of a picture in the format of the path's suffix; OptionError as in
     `check_suffix`."""
     check_suffix(path, "pictures")
+    suffix = Path(path).suffix[1:].lower()
     buffer = io.BytesIO()
-    figure.savefig(buffer, dpi=150, format=Path(path).suffix[1:].lower())
+    dpi = min(DPI, MOST_PIXELS / max(figure.get_size_inches()))
+    figure.savefig(buffer, dpi=dpi, format=suffix)
+    if suffix == "png" and getattr(figure, "has_few_colours", False):
+        with Image.open(buffer) as image:
+            buffer = io.BytesIO()
+            # the octree keeps colours of few pixels, which the default method averages
+            few = image.convert("RGB").quantize(
+                128, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
+            )
+            few.save(buffer, "png", optimize=True)
     return buffer.getvalue()
 
 

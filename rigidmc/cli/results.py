@@ -197,12 +197,7 @@ def animate_command(
         from rigidmc.views.animation import SMOOTH, check_writer
         from rigidmc.views.animation import animate as draw
 
-        try:
-            check_writer(output)
-        except RigidmcError:
-            raise
-        except ValueError as error:
-            fail(error, INVALID)
+        check_writer(output)
         steps = max(2, round(seconds * fps) - 1) * SMOOTH
         dataset = frames(load_result(file, allow_code), member, steps, allow_code, until)
         if int(dataset.status.values[0]) == 2:
@@ -271,9 +266,6 @@ def view_command(
     allow_code: AllowCode = False,
 ) -> None:
     with report_errors(source):
-        from rigidmc.views.viewer.page import check_k3d
-        from rigidmc.views.viewer.page import view as page_of
-
         if sliders and not is_live:
             raise OptionError("is for --live", at="slider", value=sliders[0])
         chosen = _indices(members)
@@ -283,7 +275,9 @@ def view_command(
         if is_live:
             _live_page(source, settings, allow_code, name, members, sliders, force)
         else:
-            check_k3d()
+            plots_module()
+            from rigidmc.views.viewer.page import view as page_of
+
             dataset = _result(source, settings, allow_code)
             page_of(dataset, name, chosen, until, force, allow_code)
             dataset.close()

@@ -148,12 +148,18 @@ KINDS = {  # kinds of output, with their suffixes
 _NEEDED = {".zarr": ("zarr", "zarr"), ".parquet": ("pyarrow", "table")}
 
 
+_ELSEWHERE = {
+    "results": "; `rigidmc run SCENE -o RUN/` makes a run directory",
+    "animations": "; `rigidmc view` makes a page, .html",
+}
+
+
 def check_suffix(path: str | os.PathLike[str], kind: str) -> None:
     """Raise OptionError if a file name lacks a suffix of its kind, and so would misname the
     content, or if its suffix needs a package that is not installed."""
     suffix, endings = os.path.splitext(path)[1], KINDS[kind]
     if suffix.lower() not in endings:
-        more = "; `rigidmc run SCENE -o RUN/` makes a run directory" if kind == "results" else ""
+        more = _ELSEWHERE.get(kind, "")
         rule = f"a name for {kind} ends in {', '.join(endings)}, not in '{suffix}'{more}"
         raise OptionError(rule, at="output", value=os.fspath(path))
     module, extra = _NEEDED.get(suffix.lower(), ("", ""))

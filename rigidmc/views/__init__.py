@@ -4,10 +4,11 @@ Every view reads a Dataset or a scene and changes neither. Reading order: `acces
 notebooks), `descriptions` (text on scenes and bodies), `new_scene` (a first scene as text),
 `summary` (text on a result), `axes` and `states` (axes of a result, quantities from saved states),
 `attitudes` (Euler angles of any sequence), `sample` (the members and times that pictures read),
-`sphere`, `quadric` and `surfaces` (shapes to draw), `ensemble` and `hemispheres` (pictures of an
-ensemble), `closed_forms`, `polhodes`, `poinsot`, `tops` and `phase_portraits` (pictures of a few
-bodies or many), `gibbs`, `animation`, `html_page` (a page in one file), `viewer` (a page that turns
-the body in a browser), and `live` (a page that computes the motion).
+`surfaces`, `sphere`, `quadric`, `caps` and `stage` (shapes, densities and what to draw them on),
+`ensemble` and `globes` (pictures of an ensemble), `snapshots`, `closed_forms`, `polhodes`,
+`poinsot`, `tops` and `phase_portraits` (pictures of a few bodies or many), `gibbs`, `animation`,
+`html_page` (a page in one file), `web` (what pages share in the browser), `viewer` (a page that
+replays the motion), and `live` (a page that computes it).
 
 A new picture is a function of the Dataset and a line in PICTURES. Views do not import studies; each
 study draws itself in `rigidmc/studies/*/picture.py`. Importing rigidmc imports neither xarray,
@@ -25,7 +26,8 @@ from rigidmc.import_hook import Load, on_import
 # {name of the function: (its module, what it shows)}; modules are imported at first use, because
 # they need matplotlib
 PICTURES = {
-    "summary": ("ensemble", "directions, the middle component of omega, drifts"),
+    "summary": ("ensemble", "a body in motion, the ensemble against time, directions, drifts"),
+    "snapshots": ("snapshots", "a typical body at eight instants of its motion"),
     "trajectory": ("tops", "the directions of body axis 3 in space"),
     "angles": ("tops", "the Euler angles against time, without their mean rates"),
     "phase_portrait": (

@@ -13,15 +13,28 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import ConnectionPatch
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
-from rigidmc.figures import BAND, CORE, INK, MEDIAN, PATH, add_title, figure_of, legend_above
+from rigidmc.engine.compiler.compose import NumbaError
+from rigidmc.errors import RigidmcError
+from rigidmc.figures import (
+    BAND,
+    CORE,
+    INK,
+    LIGHT,
+    MEDIAN,
+    PATH,
+    add_title,
+    figure_of,
+    legend_above,
+)
 from rigidmc.physics.observables import OBSERVABLES
-from rigidmc.planning.turns import BODY
+from rigidmc.planning.turns import AXIS, BODY
 from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.results.labels import axis_label, count_text, with_units
-from rigidmc.views.hemispheres import axis_density, momentum_density
+from rigidmc.views.globes import axis_density, momentum_density
 from rigidmc.views.sample import (
     drawn_members,
     figure_of_result,
@@ -30,32 +43,71 @@ from rigidmc.views.sample import (
     span,
     thin_result,
 )
+from rigidmc.views.snapshots import BELOW, Flight, body_place, draw_flight, flight, has_angle
 from rigidmc.views.sphere import central_axis
 
-# reversals per member above which the picture shows only one of the members, with the widest swing
+# reversals per member above which a picture shows only one of the members, with the widest swing,
+# and a thin line
 SWINGS = 25
 
 
 def summary(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
-    """Draw the summary of a run: directions, middle component against time, drifts.
+    """Draw the summary of a run: a typical body at a few instants, the ensemble against time,
+    directions, drifts.
 
-    The axis in space requires saved attitudes. With fewer than three saves, the spread at the start
-    and at the end replaces the time series.
+    Against time it shows the angular velocity about the middle axis; with saved attitudes of bodies
+    under torques the angle of axis 3 from the vertical. With fewer than three saves, the spread at
+    the start and at the end replaces it. The axis in space requires saved attitudes; the body
+    requires a result with its scene.
     """
-    densities = [momentum_density, axis_density] if "attitude" in ds else [momentum_density]
-    figure = figure or figure_of_result(ds, (13.0, 8.0) if len(densities) > 1 else (10.0, 8.0))
+    figure = figure or figure_of_result(ds, (10.0, 8.8))
     if not (ds.status.values == 0).any():
         figure.text(0.5, 0.5, "nothing to draw: every member is flagged", ha="center")
         return figure
-    part, grid = thin_result(ds), figure.add_gridspec(2, 1, height_ratios=[1.15, 1.0])
-    upper = grid[0].subgridspec(1, len(densities))
-    lower = grid[1].subgridspec(1, 2, width_ratios=[1.4, 1.0])
-    for place, density in enumerate(densities):
-        density(part, figure.add_subplot(upper[place]))
-    series = ("omega" in ds or "momentum" in ds) and ds.sizes["time"] > 2
-    (middle_component if series else start_and_end)(part, figure.add_subplot(lower[0]))
-    drift_histogram(ds, figure.add_subplot(lower[1]))
+    part = thin_result(ds)
+    has_series = ("omega" in ds or "momentum" in ds) and ds.sizes["time"] > 2
+    one = _flight(ds, part) if has_series else None
+    heights = [*([0.75] if one else []), 1.0, 1.35]
+    rows = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+    axes = figure.add_subplot(rows[-2])
+    if one is not None:
+        bodies = figure.add_subplot(rows[0])
+        _series(part, axes, bodies, one)
+        draw_flight(ds, one, bodies)
+        _join(figure, bodies, axes, one)
+    else:
+        (_series if has_series else start_and_end)(part, axes)
+    spheres = [momentum_density, axis_density] if "attitude" in ds else [momentum_density]
+    lower = rows[-1].subgridspec(1, len(spheres) + 1, width_ratios=[*(1.1,) * len(spheres), 1.0])
+    for place, sphere in enumerate(spheres):
+        sphere(part, figure.add_subplot(lower[place]))
+    drift_histogram(ds, figure.add_subplot(lower[-1]))
     return figure
+
+
+def _flight(ds: xr.Dataset, part: xr.Dataset) -> Flight | None:
+    """Return the motion of a typical member; None if the result cannot tell it."""
+    try:
+        return flight(ds, part)
+    except (RigidmcError, NumbaError, AttributeError, KeyError, TypeError, ValueError):
+        return None
+
+
+def _join(figure: Figure, bodies: Axes, axes: Axes, one: Flight) -> None:
+    """Draw lines from bodies to their times, and mark the times on the line of the member."""
+    value = np.interp(one.instants, one.path.t, one.value)
+    axes.plot(one.instants, value, "o", color=PATH, markersize=4, zorder=4)
+    for k, t in enumerate(one.instants):
+        line = ConnectionPatch(
+            (body_place(k), BELOW),
+            (t, 1.0),
+            bodies.transData,
+            axes.get_xaxis_transform(),
+            color=LIGHT,
+            linewidth=0.9,
+        )
+        figure.add_artist(line)
+        axes.axvline(t, color=LIGHT, linewidth=0.7, zorder=0)
 
 
 def middle_component(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
@@ -64,38 +116,80 @@ def middle_component(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
 
     ds : result with omega or momentum at three or more times
     """
-    part = in_principal_axes(thin_result(ds))
-    omega, _ = omega_or_momentum(part, "omega")
+    part = thin_result(ds)
+    value, up, title = _middle(part)
+    axes = axes or figure_of_result(ds, (7.0, 4.2)).add_subplot()
+    _band(axes, part, value, up)
+    few = value[:, drawn_members(value)]
+    if np.count_nonzero(np.diff(np.sign(np.diff(few, axis=0)), axis=0)) > SWINGS * few.shape[1]:
+        few = few[:, np.argmax(np.ptp(few, axis=0)), None]
+    for k, line in enumerate(axes.plot(part.time.values, few, color=PATH, linewidth=0.8)):
+        line.set_label("_" if k else "one member" if few.shape[1] == 1 else "single members")
+    add_title(axes, title, note_on(part, BODY), pad=20)
+    legend_above(axes, 4)
+    return figure_of(axes)
+
+
+def _series(
+    part: xr.Dataset, axes: Axes, titled: Axes | None = None, one: Flight | None = None
+) -> None:
+    """Draw the ensemble against time for the summary; the title goes above `titled`.
+
+    one : the member whose line is drawn
+    """
+    (value, up, title), kind = (_angle(part), AXIS) if has_angle(part) else (_middle(part), BODY)
+    _band(axes, part, value, up)
+    if one is not None:
+        shown = one.path.t <= part.time.values[-1] * (1.0 + 1e-9)
+        line = one.path.t[shown], one.value[shown]
+        swings = np.count_nonzero(np.diff(np.sign(np.diff(line[1]))))
+        width = 1.0 if swings <= SWINGS else 0.4
+        axes.plot(
+            *line, color=PATH, linewidth=width, label=f"member {one.path.member}, drawn above"
+        )
+    add_title(titled or axes, title, note_on(part, kind), pad=20)
+    legend_above(titled or axes, 4, axes)
+
+
+def _band(axes: Axes, part: xr.Dataset, value: NDArray[np.float64], up: str) -> None:
+    """Draw the quantiles of values (time, member) against time."""
+    t = part.time.values
+    low, quarter, median, three_quarters, high = np.quantile(
+        value, [0.05, 0.25, 0.5, 0.75, 0.95], axis=1
+    )
+    axes.fill_between(t, low, high, color=BAND, linewidth=0, label="5 to 95 %")
+    axes.fill_between(t, quarter, three_quarters, color=CORE, linewidth=0, label="25 to 75 %")
+    axes.plot(t, median, color=MEDIAN, linewidth=2.0, label="median")
+    axes.set(xlabel=axis_label(part.time), ylabel=up, xlim=(t[0], t[-1]))
+
+
+def _middle(part: xr.Dataset) -> tuple[NDArray[np.float64], str, str]:
+    """Return (values (time, member), label, title) of the component of omega about the axis of the
+    middle moment of each member [rad/s]."""
+    own = in_principal_axes(part)
+    omega, _ = omega_or_momentum(own, "omega")
     if len(omega) < 3:
         raise ValueError(
             "middle_component needs omega at three or more times:"
             ' run with every=... and save=("omega",)'
         )
-    moments, t = part.moments.values, part.time.values
+    moments = own.moments.values
     axis = np.argsort(moments, axis=0, kind="stable")[1]
     value = np.take_along_axis(omega, axis[None, None], axis=1)[:, 0]
-    low, quarter, median, three_quarters, high = np.quantile(
-        value, [0.05, 0.25, 0.5, 0.75, 0.95], axis=1
-    )
-    axes = axes or figure_of_result(ds, (7.0, 4.2)).add_subplot()
-    axes.fill_between(t, low, high, color=BAND, linewidth=0, label="5 to 95 %")
-    axes.fill_between(t, quarter, three_quarters, color=CORE, linewidth=0, label="25 to 75 %")
-    axes.plot(t, median, color=MEDIAN, linewidth=2.0, label="median")
-    few = value[:, drawn_members(value)]
-    if np.count_nonzero(np.diff(np.sign(np.diff(few, axis=0)), axis=0)) > SWINGS * few.shape[1]:
-        few = few[:, np.argmax(np.ptp(few, axis=0)), None]
-    for k, line in enumerate(axes.plot(t, few, color=PATH, linewidth=0.8)):
-        line.set_label("_" if k else "one member" if few.shape[1] == 1 else "single members")
     # the number of an axis is one of the axes of the result
-    is_numbered = np.ptp(axis) == 0 and not is_described(ds)
+    is_numbered = np.ptp(axis) == 0 and not is_described(part)
     name = f"$\\omega_{axis[0] + 1}$" if is_numbered else "$\\omega_\\mathrm{mid}$"
-    up = with_units(name, OBSERVABLES["omega"].units)
-    axes.set(xlabel=axis_label(part.time), ylabel=up, xlim=(t[0], t[-1]))
     symmetric = central_axis(np.median(moments, axis=1)) != axis[0]
     where = "normal to the symmetry axis" if symmetric else "about the axis of the middle moment"
-    add_title(axes, f"Angular velocity {where}", note_on(part, BODY), pad=20)
-    legend_above(axes, 4)
-    return figure_of(axes)
+    units = OBSERVABLES["omega"].units
+    return value, with_units(name, units), f"Angular velocity {where}"
+
+
+def _angle(part: xr.Dataset) -> tuple[NDArray[np.float64], str, str]:
+    """Return (values (time, member), label, title) of the angle of axis 3 from the vertical."""
+    w, x, y, z = np.moveaxis(part.attitude.transpose("time", "quat", "member").values, 1, 0)
+    theta = np.degrees(2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z)))
+    return theta, with_units("theta", "deg"), "Angle of axis 3 from the vertical"
 
 
 def start_and_end(ds: xr.Dataset, axes: Axes | None = None) -> Figure:

@@ -18,7 +18,7 @@ from rigidmc.planning.turns import ATTITUDE, AXIS, BODY
 from rigidmc.results.frames import in_principal_axes, principal
 from rigidmc.results.labels import with_units
 from rigidmc.views.attitudes import saved_attitude
-from rigidmc.views.hemispheres import is_free
+from rigidmc.views.globes import is_free
 from rigidmc.views.sample import (
     LINES,
     MemberPath,

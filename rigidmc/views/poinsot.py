@@ -21,7 +21,7 @@ from rigidmc.mechanics.rotation import matrix, to_space
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import with_units
-from rigidmc.views.hemispheres import is_free
+from rigidmc.views.globes import is_free
 from rigidmc.views.polhodes import period_of, polhode_of, starts_of
 from rigidmc.views.quadric import CIRCLE, Quadric, Vectors, draw_curve, draw_quadric, screen
 from rigidmc.views.sample import (

@@ -19,14 +19,8 @@ from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
 from rigidmc.planning.turns import BODY, MOST
 from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import units_text
-from rigidmc.views.hemispheres import (
-    cap_points,
-    draw_cap,
-    draw_on_cap,
-    is_free,
-    momentum_density,
-    narrow_cap,
-)
+from rigidmc.views.caps import cap_points, draw_cap, draw_on_cap, narrow_cap
+from rigidmc.views.globes import is_free, momentum_density
 from rigidmc.views.quadric import SPHERE, Quadric, Vectors, draw_curve, draw_quadric, screen
 from rigidmc.views.sample import (
     DENSE,
@@ -81,8 +75,8 @@ def polhodes(
     """Draw the directions of the angular momentum in the body: of free bodies, their polhodes.
 
     Up to 20 members are lines among polhodes of other energies, on a sphere, or, if they stay
-    within 10 degrees of a principal axis, on a cap around it. More members are a density on two
-    flat discs, see `rigidmc.views.hemispheres.momentum_density`. Under torques, lines are the paths
+    within 10 degrees of a principal axis, on a cap around it. More members are a density, see
+    `rigidmc.views.globes.momentum_density`. Under torques, lines are the paths
     of the momentum. The grey polhodes belong to the first member's body and |L|.
 
     ds : result with a start; under torques, also with omega or momentum, or with its scene
@@ -178,7 +172,7 @@ def _draw_path(
     """Draw a path of directions u (n, 3), its start, and an arrow along it."""
     draw_curve(axes, u, label, on, **style)
     start = u[np.isfinite(u).all(-1)][:1]  # after a start at rest
-    face = style["color"] if screen(start @ on.turn.T)[2] >= 0.0 else "white"
+    face = style["color"] if on.is_seen(start).all() else "white"
     x, y, _ = screen(on.points(start))
     axes.plot(x, y, "o", color=style["color"], markersize=6, markerfacecolor=face)
     x, y, _ = screen(on.points(u))

@@ -1,4 +1,5 @@
-"""The unit sphere and the inertia ellipsoid in perspective, with curves of directions on them."""
+"""The unit sphere and the inertia ellipsoid in perspective: outline, named axes, curves in front
+and behind."""
 
 from typing import Any, NamedTuple
 
@@ -9,6 +10,9 @@ from numpy.typing import NDArray
 from rigidmc.figures import GREY, HALO, INK, LIGHT
 
 VIEW = np.array([0.80, 0.45, 0.40])  # toward the reader; along an axis a sphere would look flat
+TOWARD = VIEW / np.linalg.norm(VIEW)
+RIGHT = np.cross((0.0, 0.0, 1.0), TOWARD) / np.hypot(*TOWARD[:2])
+EYE = 6.0  # distance of the eye from the centre; the surface has a radius of at most 1
 CIRCLE = np.linspace(0.0, 2.0 * np.pi, 361)
 
 Vectors = NDArray[np.float64]  # (..., 3)
@@ -16,10 +20,9 @@ Vectors = NDArray[np.float64]  # (..., 3)
 
 def screen(v: Vectors) -> tuple[Vectors, Vectors, Vectors]:
     """Return (x, y, toward the reader) of vectors (..., 3), seen from VIEW with axis 3 upward."""
-    toward = VIEW / np.linalg.norm(VIEW)
-    right = np.cross((0.0, 0.0, 1.0), toward)
-    right /= np.linalg.norm(right)
-    return v @ right, v @ np.cross(toward, right), v @ toward
+    depth = v @ TOWARD
+    nearer = EYE / (EYE - depth)
+    return nearer * (v @ RIGHT), nearer * (v @ np.cross(TOWARD, RIGHT)), depth
 
 
 class Quadric(NamedTuple):
@@ -40,6 +43,31 @@ class Quadric(NamedTuple):
         points: Vectors = np.sqrt(self.moments.min()) * x @ self.turn.T
         return points
 
+    def is_seen(self, u: Vectors) -> NDArray[np.bool_]:
+        """Return whether the reader sees the points of directions u (..., 3), which are not behind
+        the surface."""
+        seen: NDArray[np.bool_] = _facing(self, u) >= 0.0
+        return seen
+
+    def outline(self) -> Vectors:
+        """Return the directions (n, 3) of the points on the rim that the reader sees."""
+        toward = TOWARD @ self.turn
+        right = np.cross(toward, np.eye(3)[np.argmin(np.abs(toward))])
+        right /= np.linalg.norm(right)
+        across = np.outer(np.cos(CIRCLE), right) + np.outer(np.sin(CIRCLE), np.cross(toward, right))
+        u = across
+        # each step is a factor EYE nearer: 3e-10 after 12
+        for _ in range(12):
+            sine = ((u @ self.turn.T) * self.points(u)).sum(-1, keepdims=True) / EYE
+            u = np.sqrt(1.0 - sine * sine) * across + sine * toward
+        return u
+
+
+def _facing(on: Quadric, u: Vectors) -> Vectors:
+    """Return the components of the lines to the eye along the normals u (...,)."""
+    facing: Vectors = ((u @ on.turn.T) * (EYE * TOWARD - on.points(u))).sum(-1)
+    return facing
+
 
 SPHERE = Quadric()
 
@@ -48,11 +76,7 @@ def draw_quadric(axes: Axes, names: tuple[str, str, str], on: Quadric = SPHERE) 
     """Draw a sphere or an ellipsoid with outline, equator and three named axes."""
     axes.set_aspect("equal")
     axes.set_axis_off()
-    toward = VIEW / np.linalg.norm(VIEW) @ on.turn
-    right = np.cross(toward, np.eye(3)[np.argmin(np.abs(toward))])
-    right /= np.linalg.norm(right)
-    across = np.outer(np.cos(CIRCLE), right) + np.outer(np.sin(CIRCLE), np.cross(toward, right))
-    x, y, _ = screen(on.points(across))
+    x, y, _ = screen(on.points(on.outline()))
     axes.plot(x, y, color=INK, linewidth=1.0)
     equator = np.stack([np.cos(CIRCLE), np.sin(CIRCLE), 0.0 * CIRCLE], -1)
     draw_curve(axes, equator, on=on, color=LIGHT, linewidth=0.8)
@@ -78,7 +102,7 @@ def draw_curve(
 ) -> None:
     """Draw the curve of directions u (n, 3): in full in front, thin and dotted behind."""
     x, y, _ = screen(on.points(u))
-    front = screen(u @ on.turn.T)[2] >= 0.0
+    front = on.is_seen(u)
     axes.plot(np.where(front, x, np.nan), np.where(front, y, np.nan), label=label, **style)
     behind = {**style, "linewidth": 0.6 * style["linewidth"], "linestyle": ":"}
     axes.plot(np.where(front, np.nan, x), np.where(front, np.nan, y), **behind)

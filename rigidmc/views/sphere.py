@@ -1,14 +1,12 @@
-"""The unit sphere in pictures: directions, their density, Lambert's map, families of polhodes."""
-
-from collections.abc import Sequence
+"""The unit sphere in pictures: the density of points on it, and families of polhodes."""
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import gaussian_filter
 
-# bins across a disc, averaged 3 x 3 (about 4 degrees): a thin ensemble stays visible under a path
-BINS, SMOOTH = 120, 3
-
+PIXELS = 360  # of an image of a density: more than a picture shows of a sphere
+WIDTH = 3.0  # pixels, standard deviation of the kernel, about 1 degree: an ensemble on a line shows
+EVEN = 600_000  # even directions, 3 in a pixel and 170 under the kernel
 
 Curve = NDArray[np.float64]  # (n, 3)
 
@@ -102,43 +100,40 @@ def curves_at_energy(moments: NDArray[np.float64], inverse: float) -> list[Curve
     return list(curves.transpose(2, 0, 1))
 
 
-def lambert(
-    right: NDArray[np.float64], up: NDArray[np.float64], toward: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Project unit vectors by Lambert's azimuthal equal-area projection, (2, ...).
+def even_directions(angle: float = np.pi) -> NDArray[np.float64]:
+    """Return EVEN directions (3, EVEN) evenly spaced over the cap within `angle` of axis 3, by
+    Fibonacci's spiral: (1 - cos angle)/2 of the sphere."""
+    k = np.arange(EVEN)
+    # sin of half the distance from the axis; 1 - cos would lose small angles
+    half = np.sin(0.5 * angle) * np.sqrt((k + 0.5) / EVEN)
+    rim = 2.0 * half * np.sqrt(1.0 - half * half)
+    turn = np.pi * (3.0 - np.sqrt(5.0)) * k
+    return np.stack([rim * np.cos(turn), rim * np.sin(turn), 1.0 - 2.0 * half * half])
 
-    The projection maps a hemisphere onto a disc of radius sqrt(2); vectors far behind the rim
-    become nan.
+
+def smooth_density(
+    points: NDArray[np.float64], count: int, even: NDArray[np.float64], fraction: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (density, opacity), images (PIXELS, PIXELS) of directions on the square of side 2.
+
+    The density is relative to an isotropic ensemble; the opacity goes from 1 where one direction
+    or more lies under the kernel to 0 far from all.
+
+    points (2, n) : places of the directions in the picture, of all `count` directions
+    even (2, m) : places of even directions, which cover `fraction` of the sphere with EVEN of them
     """
-    scale: NDArray[np.float64] = np.sqrt(2.0 / (1.0 + np.where(toward > -0.5, toward, np.nan)))
-    return np.stack([right, up]) * scale
+    found, isotropic = _counts(points), _counts(even)
+    isotropic *= fraction * count / EVEN
+    one = 0.5 / (np.pi * WIDTH**2)  # what a single direction adds to its own pixel
+    density = np.full(found.shape, np.nan)
+    is_near = (isotropic > 0.0) & (found > 0.05 * one)
+    np.divide(found, isotropic, out=density, where=is_near)
+    return density, np.where(is_near, np.clip(found / one, 0.0, 1.0), 0.0)
 
 
-def disc_density(
-    v: NDArray[np.float64], sides: Sequence[int], limit: float
-) -> list[NDArray[np.float64]]:
-    """Return the density of unit vectors (time, axis, member) on discs, relative to an isotropic
-    ensemble.
-
-    sides : 1 or -1 for each disc, the side of the viewer;  limit : radius of the discs
-    Empty bins are nan.
-    """
-    right, up, toward = np.moveaxis(v, 1, 0).reshape(3, -1)
-    fine = (np.arange(8 * BINS) + 0.5) / (4 * BINS) - 1.0
-    inside = np.hypot(fine, fine[:, None]) < 1.0
-    area = inside.reshape(BINS, 8, BINS, 8).mean(axis=(1, 3))  # fraction of a bin on the disc
-    isotropic = uniform_filter(area, SMOOTH, mode="constant") * (
-        v[:, 0].size * (2.0 * limit / BINS) ** 2 / (4.0 * np.pi)
-    )
-    densities = []
-    for side in sides:
-        seen = side * toward >= 0.0
-        flat = lambert(side * right[seen], up[seen], side * toward[seen])
-        x, y = (flat / limit + 1.0) * (BINS / 2)
-        place = y.clip(0, BINS - 1).astype(np.intp) * BINS + x.clip(0, BINS - 1).astype(np.intp)
-        count = np.bincount(place, minlength=BINS**2).reshape(BINS, BINS).astype(float)
-        count = uniform_filter(count, SMOOTH, mode="constant")
-        present = (count > 0.5 / SMOOTH**2) & (area > 0.0)
-        empty = np.full(count.shape, np.nan)
-        densities.append(np.divide(count, isotropic, out=empty, where=present))
-    return densities
+def _counts(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Count points (2, n) in the pixels of the square from -1 to 1, and smooth."""
+    x, y = ((points + 1.0) * (0.5 * PIXELS)).clip(0, PIXELS - 1).astype(np.intp)
+    count = np.bincount(y * PIXELS + x, minlength=PIXELS**2).reshape(PIXELS, PIXELS)
+    smooth: NDArray[np.float64] = gaussian_filter(count.astype(float), WIDTH, truncate=3.0)
+    return smooth

@@ -24,6 +24,7 @@ from rigidmc.planning.turns import ATTITUDE, AXIS
 from rigidmc.results.labels import axis_label, with_units
 from rigidmc.scene.scene import scene_of
 from rigidmc.views.attitudes import euler_of, saved_attitude
+from rigidmc.views.caps import cap_points, draw_cap, draw_on_cap, narrow_cap
 from rigidmc.views.closed_forms import (
     draw_effective_potential,
     draw_turning_angles,
@@ -31,7 +32,7 @@ from rigidmc.views.closed_forms import (
     euler_curves,
     mean_rate,
 )
-from rigidmc.views.hemispheres import axis_density, cap_points, draw_cap, draw_on_cap, narrow_cap
+from rigidmc.views.globes import axis_density
 from rigidmc.views.quadric import draw_curve, draw_quadric, screen
 from rigidmc.views.sample import (
     LINES,
@@ -50,8 +51,8 @@ def trajectory(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     """Draw the directions of body axis 3 in space.
 
     Up to 20 members are paths on the unit sphere, or, if they stay within 30 degrees of a space
-    axis, on a cap around it. More members are a density on two flat discs, see
-    `rigidmc.views.hemispheres.axis_density`. For one heavy symmetric top, circles mark the turning
+    axis, on a cap around it. More members are a density, see
+    `rigidmc.views.globes.axis_density`. For one heavy symmetric top, circles mark the turning
     angles.
 
     ds : result with a scene or with attitude; of more than 20 members with attitude

@@ -1,65 +1,45 @@
-"""Frames of an animation: each point of a visible face has the colour of that face."""
+"""Animations: what a frame shows, its colours, and what writes it."""
+
+import sys
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d import proj3d
+from matplotlib.colors import to_rgba
 
-from rigidmc.mechanics import rotation
-from rigidmc.scene.scene import Scene
-from rigidmc.scene.shape import ShapePart
+import rigidmc as rm
+from rigidmc.errors import OptionError
+from rigidmc.figures import AXES, PATH
 from rigidmc.views import animation
-from rigidmc.views.surfaces import TONES, cut, surface_of
+from rigidmc.views.quadric import screen
 
 
-def test_cut_triangles_are_the_same_surface():
-    whole = surface_of(Scene.load("book").body)
-    triangles = whole.corners[whole.faces]
-    pieces, tones = cut(triangles, whole.tones, 0.02)
-
-    def areas(of, by):
-        normals = np.cross(of[:, 1] - of[:, 0], of[:, 2] - of[:, 0])
-        return [0.5 * normals[by == tone].sum(0) for tone in range(6)]
-
-    assert len(pieces) > len(triangles)
-    assert np.linalg.norm(np.roll(pieces, -1, 1) - pieces, axis=2).max() <= 0.02
-    off = np.abs(np.array(areas(pieces, tones)) - areas(triangles, whole.tones))
-    assert off.max() < 1e-15  # measured 6e-17 of 0.03 m2
+def test_without_ffmpeg_two_ways_to_it_are_named(monkeypatch):
+    monkeypatch.setattr(animation.animation.writers, "is_available", lambda name: False)
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(OptionError, match=r"install ffmpeg, or .*imageio-ffmpeg.*\[movie\]"):
+        animation.check_writer("top.mp4")
+    animation.check_writer("top.gif")
+    with pytest.raises(OptionError, match=r"`rigidmc view` makes a page"):
+        animation.check_writer("top.html")
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_a_flat_box_is_drawn_face_by_face(seed):
-    figure = Figure((4.0, 8.0))
-    canvas = FigureCanvasAgg(figure)
-    axes = animation._axes(figure, 0.0, "")
-    body = Scene.load("book").body
-    q = np.random.default_rng(seed).normal(size=4)
-    turn = rotation.matrix((q / np.linalg.norm(q))[None])
-    animation._body(axes, surface_of(body), np.zeros(3), turn)(0)
-    canvas.draw()
-    image = np.asarray(canvas.buffer_rgba())[..., :3] / 255.0
-    part = body.shape[0]
-    assert part == ShapePart("box", part.sizes)
-    half = np.array(part.sizes["size"]) / max(part.sizes["size"])
-    seen = 0
-    for axis in range(3):
-        for tone, end in enumerate((1.0, -1.0), 2 * axis):
-            normal = end * turn[0][:, axis]
-            if normal @ animation.VIEWER < 0.3:
-                continue
-            shade = 0.65 + 0.35 * max(normal @ animation.LAMP, 0.0)
-            for across in np.linspace(-0.85, 0.85, 8):
-                for along in (-0.8, -0.4, 0.4, 0.8):  # not under the dot at the fixed point
-                    place = np.full(3, end)
-                    place[[(axis + 1) % 3, (axis + 2) % 3]] = across, along
-                    point = turn[0] @ (place * half)
-                    x, y, _ = proj3d.proj_transform(*point, axes.get_proj())
-                    column, row = axes.transData.transform((x, y))
-                    found = image[int(image.shape[0] - row), int(column)]
-                    off = np.abs(found - shade * np.array(to_rgb(TONES[tone]))).max()
-                    # measured 0.049 next to a rim; with the back faces drawn 0.16 and more
-                    assert off < 0.1
-                    seen += 1
-    assert seen >= 32
+def test_a_frame_shows_body_axes_momentum_and_path():
+    """A box that spins about axis 3: traces and axes have the colours of the page."""
+    start = rm.Start(omega=(0.0, 0.0, 1.0), attitude=(1.0, 0.0, 0.0, 0.0))
+    scene = rm.Scene(rm.Body.box(1.0, (1.0, 0.5, 0.25)), start=start)
+    ds = rm.simulate(
+        scene, "closed", t_end=1.0, every=0.1, members=1, save=("momentum", "attitude")
+    )
+    figure, draw = animation.scene(ds)
+    draw(8)
+    left, right = figure.axes
+    edges = {tuple(color) for color in left.collections[0].get_edgecolor()}
+    assert {to_rgba(color) for color in (*AXES, PATH)} <= edges
+    labels = {text.get_text(): text.get_position() for text in left.texts}
+    turn = np.array([[np.cos(0.8), -np.sin(0.8), 0.0], [np.sin(0.8), np.cos(0.8), 0.0], [0, 0, 1]])
+    ends = {"1": 1.3 * turn[:, 0], "2": 1.3 * turn[:, 1], "L": (0.0, 0.0, 1.15**2)}
+    stage = animation.Stage(left, animation.AZIMUTH, animation.ELEVATION, 1.6)
+    for name, end in ends.items():
+        assert labels[name] == pytest.approx(tuple(stage.place(end)[0]), abs=1e-9)
+    point = right.lines[-1].get_xydata()[0]  # momentum along axis 3
+    assert point == pytest.approx(screen(np.eye(3)[2])[:2], abs=1e-12)

@@ -10,14 +10,16 @@ import xarray as xr
 pytest.importorskip("matplotlib")
 
 from matplotlib.figure import Figure
+from matplotlib.path import Path
 from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
 from rigidmc import views
 from rigidmc.figures import save
 from rigidmc.studies.stability_map import picture as maps
-from rigidmc.views import PICTURES, ensemble, hemispheres, sphere
+from rigidmc.views import PICTURES, ensemble, globes, sphere
 from rigidmc.views.descriptions import describe_body
+from rigidmc.views.quadric import EYE, TOWARD, Quadric, screen
 from rigidmc.views.sample import DRAWN, MEMBERS, TIMES, omega_or_momentum, thin_result
 from tests.axes import unlabelled
 
@@ -103,8 +105,8 @@ def legend(axes):
     return [text.get_text() for text in axes.get_legend().get_texts()]
 
 
-def discs(figure):
-    return [np.ma.filled(image.get_array(), np.nan) for image in figure.axes[0].images]
+def balls(figure):
+    return [np.asarray(image.get_array()) for axes in figure.axes for image in axes.images]
 
 
 def draw(figure):
@@ -124,50 +126,71 @@ def test_every_axis_has_a_label(name, free, ends, tops):
             assert not unlabelled(views.picture(name)(ds))
 
 
-def test_momentum_density_shows_two_discs_axes_paths_and_separatrices(free):
-    figure = draw(hemispheres.momentum_density(free))
+def curves(figure, label):
+    """The points of the lines with a label and their parts behind the sphere, on the screen."""
+    axes, lines = figure.axes[0], []
+    for k, line in enumerate(axes.lines):
+        if line.get_label() == label:
+            both = [one.get_xydata() for one in axes.lines[k : k + 2]]
+            lines.append(np.where(np.isfinite(both[0]), both[0], both[1]))
+    return lines
+
+
+def test_momentum_density_shows_axes_paths_and_separatrices(free):
+    figure = draw(globes.momentum_density(free))
     axes, bar = figure.axes
-    assert len(axes.images) == 2
-    assert {text.get_text() for text in axes.texts} == {
-        f"${sign}{axis}$" for sign in "+-" for axis in (1, 2, 3)
-    }
-    assert set(legend(axes)) == {"separatrices", "single members"}
-    assert bar.get_xlabel() == "density (isotropic: 1)"
-    assert axes.get_title() == "Direction of the angular momentum in body axes, t = 0 to 45 s"
+    assert len(axes.images) == 1
+    assert [text.get_text() for text in axes.texts] == ["3", "1", "2"]  # the middle axis is up
+    assert set(legend(axes)) == {"separatrix", "single members"}
+    assert bar.get_ylabel() == "density (isotropic: 1)"
+    words = "Direction of the angular momentum in body axes, t = 0 to 45 s"
+    assert axes.get_title().replace("\n", " ") == words
     assert figure.get_suptitle() == "flips: 400 members, rk4, dt = 0.05 s, seed 7"
 
 
 def test_separatrices_are_where_2t_i_mid_is_l2(free):
-    line = next(
-        line
-        for line in hemispheres.momentum_density(free).axes[0].lines
-        if line.get_label() == "separatrices"
-    )
-    (x0, x1), (y0, y1) = line.get_data()
-    # to the right is axis 3, up is axis 1: the middle axis points to the reader
-    l3, l1 = (x1 - x0, y1 - y0)
-    for scale, zero in ((1.0, True), (1.2, False)):
-        l = np.array([scale * l1, 0.7, l3])
-        assert (
-            abs(np.sum(l**2 / MOMENTS) * MOMENTS[1] / (l @ l) - 1.0) < 1e-14
-        ) == zero  # measured 2e-16; 0.09 off the line
+    lines = curves(globes.momentum_density(free), "separatrix")
+    on = Quadric(turn=np.eye(3))
+    for line, u in zip(lines, sphere.family(np.array([3.0, 1.0, 2.0]))[1], strict=True):
+        assert np.abs(np.sum(u * u / [3.0, 1.0, 2.0], axis=1) * 2.0 - 1.0).max() < 1e-14
+        x, y, _ = screen(on.points(u))
+        assert np.abs(line - np.stack([x, y], 1)).max() < 1e-14  # measured 0
 
 
 def test_density_is_one_for_an_isotropic_ensemble_and_holds_all_members():
     rng = np.random.default_rng(1)
-    v = rng.normal(size=(1, 3, 1_000_000))
-    v /= np.linalg.norm(v, axis=1)
-    both = np.stack(sphere.disc_density(v, (1, -1), np.sqrt(2.0)))
-    disc = np.isfinite(both)
-    # measured 0.799: a bin that the rim cuts counts in full
-    assert disc.mean() == pytest.approx(np.pi / 4.0, abs=0.02)
-    assert np.median(both[disc]) == pytest.approx(1.0, abs=3e-3)  # measured 1.0003
-    # measured 0.052; of 1,000,000 in 22,600 bins, nine of them together: 0.050
-    assert np.std(both[disc]) < 0.06
-    lopsided = np.stack(sphere.disc_density(np.abs(v), (1, -1), np.sqrt(2.0)))
-    assert np.isnan(lopsided[1]).all()
-    # one octant of eight; measured 7.98
-    assert np.nanmedian(lopsided[0]) == pytest.approx(8.0, abs=0.1)
+    v = rng.normal(size=(3, 1_000_000))
+    v /= np.linalg.norm(v, axis=0)
+    even = sphere.even_directions()
+    pixels = (np.arange(sphere.PIXELS) + 0.5) / (0.5 * sphere.PIXELS) - 1.0
+    disc = np.hypot(pixels, pixels[:, None]) < 1.0
+    for side in (1, -1):
+        places = v[:2, side * v[2] > 0.0]
+        shown = sphere.smooth_density(places, v.shape[1], even[:2, side * even[2] > 0.0], 1.0)
+        assert (shown[1][disc] == 1.0).all()
+        assert np.median(shown[0][disc]) == pytest.approx(1.0, abs=3e-3)
+        # in the middle 280 of 1,000,000 members are under the kernel: 0.06
+        assert np.std(shown[0][disc]) < 0.08
+    octant = v[:2, (v > 0.0).all(0)]
+    dense, opacity = sphere.smooth_density(octant, octant.shape[1], even[:2, even[2] > 0.0], 1.0)
+    assert np.nanmedian(dense[opacity == 1.0]) == pytest.approx(8.0, abs=0.1)
+    assert np.isnan(dense[: sphere.PIXELS // 3]).all()
+    cap = sphere.even_directions(1e-7)  # a cap of any size, where 1 - cos is 0
+    assert np.hypot(*cap[:2]).max() == pytest.approx(1e-7, rel=1e-5)
+
+
+@pytest.mark.parametrize("moments", [None, np.array([1.0, 2.0, 4.0])])
+def test_the_outline_is_the_rim_that_the_reader_sees(moments):
+    on = Quadric(moments, Rotation.from_euler("xyz", (0.3, 0.5, 0.7)).as_matrix())
+    rim = on.outline()
+    x = on.points(rim)
+    normal = rim @ on.turn.T
+    # the line of sight touches the surface; measured 3e-10
+    assert np.abs((normal * (EYE * TOWARD - x)).sum(1)).max() < 1e-8
+    inside = np.random.default_rng(2).normal(size=(2000, 3))
+    shown = np.stack(screen(on.points(inside / np.linalg.norm(inside, axis=1)[:, None]))[:2], 1)
+    outline = np.stack(screen(x)[:2], 1)
+    assert Path(outline).contains_points(shown, radius=1e-6).all()
 
 
 def test_polhodes_keep_energy_and_pass_through_the_start():
@@ -187,25 +210,15 @@ def test_polhodes_keep_energy_and_pass_through_the_start():
         assert np.linalg.norm(curves[..., k] - u, axis=1).min() < 0.01
 
 
-def test_both_hemispheres_are_shown_where_a_path_goes_on_to_the_other(free):
-    bare = free.drop_vars("omega")
-    # one point; its polhode goes around axis 1
-    bare["start_omega"][:] = np.array([0.5, 0.1, 0.1])[:, None]
-    assert len(hemispheres.momentum_density(bare).axes[0].images) == 2
-
-
 def test_paths_of_tops_under_torque_are_their_saves(tops):
     saved = omega_or_momentum(tops, "momentum")[0][:, :, 0]
-    line = next(
-        line
-        for line in hemispheres.momentum_density(tops).axes[0].lines
-        if line.get_label() == "single members"
-    )
+    line = curves(globes.momentum_density(tops), "single members")[0]
     u = saved / np.linalg.norm(saved, axis=1, keepdims=True)
-    seen = u[:, 1] > 0.0
-    assert np.allclose(
-        line.get_xdata()[seen], (u[:, 2] * np.sqrt(2.0 / (1.0 + u[:, 1])))[seen], atol=1e-14
-    )
+    every = omega_or_momentum(tops, "momentum")[0]
+    every = np.moveaxis(every / np.linalg.norm(every, axis=1, keepdims=True), 1, 0)
+    turn = globes.toward_reader(every.reshape(3, -1)[[2, 0, 1]])
+    x, y, _ = screen(u[:, [2, 0, 1]] @ turn.T)  # to the right is axis 3, up is axis 2
+    assert np.abs(line - np.stack([x, y], 1)).max() < 1e-14
 
 
 def test_middle_component_has_bands_units_and_a_few_members(free):
@@ -228,7 +241,7 @@ def test_middle_component_follows_the_middle_moment_of_each_member(free):
     (axes,) = ensemble.middle_component(mixed).axes
     assert axes.get_ylabel() == "$\\omega_\\mathrm{mid}$ [rad/s]"
     assert np.array_equal(axes.lines[0].get_ydata(), np.median(free.omega.sel(axis=2), axis=1))
-    assert "separatrices" not in legend(hemispheres.momentum_density(mixed).axes[0])  # not one body
+    assert "separatrices" not in legend(globes.momentum_density(mixed).axes[0])  # not one body
 
 
 def test_pictures_in_principal_axes_do_not_depend_on_the_axes_of_the_description():
@@ -243,7 +256,7 @@ def test_pictures_in_principal_axes_do_not_depend_on_the_axes_of_the_description
         for body, w in ((described, omega), (rm.Body(described.moments), omega @ axes))
     ]
     assert abs(results[0].omega - results[1].omega).max() > 0.1
-    for picture in (ensemble.middle_component, hemispheres.momentum_density):
+    for picture in (ensemble.middle_component, globes.momentum_density):
         one, other = (
             [line.get_xydata() for line in picture(ds).axes[0].lines] for ds in results
         )  # fmt: skip
@@ -258,9 +271,8 @@ def test_symmetric_tops_are_seen_along_their_symmetry_axis(free):
     lagrange = free.assign(
         moments=free.moments.copy(data=np.repeat([[2.0], [2.0], [1.0]], 400, axis=1))
     )
-    texts = draw(hemispheres.momentum_density(lagrange)).axes[0].texts
-    assert texts[4].get_text() == "$+3$"
-    assert texts[4].xy == (0.0, 0.0)
+    texts = draw(globes.momentum_density(lagrange)).axes[0].texts
+    assert [text.get_text() for text in texts] == ["1", "2", "3"]
     assert (
         ensemble.middle_component(lagrange).axes[0].get_title()
         == "Angular velocity normal to the symmetry axis"
@@ -270,9 +282,8 @@ def test_symmetric_tops_are_seen_along_their_symmetry_axis(free):
 def test_momentum_saved_instead_of_omega_gives_the_same_pictures(free):
     other = free.assign(momentum=free.omega * free.moments).drop_vars("omega")
     assert np.array_equal(
-        discs(hemispheres.momentum_density(free)),
-        discs(hemispheres.momentum_density(other)),
-        equal_nan=True,
+        balls(globes.momentum_density(free)),
+        balls(globes.momentum_density(other)),
     )
     medians = [ensemble.middle_component(ds).axes[0].lines[0].get_ydata() for ds in (free, other)]
     assert np.abs(medians[0] - medians[1]).max() < 1e-15  # measured 0: moments are 1, 2, 3
@@ -314,38 +325,48 @@ def test_drift_histogram_without_a_drift_to_show(free, value):
     )
 
 
-def test_axis_density_shows_the_third_column_of_a_on_one_cap(tops):
-    figure = draw(hemispheres.axis_density(tops))
-    (density,) = discs(figure)
-    row, column = np.nonzero(np.isfinite(density))
-    assert figure.axes[0].get_legend().get_title().get_text() == "rim: 45° from centre"
-    assert abs(column - (sphere.BINS - 1) / 2).max() < 3  # on the y axis ...
-    assert row.min() < 0.1 * sphere.BINS  # ... from near the rim at -y: (0, -sin, cos) ...
-    assert abs(row.max() - sphere.BINS / 2) < 3  # ... to the vertical
-    assert figure.axes[0].get_title() == "Axis 3 of the body in space, t = 0 to 45 s"
+def test_axis_density_shows_the_third_column_of_a(tops):
+    """Axis 3 leans from the vertical to -y, by 40 degrees at most."""
+    figure = draw(globes.axis_density(tops))
+    axes = figure.axes[0]
+    image = np.asarray(axes.images[0].get_array())
+    blue = image[..., 2] - image[..., 0] > 0.2
+    row, column = np.nonzero(blue)
+    size = axes.images[0].get_extent()[1]
+    place = np.stack([column, row], 1) / (0.5 * sphere.PIXELS) * size - size
+    lean = np.radians(np.linspace(0.0, 40.0, 200))
+    u = np.stack([0.0 * lean, -np.sin(lean), np.cos(lean)])
+    turn = globes.toward_reader(u)
+    line = np.stack(screen((turn @ u).T)[:2], 1)
+    far = np.linalg.norm(place[:, None] - line[None], axis=2).min(1)
+    assert far.max() < 0.06  # measured 0.04: three widths of the kernel
+    assert np.linalg.norm(place[:, None] - line[None], axis=2).min(0).max() < 0.03
+    words = "Axis 3 of the body in space, t = 0 to 45 s"
+    assert axes.get_title().replace("\n", " ") == words
 
 
 @pytest.mark.parametrize(
     ("angle", "words"),
-    [(9e-7, "0.2\N{DOUBLE PRIME}"), (2e-4, "1\N{PRIME}"), (0.01, "1°"), (1.0, "60°")],
+    [(9e-7, "0.2\N{DOUBLE PRIME}"), (2e-4, "1\N{PRIME}"), (0.01, "1°"), (0.4, "30°")],
 )
 def test_the_rim_of_a_cap_is_the_next_round_angle(angle, words):
     start = rm.Start(momentum=rm.Cone(3, 1.0, angle))
     scene = rm.Scene(rm.Body.from_moments((1.0, 1.0, 1.5)), start=start)
     ds = rm.simulate(scene, members=32, dt=0.1, t_end=1.0, save=("omega",))
-    figure = draw(hemispheres.momentum_density(ds))
-    assert figure.axes[0].get_legend().get_title().get_text() == f"rim: {words} from centre"
+    axes = draw(globes.momentum_density(ds)).axes[0]
+    assert f"rim: {words} from centre" in legend(axes)
 
 
 def test_summary_composes_all_and_heads_them(free, tops):
     figure = draw(ensemble.summary(free))
-    titles = " ".join(axes.get_title() for axes in figure.axes)
+    titles = " ".join(axes.get_title() for axes in figure.axes).replace("\n", " ")
     assert all(
         words in titles for words in ("Direction of the angular momentum", "middle moment", "drift")
     )
     assert figure.get_suptitle().startswith("flips: 400 members, rk4, dt = 0.05 s, seed 7")
     assert "Axis 3" not in titles
-    assert "Axis 3" in " ".join(axes.get_title() for axes in draw(ensemble.summary(tops)).axes)
+    titles = [axes.get_title() for axes in draw(ensemble.summary(tops)).axes]
+    assert "Axis 3" in " ".join(titles) and "Angle of axis 3 from the vertical" in titles
 
 
 def test_summary_of_first_and_last_save_shows_the_spread(ends):
@@ -355,21 +376,21 @@ def test_summary_of_first_and_last_save_shows_the_spread(ends):
     )
     assert legend(spread) == ["t = 0 s", "t = 45 s"]
     assert spread.get_xlabel() == "angular velocity, body axes [rad/s]"
-    assert "t = 45 s" in figure.axes[0].get_title()
+    assert "t = 45 s" in figure.axes[1].get_title()
 
 
 def test_summary_without_states_shows_the_start_and_says_so(free):
     bare = free.drop_vars("omega")
     figure = draw(ensemble.summary(bare))
-    assert figure.axes[0].get_title().endswith("at the start (later states were not saved)")
+    assert figure.axes[1].get_title().endswith("at the start (later states were not saved)")
     assert any(
         axes.get_legend() and legend(axes) == ["at the start (later states were not saved)"]
         for axes in figure.axes
     )
     for ds, picture, wanted in (
         (bare, ensemble.middle_component, "every="),
-        (bare, hemispheres.axis_density, 'save=("attitude",)'),
-        (bare.drop_vars("start_omega"), hemispheres.momentum_density, 'save=("omega",)'),
+        (bare, globes.axis_density, 'save=("attitude",)'),
+        (bare.drop_vars("start_omega"), globes.momentum_density, 'save=("omega",)'),
     ):
         with pytest.raises(ValueError, match="run with") as error:
             picture(ds)
@@ -383,14 +404,14 @@ def test_a_flagged_member_is_left_out_and_counted(free):
     good = free.drop_sel(member=[5, 6])
     figure = draw(ensemble.summary(bad))
     assert figure.get_suptitle().endswith("1 flagged and excluded")
-    assert np.array_equal(discs(figure), discs(ensemble.summary(good)), equal_nan=True)
+    assert np.array_equal(balls(figure), balls(ensemble.summary(good)))
     assert np.array_equal(
         *(ensemble.middle_component(ds).axes[0].lines[0].get_ydata() for ds in (bad, good))
     )
     assert "worst (▾) 1.0e-11" in legend(ensemble.drift_histogram(bad).axes[0])[0]
     bad["status"][5] = 0
     assert not np.array_equal(
-        discs(ensemble.summary(bad)), discs(ensemble.summary(good)), equal_nan=True
+        balls(ensemble.summary(bad)), balls(ensemble.summary(good)), equal_nan=True
     )
 
 
@@ -401,7 +422,7 @@ def test_nothing_but_flagged_members(free):
         == "nothing to draw: every member is flagged"
     )
     with pytest.raises(ValueError, match="400 members"):
-        hemispheres.momentum_density(dead)
+        globes.momentum_density(dead)
 
 
 @pytest.mark.parametrize("members", [1, 2, 3])
@@ -412,7 +433,7 @@ def test_a_handful_of_members(free, members):
 
 def test_bodies_at_rest_have_no_direction():
     rest = dataset([0.0, 1.0], np.zeros((3, 5)), omega=np.zeros((2, 3, 5)))
-    assert "at rest" in draw(ensemble.summary(rest)).axes[0].texts[0].get_text()
+    assert "at rest" in draw(ensemble.summary(rest)).axes[1].texts[0].get_text()
 
 
 def test_spherical_bodies_and_bodies_that_stay_on_an_axis():

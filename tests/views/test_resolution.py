@@ -27,7 +27,7 @@ from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.library import shipped_names
 from rigidmc.views import animation, ensemble
 from rigidmc.views.descriptions import _steps
-from rigidmc.views.hemispheres import momentum_density
+from rigidmc.views.globes import momentum_density
 from rigidmc.views.sample import TIMES, fastest, note_on, thin_result
 
 GYROSCOPE = rm.Scene.load("gyroscope").with_run(members=16, t_end=0.4)
@@ -213,7 +213,6 @@ def test_an_animation_says_how_far_it_turns_between_frames():
 @pytest.mark.slow  # 6 s, to compile
 def test_a_page_shows_what_spins_up():
     """From rest: the first momentum tells no rate, and 300 frames would jump by 10 rad each."""
-    pytest.importorskip("k3d")
     from rigidmc.runs.rerun import frames
     from rigidmc.views.viewer.data import closer, motion_span, unseen
 

@@ -8,7 +8,7 @@ pytest.importorskip("matplotlib")
 import rigidmc as rm
 from rigidmc.errors import RigidmcError
 from rigidmc.views import PICTURES
-from rigidmc.views.hemispheres import narrow_cap
+from rigidmc.views.caps import narrow_cap
 from rigidmc.views.quadric import Quadric
 from rigidmc.views.sample import LINES
 from rigidmc.views.sphere import curves_at_energy

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from rigidmc.figures import ALARM, COLOURS, GREY, INK, LIGHT, MARKERS, new_figure
+from rigidmc.figures import ALARM, COLOURS, GREY, INK, LIGHT, MARKERS, Picture, new_figure
 from rigidmc.results.labels import axis_label, count_text
 from rigidmc.studies.stress.hard_cases import AMBER, VERDICTS
 
@@ -31,7 +31,7 @@ def stress_picture(study: xr.Dataset) -> Figure:
     return (hard_cases if "case" in study.dims else trust)(study)
 
 
-def hard_cases(study: xr.Dataset, figure: Figure | None = None) -> Figure:
+def hard_cases(study: xr.Dataset, figure: Picture | None = None) -> Figure:
     """Draw the hard cases as a heat map of error / bound, with the error in each field.
 
     study : the Dataset of `rigidmc.studies.stress.hard_cases.run_cases`
@@ -39,6 +39,7 @@ def hard_cases(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     cases, names = study.case.values, study.integrator.values
     size = 4.8 + 0.62 * len(names), 1.6 + 0.175 * len(cases)
     figure = figure or new_figure(f"{len(cases)} hard cases: error / bound", size)
+    figure.has_few_colours = True
     axes = figure.add_subplot()
     verdict, error = np.array(VERDICTS)[study.verdict.values], study.error.values
     colors = np.ones((*verdict.shape, 3))

@@ -18,11 +18,8 @@ function play(on) {
 }
 function one() { play(false); state.time = (state.step + 1) * state.h; ask(); }
 function speeds() {
-  const spin = spinOf(BLOCK), wanted = spin > 0 ? SHOWN_RATE / spin : 1, list = [];
-  for (let p = -6; p <= 3; p++) for (const s of [1, 2, 5]) list.push(+(s * 10 ** p).toPrecision(1));
-  const near = list.reduce((a, b) => Math.abs(Math.log(b / wanted)) < Math.abs(Math.log(a / wanted)) ? b : a), at = list.indexOf(near);
-  $("speed").replaceChildren(...list.slice(Math.max(0, at - 6), at + 7).map(s => html("option", { value: s }, `× ${s}`)));
-  $("speed").value = state.speed = near;
+  const spin = spinOf(BLOCK);
+  state.speed = listSpeeds(spin > 0 ? SHOWN_RATE / spin : 1);
 }
 
 function sliders() {
@@ -74,12 +71,8 @@ function download() {
   link.click();
   URL.revokeObjectURL(link.href);
 }
-function dress(dark = document.documentElement.classList.contains("dark")) {
-  document.documentElement.classList.toggle("dark", dark);
-  draw();
-}
 function choose(id, words, value) {
-  $(id).replaceChildren(...Object.entries(words).map(([key, word]) => html("option", { value: key }, Array.isArray(word) ? word[0] : word)));
+  listOptions(id, Object.entries(words).map(([key, word]) => [key, Array.isArray(word) ? word[0] : word]));
   $(id).value = value;
   $(id).onchange = () => draw();
 }
@@ -88,7 +81,7 @@ function start() {
   choose("space", SPACE, "body"); choose("inside", INSIDE, "momentum");
   choose("quantity", QUANTITIES, DATA.isFree ? "omega" : "theta"); choose("phase", PHASES, DATA.isFree ? "omega23" : "theta");
   const many = [1, 10, 100, 1000].filter(n => n < DATA.engine.members).concat(DATA.engine.members);
-  $("members").replaceChildren(...many.map(n => html("option", { value: n }, n.toLocaleString("en"))));
+  listOptions("members", many.map(n => [n, n.toLocaleString("en")]));
   $("many").hidden = DATA.engine.members === 1;
   $("members").value = state.members = many.at(-1);
   stages = { body: new Stage($("body"), -0.95, 0.32, 1.6, draw), sphere: new Stage($("sphere"), 0.62, 0.42, 1.5, draw) };
@@ -110,19 +103,10 @@ function start() {
     try { await navigator.clipboard.writeText(location.href); } catch { /* the address bar has it */ }
   };
   $("save").onclick = download;
-  $("dark").onclick = () => dress(!document.documentElement.classList.contains("dark"));
-  const keys = { " ": () => play(!state.playing), ArrowRight: one, Home: () => begin(), d: () => $("dark").click(), r: () => $("reset").click(),
-    l: () => $("link").click(), s: download };
-  document.addEventListener("keydown", event => {
-    if (["SELECT", "INPUT"].includes(event.target.tagName) || event.ctrlKey || event.metaKey || event.altKey || !(event.key in keys)) return;
-    event.preventDefault();
-    keys[event.key]();
-  });
-  let waiting;
-  addEventListener("resize", () => { clearTimeout(waiting); waiting = setTimeout(draw, 100); });
-  const scheme = matchMedia("(prefers-color-scheme: dark)");
-  scheme.addEventListener("change", () => dress(scheme.matches));
-  document.documentElement.classList.toggle("dark", scheme.matches);
+  onKeys({ " ": () => play(!state.playing), ArrowRight: one, Home: () => begin(), d: () => $("dark").click(), r: () => $("reset").click(),
+    l: () => $("link").click(), s: download }, ["SELECT", "INPUT"]);
+  onResize(draw);
+  followTheme(draw);
   try {
     worker = new Worker(URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" })));
     worker.onmessage = receive;

@@ -1,14 +1,5 @@
 // ---- the start: rows of the members, as Python builds them -----------------------------------
 
-const $ = id => document.getElementById(id);
-function html(tag, attributes, text) {   // names may come from other people's files: text, never code
-  const made = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  if (text !== undefined) made.textContent = text;
-  return made;
-}
-const DATA = JSON.parse($("data").textContent);
-const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
 const doubles = text => new Float64Array(bytes(text).buffer);
 const { width: WIDTH, rows: AT } = DATA.engine;
 const BLOCK = doubles(DATA.block), START = Object.fromEntries(Object.entries(DATA.start).map(([name, text]) => [name, doubles(text)]));
@@ -148,7 +139,6 @@ function fail(why) {
 
 // ---- what is drawn ---------------------------------------------------------------------------
 
-const degrees = x => x * 180 / Math.PI;
 const omegaOf = s => s.l.map((x, k) => x / state.body.moments[k]);
 function eulerOf(s) {   // z-x-z: axis 3 of the body in space has the polar angles theta and phi - 90 degrees
   const a = matrix(s.q);
@@ -169,7 +159,6 @@ const PHASES = {
 };
 const SPACE = { body: "body in space", poinsot: "Poinsot's ellipsoid on the invariable plane" };
 const INSIDE = { momentum: "momentum sphere", ellipsoid: "polhode on the inertia ellipsoid" };
-const AXIS = ["--one", "--two", "--three"];
 let stages, charts;
 
 // triangles of the unit ball
@@ -199,51 +188,11 @@ function form() {
   return { corners: BALL, tones: ballTones(), form: stretched(thick.map(a => a * DATA.shape.scale), c.map(x => x * DATA.shape.scale)) };
 }
 
-// polhodes on the unit momentum sphere: for energies e, u^2/I summed = e, by the angle around an outer axis
-function polhodes(moments, energies) {
-  const order = [0, 1, 2].sort((a, b) => moments[a] - moments[b]), curves = [];
-  const inverse = moments.map(x => 1 / x), [low, middle, high] = order;
-  for (const e of energies) for (const pole of e > inverse[middle] ? [low] : [high]) {
-    const [i, j] = [0, 1, 2].filter(k => k !== pole);
-    const a = (e - inverse[pole]) / (inverse[i] - inverse[pole]), b = (e - inverse[pole]) / (inverse[j] - inverse[pole]);
-    if (!(a >= 0 && b >= 0)) continue;
-    for (const side of [-1, 1]) curves.push(Array.from({ length: 145 }, (_, n) => {
-      const f = 2 * Math.PI * n / 144, u = [0, 0, 0];
-      u[i] = Math.sqrt(a) * Math.cos(f); u[j] = Math.sqrt(b) * Math.sin(f);
-      u[pole] = side * Math.sqrt(Math.max(0, 1 - u[i] ** 2 - u[j] ** 2));
-      return u;
-    }));
-  }
-  return curves;
-}
-function levels(moments) {
-  const inverse = moments.map(x => 1 / x).sort((a, b) => a - b), [least, mid, most] = inverse;
-  const parts = [0.1, 0.35, 0.65, 0.9];
-  return [...parts.map(p => least + p ** 2 * (mid - least)), ...parts.map(p => most - p ** 2 * (most - mid))];
-}
-const separatrix = moments => 1 / [...moments].sort((a, b) => a - b)[1] * (1 + 1e-9);
 const trail = () => $("trace").checked ? state.samples : state.samples.slice(-1);
 
-function drawBody(stage, s) {
-  const turn = matrix(s.q), { corners, tones, form: f } = form(), ink = colour("--grey"), path = colour("--path");
-  stage.segment([0, 0, -1.25], [0, 0, 1.25], ink, 1);
-  stage.label("z", [0, 0, 1.36], ink);
-  stage.solid(corners, tones, f, turn);
-  for (let a = 0; a < 3; a++) {
-    const end = turn.map(row => 1.2 * row[a]);
-    stage.segment([0, 0, 0], end, colour(AXIS[a]), 1.6);
-    stage.label(`${a + 1}`, end.map(x => 1.08 * x), colour(AXIS[a]));
-  }
-  stage.dot([0, 0, 0], colour("--ink"), 2.5);
-  const l = sized(times(turn, s.l), 1.15);
-  stage.arrow([0, 0, 0], l, path);
-  stage.label("L", sized(l, 1.28), path);
-  stage.curve(trail().slice(-900).map(one => matrix(one.q).map(row => 1.2 * row[2])), path, 1.4, x => 0.15 + 0.85 * x);
-  if (DATA.pull) {
-    const from = [1.05, 0, 0.75];
-    stage.arrow(from, from.map((x, k) => x + 0.45 * DATA.pull[k]), colour("--weight"), 2);
-    stage.label("g", from.map((x, k) => x + 0.6 * DATA.pull[k]), colour("--weight"));
-  }
+function drawInSpace(stage, s) {
+  const turn = matrix(s.q), trace = trail().slice(-TRACE).map(one => matrix(one.q).map(row => row[2]));
+  drawBody(stage, { turn, ...form(), l: sized(times(turn, s.l), 1), trace, pulls: DATA.pulls });
   $("space-words").textContent = "Orange: angular momentum L, and the trace of axis 3.";
 }
 // the inertia ellipsoid of rho = omega/sqrt(2T), its touching point and plane, scaled to the stage
@@ -264,7 +213,7 @@ function drawPoinsot(stage, s) {
   }
   stage.curve(Array.from({ length: 91 }, (_, n) => [1.5 * Math.cos(n * Math.PI / 45), 1.5 * Math.sin(n * Math.PI / 45), height]), grid, 1.2);
   stage.solid(BALL, ballTones(), stretched(axes), here);
-  const recent = trail().slice(-900).map(one => [one, poinsot(one).rho]);
+  const recent = trail().slice(-TRACE).map(one => [one, poinsot(one).rho]);
   stage.curve(recent.map(([, r]) => times(here, r).map(x => 1.01 * x)), colour("--three"), 2, null, 0.1);
   stage.curve(recent.map(([one, r]) => times(shown(matrix(one.q)), r)).map(p => [p[0], p[1], height + 0.01]), path, 2, null, 0.1);
   stage.arrow([0, 0, height], [0, 0, height + 0.5], path);
@@ -275,24 +224,9 @@ function drawPoinsot(stage, s) {
     : "Grey: polhode. Orange: herpolhode. With a torque the plane moves.";
 }
 function drawMomentum(stage, s) {
-  const grey = colour("--grey"), path = colour("--path"), u = sized(s.l, 1);
-  stage.ball();
-  for (const curve of polhodes(state.body.moments, levels(state.body.moments))) stage.onBall(curve, grey, 0.8, 0.12);
-  for (const curve of polhodes(state.body.moments, [separatrix(state.body.moments)])) stage.onBall(curve, colour("--ink"), 1.4);
-  for (let a = 0; a < 3; a++) {
-    const e = [0, 0, 0]; e[a] = 1.25;
-    for (const side of [-1, 1]) {
-      const end = e.map(x => side * x), start = end.map(x => x / 1.25);
-      if (!stage.isHidden(end)) stage.segment(start, end, colour(AXIS[a]), 1.6);
-    }
-    stage.label(`${a + 1}`, e.map(x => 1.1 * x), colour(AXIS[a]));
-  }
-  if (state.others) for (let m = 1; m < state.members; m++) {
-    const p = sized([4, 5, 6].map(i => state.others[i * state.members + m]), 1);
-    if (!stage.isHidden(p)) stage.dot(p, colour("--one"), state.members > 200 ? 1.3 : 2.2);
-  }
-  stage.onBall(trail().map(one => sized(one.l, 1)), path, 1.8);
-  stage.dot(u, path, stage.isHidden(u) ? 3 : 6, colour("--paper"));
+  const others = [];
+  for (let m = 1; state.others && m < state.members; m++) others.push(sized([4, 5, 6].map(i => state.others[i * state.members + m]), 1));
+  drawSphere(stage, { moments: state.body.moments, u: sized(s.l, 1), path: trail().map(one => sized(one.l, 1)), others });
   $("inside-words").textContent = "L in the principal axes. Grey: polhodes; black: separatrix.";
 }
 function drawEllipsoid(stage, s) {
@@ -316,7 +250,7 @@ function draw() {
   const s = state.samples.at(-1);
   if (!s || !stages) return;
   stages.body.begin(); stages.sphere.begin();
-  ({ body: drawBody, poinsot: drawPoinsot })[$("space").value](stages.body, s);
+  ({ body: drawInSpace, poinsot: drawPoinsot })[$("space").value](stages.body, s);
   ({ momentum: drawMomentum, ellipsoid: drawEllipsoid })[$("inside").value](stages.sphere, s);
   stages.body.end(); stages.sphere.end();
   drawCharts();
@@ -340,7 +274,4 @@ function drawCharts() {
   const log = k => ({ x: t, y: samples.map(s => Math.log10(Math.max(Math.abs(s.drift[k]), 1e-17))) });
   charts.drift.draw({ series: [log(0), log(1)], across: "time [s]", upward: "relative drift", log: true });
   legend("drifts", DATA.conserved.map((kept, k) => ["energy", "|L|²"][k] + (kept ? "" : " (not conserved here)")));
-}
-function legend(id, names) {
-  $(id).replaceChildren(...names.map((name, k) => html("b", { style: `color:var(${COLOURS[k]})` }, `${["—", "– –", "···"][k]} ${name}`)));
 }

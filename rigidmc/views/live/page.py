@@ -1,11 +1,7 @@
 """A page that computes: body and momentum turn while the reader moves the scene's numbers."""
 
-import base64
-import html
-import json
 import warnings
 from collections.abc import Mapping
-from importlib.resources import files
 from os import PathLike
 from typing import Any
 
@@ -15,17 +11,15 @@ from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError, SceneWarning
 from rigidmc.files.outputs import refuse_existing, write_bytes
 from rigidmc.mechanics.euler_angles import PROPER, axes_of
-from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.results.labels import count_text
 from rigidmc.scene.recording import conservation
 from rigidmc.scene.scene import Scene, as_scene
-from rigidmc.views.html_page import Page, fill_template
+from rigidmc.views.html_page import Page, page_text, pulls_data, shape_data, tones_data
 from rigidmc.views.live.engine import doubles, engine_data, live_run
 from rigidmc.views.live.sliders import Range, Slider, make_sliders, template
-from rigidmc.views.surfaces import TONES, drawn_shape, ellipsoid_form, surface_of
+from rigidmc.views.surfaces import drawn_shape, ellipsoid_form, surface_of
 
 MOST = 1000  # members of a page: 1,000 rows of 45 numbers are 360 kB
-SCRIPTS = ("stage.js", "live.js", "controls.js")
 
 
 def live(
@@ -115,23 +109,16 @@ def _text(scene: Scene, asked: Mapping[str, Range | None] | None, members: int) 
         "integrator": run.integrator,
         "h": found.plan.grid.dt,
         "shape": _shape(found.scene, prepared.start),
-        "tones": [[int(tone[k : k + 2], 16) for k in (1, 3, 5)] for tone in TONES],
-        "pull": [0.0, 0.0, -1.0] if any(isinstance(e, Gravity) for e in model.effects) else None,
+        "tones": tones_data(),
+        "pulls": pulls_data(found.scene.effects),
         "isFree": not model.effects,
         "conserved": [kept[name] == "yes" for name in ("energy_drift", "l2")],
         "statuses": STATUSES,
     }
-    own = files(__package__)
-    style = files("rigidmc.views.viewer").joinpath("viewer.css").read_text(encoding="utf-8")
-    parts = {
-        "TITLE": html.escape(scene.title or "scene"),
-        "ABOUT": html.escape(_about(scene, members)),
-        "STYLE": style + own.joinpath("live.css").read_text(encoding="utf-8"),
-        "DATA": json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
-        "WORKER": own.joinpath("worker.js").read_text(encoding="utf-8"),
-        "SCRIPT": "".join(own.joinpath(name).read_text(encoding="utf-8") for name in SCRIPTS),
-    }
-    return fill_template(own.joinpath("live.html").read_text(encoding="utf-8"), parts)
+    scripts = ("live.js", "controls.js")
+    return page_text(
+        str(__package__), "live", scene.title or "scene", _about(scene, members), data, scripts
+    )
 
 
 def _start(scene: Scene, start: Mapping[str, Any]) -> dict[str, str]:
@@ -164,10 +151,7 @@ def _shape(scene: Scene, start: Mapping[str, Any]) -> dict[str, Any]:
         form = ellipsoid_form(*values)
     corners = surface.corners @ form[:, :3].T + form[:, 3]
     scale = 1.0 / np.linalg.norm(corners, axis=1).max()
-    flat = scale * corners[surface.faces]
-    return {
-        "corners": base64.b64encode(flat.astype("<f4").tobytes()).decode(),
-        "faces": surface.tones.tolist(),
+    return shape_data(surface._replace(corners=scale * corners)) | {
         "form": np.eye(3, 4).ravel().tolist(),
         "scale": scale,
     }

@@ -33,6 +33,7 @@ FEWEST, MOST = 300, 4000  # frames of a member
 POINTS = 1000  # points of a drift curve
 DENSITIES, MEMBERS = 60, 2000  # times and members of the density
 WIDTH = 0.12  # rad: standard deviation of the kernel of the density
+GRID = 37, 72  # rows and columns of the density, 5 degrees apart: less than the kernel
 
 Floats = NDArray[np.float64]
 
@@ -107,7 +108,7 @@ def motion_data(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:
     surface = surface_of(body)
     corners = surface.corners @ form[:, :3].T + form[:, 3]
     scale = 1.0 / np.linalg.norm(corners, axis=1).max()
-    # the surface on the page has size 1, see `rigidmc.views.viewer.stage.body_plot`
+    # the surface on the page has size 1
     form = np.column_stack([form[:, :3] * surface_radius(surface), form[:, 3]])
     return {
         "index": int(shown.member.values[0]),
@@ -160,31 +161,39 @@ def drifts(ds: xr.Dataset, member: int, end: float, allow_code: bool) -> dict[st
     return {"t": to_base64(run.time.values), **found, "conserved": kept}
 
 
-def sphere_density(ds: xr.Dataset, corners: Floats) -> dict[str, Any]:
-    """Return the density of the momentum directions at corners (n, 3) of the unit sphere, at up to
-    DENSITIES times: bytes (times, n), 255 at the maximum."""
+def sphere_density(ds: xr.Dataset) -> dict[str, Any]:
+    """Return the density of the momentum directions on a grid of the unit sphere, at up to
+    DENSITIES times: bytes (times, GRID[0], GRID[1]), 255 at the maximum.
+
+    Rows go from axis 3 to its opposite, columns around it from axis 1.
+    """
     part = in_principal_axes(thin_result(ds))
     l, _ = omega_or_momentum(part, "momentum")
     every, stride = -(-len(l) // DENSITIES), -(-l.shape[-1] // MEMBERS)
     l = l[::every, :, ::stride]
     times = part.time.values[::every] if len(l) > 1 else np.zeros(1)
     size = np.linalg.norm(l, axis=1, keepdims=True)
-    u = l / np.where(size > 0.0, size, 1.0)  # at rest L = 0; dividing by 1 keeps it 0
-    dense = np.empty((len(u), len(corners)))
+    # at rest L = 0; dividing by 1 keeps it 0
+    u = (l / np.where(size > 0.0, size, 1.0)).astype(np.float32)
+    from_pole, around = np.linspace(0.0, np.pi, GRID[0])[:, None], np.arange(GRID[1])
+    around = 2.0 * np.pi * around / GRID[1]
+    flat = np.sin(from_pole) * np.cos(around), np.sin(from_pole) * np.sin(around)
+    grid = np.stack([*flat, np.broadcast_to(np.cos(from_pole), GRID)], -1).reshape(-1, 3)
+    dense = np.empty((len(u), len(grid)))
     for k, directions in enumerate(u):
-        dense[k] = np.exp((corners @ directions - 1.0) / WIDTH**2).sum(1)
+        dense[k] = np.exp((grid.astype(np.float32) @ directions - 1.0) / WIDTH**2).sum(1)
     # 1e-300 avoids 0/0
     shown = np.round(255.0 * np.sqrt(dense / max(dense.max(), 1e-300))).astype(np.uint8)
     return {
         "t": to_base64(times),
         "members": int(u.shape[-1]),
+        "shape": (len(u), *GRID),
         "bytes": base64.b64encode(shown.tobytes()).decode(),
     }
 
 
 SIDE = 16  # pixels per side with a member on the page
 FRAMES = 240  # frames of each member
-BODIES = 12  # different bodies with polhodes
 
 
 def is_map_dataset(ds: xr.Dataset) -> bool:
@@ -192,14 +201,14 @@ def is_map_dataset(ds: xr.Dataset) -> bool:
     return {"x", "y"} <= set(ds.dims) and "good" in ds
 
 
-def map_data(ds: xr.Dataset, allow_code: bool) -> tuple[Scene, dict[str, Any], list[list[float]]]:
-    """Return (scene, data of the map for the page, moments of its bodies)."""
+def map_data(ds: xr.Dataset, allow_code: bool) -> tuple[Scene, dict[str, Any]]:
+    """Return (scene, data of the map for the page)."""
     if "z" in ds.coords:
         rule = "pages cannot show a stack of maps: draw it with `rigidmc map FILE --plot`"
         raise OptionError(rule, at="view")
     scene = scene_of(ds, allow_code=allow_code)
     places = _places(ds)
-    facts, bodies = [], list[list[float]]()
+    facts = []
     end, rate = _end(ds, scene, places)
     for i, j in places:
         member = i * ds.sizes["x"] + j
@@ -211,15 +220,8 @@ def map_data(ds: xr.Dataset, allow_code: bool) -> tuple[Scene, dict[str, Any], l
             shown = integrate_member(scene, member, FRAMES, min(end, far), _step(scene))
         shown.attrs["frames"] += unseen(shown)
         known = motion_data(shown, scene) | {"pixel": (i, j), "rate": rate}
-        if known["moments"] not in bodies and len(bodies) < BODIES:
-            bodies.append(known["moments"])
-        family = bodies.index(known["moments"]) if known["moments"] in bodies else -1
-        facts.append(
-            known
-            | {"status": "ok", "whole": known["end"] >= 0.999 * scene.run.t_end, "family": family}
-        )
-    data = {"members": facts, "density": None, "map": _pixels(ds)}
-    return scene, data, bodies
+        facts.append(known | {"status": "ok", "whole": known["end"] >= 0.999 * scene.run.t_end})
+    return scene, {"members": facts, "density": None, "map": _pixels(ds)}
 
 
 def _step(scene: Scene) -> float | None:

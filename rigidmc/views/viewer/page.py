@@ -1,28 +1,20 @@
-"""The page as one self-contained file: K3D plots, numbers, style and script."""
+"""The page of a result or a map as one self-contained file."""
 
-import base64
-import html
-import json
 import warnings
 from collections.abc import Sequence
-from importlib.resources import files
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from rigidmc.errors import FileError, OptionError, SceneWarning
+from rigidmc.errors import OptionError, SceneWarning
 from rigidmc.files.outputs import refuse_existing, write_bytes
-from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import count_text
 from rigidmc.runs.rerun import frames
 from rigidmc.scene.scene import Scene, scene_of
-from rigidmc.views.html_page import Page, fill_template
-from rigidmc.views.sample import omega_or_momentum
-from rigidmc.views.surfaces import ball_surface, surface_of
+from rigidmc.views.html_page import Page, page_text, pulls_data, shape_data, tones_data
+from rigidmc.views.surfaces import surface_of, surface_radius
 from rigidmc.views.viewer.data import (
     closer,
     drifts,
@@ -57,11 +49,10 @@ def view(
     output : HTML file to write; force : replace it if it exists
 
     Reruns the members, see `rigidmc.runs.rerun`. Raises OptionError for members that the result
-    does not have, FileError without k3d, OutputExists.
+    does not have, OutputExists.
     """
     if output is not None:
         refuse_existing(output, force, "pages")
-    check_k3d()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # the run has shown them
         if is_map_dataset(ds):
@@ -71,15 +62,6 @@ def view(
     if output is not None:
         write_bytes(output, page.text.encode(), force)
     return page
-
-
-def check_k3d() -> None:
-    """Raise FileError if k3d, which draws pages, is not installed."""
-    try:
-        import k3d  # noqa: F401
-    except ImportError as error:
-        rule = f"pages require k3d: pip install 'rigidmc[view]' ({error})"
-        raise FileError(rule, at="view") from None
 
 
 def _chosen(ds: xr.Dataset, members: Sequence[int] | None) -> list[int]:
@@ -107,7 +89,7 @@ def _chosen(ds: xr.Dataset, members: Sequence[int] | None) -> list[int]:
 def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code: bool) -> str:
     """Return the text of the page of a result."""
     scene = scene_of(ds, allow_code=allow_code)
-    facts, bodies = [], list[list[float]]()
+    facts = []
     last = float(ds.time.values[-1])
     end = last if until is None else until
     if end > last * (1.0 + 1e-9):
@@ -123,50 +105,25 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
         known = motion_data(shown, scene) | {"rate": rate, "status": status_of(ds, member)}
         known["whole"] = known["end"] >= 0.999 * end
         known["drift"] = drifts(ds, member, known["end"], allow_code)
-        if known["moments"] not in bodies:
-            bodies.append(known["moments"])
-        facts.append(known | {"family": bodies.index(known["moments"])})
+        facts.append(known)
     crowd = ds.sizes["member"] > len(members)
-    start = in_principal_axes(ds.sel(member=members[:1]))
     return _filled(
         ds.attrs.get("title", "rigidmc"),
         _about(ds, scene, until),
-        {
-            "members": facts,
-            "quantity": "theta" if scene.effects else "omega",
-            "density": sphere_density(ds, ball_surface(1.0).corners) if crowd else None,
-            "plots": _plots(scene, bodies, omega_or_momentum(start, "momentum")[0][0, :, 0]),
-        },
+        scene,
+        {"members": facts, "density": sphere_density(ds) if crowd else None},
     )
 
 
 def _of_map(ds: xr.Dataset, allow_code: bool) -> str:
     """Return the text of the page of a map."""
-    scene, data, bodies = map_data(ds, allow_code)
+    scene, data = map_data(ds, allow_code)
     a = ds.attrs
     about = (
         f"{ds.sizes['x']} x {ds.sizes['y']} pixels of {count_text(a['members'], 'member')},"
         f" {a['integrator']}, t_end = {a['t_end']:g} s. {scene.summary}"
     )
-    plots = _plots(scene, bodies, np.ones(3))
-    quantity = "theta" if scene.effects else "omega"
-    return _filled(a.get("title", "map"), about, data | {"plots": plots, "quantity": quantity})
-
-
-def _plots(scene: Scene, bodies: list[list[float]], l: NDArray[np.float64]) -> dict[str, str]:
-    """Return the two K3D plots as base64.
-
-    bodies : moments of the bodies with polhodes;  l : the first momentum (3,)
-    """
-    from rigidmc.views.viewer.stage import body_plot, sphere_plot
-
-    plots = {
-        "body": body_plot(surface_of(scene.body), scene.effects),
-        "sphere": sphere_plot([np.array(moments) for moments in bodies], l),
-    }
-    return {
-        name: base64.b64encode(plot.get_binary_snapshot(9)).decode() for name, plot in plots.items()
-    }
+    return _filled(a.get("title", "map"), about, scene, data)
 
 
 def _about(ds: xr.Dataset, scene: Scene, until: float | None) -> str:
@@ -181,19 +138,17 @@ def _about(ds: xr.Dataset, scene: Scene, until: float | None) -> str:
     )
 
 
-def _filled(title: str, about: str, data: dict[str, Any]) -> str:
+def _filled(title: str, about: str, scene: Scene, data: dict[str, Any]) -> str:
     """Fill the template."""
-    import k3d
-
-    own = files(__package__)
-    library = Path(k3d.__file__).parent / "static" / "standalone.js"
-    parts = {
-        "TITLE": html.escape(title),
-        "ABOUT": html.escape(about),
-        "STYLE": own.joinpath("viewer.css").read_text(encoding="utf-8"),
-        "LIBRARY": library.read_text(encoding="utf-8").replace("</script", "<\\/script"),
-        # no "<": it could end the script, or begin a comment that hides the end of the script
-        "DATA": json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
-        "SCRIPT": own.joinpath("viewer.js").read_text(encoding="utf-8"),
+    surface = surface_of(scene.body)
+    # at size 1; the form of a member maps it to the member's body
+    surface = surface._replace(corners=surface.corners / surface_radius(surface))
+    common = {
+        "shape": shape_data(surface),
+        "tones": tones_data(),
+        "pulls": pulls_data(scene.effects),
+        "quantity": "theta" if scene.effects else "omega",
     }
-    return fill_template(own.joinpath("viewer.html").read_text(encoding="utf-8"), parts)
+    return page_text(
+        str(__package__), "viewer", title, about, data | common, ("map.js", "viewer.js")
+    )

@@ -1,5 +1,5 @@
-"use strict";
-// Solids, curves and charts on plain canvases: no library, no WebGL.
+// ---- solids and curves on a plain canvas: no library, no WebGL --------------------------------
+
 const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
 const inner = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
@@ -7,7 +7,6 @@ const size = v => Math.hypot(...v);
 const sized = (v, length) => { const n = size(v) || 1; return v.map(x => x * length / n); };
 const times = (rows, v) => rows.map(row => inner(row, v));
 const back = (rows, v) => [0, 1, 2].map(k => rows[0][k] * v[0] + rows[1][k] * v[1] + rows[2][k] * v[2]);
-const clamp = (x, low, high) => Math.min(high, Math.max(low, x));
 
 // the rows of the rotation matrix of a quaternion
 function matrix([w, x, y, z]) {
@@ -16,7 +15,7 @@ function matrix([w, x, y, z]) {
           [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]];
 }
 
-const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const rgb = name => { const text = colour(name); return [1, 3, 5].map(k => parseInt(text.slice(k, k + 2), 16)); };
 const shaded = ([r, g, b], light) => `rgb(${(r * light) | 0},${(g * light) | 0},${(b * light) | 0})`;
 
 // A canvas as wide as its place on the page, in device pixels.
@@ -146,17 +145,17 @@ class Stage extends Canvas {
       if (edge) { pen.strokeStyle = edge; pen.lineWidth = 2; pen.stroke(); }
     });
   }
-  // the unit ball, round at the limb; what lies behind it is hidden by `isHidden`
-  ball() {
-    const middle = this.place([0, 0, 0]), far = NEAR * this.reach;
-    const radius = this.scale * far / Math.sqrt(far * far - 1);
-    const lamp = [inner(LAMP, this.right), inner(LAMP, this.up)];
+  // the unit ball, round at the limb, with the density of members on it; `isHidden` says what is behind
+  ball(density = null) {
+    const [x, y] = this.place([0, 0, 0]), far = NEAR * this.reach, radius = this.scale * far / Math.sqrt(far * far - 1);
+    const key = [this.azimuth, this.elevation, radius, density && density.k, isDark()].join();
+    if (key !== this.painted) this.picture = ballPicture(this, radius, density);
+    this.painted = key;
     this.put(-9, pen => {
-      const glow = pen.createRadialGradient(middle[0] + 0.4 * radius * lamp[0], middle[1] - 0.4 * radius * lamp[1], 0.1 * radius,
-        middle[0], middle[1], radius);
-      glow.addColorStop(0, colour("--ball-light")); glow.addColorStop(1, colour("--ball-dark"));
-      pen.fillStyle = glow;
-      pen.beginPath(); pen.arc(middle[0], middle[1], radius, 0, 2 * Math.PI); pen.fill();
+      pen.save();
+      pen.beginPath(); pen.arc(x, y, radius, 0, 2 * Math.PI); pen.clip();
+      pen.drawImage(this.picture, x - radius, y - radius, 2 * radius, 2 * radius);
+      pen.restore();
     });
   }
   isHidden(p) {
@@ -183,7 +182,7 @@ class Stage extends Canvas {
   end() {
     this.parts.sort((a, b) => a[0] - b[0]);
     for (const [, draw] of this.parts) draw(this.pen);
-    const pen = this.pen, taken = [];
+    const pen = this.pen, taken = this.written = [];
     pen.font = "600 14px system-ui, sans-serif";
     pen.textAlign = "center"; pen.textBaseline = "middle";
     for (const [words, [x, y0], style] of this.labels) {  // labels move apart rather than overlap
@@ -197,64 +196,45 @@ class Stage extends Canvas {
   }
 }
 
-// ---- charts --------------------------------------------------------------------------------
+// ---- the ball --------------------------------------------------------------------------------
 
-function ticks(low, high, count) {
-  const raw = (high - low) / count, power = 10 ** Math.floor(Math.log10(raw));
-  const step = power * ([1, 2, 5, 10].find(s => s * power >= raw));
-  const list = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) list.push(k * step);
-  return list;
-}
-const nice = x => x === 0 ? "0" : Math.abs(x) >= 1e5 || Math.abs(x) < 1e-3
-  ? (+x.toPrecision(6)).toExponential().replace("e+", "e") : String(+x.toPrecision(6));
-
-const COLOURS = ["--one", "--two", "--three"], DASHES = [[], [7, 3], [2, 3]];
-class Chart extends Canvas {
-  // series: [{x, y}] of equal lengths; log: y are exponents of 10; now: a vertical line
-  draw({ series, across, upward, log = false, now = null, dots = false }) {
-    this.clear();
-    const { pen, width, height } = this;
-    const box = { left: 64, right: width - 12, top: 10, bottom: height - 36 };
-    let [x0, x1, y0, y1] = [Infinity, -Infinity, Infinity, -Infinity];
-    for (const { x, y } of series) for (let i = 0; i < x.length; i++) if (isFinite(y[i])) {
-      x0 = Math.min(x0, x[i]); x1 = Math.max(x1, x[i]); y0 = Math.min(y0, y[i]); y1 = Math.max(y1, y[i]);
-    }
-    if (!(x1 > x0)) [x0, x1] = isFinite(x0) ? [x0, x0 + 1] : [0, 1];
-    if (!isFinite(y0)) [y0, y1] = [0, 1];
-    const least = 1e-9 * Math.max(Math.abs(y0), Math.abs(y1), 1e-12);
-    if (!(y1 - y0 > least)) { const more = Math.abs(y0) > 0 ? 0.1 * Math.abs(y0) : 1; y0 -= more; y1 += more; }
-    const margin = log ? 0.5 : 0.06 * (y1 - y0);
-    y0 -= margin; y1 += margin;
-    const px = x => box.left + (x - x0) / (x1 - x0) * (box.right - box.left);
-    const py = y => box.bottom - (y - y0) / (y1 - y0) * (box.bottom - box.top);
-    pen.font = "11px system-ui, sans-serif"; pen.fillStyle = colour("--grey"); pen.strokeStyle = colour("--rule"); pen.lineWidth = 1;
-    pen.textAlign = "center"; pen.textBaseline = "top";
-    for (const v of ticks(x0, x1, 6)) { pen.beginPath(); pen.moveTo(px(v), box.top); pen.lineTo(px(v), box.bottom); pen.stroke(); pen.fillText(nice(v), px(v), box.bottom + 5); }
-    pen.textAlign = "right"; pen.textBaseline = "middle";
-    for (const v of log ? ticks(y0, y1, 4).filter(Number.isInteger) : ticks(y0, y1, 4)) {
-      pen.beginPath(); pen.moveTo(box.left, py(v)); pen.lineTo(box.right, py(v)); pen.stroke();
-      pen.fillText(log ? `1e${v}` : nice(v), box.left - 5, py(v));
-    }
-    pen.textAlign = "center"; pen.textBaseline = "bottom";
-    pen.fillText(across, (box.left + box.right) / 2, height - 2);
-    pen.save(); pen.translate(11, (box.top + box.bottom) / 2); pen.rotate(-Math.PI / 2); pen.textBaseline = "middle"; pen.fillText(upward, 0, 0); pen.restore();
-    pen.save();
-    pen.beginPath(); pen.rect(box.left, box.top, box.right - box.left, box.bottom - box.top); pen.clip();
-    series.forEach(({ x, y }, k) => {
-      pen.strokeStyle = colour(COLOURS[k % 3]); pen.setLineDash(DASHES[k % 3]); pen.lineWidth = 1.6;
-      pen.beginPath();
-      let open = false;
-      for (let i = 0; i < x.length; i++) {
-        if (!isFinite(y[i])) { open = false; continue; }
-        if (open) pen.lineTo(px(x[i]), py(y[i])); else pen.moveTo(px(x[i]), py(y[i]));
-        open = true;
-      }
-      pen.stroke();
-      const i = x.length - 1;
-      if (dots && i >= 0) { pen.fillStyle = colour("--path"); pen.beginPath(); pen.arc(px(x[i]), py(y[i]), 4.5, 0, 7); pen.fill(); }
-    });
-    pen.setLineDash([]);
-    pen.restore();
+// The density of directions at several times: rows from the pole +3 to -3, columns around from axis 1.
+class Density {
+  constructor({ t, shape, bytes: text }) {
+    Object.assign(this, { t, rows: shape[1], columns: shape[2], values: bytes(text), k: 0 });
   }
+  at(time) {
+    this.k = 0;
+    while (this.k + 1 < this.t.length && this.t[this.k + 1] <= time * (1 + 1e-6)) this.k++;
+    return this;
+  }
+  // between the four nearest of the grid, from 0 to 1
+  value([x, y, z]) {
+    const { rows, columns, values } = this, start = this.k * rows * columns;
+    const row = Math.acos(clamp(z, -1, 1)) / Math.PI * (rows - 1), column = (Math.atan2(y, x) / (2 * Math.PI) + 1) * columns;
+    const i = Math.min(Math.floor(row), rows - 2), v = row - i, j = Math.floor(column), w = column - j;
+    const one = start + i * columns, [a, b] = [j % columns, (j + 1) % columns];
+    const over = (1 - w) * values[one + a] + w * values[one + b], under = (1 - w) * values[one + columns + a] + w * values[one + columns + b];
+    return ((1 - v) * over + v * under) / 255;
+  }
+}
+
+const FINEST = 420;   // pixels across the picture of a ball: 5 to 15 ms of painting
+function ballPicture(stage, radius, density) {
+  const side = Math.min(FINEST, 2 * Math.ceil(radius)), far = NEAR * stage.reach, limb = far / Math.sqrt(far * far - 1);
+  const canvas = document.createElement("canvas"), ramp = [rgb("--ball"), rgb("--crowd-middle"), rgb("--crowd")];
+  canvas.width = canvas.height = side;
+  const pen = canvas.getContext("2d"), image = pen.createImageData(side, side), { right, up, toward } = stage;
+  for (let row = 0; row < side; row++) for (let column = 0; column < side; column++) {
+    const x = ((column + 0.5) / side * 2 - 1) * limb, y = (1 - (row + 0.5) / side * 2) * limb;
+    // where the line of sight through (x, y) meets the ball first; beside the ball, its rim
+    const length = Math.hypot(x, y, far), middle = far * far / length, inside = middle * middle - (far * far - 1);
+    const near = (middle - Math.sqrt(Math.max(0, inside))) / length, depth = far * (1 - near);
+    const p = [0, 1, 2].map(k => near * (x * right[k] + y * up[k]) + depth * toward[k]);
+    const light = 0.84 + 0.16 * inner(p, LAMP), part = density ? 2 * density.value(p) : 0, k = part < 1 ? 0 : 1;
+    for (let c = 0; c < 3; c++) image.data[4 * (row * side + column) + c] = light * (ramp[k][c] + (part - k) * (ramp[k + 1][c] - ramp[k][c]));
+    image.data[4 * (row * side + column) + 3] = 255;
+  }
+  pen.putImageData(image, 0, 0);
+  return canvas;
 }

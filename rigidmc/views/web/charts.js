@@ -1,0 +1,78 @@
+// ---- charts --------------------------------------------------------------------------------
+
+function ticks(low, high, count) {
+  const raw = (high - low) / count, power = 10 ** Math.floor(Math.log10(raw));
+  const step = power * ([1, 2, 5, 10].find(s => s * power >= raw));
+  const list = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) list.push(k * step);
+  return list;
+}
+const nice = x => x === 0 ? "0" : Math.abs(x) >= 1e5 || Math.abs(x) < 1e-3
+  ? (+x.toPrecision(6)).toExponential().replace("e+", "e") : String(+x.toPrecision(6));
+
+const COLOURS = ["--one", "--two", "--three"], DASHES = [[], [7, 3], [2, 3]];
+function legend(id, names) {
+  $(id).replaceChildren(...names.map((name, k) => html("b", { style: `color:var(${COLOURS[k]})` }, `${["—", "– –", "···"][k]} ${name}`)));
+}
+class Chart extends Canvas {
+  // series: [{x, y}] of equal lengths; log: y are exponents of 10; dots: one at the end
+  draw({ series, across, upward, log = false, dots = false }) {
+    this.clear();
+    const { pen, width, height } = this;
+    const box = { left: 64, right: width - 12, top: 10, bottom: height - 36 };
+    let [x0, x1, y0, y1] = [Infinity, -Infinity, Infinity, -Infinity];
+    for (const { x, y } of series) for (let i = 0; i < x.length; i++) if (isFinite(y[i])) {
+      x0 = Math.min(x0, x[i]); x1 = Math.max(x1, x[i]); y0 = Math.min(y0, y[i]); y1 = Math.max(y1, y[i]);
+    }
+    if (!(x1 > x0)) [x0, x1] = isFinite(x0) ? [x0, x0 + 1] : [0, 1];
+    if (!isFinite(y0)) [y0, y1] = [0, 1];
+    const least = 1e-9 * Math.max(Math.abs(y0), Math.abs(y1), 1e-12);
+    if (!(y1 - y0 > least)) { const more = Math.abs(y0) > 0 ? 0.1 * Math.abs(y0) : 1; y0 -= more; y1 += more; }
+    const margin = log ? 0.5 : 0.06 * (y1 - y0);
+    y0 -= margin; y1 += margin;
+    Object.assign(this, { box, x0, x1, series });
+    const px = x => box.left + (x - x0) / (x1 - x0) * (box.right - box.left);
+    const py = y => box.bottom - (y - y0) / (y1 - y0) * (box.bottom - box.top);
+    pen.font = "11px system-ui, sans-serif"; pen.fillStyle = colour("--grey"); pen.strokeStyle = colour("--rule"); pen.lineWidth = 1;
+    pen.textAlign = "center"; pen.textBaseline = "top";
+    for (const v of ticks(x0, x1, 6)) { pen.beginPath(); pen.moveTo(px(v), box.top); pen.lineTo(px(v), box.bottom); pen.stroke(); pen.fillText(nice(v), px(v), box.bottom + 5); }
+    pen.textAlign = "right"; pen.textBaseline = "middle";
+    for (const v of log ? ticks(y0, y1, 4).filter(Number.isInteger) : ticks(y0, y1, 4)) {
+      pen.beginPath(); pen.moveTo(box.left, py(v)); pen.lineTo(box.right, py(v)); pen.stroke();
+      pen.fillText(log ? `1e${v}` : nice(v), box.left - 5, py(v));
+    }
+    pen.textAlign = "center"; pen.textBaseline = "bottom";
+    pen.fillText(across, (box.left + box.right) / 2, height - 2);
+    pen.save(); pen.translate(11, (box.top + box.bottom) / 2); pen.rotate(-Math.PI / 2); pen.textBaseline = "middle"; pen.fillText(upward, 0, 0); pen.restore();
+    pen.save();
+    pen.beginPath(); pen.rect(box.left, box.top, box.right - box.left, box.bottom - box.top); pen.clip();
+    series.forEach(({ x, y }, k) => {
+      pen.strokeStyle = colour(COLOURS[k % 3]); pen.setLineDash(DASHES[k % 3]); pen.lineWidth = 1.6;
+      pen.beginPath();
+      let open = false;
+      for (let i = 0; i < x.length; i++) {
+        if (!isFinite(y[i])) { open = false; continue; }
+        if (open) pen.lineTo(px(x[i]), py(y[i])); else pen.moveTo(px(x[i]), py(y[i]));
+        open = true;
+      }
+      pen.stroke();
+      const i = x.length - 1;
+      if (dots && i >= 0) { pen.fillStyle = colour("--path"); pen.beginPath(); pen.arc(px(x[i]), py(y[i]), 4.5, 0, 7); pen.fill(); }
+    });
+    pen.setLineDash([]);
+    pen.restore();
+  }  // a line at time t, in an element of its own, whose motion repaints nothing
+  cursor(t) {
+    const { left, right, top, bottom } = this.box, line = this.node.nextElementSibling.style;
+    line.top = `${this.node.offsetTop + top}px`; line.height = `${bottom - top}px`;
+    line.transform = `translateX(${(left + (t - this.x0) / (this.x1 - this.x0) * (right - left)).toFixed(1)}px)`;
+  }
+  onPick(seek) {
+    const pick = event => {
+      const { left, right } = this.box, x = event.clientX - this.node.getBoundingClientRect().left;
+      seek(this.x0 + (this.x1 - this.x0) * clamp((x - left) / (right - left), 0, 1));
+    };
+    this.node.addEventListener("pointerdown", event => { this.node.setPointerCapture(event.pointerId); pick(event); });
+    this.node.addEventListener("pointermove", event => { if (event.buttons) pick(event); });
+  }
+}
