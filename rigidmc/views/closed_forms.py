@@ -168,9 +168,10 @@ def _wells(axes: Axes, degrees: Floats, u: Floats, energy: Floats, turns: Floats
         some = u[:: -(-len(u) // 2000)]
         shown = np.where((some > low) & (some < high), some, np.nan)
         add_density(axes, np.broadcast_to(degrees, some.shape).ravel(), shown.ravel(), "curves")
+    if len(u) > LINES:
         few = slice(None, None, -(-len(u) // 500))
         both = np.repeat(energy[few], 2)
-        axes.plot(turns[few].ravel(), both, ".", color=PATH, ms=2.0, label="turning points")
+        axes.plot(turns[few].ravel(), both, ".", color=PATH, ms=3.0, label="turning points")
         return
     for k, (e, ends) in enumerate(zip(energy, turns, strict=True)):
         axes.plot(
