@@ -1,16 +1,75 @@
-"""Below the title of each page that has code, a link to the notebook that its code made."""
+"""Executed pages as notebooks: links below the title, and notebooks that Jupyter can show.
+
+A page with cells of the tag `solution` has two: with all cells, and without these and all outputs.
+"""
 
 import re
+from copy import deepcopy
+from pathlib import Path
+
+import nbformat
+
+IS_NOTEBOOK = re.compile(r"---\nfile_format: mystnb\n")
+HAS_SOLUTIONS = re.compile(r"tags.*\bsolution\b")
+# {what Sphinx alone can read: what Jupyter shows instead}
+IN_JUPYTER = {
+    r"```\{eval-rst\}\n[\s\S]*?```\n+": "",  # entries of the index
+    r"\{nb-download\}.*\n+": "",
+    r"(?m)^\([\w-]+\)=\n": "",  # labels
+    r"```\{math\}\n(?::label: .*\n)?([\s\S]*?)```": r"$$\n\\begin{aligned}\n\1\\end{aligned}\n$$",
+    r"```\{page\}.*\n([\s\S]*?)```": r"```\nrigidmc \1```",
+    r"\{eq\}`([^`]*)`": r"(\1)",
+    r"\{[\w:]+\}`([^`<]*?)(?: <[^`]*>)?`": r"\1",
+}
 
 
-def add_link(app, docname, source):
-    """Put the link below the first title."""
-    text = source[0]
-    if re.match(r"---\nfile_format: mystnb\n", text):
-        link = f"{{nb-download}}`Notebook of this page <{docname.rsplit('/', 1)[-1]}.ipynb>`"
-        source[0] = re.sub(r"(?m)^(# .+\n)", rf"\1\n{link}\n", text, count=1)
+def add_links(app, docname, source):
+    """Put the links below the first title of a page that is executed."""
+    if IS_NOTEBOOK.match(source[0]):
+        name = docname.rsplit("/", 1)[-1]
+        links = f"{{nb-download}}`Notebook of this page <{name}.ipynb>`"
+        if HAS_SOLUTIONS.search(source[0]):
+            links += f", {{nb-download}}`without solutions <{name}_exercises.ipynb>`"
+        source[0] = re.sub(r"(?m)^(# .+\n)", rf"\1\n{links}\n", source[0], count=1)
+
+
+def in_jupyter(text):
+    """Markdown of a page, as Jupyter can show it."""
+    for pattern, shown in IN_JUPYTER.items():
+        text = re.sub(pattern, shown, text)
+    return text
+
+
+def is_solution(cell):
+    """Whether a cell has the tag `solution`."""
+    return "solution" in cell.metadata.get("tags", ())
+
+
+def without_solutions(notebook):
+    """A notebook without its solutions, and with nothing computed."""
+    left = deepcopy(notebook)
+    left.cells = [cell for cell in left.cells if not is_solution(cell)]
+    for cell in left.cells:
+        if cell.cell_type == "code":
+            cell.outputs, cell.execution_count = [], None
+    return left
+
+
+def convert(app, doctree):
+    """Make the notebooks that the links of a page offer."""
+    path = Path(app.env.mystnb_config.output_folder, f"{app.env.docname}.ipynb")
+    if not path.is_file():
+        return
+    notebook = nbformat.read(path, 4)
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            cell.source = in_jupyter(cell.source)
+    nbformat.write(notebook, path)
+    if any(map(is_solution, notebook.cells)):
+        nbformat.write(without_solutions(notebook), path.with_stem(f"{path.stem}_exercises"))
 
 
 def setup(app):
-    app.connect("source-read", add_link)
+    app.connect("source-read", add_links)
+    app.connect("doctree-read", convert, priority=400)  # before Sphinx collects what links offer
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -6,15 +6,16 @@
     ```
 
 draws the picture in `_build/pictures` and shows it with its command; a picture that is there is not
-drawn again. `{page}` shows a page of `rigidmc view` in a frame; `{output} integrators` shows what a
-command prints.
+drawn again. `{page}` shows a page of `rigidmc view` in a frame, also the same page in several
+documents; `{output} integrators` shows what a command prints.
 """
 
 import re
 import shlex
 import shutil
 import textwrap
-from contextlib import chdir
+import time
+from contextlib import chdir, contextmanager
 from pathlib import Path
 
 from docutils import nodes
@@ -24,6 +25,7 @@ from sphinx.util import logging
 from typer.testing import CliRunner
 
 from rigidmc.cli import app as application
+from rigidmc.files.locks import lock
 
 log = logging.getLogger(__name__)
 FOLDER = Path(__file__).parent.parent / "_build" / "pictures"
@@ -72,6 +74,20 @@ def drawn(command):
     return f"/_build/pictures/{name}"
 
 
+@contextmanager
+def alone(name):
+    """Wait while another process makes the picture or page of this name."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    with open(FOLDER / f"{name}.lock", "w") as file:
+        while True:
+            try:
+                lock(file, file.name)
+                break
+            except BlockingIOError:
+                time.sleep(0.5)
+        yield
+
+
 class Picture(Directive):
     """A picture, the commands that draw it, and a caption."""
 
@@ -99,17 +115,20 @@ class Page(Directive):
 
     def run(self):
         *before, last = self.content
-        if not (FOLDER / shlex.split(last)[-1]).exists():
-            for command in before:
-                ran(command)
-        name = Path(drawn(last)).name
+        name = shlex.split(last)[-1]
+        with alone(name):
+            if not (FOLDER / name).exists():
+                for command in before:
+                    ran(command)
+            drawn(last)
+        room = "../" * self.state.document.settings.env.docname.count("/")
         frame = (
-            f'<iframe src="pages/{name}" title="{self.arguments[0]}" loading="lazy"'
+            f'<iframe src="{room}pages/{name}" title="{self.arguments[0]}" loading="lazy"'
             ' style="width: 100%; height: 780px; border: 1px solid #ccc"'
             # as high as its page, where the browser tells that: not from a file
             ' onload="const body = this.contentDocument?.body; if (body) new ResizeObserver('
             "() => { this.style.height = body.scrollHeight + 4 + 'px' }).observe(body)\"></iframe>"
-            f'<p><a href="pages/{name}">the page alone</a></p>'
+            f'<p><a href="{room}pages/{name}">the page alone</a></p>'
         )
         return [nodes.raw("", frame, format="html"), typed(self.content)]
 

@@ -9,6 +9,10 @@ import re
 WORDS = {
     "learn": ["rigid body dynamics", "lecture", "classical mechanics"],
     "ensembles": ["Monte Carlo", "ensemble", "Monte Carlo simulation"],
+    "teaching/index": ["lecturer", "teaching", "lecture hall", "course"],
+    "teaching/examples": ["textbook", "worked examples"],
+    "teaching/exercises": ["exercise", "homework", "solution"],
+    "teaching/phone": ["lab sheet", "smartphone", "phone", "experiment"],
     "tutorials/tennis_racket": [
         *("Dzhanibekov effect", "Dzhanibekov", "tennis racket theorem", "tennis racket"),
         *("intermediate axis", "intermediate axis theorem", "T-handle", "wingnut"),
