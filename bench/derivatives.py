@@ -1,10 +1,12 @@
 """Derivatives: what they cost, how exact they are, and heyoka's variational equations beside them.
 
-Costs are of the kernels on blocks, against the same run without derivatives. Errors are against a
-Taylor series in 26 digits, differentiated by central differences of 1e-9 of it, which leave 1e-17.
+Costs are of the kernels on blocks, against the same run without derivatives; of whole calls of a
+prepared run; and of first runs in a new process, which compile. Errors are against a Taylor series
+in 26 digits, differentiated by central differences of 1e-9 of it, which leave 1e-17.
 """
 
 import contextlib
+import json
 import os
 import subprocess
 import sys
@@ -13,7 +15,7 @@ import tempfile
 import numpy as np
 
 import rigidmc
-from bench import gpu, harness, peers, tops
+from bench import calls, gpu, harness, peers, tops
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import SaveTarget, StepRange
 from rigidmc.engine.machine import threads_available
@@ -33,13 +35,26 @@ ERRORS = (
 MEMBERS, STEPS, H = 2048, 400, 0.01
 ERROR = 1e-9
 SPILLS = "spills", "spills in steps"
+# {derivatives of a call: their parameters}
+CALLS = {
+    "none": (), "by 1 start": ("start.omega.1",), "by 3 starts": ("start.omega",),
+    "by 3 moments": ("body.moments",), "by 3 starts and 3 moments": ("start.omega", "body.moments"),
+}  # fmt: skip
+WRT = {"wrt": ["start.omega.1"]}
+WATCHED = {"save": ["omega", "flips", "nutation", "energy_mean"]}
+FIRSTS = {  # {first run with an empty cache: (its settings, seconds that are asked)}
+    "first run without derivatives": ({}, None),
+    "first run with derivatives, empty cache": (WRT, 6.0),
+    "first run with monitors": (WATCHED, None),
+    "first run with derivatives of monitors": (WRT | WATCHED, None),
+}
 FIRST = """
-import time
+import json, sys, time
 began = time.perf_counter()
 import rigidmc as rm
 scene = rm.Scene(rm.Body((1.0, 2.0, 2.5), mass=1.0, centre=(0.0, 0.0, 0.1)),
                  (rm.Gravity(9.81),), rm.Start(omega=(1.0, 0.1, 2.0)))
-rm.simulate(scene, "rk4", dt=0.01, t_end=1.0, members=1000, wrt=("start.omega.1",))
+rm.simulate(scene, "rk4", dt=0.01, t_end=1.0, members=1000, **json.loads(sys.argv[1]))
 print(time.perf_counter() - began)
 """
 
@@ -102,12 +117,7 @@ def costs(name, kind, cases, rounds):
 def errors(count):
     """Return rows with the errors of derivatives over 10 s, relative to the largest of a member."""
     many, found = tops.random_tops(count), []
-    for name, kind, asked in (
-        ("exact", "free", 1e-12),
-        ("rk8", "free", 1e-13),
-        ("rk8", "heavy", 1e-13),
-        ("gbs12", "heavy", 1e-13),
-    ):
+    for name, kind, asked in ERRORS:
         run = rigidmc.simulate(
             scene_of(many, kind), name, members=count, dt=0.01, t_end=10.0, every=10.0,
             save=("momentum",), wrt=("start.omega.1", "body.moments.2"), compensated=name == "rk8",
@@ -241,16 +251,38 @@ def registers():
     return found
 
 
-def first_result():
-    """Return the row of the first run with derivatives, with an empty cache."""
-    with tempfile.TemporaryDirectory() as folder:
-        known = {**os.environ, "RIGIDMC_CACHE_DIR": folder}
-        output = subprocess.run(
-            [sys.executable, "-c", FIRST], env=known, capture_output=True, text=True, check=True
-        ).stdout
-    return harness.target(
-        "first run with derivatives, empty cache", 6.0, float(output), "s", at_most=True
-    )
+def first_runs():
+    """Return rows of the first run in a new process with an empty cache, which compiles."""
+    found = []
+    for name, (settings, asked) in FIRSTS.items():
+        with tempfile.TemporaryDirectory() as folder:
+            known = {**os.environ, "RIGIDMC_CACHE_DIR": folder}
+            words = [sys.executable, "-c", FIRST, json.dumps(settings)]
+            output = subprocess.run(words, env=known, capture_output=True, text=True, check=True)
+        seconds = float(output.stdout)
+        found.append({"kind": "first", "name": name.partition(",")[0], "seconds": seconds})
+        if asked:
+            found.append(harness.target(name, asked, seconds, "s", at_most=True))
+    return found
+
+
+def called(count):
+    """Return rows of a call of a prepared run with other values, which chooses its derivatives."""
+    many, steps = tops.random_tops(calls.FEW), 20
+    run = rigidmc.prepare(
+        scene_of(many, "heavy"), "rk4", members=calls.FEW, dt=H, t_end=H * steps, every=H * steps,
+        varied=("start.omega",), wrt=("start.omega", "body.moments"),
+    )  # fmt: skip
+    given, found = {"start.omega": many.omega.T}, []
+    for name, wrt in CALLS.items():
+
+        def call(wrt=wrt):
+            run.run(values=given, wrt=wrt, threads=1)
+
+        calls.least(call, 3)  # compiles
+        whole, inside = calls.least(call, count)
+        found.append({"kind": "call", "name": name, "ms": whole, "steps_ms": inside})
+    return found
 
 
 def run(quick):
@@ -259,7 +291,7 @@ def run(quick):
     for (name, kind), cases in COSTS.items():
         rows += costs(name, kind, cases, rounds)
     rows += errors(2 if quick else 8)
-    rows += [first_result(), *registers()]
+    rows += [*called(20 if quick else 1000), *first_runs(), *registers()]
     return rows + beside(rounds)
 
 
@@ -267,6 +299,13 @@ def report(rows):
     """Print the results."""
     lines = [[r["name"], f"{r['ratio']:.2f}"] for r in rows if r["kind"] == "cost"]
     harness.table("time of a run with derivatives, in plain runs", ["run", "plain runs"], lines)
+    lines = [
+        [r["name"], f"{r['ms']:.2f}", f"{r['steps_ms']:.2f}"] for r in rows if r["kind"] == "call"
+    ]
+    what = f"one call of a prepared run, {calls.FEW} heavy tops on a thread"
+    harness.table(what, ["derivatives", "ms", "in steps"], lines)
+    lines = [[r["name"], f"{r['seconds']:.1f}"] for r in rows if r["kind"] == "first"]
+    harness.table("first run in a new process, empty cache", ["", "s"], lines)
     head = "integrator", "derivatives", "registers", "local", *SPILLS
     lines = [[r[word] for word in head] for r in rows if r["kind"] == "registers"]
     harness.table("registers of a GPU thread, memory and spills [B]", list(head), lines)

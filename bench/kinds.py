@@ -279,6 +279,18 @@ STUDIES = {
     "multilevel": (
         "brownian_rotor", {}, {"until": "mean(energy_final) +- 10 %"}, {"t_end": 1e-4},
     ),
+    "gradient": (
+        "dzhanibekov", {"of": "mean(omega_last[1])"}, {"wrt": "start.omega.1,start.omega.2"},
+        {"members": 40, "t_end": 2.0},
+    ),
+    "lyapunov": ("heavy_top", {}, {}, {"members": 4, "t_end": 2.0}),
+}  # fmt: skip
+# of studies without run directories: {command: (function, scene, its own parameters, settings)}
+DIRECT = {
+    "covariance": (
+        "propagate", "dzhanibekov", {"of": "omega", "members": 40}, {"t_end": 2.0, "every": 1.0},
+    ),
+    "linearise": ("linearise", "dzhanibekov", {"starts": 8}, {}),
 }  # fmt: skip
 
 
@@ -306,6 +318,12 @@ def studies(threads):
         again = (name, f"{name}/", *options_of(asked), "-o", f"{name}-2.nc")
         yield f"{name}: directory, printed", done_well(*again, codes=codes)
         yield f"{name}: directory", stored(f"{name}-2.nc")
+    for name, (function, scene, own, run) in DIRECT.items():
+        yield from each(name, getattr(rm, function)(scene, **own, **run, threads=threads))
+        out = ("-o", f"{name}.nc", "--plot", f"{name}.png", "--threads", threads)
+        yield f"{name}: printed", done_well(name, scene, *options_of(own, run), *out)
+        yield f"{name}: file", stored(f"{name}.nc")
+        yield f"{name}: picture", pixels(f"{name}.png")
     noisy = {"members": 40, "repetitions": 2, "t_end": 1e-4, "threads": threads}
     yield from each("rare, noise", rm.rare("brownian_rotor", "p(energy_max >= 3e-20)", **noisy))
     found = rm.accuracy("dzhanibekov", ["rk4"], (1e-4, 1e-8), members=8, threads=threads)

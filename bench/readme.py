@@ -441,19 +441,34 @@ def bits(rows, machine):
 
 
 def derivatives(rows, machine):
-    """Return a table of the cost of derivatives, and of heyoka's time beside it."""
-    lines = [(row["name"], f"{row['ratio']:.1f}") for row in rows if row["kind"] == "cost"]
-    peers = [row for row in rows if row["kind"] == "peer"]
-    times = "; ".join(f"{row['name']} {row['milliseconds']:.0f} ms" for row in peers)
+    """Return tables of the cost of derivatives, with their errors and heyoka's time beside it."""
+    of = {word: [r for r in rows if r["kind"] == word] for word in {r["kind"] for r in rows}}
+    lines = [(row["name"], f"{row['ratio']:.1f}") for row in of["cost"]]
+    times = "; ".join(f"{row['name']} {row['milliseconds']:.0f} ms" for row in of["peer"])
+    ending = ", tangents over 10 s"
+    errors = ", ".join(
+        f"{row['what'].removesuffix(ending)} {row['measured']:.1e}"
+        for row in of["target"]
+        if row["what"].endswith(ending)
+    )
     note = f"""4,096 heavy tops to 10 s with derivatives by their seven starts, right to 1e-9:
-    {times}. {_machine(machine)} (`python -m bench derivatives`)."""
-    note = " ".join(note.split())
+    {times}. Errors over 10 s: {errors}. {_machine(machine)} (`python -m bench derivatives`)."""
+    drawn = [with_note(table(("derivatives", "plain runs"), lines), " ".join(note.split()))]
+    if "call" in of:
+        lines = [(row["name"], f"{row['ms']:.2f}", f"{row['steps_ms']:.2f}") for row in of["call"]]
+        columns = "derivatives of a call", "ms", "in the steps"
+        note = "A call of a prepared run of 32 heavy tops with other values: 20 steps of rk4."
+        drawn.append(with_note(table(columns, lines), note))
+    if "first" in of:
+        lines = [(row["name"], f"{row['seconds']:.1f}") for row in of["first"]]
+        note = "rk4 with gravity in a new process with an empty cache, which compiles."
+        drawn.append(with_note(table(("", "s"), lines), note))
     words = "integrator", "derivatives", "registers", "local", "spills", "spills in steps"
-    taken = [[row[word] for word in words] for row in rows if row["kind"] == "registers"]
+    lines = [[row[word] for word in words] for row in of["registers"]]
     columns = "heavy tops", *words[1:3], "local memory [B]", "spills [B]", "in the steps [B]"
-    costs = with_note(table(("derivatives", "plain runs"), lines), note)
-    gpu = "Registers of a thread, of 255 at most, and memory, for compute capability 9.0."
-    return f"{costs}\n\n{with_note(table(columns, taken), gpu)}"
+    note = "Registers of a thread, of 255 at most, and memory, for compute capability 9.0."
+    drawn.append(with_note(table(columns, lines), note))
+    return "\n\n".join(drawn)
 
 
 PAGES = {  # page on coming from another program: {task: words}

@@ -187,8 +187,10 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
         size = sizes[name]
         wanted = (count,) if size is None else (count, size)
         if array.shape != wanted or not count:
-            rule = f"{name} has the shape {array.shape}, expected {wanted}"
-            raise OptionError(rule, at="values")
+            rows: Any = wanted
+            if array.ndim != len(wanted) or not count:  # the length is not a number of members
+                rows = "(members,)" if size is None else f"(members, {size})"
+            raise OptionError(f"{name} has the shape {array.shape}, expected {rows}", at="values")
         columns = np.array(array.T, order="C")  # frozen, so that the scene copies no column again
         columns.flags.writeable = False
         changed[name] = columns if size is None else tuple(columns)

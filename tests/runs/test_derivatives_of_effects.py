@@ -12,16 +12,21 @@ from rigidmc.physics.dynamics.free_flow import free_flow
 from rigidmc.physics.dynamics.quaternions import spin
 from rigidmc.physics.dynamics.rotation_flows import symmetric_flow, turn_by_asymmetry
 from rigidmc.physics.dynamics.so3 import cross
-from tests.derivative_errors import AHEAD, HARD, NAMES, RUN, effect_case, errors, hard_case, pairs
+from tests.derivative_errors import (
+    AHEAD,
+    HARD,
+    NAMES,
+    RUN,
+    effect_case,
+    errors,
+    hard_case,
+    has_kink,
+    pairs,
+)
 
 compiled = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 # Rounding of differences: measured 5.0e-11 (srkn11, spin about axis 1, heavy, by a moment)
 MOST = 2e-10
-# Its rotations are about other axes on either side of a symmetric body, with errors of order dt^2:
-# measured 2.6e-5
-KINK = 1e-4
-# `exact` has nan there: a body at rest has no axis of L
-UNKNOWN = {("exact", "at rest, free")}
 
 
 @compiled
@@ -37,10 +42,8 @@ def test_derivatives_with_gravity_are_those_of_differences():
 def test_derivatives_are_those_of_differences(integrator):
     """Of every effect, and of hard bodies and starts."""
     for name, case in pairs(integrator):
-        if (integrator, name) in UNKNOWN:
-            continue
-        found, is_kink = errors(case, integrator), integrator == "rotations" and "symmetric" in name
-        assert len(found) >= 9 and max(found.values()) < (KINK if is_kink else MOST), (name, found)
+        found = errors(case, integrator, has_kink(integrator, name))
+        assert len(found) >= 9 and max(found.values()) < MOST, (name, found)
 
 
 @compiled

@@ -107,7 +107,7 @@ def test_a_member_beyond_the_plan_is_flagged():
         ("start.omga", None, "did you mean 'start.omega'"),
         ("start.omega", {}, "lacks start.omega"),
         ("start.omega", {"start.omga": OMEGA, "start.omega": OMEGA}, "start.omega'?"),
-        ("start.omega", {"start.omega": OMEGA[0]}, "has the shape (3,)"),
+        ("start.omega", {"start.omega": OMEGA[0]}, "has the shape (3,), expected (members, 3)"),
         ("start.omega", {"start.omega": OMEGA[:, :2]}, "expected (4, 3)"),
         ("start.omega", {"start.omega": np.full((2, 3), np.nan)}, "not finite"),
         ("start.omega", None, "run varies start.omega"),

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.figure import Figure
 
 import rigidmc as rm
 from rigidmc.errors import OptionError, SceneError
@@ -16,7 +17,7 @@ from rigidmc.studies.propagate.covariance import (
     moments_of,
     of_distributions,
 )
-from rigidmc.studies.propagate.picture import ellipse
+from rigidmc.studies.propagate.picture import cut_linear, ellipse
 from rigidmc.studies.propagate.study import Input, deviations_of, linear_until, rounding_of
 
 A, C, SPIN, W1, W2 = 1.0, 1.5, 2.0, 0.3, 0.1
@@ -153,6 +154,16 @@ def test_an_ellipse_has_its_covariance():
     x = ellipse(c, 2.0)
     np.testing.assert_allclose(np.einsum("in,ij,jn->n", x, np.linalg.inv(c), x), 4.0)
     assert np.isfinite(ellipse(np.diag([1.0, 0.0]), 1.0)).all()
+
+
+def test_a_linear_ellipse_much_wider_than_the_ensemble_is_cut():
+    axes, members = Figure().add_subplot(), np.array([[-1.0, 1.0], [-3.0, -1.0]])
+    linear = np.array([[-300.0, 300.0], [-2.0, 2.0]])
+    assert cut_linear(axes, members, linear, members) == 300.0
+    assert axes.get_xlim() == (-4.0, 4.0)  # 4 widths; the other row is not cut, and has the origin
+    assert axes.get_ylim() == (0.0, 1.0)  # as it was
+    flat = np.zeros((2, 2))
+    assert cut_linear(axes, flat, linear, flat) == 1.0
 
 
 @pytest.mark.slow  # pytest -m slow tests/studies/test_propagate.py: 20 s

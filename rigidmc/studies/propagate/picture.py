@@ -14,6 +14,7 @@ from rigidmc.results.labels import with_units
 
 Array = NDArray[np.float64]
 SIGMAS = 1.0, 2.0
+WIDEST = 4.0  # a wider linear ellipse, in widths of the ensemble, is cut: it would hide the members
 
 
 def covariance_ellipses(
@@ -57,6 +58,7 @@ def _panel(axes: Axes, study: xr.Dataset, x: str, y: str) -> None:
     points = study.sample.sel(row=[x, y]).values
     axes.plot(*points, ".", ms=2.0, color=LIGHT, rasterized=True, label="members")
     own = at.bias.sel(row=[x, y]).values
+    largest = []
     for key, centre, style, colour, word in (
         ("covariance", np.zeros(2), "-", INK, "linear, 1 and 2 standard deviations"),
         ("sample_covariance", own, "--", COLOURS[0], "ensemble"),
@@ -66,9 +68,30 @@ def _panel(axes: Axes, study: xr.Dataset, x: str, y: str) -> None:
             label = word if sigma == SIGMAS[0] else None
             line = ellipse(matrix, sigma) + centre[:, None]
             axes.plot(*line, style, lw=1.2, color=colour, label=label)
+            largest += [line] * (sigma == SIGMAS[-1])
     axes.axhline(0.0, lw=0.3, color=GREY)
     axes.axvline(0.0, lw=0.3, color=GREY)
-    add_title(axes, f"t = {time:g} s")
+    wider = cut_linear(axes, points, *largest) if len(largest) == 2 else 1.0
+    cut = f", linear {wider:,.0f} times as wide" if wider > WIDEST else ""
+    add_title(axes, f"t = {time:g} s{cut}")
+
+
+def cut_linear(axes: Axes, members: Array, linear: Array, sampled: Array) -> float:
+    """Limit the axes to WIDEST widths of the ensemble; return the width of the linear ellipse in
+    widths of the ensemble, that of the axis where it is larger.
+
+    members, linear, sampled : points (2, n) of members and of the largest ellipses
+    """
+    widest, shown = 1.0, np.concatenate([members, sampled, np.zeros((2, 1))], axis=1)
+    for limit, some, line in zip((axes.set_xlim, axes.set_ylim), shown, linear, strict=True):
+        low, high = np.nanmin(some), np.nanmax(some)
+        # a row that does not vary has no width
+        ratio = np.ptp(line) / (high - low) if high > low else 1.0
+        if ratio > WIDEST:
+            more = 0.5 * (WIDEST - 1.0) * (high - low)
+            limit(low - more, high + more)
+        widest = max(widest, ratio)
+    return float(widest)
 
 
 def ellipse(covariance: Array, sigma: float) -> Array:
