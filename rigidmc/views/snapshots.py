@@ -13,6 +13,7 @@ from rigidmc.errors import RigidmcError
 from rigidmc.figures import GREY, INK, PATH, add_title, figure_of
 from rigidmc.mechanics.free_top import solve_free_top
 from rigidmc.mechanics.rotation import matrix, to_space
+from rigidmc.planning.turns import ATTITUDE
 from rigidmc.results.frames import in_principal_axes
 from rigidmc.scene.scene import scene_of
 from rigidmc.views.globes import is_free
@@ -89,7 +90,7 @@ def flight(ds: xr.Dataset, part: xr.Dataset | None = None) -> Flight:
         path = _free_path(one)
         axis = np.eye(3)[central_axis(path.moments)]
     else:
-        path = member_paths(one)[0][0]
+        path = member_paths(one, ATTITUDE)[0][0]
         axis = (matrix(path.principal_attitude[0]).T @ matrix(path.attitude[0]))[:, 2]
     if has_angle(ds):
         value = np.degrees(np.arccos(np.clip(matrix(path.attitude)[:, 2, 2], -1.0, 1.0)))
@@ -112,10 +113,10 @@ def _typical(part: xr.Dataset) -> int:
 
 def _free_path(one: xr.Dataset) -> MemberPath:
     """Return the motion of a free body in closed form from its start."""
-    from rigidmc.views.polhodes import starts
+    from rigidmc.views.polhodes import starts_of
 
     own = in_principal_axes(one)
-    moments, l, q = (v[0] for v in starts(own))
+    moments, l, q = (v[0] for v in starts_of(own))
     rate = float(np.linalg.norm(l) / moments.min())
     end = float(np.max(one.time.values))
     count = int(np.clip(np.ceil(rate * end / FINE), *DENSE))
