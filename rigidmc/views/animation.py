@@ -192,7 +192,9 @@ def _in_space(
         stage.arrow(toward[i], PATH)
         stage.end()
         for word, end in ends.items():
-            labels[word].set_position(stage.place(end)[0])
+            x, y = stage.place(end)[0]
+            # beside its arrow, where no other name stands
+            labels[word].set_position((x - 0.13, y) if word == "L" else (x, y))
 
     return draw
 

@@ -98,7 +98,7 @@ def draw_cap(axes: Axes, cap: Cap, names: Sequence[str]) -> Circle:
             zorder=5,
         )
     ends = (-1.2 * cap.radius, 1.2 * cap.radius)
-    axes.set(xlim=ends, ylim=(-1.45 * cap.radius, 1.2 * cap.radius), aspect="equal")
+    axes.set(xlim=ends, ylim=(-1.65 * cap.radius, 1.2 * cap.radius), aspect="equal")
     return rim
 
 

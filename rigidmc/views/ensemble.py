@@ -49,6 +49,7 @@ from rigidmc.views.sphere import central_axis
 # reversals per member above which a picture shows only one of the members, with the widest swing,
 # and a thin line
 SWINGS = 25
+WIDE = 44  # characters of a title above a third of a summary
 
 
 def summary(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
@@ -60,14 +61,14 @@ def summary(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
     the start and at the end replaces it. The axis in space requires saved attitudes; the body
     requires a result with its scene.
     """
-    figure = figure or figure_of_result(ds, (10.0, 8.8))
+    figure = figure or figure_of_result(ds, (10.0, 9.2))
     if not (ds.status.values == 0).any():
         figure.text(0.5, 0.5, "nothing to draw: every member is flagged", ha="center")
         return figure
     part = thin_result(ds)
     has_series = ("omega" in ds or "momentum" in ds) and ds.sizes["time"] > 2
     one = _flight(ds, part) if has_series else None
-    heights = [*([0.75] if one else []), 1.0, 1.35]
+    heights = [*([0.75] if one else []), 1.0, 1.55]
     rows = figure.add_gridspec(len(heights), 1, height_ratios=heights)
     axes = figure.add_subplot(rows[-2])
     if one is not None:
@@ -256,7 +257,7 @@ def drift_histogram(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
         conserved = drifts[symbol].attrs.get("conserved", "yes")
         if conserved != "yes":
             why = conserved.removeprefix("no").lstrip(":, ")
-            title.append(fill(f"{symbol} is not conserved: {why}", 62))
+            title.append(fill(f"{symbol} is not conserved: {why}", WIDE))
     axes.set(
         xlabel="largest relative drift",
         ylabel="members per bin",

@@ -37,6 +37,7 @@ from rigidmc.views.sphere import (
 
 COARSE = 0.8  # mean cosine of the angle between two steps of a path; below it a path becomes dots,
 # because lines would cut corners
+LONG = 100.0  # rad of all paths, above which a picture shows one
 BEHIND = 0.3  # opacity of what lies behind the sphere
 RADIUS = EYE / np.sqrt(EYE**2 - 1.0)  # of the rim of the unit sphere in the picture
 LAMP = np.array([-0.35, 0.5, 0.8]) / np.sqrt(1.0125)  # light, in the axes of the picture
@@ -126,13 +127,22 @@ def _draw_directions(
         words = "no direction: every member is at rest"
         axes.text(0.5, 0.5, words, ha="center", transform=axes.transAxes)
         return
-    u, curves = _columns(v), [*paths.transpose(2, 0, 1)]
+    u, curves = _columns(v), _clear_paths(paths, v.shape[-1])
     cap = cap_around(2, np.concatenate([u, _columns(paths)], 1).T)
     if cap is not None:
         _draw_on_cap(axes, u, curves, names, lines[1], cap)
     else:
         _draw_globe(axes, u, curves, names, lines)
     _legend(axes)
+
+
+def _clear_paths(paths: Vectors, members: int) -> list[Curve]:
+    """Return the curves (n, 3) of paths, or as many as leave the density of the members visible."""
+    curves = [*paths.transpose(2, 0, 1)]
+    if members <= len(curves):
+        return curves
+    turned = float(np.nansum(np.linalg.norm(np.diff(paths, axis=0), axis=1)))
+    return [] if _is_coarse(curves) else curves[:1] if turned > LONG else curves
 
 
 def _columns(v: Vectors) -> NDArray[np.float64]:
@@ -183,7 +193,7 @@ def draw_ball(
     image : its colours (PIXELS, PIXELS, 3), instead of grey
     """
     draw_quadric(axes, names, on)
-    axes.set(xlim=(-1.15, 1.15), ylim=(-1.3, 1.45))
+    axes.set(xlim=(-1.3, 1.3), ylim=(-1.35, 1.45))
     rim = Circle((0.0, 0.0), RADIUS, facecolor="none", edgecolor="none")
     _draw_image(axes, _lit_ball() if image is None else image, rim)
     for curve in lines[0]:
@@ -227,7 +237,7 @@ def _over(image: NDArray[np.float64], layers: list[Layer], norm: LogNorm) -> NDA
     """Return an image with the colours of densities over it, the last one on top."""
     for density, opacity in layers:
         strength = opacity * (1.0 if density is layers[-1][0] else BEHIND)
-        colours = CROWD(norm(np.where(np.isfinite(density), density, norm.vmin)))[..., :3]
+        colours = CROWD(norm(np.nan_to_num(density)))[..., :3]
         image = image + strength[..., None] * (colours - image)
     return image
 
@@ -264,12 +274,14 @@ def _draw_on_cap(
     style: dict[str, Any] = {"linewidth": 0.8, "path_effects": HALO}
     if _is_coarse(paths):
         style = {"linestyle": "", "marker": ".", "markersize": 3}
-    for path in paths if len(paths[0]) > 2 else []:
+    for path in paths if paths and len(paths[0]) > 2 else []:
         draw_on_cap(axes, path, "single members", cap=cap, clip_path=rim, color=PATH, **style)
 
 
 def _is_coarse(paths: list[Curve]) -> bool:
     """Return whether the points of paths (n, 3) are too far apart to be joined."""
+    if not paths:
+        return False
     step = np.diff(np.stack(paths, -1), axis=0)
     length = np.linalg.norm(step, axis=1)
     along = np.nansum(step[1:] * step[:-1])

@@ -87,7 +87,7 @@ def tones_data() -> list[list[int]]:
 
 def pulls_data(effects: Iterable[Effect]) -> list[tuple[str, list[float]]]:
     """Return (name, direction) of gravity and of uniform fields, which a page draws as arrows."""
-    pulls = []
+    pulls = list[tuple[str, list[float]]]()
     for effect in effects:
         if isinstance(effect, Gravity):
             pulls.append(("g", [0.0, 0.0, -1.0]))

@@ -55,7 +55,7 @@ class Quadric(NamedTuple):
         right = np.cross(toward, np.eye(3)[np.argmin(np.abs(toward))])
         right /= np.linalg.norm(right)
         across = np.outer(np.cos(CIRCLE), right) + np.outer(np.sin(CIRCLE), np.cross(toward, right))
-        u = across
+        u: Vectors = across
         # each step is a factor EYE nearer: 3e-10 after 12
         for _ in range(12):
             sine = ((u @ self.turn.T) * self.points(u)).sum(-1, keepdims=True) / EYE

@@ -1,6 +1,8 @@
 """Solids and curves in perspective, drawn from far to near: the stage of the pages
 (`rigidmc/views/page/stage.js`) in the axes of matplotlib."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
@@ -94,12 +96,12 @@ class Stage:
         self._add(0.5 * (depth[1:] + depth[:-1]), pieces, clear, colours, np.full(count, width))
 
     def segment(
-        self, start: ArrayLike, end: ArrayLike, colour: str, width: float = 1.2, **options: object
+        self, start: ArrayLike, end: ArrayLike, colour: str, width: float = 1.2, **options: Any
     ) -> None:
         """Add a straight line between two points (3,)."""
         share = np.linspace(0.0, 1.0, 13)[:, None]
         line = (1.0 - share) * np.asarray(start) + share * np.asarray(end)
-        self.curve(line, colour, width, **options)  # type: ignore[arg-type]
+        self.curve(line, colour, width, **options)
 
     def arrow(self, end: ArrayLike, colour: str, width: float = 2.5) -> None:
         """Add an arrow from the middle to a point (3,)."""
@@ -126,7 +128,9 @@ class Stage:
     def end(self) -> None:
         """Draw all parts from far to near."""
         order = np.argsort(np.concatenate(self._depth), kind="stable")
-        self.polygons.set_verts(np.concatenate(self._corners)[order])
-        self.polygons.set_facecolor(np.concatenate(self._faces)[order])
-        self.polygons.set_edgecolor(np.concatenate(self._edges)[order])
-        self.polygons.set_linewidth(np.concatenate(self._widths)[order])
+        # the stubs of matplotlib know lists only
+        polygons: Any = self.polygons
+        polygons.set_verts(np.concatenate(self._corners)[order])
+        polygons.set_facecolor(np.concatenate(self._faces)[order])
+        polygons.set_edgecolor(np.concatenate(self._edges)[order])
+        polygons.set_linewidth(np.concatenate(self._widths)[order])

@@ -175,8 +175,8 @@ def sphere_density(ds: xr.Dataset) -> dict[str, Any]:
     size = np.linalg.norm(l, axis=1, keepdims=True)
     # at rest L = 0; dividing by 1 keeps it 0
     u = (l / np.where(size > 0.0, size, 1.0)).astype(np.float32)
-    from_pole, around = np.linspace(0.0, np.pi, GRID[0])[:, None], np.arange(GRID[1])
-    around = 2.0 * np.pi * around / GRID[1]
+    from_pole = np.linspace(0.0, np.pi, GRID[0])[:, None]
+    around = np.linspace(0.0, 2.0 * np.pi, GRID[1], endpoint=False)
     flat = np.sin(from_pole) * np.cos(around), np.sin(from_pole) * np.sin(around)
     grid = np.stack([*flat, np.broadcast_to(np.cos(from_pole), GRID)], -1).reshape(-1, 3)
     dense = np.empty((len(u), len(grid)))
