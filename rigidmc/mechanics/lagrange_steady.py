@@ -122,8 +122,8 @@ def steady_precession(
     Examples
     --------
     >>> slow, fast = rm.steady_precession((1.0, 1.0, 0.5), 1.0, 10.0, 0.4)
-    >>> slow.round(4), fast.round(4)
-    (np.float64(0.2079), np.float64(5.2206))
+    >>> slow.round(3), fast.round(3)
+    (np.float64(0.208), np.float64(5.221))
     """
     moments = floats(moments, "moments", 3)
     omega3, theta = floats(omega3, "omega3"), floats(theta, "theta")

@@ -110,7 +110,8 @@ def polhodes(
         on = _draw_family(axes, moments[0], l[0], surface, energies)
     for u, label, style in zip(curves, labels, line_styles(len(curves)), strict=True):
         if cap is not None:
-            draw_on_cap(axes, u, label, cap=cap, **style)
+            thin = {**style, "linewidth": 0.7}  # many turns of a wobble would fill a ring
+            draw_on_cap(axes, u, label, cap=cap, **thin)
             axes.plot(*cap_points(cap, u[:1]), "o", color=style["color"], markersize=6)
         elif np.isfinite(u).any():
             _draw_path(axes, u, label, on, style)
