@@ -99,9 +99,14 @@ def figure_of(axes: Axes) -> Figure:
     return cast(Figure, axes.figure)
 
 
-def add_title(axes: Axes, text: str, note: str = "", pad: float | None = None) -> None:
-    """Give axes a title, and below it in red a note on omissions from the picture."""
-    lines = [text, *([fill(note, 74)] if note else [])]
+def add_title(
+    axes: Axes, text: str, note: str = "", pad: float | None = None, wide: int = 74
+) -> None:
+    """Give axes a title, and below it in red a note on omissions from the picture.
+
+    wide : characters of a line of the note
+    """
+    lines = [text, *([fill(note, wide)] if note else [])]
     colour = ALARM if note else "black"
     axes.set_title("\n".join(lines), fontsize=9 if note else 10, pad=pad, color=colour)
 

@@ -37,6 +37,7 @@ from rigidmc.views.sphere import (
 
 COARSE = 0.8  # mean cosine of the angle between two steps of a path; below it a path becomes dots,
 # because lines would cut corners
+WIDE = 48  # characters of a line above a third of a summary
 LONG = 100.0  # rad of all paths, above which a picture shows one
 BEHIND = 0.3  # opacity of what lies behind the sphere
 RADIUS = EYE / np.sqrt(EYE**2 - 1.0)  # of the rim of the unit sphere in the picture
@@ -82,7 +83,7 @@ def momentum_density(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     _draw_directions(axes, shown[:, order], paths[:, order], (one, two, three), lines)
     note = "" if free else note_on(part, BODY)  # polhodes need no saves
     named = "principal" if is_described(ds) else "body"
-    add_title(axes, f"Direction of the angular momentum\nin {named} axes, {when}", note)
+    add_title(axes, f"Direction of the angular momentum\nin {named} axes, {when}", note, wide=WIDE)
     return figure_of(axes)
 
 
@@ -108,7 +109,7 @@ def axis_density(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     axes = axes or figure_of_result(ds, (6.4, 6.0)).add_subplot()
     shown = e3 if len(e3) > 2 else e3[-1:]
     _draw_directions(axes, shown, e3[..., drawn_members(e3)], ("x", "y", "z"), ([], []))
-    add_title(axes, f"Axis 3 of the body in space,\n{span(part)}", note_on(part, AXIS))
+    add_title(axes, f"Axis 3 of the body in space,\n{span(part)}", note_on(part, AXIS), wide=WIDE)
     return figure_of(axes)
 
 

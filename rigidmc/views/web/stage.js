@@ -209,31 +209,33 @@ class Density {
     return this;
   }
   // between the four nearest of the grid, from 0 to 1
-  value([x, y, z]) {
+  value(x, y, z) {
     const { rows, columns, values } = this, start = this.k * rows * columns;
     const row = Math.acos(clamp(z, -1, 1)) / Math.PI * (rows - 1), column = (Math.atan2(y, x) / (2 * Math.PI) + 1) * columns;
     const i = Math.min(Math.floor(row), rows - 2), v = row - i, j = Math.floor(column), w = column - j;
-    const one = start + i * columns, [a, b] = [j % columns, (j + 1) % columns];
+    const one = start + i * columns, a = j % columns, b = (j + 1) % columns;
     const over = (1 - w) * values[one + a] + w * values[one + b], under = (1 - w) * values[one + columns + a] + w * values[one + columns + b];
     return ((1 - v) * over + v * under) / 255;
   }
 }
 
-const FINEST = 420;   // pixels across the picture of a ball: 5 to 15 ms of painting
+const FINEST = 420;   // most pixels across the picture of a ball, which the page stretches
 function ballPicture(stage, radius, density) {
   const side = Math.min(FINEST, 2 * Math.ceil(radius)), far = NEAR * stage.reach, limb = far / Math.sqrt(far * far - 1);
   const canvas = document.createElement("canvas"), ramp = [rgb("--ball"), rgb("--crowd-middle"), rgb("--crowd")];
   canvas.width = canvas.height = side;
   const pen = canvas.getContext("2d"), image = pen.createImageData(side, side), { right, up, toward } = stage;
-  for (let row = 0; row < side; row++) for (let column = 0; column < side; column++) {
+  const [xr, yr, zr] = right, [xu, yu, zu] = up, [xt, yt, zt] = toward, [xl, yl, zl] = LAMP, paint = image.data;
+  for (let row = 0, at = 0; row < side; row++) for (let column = 0; column < side; column++, at += 4) {
     const x = ((column + 0.5) / side * 2 - 1) * limb, y = (1 - (row + 0.5) / side * 2) * limb;
     // where the line of sight through (x, y) meets the ball first; beside the ball, its rim
-    const length = Math.hypot(x, y, far), middle = far * far / length, inside = middle * middle - (far * far - 1);
+    const length = Math.sqrt(x * x + y * y + far * far), middle = far * far / length, inside = middle * middle - (far * far - 1);
     const near = (middle - Math.sqrt(Math.max(0, inside))) / length, depth = far * (1 - near);
-    const p = [0, 1, 2].map(k => near * (x * right[k] + y * up[k]) + depth * toward[k]);
-    const light = 0.84 + 0.16 * inner(p, LAMP), part = density ? 2 * density.value(p) : 0, k = part < 1 ? 0 : 1;
-    for (let c = 0; c < 3; c++) image.data[4 * (row * side + column) + c] = light * (ramp[k][c] + (part - k) * (ramp[k + 1][c] - ramp[k][c]));
-    image.data[4 * (row * side + column) + 3] = 255;
+    const px = near * (x * xr + y * xu) + depth * xt, py = near * (x * yr + y * yu) + depth * yt, pz = near * (x * zr + y * zu) + depth * zt;
+    const light = 0.84 + 0.16 * (px * xl + py * yl + pz * zl), part = density ? 2 * density.value(px, py, pz) : 0;
+    const low = ramp[part < 1 ? 0 : 1], high = ramp[part < 1 ? 1 : 2], share = part < 1 ? part : part - 1;
+    for (let c = 0; c < 3; c++) paint[at + c] = light * (low[c] + share * (high[c] - low[c]));
+    paint[at + 3] = 255;
   }
   pen.putImageData(image, 0, 0);
   return canvas;
