@@ -29,7 +29,7 @@ def add_links(app, docname, source):
         name = docname.rsplit("/", 1)[-1]
         links = f"{{nb-download}}`Notebook of this page <{name}.ipynb>`"
         if HAS_SOLUTIONS.search(source[0]):
-            links += f", {{nb-download}}`without solutions <{name}_exercises.ipynb>`"
+            links += f", {{nb-download}}`without solutions <{name}_without_solutions.ipynb>`"
         source[0] = re.sub(r"(?m)^(# .+\n)", rf"\1\n{links}\n", source[0], count=1)
 
 
@@ -66,7 +66,8 @@ def convert(app, doctree):
             cell.source = in_jupyter(cell.source)
     nbformat.write(notebook, path)
     if any(map(is_solution, notebook.cells)):
-        nbformat.write(without_solutions(notebook), path.with_stem(f"{path.stem}_exercises"))
+        bare = path.with_stem(f"{path.stem}_without_solutions")
+        nbformat.write(without_solutions(notebook), bare)
 
 
 def setup(app):

@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = """(top)=
 # A title
 
-{nb-download}`Notebook of this page <a.ipynb>`, {nb-download}`without solutions <a_exercises.ipynb>`
+{nb-download}`Notebook of this page <a.ipynb>`, {nb-download}`without solutions <b.ipynb>`
 
 See {eq}`euler`, {doc}`the units <../how_to/units>` and {doc}`tables`.
 
