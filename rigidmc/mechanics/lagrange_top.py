@@ -220,7 +220,7 @@ def analyse_lagrange_top(
     """
     table, columns, shape, bad, below = _orbits(moments, weight, momentum, attitude, axis)
     found = _turned_back(_nutation(LagrangeOrbit(*table.T), columns, bad), below)
-    return NutationRange(*(np.reshape(v, shape) for v in found))
+    return NutationRange._make(np.reshape(v, shape) for v in found)
 
 
 def _nutation(o: Any, columns: _Floats, bad: NDArray[np.bool_]) -> NutationRange:

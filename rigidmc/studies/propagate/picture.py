@@ -1,6 +1,7 @@
 """The picture of a propagated covariance: ellipses on members of the ensemble."""
 
 import math
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -83,7 +84,8 @@ def cut_linear(axes: Axes, members: Array, linear: Array, sampled: Array) -> flo
     members, linear, sampled : points (2, n) of members and of the largest ellipses
     """
     widest, shown = 1.0, np.concatenate([members, sampled, np.zeros((2, 1))], axis=1)
-    for limit, some, line in zip((axes.set_xlim, axes.set_ylim), shown, linear, strict=True):
+    limits: tuple[Any, Any] = axes.set_xlim, axes.set_ylim
+    for limit, some, line in zip(limits, shown, linear, strict=True):
         low, high = np.nanmin(some), np.nanmax(some)
         # a row that does not vary has no width
         ratio = np.ptp(line) / (high - low) if high > low else 1.0
