@@ -58,11 +58,11 @@ def momentum_density(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
 
     The picture shows the momentum sphere in perspective, with the axis of the middle moment upward
     (for a symmetric body, the symmetry axis); directions behind the sphere are faint. If all
-    directions are near that axis, it shows a cap around it, see `rigidmc.views.caps`. The density
-    includes all saves, or only the last of two. The path of a free body is its polhode, the
-    curve of constant energy and ``|L|^2`` through its start; under torques the path joins the
-    saves. If all members have the same body, the picture shows its polhodes at other energies, and
-    the separatrices 2 T I_mid = L^2 of an asymmetric one.
+    directions lie close to that axis, it shows the cap around it from above, with the angle of its
+    rim. The density includes all saves, or only the last of two. The path of a free body is its
+    polhode, the curve of constant energy and ``|L|^2`` through its start; under torques the path
+    joins the saves. If all members have the same body, the picture shows its polhodes at other
+    energies, and the separatrices 2 T I_mid = L^2 of an asymmetric one.
 
     The axes are the principal axes, in which polhodes are simple, whatever the axes of the result.
 

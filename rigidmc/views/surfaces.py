@@ -103,7 +103,7 @@ def member_body(ds: xr.Dataset, body: Body) -> tuple[Floats, float, Floats]:
     """Return (moments (3,), mass, centre of mass (3,) in principal axes) of the first member."""
     one = in_principal_axes(ds.isel(member=[0])).isel(member=0)
     moments = np.asarray(one.moments.values, dtype=float)
-    mass = one.mass.item() if "mass" in one else body.mass
+    mass = float(one.mass.values) if "mass" in one else body.mass
     centre = one.centre.values if "centre" in one else body.to_principal(body.centre)
     return moments, float(mass), np.asarray(centre, dtype=float)
 
