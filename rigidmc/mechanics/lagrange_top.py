@@ -219,7 +219,7 @@ def analyse_lagrange_top(
     cusps 1.348585
     """
     table, columns, shape, bad, below = _orbits(moments, weight, momentum, attitude, axis)
-    found = _turned_back(_nutation(LagrangeOrbit(*table.T), columns, bad), below)
+    found: Any = _turned_back(_nutation(LagrangeOrbit(*table.T), columns, bad), below)
     return NutationRange(*(np.reshape(v, shape) for v in found))
 
 
