@@ -133,7 +133,7 @@ def steady_precession(
         # the larger root first, which does not cancel
         root = np.copysign(np.sqrt(spin**2 - 4.0 * rise * weight), spin)
         larger = 0.5 * (spin + root)
-        slow = np.where(larger == 0.0, np.nan, weight / larger)
+        slow = np.where(larger == 0.0, np.nan, weight / larger)[()]  # a scalar of scalars
         return SteadyPrecession(slow, larger / rise)
 
 

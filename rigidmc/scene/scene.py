@@ -35,7 +35,7 @@ class Scene(Parts):
         ----------
         source : path_like
             the file, name or directory
-        settings : sequence of (str, value), optional
+        settings : dict or sequence of (str, value), optional
             dotted keys and values that override values of the file
         allow_code : bool, optional
             whether to run the Python files with the scene's custom effects and observables. For

@@ -281,7 +281,8 @@ def _attitude(value: Any) -> Any:
     """Return an attitude that is not a distribution, with its numbers checked."""
     if isinstance(value, str):
         if value not in ("uniform", "ensemble"):
-            raise unknown("attitude", ["uniform", "ensemble"], at="start.attitude", value=value)
+            known = ["uniform", "ensemble", "3 Euler angles", "a quaternion", "a matrix"]
+            raise unknown("attitude", known, at="start.attitude", value=value)
         return value
     if hasattr(value, "as_quat"):  # scipy's Rotation
         value = _components_of(np.asarray(value.as_quat(scalar_first=True)))

@@ -202,12 +202,19 @@ def euler_curves(attitude: NDArray[np.float64]) -> tuple[NDArray[np.float64], ..
 
 
 def mean_rate(t: NDArray[np.float64], angle: NDArray[np.float64]) -> float:
-    """Return the mean rate of an angle, by least squares [rad/s]: the values at the ends alone are
-    anywhere in a nutation."""
+    """Return the mean rate of an angle [rad/s], by least squares with the weights sin^2(pi t/T).
+
+    The values at the ends are anywhere in a nutation. Over four nutations of amplitude A in phi,
+    the rate is wrong by up to 0.08 A/T; with equal weights it would be 0.47 A/T.
+    """
     there = np.isfinite(angle)
     if np.count_nonzero(there) < 2:
         return 0.0
-    return float(np.polyfit(t[there] - t[0], angle[there], 1)[0])
+    passed = t[there] - t[there][0]
+    # half a save time beyond each end, so that two values have weights, too
+    edge = 0.5 * passed[-1] / (passed.size - 1)
+    weight = np.sin(np.pi * (passed + edge) / (passed[-1] + 2.0 * edge))
+    return float(np.polyfit(passed, angle[there], 1, w=weight)[0])
 
 
 def euler_angles(

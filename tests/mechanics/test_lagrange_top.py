@@ -182,6 +182,7 @@ def test_a_horizontal_axis_has_one_steady_precession():
         assert slow == pytest.approx(K / (I[2] * 4.0), rel=1e-15) and np.isinf(fast)  # k/(I3 w3)
         assert np.isnan(steady_precession(I, K, 0.0, theta)).all()
     slow, fast = steady_precession(I, K, 4.0, np.arccos(1e-12))
+    assert isinstance(slow, np.float64) and isinstance(fast, np.float64)  # slow was an array ()
     assert fast == pytest.approx(4.0 * I[2] / (I[0] * 1e-12), rel=1e-3)  # measured 9e-5
 
 

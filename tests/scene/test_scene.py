@@ -209,7 +209,9 @@ def test_a_misspelt_name_gets_the_nearest():
 
 
 def test_a_setting_names_a_component():
-    scene = rm.Scene.load("heavy_top", [("start.omega.3", "300"), ("body.pivot.3", "-0.05")])
+    settings = [("start.omega.3", "300"), ("body.pivot.3", "-0.05")]
+    scene = rm.Scene.load("heavy_top", settings)
+    assert rm.Scene.load("heavy_top", dict(settings)).dumps() == scene.dumps()
     assert scene.start.omega == (0.0, 0.0, 300.0) and scene.body.centre[2] == pytest.approx(0.05)
     for key in ("start.omega.4", "start.omega.x", "start.omega.3.1"):
         with pytest.raises(rm.SceneError, match=r"component|table"):

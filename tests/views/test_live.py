@@ -125,6 +125,14 @@ def test_a_page_is_used(browser, tmp_path):
     again = opened(browser, path, hash_=found)
     assert again.evaluate("SLIDERS[0].value") == value
     assert again.evaluate("document.getElementById('inside').value") == "ellipsoid"
+    # two fingers that move apart zoom the picture and do not turn it
+    touched = again.context.new_cdp_session(again)
+    box = again.locator("#body").bounding_box()
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    for kind, half in (("touchStart", 40), ("touchMove", 80), ("touchEnd", None)):
+        fingers = [{"x": x + s * half, "y": y, "id": s + 1} for s in (-1, 1)] if half else []
+        touched.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
+    again.wait_for_function("Math.abs(stages.body.zoom - 2) < 1e-6")
     page.keyboard.press("d")
     assert page.evaluate("document.documentElement.classList.contains('dark')")
     assert page.faults == [] and again.faults == []

@@ -5,7 +5,7 @@ A result contains the text of its scene, and the rows to which the text refers (
 
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,7 +37,8 @@ from rigidmc.units import list_text
 if TYPE_CHECKING:
     import xarray as xr
 
-Settings = Sequence[tuple[str, str]]  # (dotted key, value as TOML or as a plain word)
+# (dotted key, value as TOML or as a plain word)
+Settings = Sequence[tuple[str, str]] | Mapping[str, str]
 
 
 class _File(Table):
@@ -75,6 +76,7 @@ def read_parts(
 ) -> dict[str, Any]:
     """Return the fields of the scene in a TOML text; see `rigidmc.scene.scene.loads`."""
     data = toml(text)
+    settings = tuple(settings.items()) if isinstance(settings, Mapping) else settings
     for key, value in settings:
         _set(data, key, value)
     overridden = {key.split(".")[1] for key, _ in settings if key.startswith("run.")}

@@ -259,7 +259,7 @@ function draw() {
   $("note").className = flagged[1] ? "bad" : "";
   $("note").textContent = flagged[1] ? `Flagged: ${flagged[0].replaceAll("_", " ")}; the body stays at its last good state.`
     : `${DATA.integrator}, step ${nice(+state.h.toPrecision(4))} s, ${state.step.toLocaleString("en")} steps, computed in this page with the same `
-      + `bits as the command line${state.fused ? "" : " (this machine has no fused multiply-add: slower)"}. Drag to turn, scroll to zoom.`;
+      + `bits as the command line${state.fused ? "" : " (this machine has no fused multiply-add: slower)"}. Drag to turn, scroll or pinch to zoom.`;
 }
 function drawCharts() {
   const { samples } = state, t = samples.map(s => s.time);

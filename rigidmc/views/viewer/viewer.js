@@ -125,7 +125,7 @@ function choose(k) {
   page.speed = listSpeeds(m.rate > 0 ? SHOWN_RATE / m.rate : 1);
   $("note").textContent = `Member ${m.index}: ${m.status === "ok" ? "" : `flagged (${m.status}), frozen at its last good state; `}` +
     `${m.frames.toLocaleString("en")} frames of ${+m.end.toPrecision(4)} s, ${m.steps}` +
-    `${m.whole ? "" : "; the run continues after that"}. Drag to rotate, scroll to zoom; space plays, arrows step.`;
+    `${m.whole ? "" : "; the run continues after that"}. Drag to rotate, scroll or pinch to zoom; space plays, arrows step.`;
   redraw();
 }
 

@@ -44,14 +44,20 @@ class Stage extends Canvas {
   constructor(node, azimuth, height, reach, changed) {
     super(node);
     Object.assign(this, { azimuth, elevation: height, reach, zoom: 1, parts: [] });
-    let from = null;
-    node.addEventListener("pointerdown", event => { from = [event.clientX, event.clientY]; node.setPointerCapture(event.pointerId); });
-    node.addEventListener("pointerup", () => { from = null; });
+    const held = new Map();                  // pointer: its place; one turns the stage, two zoom it
+    const apart = () => { const [a, b] = held.values(); return Math.hypot(a[0] - b[0], a[1] - b[1]); };
+    node.addEventListener("pointerdown", event => { held.set(event.pointerId, [event.clientX, event.clientY]); node.setPointerCapture(event.pointerId); });
+    for (const end of ["pointerup", "pointercancel"]) node.addEventListener(end, event => { held.delete(event.pointerId); });
     node.addEventListener("pointermove", event => {
+      const from = held.get(event.pointerId), to = [event.clientX, event.clientY];
       if (!from) return;
-      this.azimuth -= 0.01 * (event.clientX - from[0]);
-      this.elevation = clamp(this.elevation + 0.01 * (event.clientY - from[1]), -1.5, 1.5);
-      from = [event.clientX, event.clientY];
+      const before = held.size === 2 ? apart() : 0;
+      held.set(event.pointerId, to);
+      if (before > 0) this.zoom = clamp(this.zoom * apart() / before, 0.4, 4);
+      if (held.size === 1) {
+        this.azimuth -= 0.01 * (to[0] - from[0]);
+        this.elevation = clamp(this.elevation + 0.01 * (to[1] - from[1]), -1.5, 1.5);
+      }
       changed();
     });
     node.addEventListener("wheel", event => {
