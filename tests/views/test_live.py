@@ -163,6 +163,13 @@ def test_sliders_are_refused_by_name():
         rm.live(TOP, members=2000)
 
 
+def test_an_angle_in_a_list_is_set_by_name():
+    top = rm.Scene.load("sleeping_top", [("start.attitude.theta", "60 deg")])
+    assert top.start.attitude == (0.0, pytest.approx(math.pi / 3), 0.0)
+    with pytest.raises(rm.SceneError, match="from 1 to 3, or phi, theta, psi"):
+        rm.Scene.load("sleeping_top", [("start.attitude.tetha", "0.1")])
+
+
 def test_the_command_writes_a_page(tmp_path):
     path = tmp_path / "top.html"
     words = ["view", "heavy_top", "--live", "--slider", "effects.gravity.g=0:20", "-o", str(path)]
