@@ -311,16 +311,18 @@ def _live_page(
     live(scene, name, asked, count[0] if count else None, force)
 
 
-def _slider(text: str) -> tuple[str, tuple[float, float] | None]:
+def _slider(text: str) -> tuple[str, tuple[str, str] | None]:
     """Read NAME or NAME=LOW:HIGH; OptionError."""
     name, has_ends, ends = text.partition("=")
     if not has_ends:
         return name, None
-    try:
-        low, high = map(float, ends.split(":"))
-    except ValueError:
-        rule = "expected NAME or NAME=LOW:HIGH, e.g. body.moments.2=1:3"
-        raise OptionError(rule, at="slider", value=text) from None
+    low, colon, high = ends.partition(":")
+    if not (low and colon and high) or ":" in high:
+        rule = (
+            "expected NAME or NAME=LOW:HIGH, e.g. body.moments.2=1:3 or"
+            " start.attitude.theta=0deg:60deg"
+        )
+        raise OptionError(rule, at="slider", value=text)
     return name, (low, high)
 
 

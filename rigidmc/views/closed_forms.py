@@ -204,8 +204,8 @@ def euler_curves(attitude: NDArray[np.float64]) -> tuple[NDArray[np.float64], ..
 def mean_rate(t: NDArray[np.float64], angle: NDArray[np.float64]) -> float:
     """Return the mean rate of an angle [rad/s], by least squares with the weights sin^2(pi t/T).
 
-    The values at the ends are anywhere in a nutation. Over four nutations of amplitude A in phi,
-    the rate is wrong by up to 0.08 A/T; with equal weights it would be 0.47 A/T.
+    The values at the ends are anywhere in a nutation. Small weights there keep the rate right once
+    a few nutations are in the picture.
     """
     there = np.isfinite(angle)
     if np.count_nonzero(there) < 2:

@@ -17,8 +17,6 @@ from matplotlib.patches import ConnectionPatch
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
-from rigidmc.engine.compiler.compose import NumbaError
-from rigidmc.errors import RigidmcError
 from rigidmc.figures import (
     BAND,
     CORE,
@@ -90,7 +88,7 @@ def _flight(ds: xr.Dataset, part: xr.Dataset) -> Flight | None:
     """Return the motion of a typical member; None if the result cannot tell it."""
     try:
         return flight(ds, part)
-    except (RigidmcError, NumbaError, AttributeError, KeyError, TypeError, ValueError):
+    except ValueError:
         return None
 
 

@@ -8,8 +8,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rigidmc.engine.compiler.compose import NumbaError
-from rigidmc.errors import RigidmcError
 from rigidmc.figures import GREY, INK, PATH, add_title, figure_of
 from rigidmc.mechanics.free_top import solve_free_top
 from rigidmc.mechanics.rotation import matrix, to_space
@@ -64,7 +62,7 @@ def snapshots(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     """
     try:
         one = flight(ds)
-    except (RigidmcError, NumbaError, AttributeError, TypeError, KeyError) as error:
+    except ValueError as error:
         raise ValueError(f"snapshots needs a result with its scene ({error})") from None
     axes = axes or figure_of_result(ds, (10.0, 2.2)).add_subplot()
     draw_flight(ds, one, axes)
@@ -79,8 +77,8 @@ def has_angle(ds: xr.Dataset) -> bool:
 
 
 def flight(ds: xr.Dataset, part: xr.Dataset | None = None) -> Flight:
-    """Return the motion of a typical member and the instants to show; ValueError, RigidmcError or
-    AttributeError if it cannot be computed.
+    """Return the motion of a typical member and the instants to show; ValueError if it cannot be
+    computed, as without a scene, or without states and permission to run custom code.
 
     part : sample of the result, see `rigidmc.views.sample`
     """
@@ -115,6 +113,8 @@ def _free_path(one: xr.Dataset) -> MemberPath:
     """Return the motion of a free body in closed form from its start."""
     from rigidmc.views.polhodes import starts_of
 
+    if "start_omega" not in one and "start_momentum" not in one:
+        raise ValueError("the result does not hold the start of its members")
     own = in_principal_axes(one)
     moments, l, q = (v[0] for v in starts_of(own))
     rate = float(np.linalg.norm(l) / moments.min())

@@ -1,6 +1,7 @@
 """Pages that compute: bits, sliders, links and scenes, in headless Chromium."""
 
 import json
+import math
 import re
 import shutil
 import time
@@ -95,6 +96,11 @@ def test_a_page_has_the_bits_of_the_processor(browser, tmp_path):
     assert moved(page, STEPS) == tuple(computed(with_parameters(TOP, values)))
     saved = rm.Scene.loads(page.evaluate("scene()"))
     assert moved(page, STEPS) == tuple(computed(saved))
+    assert "No mass distribution" not in page.inner_text("#note")
+    assert page.evaluate("SLIDERS[0].name") == "body.moments.2"
+    page.evaluate("SLIDERS[0].set(4.0)")  # less 2 kg (0.3 m)^2: 3.82 > 1.82 + 1
+    moved(page, 10)
+    assert "No mass distribution has these moments: I_i <= I_j + I_k" in page.inner_text("#note")
     assert page.faults == []
 
 
@@ -157,20 +163,33 @@ def test_sliders_are_refused_by_name():
         rm.live(TOP, sliders={"body.mass": (2.0, 1.0)})
     with pytest.raises(OptionError, match="must be above 0"):
         rm.live(TOP, sliders={"body.mass": (-1.0, 1.0)})
+    with pytest.raises(OptionError, match="more than a turn: in degrees, write 60deg"):
+        rm.live("heavy_top", sliders={"start.attitude.theta": (0.0, 60.0)})
+    with pytest.raises(OptionError, match="two numbers, or text with its unit"):
+        rm.live(TOP, sliders={"effects.gravity.g": ("0", "much")})
     with pytest.raises(OptionError, match="1 to 1,000 members"):
         rm.live(TOP, members=2000)
+
+
+def test_an_angle_in_a_list_is_set_by_name():
+    top = rm.Scene.load("sleeping_top", [("start.attitude.theta", "60 deg")])
+    assert top.start.attitude == (0.0, pytest.approx(math.pi / 3), 0.0)
+    with pytest.raises(rm.SceneError, match="from 1 to 3, or phi, theta, psi"):
+        rm.Scene.load("sleeping_top", [("start.attitude.tetha", "0.1")])
 
 
 def test_the_command_writes_a_page(tmp_path):
     path = tmp_path / "top.html"
     words = ["view", "heavy_top", "--live", "--slider", "effects.gravity.g=0:20", "-o", str(path)]
+    words += ["--slider", "start.attitude.theta=0deg:90 deg"]
     found = CliRunner().invoke(app, words)
     assert found.exit_code == 0 and str(path) in found.output
     data = json.loads(
         re.search(r'<script id="data"[^>]*>(.*?)</script>', path.read_text(), re.S)[1]
     )
     assert [(s["name"], s["low"], s["high"]) for s in data["sliders"]] == [
-        ("effects.gravity.g", 0, 20)
+        ("effects.gravity.g", 0, 20),
+        ("start.attitude.theta", 0, pytest.approx(math.pi / 2)),
     ]
     found = CliRunner().invoke(app, ["view", "heavy_top", "--slider", "body.mass"])
     assert found.exit_code == 3 and "is for --live" in found.output

@@ -45,6 +45,8 @@ def test_a_handle_is_drawn_while_it_flips():
 def test_a_result_without_its_scene_has_no_body():
     scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), start=rm.Start(omega=(0.1, 1.0, 0.0)))
     ds = rm.simulate(scene, "closed", t_end=1.0, every=0.1, members=2, save=("omega",))
+    with pytest.raises(ValueError, match="does not hold the start"):
+        snapshots.snapshots(ds.drop_vars("start_omega"))
     del ds.attrs["scene"]
     with pytest.raises(ValueError, match="with its scene"):
         snapshots.snapshots(ds)

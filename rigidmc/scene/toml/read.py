@@ -15,6 +15,7 @@ from rigidmc.errors import FileError, PartError, SceneError, unknown
 from rigidmc.files.opening import is_zarr
 from rigidmc.files.reading import toml
 from rigidmc.files.user_code import source_of
+from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import Effect, user_parameters
@@ -112,10 +113,16 @@ def _run(table: dict[str, Any], overridden: set[str], of_result: bool) -> Run:
 
 
 def _put(components: list[Any], dotted: str, value: Any) -> None:
-    """Set the component named by the last word of a key, such as start.omega.3; SceneError."""
-    word = dotted.split(".")[-1]
+    """Set the component named by the last word of a key, such as start.omega.3 or
+    start.attitude.theta; SceneError."""
+    whole, _, word = dotted.rpartition(".")
+    angles = angle_names() if whole == "start.attitude" else ()
+    if word in angles:
+        word = str(angles.index(word) + 1)
     if not word.isdigit() or not 1 <= int(word) <= len(components):
         rule = f"expected a component from 1 to {len(components)}"
+        if angles:
+            rule += f", or {', '.join(angles)}"
         raise SceneError(rule, at=dotted, table="", value=value)
     components[int(word) - 1] = value
 

@@ -35,6 +35,15 @@ function bodyOf(member) {
   }
   return own;
 }
+// why no body has the moments of a member, as the command line says it; "" if one has them
+function impossible(member) {
+  const { moments, mass, centre: c } = bodyOf(member);
+  // about the centre of mass; the rounding of a flat body may exceed the sum by 1e-12
+  const own = moments.map((x, k) => x - mass * (inner(c, c) - c[k] * c[k])), sum = own[0] + own[1] + own[2];
+  if (own.every(x => x >= -1e-12 * Math.max(...moments) && 2 * x - sum <= 1e-12 * Math.max(...moments))) return "";
+  const about = inner(c, c) > 0 ? " about the centre of mass" : "";
+  return `No mass distribution has these moments: I_i <= I_j + I_k, but (${own.map(x => nice(+x.toPrecision(4))).join(", ")}) kg m²${about}.`;
+}
 function startRows() {
   const rows = Float64Array.from(BLOCK), changed = SLIDERS.filter(isMoved);
   const of = (...kinds) => changed.filter(slider => kinds.includes(slider.kind));
@@ -82,12 +91,13 @@ const TURN = 0.12;       // largest turn between two samples [rad]
 const BATCH = 48;        // most samples between two pictures
 const OWN_TURN = 1.3 * Math.max(0.1, rateOf(BLOCK) * DATA.h);   // of a step [rad]
 const state = { run: 0, step: 0, h: DATA.h, rate: 0, playing: false, speed: 1, time: 0, members: 1, busy: false, frames: 0,
-  samples: [], ready: false, others: null, body: bodyOf(0), status: 0, goal: 0 };
+  samples: [], ready: false, others: null, body: bodyOf(0), why: "", status: 0, goal: 0 };
 let worker;
 
 function begin(time = 0) {
   const rows = startRows();
   state.body = bodyOf(0);
+  state.why = SLIDERS.some(s => isMoved(s) && ["moments", "mass", "centre"].includes(s.kind)) ? impossible(0) : "";
   state.rate = rateOf(rows);
   // a faster spin halves the step until a step turns no farther than in the scene itself
   state.h = DATA.h;
@@ -256,10 +266,10 @@ function draw() {
   drawCharts();
   $("clock").textContent = `${s.time.toPrecision(4)} s`;
   const flagged = Object.entries(DATA.statuses).find(([, code]) => code === state.status);
-  $("note").className = flagged[1] ? "bad" : "";
-  $("note").textContent = flagged[1] ? `Flagged: ${flagged[0].replaceAll("_", " ")}; the body stays at its last good state.`
+  $("note").className = flagged[1] || state.why ? "bad" : "";
+  $("note").textContent = (state.why && `${state.why} `) + (flagged[1] ? `Flagged: ${flagged[0].replaceAll("_", " ")}; the body stays at its last good state.`
     : `${DATA.integrator}, step ${nice(+state.h.toPrecision(4))} s, ${state.step.toLocaleString("en")} steps, computed in this page with the same `
-      + `bits as the command line${state.fused ? "" : " (this machine has no fused multiply-add: slower)"}. Drag to turn, scroll or pinch to zoom.`;
+      + `bits as the command line${state.fused ? "" : " (this machine has no fused multiply-add: slower)"}. Drag to turn, scroll or pinch to zoom.`);
 }
 function drawCharts() {
   const { samples } = state, t = samples.map(s => s.time);

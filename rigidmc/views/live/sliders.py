@@ -18,11 +18,11 @@ from rigidmc.scene.body import Body
 from rigidmc.scene.parameters import with_parameter
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.units import units_of
+from rigidmc.scene.units import hint_of_units, in_si, units_of
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 Floats = NDArray[np.float64]
-Range = tuple[float, float]
+Range = tuple[float | str, float | str]  # a text may have a unit, as "60 deg"
 WIDE = 3.0  # a slider reaches from a third of its number to three times it
 _LETTERS = {"phi": "φ", "theta": "θ", "psi": "ψ"}
 _INDICES = "₁₂₃"
@@ -57,7 +57,8 @@ def make_sliders(
     """Return the sliders of a page.
 
     start : the numbers that members are built from, see `rigidmc.planning.initial`
-    asked : {name: ends, None for a third to three times}; None for moments, spin, lean and gravity
+    asked : {name: ends, in SI units or texts with a unit, None for a third to three times}; None
+        for moments, spin, lean and gravity
     Raises OptionError for a name that no slider can move, with the reason.
     """
     known = {slider.name: slider for slider in _all(scene, start)}
@@ -72,8 +73,23 @@ def make_sliders(
         if name not in known:
             kind = "number that a slider can move"
             raise unknown(kind, known, at="slider", value=name, error=OptionError)
-        made.append(known[name] if ends is None else _between(known[name], *ends))
+        slider = known[name]
+        if ends is not None:
+            slider = _between(slider, *(_end(scene, name, end) for end in ends))
+        made.append(slider)
     return made
+
+
+def _end(scene: Scene, name: str, end: float | str) -> float:
+    """Return the end of a slider in SI units; OptionError."""
+    at, units = f"slider.{name}", units_of(scene, name)
+    try:
+        return float(in_si(end, units, at))
+    except SceneError as error:
+        raise OptionError(error.rule, at=at, value=end) from None
+    except ValueError:
+        rule = f"expected LOW:HIGH, two numbers{hint_of_units(units)}"
+        raise OptionError(rule, at=at, value=end) from None
 
 
 def _between(slider: Slider, low: float, high: float) -> Slider:
@@ -84,6 +100,9 @@ def _between(slider: Slider, low: float, high: float) -> Slider:
     for end in (low, high):
         if slider.kind in ("moments", "mass") and not end > 0.0:
             raise OptionError("must be above 0", at=f"slider.{slider.name}", value=end)
+        if slider.kind == "angle" and abs(end) > 2.0 * math.pi:
+            rule = f"is more than a turn: in degrees, write {end:g}deg"
+            raise OptionError(rule, at=f"slider.{slider.name}", value=f"{end:g} rad")
     return slider._replace(low=low, high=high)
 
 
