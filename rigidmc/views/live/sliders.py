@@ -196,7 +196,7 @@ def _units(scene: Scene, name: str) -> str:
     return {"1": "", "kg m2": "kg m²", "rad s-1": "rad/s", "m s-2": "m/s²"}.get(unit, unit)
 
 
-def _ends(kind: str, given: float, values: Floats, spin: float) -> Range:
+def _ends(kind: str, given: float, values: Floats, spin: float) -> tuple[float, float]:
     """Return the ends of a slider around its number; spin : largest component of the spin."""
     if kind == "spin" and abs(given) < 0.1 * spin:
         return -0.3 * spin, 0.3 * spin
