@@ -6,6 +6,7 @@ import re
 import shutil
 import time
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -14,6 +15,7 @@ from rigidmc.cli import app
 from rigidmc.errors import OptionError
 from rigidmc.scene.parameters import with_parameters
 from rigidmc.views.live.engine import live_run
+from rigidmc.views.live.sliders import make_sliders
 
 BROWSER = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
@@ -169,6 +171,20 @@ def test_sliders_are_refused_by_name():
         rm.live(TOP, sliders={"effects.gravity.g": ("0", "much")})
     with pytest.raises(OptionError, match="1 to 1,000 members"):
         rm.live(TOP, members=2000)
+
+
+@pytest.mark.parametrize("name", ["heavy_top", "gyrostat_wheel", "tennis_racket", "kapitza_top"])
+def test_bodies_at_the_ends_of_sliders_exist(name):
+    """The racket is nearly flat, the rod thin: their own moments are close to an end."""
+    prepared = live_run(rm.Scene.load(name), 1)
+    start = prepared.start
+    moments, mass, centre = start["moments"][:, 0], start["mass"].reshape(-1)[0], start["centre"]
+    offset = mass * ((centre[:, 0] ** 2).sum() - centre[:, 0] ** 2)
+    for slider in make_sliders(prepared.run.scene, start, None):
+        for end in (slider.low, slider.high) if slider.kind == "moments" else ():
+            own = np.where(np.arange(3) == slider.place, end, moments) - offset
+            assert 2.0 * own.max() <= own.sum() * (1.0 + 1e-12)
+            assert slider.low <= slider.given <= slider.high and slider.low < slider.high
 
 
 def test_an_angle_in_a_list_is_set_by_name():

@@ -189,13 +189,14 @@ const ballTones = () => Array.from({ length: BALL.length / 9 }, (_, k) => {
 const SHAPE = { corners: new Float32Array(bytes(DATA.shape.corners).buffer), tones: DATA.shape.faces.map(tone => DATA.tones[tone]) };
 const UNIT = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
 const stretched = ([a, b, c], [x, y, z] = [0, 0, 0]) => [a, 0, 0, x, 0, b, 0, y, 0, 0, c, z];
-// the ellipsoid of uniform density with these moments; the shape itself until its moments change
+// the ellipsoid of uniform density with these moments, as large as the picture; the shape itself until its moments change
 function form() {
   const { moments: i, mass, centre: c } = state.body, isOwn = !SLIDERS.some(s => isMoved(s) && ["moments", "mass", "centre"].includes(s.kind));
   if (isOwn) return { corners: SHAPE.corners, tones: SHAPE.tones, form: DATA.shape.form };
   const own = i.map((x, k) => x - mass * (inner(c, c) - c[k] * c[k])), sum = own[0] + own[1] + own[2];
   const axes = own.map(x => Math.sqrt(Math.max(2.5 * (sum - 2 * x) / mass, 0))), thick = axes.map(a => Math.max(a, 0.03 * Math.max(...axes)));
-  return { corners: BALL, tones: ballTones(), form: stretched(thick.map(a => a * DATA.shape.scale), c.map(x => x * DATA.shape.scale)) };
+  const scale = 1 / Math.max(...thick.map((a, k) => Math.hypot(...c.map((x, n) => n === k ? Math.abs(x) + a : x))));
+  return { corners: BALL, tones: ballTones(), form: stretched(thick.map(a => scale * a), c.map(x => scale * x)) };
 }
 
 const trail = () => $("trace").checked ? state.samples : state.samples.slice(-1);

@@ -146,6 +146,8 @@ def _all(scene: Scene, start: Mapping[str, Floats]) -> list[Slider]:
             unit, by = "°", 180.0 / math.pi
         given = float(values[0] if own else values.mean())
         low, high = _ends(kind, given, values, spin)
+        if kind == "moments":
+            low, high = _possible(start, place, given, low, high)
         row = place if kind == "effect" else 0
         made.append(
             Slider(
@@ -207,6 +209,22 @@ def _ends(kind: str, given: float, values: Floats, spin: float) -> tuple[float, 
     if given > 0.0:
         return given / WIDE, given * WIDE
     return -WIDE * largest, WIDE * largest
+
+
+def _possible(
+    start: Mapping[str, Floats], k: int, given: float, low: float, high: float
+) -> tuple[float, float]:
+    """Return the part of a slider of moment k where all members can exist, with their other moments
+    J about the centre of mass: ``|J_i - J_j| <= J_k <= J_i + J_j``.
+    """
+    values, centre = start["moments"], start["centre"]
+    shift = start["mass"].reshape(-1) * ((centre**2).sum(0) - centre**2)
+    own = values - shift
+    one, two = (own[i] for i in range(3) if i != k)
+    # a slider gives four digits, which may lie beyond an end by 5e-4 of it
+    least = given + float((np.abs(one - two) * (1.0 + 1e-3) - own[k]).max())
+    most = given + float(((one + two) * (1.0 - 1e-3) - own[k]).min())
+    return min(given, max(low, least)), max(given, min(high, most))
 
 
 def template(scene: Scene, sliders: Sequence[Slider]) -> tuple[str, dict[str, str]]:
