@@ -43,8 +43,8 @@ def live(
         HTML file to write
     sliders : dict, optional
         {name of a number, as `--set` says: (low, high) in SI units or as text with a unit, such as
-        ``("0 deg", "60 deg")``, None for a third to three times}; by default moments, spin, lean
-        and gravity
+        ``("0 deg", "60 deg")``, None for a third to three times, of moments only where bodies
+        exist}; by default moments, spin, lean and gravity
     members : int, optional
         how many members the page can show, at most 1,000; by default one, or all up to 1,000 if
         members differ
