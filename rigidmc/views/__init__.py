@@ -38,7 +38,7 @@ PICTURES = {
     "polhodes": (
         "polhodes",
         'the directions of the momentum in the body; surface="ellipsoid" draws omega instead, and'
-        " energies=[...] polhodes of other energies [J]",
+        " energies=[...] polhodes of other energies",
     ),
     "poinsot": ("poinsot", "the inertia ellipsoid on the invariable plane, and the herpolhode"),
     "middle_component": ("ensemble", "omega about the axis of the middle moment against time"),

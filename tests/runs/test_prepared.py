@@ -219,6 +219,7 @@ def compared(kind, seed):
     return True
 
 
+@pytest.mark.slow  # 27 s, to compile
 def test_random_scenes():
     assert sum(compared(kind, 3) for kind in random_scenes.QUICK) >= 6
 

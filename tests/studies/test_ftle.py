@@ -103,6 +103,7 @@ PENDULUM = rm.Scene(
 ).with_run(integrator="rk8", dt=0.1, t_end=6.0)
 
 
+@pytest.mark.slow  # 9 s
 def test_the_ridge_of_a_pendulum_is_the_way_to_the_upright(tmp_path):
     """theta'' = -sin theta: starts of omega = 2 cos(theta/2) go to the upright position, where a
     change grows as exp t; starts away from it grow slowly."""
