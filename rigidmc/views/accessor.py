@@ -50,6 +50,7 @@ def _method(name: str) -> Callable[..., Any]:
         return picture(name)(self._result._dataset, *args, **options)
 
     module, words = PICTURES[name]
+    words = words.replace("|L|^2", "``|L|^2``")  # bars are a reference in reStructuredText
     draw.__name__, draw.__qualname__ = name, f"Pictures.{name}"
     draw.__doc__ = f"Draw {words}. It takes the arguments of `rigidmc.views.{module}.{name}`."
     return draw
