@@ -22,7 +22,7 @@ from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import with_units
 from rigidmc.views.globes import is_free
-from rigidmc.views.polhodes import period_of, polhode_of, starts_of
+from rigidmc.views.polhodes import period_of, polhode_of
 from rigidmc.views.quadric import CIRCLE, Quadric, Vectors, draw_curve, draw_quadric, screen
 from rigidmc.views.sample import (
     DENSE,
@@ -31,6 +31,7 @@ from rigidmc.views.sample import (
     figure_of_result,
     good_members,
     member_labels,
+    starts_of,
     thin_result,
 )
 

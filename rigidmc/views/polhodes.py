@@ -29,6 +29,7 @@ from rigidmc.views.sample import (
     good_members,
     member_labels,
     member_paths,
+    starts_of,
     times_of,
 )
 from rigidmc.views.sphere import curves_at_energy, family
@@ -214,16 +215,3 @@ def period_of(moments: Vectors, l: Vectors) -> Vectors:
         period = 40.0 / rate if rate > 0.0 else 1.0
     turns = float(np.linalg.norm(l / moments)) * period  # of omega, which exceeds the polhode's
     return np.linspace(0.0, period, int(np.clip(turns / 0.1, 721, DENSE[1])))
-
-
-def starts_of(good: xr.Dataset) -> tuple[Vectors, Vectors, Vectors]:
-    """Return (moments, momentum, attitude) of members at the start (member, ...), in principal
-    axes."""
-    moments = good.moments.transpose("member", "axis").values
-    if "start_momentum" in good:
-        l = good.start_momentum.transpose("member", "axis").values
-    else:
-        l = good.start_omega.transpose("member", "axis").values * moments
-    if "start_attitude" in good:
-        return moments, l, good.start_attitude.transpose("member", "quat").values
-    return moments, l, np.tile([1.0, 0.0, 0.0, 0.0], (len(l), 1))

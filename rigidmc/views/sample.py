@@ -30,6 +30,8 @@ KEYED = 6  # most lines that a legend names
 FINE = 0.2  # rad between two points of a curve: it then looks smooth, also on a small cap
 DENSE = 1600, 20_000  # least and most points of the curve of a member
 
+Floats = NDArray[np.float64]
+
 SAVES = "rigidmc_saves"  # key for the saves of the result, in the encoding of a sample
 
 _STATES = ("omega", "momentum", "attitude", "start_omega", "start_momentum")
@@ -189,7 +191,7 @@ def _dense(one: xr.Dataset, kind: str) -> tuple[xr.Dataset, str]:
         count = int(np.clip(np.ceil(rate * end / FINE), *DENSE))
         until = min(end, count * FINE / rate) if rate > 0.0 else end
         return frames(one, int(one.member[0]), count, until=until), ""
-    except (RigidmcError, NumbaError, AttributeError, TypeError, KeyError):
+    except (RigidmcError, NumbaError):
         if not has_states:
             states = '"omega"' if kind == BODY else '"omega", "attitude"'
             raise ValueError(
@@ -197,6 +199,19 @@ def _dense(one: xr.Dataset, kind: str) -> tuple[xr.Dataset, str]:
                 f' save=({states},) and keep="full"'
             ) from None
         return one, note_on(part, kind)
+
+
+def starts_of(good: xr.Dataset) -> tuple[Floats, Floats, Floats]:
+    """Return (moments, momentum, attitude) of members at the start (member, ...), in principal
+    axes."""
+    moments = good.moments.transpose("member", "axis").values
+    if "start_momentum" in good:
+        l = good.start_momentum.transpose("member", "axis").values
+    else:
+        l = good.start_omega.transpose("member", "axis").values * moments
+    if "start_attitude" in good:
+        return moments, l, good.start_attitude.transpose("member", "quat").values
+    return moments, l, np.tile([1.0, 0.0, 0.0, 0.0], (len(l), 1))
 
 
 def member_labels(members: NDArray[Any]) -> list[str | None]:
@@ -210,8 +225,6 @@ def times_of(paths: list[MemberPath]) -> str:
 
 
 STATES = 1_000_000  # states per batch when computing rates
-
-Floats = NDArray[np.float64]
 
 
 def note_on(part: xr.Dataset, kind: str) -> str:
@@ -298,7 +311,7 @@ def drive_of(ds: xr.Dataset) -> Drive:
             if "axis" in ds[name].dims and "parameter" not in ds[name].dims
         ]
         return drive(scene.model, scene.run, sum(rotor[1:], rotor[0]) if rotor else None)
-    except (RigidmcError, NumbaError, AttributeError, TypeError):
+    except (RigidmcError, NumbaError):
         kept = "l2_drift_max" in ds and ds.l2_drift_max.attrs.get("conserved", "yes") == "yes"
         return Drive(attitude=not kept)
 

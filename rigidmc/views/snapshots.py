@@ -22,6 +22,7 @@ from rigidmc.views.sample import (
     drawn_members,
     figure_of_result,
     member_paths,
+    starts_of,
     thin_result,
 )
 from rigidmc.views.sphere import central_axis
@@ -111,8 +112,6 @@ def _typical(part: xr.Dataset) -> int:
 
 def _free_path(one: xr.Dataset) -> MemberPath:
     """Return the motion of a free body in closed form from its start."""
-    from rigidmc.views.polhodes import starts_of
-
     if "start_omega" not in one and "start_momentum" not in one:
         raise ValueError("the result does not hold the start of its members")
     own = in_principal_axes(one)

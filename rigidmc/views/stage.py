@@ -1,5 +1,5 @@
 """Solids and curves in perspective, drawn from far to near: the stage of the pages
-(`rigidmc/views/page/stage.js`) in the axes of matplotlib."""
+(`rigidmc/views/web/stage.js`) in the axes of matplotlib."""
 
 from typing import Any
 

@@ -198,7 +198,7 @@ def heavy_tops(good: xr.Dataset) -> ClosedMotion | None:
     """Return the ClosedMotion of members that are all heavy symmetric tops; None for others."""
     try:
         tops = _case(good)
-    except (SceneError, ValueError, AttributeError, TypeError, KeyError):
+    except ValueError:  # SceneError too
         return None
     return tops if (tops.form > 0).all() else None
 
