@@ -1,4 +1,4 @@
-"""GPUs: their bits, their speed, whole runs, and JAX on the same card.
+"""GPUs: their bits, their speed, whole runs, and CUDA C and JAX on the same card.
 
 Without a GPU there are no rows. `python -m bench gpu` inspects the code that runs there.
 """
@@ -24,6 +24,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import StepRange
 from rigidmc.engine.program import NO_NOISE, NO_SAVES
 from rigidmc.physics.integrators import integrators_for
+from rigidmc.runs.assemble import make_program
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
 from rigidmc.runs.prepare import prepare_scene
@@ -43,6 +44,8 @@ MEMBERS = 2**17, 2**19, 2**21
 TILE = 2**14  # members that are drawn; a block repeats them
 LAUNCHES = 10, 50, 200  # [ms]
 ENDLESS = 2**40  # steps: more than are ever made
+# No steps, and the kernels of srkn6 and aba1064
+LEFT_OUT = "closed", "suzuki4", "srkn11", "aba864"
 LIMITS = None, 128, 80  # largest number of registers of a thread
 ENTRY = re.compile(r"(\.visible \.entry members\([^)]*\))")
 
@@ -51,15 +54,18 @@ class Steps:
     """The steps of members on a GPU, and the numbers of their block, ready to be timed.
 
     what : a key of MOVING;  limit : largest number of registers of a thread, None for no limit
+    wrt : parameters of derivatives;  at_once : derivatives in a pass
     """
 
-    def __init__(self, what, integrator, limit=None):
+    def __init__(self, what, integrator, limit=None, wrt=(), at_once=1):
         motion, save = MOVING[what]
         self.labels = {"what": what, "integrator": integrator}
-        scene = bits.plain_steps(motion).with_run(integrator=integrator, save=save)
+        scene = bits.plain_steps(motion).with_run(integrator=integrator, save=save, wrt=wrt)
         self._run = run = prepare_scene(scene)
-        plan, self.program = run.plan, run.program(WORD)
-        self.program._code = limited(self.program._code, limit)  # for this run alone, not loaded
+        plan = run.plan
+        passes = plan.derivatives._replace(at_once=at_once, passes=len(wrt) // at_once)
+        self.program = make_program(plan, WORD, derivatives=passes if wrt else None)
+        self.program.code = limited(self.program.code, limit)  # for this run alone, not loaded
         self.operations = step_operations(plan.scheme, plan.model.effects, plan.has_attitude).all
         self.module = self.program._stream().module
 
@@ -129,6 +135,37 @@ def same_bits(quick):
         ]
     right = sum(row["same"] for row in rows)
     return [*rows, harness.target("cases with the bits of the processor", len(rows), right)]
+
+
+def same_derivatives(quick):
+    """Return the rows of all cases with derivatives: whether GPU and CPU agree in all variables."""
+    rows = []
+    for case in bits.cases(("rk4",), ("free",)) if quick else bits.cases():
+        scene = bits.with_derivatives(case)
+        here, there = (rm.simulate(scene, checks=False, device=one) for one in ("cpu", WORD))
+        values = [(here[name].values, there[name].values) for name in here.data_vars]
+        same = all(np.array_equal(a, b, equal_nan=a.dtype.kind == "f") for a, b in values)
+        rows.append({"kind": "bits of derivatives", "case": case.name, "same": same})
+    right, what = sum(row["same"] for row in rows), "cases whose derivatives have these bits"
+    return [*rows, harness.target(what, len(rows), right)]
+
+
+def derivatives(quick):
+    """Return the rows of the cost of derivatives, in plain steps on the same GPU."""
+    rows, members, enough = [], TILE if quick else 2**19, 0.01 if quick else 0.3
+    parameters = "body.moments.1", "body.moments.2.mean", "body.moments.3"
+    names = integrators_for(bits.plain_steps("heavy").effects)
+    moving = [("free", "exact"), *(("heavy", name) for name in names if name not in LEFT_OUT)]
+    for what, name in moving[1:2] if quick else moving:
+        plain = Steps(what, name).speed(members, enough)
+        fewer = ((1, 1), (2, 2)) if name in INTEGRATORS and not quick else ()
+        for count, at_once in (*fewer, (3, 3), (3, 1)):
+            steps = Steps(what, name, None, parameters[:count], at_once)
+            speed = steps.speed(members, enough)
+            rows.append({"kind": "derivatives", **steps.labels, "count": count, "at_once": at_once,
+                         "members": members, "speed": speed, "ratio": plain / speed,
+                         **steps.facts()})  # fmt: skip
+    return rows
 
 
 def speeds(quick, peak):
@@ -238,7 +275,9 @@ def run(quick):
     return [
         card(first),
         *same_bits(quick),
+        *same_derivatives(quick),
         *speeds(quick, first.peak),
+        *derivatives(quick),
         *launches(quick),
         *blocks(quick),
         *whole_runs(quick),
@@ -254,16 +293,18 @@ def report(rows):
     for row in kinds.get("card", ()):
         print(f"{row['name']}, {row['multiprocessors']} multiprocessors, driver {row['driver']}")
     labels, facts = ("what", "integrator", "members"), ("registers", "local", "threads", "resident")
+    ratios = "share", "ratio"
     for kind, title, more in (
         ("speed", "steps a second; share of the peak in float64", ("share", *facts)),
         ("launch", "steps a second by the time of a launch", ("milliseconds",)),
         ("block", "steps a second by threads and registers", ("limit", *facts)),
+        ("derivatives", "steps a second with derivatives", ("count", "at_once", "ratio", *facts)),
     ):
         if some := kinds.get(kind):
             head = [*labels, "G steps/s", *more]
             harness.table(title, head, [
                 [*(row[word] for word in labels), f"{row['speed'] / 1e9:.2f}",
-                 *(f"{row[word]:.2f}" if word == "share" else row[word] for word in more)]
+                 *(round(row[word], 2) if word in ratios else row[word] for word in more)]
                 for row in some
             ])  # fmt: skip
     if some := kinds.get("whole"):
@@ -279,5 +320,5 @@ def report(rows):
              f"{row['error']:.1e}" if "error" in row else "not compared"]
             for row in some
         ]  # fmt: skip
-        harness.table("JAX: free, rk4", ["", "members", "G steps/s", "other than rigidmc"], lines)
+        harness.table("others: rk4", ["", "members", "G steps/s", "other than rigidmc"], lines)
     harness.report_targets(rows)

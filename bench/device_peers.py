@@ -1,7 +1,8 @@
-"""JAX on a GPU: the steps that `bench.device` times, as JAX makes them.
+"""CUDA C and JAX on a GPU: the steps that `bench.device` times, as they make them.
 
-Free bodies by classical Runge-Kutta in float64: 7 numbers, the quaternion normalised after each
-step, all members with the same moments. Compiling and copying are not timed.
+Bodies by classical Runge-Kutta in float64: 7 numbers, the quaternion normalised after each step. In
+JAX bodies are free and share their moments; in CUDA C each has its own. Compiling and copying are
+not timed.
 """
 
 import importlib.util
@@ -11,11 +12,15 @@ import time
 import numpy as np
 
 import rigidmc as rm
+from bench import baselines, tops
+from rigidmc.physics.effects import Gravity
 
 MOMENTS = 1.0, 1.4, 2.0
 INVERSE = tuple(1.0 / moment for moment in MOMENTS)
 START = 1.0, 0.0, 0.0, 0.0, 0.1, 1.4, 0.2  # quaternion, and L in the body's frame
 H, STEPS, ROUNDS = 0.01, 1000, 3
+STATE = len(START)
+CHECKED = 256  # different tops, compared with rigidmc; a launch repeats them
 
 
 def rates(rows):
@@ -93,17 +98,58 @@ def expected():
     """Return the 7 numbers at the end, by rigidmc on the CPU."""
     body = rm.Body.from_moments(MOMENTS)
     start = rm.Start(attitude=START[:4], momentum=START[4:])
-    scene = rm.Scene(body, (), start).with_run(
+    return end_of(rm.Scene(body, (), start))[:, 0]
+
+
+def end_of(scene):
+    """Return the 7 numbers of each member at the end, by rigidmc on the CPU."""
+    scene = scene.with_run(
         integrator="rk4", dt=H, t_end=H * STEPS, every=H * STEPS, checks=False,
         save=("attitude", "momentum"),
     )  # fmt: skip
-    end = rm.simulate(scene).isel(member=0, time=-1)
+    end = rm.simulate(scene).isel(time=-1)
     return np.concatenate([end.attitude.values, end.momentum.values])
 
 
+def cuda_c(quick):
+    """Return the rows of CUDA C, free and heavy, [] without nvcc."""
+    try:
+        library = baselines.build_cuda()
+    except OSError as missing:
+        print(missing)
+        return []
+    rows = []
+    for heavy in (False, True):
+        few = tops.random_tops(CHECKED)
+        body = rm.Body.from_moments(few.moments.T, mass=1.0, centre=few.static.T)
+        start = rm.Start(attitude=few.attitude.T, omega=few.omega.T)
+        effects = (Gravity(tops.GRAVITY),) if heavy else ()
+        truth = end_of(rm.Scene(body, effects, start).with_run(members=CHECKED))
+        for members in (2**10,) if quick else (2**19, 2**22):
+            columns = np.tile(tops.columns(few), members // CHECKED)
+            seconds = []
+            for _ in range(ROUNDS):
+                end = columns.copy()
+                took = library.rk4_cuda(end.ctypes.data, members, STEPS, H, heavy)
+                if took <= 0.0:
+                    print(f"CUDA error {-took:.0f}: the baseline in CUDA C is left out")
+                    return rows
+                seconds.append(took)
+            took = statistics.median(seconds)
+            what = "CUDA C by hand, heavy" if heavy else "CUDA C by hand"
+            rows.append({"kind": "peer", "name": what, "members": members, "steps": STEPS,
+                         "seconds": took, "speed": members * STEPS / took,
+                         "error": float(np.abs(end[:STATE, -CHECKED:] - truth).max())})  # fmt: skip
+    return rows
+
+
 def peers(quick):
-    """Return the rows of JAX, [] if it is missing; `error` is the largest difference from
-    rigidmc."""
+    """Return the rows of all peers; `error` is the largest difference from rigidmc."""
+    return [*cuda_c(quick), *jax(quick)]
+
+
+def jax(quick):
+    """Return the rows of JAX, [] if it is missing."""
     if importlib.util.find_spec("jax") is None:
         print("JAX is not installed")
         return []

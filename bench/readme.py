@@ -339,7 +339,8 @@ def gpu(rows, machine):
 
 
 def device(rows, machine):
-    """Return tables of steps per second on a GPU, of JAX on the same GPU, and of whole runs."""
+    """Return tables of steps per second on a GPU, of CUDA C and JAX on the same GPU, of
+    derivatives, and of whole runs."""
     card = next(row for row in rows if row["kind"] == "card")
     speeds = [row for row in rows if row["kind"] == "speed" and row["members"] == 2**19]
     names = list(dict.fromkeys(row["integrator"] for row in speeds))
@@ -358,18 +359,8 @@ def device(rows, machine):
         " members only"
     )
     steps = with_note(table(("", *names), lines), f"{words}.")
-    ours = next(r for r in speeds if (r["what"], r["integrator"]) == ("free", "rk4"))
-    peers = [{**ours, "name": "rigidmc"}, *(row for row in rows if row["kind"] == "peer")]
-    lines = [
-        (row["name"], f"{row['members']:,}", f"{row['speed'] / 1e9:.3g}")
-        for row in sorted(peers, key=lambda row: row["members"])
-    ]
-    words = (
-        "Free members by rk4, momentum and attitude in float64, 10^9 steps per second on the same"
-        " GPU. Each rigidmc member has individual moments, and a member that fails is flagged; the"
-        " JAX members share their moments, and nothing is checked"
-    )
-    compared = with_note(table(("", "members", "rk4"), lines), f"{words}.")
+    compared = with_note(*_compared(rows, speeds))
+    costs = with_note(*_derivatives_on_gpu(rows))
     lines = [
         (row["what"], f"{row['members']:,}", f"{row['seconds']:.1f}")
         for row in rows
@@ -380,8 +371,53 @@ def device(rows, machine):
         " which draw the starts and gather the results"
     )
     return "\n\n".join(
-        [steps, compared, with_note(table(("", "members", "s"), lines), f"{words}.")]
+        [steps, compared, costs, with_note(table(("", "members", "s"), lines), f"{words}.")]
     )
+
+
+def _compared(rows, speeds):
+    """Return a table of rk4 by rigidmc, CUDA C and JAX, and its note."""
+    of = {}
+    for row in speeds:
+        if row["integrator"] == "rk4" and row["what"] in ("free", "heavy"):
+            of["rigidmc", row["members"], row["what"]] = row["speed"]
+    for row in (row for row in rows if row["kind"] == "peer"):
+        what = "heavy" if row["name"].endswith(", heavy") else "free"
+        name = row["name"].removesuffix(", heavy")
+        of[name, row["members"], what] = row["speed"]
+    lines = [
+        (name, f"{members:,}",
+         *(f"{of[name, members, what] / 1e9:.3g}" if (name, members, what) in of else ""
+           for what in ("free", "heavy")))
+        for name, members in dict.fromkeys(
+            key[:2] for key in sorted(of, key=lambda key: (key[1], key[0] != "rigidmc"))
+        )
+    ]  # fmt: skip
+    words = (
+        "Steps of rk4, momentum and attitude in float64, 10^9 per second on the same GPU. Members"
+        " of rigidmc and CUDA C have individual moments; JAX members share theirs. Only rigidmc"
+        " flags a member that fails"
+    )
+    return table(("", "members", "free", "heavy"), lines), f"{words}."
+
+
+def _derivatives_on_gpu(rows):
+    """Return a table of the cost of derivatives, and its note."""
+    of = {}
+    for row in (row for row in rows if row["kind"] == "derivatives"):
+        of.setdefault((row["integrator"], row["what"]), {})[row["count"], row["at_once"]] = row
+    cases = {(1, 1): "1", (3, 3): "3 in one pass", (3, 1): "3 one by one"}
+    lines = [
+        (f"{name}, {what}",
+         *(f"{of[name, what][case]['ratio']:.1f}" if case in of[name, what] else ""
+           for case in cases))
+        for name, what in of
+    ]  # fmt: skip
+    words = (
+        "Steps with derivatives by moments of inertia, in plain steps of the same members on the"
+        " same GPU. A run computes one by one where that is faster, and else three in one pass"
+    )
+    return table(("derivatives", *cases.values()), lines), f"{words}."
 
 
 def coming_from(rows, machine, page, tasks):

@@ -1,4 +1,4 @@
-"""The baselines in C: built at run time with gcc, called through ctypes."""
+"""The baselines in C and CUDA C: built at run time with gcc and nvcc, called through ctypes."""
 
 import ctypes
 import os
@@ -58,4 +58,25 @@ def build(source, *options):
             [ctypes.c_long, ctypes.c_int],
             ctypes.c_double,
         )
+    return library
+
+
+def build_cuda():
+    """Compile bench/baselines/tops.cu for the GPU of this machine and load it; OSError if that
+    fails."""
+    if shutil.which("nvcc") is None:
+        raise OSError("no nvcc on this machine: the baseline in CUDA C is left out")
+    with tempfile.TemporaryDirectory() as folder:
+        target = os.path.join(folder, "baseline.so")
+        source = os.path.join(_HERE, "tops.cu")
+        options = "-O3", "-std=c++17", "-arch=native", "-shared", "-Xcompiler", "-fPIC"
+        made = subprocess.run(
+            ["nvcc", *options, source, "-o", target], capture_output=True, text=True
+        )
+        if made.returncode != 0:
+            raise OSError(f"nvcc: {made.stderr.strip()}")
+        library = ctypes.CDLL(target)
+    number = ctypes.c_long
+    library.rk4_cuda.argtypes = [ctypes.c_void_p, number, number, ctypes.c_double, ctypes.c_int]
+    library.rk4_cuda.restype = ctypes.c_double
     return library

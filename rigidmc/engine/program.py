@@ -80,6 +80,12 @@ class Derivatives(NamedTuple):
     of_body: bool = True
     of_effects: bool = True
 
+    def one_by_one(self) -> "Derivatives":
+        """Return the same derivatives, each in a pass of its own."""
+        if not self.at_once:
+            return self
+        return self._replace(at_once=1, passes=self.at_once * self.passes)
+
 
 NO_DERIVATIVES = Derivatives()
 

@@ -12,6 +12,7 @@ from rigidmc.errors import PartError
 from rigidmc.physics.dynamics.trials import RULE
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import blank
+from rigidmc.physics.integrators.protocol import Integrator
 from rigidmc.physics.observables import is_own
 from rigidmc.planning.plan import Plan
 from rigidmc.results.layout import Axes, ResultLayout, constant_variables
@@ -74,6 +75,17 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
     )
 
 
+def derivatives_on(device: str, plan: Plan) -> Derivatives:
+    """Return the derivatives of a plan, in the passes that suit a device."""
+    # A thread of a GPU has 255 registers. On an H200 a heavy step with three derivatives costs 29
+    # plain steps in one pass and 12 one by one with rk8, 45 and 16 with gbs12; but 3.9 to 7.7 in
+    # one pass and 6.4 to 11 one by one with the others (`python -m bench device`).
+    integrator = plan.scheme and plan.scheme.integrator
+    if is_gpu(device) and getattr(integrator, "has_many_stages", Integrator.has_many_stages):
+        return plan.derivatives.one_by_one()
+    return plan.derivatives
+
+
 def make_program(
     plan: Plan,
     device: str = "cpu",
@@ -84,12 +96,12 @@ def make_program(
     closed forms.
 
     compiled : if False, nothing is compiled and the Program lists what is `missing`
-    derivatives : that a block has besides its rows, by default those that the plan asks for
+    derivatives : that a block has besides its rows, by default as `derivatives_on` says
     Raises SceneError for custom code that cannot be compiled.
     """
     if plan.scheme is None:
         return None
-    effects, derivatives = plan.model.effects, derivatives or plan.derivatives
+    effects, derivatives = plan.model.effects, derivatives or derivatives_on(device, plan)
     try:
         refuse_memory(effects)
         events, running, growth = plan.monitors.compiled

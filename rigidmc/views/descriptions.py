@@ -26,7 +26,7 @@ from rigidmc.planning.limits import Limits
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.turns import sparse_saves
 from rigidmc.results.labels import count_text, units_text, with_units
-from rigidmc.runs.assemble import make_program
+from rigidmc.runs.assemble import derivatives_on, make_program
 from rigidmc.runs.directory.shards import shard_members, shorten_shards
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.price import cost_per_step, prices, some_of
@@ -47,7 +47,7 @@ def describe_scene(scene: Scene, threads: int, device: str = "cpu") -> str:
     lines = [
         *_physics(run.scene),
         *_compiled(run),
-        *_steps(run, scene.run.every),
+        *_steps(run, scene.run.every, device),
         *_room(run, threads, device),
     ]
     if (chosen := run.choice) is not None:
@@ -143,7 +143,7 @@ def _compiled(run: PreparedRun) -> list[str]:
     return lines
 
 
-def _steps(prepared_run: PreparedRun, every: SaveTimes | None) -> list[str]:
+def _steps(prepared_run: PreparedRun, every: SaveTimes | None, device: str = "cpu") -> list[str]:
     """Describe the limits that flag a member, the steps and the saved variables.
 
     every : as in the scene
@@ -176,9 +176,9 @@ def _steps(prepared_run: PreparedRun, every: SaveTimes | None) -> list[str]:
         less = f", {run.every:.6g} s apart: {every}{less}"
     lines.append(f"saves        {saved} at {count_text(plan.times.size, 'time')}{less}")
     if plan.wrt:
-        passes = count_text(plan.derivatives.passes, "pass", "passes")
+        made = derivatives_on(device, plan)
         parameters = count_text(len(plan.wrt), "parameter")
-        each = f"{passes} of {plan.derivatives.at_once}"
+        each = f"{count_text(made.passes, 'pass', 'passes')} of {made.at_once}"
         lines.append(f"derivatives  {parameters}: {each}; d_NAME by {', '.join(plan.wrt)}")
     if (found := sparse_saves(scene.model, run)) is not None:
         name, one = found

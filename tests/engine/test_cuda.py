@@ -43,12 +43,14 @@ from rigidmc.engine.cuda import devices as cuda_device
 from rigidmc.engine.cuda import program as cuda
 from rigidmc.engine.cuda import ptx as ptx_code
 from rigidmc.engine.cuda.devices import resolve_device
+from rigidmc.engine.program import NO_DERIVATIVES
 from rigidmc.errors import NoRoom
 from rigidmc.files.outputs import content_of
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.monitors import Monitors
 from rigidmc.protocols import effect
 from rigidmc.runs import price
+from rigidmc.runs.assemble import derivatives_on
 from rigidmc.runs.directory import checkpoints, cluster
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
@@ -124,16 +126,28 @@ def test_a_shorter_last_interval_has_the_same_bits(settings, fake):
         assert np.array_equal(here[name].values, there[name].values, equal_nan=True), name
 
 
+WRT = "start.omega.size", "start.omega.angle", "body.moments.1", "effects.gravity.g"
+
+
 @pytest.mark.slow
-def test_derivatives_have_the_bits_of_the_processor(fake):
-    """Four parameters: two passes of two."""
-    wrt = ("start.omega.size", "start.omega.angle", "body.moments.1", "effects.gravity.g")
-    scene = SCENE.with_run(save=("omega", "attitude", "flips"), wrt=wrt)
+@pytest.mark.parametrize("integrator", ["rk4", "rk8"])
+def test_derivatives_have_the_bits_of_the_processor(integrator, fake):
+    """Two passes of two here; with rk8 four of one there."""
+    save = "omega", "attitude", "flips"
+    scene = SCENE.with_run(integrator=integrator, save=save, wrt=WRT)
     here, driver = rm.simulate(scene), fake()
     there = rm.simulate(scene, device="cuda")
     assert driver.launches
     for name in here.data_vars:
         assert np.array_equal(here[name].values, there[name].values, equal_nan=True), name
+
+
+@pytest.mark.parametrize(("integrator", "passes"), [("rk4", (2, 2)), ("rk8", (1, 4))])
+def test_derivatives_fit_in_the_registers_of_a_device(integrator, passes):
+    plan = plan_of(SCENE.with_run(integrator=integrator, wrt=WRT))
+    assert derivatives_on("cpu", plan)[:2] == (2, 2)
+    assert derivatives_on("cuda", plan)[:2] == passes
+    assert derivatives_on("cuda", plan._replace(derivatives=NO_DERIVATIVES)) == NO_DERIVATIVES
 
 
 @pytest.mark.slow

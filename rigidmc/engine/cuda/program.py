@@ -39,7 +39,7 @@ from rigidmc.engine.program import NO_NOISE, NO_SAVES, fill_record
 from rigidmc.errors import NoDevice, NoRoom
 
 Array = NDArray[Any]
-# Seconds per launch: heavy rk4 makes 71.5 G steps/s on an H100; 68.0 with 0.01 s, 72.1 with 0.2 s
+# Seconds per launch: heavy rk4 makes 74.1 G steps/s on an H200; 71.6 with 0.01 s, 74.7 with 0.2 s
 LAUNCH = 0.05
 # Steps of the first launch of a block, and the largest ratio of steps from one launch to the next.
 # The time of each launch decides the length of the next.

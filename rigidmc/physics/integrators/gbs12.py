@@ -129,6 +129,7 @@ class GBS12(NamedTuple):
 
     order = 12
     slips = True
+    has_many_stages = True
     evaluations = 39
     is_reversible = False
     conserves = ()

@@ -34,6 +34,7 @@ class Integrator(Protocol):
         slips : whether it also turns the body by the `slip` of effects
         gradient : coefficient of the force gradient, of h^2
         max_turn : angle by which a step may turn a body [rad]; None: by less than pi
+        has_many_stages : whether a GPU has registers for one derivative at a time only
         min_spin, max_spin : angles per step [rad] between which `scheme` follows the spin
         text : docstring of one integrator, if its class makes several
 
@@ -58,6 +59,7 @@ class Integrator(Protocol):
     slips: bool = False
     gradient: float = 0.0
     max_turn: float | None = None
+    has_many_stages: bool = False
     min_spin: float = 0.0
     max_spin: float = inf
     text: str = ""

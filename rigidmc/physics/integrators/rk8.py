@@ -90,6 +90,7 @@ class RK8(NamedTuple):
 
     order = 8
     slips = True
+    has_many_stages = True
     evaluations = 12
     is_reversible = False
     conserves = ()
