@@ -17,6 +17,7 @@ GOOD = """
 title = "test"
 [body]
 moments = [1.0, 2.0, 2.5]
+mass = 1.0
 centre = [0.0, 0.0, 0.1]
 [effects.gravity]
 g = 9.81
