@@ -95,7 +95,7 @@ class Body(BodyChanges):
     >>> body = rm.Body((1.0, 2.0, rm.normal(2.5, 0.01)), mass=3.0, centre=(0.0, 0.0, 0.1))
     >>> rm.Body((1.0, 2.0, 4.0))  # doctest: +ELLIPSIS
     Traceback (most recent call last):
-    rigidmc.errors.SceneError: [body] moments = [1.0, 2.0, 4.0]: violates the triangle inequality...
+    rigidmc.errors.SceneError: [body] moments = [1.0, 2.0, 4.0]: principal moments must be...
     """
 
     _OLD_NAMES = {
@@ -175,13 +175,9 @@ class Body(BodyChanges):
             return
         bad = np.flatnonzero(inertia.violates_triangle(self.moments))
         if bad.size:
-            values = [float(m if is_shared(m) else m[bad[0]]) for m in self.moments]
-            large, rest = max(values), sum(values) - max(values)
+            values = np.array([float(m if is_shared(m) else m[bad[0]]) for m in self.moments])
             row = "" if is_shared(self.moments) else f"row {bad[0]}: "
-            rule = (
-                f"{row}violates the triangle inequality: {large:g} exceeds the sum of the other"
-                f" two, {rest:g}; no rigid body has these moments"
-            )
+            rule = row + inertia.why_impossible(values)
             raise SceneError(rule, at="body.moments", value=shown)
 
     @_between_axes(
