@@ -203,7 +203,9 @@ def noise_rows(rounds):
         ("two equal moments", (1.0, 1.0, 2.0), 0.1),
     ):
         quiet = Scene(
-            Body.from_moments(moments, centre=(0.0, 0.0, 0.3)), (EFFECTS["gravity"](1.0),), start
+            Body.from_moments(moments, mass=1.0, centre=(0.0, 0.0, 0.3)),
+            (EFFECTS["gravity"](1.0),),
+            start,
         )
         quiet = quiet.with_run(
             integrator="strang", dt=dt, t_end=10 * dt, save=("attitude",), checks=False

@@ -163,7 +163,7 @@ def start(*words, **options):
 def make(path, shards):
     """Create the directory of a run with so many shards, by the facts of a small one."""
     import rigidmc as rm
-    from rigidmc.results.run_directory import facts_text
+    from rigidmc.results.run_facts import facts_text
     from rigidmc.runs.directory.create import create
 
     scene = rm.Scene.load("dzhanibekov").with_run(members=32, t_end=0.1, every=0.1)

@@ -48,12 +48,13 @@ def time_option(key: str, positive: bool = True, **option: Any) -> Any:
 
 
 def _every_option(key: str, **option: Any) -> Any:
-    """Return an option for save times: 0.1s, 50/turn, or 0,0.5,2."""
+    """Return an option for save times: 0.1s, 50/turn, or 0,0.5,2, of which its help text names
+    those that the command takes."""
 
     def read(text: str) -> Any:
         return read_every(text, key[2:], OptionError)
 
-    return typer.Option(key, parser=_checked(key, read), metavar="TIMES", **option)
+    return typer.Option(key, parser=_checked(key, read), metavar="TIME", **option)
 
 
 def _number_option(key: str, units: str, **option: Any) -> Any:

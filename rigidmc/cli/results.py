@@ -191,7 +191,7 @@ def animate_command(
     allow_code: AllowCode = False,
 ) -> None:
     with report_errors():
-        from rigidmc.runs.rerun import frames
+        from rigidmc.runs.frames import frames
 
         refuse_outputs(force, animation=output)
         from rigidmc.views.animation import SMOOTH, check_writer

@@ -35,6 +35,10 @@ def symmetric(six: Any) -> NDArray[np.float64]:
     return np.stack([np.stack(row, -1) for row in ((xx, xy, zx), (xy, yy, yz), (zx, yz, zz))], -2)
 
 
+# with what every refusal and every note of impossible moments says
+TRIANGLE = "the triangle inequality I_i <= I_j + I_k"
+
+
 def violates_triangle(moments: Any) -> Any:
     """Return whether (...) no body can have the moments (3, ...).
 
@@ -279,7 +283,7 @@ def _principal_axes_with_tangents(tensor: DualArray) -> tuple[Any, Any]:
 
 def why_impossible(moments: NDArray[np.float64]) -> str:
     """Return why no rotating body can have these moments (3,)."""
-    example = ", ".join(f"{m:.4g}" for m in moments)
+    example = ", ".join(f"{m:.6g}" for m in moments)
     low, middle, high = np.sort(moments)
     if high == low == 0.0:
         return "all moments are 0: all mass lies at the fixed point, or the body has no mass"
@@ -289,9 +293,10 @@ def why_impossible(moments: NDArray[np.float64]) -> str:
             " through the fixed point, and rotation about this line has no inertia; give the body"
             " a thickness, such as the radius of a rod"
         )
+    excess = f"{high - low - middle:.3g}"
     return (
-        f"principal moments must be positive and obey I_i <= I_j + I_k, but ({example}) do not: no"
-        " mass distribution has these moments"
+        f"principal moments must be positive and obey {TRIANGLE}, but in ({example}) one exceeds"
+        f" the sum of the others by {excess}: no mass distribution has these moments"
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.mechanics.impossible import causes_text
-from rigidmc.mechanics.inertia import TOO_FAR, too_far, violates_triangle
+from rigidmc.mechanics.inertia import TOO_FAR, TRIANGLE, too_far, violates_triangle
 from rigidmc.scene.body import IDENTITY, Body
 from rigidmc.scene.quantities import Grid, is_shared
 from rigidmc.scene.settings import Run
@@ -52,8 +52,8 @@ def impossible_bodies(body: Body, run: Run, mapped: bool) -> Iterator[str]:
         which = f"of {count:,} bodies spread over the grid"  # maps leave impossible bodies blank
     elif impossible.any():
         yield (
-            f"[body] moments: {np.count_nonzero(impossible):,} {which} cannot exist (I_i > "
-            "I_j + I_k) and are flagged invalid_input"
+            f"[body] moments: {np.count_nonzero(impossible):,} {which} cannot exist and are flagged"
+            f" invalid_input: they violate {TRIANGLE}"
         )
     bad = too_far(moments, mass, centre) & ~impossible
     if bad.any():

@@ -8,7 +8,7 @@ import numpy as np
 
 from rigidmc.engine.machine import is_uncompiled
 from rigidmc.errors import PartError, SceneError
-from rigidmc.mechanics.inertia import vectors_from, violates_triangle
+from rigidmc.mechanics.inertia import vectors_from, violates_triangle, why_impossible
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import label_effects, name_of
 from rigidmc.physics.effects.bath import Bath
@@ -174,14 +174,13 @@ def _check_bodies(model: Model, seed: int) -> None:
                 rule = "an uncertain tensor excludes body-fixed tables: give distributions"
                 raise SceneError(rule, at=f"effects.{label}.{name}")
     moments, mass, _ = model.body.sample(seed, 0, PILOT)
-    bad = np.flatnonzero(violates_triangle(moments) | ~(mass > 0))
+    no_moments = violates_triangle(moments)
+    bad = np.flatnonzero(no_moments | ~(mass > 0))
     if bad.size > (PILOT // 2 if isinstance(model.body.moments, Correlated) else 0):
-        example = ", ".join(f"{m:.4g}" for m in moments[:, bad[0]])
-        rule = (
-            f"{bad.size} of the first {PILOT} sampled bodies are impossible (e.g. {example}):"
-            " moments must be positive and obey I_i <= I_j + I_k"
-        )
-        raise SceneError(rule, at="body.moments")
+        first, rule = bad[0], f"{bad.size} of the first {PILOT} sampled bodies are impossible"
+        if no_moments[first]:
+            raise SceneError(f"{rule}: {why_impossible(moments[:, first])}", at="body.moments")
+        raise SceneError(f"{rule}: a mass is {mass[first]:.6g} kg", at="body.mass")
 
 
 def _check_axes(model: Model) -> None:

@@ -280,6 +280,18 @@ def _density(seen: PilotFacts) -> Iterator[str]:
     yield from unlike_matter(seen.model.body, seen.moments, seen.mass, seen.centre)
 
 
+def _no_mass(seen: PilotFacts) -> Iterator[str]:
+    """Find effects whose torque has the factor m, on a body without a given mass."""
+    if seen.model.body.has_mass or not seen.centre.any():
+        return
+    for label, effect in seen.effects:
+        if isinstance(effect, (Gravity, MovingPivot)):
+            yield (
+                f"[effects.{label}] acts on an assumed mass of 1 kg, because no mass is given: its"
+                " torque is in proportion to [body] mass"
+            )
+
+
 def _hot(seen: PilotFacts) -> Iterator[str]:
     """Find a kT given in K instead of J, for bodies small enough to respond to heat."""
     momentum, seed = seen.model.coarse().start.momentum, seen.run.seed
@@ -308,6 +320,7 @@ LOOKS: tuple[Callable[[PilotFacts], Iterator[str]], ...] = (
     _axes,
     _bodies,
     _density,
+    _no_mass,
     _hot,
 )
 

@@ -267,50 +267,48 @@ class PreparedRun:
             run = run.with_values(values)
         if members is not None:
             run = run.with_members(select_members(members, run.scene.run, run.plan.model))
-        if run is not self:
-            return run.run(
-                threads=threads,
-                device=device,
-                output=output,
-                force=force,
-                block=block,
-                attrs=attrs,
-                progress=progress,
-            )
-        if any(isinstance(q, Varied) for q in self.plan.model.quantities()):
-            rule = f"is missing: the run varies {', '.join(self.scene.run.varied or ())}"
+        if any(isinstance(q, Varied) for q in run.plan.model.quantities()):
+            rule = f"is missing: the run varies {', '.join(run.scene.run.varied or ())}"
             raise OptionError(rule, at="values")
         threads = threads_available() if threads is None else read_count(threads, "threads")
-        device = "cpu" if self.plan.scheme is None else resolve_device(device)
-        streaming = False
-        if output is not None:
-            from rigidmc.results import export, file_sinks  # with xarray and netCDF4
-
-            streaming = export.is_streamed(output)
-        size = block or block_of(self.plan, threads, device, streaming)
-        room = needs(self.layout, self.plan, self.plan.members, size, threads)
-        check_resources(room, self.plan.members, threads, output if streaming else None)
+        device = "cpu" if run.plan.scheme is None else resolve_device(device)
+        is_streamed = _is_streamed(output)
+        size = block or block_of(run.plan, threads, device, is_streamed)
+        room = needs(run.layout, run.plan, run.plan.members, size, threads)
+        check_resources(room, run.plan.members, threads, output if is_streamed else None)
         began = time.perf_counter()
-        program = self.program(device)
+        run.program(device)
         compiled = time.perf_counter() - began
-        layout, more = self.layout._replace(block=size), dict(attrs or {})
-        if self.choice is not None:
-            more = {**self.choice.attributes(), **more}
+        sink = run._sink(size, output, force, attrs or {})
+        dataset = run._integrate(sink, device, threads, size, progress)
+        dataset.encoding["rigidmc"]["compile_seconds"] = compiled
+        return dataset
+
+    def _sink(self, block: int, output: Path | None, force: bool, attrs: Mapping[str, Any]) -> Sink:
+        """Return what takes the members of a run: a Dataset in memory, or a file."""
+        layout = self.layout._replace(block=block)
+        attrs = {**(self.choice.attributes() if self.choice else {}), **attrs}
         if output is None:
-            sink: Sink = MemorySink(layout, more, blank=self._blanks.of(layout))
-        else:
-            kind = file_sinks.FileSink if streaming else file_sinks.ExportSink
-            sink = kind(output, layout, force, more)
+            return MemorySink(layout, attrs, blank=self._blanks.of(layout))
+        from rigidmc.results import file_sinks  # with xarray and netCDF4
+
+        kind = file_sinks.FileSink if _is_streamed(output) else file_sinks.ExportSink
+        return kind(output, layout, force, attrs)
+
+    def _integrate(
+        self, sink: Sink, device: str, threads: int, block: int, progress: Progress
+    ) -> "xr.Dataset":
+        """Integrate the members in blocks, and return what the sink made of them."""
         began = time.perf_counter()
         try:
             flagged = compute(
                 self.plan,
-                layout,
+                self.layout._replace(block=block),
                 self.initial,
-                program,
+                self.program(device),
                 sink,
                 threads=threads,
-                block=size,
+                block=block,
                 units=self.units,
                 progress=progress,
             )
@@ -319,7 +317,6 @@ class PreparedRun:
             sink.discard()
             raise
         dataset.encoding["rigidmc"] = {
-            "compile_seconds": compiled,
             "run_seconds": time.perf_counter() - began,
             "flagged": flagged,
             "steps": self.plan.mean_steps,
@@ -335,6 +332,15 @@ class PreparedRun:
         # neither the code nor the text of a result depends on the values of members
         changed._programs, changed._blanks = self._programs, self._blanks
         return changed
+
+
+def _is_streamed(output: Path | None) -> bool:
+    """Return whether blocks go to a file while others run; see `export.is_streamed`."""
+    if output is None:
+        return False
+    from rigidmc.results import export  # with xarray and netCDF4
+
+    return export.is_streamed(output)
 
 
 @takes_settings

@@ -1,5 +1,4 @@
-"""Recompute members of a result, to the same bits, with more variables saved; and compute one
-member at the times that an animation needs (`frames`)."""
+"""Recompute members of a result, to the same bits, with more variables saved."""
 
 import os
 import warnings
@@ -14,7 +13,6 @@ from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning, in_
 from rigidmc.files.opening import is_zarr
 from rigidmc.files.outputs import Path, refuse_existing
 from rigidmc.files.stores import is_folder
-from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import OBSERVABLES, OUTCOMES, outputs, own
 from rigidmc.physics.observables.saving import summaries
 from rigidmc.planning.saves import first_and_last, settle_saves
@@ -348,94 +346,3 @@ def _saved_pairs(name: str, variable: xr.DataArray, result: xr.Dataset) -> Itera
 def _values(variable: xr.DataArray, dims: tuple[str, ...]) -> NDArray[Any]:
     """Return the values of a variable with its dimensions in this order."""
     return np.asarray(variable.transpose(*dims).values)
-
-
-SAVE = ("attitude", "momentum")
-
-
-def frames(
-    result: xr.Dataset,
-    member: int,
-    count: int,
-    allow_code: bool = False,
-    until: float | None = None,
-) -> xr.Dataset:
-    """Recompute a member, with attitude and momentum at `count` + 1 times from 0 to `until`.
-
-    The times are evenly spaced to half a step. Where the run makes fewer steps, the member makes
-    shorter ones here, because a line from step to step would show a motion that no body makes. With
-    noise, only the steps of the run are possible, because other steps draw other noise.
-
-    until : [s]; default the end of the run
-    The attribute `frames` states whether the steps equal the steps of the run. OptionError for a
-    member that the result lacks.
-    """
-    scene = scene_of(result, allow_code=allow_code)
-    run, end = scene.run, scene.run.t_end
-    chosen_members(member, run, result, result.encoding.get("source", "the result"))
-    own = _own_step(run, result, member)
-    whole = until is None or until >= end
-    if whole and run.turn is None and own is not None and own * count <= end:
-        if not make_time_grid(end, own, run.every).is_shortened:
-            return _thinned(result, member, count, allow_code, run)
-        if any(map(is_random, scene.effects)):  # only saves of the run end its own steps
-            again = rerun(result, member, save=SAVE, allow_code=allow_code, wrt=())
-            again.attrs["frames"] = "steps as in the run, at its saves"
-            return again
-    return integrate_member(scene, member, count, end if whole or until is None else until, own)
-
-
-def integrate_member(
-    scene: Scene, member: int, count: int, end: float, own: float | None
-) -> xr.Dataset:
-    """Integrate a member, with attitude and momentum at `count` + 1 times from 0 to `end`.
-
-    own : the step of the run [s], used if it is short enough; None if the step is free
-    """
-    if own is not None and any(map(is_random, scene.effects)):
-        count = max(1, min(count, round(end / own)))
-    every, dt = end / count, own
-    if dt is None or dt > every * 1.5:
-        dt = every
-    settings = {
-        "dt": every / max(1, round(every / dt)),
-        "t_end": end,
-        "every": every,
-        "turn": None,
-        "save": SAVE,
-        "wrt": (),
-        "keep": "full",
-        "first": member,
-        "members": 1,
-    }
-    again = simulate(scene.with_run(**settings))
-    same = own is None or abs(again.attrs["dt"] / own - 1.0) < 1e-9
-    words = "steps as in the run"
-    if not same:
-        words = f"steps of {again.attrs['dt']:.4g} s instead of {own:.4g} s"
-    again.attrs["frames"] = words
-    return again
-
-
-def _own_step(run: Run, result: xr.Dataset, member: int) -> float | None:
-    """Return the step of a member [s], or None for closed forms, which have no steps."""
-    if run.integrator == "closed":
-        return None
-    if run.turn is None:
-        return run.dt
-    return float(run.t_end / result.steps.sel(member=member))
-
-
-def _thinned(result: xr.Dataset, member: int, count: int, allow_code: bool, run: Run) -> xr.Dataset:
-    """Recompute a member with the steps of the run, to the same bits, at about `count` + 1
-    times."""
-    steps = max(1, round(run.t_end / run.dt))
-    between = max(1, steps // count)
-    while steps % between:  # saves are evenly spaced to the end
-        between -= 1
-    every = run.t_end / (steps // between)
-    again = rerun(result, member, every=every, save=SAVE, allow_code=allow_code, wrt=())
-    nearest = np.unique(np.rint(np.linspace(0, again.sizes["time"] - 1, count + 1)).astype(int))
-    again = again.isel(time=nearest)
-    again.attrs["frames"] = "steps as in the run"
-    return again

@@ -15,7 +15,7 @@ from rigidmc.files.outputs import refuse_existing
 from rigidmc.progress import Progress, announce
 from rigidmc.runs.prepare import prepare
 from rigidmc.scene.amounts import read_count
-from rigidmc.scene.drifts import LARGE, one_way
+from rigidmc.scene.drifts import one_way
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings
 
@@ -121,7 +121,7 @@ def simulate(
             attrs=attrs,
             progress=progress,
         )
-        if line := one_way(dataset, LARGE):
+        if line := one_way(dataset):
             _warn(line)
         if expected is not None:
             dataset.encoding["rigidmc"]["predicted_seconds"] = expected

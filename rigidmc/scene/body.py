@@ -13,6 +13,7 @@ from rigidmc.errors import SceneError, unknown
 from rigidmc.labelled import is_labelled
 from rigidmc.mechanics import inertia, rotation
 from rigidmc.scene.body_changes import BodyChanges
+from rigidmc.scene.inertia_about import ASSUMED_MASS
 from rigidmc.scene.quantities import Source, draw, is_shared, is_variable, quantity, vector
 from rigidmc.scene.shape import Shape
 from rigidmc.scene.units import in_si, vector_in_si
@@ -70,7 +71,7 @@ class Body(BodyChanges):
         draws only possible bodies, Correlated, for measured moments with their covariance, and
         UncertainInertia, for a measured tensor with its covariance
     mass : quantity, optional [kg]
-        mass of the body
+        mass of the body; 1 kg if not given, and where the motion depends on it a note says so
     centre : quantities (3,), optional [m]
         centre of mass from the fixed point, in the described axes
     axes : tuple (3, 3), optional
@@ -81,6 +82,8 @@ class Body(BodyChanges):
     frame : str, optional
         the axes of everything else in the scene, and of results: "described", the axes in which
         the body is given, or "principal", its principal axes
+    has_mass : bool, optional
+        whether a mass was given; set by the body, and kept by `dataclasses.replace`
 
     Raises
     ------
@@ -92,7 +95,7 @@ class Body(BodyChanges):
     >>> body = rm.Body((1.0, 2.0, rm.normal(2.5, 0.01)), mass=3.0, centre=(0.0, 0.0, 0.1))
     >>> rm.Body((1.0, 2.0, 4.0))  # doctest: +ELLIPSIS
     Traceback (most recent call last):
-    rigidmc.errors.SceneError: [body] moments = [1.0, 2.0, 4.0]: violates the triangle inequality...
+    rigidmc.errors.SceneError: [body] moments = [1.0, 2.0, 4.0]: principal moments must be...
     """
 
     _OLD_NAMES = {
@@ -106,11 +109,12 @@ class Body(BodyChanges):
     }
 
     moments: Any
-    mass: Any = 1.0
+    mass: Any = None
     centre: Any = (0.0, 0.0, 0.0)
     axes: tuple[tuple[float, ...], ...] = IDENTITY
     shape: Shape = ()
     frame: str = "described"
+    has_mass: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "moments", vector_in_si(self.moments, "kg m2", "body.moments"))
@@ -118,8 +122,13 @@ class Body(BodyChanges):
         uncertain = isinstance(self.moments, TensorDistribution)
         check = check_distribution if whole else vector
         object.__setattr__(self, "moments", check(self.moments, f"body.{self.inertia_key}"))
-        mass = in_si(self.mass, "kg", "body.mass")
+        mass = ASSUMED_MASS if self.mass is None else in_si(self.mass, "kg", "body.mass")
         centre = vector_in_si(self.centre, "m", "body.centre")
+        # a replaced mass is given; `replace` of other fields hands on that none is
+        assumed = self.mass is None or (
+            not self.has_mass and is_shared(mass) and mass == ASSUMED_MASS
+        )
+        object.__setattr__(self, "has_mass", not assumed)
         object.__setattr__(self, "mass", quantity(mass, "body.mass"))
         object.__setattr__(self, "centre", vector(centre, "body.centre"))
         if isinstance(self.moments, TensorDistribution):
@@ -166,13 +175,9 @@ class Body(BodyChanges):
             return
         bad = np.flatnonzero(inertia.violates_triangle(self.moments))
         if bad.size:
-            values = [float(m if is_shared(m) else m[bad[0]]) for m in self.moments]
-            large, rest = max(values), sum(values) - max(values)
+            values = np.array([float(m if is_shared(m) else m[bad[0]]) for m in self.moments])
             row = "" if is_shared(self.moments) else f"row {bad[0]}: "
-            rule = (
-                f"{row}violates the triangle inequality: {large:g} exceeds the sum of the other"
-                f" two, {rest:g}; no rigid body has these moments"
-            )
+            rule = row + inertia.why_impossible(values)
             raise SceneError(rule, at="body.moments", value=shown)
 
     @_between_axes(

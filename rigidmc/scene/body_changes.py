@@ -14,6 +14,7 @@ from rigidmc.mechanics import inertia, rotation
 from rigidmc.scene import shape
 from rigidmc.scene.body_makers import BodyMakers
 from rigidmc.scene.body_readers import BodyReaders
+from rigidmc.scene.inertia_about import check_mass_given
 from rigidmc.scene.quantities import is_shared, is_variable, vector
 from rigidmc.scene.shape import Shape
 from rigidmc.scene.units import in_si
@@ -29,6 +30,7 @@ class BodyChanges(BodyReaders):
         mass: Any
         centre: Any
         shape: Shape
+        has_mass: bool
 
         @property
         def tensor(self) -> NDArray[np.float64]: ...
@@ -55,7 +57,7 @@ class BodyChanges(BodyReaders):
         Raises
         ------
         SceneError
-            for a body that differs between members
+            for a body that differs between members or has no given mass
 
         Examples
         --------
@@ -78,6 +80,7 @@ class BodyChanges(BodyReaders):
             )
             raise SceneError(rule, at="body.pivot")
         new = np.array(self.centre) - np.array(point)
+        check_mass_given(self.has_mass, self.centre, tuple(new.tolist()))
         bare = inertia.about_centre(self.tensor, self.mass, self.centre)
         tensor = inertia.about_point(bare, self.mass, new)
         parts = tuple(part.placed(-np.array(point)) for part in self.shape)
@@ -95,7 +98,7 @@ class BodyChanges(BodyReaders):
         Raises
         ------
         SceneError
-            for a body with other distributions or arrays
+            for a body with other distributions or arrays, or without a given mass
 
         Examples
         --------
@@ -105,6 +108,7 @@ class BodyChanges(BodyReaders):
         """
         if isinstance(self.moments, UncertainInertia):
             distribution = self.moments
+            check_mass_given(self.has_mass, self.centre, distribution.centre or 0.0)
             distribution = (
                 distribution
                 if distribution.centre is not None
@@ -112,6 +116,7 @@ class BodyChanges(BodyReaders):
             )
             return type(self)(distribution, self.mass, shape=self.shape, frame=self.frame)
         if isinstance(self.moments, TensorRows) and not is_variable(self.mass, self.centre):
+            check_mass_given(self.has_mass, self.centre)
             about = self.moments.with_centre(self.mass, self.centre)
             return type(self)(about, self.mass, shape=self.shape, frame=self.frame)
         return self.with_pivot(self.centre)
@@ -140,7 +145,7 @@ class BodyChanges(BodyReaders):
         Raises
         ------
         SceneError
-            for bodies that differ between members
+            for bodies that differ between members or have no given mass
 
         Examples
         --------
@@ -173,7 +178,8 @@ class BodyChanges(BodyReaders):
         Raises
         ------
         SceneError
-            if the remainder is impossible, and for bodies that differ between members
+            if the remainder is impossible, and for bodies that differ between members or have no
+            given mass
 
         Examples
         --------
@@ -191,6 +197,8 @@ class BodyChanges(BodyReaders):
             ):
                 rule = "only bodies given by plain numbers can be joined"
                 raise SceneError(rule, at="body.join")
+            if not body.has_mass:
+                raise SceneError("only bodies with a given mass can be joined", at="body.mass")
         place = vector(in_si(at, "m", "body.at"), "body.at")
         if not is_shared(place):
             raise SceneError("expected plain numbers", at="body.at")

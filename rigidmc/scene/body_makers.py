@@ -17,7 +17,7 @@ from rigidmc.labelled import Wanted
 from rigidmc.mechanics import inertia, solids
 from rigidmc.mechanics.impossible import causes_text
 from rigidmc.scene import shape
-from rigidmc.scene.inertia_about import is_about_centre, tensor_about_pivot
+from rigidmc.scene.inertia_about import ASSUMED_MASS, is_about_centre, tensor_about_pivot
 from rigidmc.scene.quantities import is_shared, quantity, vector
 from rigidmc.scene.shape import Shape
 from rigidmc.scene.units import in_si, size_units, vector_in_si
@@ -56,7 +56,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
     def from_moments(
         cls,
         moments: Any,
-        mass: Any = 1.0,
+        mass: Any = None,
         centre: Any = (0.0, 0.0, 0.0),
         about: str = "pivot",
     ) -> Self:
@@ -69,7 +69,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         moments : quantities (3,), array_like (members, 3) or distribution [kg m^2]
             (I1, I2, I3)
         mass : quantity, optional [kg]
-            mass of the body
+            mass of the body; 1 kg if not given
         centre : quantities (3,), optional [m]
             centre of mass from the fixed point
         about : str, optional
@@ -84,7 +84,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         ------
         SceneError
             for impossible moments, and for about = "centre" with a body that differs between
-            members
+            members or has a centre but no mass
 
         Examples
         --------
@@ -105,7 +105,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
     def from_tensor(
         cls,
         tensor: ArrayLike | TensorDistribution,
-        mass: Any = 1.0,
+        mass: Any = None,
         centre: Any = (0.0, 0.0, 0.0),
         about: str = "pivot",
         axes: str = "described",
@@ -120,7 +120,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         tensor : array_like (3, 3) or (members, 3, 3), UncertainInertia or TensorRows [kg m^2]
             symmetric tensor, I_xy = -int x y dm, or one for each member
         mass : float, optional [kg]
-            mass of the body
+            mass of the body; 1 kg if not given
         centre : array_like (3,), optional [m]
             centre of mass from the fixed point, in the axes of the tensor
         about : str, optional
@@ -143,7 +143,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         ------
         SceneError
             for an impossible tensor, with its likely causes, and for about = "centre" with a mass
-            or centre that differs between members
+            or centre that differs between members, or with a centre but no mass
 
         Examples
         --------
@@ -425,7 +425,8 @@ def _principal_axes(
     try:
         return find(matrix)
     except SceneError as error:
-        m = quantity(in_si(mass, "kg", "body.mass"), "body.mass")
+        given = ASSUMED_MASS if mass is None else in_si(mass, "kg", "body.mass")
+        m = quantity(given, "body.mass")
         c = vector(vector_in_si(centre, "m", "body.centre"), "body.centre")
         causes = causes_text(matrix, m, c) if is_shared(m, c) else ""
         rule = error.rule + causes

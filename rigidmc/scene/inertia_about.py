@@ -18,6 +18,7 @@ from rigidmc.scene.units import in_si, vector_in_si
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 
 ABOUT = ("pivot", "centre")  # the fixed point; the centre of mass
+ASSUMED_MASS = 1.0  # kg, of a body without a given mass: free motion depends on moments alone
 
 
 def is_about_centre(about: Any) -> bool:
@@ -35,10 +36,12 @@ def tensor_about_pivot(tensor: Any, mass: Any, centre: Any) -> Any:
 
     An uncertain tensor is moved to first order: its mean by the mean mass and centre, and its
     covariance S becomes J S J^T with the derivatives J of the moved elements. SceneError for a mass
-    or a centre that differs between members.
+    or a centre that differs between members, and for no mass (None) beside a centre.
     """
-    m = quantity(in_si(mass, "kg", "body.mass"), "body.mass")
     c = vector(vector_in_si(centre, "m", "body.centre"), "body.centre")
+    check_mass_given(mass is not None, c)
+    given = ASSUMED_MASS if mass is None else in_si(mass, "kg", "body.mass")
+    m = quantity(given, "body.mass")
     if not is_shared(m, c):
         rule = (
             'must be plain numbers with about = "centre"; if they are uncertain, give the tensor'
@@ -48,6 +51,17 @@ def tensor_about_pivot(tensor: Any, mass: Any, centre: Any) -> Any:
     if isinstance(tensor, UncertainInertia):
         return _moved(tensor.check("body.tensor"), m, np.array(c))
     return inertia.about_point(tensor, m, np.array(c))
+
+
+def check_mass_given(has_mass: bool, *vectors: Any) -> None:
+    """Raise SceneError for a body without a given mass that moves between its centre of mass and
+    another fixed point.
+
+    vectors : from the old and the new fixed point to the centre of mass
+    """
+    if not has_mass and any(not is_shared(v) or np.any(v) for v in vectors):
+        rule = "give the mass: moments about another point are I_centre + m (c^2 1 - c c^T)"
+        raise SceneError(rule, at="body.mass")
 
 
 def _moved(distribution: UncertainInertia, mass: float, centre: NDArray[np.float64]) -> Any:

@@ -178,7 +178,7 @@ def member_paths(ds: xr.Dataset, kind: str) -> tuple[list[MemberPath], str]:
 
 def _dense(one: xr.Dataset, kind: str) -> tuple[xr.Dataset, str]:
     """Return a member at close times, and a warning if they are not close."""
-    from rigidmc.runs.rerun import frames
+    from rigidmc.runs.frames import frames
 
     part = thin_result(one)
     rate = float(fastest(part, kind)[0])

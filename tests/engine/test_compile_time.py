@@ -18,7 +18,7 @@ from rigidmc.engine.compile_time import list_kernels, seconds, summary
 from rigidmc.engine.machine import this_machine
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.results import run_directory
-from rigidmc.results.run_directory import facts_text
+from rigidmc.results.run_facts import facts_text
 from rigidmc.runs import precompile as warm
 from rigidmc.scene.sampling import drawn_through
 from tests.torture import ALONE_COMMAND

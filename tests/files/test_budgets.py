@@ -19,7 +19,7 @@ from rigidmc.errors import FileError, RigidmcError, SceneError, nearest, path_of
 from rigidmc.files import reading
 from rigidmc.files.netcdf import refuse_hostile
 from rigidmc.mechanics import mesh
-from rigidmc.scene.toml.values import read_column
+from rigidmc.scene.toml.columns import read_column
 from tests.faulty import LINUX
 
 pytestmark = LINUX

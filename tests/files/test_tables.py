@@ -7,7 +7,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.files.tables import read_number_table
-from rigidmc.scene.toml.values import read_columns
+from rigidmc.scene.toml.columns import read_columns
 
 NAMES = ("a", "b")
 SEMICOLONS, COMMAS = "columns are separated by ';'", "a comma is the decimal point"

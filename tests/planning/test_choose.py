@@ -90,7 +90,7 @@ def test_extrapolation_is_tried_where_it_pays():
 @pytest.mark.slow
 def test_a_short_heavy_run_is_rk8_or_a_splitting_of_high_order():
     scene = rm.Scene(
-        rm.Body.from_moments((0.6, 0.8, 1.0), centre=(0.1, 0.2, 0.6)),
+        rm.Body.from_moments((0.6, 0.8, 1.0), mass=1.0, centre=(0.1, 0.2, 0.6)),
         (rm.Gravity(1.0),),
         rm.Start(omega=(rm.normal(1, 1), 0.5, -0.9), attitude="uniform"),
     ).with_run(t_end=5.0, save=("omega", "attitude"))
@@ -107,7 +107,7 @@ def test_a_short_heavy_run_is_rk8_or_a_splitting_of_high_order():
 
 
 LAGRANGE = rm.Scene(
-    rm.Body.from_moments((1.0, 1.0, 0.5), centre=(0.0, 0.0, 0.2)),
+    rm.Body.from_moments((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, 0.2)),
     (rm.Gravity(3.0),),
     rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform"),
 ).with_run(t_end=20.0, save=("omega", "attitude"))
@@ -202,7 +202,7 @@ def test_a_pilot_that_fails_is_reported():
     omega = np.random.default_rng(0).normal(size=(64, 3))
     omega[3] = 1e200
     scene = rm.Scene(
-        rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3)),
+        rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3)),
         (rm.Gravity(1.0),),
         rm.Start(omega=omega),
     )

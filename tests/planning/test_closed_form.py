@@ -96,11 +96,15 @@ def test_damped_free_scene_runs_through_the_undamped_motion():
     ("body", "effects", "why"),
     [
         (
-            Body.from_moments((1, 2, 2.5), centre=(0, 0, 0.1)),
+            Body.from_moments((1, 2, 2.5), mass=1.0, centre=(0, 0, 0.1)),
             (Gravity(9.81),),
             "I1 = 1 and I2 = 2 differ",
         ),
-        (Body.from_moments((1, 1, 1.5), centre=(0.1, 0, 0.1)), (Gravity(9.81),), "lies on none"),
+        (
+            Body.from_moments((1, 1, 1.5), mass=1.0, centre=(0.1, 0, 0.1)),
+            (Gravity(9.81),),
+            "lies on none",
+        ),
         (LAGRANGE, (Gravity(9.81), ViscousDamping(0.1)), "damped heavy top"),
     ],
 )
@@ -149,7 +153,7 @@ def end(scene, **settings):
 
 
 def test_effects_of_one_kind_add_up():
-    heavy = Body.from_moments((1.4, 1.4, 1.0), centre=(0.0, 0.0, 0.2))
+    heavy = Body.from_moments((1.4, 1.4, 1.0), mass=1.0, centre=(0.0, 0.0, 0.2))
     start = Start(omega=(0.3, normal(0.4, 0.1), 6.0), attitude=(0.3, 0.7, 0.2))
     twice = Scene(heavy, (Gravity(5.0), Gravity(4.81)), start)
     free = Body.from_moments((1.0, 2.0, 3.0))
@@ -266,6 +270,7 @@ def test_a_member_that_spins_beyond_all_digits_stays_where_it_was():
 
 BODIES = """[body]
 moments = [1.4, 1.4, { grid = [-4.0, 4.0, 2] }]
+mass = 1.0
 centre = [0, 0, 0.1]
 [effects.gravity]
 g = 9.81

@@ -23,7 +23,7 @@ FREE, HEAVY = PROBLEMS["hairer_free"], (rm.Gravity(1.0),)
 TIGHT = Limits(1e-6, 1e-6, math.inf, 2.0, 1e-9)
 STEPS, H, SICK = 320, 0.02, 7
 rng = np.random.default_rng(0)
-BODY = rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3))
+BODY = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
 SPINS = rng.normal(size=(64, 3))
 
 

@@ -16,7 +16,7 @@ from rigidmc.studies.stress.problems import PROBLEMS
 from tests.kernels import block_of, prepare, run
 from tests.plans import starts
 
-BODY = rm.Body.from_moments((rm.uniform(0.9, 1.4), 1.5, 2.0), centre=(0.1, 0.05, 0.2))
+BODY = rm.Body.from_moments((rm.uniform(0.9, 1.4), 1.5, 2.0), mass=1.0, centre=(0.1, 0.05, 0.2))
 START = rm.Start(
     omega=(rm.normal(0.0, 1.0), rm.normal(0.0, 1.0), rm.normal(0.0, 1.0)), attitude="uniform"
 )

@@ -8,12 +8,14 @@ from rigidmc.engine.kernel import layout as K
 from rigidmc.planning.tolerance import deviation, pilot, truth
 from rigidmc.planning.tolerance import deviation as growth
 
-BODY = rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.05, 0.2))
+BODY = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.05, 0.2))
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 HEAVY = rm.Scene(BODY, (rm.Gravity(3.0),), START).with_run(t_end=3.0, save=("omega", "attitude"))
 FREE = rm.Scene(BODY, (), START).with_run(t_end=3.0, save=("omega", "attitude"))
 LAGRANGE = rm.Scene(
-    rm.Body.from_moments((1.0, 1.0, 0.5), centre=(0.0, 0.0, 0.2)), (rm.Gravity(3.0),), START
+    rm.Body.from_moments((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, 0.2)),
+    (rm.Gravity(3.0),),
+    START,
 ).with_run(t_end=3.0)
 
 
@@ -90,7 +92,7 @@ def test_errors_are_what_they_say():
 
 def test_growth_tells_chaos_from_order():
     chaotic = rm.Scene(
-        rm.Body.from_moments((1.0, 1.7, 2.4), centre=(0.6, 0.2, 0.6)),
+        rm.Body.from_moments((1.0, 1.7, 2.4), mass=1.0, centre=(0.6, 0.2, 0.6)),
         (rm.Gravity(9.81),),
         rm.Start(omega=(0.5, 0.5, 0.5), attitude="uniform"),
     ).with_run(t_end=16.0, save=("omega", "attitude"))

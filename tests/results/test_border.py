@@ -23,7 +23,8 @@ from rigidmc.files.outputs import PartialFile
 from rigidmc.files.reading import DEPTH, toml
 from rigidmc.files.trial import refuse_unreadable
 from rigidmc.results import run_directory
-from rigidmc.results.run_directory import RunDirectory, facts_text
+from rigidmc.results.run_directory import RunDirectory
+from rigidmc.results.run_facts import facts_text
 from rigidmc.runs.directory import resume
 from rigidmc.runs.directory.create import create
 from rigidmc.studies.stress.hard_cases import load_bounds

@@ -18,6 +18,7 @@ from rigidmc.results import export
 
 SCENE = """[body]
 moments = [1.0, 2.0, 2.5]
+mass = 1.0
 centre = [0.0, 0.0, 0.1]
 [effects.gravity]
 g = 9.81

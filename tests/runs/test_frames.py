@@ -6,7 +6,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.mechanics.free_top import solve_free_top
-from rigidmc.runs.rerun import frames
+from rigidmc.runs.frames import frames
 
 MOMENTS, L = (1.0, 2.0, 3.0), (0.3, 2.0, 0.4)
 

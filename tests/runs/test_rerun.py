@@ -114,7 +114,7 @@ def test_no_public_name_is_also_a_module():
 
 
 ROWS = rm.Scene(
-    rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.0, 0.3)),
+    rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.0, 0.3)),
     (rm.Gravity(9.81), rm.ViscousDamping(0.1)),
     rm.Start(omega=np.random.default_rng(0).normal(size=(200, 3)) + [0.0, 3.0, 0.0]),
 ).with_run(dt=0.01, t_end=1.0, every=0.1, save=("omega", "energy_drift", "work"))  # fmt: skip

@@ -28,7 +28,8 @@ from rigidmc.errors import FileError, NoRoom, OptionError, OutputExists, SceneWa
 from rigidmc.files.netcdf import read
 from rigidmc.files.outputs import PartialFile, content_of
 from rigidmc.results import run_directory
-from rigidmc.results.run_directory import RunDirectory, facts_text
+from rigidmc.results.run_directory import RunDirectory
+from rigidmc.results.run_facts import facts_text
 from rigidmc.runs.directory import cluster, gather, resume
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.dataset import open_run

@@ -14,7 +14,7 @@ import pytest
 import rigidmc as rm
 from rigidmc.physics.dynamics.so3 import vertical
 
-BODY = rm.Body.from_moments((1.0, 2.0, 2.5), centre=(0.02, 0.0, 0.1))
+BODY = rm.Body.from_moments((1.0, 2.0, 2.5), mass=1.0, centre=(0.02, 0.0, 0.1))
 START = rm.Start(omega=(rm.normal(0, 0.1), rm.normal(1, 0.1), 0.2), attitude="uniform")
 HEAVY = rm.Scene(BODY, (rm.Gravity(9.81), rm.ViscousDamping(0.01)), START)
 FREE = rm.Scene(BODY, (), START)
@@ -212,7 +212,7 @@ def test_a_result_file_is_enough_to_run_again(attitude, tmp_path):
     centre = (0.0, rm.uniform(0, 0.1), 0.1)
     start = rm.Start(momentum=(rng.normal(size=50), rm.normal(0, 1), 1.0), attitude=given)
     scene = rm.Scene(
-        rm.Body.from_moments((1.0, 2.0, 2.5), centre=centre),
+        rm.Body.from_moments((1.0, 2.0, 2.5), mass=1.0, centre=centre),
         (rm.Gravity(rm.normal(9.81, 0.1)),),
         start,
     )
@@ -266,7 +266,7 @@ def test_a_bad_member_among_thousands():
     omega = rng.normal(size=(4096, 3))
     wild = omega.copy()
     wild[1234] = 1e160
-    body = rm.Body.from_moments((1.0, 2.0, 2.5), centre=(0, 0, 0.1))
+    body = rm.Body.from_moments((1.0, 2.0, 2.5), mass=1.0, centre=(0, 0, 0.1))
     made = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rm.SceneWarning)
@@ -371,7 +371,7 @@ def test_effects_of_one_shape_or_name_are_not_mixed_up():
             down = vertical(q)
             return self.g * body.p3 * down[1], -self.g * body.p3 * down[0], 0.0
 
-    body = rm.Body.from_moments((1.0, 2.0, 2.5), centre=(0, 0, 0.1))
+    body = rm.Body.from_moments((1.0, 2.0, 2.5), mass=1.0, centre=(0, 0, 0.1))
     ends = []
     for effect in (
         rm.Gravity(9.81),

@@ -23,7 +23,8 @@ from rigidmc.errors import FileError, OutputExists
 from rigidmc.files import stores
 from rigidmc.files.outputs import content_of
 from rigidmc.results import run_directory
-from rigidmc.results.run_directory import FILES, RunDirectory, facts_text
+from rigidmc.results.run_directory import FILES, RunDirectory
+from rigidmc.results.run_facts import facts_text
 from rigidmc.runs.directory import cluster, gather, resume
 from rigidmc.runs.directory.create import create
 from tests.runs import test_resume

@@ -1,5 +1,7 @@
 """Tensors and moments about the centre of mass, in Python and in scene files."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -109,6 +111,31 @@ def test_what_cannot_be_moved_is_refused(options, words):
 def test_moments_that_differ_are_not_moved():
     with pytest.raises(rm.SceneError, match="must be plain numbers with about"):
         rm.Body.from_moments((1, 2, rm.uniform(2, 2.5)), 1.0, (0, 0, 1), about="centre")
+
+
+@pytest.mark.parametrize(
+    "move",
+    [
+        lambda: rm.Body.from_moments((1, 2, 2.5), centre=(0, 0, 1), about="centre"),
+        lambda: rm.Body.from_tensor(TENSOR, centre=(0, 0, 1), about="centre"),
+        lambda: rm.Body((1, 2, 2.5)).with_pivot((0, 0, 1)),
+        lambda: rm.Body((1, 2, 2.5), centre=(0, 0, 1)).with_pivot_at_centre(),
+        lambda: rm.Body((1, 2, 2.5)).join(rm.Body.box(1.0, (1, 2, 3))),
+    ],
+)
+def test_without_a_mass_no_inertia_is_moved(move):
+    with pytest.raises(rm.SceneError, match=r"\[body\] mass"):
+        move()
+
+
+def test_a_body_keeps_whether_its_mass_is_given():
+    free, given = rm.Body((1, 2, 2.5)), rm.Body((1, 2, 2.5), 1.0)
+    assert (free.mass, free.has_mass) == (1.0, False) and given.has_mass
+    assert free.with_pivot_at_centre().moments == given.moments  # 0 m apart: no mass is needed
+    assert not replace(free, frame="principal").has_mass and replace(free, mass=2.0).has_mass
+    assert not rm.Body.from_tensor(TENSOR, about="centre").has_mass
+    text = "[body]\nmoments = [1, 2, 2.5]\n[start]\nomega = [0, 0, 1]\n"
+    assert not rm.Scene.loads(text).body.has_mass
 
 
 TEXT = """

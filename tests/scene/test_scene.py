@@ -17,6 +17,7 @@ GOOD = """
 title = "test"
 [body]
 moments = [1.0, 2.0, 2.5]
+mass = 1.0
 centre = [0.0, 0.0, 0.1]
 [effects.gravity]
 g = 9.81
@@ -45,7 +46,7 @@ BAD = {  # what is replaced, by what, and what the message must say
     "triangle": (
         "[1.0, 2.0, 2.5]",
         "[1.0, 2.0, 9.0]",
-        ["[body]", "moments", "triangle inequality", "9", "3"],
+        ["[body]", "moments", "triangle inequality", "(1, 2, 9)", "by 6"],
     ),
     "negative moment": ("[1.0, 2.0, 2.5]", "[-1.0, 2.0, 2.5]", ["[body]", "moments", "positive"]),
     "two moments": ("[1.0, 2.0, 2.5]", "[1.0, 2.0]", ["[body]", "moments", "3 components"]),

@@ -59,7 +59,7 @@ def test_a_result_keeps_the_shape_and_no_bit_depends_on_it():
 
 
 def test_bodies_without_a_known_part_have_no_shape():
-    known, unknown = rm.Body.box(1.0, (1, 2, 3)), rm.Body.from_moments((1, 2, 2.5))
+    known, unknown = rm.Body.box(1.0, (1, 2, 3)), rm.Body.from_moments((1, 2, 2.5), 1.0)
     assert known.join(unknown).shape == () == unknown.join(known).shape
     assert len(known.join(known, at=(5, 0, 0)).shape) == 2
     turn = Rotation.from_rotvec([0.3, 0.5, 0.2])

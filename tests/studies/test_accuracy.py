@@ -20,7 +20,9 @@ from tests.axes import unlabelled
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 LAGRANGE = rm.Scene(
-    rm.Body.from_moments((1.0, 1.0, 0.5), centre=(0.0, 0.0, 0.2)), (rm.Gravity(3.0),), START
+    rm.Body.from_moments((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, 0.2)),
+    (rm.Gravity(3.0),),
+    START,
 )
 LAGRANGE = LAGRANGE.with_run(t_end=3.0, every=0.5, save=("omega", "attitude"))
 CHOSEN = ("rk4", "rk8", "chin4", "closed")

@@ -269,7 +269,7 @@ def test_a_probability_by_the_temperatures_of_start_and_bath():
 
 
 BATHED = rm.Scene(
-    rm.Body.from_moments((1.0, 1.5, 2.0), centre=(0.0, 0.0, 0.1)),
+    rm.Body.from_moments((1.0, 1.5, 2.0), mass=1.0, centre=(0.0, 0.0, 0.1)),
     (rm.Gravity(9.81), rm.ViscousDamping(0.1), rm.Bath(0.8, 0.5)),
     rm.Start(omega=(0.0, 0.0, 1.0)),
 )  # fmt: skip

@@ -16,7 +16,7 @@ from rigidmc.studies.section.picture import section_points
 from rigidmc.studies.section.points import crossing_of, period_of
 from rigidmc.studies.section.study import table
 
-BODY = rm.Body((1.0, 2.0, 2.5), centre=(0.1, 0.0, 0.2))
+BODY = rm.Body((1.0, 2.0, 2.5), mass=1.0, centre=(0.1, 0.0, 0.2))
 FREE = rm.Scene(rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=(1.0, 0.2, 0.1))).with_run(
     members=1, dt=0.05, integrator="rk8"
 )

@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import FileError, OptionError
-from rigidmc.results.run_directory import RunDirectory, facts_text, read_facts
+from rigidmc.results.run_directory import RunDirectory
+from rigidmc.results.run_facts import facts_text, read_facts
 from rigidmc.runs.directory import resume
 from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.question import make_request, read_stored_request

@@ -12,7 +12,9 @@ from tests.axes import unlabelled
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 LAGRANGE = rm.Scene(
-    rm.Body.from_moments((1.0, 1.0, 0.5), centre=(0.0, 0.0, 0.2)), (rm.Gravity(3.0),), START
+    rm.Body.from_moments((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, 0.2)),
+    (rm.Gravity(3.0),),
+    START,
 )
 LAGRANGE = LAGRANGE.with_run(t_end=5.0, dt=0.02, members=100, integrator="rk4")
 
@@ -58,7 +60,7 @@ def test_a_long_step_is_seen():
 
 
 def test_chaos_is_told_from_a_long_step():
-    body = rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.25, 0.15))
+    body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.25, 0.15))
     start = rm.Start(omega=(rm.normal(0.0, 0.3), rm.normal(0.0, 0.3), 0.3), attitude="uniform")
     found = trust.trust(
         rm.Scene(body, (rm.Gravity(10.0),), start).with_run(

@@ -199,7 +199,7 @@ def test_show_says_so():
 
 
 def test_an_animation_says_how_far_it_turns_between_frames():
-    from rigidmc.runs.rerun import frames
+    from rigidmc.runs.frames import frames
 
     ds = rm.simulate(GYROSCOPE, threads=1, members=1)
     few = frames(ds, 0, 4 * 20)
@@ -213,7 +213,7 @@ def test_an_animation_says_how_far_it_turns_between_frames():
 @pytest.mark.slow  # 6 s, to compile
 def test_a_page_shows_what_spins_up():
     """From rest: the first momentum tells no rate, and 300 frames would jump by 10 rad each."""
-    from rigidmc.runs.rerun import frames
+    from rigidmc.runs.frames import frames
     from rigidmc.views.viewer.data import closer, motion_span, unseen
 
     body = rm.Body.from_moments((1.0, 1.2, 1.5))

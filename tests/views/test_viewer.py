@@ -14,7 +14,7 @@ import rigidmc as rm
 from rigidmc import figures
 from rigidmc.cli import app
 from rigidmc.errors import OptionError, OutputExists
-from rigidmc.runs.rerun import frames
+from rigidmc.runs.frames import frames
 from rigidmc.views.viewer.data import short, sphere_density
 from rigidmc.views.viewer.page import view
 

@@ -4,7 +4,7 @@ import re
 import tomllib
 from pathlib import Path
 
-from rigidmc.results.run_directory import FORMAT
+from rigidmc.results.run_facts import FORMAT
 from rigidmc.results.variables import NEWER
 from rigidmc.version import VERSION
 

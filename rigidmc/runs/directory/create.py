@@ -31,16 +31,8 @@ from rigidmc.files.stores import Store, is_url
 from rigidmc.files.user_code import sources_of
 from rigidmc.planning.initial import block_rows, initial_block, make_sampler
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.run_directory import (
-    CHOSEN,
-    FORMAT,
-    MOST,
-    RunDirectory,
-    facts_text,
-    hash_of,
-    hash_of_file,
-    selection_facts,
-)
+from rigidmc.results.run_directory import CHOSEN, RunDirectory, hash_of_file
+from rigidmc.results.run_facts import FORMAT, MOST, facts_text, hash_of, selection_facts
 from rigidmc.results.sinks import Arrays
 from rigidmc.results.writer import write_columns
 from rigidmc.runs.directory.load import growth_methods, scene_in

@@ -15,7 +15,8 @@ from rigidmc.files.opening import open_plain
 from rigidmc.files.reading import text_of, toml
 from rigidmc.physics.observables import WATCHED
 from rigidmc.physics.observables.protocol import Growth
-from rigidmc.results.run_directory import RunDirectory, hash_of, hash_of_file
+from rigidmc.results.run_directory import RunDirectory, hash_of_file
+from rigidmc.results.run_facts import hash_of
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import block_of_shard
 from rigidmc.scene.recording import make_recording

@@ -12,7 +12,8 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import Path, make_durable, write_bytes
 from rigidmc.progress import Progress, announce
-from rigidmc.results.run_directory import CHOSEN, RunDirectory, facts_text, selection_facts
+from rigidmc.results.run_directory import CHOSEN, RunDirectory
+from rigidmc.results.run_facts import facts_text, selection_facts
 from rigidmc.runs.directory.cluster import compute_on, parse_cluster
 from rigidmc.runs.directory.create import refuse_many, refuse_shards_beyond
 from rigidmc.runs.directory.load import (

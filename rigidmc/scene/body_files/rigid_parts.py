@@ -87,7 +87,7 @@ def impossible_note(part: RigidPart, name: str) -> tuple[str, ...]:
     causes = causes_text(part.tensor, part.mass, np.zeros(3))
     return (
         f"{name} cannot exist: its principal moments about the centre of mass are ({shown}) kg m2,"
-        f" but moments are positive, and none exceeds the sum of the other two{causes}",
+        f" but moments are positive and obey {inertia.TRIANGLE}{causes}",
     )
 
 

@@ -283,7 +283,8 @@ lyapunov = Study(
     picture="lyapunov_spectrum",
     settings=(*TUNING, "members", "first", "points", "every"),
     settings_help={
-        "every": f"time between two saves of the exponents [s]; by default {SAVES} saves"
+        "every": "time between two saves of the exponents [s], or saves per turn such as 50/turn;"
+        f" by default {SAVES} saves"
     },
     settings_text="run settings, as in `simulate`; `every` is the time between two saves of the"
     f" exponents, by default a {SAVES}th of the time",

@@ -221,7 +221,8 @@ section = Study(
     picture="section_points",
     picture_options=SectionPlaneOptions,
     settings_help={
-        "every": "time between two checks for a crossing [s]; by default one step of the run"
+        "every": "time between two checks for a crossing [s], or checks per turn such as 50/turn;"
+        " by default one step of the run"
     },
     scene_text="a scene without noise, its file, or the name of a shipped scene",
     settings_text="run settings, as in `simulate`; `every` is the time between two checks for a"

@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning
+from rigidmc.mechanics.inertia import TRIANGLE
 from rigidmc.planning.saves import first_and_last
 from rigidmc.planning.tolerance.choose import choose_integrator
 from rigidmc.progress import reporter
@@ -122,7 +123,7 @@ def finish_map(
     if not pixels.counts[:2].any():
         (x, *ends), (y, *others) = request.x[:3], request.y[:3]
         between = f"between {ends[0]:g} and {ends[1]:g}, and {others[0]:g} and {others[1]:g} of {y}"
-        rule = f"{between}, all pixels have an impossible body or start: I_i <= I_j + I_k must hold"
+        rule = f"{between}, all pixels have an impossible body or start: bodies obey {TRIANGLE}"
         raise OptionError(rule, at="x", value=x)
     if request.borders is not None and computed is None:
         state = refine(request, pixels)

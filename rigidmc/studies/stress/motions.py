@@ -220,7 +220,7 @@ def tops(
     given: list[Any] = [tuple(c.T) if members else tuple(c.tolist()) for c in columns]
     effects: tuple[Any, ...] = (Gravity(g),) if np.any(columns[3]) else ()
     effects += (ViscousDamping(damping),) if damping else ()
-    body = Body.from_moments(given[0], centre=given[3])
+    body = Body.from_moments(given[0], mass=1.0, centre=given[3])
     return Scene(body, effects, Start(momentum=given[1], attitude=given[2]))
 
 

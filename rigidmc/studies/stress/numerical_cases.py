@@ -118,7 +118,7 @@ def _zeros() -> Iterator[HardCase]:
         largest_change(tops(MOMENTS, (0.0, 0.0, 0.0)), 10.0, direction),
         asked=0.0,
     )
-    body = Body.from_moments(tuple(MOMENTS), centre=CENTRE)
+    body = Body.from_moments(tuple(MOMENTS), mass=1.0, centre=CENTRE)
     weightless = Scene(body, (Gravity(0.0),), Start(momentum=tuple(MOMENTUM)))
     yield HardCase(
         "g = 0",
@@ -236,7 +236,7 @@ Refusal = tuple[Callable[[str], object], str, Callable[[str], bool]]  # call, te
 
 
 def _heavy_scene(*effects: Any) -> Scene:
-    body = Body.from_moments((1.0, 1.4, 2.0), centre=(0.0, 0.0, 1.0))
+    body = Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.0, 0.0, 1.0))
     start = Start(momentum=(1.0, 0.0, 0.0))
     one: Scene = Scene(body, effects, start).with_run(members=1, t_end=1.0)
     return one

@@ -22,7 +22,8 @@ from rigidmc.physics.effects.protocol import Effect
 from rigidmc.planning.turns import ATTITUDE, BODY, sparse
 from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.results.labels import count_text, long_label, units_text
-from rigidmc.runs.rerun import integrate_member, rerun
+from rigidmc.runs.frames import integrate_member
+from rigidmc.runs.rerun import rerun
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.views.sample import fastest, omega_or_momentum, thin_result
 from rigidmc.views.surfaces import form_of, member_body, surface_of, surface_radius

@@ -11,7 +11,7 @@ import xarray as xr
 from rigidmc.errors import OptionError, SceneWarning
 from rigidmc.files.outputs import refuse_existing, write_bytes
 from rigidmc.results.labels import count_text
-from rigidmc.runs.rerun import frames
+from rigidmc.runs.frames import frames
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.views.html_page import Page, page_text, pulls_data, shape_data, tones_data
 from rigidmc.views.surfaces import surface_of, surface_radius
@@ -48,7 +48,7 @@ def view(
         frames reach (tests/whole/test_claims.py)
     output : HTML file to write; force : replace it if it exists
 
-    Reruns the members, see `rigidmc.runs.rerun`. Raises OptionError for members that the result
+    Reruns the members, see `rigidmc.runs.frames`. Raises OptionError for members that the result
     does not have, OutputExists.
     """
     if output is not None:

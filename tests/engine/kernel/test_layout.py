@@ -35,7 +35,7 @@ def test_rows_follow_each_other_without_gaps():
 @pytest.mark.parametrize("save", SAVES)
 def test_a_scene_is_staged_by_the_table_of_rows(save):
     scene = rm.Scene(
-        rm.Body.from_moments((1.0, 2.0, 3.0), centre=(0.0, 0.0, 0.1)),
+        rm.Body.from_moments((1.0, 2.0, 3.0), mass=1.0, centre=(0.0, 0.0, 0.1)),
         (rm.Gravity(1.0), rm.ViscousDamping(0.1)),
         rm.Start(omega=(0.1, 1.0, 0.1)),
     ).with_run(save=save)

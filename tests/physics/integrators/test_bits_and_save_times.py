@@ -8,7 +8,7 @@ from rigidmc.physics.integrators import integrators_for
 
 GRAVITY = (rm.Gravity(3.0),)
 SCENE = rm.Scene(
-    rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.05, 0.2)),
+    rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.05, 0.2)),
     GRAVITY,
     rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform"),
 ).with_run(t_end=1.2, dt=0.02, members=96, save=("omega", "attitude"))

@@ -78,7 +78,7 @@ def test_the_nearest_is_of_the_same_order_and_family():
 
 
 def test_refused_at_the_check_of_the_scene():
-    body = rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.0, 0.0, 0.1))
+    body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.0, 0.0, 0.1))
     scene = rm.Scene(body, (G, D), rm.Start(omega=(0.1, 1.0, 0.2)))
     with pytest.raises(
         rm.SceneError, match=r"integrator = 'aba864': .*viscous_damping depends on L; use "

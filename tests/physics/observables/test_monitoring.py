@@ -532,7 +532,7 @@ def test_nutation_near_the_vertical_keeps_its_digits():
 
 
 WATCHED = rm.Scene(
-    rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3)),
+    rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3)),
     (rm.Gravity(1.0),),
     rm.Start(omega=rm.Sphere(1.0), attitude="uniform"),
 )
