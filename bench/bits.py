@@ -2,7 +2,9 @@
 
 Runs that also differentiate (`wrt`) must give the same values, everywhere. A run on one
 architecture keeps the rows of the others. On x86-64, `bench/aarch64.sh FOLDER -m
-bench bits` makes the rows of ARM.
+bench bits` makes the rows of ARM. `python -m bench.bits CASE` adds or replaces the row of one case
+on this processor, with members one at a time and at its own width: all cases take hours on an
+emulated CPU.
 """
 
 import contextlib
@@ -122,10 +124,9 @@ def run(quick):
     rows = [
         {"kind": "machine", **here, **harness.machine_card()},
         *(
-            {"kind": "bits", **here, "processor": word, "case": case, "widths": w, "sums": each}
+            _row(word, case, WIDTHS if len(each) > 1 else OWN, each)
             for word, by_case in digests.items()
             for case, each in by_case.items()
-            for w in [WIDTHS if len(each) > 1 else OWN]
         ),
     ]
     cases = digests["this processor"]
@@ -136,6 +137,21 @@ def run(quick):
         and row.get("case") in (None, *cases)
     ]
     return [*rows, equal(rows)]
+
+
+def add_case(case):
+    """Return all recorded rows, the one of a case on this processor new."""
+    widths = (1, *OWN)
+    new = _row("this processor", case, widths, sums(widths, names=(case,))[case])
+    name = ("architecture", "processor", "case")
+    others = [row for row in recorded() if row["kind"] != "target"]
+    kept = [row for row in others if any(row.get(key) != new[key] for key in name)]
+    return [*kept, new, equal([*kept, new])]
+
+
+def _row(processor, case, widths, each):
+    names = {"kind": "bits", "architecture": ARCHITECTURE, "processor": processor}
+    return {**names, "case": case, "widths": widths, "sums": each}
 
 
 def recorded():
@@ -171,3 +187,16 @@ def report(rows):
             [[case, *(one[:6] for one in each)] for case, each in lines.items()],
         )
     harness.report_targets(rows)
+
+
+def main():
+    with open(FILE) as file:
+        machine = json.load(file)["machine"]
+    found = {"machine": machine, "rows": add_case(sys.argv[1])}  # the machine of a whole run
+    with open(FILE, "w") as file:
+        json.dump(found, file, indent=1)
+        file.write("\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -8,7 +8,7 @@ same bits.
 
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -18,11 +18,23 @@ from numpy.typing import NDArray
 from rigidmc.engine.compile_time import announce_compiling
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.disk_cache import cached_text, has_text
-from rigidmc.engine.compiler.kernels import KernelKey, llvm_of, signature_of
+from rigidmc.engine.compiler.kernels import (
+    CompiledFunction,
+    KernelKey,
+    llvm_of,
+    signature_of,
+)
 from rigidmc.engine.compiler.trees import tree_flatten
-from rigidmc.engine.kernel.arguments import KernelShape, record_type
+from rigidmc.engine.kernel.arguments import (
+    KernelShape,
+    KernelTable,
+    NoiseKeys,
+    Workspace,
+    record_type,
+)
 from rigidmc.engine.kernel.block import run_lanes
-from rigidmc.engine.program import Program
+from rigidmc.engine.program import Program, fill_record
+from rigidmc.errors import OptionError
 
 KERNEL = "members"
 # Lines and attributes in a module that depend on the target machine or on the caller's stack.
@@ -59,6 +71,35 @@ class LinkedProgram(Program):
         """Return the numbers of each kernel, in the order of a KernelTable."""
         keys = [key for name, key in self.kernel_keys.items() if name != "advance"]
         return [np.array(tree_flatten(key.parts if key else ()) or [0.0]) for key in keys]
+
+    def frame_for(
+        self,
+        put: Callable[[NDArray[Any]], int],
+        block: NDArray[np.float64],
+        noise: NoiseKeys,
+        kernels: Iterable[int],
+        substeps: int,
+    ) -> tuple[Any, int]:
+        """Return (the frame of a block in other memory, the address of the block there).
+
+        put : copies an array to that memory and returns its address
+        kernels, substeps : addresses there, of the numbers of each kernel and of the substeps
+        """
+        at, (rows, members) = put(block), block.shape
+        rows //= self.copies
+        workspace = Workspace(
+            substeps=substeps,
+            substep_rows=self.substeps.size // 4,
+            block=at,
+            rows=rows,
+            width=members,
+            skips_cache=0,
+            **dict.fromkeys(self.working_memory(rows), 0),  # each thread has its own
+        )
+        table = KernelTable(*(CompiledFunction(0, 0, numbers) for numbers in kernels))
+        keys = noise._replace(streams=put(noise.streams), members=put(noise.members))
+        empty = np.zeros(1, record_type(self.dtype))
+        return fill_record(empty, table, self.shape, keys, workspace), at
 
     def missing(self) -> list[str]:
         """Return ["kernel"] if it is neither in memory nor in the disk cache."""
@@ -114,11 +155,7 @@ def link_kernel(
     entry_code = llvm_of(KernelKey(run_member, (), dtype, 0, "ri", record_type(dtype)))
     names = {name: function for name, (function, _) in kernels.items()}
     entry = _entry(entry_code[0], names, shape, workspace, record_type(dtype))
-    module = llvm.parse_assembly(entry + thread)
-    for _, text in (entry_code, *kernels.values()):
-        module.link_in(llvm.parse_assembly(MACHINE.sub("", text)))
-    for variable in module.global_variables:
-        variable.linkage = "internal"  # Numba's, unused
+    module = join_code(entry + thread, [text for _, text in (entry_code, *kernels.values())])
     # The kernels stay separate functions. If inlined, monitoring kernels leave `march` too few
     # registers, and it spills within its steps (strang in a bath 316 bytes).
     called = {function: name for name, function in names.items()}
@@ -128,6 +165,16 @@ def link_kernel(
         function.linkage = "internal"
         function.add_function_attribute("noinline" if function.name in called else "alwaysinline")
         function.name = called.get(function.name, function.name)
+    return module
+
+
+def join_code(entry: str, codes: Iterable[str] = ()) -> llvm.ModuleRef:
+    """Return LLVM code joined with the codes of kernels that it calls."""
+    module = llvm.parse_assembly(entry)
+    for code in codes:
+        module.link_in(llvm.parse_assembly(MACHINE.sub("", code)))
+    for variable in module.global_variables:
+        variable.linkage = "internal"  # Numba's, unused
     return module
 
 
@@ -185,6 +232,21 @@ end:
 """,
         ]
     )
+
+
+def target_machine(triple: str, **options: Any) -> llvm.TargetMachine:
+    """Return LLVM's target machine for a processor; options : as of `create_target_machine`."""
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    return llvm.Target.from_triple(triple).create_target_machine(opt=3, **options)
+
+
+def refuse_calls(names: Sequence[str], where: str, device: str) -> None:
+    """Raise OptionError if custom code calls functions that a processor lacks; where : its name."""
+    if names:
+        rule = f"custom code calls {', '.join(names)}, which {where} not have"
+        rule += ": use functions of rigidmc instead"
+        raise OptionError(rule, at="device", value=device)
 
 
 def optimise(module: llvm.ModuleRef, machine: llvm.TargetMachine) -> llvm.ModuleRef:

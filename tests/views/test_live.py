@@ -4,7 +4,6 @@ import json
 import math
 import re
 import shutil
-import time
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ from rigidmc.views.live.sliders import make_sliders
 BROWSER = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+FLAGS = ["--no-sandbox"]
 STEPS = 1000
 TOP = rm.Scene(
     rm.Body((2.0, 1.5, 1.0), mass=1.0, centre=(0.0, 0.0, 0.3)),
@@ -222,7 +221,8 @@ def test_ten_scenes_have_the_bits_of_the_processor(name, fused, browser, tmp_pat
     page = opened(browser, path)
     if not fused:  # as on a machine without the instruction
         page.close()
-        text = path.read_text().replace("made.fused = await fuses(probe)", "made.fused = false")
+        text = path.read_text().replace("whole(fast)", "whole(exact)")
+        text = text.replace("=== 2 ** -60", "=== 0")
         path.write_text(text)
         page = opened(browser, path)
     assert page.evaluate("state.fused") is fused
@@ -230,11 +230,14 @@ def test_ten_scenes_have_the_bits_of_the_processor(name, fused, browser, tmp_pat
 
 
 @pytest.mark.slow
-def test_a_page_draws_sixty_frames_a_second(browser, tmp_path):
-    """One top without a graphics card; measured 60."""
+def test_a_page_draws_thirty_frames_a_second(browser, tmp_path):
+    """Without a graphics card, on a machine of two cores that nobody shares: pytest -n 0."""
     path = tmp_path / "top.html"
     rm.live("heavy_top", path, members=1)
-    page = opened(browser, path)
-    page.evaluate("state.frames = 0; play(true)")
-    time.sleep(5.0)
-    assert page.evaluate("state.frames") > 150
+    drawn = opened(browser, path).evaluate("""async () => {
+      play(true);
+      await new Promise(done => setTimeout(done, 1000));
+      const before = state.frames, began = performance.now();
+      await new Promise(done => setTimeout(done, 5000));
+      return 1000 * (state.frames - before) / (performance.now() - began); }""")
+    assert drawn >= 30

@@ -21,7 +21,7 @@ from rigidmc.views.viewer.page import view
 BROWSER = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+FLAGS = ["--no-sandbox"]
 SIZE = (1.0, 0.5, 0.25)
 QUARTER = 2.0  # s
 

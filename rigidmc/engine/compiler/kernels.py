@@ -242,10 +242,15 @@ def _address(function: Function, signature: Any) -> int:
 
 def llvm_of(key: KernelKey) -> tuple[str, str]:
     """Return (name of a kernel's LLVM function, its LLVM code); the disk cache has no such code."""
-    known = key.of_types
+    return llvm_of_function(key.function, signature_of(key))
+
+
+def llvm_of_function(function: Function, signature: Any) -> tuple[str, str]:
+    """Return the same for a function of these types."""
+    known = function, signature.args
     with _compiling:
         if known not in _llvm_code:
-            result = _result(dispatcher_of(key.function), signature_of(key))
+            result = _result(dispatcher_of(function), signature)
             _llvm_code[known] = result.fndesc.llvm_func_name, result.library.get_llvm_str()
     return _llvm_code[known]
 

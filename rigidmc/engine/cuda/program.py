@@ -10,13 +10,13 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.compiler.kernels import CompiledFunction, config
+from rigidmc.engine.compiler.kernels import config
 from rigidmc.engine.cuda.devices import (
     TARGETS,
     CudaStream,
@@ -27,12 +27,9 @@ from rigidmc.engine.cuda.devices import (
 )
 from rigidmc.engine.cuda.ptx import THREAD, ptx_of
 from rigidmc.engine.kernel.arguments import (
-    KernelTable,
     NoiseKeys,
     SaveTarget,
     StepRange,
-    Workspace,
-    record_type,
 )
 from rigidmc.engine.linked import KERNEL, LinkedProgram
 from rigidmc.engine.program import NO_NOISE, NO_SAVES, fill_record
@@ -64,10 +61,6 @@ class CudaProgram(LinkedProgram):
         least = min(one.capability for one in self.devices)
         self.target = "{}.{}".format(*max(one for one in TARGETS if one <= least))
         super().__init__(*arguments, **{**named, "lanes": 1})
-
-    def _compile(self, meanwhile: Callable[[], None] | None = None) -> None:
-        super()._compile(meanwhile)
-        self._frame = np.zeros(1, record_type(self.dtype))
 
     def make_code(self, target: str) -> str:
         """Return the PTX for GPUs of a compute capability or a later one."""
@@ -147,7 +140,8 @@ class CudaProgram(LinkedProgram):
         members = block.shape[1]
         count = self.saved_values * members if saves.columns else 0  # numbers of a save
         max_saves = min(steps.saves_until(steps.total) - 1, max(1, SAVED // (8 * count or 1)))
-        frame, block_at = self._on_device(stream, block, noise)
+        *kernels, substeps = stream.module.numbers
+        frame, block_at = self.frame_for(stream.put, block, noise, kernels, substeps)
         order, frame_at = stream.put(saves.order), stream.room(frame.nbytes)
         listed = stream.put(steps.save_steps) if steps.save_count else 0
         values = stream.room(8 * count * (max_saves + 1))  # the start is an extra save
@@ -172,26 +166,6 @@ class CudaProgram(LinkedProgram):
             length = int(max(1.0, (last - first) * min(GROWTH, LAUNCH / max(elapsed, 1e-6))))
             first = last
         stream.read(block, block_at)
-
-    def _on_device(self, stream: CudaStream, block: Array, noise: NoiseKeys) -> tuple[Any, int]:
-        """Return (the frame of a block now on the GPU, the address of the block there)."""
-        *kernels, substeps = stream.module.numbers
-        block_at, (rows, members) = stream.put(block), block.shape
-        rows //= self.copies
-        workspace = Workspace(
-            substeps=substeps,
-            substep_rows=self.substeps.size // 4,
-            block=block_at,
-            rows=rows,
-            width=members,
-            skips_cache=0,
-            **dict.fromkeys(self.working_memory(rows), 0),  # each thread has its own
-        )
-        table = KernelTable(*(CompiledFunction(0, 0, numbers) for numbers in kernels))
-        keys = NoiseKeys(
-            noise.key, noise.second_key, stream.put(noise.streams), stream.put(noise.members)
-        )
-        return fill_record(self._frame, table, self.shape, keys, workspace), block_at
 
     def _keep(
         self, stream: CudaStream, values: int, slots: range, saves: SaveTarget, members: int

@@ -8,8 +8,7 @@ import re
 
 import llvmlite.binding as llvm
 
-from rigidmc.engine.linked import KERNEL, optimise
-from rigidmc.errors import OptionError
+from rigidmc.engine.linked import KERNEL, optimise, refuse_calls, target_machine
 
 TRIPLE = "nvptx64-nvidia-cuda"
 # Intrinsic functions that LLVM provides for a GPU, or for every target
@@ -36,10 +35,7 @@ define internal i64 @thread() alwaysinline {
 
 def machine_for(capability: tuple[int, int]) -> llvm.TargetMachine:
     """Return LLVM's target machine for GPUs of a compute capability."""
-    llvm.initialize_all_targets()
-    llvm.initialize_all_asmprinters()
-    target = llvm.Target.from_triple(TRIPLE)
-    return target.create_target_machine(cpu="sm_{}{}".format(*capability), opt=3)
+    return target_machine(TRIPLE, cpu="sm_{}{}".format(*capability))
 
 
 def ptx_of(module: llvm.ModuleRef, capability: tuple[int, int]) -> str:
@@ -49,10 +45,7 @@ def ptx_of(module: llvm.ModuleRef, capability: tuple[int, int]) -> str:
     text = str(module).replace(f"define void @{KERNEL}(", f"define ptx_kernel void @{KERNEL}(")
     optimised = optimise(llvm.parse_assembly(text), machine)
     lacking = [f.name for f in optimised.functions if f.is_declaration and not _HAS.match(f.name)]
-    if lacking:
-        names = ", ".join(_plain(name) for name in lacking)
-        rule = f"calls {names}, which GPUs do not have: use functions of rigidmc instead"
-        raise OptionError(f"custom code {rule}", at="device", value="cuda")
+    refuse_calls([_plain(name) for name in lacking], "GPUs do", "cuda")
     return str(machine.emit_assembly(optimised))
 
 

@@ -111,8 +111,8 @@ function start() {
     worker = new Worker(URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" })));
     worker.onmessage = receive;
     worker.onerror = event => fail(event.message);
-    const { fast, exact, probe, image, ...about } = DATA.engine;
-    worker.postMessage({ about, fast: bytes(fast), exact: bytes(exact), probe: bytes(probe), image: bytes(image) });
+    const { fast, exact, image, ...about } = DATA.engine;
+    worker.postMessage({ about, fast: bytes(fast), exact: bytes(exact), image: bytes(image) });
   } catch (error) {
     fail(String(error));
   }

@@ -4,16 +4,13 @@ import base64
 import zlib
 from typing import Any, NamedTuple
 
-import llvmlite.binding as llvm
 import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import StepRange, record_type
-from rigidmc.engine.wasm.fused import EXACT, RELAXED
-from rigidmc.engine.wasm.image import STACK, image_of
-from rigidmc.engine.wasm.module import PROBE, wasm_of
-from rigidmc.engine.wasm.program import LANES, WasmProgram
+from rigidmc.engine.wasm.fused import EXACT, LANES, ONE, RELAXED
+from rigidmc.engine.wasm.program import STACK, WasmProgram
 from rigidmc.errors import OptionError
 from rigidmc.planning.initial import noise_keys
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
@@ -66,15 +63,15 @@ def engine_data(live: LiveRun, members: int) -> dict[str, Any]:
     indices = np.arange(block.shape[1])
     noise = noise_keys(run.plan.model.effects, run.plan.run.seed, run.plan.indices(0, indices.size))
     steps = StepRange(run.plan.grid.dt, 1, 1, 1, 0, 0, 1)
-    image = image_of(program, block, steps, noise, PLACES, indices)
+    image = program.image(block, steps, noise, PLACES, indices)
     kind = record_type(program.dtype)
     fields: Any = kind.fields
     names = ("h", "slots", "stride", "total", "first", "last", "out")
     return {
         "fast": packed(program.module_of(RELAXED)),
         "exact": packed(program.module_of(EXACT)),
-        "probe": base64.b64encode(wasm_of(llvm.parse_assembly(PROBE), RELAXED)).decode(),
         "image": packed(image.content[STACK:]),
+        "fuses": ONE,
         "stack": STACK,
         "frame": image.frame,
         "block": image.block,

@@ -7,31 +7,24 @@ let engine = null;
 async function whole(bytes) {
   return new Uint8Array(await new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).arrayBuffer());
 }
-// whether this machine fuses the relaxed multiply-add: 2^-60 is lost if the product is rounded
-async function fuses(probe) {
-  if (!WebAssembly.validate(probe)) return false;
-  const memory = new WebAssembly.Memory({ initial: 9 });
-  const made = await instance(probe, memory, 2 ** 19);
-  const at = 2 ** 19, x = 1 + 2 ** -30;
-  new Float64Array(memory.buffer, at, 6).set([x, x, x, x, -(1 + 2 ** -29), -(1 + 2 ** -29)]);
-  made.members(at, 1n, 0n);
-  return new Float64Array(memory.buffer, at + 48, 1)[0] === 2 ** -60;
-}
 async function instance(bytes, memory, stack) {
   const env = { __linear_memory: memory, __stack_pointer: new WebAssembly.Global({ value: "i32", mutable: true }, stack) };
   return (await WebAssembly.instantiate(bytes, { env })).instance.exports;
 }
 
 class Engine {
-  static async load({ about, fast, exact, probe, image }) {
+  static async load({ about, fast, exact, image }) {
     const made = new Engine();
     Object.assign(made, about);
-    made.fused = await fuses(probe);
     const content = await whole(image), pages = Math.ceil((about.stack + content.length) / 65536);
     made.memory = new WebAssembly.Memory({ initial: pages });
     new Uint8Array(made.memory.buffer).set(content, about.stack);
     made.view = new DataView(made.memory.buffer);
-    made.kernel = await instance(await whole(made.fused ? fast : exact), made.memory, about.stack);
+    made.kernel = await instance(await whole(fast), made.memory, about.stack).catch(() => null);
+    // whether this machine fuses the relaxed multiply-add: 2^-60 is lost if the product is rounded
+    const x = 1 + 2 ** -30;
+    made.fused = made.kernel?.[about.fuses](x, x, -(1 + 2 ** -29)) === 2 ** -60;
+    if (!made.fused) made.kernel = await instance(await whole(exact), made.memory, about.stack);
     made.write({ total: FOREVER, slots: FOREVER });
     return made;
   }
