@@ -145,9 +145,9 @@ def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
     left.set_title("body in space", fontsize=10)
     right.set_title(f"angular momentum in {words} axes", fontsize=10)
     body = scene_of(ds, allow_code=None).body
-    solid, centre = Solid(body_surface(ds, body)), member_body(ds, body)[2]
+    solid = Solid(body_surface(ds, body), member_body(ds, body)[2])
     parts = (
-        _in_space(left, solid, solid.scale * centre, turn, named, unit),
+        _in_space(left, solid, turn, named, unit),
         _on_sphere(right, ds.moments.values[:, 0], unit),
     )
     name = f"{ds.attrs.get('title', 'top')}: member {int(ds.member.values[0])}"
@@ -162,9 +162,7 @@ def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
     return figure, draw
 
 
-def _in_space(
-    axes: Axes, solid: Solid, centre: Floats, turn: Floats, named: Floats, unit: Floats
-) -> Draw:
+def _in_space(axes: Axes, solid: Solid, turn: Floats, named: Floats, unit: Floats) -> Draw:
     """Draw the body with its axes, its stick from the fixed point to the centre of mass, the trace
     of axis 3, the vertical and the angular momentum.
 
@@ -192,7 +190,7 @@ def _in_space(
         for k in range(3):
             ends[str(k + 1)] = 1.3 * named[i, :, k]
             stage.segment((0.0, 0.0, 0.0), 1.2 * named[i, :, k], AXES[k], 1.6)
-        stage.segment((0.0, 0.0, 0.0), turn[i] @ centre, INK, 2.0)
+        stage.stick(solid, turn[i], INK, 2.0)
         stage.curve(1.2 * named[max(0, i - TRACE) : i + 1, :, 2], PATH, 1.4, is_fading=True)
         stage.arrow(toward[i], PATH)
         stage.end()
