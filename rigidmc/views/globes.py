@@ -190,7 +190,8 @@ def _draw_globe(
     label: str,
 ) -> None:
     """Draw directions u (3, n) on the sphere in perspective, and paths."""
-    on = Quadric(turn=toward_reader(u))
+    front = _columns(np.stack(paths, -1)) if len(paths) == 1 else u
+    on = Quadric(turn=toward_reader(front if front.size else u))
     (x, y, depth), (even_x, even_y, even_depth) = (
         screen((on.turn @ w).T) for w in (u, even_directions())
     )
