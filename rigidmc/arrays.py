@@ -8,6 +8,7 @@ replacement.
 """
 
 import math
+import sys
 import warnings
 from array import array as machine_array
 from collections import deque
@@ -20,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.labelled import COLUMN, Wanted, has_dims, is_labelled, read_labelled, two_ways
-from rigidmc.units import ARGUMENTS, from_foreign, is_foreign
+from rigidmc.units import ARGUMENTS, from_foreign, is_foreign, numbers_in
 
 _SEQUENCES = (list, tuple, range, deque, machine_array)
 _PLAIN_ARRAYS = (np.memmap, np.matrix, np.recarray)  # carry no more than the numbers of an ndarray
@@ -145,7 +146,16 @@ def check_rows(bad: ArrayLike, rule: str, at: str = "input") -> None:
         raise SceneError(every, at=at)
     if count:
         some = f"{count:,} of {size:,} elements are nan in the result: {rule}"
-        warnings.warn(some, SceneWarning, stacklevel=4)
+        warnings.warn(some, SceneWarning, stacklevel=_frames_of_rigidmc() + 1)
+
+
+def _frames_of_rigidmc() -> int:
+    """Return the number of frames of rigidmc between the caller and the user's line, which a
+    warning shows."""
+    frame, count = sys._getframe(1), 0
+    while frame.f_back and frame.f_globals.get("__name__", "").startswith("rigidmc."):
+        frame, count = frame.f_back, count + 1
+    return count
 
 
 def split_components(value: Any, at: str, size: int) -> Any:
@@ -200,6 +210,8 @@ def _columns(array: NDArray[Any], at: str, size: int) -> Any:
 
 def _converted(value: Any, at: str, kinds: str, rule: str, wanted: Wanted) -> NDArray[Any]:
     """Convert an object that is not yet a float64 array; SceneError."""
+    units = ARGUMENTS.get(at.rpartition(".")[2])
+    value = value if units is None else numbers_in(units, value, at)
     value = as_plain_arrays(value, at, kinds, wanted)
     try:
         found = np.asarray(value)

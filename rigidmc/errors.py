@@ -86,7 +86,9 @@ class RigidmcError(ValueError):
         place = f"[{_cut(self.table, _WORD)}] " if self.table else ""
         given = "" if self.value is None else f" = {_short(self.value)}"
         hint = f" (did you mean '{_cut(self.nearest, _WORD)}'?)" if self.nearest else ""
-        return terminal_text(f"{file}{place}{_cut(key, _WORD)}{given}: {_cut(self.rule)}{hint}")
+        subject = f"{place}{_cut(key, _WORD)}{given}: "
+        subject = "" if file and subject == "file: " else subject  # the name of the file says it
+        return terminal_text(f"{file}{subject}{_cut(self.rule)}{hint}")
 
 
 class SceneError(RigidmcError):
@@ -248,8 +250,8 @@ class Renamed:
 
 
 def nearest(word: object, words: Iterable[object]) -> str | None:
-    """Return the member of `words` that `word` is a synonym of, else the most similar one; None if
-    none is similar."""
+    """Return the member of `words` that `word` is a synonym of, else the most similar one, else the
+    first with a part like it, "effects.gravity.g" for "gravity"; None if none is similar."""
     from rigidmc.synonyms import NAMES
 
     # a file may have a million long names, and comparing two takes the product of their lengths
@@ -262,7 +264,14 @@ def nearest(word: object, words: Iterable[object]) -> str | None:
             return same
     # similarity: "foo" and "book" 0.57, "sphere" and "shell" 0.55
     close = difflib.get_close_matches(str(word).lower(), known, n=1, cutoff=0.6)
-    return known[close[0]] if close else None
+    if close:
+        return known[close[0]]
+    parts = {
+        part: name for name in reversed(known) for part in name.split(".")[1:] if not part.isdigit()
+    }
+    # a part must be more similar than a whole name, because there are many
+    close = difflib.get_close_matches(str(word).lower(), parts, n=1, cutoff=0.8)
+    return known[parts[close[0]]] if close else None
 
 
 def unknown(

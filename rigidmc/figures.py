@@ -25,6 +25,7 @@ from matplotlib.colors import (
 )
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -109,6 +110,19 @@ def add_title(
     lines = [text, *([fill(note, wide)] if note else [])]
     colour = ALARM if note else "black"
     axes.set_title("\n".join(lines), fontsize=9 if note else 10, pad=pad, color=colour)
+
+
+def name_powers(axes: Axes) -> None:
+    """Write powers of ten of large and small ticks in the labels, "time [$10^9$ s]"; matplotlib
+    writes them beside the axes, where they cover other parts."""
+    for axis in (axes.xaxis, axes.yaxis):
+        size = float(np.abs(axis.get_view_interval()).max())
+        power = int(np.floor(np.log10(size))) if 0.0 < size < np.inf else 0
+        if -5 < power < 6:
+            continue
+        unit, label = 10.0**power, axis.get_label_text()
+        axis.set_major_formatter(FuncFormatter(lambda x, _, unit=unit: f"{x / unit:g}"))
+        axis.set_label_text(label.replace("[", f"[$10^{{{power}}}$ ", 1))
 
 
 def line_styles(count: int) -> list[dict[str, Any]]:

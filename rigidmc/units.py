@@ -140,8 +140,8 @@ ARGUMENTS = {
     **dict.fromkeys(("theta", "angles"), "rad"),
     **dict.fromkeys(("positions", "offset", "centre"), "m"),
     **dict.fromkeys(("mass", "masses"), "kg"),
-    "momentum": "kg m2 s-1",
-    "torque": "N m",
+    **dict.fromkeys(("momentum", "p_phi", "p_psi"), "kg m2 s-1"),
+    **dict.fromkeys(("weight", "torque"), "N m"),
     "energy": "J",
     "t": "s",
 }
@@ -426,6 +426,21 @@ def in_units(value: Any, units: str, at: str) -> Any:
     if isinstance(one.value, bool) or not isinstance(one.value, (int, float, np.number)):
         raise SceneError("expected one number beside a unit", at=at, value=one.value)
     return converter(one.unit, units, at).convert(float(one.value))
+
+
+def numbers_in(units: str, value: Any, at: str) -> Any:
+    """Return quantities, texts such as "23 deg", and lists with them as numbers in SI `units`;
+    other values unchanged. SceneError for a text without a unit."""
+    if is_foreign(value):
+        return from_foreign(value, units, at)
+    if isinstance(value, str):
+        if (parts := quantity_text(value)) is None:
+            rule = f'expected a number, or a text with its unit, such as "1 {units_text(units)}"'
+            raise SceneError(rule, at=at, value=value)
+        return converter(parts[1], units, at, value).convert(float(parts[0]))
+    if not isinstance(value, (list, tuple)) or all(type(one) in (float, int) for one in value):
+        return value
+    return [numbers_in(units, one, at) for one in value]
 
 
 def rule_with_hint(error: RigidmcError) -> str:

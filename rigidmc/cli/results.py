@@ -194,7 +194,7 @@ def animate_command(
         from rigidmc.runs.frames import frames
 
         refuse_outputs(force, animation=output)
-        from rigidmc.views.animation import SMOOTH, check_writer
+        from rigidmc.views.animation import SMOOTH, between_frames, check_writer
         from rigidmc.views.animation import animate as draw
 
         check_writer(output)
@@ -211,6 +211,8 @@ def animate_command(
         draw(dataset, output, fps, force=force)
         end = float(dataset.time.values[-1])
         print(f"{dataset.attrs['title']}: member {member}, {count} frames of {end:g} s")
+        if note := between_frames(dataset):
+            print(f"  {note}", file=sys.stderr)
         print(*report_files([output]))
 
 

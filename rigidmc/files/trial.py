@@ -170,7 +170,10 @@ def complaint(path: str) -> str:
                     shape = " x ".join(f"{n:,}" for n in variable.shape)
                     return f"{name} claims to be {shape}, more than the file can hold"
     except Exception as error:  # the library raises all kinds of exceptions
-        return f"is damaged, or not a netCDF file: {error}"
+        if os.path.getsize(path) == 0:
+            return "is empty"
+        # without the number and the path of the library
+        return f"is damaged, or not a netCDF file: {getattr(error, 'strerror', None) or error}"
     return ""
 
 

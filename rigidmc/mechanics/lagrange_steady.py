@@ -10,9 +10,33 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import floats
+from rigidmc.arrays import check_rows, floats
 
 _Floats = NDArray[np.float64]
+
+
+def unequal_moments(first: _Floats, second: _Floats, axis: int = 3) -> NDArray[np.bool_]:
+    """Return the mask of tops whose two moments across their `axis` differ.
+
+    SceneError if all are unequal, a SceneWarning with their count if some are.
+    """
+    unequal = np.abs(first - second) > 1e-12 * np.abs(first)
+    if unequal.any():
+        at = int(np.flatnonzero(unequal)[0])
+        others = " and ".join(f"I{n}" for n in (1, 2, 3) if n != axis)
+        rule = (
+            f"a Lagrange top is symmetric about its axis {axis}: {others} must be equal, but are "
+            f"{first.flat[at]:.6g} and {second.flat[at]:.6g}; simulate() accepts any moments"
+        )
+        check_rows(unequal, rule, "moments")
+    return unequal
+
+
+def _moments(moments: ArrayLike) -> tuple[_Floats, _Floats]:
+    """Return I_1 = I_2 and I_3 of tops; nan where I_1 and I_2 differ."""
+    first, second, third = np.moveaxis(floats(moments, "moments", 3), -1, 0)
+    unequal = unequal_moments(first, second)
+    return np.where(unequal, np.nan, first)[()], np.where(unequal, np.nan, third)[()]
 
 
 def effective_potential(
@@ -46,7 +70,12 @@ def effective_potential(
     Raises
     ------
     SceneError
-        for anything but numbers, and a wrong shape
+        for anything but numbers, a wrong shape, and if no top has equal moments I_1 and I_2
+
+    Warns
+    -----
+    SceneWarning
+        with the count of tops whose moments differ, whose results are nan
 
     Examples
     --------
@@ -56,7 +85,7 @@ def effective_potential(
     >>> abs(low / motion.energy - 1.0) < 1e-12  # theta' = 0 at a turning angle
     np.True_
     """
-    moments = floats(moments, "moments", 3)
+    first, third = _moments(moments)
     weight, p_phi = floats(weight, "weight"), floats(p_phi, "p_phi")
     p_psi, theta = floats(p_psi, "p_psi"), floats(theta, "theta")
     cosine, sine = np.cos(theta), np.sin(theta)
@@ -66,7 +95,7 @@ def effective_potential(
             (p_phi - p_psi * cosine) ** 2 / sine**2,
             np.where(p_phi == p_psi * cosine, 0.0, np.inf),
         )
-    kinetic = 0.5 * across / moments[..., 0] + 0.5 * np.square(p_psi) / moments[..., 2]
+    kinetic = 0.5 * across / first + 0.5 * np.square(p_psi) / third
     potential: _Floats = kinetic + weight * cosine
     return potential
 
@@ -117,7 +146,12 @@ def steady_precession(
     Raises
     ------
     SceneError
-        for anything but numbers, and a wrong shape
+        for anything but numbers, a wrong shape, and if no top has equal moments I_1 and I_2
+
+    Warns
+    -----
+    SceneWarning
+        with the count of tops whose moments differ, whose results are nan
 
     Examples
     --------
@@ -125,10 +159,10 @@ def steady_precession(
     >>> slow.round(3), fast.round(3)
     (np.float64(0.208), np.float64(5.221))
     """
-    moments = floats(moments, "moments", 3)
+    first, third = _moments(moments)
     omega3, theta = floats(omega3, "omega3"), floats(theta, "theta")
-    weight, spin = floats(weight, "weight"), moments[..., 2] * omega3
-    rise = moments[..., 0] * _cosine(theta)
+    weight, spin = floats(weight, "weight"), third * omega3
+    rise = first * _cosine(theta)
     with np.errstate(all="ignore"):
         # the larger root first, which does not cancel
         root = np.copysign(np.sqrt(spin**2 - 4.0 * rise * weight), spin)
@@ -164,16 +198,21 @@ def least_spin(moments: ArrayLike, weight: ArrayLike, theta: ArrayLike = 0.0) ->
     Raises
     ------
     SceneError
-        for anything but numbers, and a wrong shape
+        for anything but numbers, a wrong shape, and if no top has equal moments I_1 and I_2
+
+    Warns
+    -----
+    SceneWarning
+        with the count of tops whose moments differ, whose results are nan
 
     Examples
     --------
     >>> rm.least_spin((1.0, 1.0, 0.5), 1.0)
     np.float64(4.0)
     """
-    moments = floats(moments, "moments", 3)
+    first, third = _moments(moments)
     rise = floats(weight, "weight") * _cosine(floats(theta, "theta"))
-    spin: _Floats = 2.0 * np.sqrt(moments[..., 0] * np.maximum(rise, 0.0)) / moments[..., 2]
+    spin: _Floats = 2.0 * np.sqrt(first * np.maximum(rise, 0.0)) / third
     return spin
 
 
@@ -203,15 +242,19 @@ def tilt_growth(moments: ArrayLike, weight: ArrayLike, omega3: ArrayLike) -> _Fl
     Raises
     ------
     SceneError
-        for anything but numbers, and a wrong shape
+        for anything but numbers, a wrong shape, and if no top has equal moments I_1 and I_2
+
+    Warns
+    -----
+    SceneWarning
+        with the count of tops whose moments differ, whose results are nan
 
     Examples
     --------
     >>> rm.tilt_growth((1.0, 1.0, 0.5), 1.0, [3.0, 5.0]).round(4).tolist()
     [0.6614, 0.0]
     """
-    moments = floats(moments, "moments", 3)
-    omega3 = floats(omega3, "omega3")
-    square = 4.0 * moments[..., 0] * floats(weight, "weight") - (moments[..., 2] * omega3) ** 2
-    rate: _Floats = np.sqrt(np.maximum(square, 0.0)) / (2.0 * moments[..., 0])
+    first, third = _moments(moments)
+    square = 4.0 * first * floats(weight, "weight") - (third * floats(omega3, "omega3")) ** 2
+    rate: _Floats = np.sqrt(np.maximum(square, 0.0)) / (2.0 * first)
     return rate

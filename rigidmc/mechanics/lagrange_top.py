@@ -13,6 +13,7 @@ from rigidmc.mechanics.lagrange_orbit import (
     LagrangeOrbitFormula,
     LagrangeStateFormula,
 )
+from rigidmc.mechanics.lagrange_steady import unequal_moments
 from rigidmc.mechanics.rotation import Attitude, quaternion
 from rigidmc.physics.dynamics.quaternions import conjugate, multiply
 
@@ -70,15 +71,7 @@ def _orbits(
     )
     i, (k,), l, q = columns
     i, l, q = with_axis_third(axis, i, l, q)
-    unequal = np.abs(i[0] - i[1]) > 1e-12 * np.abs(i[0])
-    if unequal.any():
-        at = int(np.flatnonzero(unequal)[0])
-        others = " and ".join(f"I{n}" for n in (1, 2, 3) if n != axis)
-        rule = (
-            f"a Lagrange top is symmetric about its axis {axis}: {others} must be equal, but are "
-            f"{i[0, at]:.6g} and {i[1, at]:.6g}; simulate() accepts any moments"
-        )
-        check_rows(unequal, rule)
+    unequal = unequal_moments(i[0], i[1], axis)
     finite = np.isfinite(k) & np.isfinite(l).all(0) & (np.linalg.norm(q, axis=0) > 0)
     bad = unequal | ~((i > 0) & (i < np.inf)).all(0) | ~finite
     rule = "moments must be positive, all other values finite, and quaternions nonzero"

@@ -23,6 +23,7 @@ from rigidmc.mechanics.euler_angles import (
 )
 from rigidmc.physics.dynamics.functions import sincos
 from rigidmc.physics.dynamics.quaternions import multiply
+from rigidmc.units import is_foreign, numbers_in
 
 _EYE = np.eye(3)
 _Floats = NDArray[np.float64]
@@ -48,6 +49,8 @@ def quaternion(attitude: Attitude) -> _Floats:
     """
     if isinstance(attitude, Rotations):
         return np.asarray(attitude.as_quat(scalar_first=True))
+    if is_foreign(attitude) or (isinstance(attitude, (list, tuple)) and len(attitude) == 3):
+        attitude = numbers_in("rad", attitude, "attitude")
     array = floats(attitude, "attitude", wanted=Wanted((4,), by_member=False))
     if array.shape[-2:] == (3, 3):
         return quaternion_from_matrix(array)

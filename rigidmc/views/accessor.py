@@ -80,6 +80,21 @@ class Rigid(ResultStates):
         super().__init__(dataset)
         self.plot = Pictures(self)
 
+    def __getattr__(self, name: str) -> Any:
+        rule = f"ds.rigid has no '{name}'"
+        if not name.startswith("_"):  # copies look for their own methods before there is a Dataset
+            from rigidmc.physics.observables import KNOWN
+
+            saves = [one for one in KNOWN if f"{name}_".startswith(f"{one}_")]
+            close = nearest(name, [one for one in dir(self) if not one.startswith("_")])
+            if name in self._dataset:
+                rule += f"; it is a variable of the result: ds.{name}"
+            elif saves:
+                rule += f', and it was not saved: run with save=("{max(saves, key=len)}",)'
+            elif close:
+                rule += f"; did you mean '{close}'?"
+        raise AttributeError(rule)
+
     def _repr_html_(self) -> str:
         return f"<pre>{escape(self.summary())}</pre>"
 

@@ -85,15 +85,10 @@ def animate(
     path = str(path)
     check_writer(path)
     refuse_existing(path, force, "animations")
-    is_gif = path.lower().endswith(".gif")
     figure, draw = scene(ds)
     frames = range(0, ds.sizes["time"], SMOOTH)
-    with rc_context({} if is_gif else {"animation.ffmpeg_path": find_ffmpeg()}):
-        writer: animation.AbstractMovieWriter = (
-            animation.PillowWriter(fps=fps)
-            if is_gif
-            else animation.FFMpegWriter(fps=fps, bitrate=2400)
-        )
+    with rc_context({"animation.ffmpeg_path": find_ffmpeg() or "ffmpeg"}):
+        writer = make_writer(path, fps)
         with PartialFile(path, force) as part, naming_the_path(path, part), _finished(path, writer):
             writer.setup(figure, part, dpi=90)
             for i in frames:
@@ -101,6 +96,15 @@ def animate(
                 writer.grab_frame()
                 if progress is not None:
                     progress(i // SMOOTH + 1, len(frames))
+
+
+def make_writer(path: str, fps: int) -> animation.AbstractMovieWriter:
+    """Return what writes the frames of a .gif, .mp4 or .webm."""
+    if path.lower().endswith(".gif"):
+        return animation.PillowWriter(fps=fps)
+    # without it VP9 of .webm refuses frames with transparency, and players refuse H.264 of .mp4
+    opaque = ["-pix_fmt", "yuv420p"]
+    return animation.FFMpegWriter(fps=fps, bitrate=2400, extra_args=opaque)
 
 
 @contextlib.contextmanager
@@ -135,17 +139,18 @@ def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
     figure = Figure((9.6, 5.0))
     FigureCanvasAgg(figure)
     title = figure.suptitle("", fontsize=11, parse_math=False)
-    left, right = (figure.add_axes((side, 0.0, 0.5, 0.88)) for side in (0.0, 0.5))
+    note = between_frames(ds)
+    top = 0.84 if note else 0.88  # the note stands above the titles of both pictures
+    left, right = (figure.add_axes((side, 0.0, 0.5, top)) for side in (0.0, 0.5))
     left.set_title("body in space", fontsize=10)
     right.set_title(f"angular momentum in {words} axes", fontsize=10)
     body = scene_of(ds, allow_code=None).body
-    solid, centre = Solid(body_surface(ds, body)), member_body(ds, body)[2]
+    solid = Solid(body_surface(ds, body), member_body(ds, body)[2])
     parts = (
-        _in_space(left, solid, solid.scale * centre, turn, named, unit),
+        _in_space(left, solid, turn, named, unit),
         _on_sphere(right, ds.moments.values[:, 0], unit),
     )
     name = f"{ds.attrs.get('title', 'top')}: member {int(ds.member.values[0])}"
-    note = between_frames(ds)
     if note:
         figure.text(0.5, 0.9, note, ha="center", fontsize=9, color=ALARM)
 
@@ -157,9 +162,7 @@ def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
     return figure, draw
 
 
-def _in_space(
-    axes: Axes, solid: Solid, centre: Floats, turn: Floats, named: Floats, unit: Floats
-) -> Draw:
+def _in_space(axes: Axes, solid: Solid, turn: Floats, named: Floats, unit: Floats) -> Draw:
     """Draw the body with its axes, its stick from the fixed point to the centre of mass, the trace
     of axis 3, the vertical and the angular momentum.
 
@@ -187,7 +190,7 @@ def _in_space(
         for k in range(3):
             ends[str(k + 1)] = 1.3 * named[i, :, k]
             stage.segment((0.0, 0.0, 0.0), 1.2 * named[i, :, k], AXES[k], 1.6)
-        stage.segment((0.0, 0.0, 0.0), turn[i] @ centre, INK, 2.0)
+        stage.stick(solid, turn[i], INK, 2.0)
         stage.curve(1.2 * named[max(0, i - TRACE) : i + 1, :, 2], PATH, 1.4, is_fading=True)
         stage.arrow(toward[i], PATH)
         stage.end()
@@ -226,8 +229,8 @@ def between_frames(ds: xr.Dataset) -> str:
     found = sparse(fastest(ds, ATTITUDE), between)
     if found is None:
         return ""
-    frames = math.ceil((times[-1] - times[0]) / found.every) + 1
+    frames, shown = math.ceil((times[-1] - times[0]) / found.every) + 1, len(times)
     return (
-        f"the body {found.who()} between frames, so the apparent motion is wrong;"
-        f" use frames <= {found.every:g} s apart, {frames:,} in total"
+        f"the body {found.who()} between frames, so the apparent motion is wrong: show"
+        f" {found.every * (shown - 1):.2g} s or less in {shown:,} frames, or use {frames:,} frames"
     )

@@ -27,15 +27,20 @@ from rigidmc.figures import (
     add_title,
     figure_of,
     legend_above,
+    line_styles,
+    name_powers,
 )
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.turns import AXIS, BODY
 from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.results.labels import axis_label, count_text, with_units
 from rigidmc.views.globes import axis_density, momentum_density
+from rigidmc.views.polhodes import polhodes
 from rigidmc.views.sample import (
+    LINES,
     drawn_members,
     figure_of_result,
+    member_labels,
     note_on,
     omega_or_momentum,
     span,
@@ -43,11 +48,12 @@ from rigidmc.views.sample import (
 )
 from rigidmc.views.snapshots import BELOW, Flight, body_place, draw_flight, flight, has_angle
 from rigidmc.views.sphere import central_axis
+from rigidmc.views.tops import trajectory
 
 # reversals per member above which a picture shows only one of the members, with the widest swing,
 # and a thin line
 SWINGS = 25
-WIDE = 44  # characters of a title above a third of a summary
+WIDE = 36  # characters of a title above a third of a summary
 
 
 def summary(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
@@ -57,7 +63,7 @@ def summary(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
     Against time it shows the angular velocity about the middle axis; with saved attitudes of bodies
     under torques the angle of axis 3 from the vertical. With fewer than three saves, the spread at
     the start and at the end replaces it. The axis in space requires saved attitudes; the body
-    requires a result with its scene.
+    requires a result with its scene. Of up to 20 members, lines replace quantiles and densities.
     """
     figure = figure or figure_of_result(ds, (10.0, 9.2))
     if not (ds.status.values == 0).any():
@@ -76,12 +82,32 @@ def summary(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
         _join(figure, bodies, axes, one)
     else:
         (_series if has_series else start_and_end)(part, axes)
-    spheres = [momentum_density, axis_density] if "attitude" in ds else [momentum_density]
-    lower = rows[-1].subgridspec(1, len(spheres) + 1, width_ratios=[*(1.1,) * len(spheres), 1.0])
-    for place, sphere in enumerate(spheres):
-        sphere(part, figure.add_subplot(lower[place]))
+    count = 2 if "attitude" in ds else 1
+    lower = rows[-1].subgridspec(1, count + 1, width_ratios=[*(1.1,) * count, 1.0])
+    places = [figure.add_subplot(lower[place]) for place in range(count)]
+    if one is not None and part.sizes["member"] <= LINES:
+        for sphere, place in zip((polhodes, trajectory), places, strict=False):
+            sphere(ds, place)
+            _shorten(place)
+    else:
+        # a free path has the attitude of the principal axes, not of the described ones
+        path = one.path if one is not None and not is_described(ds) else None
+        for density, place in zip((momentum_density, axis_density), places, strict=False):
+            density(part, place, path)
     drift_histogram(ds, figure.add_subplot(lower[-1]))
     return figure
+
+
+def _shorten(axes: Axes) -> None:
+    """Shorten title and legend of a picture of a few members to a third of a summary, whose legend
+    names the members."""
+    title = axes.get_title()
+    if title.startswith("Momentum sphere"):
+        title = "\n".join(["Angular momentum in principal axes", *title.split("\n")[1:]])
+    axes.set_title("\n".join(fill(line, WIDE) for line in title.split("\n")), fontsize=9)
+    entries = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    others = {label: line for label, line in entries.items() if not label.startswith("member")}
+    axes.legend(others.values(), others, loc="lower center", ncols=2, fontsize=8, frameon=False)
 
 
 def _flight(ds: xr.Dataset, part: xr.Dataset) -> Flight | None:
@@ -137,17 +163,34 @@ def _series(
     one : the member whose line is drawn
     """
     (value, up, title), kind = (_angle(part), AXIS) if has_angle(part) else (_middle(part), BODY)
-    _band(axes, part, value, up)
+    is_few = one is not None and value.shape[1] <= LINES
+    (_lines if is_few else _band)(axes, part, value, up)
     if one is not None:
         shown = one.path.t <= part.time.values[-1] * (1.0 + 1e-9)
         line = one.path.t[shown], one.value[shown]
         swings = np.count_nonzero(np.diff(np.sign(np.diff(line[1]))))
-        width = 1.0 if swings <= SWINGS else 0.4
+        width = 1.0 if swings <= SWINGS else 0.8 if is_few else 0.4
         axes.plot(
             *line, color=PATH, linewidth=width, label=f"member {one.path.member}, drawn above"
         )
+    name_powers(axes)
     add_title(titled or axes, title, note_on(part, kind), pad=20)
     legend_above(titled or axes, 4, axes)
+
+
+def _lines(axes: Axes, part: xr.Dataset, value: NDArray[np.float64], up: str) -> None:
+    """Draw the values (time, member) of a few members against time, in the styles of other pictures
+    of single members; the first one is drawn by `_series`."""
+    styles, labels = line_styles(value.shape[1]), member_labels(part.member.values)
+    for line, style, label in list(zip(value.T, styles, labels, strict=True))[1:]:
+        axes.plot(part.time.values, line, label=label, **{**style, "linewidth": 1.0})
+    _name_axes(axes, part, up)
+
+
+def _name_axes(axes: Axes, part: xr.Dataset, up: str) -> None:
+    """Name the axes of a picture against time."""
+    t = part.time.values
+    axes.set(xlabel=axis_label(part.time), ylabel=up, xlim=(t[0], t[-1]))
 
 
 def _band(axes: Axes, part: xr.Dataset, value: NDArray[np.float64], up: str) -> None:
@@ -159,7 +202,7 @@ def _band(axes: Axes, part: xr.Dataset, value: NDArray[np.float64], up: str) -> 
     axes.fill_between(t, low, high, color=BAND, linewidth=0, label="5 to 95 %")
     axes.fill_between(t, quarter, three_quarters, color=CORE, linewidth=0, label="25 to 75 %")
     axes.plot(t, median, color=MEDIAN, linewidth=2.0, label="median")
-    axes.set(xlabel=axis_label(part.time), ylabel=up, xlim=(t[0], t[-1]))
+    _name_axes(axes, part, up)
 
 
 def _middle(part: xr.Dataset) -> tuple[NDArray[np.float64], str, str]:

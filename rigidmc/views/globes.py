@@ -13,11 +13,13 @@ from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from rigidmc.figures import CROWD, GREY, HALO, INK, PATH, add_title, figure_of
+from rigidmc.mechanics.rotation import to_space
 from rigidmc.planning.turns import AXIS, BODY
 from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.views.caps import Cap, cap_around, cap_points, draw_cap, draw_on_cap
 from rigidmc.views.quadric import EYE, Quadric, draw_curve, draw_quadric, screen
 from rigidmc.views.sample import (
+    MemberPath,
     drawn_members,
     figure_of_result,
     note_on,
@@ -38,7 +40,7 @@ from rigidmc.views.sphere import (
 COARSE = 0.8  # mean cosine of the angle between two steps of a path; below it a path becomes dots,
 # because lines would cut corners
 WIDE = 48  # characters of a line above a third of a summary
-LONG = 100.0  # rad of all paths, above which a picture shows one
+LONG = 40.0  # length of a path in radii, about ten turns; of longer ones a picture shows one
 BEHIND = 0.3  # opacity of what lies behind the sphere
 RADIUS = EYE / np.sqrt(EYE**2 - 1.0)  # of the rim of the unit sphere in the picture
 LAMP = np.array([-0.35, 0.5, 0.8]) / np.sqrt(1.0125)  # light, in the axes of the picture
@@ -53,7 +55,9 @@ def is_free(ds: xr.Dataset) -> bool:
     return conserved == ["yes", "yes"] and "work" not in ds
 
 
-def momentum_density(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
+def momentum_density(
+    ds: xr.Dataset, axes: Axes | None = None, one: MemberPath | None = None
+) -> Figure:
     """Draw the direction of the angular momentum in the body: density, and paths of a few members.
 
     The picture shows the momentum sphere in perspective, with the axis of the middle moment upward
@@ -67,6 +71,7 @@ def momentum_density(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     The axes are the principal axes, in which polhodes are simple, whatever the axes of the result.
 
     ds : result with omega or momentum; otherwise start_omega or start_momentum, as the title says
+    one : the path to draw, instead of the paths of a few members
     """
     part = in_principal_axes(thin_result(ds))
     l, when = omega_or_momentum(part, "momentum")
@@ -77,24 +82,28 @@ def momentum_density(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     lines = family(body[order]) if is_one_body else ([], [])
     axes = axes or figure_of_result(ds, (6.4, 6.0)).add_subplot()
     few, free = drawn_members(l), is_free(ds)
-    paths = polhodes(l[0][:, few], moments[:, few]) if free else l[..., few]
+    along, of = l[..., few], moments[:, few]
+    if one is not None:
+        along, of = one.momentum[..., None], one.moments[:, None]
+    paths = polhodes(along[0], of) if free else along
     shown = l if len(l) > 2 else l[-1:]
-    one, two, three = (str(i + 1) for i in order)
-    _draw_directions(axes, shown[:, order], paths[:, order], (one, two, three), lines)
+    first, second, third = (str(i + 1) for i in order)
+    names = first, second, third
+    _draw_directions(axes, shown[:, order], paths[:, order], names, lines, _label(one))
     note = "" if free else note_on(part, BODY)  # polhodes need no saves
     named = "principal" if is_described(ds) else "body"
     add_title(axes, f"Direction of the angular momentum\nin {named} axes, {when}", note, wide=WIDE)
     return figure_of(axes)
 
 
-def axis_density(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
+def axis_density(ds: xr.Dataset, axes: Axes | None = None, one: MemberPath | None = None) -> Figure:
     """Draw the direction of body axis 3 in space: density and paths, on a sphere or a cap around
     the vertical as in `momentum_density`.
 
     Axis 3 is the third column of the rotation matrix, (2(xz + wy), 2(yz - wx),
     w^2 - x^2 - y^2 + z^2).
 
-    ds : result with attitude
+    ds : result with attitude;  one : the path to draw, instead of the paths of a few members
     """
     if "attitude" not in ds:
         raise ValueError(
@@ -108,17 +117,30 @@ def axis_density(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     )
     axes = axes or figure_of_result(ds, (6.4, 6.0)).add_subplot()
     shown = e3 if len(e3) > 2 else e3[-1:]
-    _draw_directions(axes, shown, e3[..., drawn_members(e3)], ("x", "y", "z"), ([], []))
+    paths = e3[..., drawn_members(e3)]
+    if one is not None:
+        paths = to_space(one.attitude, (0.0, 0.0, 1.0))[..., None]
+    _draw_directions(axes, shown, paths, ("x", "y", "z"), ([], []), _label(one))
     add_title(axes, f"Axis 3 of the body in space,\n{span(part)}", note_on(part, AXIS), wide=WIDE)
     return figure_of(axes)
 
 
+def _label(one: MemberPath | None) -> str:
+    """Return the label of the paths in a picture."""
+    return "single members" if one is None else f"member {one.member}"
+
+
 def _draw_directions(
-    axes: Axes, v: Vectors, paths: Vectors, names: Names, lines: tuple[list[Curve], list[Curve]]
+    axes: Axes,
+    v: Vectors,
+    paths: Vectors,
+    names: Names,
+    lines: tuple[list[Curve], list[Curve]],
+    label: str,
 ) -> None:
     """Draw the density of v, lines along paths, and (polhodes, separatrices), on a sphere or a cap.
 
-    names : of the three axes, the third one upward
+    names : of the three axes, the third one upward;  label : of the paths
     """
     with np.errstate(all="ignore"):
         v = v / np.linalg.norm(v, axis=1, keepdims=True)
@@ -128,22 +150,28 @@ def _draw_directions(
         words = "no direction: every member is at rest"
         axes.text(0.5, 0.5, words, ha="center", transform=axes.transAxes)
         return
-    u, curves = _columns(v), _clear_paths(paths, v.shape[-1])
+    u = _columns(v)
     cap = cap_around(2, np.concatenate([u, _columns(paths)], 1).T)
+    curves = _clear_paths(paths, v.shape[-1], 1.0 if cap is None else cap.radius)
     if cap is not None:
-        _draw_on_cap(axes, u, curves, names, lines[1], cap)
+        _draw_on_cap(axes, u, curves, names, lines[1], cap, label)
     else:
-        _draw_globe(axes, u, curves, names, lines)
+        _draw_globe(axes, u, curves, names, lines, label)
     _legend(axes)
 
 
-def _clear_paths(paths: Vectors, members: int) -> list[Curve]:
-    """Return the curves (n, 3) of paths, or as many as leave the density of the members visible."""
+def _clear_paths(paths: Vectors, members: int, radius: float) -> list[Curve]:
+    """Return the curves (n, 3) of paths that leave the density of the members visible, in a picture
+    of this radius: all, or the beginning of the first one, or none."""
     curves = [*paths.transpose(2, 0, 1)]
     if members <= len(curves):
         return curves
-    turned = float(np.nansum(np.linalg.norm(np.diff(paths, axis=0), axis=1)))
-    return [] if _is_coarse(curves) else curves[:1] if turned > LONG else curves
+    if _is_coarse(curves):
+        return []
+    length = np.nancumsum(np.linalg.norm(np.diff(paths, axis=0), axis=1), axis=0)
+    if not length.size or length.max() <= LONG * radius:
+        return curves
+    return [curves[0][: 1 + np.searchsorted(length[:, 0], LONG * radius)]]
 
 
 def _columns(v: Vectors) -> NDArray[np.float64]:
@@ -159,9 +187,11 @@ def _draw_globe(
     paths: list[Curve],
     names: Names,
     lines: tuple[list[Curve], list[Curve]],
+    label: str,
 ) -> None:
     """Draw directions u (3, n) on the sphere in perspective, and paths."""
-    on = Quadric(turn=toward_reader(u))
+    front = _columns(np.stack(paths, -1)) if len(paths) == 1 else u
+    on = Quadric(turn=toward_reader(front if front.size else u))
     (x, y, depth), (even_x, even_y, even_depth) = (
         screen((on.turn @ w).T) for w in (u, even_directions())
     )
@@ -177,9 +207,9 @@ def _draw_globe(
     for path in paths:
         if is_coarse:
             px, py, _ = screen(on.points(path[on.is_seen(path)]))
-            axes.plot(px, py, ".", color=PATH, markersize=3, label="single members")
+            axes.plot(px, py, ".", color=PATH, markersize=3, label=label)
         else:
-            draw_curve(axes, path, "single members", on, color=PATH, linewidth=0.8)
+            draw_curve(axes, path, label, on, color=PATH, linewidth=0.8)
 
 
 def draw_ball(
@@ -220,14 +250,14 @@ def _lit_ball() -> NDArray[np.float64]:
 Layer = tuple[NDArray[np.float64], NDArray[np.float64]]  # density, opacity
 
 
-def _scale_of(axes: Axes, layers: list[Layer]) -> LogNorm:
+def _scale_of(axes: Axes, layers: list[Layer], pad: float = 0.0) -> LogNorm:
     """Return the scale of densities, whole decades, and draw it beside the axes."""
     sure = np.concatenate([density[opacity >= 0.5] for density, opacity in layers])
     sure = sure if sure.size else np.concatenate([d[np.isfinite(d)] for d, _ in layers])
     first, last = np.floor(np.log10(sure.min())), np.ceil(np.log10(sure.max()))
     norm = LogNorm(10.0**first, 10.0 ** max(last, first + 1), clip=True)
     bar = figure_of(axes).colorbar(
-        ScalarMappable(norm, CROWD), ax=axes, location="right", shrink=0.6, aspect=24, pad=0.0
+        ScalarMappable(norm, CROWD), ax=axes, location="right", shrink=0.6, aspect=24, pad=pad
     )
     bar.set_label("density (isotropic: 1)", fontsize=9)
     bar.ax.tick_params(labelsize=8)
@@ -260,6 +290,7 @@ def _draw_on_cap(
     names: Names,
     separatrices: Sequence[Curve],
     cap: Cap,
+    label: str,
 ) -> None:
     """Draw directions u (3, n) on a cap around axis 3."""
     rim = draw_cap(axes, cap, names)
@@ -269,14 +300,15 @@ def _draw_on_cap(
     fraction = np.sin(0.5 * np.radians(cap.angle)) ** 2
     layer = smooth_density(places, u.shape[1], spread, fraction)
     paper = np.full((PIXELS, PIXELS, 3), 0.95)
-    _draw_image(axes, _over(paper, [layer], _scale_of(axes, [layer])), rim)
+    # the name of an axis stands beside the rim
+    _draw_image(axes, _over(paper, [layer], _scale_of(axes, [layer], 0.08)), rim)
     for curve in separatrices:
         draw_on_cap(axes, curve, "separatrix", cap=cap, clip_path=rim, color=INK, linewidth=1.0)
     style: dict[str, Any] = {"linewidth": 0.8, "path_effects": HALO}
     if _is_coarse(paths):
         style = {"linestyle": "", "marker": ".", "markersize": 3}
     for path in paths if paths and len(paths[0]) > 2 else []:
-        draw_on_cap(axes, path, "single members", cap=cap, clip_path=rim, color=PATH, **style)
+        draw_on_cap(axes, path, label, cap=cap, clip_path=rim, color=PATH, **style)
 
 
 def _is_coarse(paths: list[Curve]) -> bool:

@@ -75,9 +75,10 @@ def phase_portrait(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
     if tops is not None:
         _levels(axes, symmetric_about_3(tops))
     axes.set(xlabel=with_units("theta", "deg"), ylabel=with_units("rate of theta", "rad s-1"))
-    if axes.get_legend_handles_labels()[1]:
+    names = len(axes.get_legend_handles_labels()[1])
+    if names:
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=8, frameon=False)
-    add_title(axes, "Phase portrait of the nutation", note, pad=24)
+    add_title(axes, "Phase portrait of the nutation", note, pad=36 if names > 4 else 24)
     return figure
 
 

@@ -18,6 +18,7 @@ from rigidmc.views.globes import is_free
 from rigidmc.views.sample import (
     DENSE,
     FINE,
+    LINES,
     MemberPath,
     drawn_members,
     figure_of_result,
@@ -100,7 +101,9 @@ def flight(ds: xr.Dataset, part: xr.Dataset | None = None) -> Flight:
 
 def _typical(part: xr.Dataset) -> int:
     """Return the drawn member of a sample whose saved momentum or angular velocity is nearest to
-    the median."""
+    the median; of a few members the first one."""
+    if part.sizes["member"] <= LINES:
+        return int(part.member.values[0])
     some = drawn_members(part.status.values)
     name = next((name for name in ("omega", "momentum") if name in part), None)
     if name is not None:
@@ -151,8 +154,7 @@ def draw_flight(ds: xr.Dataset, one: Flight, axes: Axes) -> None:
     """Draw the bodies of a flight side by side, with their times."""
     path, body = one.path, scene_of(ds, allow_code=None).body
     own = ds.sel(member=[path.member])
-    solid = Solid(body_surface(own, body))
-    centre = solid.scale * member_body(own, body)[2]
+    solid = Solid(body_surface(own, body), member_body(own, body)[2])
     frame = np.eye(3)
     l = to_space(path.principal_attitude[0], path.momentum[0])
     if is_free(ds) and l.any():
@@ -165,11 +167,10 @@ def draw_flight(ds: xr.Dataset, one: Flight, axes: Axes) -> None:
         at = (body_place(k), 0.0)
         i = int(np.argmin(np.abs(path.t - t)))
         stage.solid(solid, turn[i], at)
-        if centre.any():
-            stage.segment((0.0, 0.0, 0.0), turn[i] @ centre, INK, 1.5, at=at)
+        stage.stick(solid, turn[i], INK, 1.5, at=at)
         since = int(np.searchsorted(bent, bent[i] - TRAIL))
         stage.curve(tip[since : i + 1], PATH, 1.3, at, is_fading=True)
-        words = f"{t:.3g} s"
+        words = f"{round(t):,} s" if 999.5 <= t < 1e6 else f"{t:.3g} s"
         axes.text(at[0], -1.15, words, ha="center", va="top", fontsize=8, color=GREY)
     stage.end()
     axes.set_axis_off()

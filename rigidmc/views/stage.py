@@ -14,6 +14,7 @@ from rigidmc.views.surfaces import TONES, Surface, cut
 EYE = 5.0  # distance of the eye from the middle, relative to the reach of the stage
 LAMP = np.array([0.5, -0.6, 0.8]) / np.sqrt(1.25)  # direction of the light in space
 DARK = 0.62  # brightness of a face that the lamp does not reach
+SEAM = 0.35  # points: thinner, the triangles show; wider, the edges of a box look torn
 HEAD = 0.12  # length of the head of an arrow
 LONGEST = 0.2  # longest edge of a triangle relative to the body: faces are sorted by mean depth
 
@@ -21,9 +22,13 @@ Floats = NDArray[np.float64]
 
 
 class Solid:
-    """The faces of a body of size 1: triangles (n, 3, 3), their normals and colours (n, 3)."""
+    """The faces of a body of size 1: triangles (n, 3, 3), their normals and colours (n, 3).
 
-    def __init__(self, surface: Surface) -> None:
+    centre : centre of mass (3,) in the units of the surface;  stick : pieces (n, 2, 3) of the line
+        to it from the fixed point that are outside the body
+    """
+
+    def __init__(self, surface: Surface, centre: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         scale = 1.0 / np.linalg.norm(surface.corners, axis=1).max()
         triangles, tones = cut(scale * surface.corners[surface.faces], surface.tones, LONGEST)
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -31,6 +36,23 @@ class Solid:
         normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
         self.scale, self.triangles, self.normals = scale, triangles, normals
         self.colours = np.array([to_rgb(tone) for tone in TONES])[tones]
+
+        line = np.linspace(0.0, 1.0, 13)[:, None] * (scale * np.asarray(centre, float))
+        pieces = np.stack([line[:-1], line[1:]], 1)
+        self.stick = pieces[~self.holds(pieces.mean(1))] if line.any() else pieces[:0]
+
+    def holds(self, points: Floats) -> NDArray[np.bool_]:
+        """Return whether points (n, 3) are inside: there the triangles fill the whole sphere.
+
+        Solid angles of triangles: van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125.
+        """
+        a, b, c = np.moveaxis(self.triangles - points[:, None, None], 2, 0)
+        la, lb, lc = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
+        volume = (a * np.cross(b, c)).sum(-1)
+        product = la * lb * lc + (a * b).sum(-1) * lc + (b * c).sum(-1) * la + (c * a).sum(-1) * lb
+        half = np.arctan2(volume, product).sum(-1)  # 2 pi inside, 0 outside
+        inside: NDArray[np.bool_] = np.abs(half) > np.pi
+        return inside
 
 
 class Stage:
@@ -44,7 +66,7 @@ class Stage:
         self.toward = np.array([ca * ce, sa * ce, se])
         self.right, self.up = np.array([-sa, ca, 0.0]), np.array([-ca * se, -sa * se, ce])
         self.far = EYE * reach
-        # round, and edges in the colours of the faces, which close the gaps between triangles
+        # round, and edges SEAM wide in the colours of the faces, to close gaps between triangles
         self.polygons = PolyCollection([], capstyle="round", joinstyle="round")
         axes.add_collection(self.polygons, autolim=False)
         self.begin()
@@ -72,7 +94,7 @@ class Stage:
         colours = np.ones((len(light), 4))
         colours[:, :3] = solid.colours[seen] * light[:, None]
         places, depth = self.place(triangles[seen], at)
-        self._add(depth.mean(1), places, colours, colours, np.full(len(light), 0.5))
+        self._add(depth.mean(1), places, colours, colours, np.full(len(light), SEAM))
 
     def curve(
         self,
@@ -102,6 +124,11 @@ class Stage:
         share = np.linspace(0.0, 1.0, 13)[:, None]
         line = (1.0 - share) * np.asarray(start) + share * np.asarray(end)
         self.curve(line, colour, width, **options)
+
+    def stick(self, solid: Solid, turn: Floats, colour: str, width: float, **options: Any) -> None:
+        """Add the line from the fixed point to the centre of mass, as far as it is outside."""
+        for piece in solid.stick @ turn.T:
+            self.curve(piece, colour, width, **options)
 
     def arrow(self, end: ArrayLike, colour: str, width: float = 2.5) -> None:
         """Add an arrow from the middle to a point (3,)."""

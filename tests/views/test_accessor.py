@@ -209,6 +209,20 @@ def test_what_is_read_lazily_stays_lazy(kind, tmp_path, monkeypatch):
             assert off.max() < 1e-14  # measured 0
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("nutation_max", r'was not saved: run with save=\("nutation",\)'),
+        ("omega", "is a variable of the result: ds.omega"),
+        ("energi", "did you mean 'energy'"),
+        ("xyz", "ds.rigid has no 'xyz'$"),
+    ],
+)
+def test_a_name_that_is_not_there(name, words, result):
+    with rm.open(str(result)) as ds, pytest.raises(AttributeError, match=words):
+        getattr(ds.rigid, name)
+
+
 def test_a_map_has_no_members():
     """`rm.open` opens maps too, and all xarray Datasets have `rigid`."""
     maps = xr.Dataset({"mean(omega_mean[2])": (("y", "x"), np.ones((2, 2)))})

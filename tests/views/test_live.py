@@ -102,6 +102,12 @@ def test_a_page_has_the_bits_of_the_processor(browser, tmp_path):
     page.evaluate("SLIDERS[0].set(4.0)")  # less 2 kg (0.3 m)^2: 3.82 > 1.82 + 1
     moved(page, 10)
     assert "No mass distribution has these moments: I_i <= I_j + I_k" in page.inner_text("#note")
+    assert page.inner_text("#note strong") == "No mass distribution"
+    for width in (1280, 390):  # a negative number with an exponent stays beside its slider
+        page.set_viewport_size({"width": width, "height": 1000})
+        page.evaluate("for (const s of SLIDERS) s.set(-1.234e-5)")
+        texts = "[...document.querySelectorAll('#sliders output')]"
+        assert page.evaluate(f"{texts}.every(text => text.scrollWidth <= text.clientWidth)")
     assert page.faults == []
 
 

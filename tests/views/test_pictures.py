@@ -370,6 +370,22 @@ def test_summary_composes_all_and_heads_them(free, tops):
     assert "Axis 3" in " ".join(titles) and "Angle of axis 3 from the vertical" in titles
 
 
+def test_summary_of_a_few_members_draws_lines():
+    """No quantiles of three members: one line each, in the colours of their paths; and a power of
+    ten of the ticks stands in the label."""
+    start = rm.Start(omega=(rm.normal(0.0, 1e-8), 1e-7, 0.0))
+    scene = rm.Scene(rm.Body.box(1.0, (0.3, 0.2, 0.1)), start=start)
+    ds = rm.simulate(scene, "closed", members=3, t_end=4e8, every=1e7, save=("omega",))
+    figure = draw(ensemble.summary(ds))
+    series = next(axes for axes in figure.axes if axes.get_xlabel().startswith("time"))
+    assert series.get_xlabel() == "time [$10^{8}$ s]"
+    assert series.get_ylabel() == "$\\omega_2$ [$10^{-7}$ rad/s]"
+    labels = {line.get_label() for line in series.lines}
+    assert {"member 0, drawn above", "member 1", "member 2"} <= labels
+    assert not series.collections  # no band
+    assert "Angular momentum in principal axes" in " ".join(a.get_title() for a in figure.axes)
+
+
 def test_summary_of_first_and_last_save_shows_the_spread(ends):
     figure = draw(ensemble.summary(ends))
     spread = next(

@@ -207,6 +207,9 @@ def test_an_animation_says_how_far_it_turns_between_frames():
     assert "turns by up to" in words and "apparent motion is wrong" in words
     figure, _ = animation.scene(few)
     assert any("apparent motion is wrong" in text.get_text() for text in figure.texts)
+    shown = float(words.partition("show ")[2].split(" s ")[0])
+    assert 0.01 < shown < 0.2 * GYROSCOPE.run.t_end
+    assert animation.between_frames(frames(ds, 0, 4 * 20, until=shown)) == ""
     assert animation.between_frames(frames(ds, 0, 4 * 200)) == ""
 
 

@@ -7,6 +7,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from rigidmc.mechanics import rotation
+from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.shape import ShapePart
 from rigidmc.views import stage
@@ -64,6 +65,22 @@ def test_a_flat_box_is_drawn_face_by_face(seed):
                     assert off < 0.1  # measured 0.05 next to a rim; with the back faces 0.16
                     seen += 1
     assert seen >= 32
+
+
+def test_a_stick_ends_at_the_surface():
+    """A box held 1 m below its middle: the stick reaches it; one held inside shows none."""
+    size, far = np.array([0.4, 0.6, 0.8]), np.array([0.0, 0.0, 1.0])
+    box = Body.box(1.0, tuple(size))
+    surface = surface_of(box)
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-0.6, 0.6, (400, 3))
+    solid = stage.Solid(surface)
+    assert (solid.holds(solid.scale * points) == (np.abs(points) < 0.5 * size).all(1)).all()
+    moved = surface._replace(corners=surface.corners + far)
+    held = stage.Solid(moved, far)
+    ends = held.stick[:, :, 2] / held.scale
+    assert ends.min() == 0.0 and abs(ends.max() - 0.6) < 1.0 / 12  # one piece
+    assert len(stage.Solid(surface, (0.0, 0.0, 0.3)).stick) == 0
 
 
 def test_near_things_are_larger_and_hide_far_ones():

@@ -142,9 +142,13 @@ function receive({ data }) {
   draw();
 }
 function fail(why) {
-  $("note").className = "bad";
-  $("note").textContent = `This page cannot compute here (${why}): a policy of the browser may forbid WebAssembly. `
-    + `Its recorded form is: rigidmc view ${DATA.source}`;
+  warn(`This page cannot compute here (${why}): a policy of the browser may forbid WebAssembly. `
+    + `Its recorded form is: rigidmc view ${DATA.source}`, "This page cannot compute");
+}
+// write the note; it begins with the key of a warning, "" for none
+function warn(words, key) {
+  $("note").className = key ? "bad" : "";
+  $("note").replaceChildren(html("strong", {}, key), words.slice(key.length));
 }
 
 // ---- what is drawn ---------------------------------------------------------------------------
@@ -267,10 +271,10 @@ function draw() {
   drawCharts();
   $("clock").textContent = `${s.time.toPrecision(4)} s`;
   const flagged = Object.entries(DATA.statuses).find(([, code]) => code === state.status);
-  $("note").className = flagged[1] || state.why ? "bad" : "";
-  $("note").textContent = (state.why && `${state.why} `) + (flagged[1] ? `Flagged: ${flagged[0].replaceAll("_", " ")}; the body stays at its last good state.`
-    : `${DATA.integrator}, step ${nice(+state.h.toPrecision(4))} s, ${state.step.toLocaleString("en")} steps, computed in this page with the same `
+  const words = (state.why && `${state.why} `) + (flagged[1] ? `Flagged: ${flagged[0].replaceAll("_", " ")}; the body stays at its last good state.`
+    : `${DATA.integrator}, step ${nice(+state.h.toPrecision(4))} s, ${state.step.toLocaleString("en")} step${state.step === 1 ? "" : "s"}, computed in this page with the same `
       + `bits as the command line${state.fused ? "" : " (this machine has no fused multiply-add: slower)"}. Drag to turn, scroll or pinch to zoom.`);
+  warn(words, state.why ? "No mass distribution" : flagged[1] ? "Flagged" : "");
 }
 function drawCharts() {
   const { samples } = state, t = samples.map(s => s.time);
