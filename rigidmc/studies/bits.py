@@ -31,7 +31,7 @@ MEMBERS = 37  # of a run: not a multiple of any vector width
 DERIVATIVES = {
     "free": ("start.momentum.size", "body.moments.1", "body.moments.2.mean"),
     "heavy": ("start.omega.size", "body.moments.3", "effects.gravity.g"),
-    "driven": ("start.omega.1.mean", "body.mass", "effects.rotating_field.frequency"),
+    "driven": ("start.omega.1.mean", "body.mass", "effects.rotating_field.rate"),
     "in a bath": ("start.momentum.kT", "body.moments.1.low", "effects.bath.kT"),
 }
 
