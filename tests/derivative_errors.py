@@ -285,7 +285,8 @@ def main(integrators: Iterable[str]) -> None:
         largest[integrator] = [of_effects, of_bodies]
     print("| integrator | effects | bodies and starts |\n| --- | ---: | ---: |")
     for integrator, (of_effects, of_bodies) in largest.items():
-        print(f"| {integrator} | {of_effects:.0e} | {of_bodies:.0e} |")
+        effects = f"{of_effects:.0e}" if of_effects else "none"  # `exact` takes no effect
+        print(f"| {integrator} | {effects} | {of_bodies:.0e} |")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,9 @@ import pytest
 from bench.bits import PROCESSORS, QUICK, elsewhere, equal, recorded, sums
 from rigidmc.engine.program import Program
 from rigidmc.physics.dynamics import functions
+from rigidmc.scene.derivatives import parameters_of_run
 from rigidmc.scene.vector_distributions.vectors import lower_factor
+from rigidmc.studies.bits import cases, with_derivatives
 
 # steps too long for what is watched
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
@@ -56,6 +58,11 @@ def test_the_bits_of_all_cases():
 def test_derivatives_change_no_bit():
     found = sums((0,), QUICK, names=WITH_DERIVATIVES, derivatives=True)
     assert set(found) == set(WITH_DERIVATIVES) and not changed(found)
+
+
+def test_all_cases_differentiate_by_parameters_that_exist():
+    for case in cases():
+        assert len(parameters_of_run(with_derivatives(case))) == 3, case.name
 
 
 @pytest.mark.slow

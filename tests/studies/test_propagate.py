@@ -18,7 +18,7 @@ from rigidmc.studies.propagate.covariance import (
     of_distributions,
 )
 from rigidmc.studies.propagate.picture import cut_linear, ellipse
-from rigidmc.studies.propagate.study import Input, deviations_of, linear_until, rounding_of
+from rigidmc.studies.propagate.study import Input, deviations_of, linear_until, rounding_of, rows_of
 
 A, C, SPIN, W1, W2 = 1.0, 1.5, 2.0, 0.3, 0.1
 TOP = rm.Scene(
@@ -93,7 +93,7 @@ def test_matrices_that_are_no_covariance_are_refused(bad):
         (rm.Sphere(1.0), {}, "draws a vector, a matrix or an attitude"),
         ((0.0, 0.0, rm.normal(1.0, 0.1)), {"wrt": "start.omega.3"}, "give `covariance`"),
         ((0.0, 0.0, 1.0), {"deviations": "1e-3"}, "wrt: is missing"),
-        ((0.0, 0.0, 1.0), {"deviations": (1.0, 2.0), "wrt": "start.omega.3"}, "1 numbers of at"),
+        ((0.0, 0.0, 1.0), {"deviations": (1.0, 2.0), "wrt": "start.omega.3"}, "1 number of at"),
         ((0.0, 0.0, 1.0), {"deviations": 1.0, "wrt": "start.omga.3"}, "did you mean"),
     ],
 )
@@ -127,6 +127,14 @@ def test_attitudes_deviate_by_a_rotation_vector_in_body_axes():
     found = deviations_of(some, one, ("attitude", "energy"))
     np.testing.assert_allclose(found[0, :3], turn[:2].T, atol=1e-15)
     np.testing.assert_allclose(found[0, 3], [0.5, 1.5])
+
+
+def test_results_of_the_whole_run_are_refused_by_name():
+    one = result_of(np.zeros((2, 4, 1)), np.zeros((2, 1)), [0])
+    one["energy_mean"], one["d_energy_mean"] = one.status, one.status.expand_dims(parameter=2)
+    for name in ("energy_mean", "nutation"):
+        with pytest.raises(OptionError, match=f"'{name}': has no derivative at each save"):
+            rows_of(one, (name,))
 
 
 def test_rounding_is_measured_by_the_largest_value_of_a_row():

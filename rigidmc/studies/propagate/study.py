@@ -32,7 +32,7 @@ SceneError
     if nothing is drawn and no covariance is given, for a random effect, for a parameter without a
     derivative, and for a distribution without mean or variance
 OptionError
-    for a covariance that is none, and for an observable without derivatives
+    for a covariance that is none, and for an observable without derivatives at the saves
 
 Examples
 --------
@@ -161,7 +161,8 @@ def input_of(scene: Scene, options: PropagateOptions) -> Input:
     if options.deviations is None:
         return Input(nominal, chosen, checked_covariance(options.covariance, len(chosen)), None)
     if len(options.deviations) != len(chosen) or not min(options.deviations) >= 0.0:
-        rule = f"expected {len(chosen)} numbers of at least 0, one for each of {', '.join(chosen)}"
+        many = count_text(len(chosen), "number")
+        rule = f"expected {many} of at least 0, one for each of {', '.join(chosen)}"
         raise OptionError(rule, at="deviations", value=list(options.deviations))
     return Input(nominal, chosen, np.diag(np.square(options.deviations)), None)
 
@@ -199,13 +200,13 @@ def _number(scene: Scene, name: str) -> float:
 def rows_of(result: xr.Dataset, names: tuple[str, ...]) -> tuple[list[str], list[str]]:
     """Return (names, units) of the components of observables, with three for an attitude.
 
-    Raises OptionError for an observable without derivatives.
+    Raises OptionError for an observable without derivatives at the saves.
     """
     rows, units = [], []
     for name in names:
         rates = result.get(derivative_name(name))
-        if rates is None:
-            rule = "has no derivatives: use observables that are numbers, such as omega or energy"
+        if rates is None or "time" not in rates.dims:  # a result of the whole run has one value
+            rule = "has no derivative at each save: use one that has, such as omega or energy"
             raise OptionError(rule, at="of", value=name)
         attitude = "quat" in result[name].dims
         size = 3 if attitude else rows_in_time(result, name).shape[1]
