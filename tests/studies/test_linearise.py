@@ -9,7 +9,7 @@ from rigidmc.mechanics import rotation
 from rigidmc.planning.initial import members_at_start
 from rigidmc.studies.linearise import rates, steady
 from rigidmc.studies.linearise.motions import Problem
-from rigidmc.studies.linearise.picture import eigenvalues
+from rigidmc.studies.linearise.picture import _with_onsets, eigenvalues
 from rigidmc.studies.linearise.stability import jacobians
 from rigidmc.studies.linearise.study import table
 from rigidmc.studies.linearise.symmetries import find_symmetries
@@ -389,3 +389,13 @@ def test_newton_converges_quadratically_and_a_broken_jacobian_does_not(monkeypat
 
     monkeypatch.setattr(steady, "rates_of", broken)
     assert left() > 1e-10
+
+
+def test_the_picture_has_the_points_where_growth_ends():
+    value, rate = np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.9, 0.5, 0.0, 0.0])
+    grows, onsets = rate > 0.0, np.array([2.3, 3.5, 9.0])  # the second changes no stability
+    x, y, thin = _with_onsets(value, rate, grows, onsets)
+    assert x.tolist() == [1.0, 2.0, 2.3, 3.0, 4.0] and y.tolist() == [0.9, 0.5, 0.0, 0.0, 0.0]
+    assert thin.tolist() == [True, True, False, False, False]
+    for broken in (np.full(4, np.nan), np.array([0.9, 0.5, np.nan, np.nan])):  # a branch ends
+        assert _with_onsets(value, broken, broken > 0.0, onsets)[0].tolist() == value.tolist()

@@ -104,7 +104,9 @@ def _branches(study: xr.Dataset) -> Figure:
     )
     groups = _groups(curves.reshape(study.sizes["branch"], -1))
     for k, alike in enumerate(groups):
-        _draw_branch(panels, study.isel(branch=alike[0]), k)
+        of_branch = study.bifurcation_branch.values == alike[0]
+        onsets = np.sort(study.bifurcation_value.values[of_branch])
+        _draw_branch(panels, study.isel(branch=alike[0]), k, onsets)
     for axes, name in zip(panels, ("energy", "growth_rate", "frequency"), strict=True):
         axes.set_ylabel(column_head(study[name]))
         for value in study.bifurcation_value.values:
@@ -120,14 +122,17 @@ def _branches(study: xr.Dataset) -> Figure:
     return figure
 
 
-def _draw_branch(panels: NDArray[Any], one: xr.Dataset, k: int) -> None:
-    """Draw energy, growth rate and frequencies of a branch."""
+def _draw_branch(
+    panels: NDArray[Any], one: xr.Dataset, k: int, onsets: NDArray[np.float64]
+) -> None:
+    """Draw energy, growth rate and frequencies of a branch with bifurcations at `onsets`."""
     value, own = one.value.values, one.origin.values == MOTION
     grows, colour = np.isin(one.stability.values, UNSTABLE), COLOURS[k % len(COLOURS)]
-    for axes, name in zip(panels[:2], ("energy", "growth_rate"), strict=True):
-        numbers = one[name].values
-        axes.plot(value, numbers, color=colour, lw=1.0, ls="--")
-        axes.plot(value, np.where(grows, np.nan, numbers), color=colour, lw=2.4)
+    energy = value, one.energy.values, grows
+    rate = _with_onsets(value, one.growth_rate.values, grows, onsets)
+    for axes, (x, y, thin) in zip(panels[:2], (energy, rate), strict=True):
+        axes.plot(x, y, color=colour, lw=1.0, ls="--")
+        axes.plot(x, np.where(thin, np.nan, y), color=colour, lw=2.4)
     turning: Axes = panels[2]
     at, column = np.nonzero(own & (one.frequency.values >= 0.0))
     turning.plot(
@@ -138,6 +143,22 @@ def _draw_branch(panels: NDArray[Any], one: xr.Dataset, k: int) -> None:
         mfc="none",
         color=colour,
     )
+
+
+def _with_onsets(
+    value: NDArray[np.float64],
+    rate: NDArray[np.float64],
+    grows: NDArray[np.bool_],
+    onsets: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the samples of a growth rate and the points where growth begins or ends: it is 0
+    there, but a line between samples would miss it."""
+    at = np.searchsorted(value, onsets)
+    inside = (at > 0) & (at < value.size)
+    onsets, at = onsets[inside], at[inside]
+    known = np.isfinite(rate[at - 1] + rate[at]) & (grows[at - 1] != grows[at])
+    onsets, at = onsets[known], at[known]
+    return np.insert(value, at, onsets), np.insert(rate, at, 0.0), np.insert(grows, at, False)
 
 
 def _mark_bifurcations(axes: Axes, study: xr.Dataset) -> None:
