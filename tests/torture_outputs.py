@@ -68,7 +68,7 @@ def made(folder, process):
 @contextlib.contextmanager
 def computed_once():
     """Compute studies once, then attack their outputs."""
-    from rigidmc.runs import rerun as again
+    from rigidmc.runs import frames as again
     from rigidmc.studies.accuracy import study as accuracy
     from rigidmc.studies.stability_map import case
     from rigidmc.studies.stress import hard_cases
