@@ -240,7 +240,7 @@ def workers(rows, machine):
     note = (
         "CPU time of a task in each process, and memory at the end, of shards without work:"
         f" {1e3 / most['scheduler']['ms']:.0f} tasks a second keep one scheduler busy. All workers"
-        " are objects in one process. journal.jsonl has"
+        " are objects in one process, and do not watch its loop and files. journal.jsonl has"
         f" {most['journal.jsonl']:,} bytes at the end, and run.json {most['run.json']:,}: neither"
         f" grows with the shards. {_machine(machine)}."
     )
