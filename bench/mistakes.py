@@ -321,7 +321,6 @@ linearise driven_pendulum
 linearise heavy_top --along start.omega.4=1:2
 linearise heavy_top --along start.omega.3=2:1
 ftle heavy_top --families 0
-ftle brownian_rotor
 ftle result.nc
 ftle result.nc --families 5
 section kovalevskaya --at 'omga[1] = 0'
