@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 LIST = Path(__file__).with_name("words.csv")
 ROWS = list(csv.DictReader(LIST.read_text("utf-8").splitlines()))
-PLACES = "README.md", "CHANGELOG.md", "SECURITY.md", "docs/**/*.md", "rigidmc/**/*.py"
+PLACES = "README.md", "CHANGELOG.md", ".github/SECURITY.md", "docs/**/*.md", "rigidmc/**/*.py"
 PLACES += "rigidmc/**/*.toml", "bench/readme.py"
 MADE = "_build", "api"  # folders that the build of the documentation makes
 

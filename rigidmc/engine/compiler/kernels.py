@@ -246,7 +246,7 @@ def llvm_of(key: KernelKey) -> tuple[str, str]:
 
 
 def llvm_of_function(function: Function, signature: Any) -> tuple[str, str]:
-    """Return the same for a function of these types."""
+    """Return (name, LLVM code) of a function for arguments of the types of a signature."""
     known = function, signature.args
     with _compiling:
         if known not in _llvm_code:
