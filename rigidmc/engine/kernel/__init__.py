@@ -15,6 +15,7 @@ layout        the position of each number in memory
 member        gather, initialise, assess, record, scatter
 march         the steps, in registers; nearly all time is spent here
 block         the loop: the order of all calls
+transfer      members copied between the block, the lanes and the saves
 
 Monitoring over all steps, with no trajectory kept (`rigidmc.physics.observables.protocol` defines
 events, and when they are armed):

@@ -1,35 +1,40 @@
 """A block of members on one thread, as many at a time as there are lanes.
 
 This file is the order of events in the life of members; the kernels (`rigidmc.engine.kernel.member`
-and others) do the work. `advance` is compiled once for all scenes: it gets the kernels of a program
-by their addresses, and the number of lanes as a number. A GPU runs `run_lanes` for one member in
-each thread.
+and others) do the work, and `rigidmc.engine.kernel.transfer` copies members to the lanes and back.
+`advance` is compiled once for all scenes: it gets the kernels of a program by their addresses, and
+the number of lanes as a number. A GPU runs `run_lanes` for one member in each thread.
 
 frame : the record of all arguments, see `rigidmc.engine.kernel.arguments`
 """
 
 import sys
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.kernels import call_address
-from rigidmc.engine.compiler.memory import memory, shifted
+from rigidmc.engine.compiler.memory import memory
 from rigidmc.engine.kernel.arguments import NO_STEP
-from rigidmc.engine.kernel.layout import (  # fmt: skip
+from rigidmc.engine.kernel.layout import (
     BODY,
     BODY_AT,
     COUNT,
     EVENT_ROWS,
-    INDEX,
     MEMBER_ROWS,
     MEMBER_STEPS,
     ROUND_START,
-    START,
     STEP_LENGTH,
 )
-from rigidmc.physics.dynamics.functions import as_float
+from rigidmc.engine.kernel.transfer import (
+    block_memory,
+    gather_growing,
+    gather_members,
+    gather_tangents,
+    park_finished,
+    save_members,
+    scatter_members,
+)
 from rigidmc.physics.observables.chaos import RECORD_EVERY
 
 # Steps between two assessments of drift and health: one assessment takes as long as 2 steps of rk4
@@ -38,28 +43,6 @@ ASSESS_INTERVAL = 64
 # Steps made before they are monitored: their states for 16 members, 7 x 33 x 16 numbers, fit in a
 # first-level cache of 32 kB.
 TRACE = 32
-
-
-class BlockMemory(NamedTuple):
-    """The memory of a frame as plain numbers: row i of member k is number i * lanes + k."""
-
-    substeps: Any
-    block: Any
-    state: Any
-    spare_state: Any
-    work: Any
-    spare_work: Any
-    trace: Any
-
-
-def block_memory(frame):
-    """Return the BlockMemory of a frame."""
-    real = frame.real
-    substeps, block = memory(frame.substeps, 1.0), memory(frame.block, 1.0)
-    state, spare_state = memory(frame.state, real), memory(frame.spare_state, real)
-    work, spare_work = memory(frame.work, 1.0), memory(frame.spare_work, 1.0)
-    trace = memory(frame.trace, real)
-    return BlockMemory(substeps, block, state, spare_state, work, spare_work, trace)
 
 
 def advance(tree, numbers, frame):
@@ -88,7 +71,8 @@ def run_lanes(frame, low):
 def run_pass(frame, low, part):
     """Take the members of a block from `low` on through the steps; part : the pass."""
     flat = block_memory(frame)
-    gather_members(frame, low)
+    h, round_start = first_round(frame)
+    gather_members(frame, low, h, round_start)
     gather_tangents(frame, low, part)
     if frame.growth != 0:
         gather_growing(frame, low)
@@ -119,43 +103,13 @@ def run_pass(frame, low, part):
             is_late = 1.0 if 2 * now > frame.total else 0.0
             idle = assess_members(frame, rounds, slot, is_late, 1.0 if is_planned else 0.0)
         if is_saved:
-            save_members(frame, low, now, save, part)
+            save_members(frame, low, time_at(frame, now), save, part)
             save += 1
             save_step = step_of_save(frame, save)
+    if frame.last == frame.total and frame.records > 0:
+        refine_events(frame)
     scatter_members(frame, low, part)
     return 0
-
-
-def gather_members(frame, low):
-    """Copy the rows of the members from `low` on to the workspace."""
-    flat, lanes, first = block_memory(frame), frame.lanes, frame.first
-    member_steps = frame.member_steps
-    order, rows, members = memory(frame.order, lanes), frame.rows, frame.width
-    indices = memory(frame.members, lanes)
-    h, round_start = frame.h, first // frame.slots * frame.h if member_steps != 0 else 0.0
-    if first > frame.head:
-        h, round_start = frame.last_h, last_round_start(frame)
-    state, work = flat.state, flat.work
-    arguments = flat.block, rows, members, low, member_steps, h, round_start, state, work
-    call_address(frame.gather, arguments)
-    for k in range(lanes if frame.is_random != 0 else 0):
-        index = order[low + k] if member_steps != 0 else low + k
-        # The bits of index + 1 as a float: rows of `work` are float64, and no arithmetic touches
-        # them.
-        work[INDEX * lanes + k] = as_float(np.uint64(indices[index] + 1))
-
-
-def gather_tangents(frame, low, part):
-    """Copy the derivatives of the members from `low` on to the workspace; part : the pass."""
-    flat, lanes, rows, members = block_memory(frame), frame.lanes, frame.rows, frame.width
-    for j in range(frame.tangents):
-        column = 1 + part * frame.tangents + j
-        block = shifted(flat.block, column * rows * members)
-        state = shifted(flat.state, (1 + j) * frame.tangents_in_state * lanes)
-        work = shifted(flat.work, (1 + j) * frame.tangents_in_work * lanes)
-        call_address(frame.gather, (block, rows, members, low, 0, 0.0, 0.0, state, work))
-        for k in range(lanes):
-            work[MEMBER_STEPS * lanes + k] = 0.0
 
 
 def begin_last_interval(frame, slot):
@@ -173,6 +127,14 @@ def begin_last_interval(frame, slot):
     for k in range(lanes):
         work[STEP_LENGTH * lanes + k] = h / work[MEMBER_STEPS * lanes + k] if own != 0 else h
         work[ROUND_START * lanes + k] = round_start
+
+
+def first_round(frame):
+    """Return (length of the steps, or of a round of member steps, when it began) at the first step
+    of a call [s]."""
+    if frame.first > frame.head:
+        return frame.last_h, last_round_start(frame)
+    return frame.h, frame.first // frame.slots * frame.h if frame.member_steps != 0 else 0.0
 
 
 def last_round_start(frame):
@@ -205,7 +167,7 @@ def initialise_members(frame, low, part):
     if frame.growth != 0:
         arguments = substeps, state, work, frame.growth_row, time_at(frame, frame.total)
         call_address(frame.begin_growth, arguments)
-    save_members(frame, low, 0, 0, part)
+    save_members(frame, low, 0.0, 0, part)
 
 
 def next_save(frame, now):
@@ -255,31 +217,6 @@ def assess_members(frame, rounds, slot, late, planned):
     flat = block_memory(frame)
     arguments = flat.substeps, flat.state, flat.work, rounds, slot * 1.0, late, planned
     return call_address(frame.assess, arguments) == 0
-
-
-def gather_growing(frame, low):
-    """Copy the tangents that grow, of the members from `low` on, to the workspace: they are the
-    last derivatives of the state. Bodies and effects do not change along them.
-    """
-    flat, lanes, members = block_memory(frame), frame.lanes, frame.width
-    state = shifted(flat.state, (1 + frame.tangents) * frame.tangents_in_state * lanes)
-    work = shifted(flat.work, (1 + frame.tangents) * frame.tangents_in_work * lanes)
-    first = (frame.growth_row - MEMBER_ROWS) * members + low
-    for i in range(BODY_AT + frame.rows - BODY):
-        for k in range(lanes):
-            state[i * lanes + k] = flat.block[first + i * members + k] if i < START else 0.0
-    for i in range((MEMBER_ROWS + frame.rows) * lanes if frame.tangents != 0 else 0):
-        work[i] = 0.0
-
-
-def scatter_growing(frame, low):
-    """Copy the tangents that grow, of the members from `low` on, back to the block."""
-    flat, lanes, members = block_memory(frame), frame.lanes, frame.width
-    state = shifted(flat.state, (1 + frame.tangents) * frame.tangents_in_state * lanes)
-    first = (frame.growth_row - MEMBER_ROWS) * members + low
-    for i in range(START):
-        for k in range(lanes):
-            flat.block[first + i * members + k] = state[i * lanes + k]
 
 
 def make_steps(frame, round_first, first, last):
@@ -368,96 +305,6 @@ def next_finish(frame, now, stop):
         if now * 1.0 < steps and steps < stop * 1.0:
             stop = np.int64(steps)
     return stop
-
-
-def park_finished(frame, state, now, stores):
-    """Copy the states of members that have made all their steps behind the trace, or back.
-
-    stores : 0 to copy them back
-
-    Return True if there are any.
-    """
-    lanes, is_any_finished, parking = frame.lanes, False, frame.parking * frame.lanes
-    flat = block_memory(frame)
-    trace, work = flat.trace, flat.work
-    for k in range(lanes):
-        if work[MEMBER_STEPS * lanes + k] <= float(now):
-            is_any_finished = True
-            for j in range(1 + frame.tangents + frame.growth):
-                for i in range(START + frame.works):
-                    row = i if i < START else frame.work_row + i - START
-                    at = (j * frame.tangents_in_state + row) * lanes + k
-                    place = parking + (j * (START + frame.works) + i) * lanes + k
-                    if stores != 0:
-                        trace[place] = state[at]
-                    else:
-                        state[at] = trace[place]
-    return is_any_finished
-
-
-def save_members(frame, low, now, save, part):
-    """Write the saved values of the members at step `now`, and their derivatives of a pass.
-
-    save : number of the save
-
-    Members with their own steps are sorted by steps: their values go to `saved` first.
-    """
-    if frame.columns != 0 and frame.values != 0:
-        lanes, work, out = frame.lanes, block_memory(frame).work, memory(frame.out, 1.0)
-        saved, order = memory(frame.saved, 1.0), memory(frame.order, lanes)
-        tangents, each = frame.tangents, 1 + frame.passes * frame.tangents
-        base = save * frame.values * each * frame.columns + frame.column
-        first, t, reorders = 1 + part * tangents, time_at(frame, now), frame.member_steps != 0
-        if reorders:
-            arguments = (
-                work, frame.axes_row, saved, 0, (1 + tangents) * lanes, t, 0, lanes, lanes,
-            )  # fmt: skip
-        else:
-            pitch = frame.columns
-            arguments = (
-                work, frame.axes_row, out, base + low, each * pitch, t, frame.skips_cache,
-                first * pitch, pitch,
-            )  # fmt: skip
-        call_address(frame.record, arguments)
-        for i in range(frame.values if reorders else 0):
-            for j in range(1 + tangents):
-                row = i * each + (0 if j == 0 else first + j - 1)
-                for k in range(lanes):
-                    at = (i * (1 + tangents) + j) * lanes + k
-                    out[base + row * frame.columns + order[low + k]] = saved[at]
-
-
-def scatter_members(frame, low, part):
-    """Copy the rows of the members back to the block: their derivatives of a pass, and after the
-    last pass all others.
-
-    At the end of the run they contain the last good state and the exact times of events.
-    """
-    done = 1 if frame.last == frame.total else 0
-    if done != 0 and frame.records > 0:
-        refine_events(frame)
-    scatter_tangents(frame, low, part)
-    if part < frame.passes - 1:
-        return
-    flat, rows, members, works = block_memory(frame), frame.rows, frame.width, frame.works
-    work_row = BODY + frame.work_row - BODY_AT
-    at = rows, members, low, works, work_row, done
-    call_address(frame.scatter, (flat.block, *at, flat.state, flat.work))
-    if frame.growth != 0:
-        scatter_growing(frame, low)
-
-
-def scatter_tangents(frame, low, part):
-    """Copy the derivatives of the members from `low` on to the block; part : the pass."""
-    flat, lanes, rows, members = block_memory(frame), frame.lanes, frame.rows, frame.width
-    work_row = BODY + frame.work_row - BODY_AT
-    done = 1 if frame.last == frame.total else 0
-    for j in range(frame.tangents):
-        block = shifted(flat.block, (1 + part * frame.tangents + j) * rows * members)
-        state = shifted(flat.state, (1 + j) * frame.tangents_in_state * lanes)
-        work = shifted(flat.work, (1 + j) * frame.tangents_in_work * lanes)
-        at = rows, members, low, frame.works, work_row, done
-        call_address(frame.scatter, (block, *at, state, work))
 
 
 def refine_events(frame):
