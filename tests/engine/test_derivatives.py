@@ -41,6 +41,9 @@ def directions(run, count=2):
     rows, rng = run.initial(0, MEMBERS)[0], np.random.default_rng(5)
     change = np.zeros((count, *rows.shape))
     change[:, layout.ATTITUDE : layout.EXTRA] = rng.normal(size=(count, 7, MEMBERS))
+    # Quaternions stay of unit length: members with other lengths are flagged and stop.
+    q, turn = rows[layout.ATTITUDE : layout.MOMENTUM], change[:, layout.ATTITUDE : layout.MOMENTUM]
+    turn -= (turn * q).sum(1, keepdims=True) * q
     change[1:, layout.BODY :] = 0.1 * rng.normal(size=(count - 1, len(rows) - layout.BODY, MEMBERS))
     return change
 
