@@ -274,6 +274,9 @@ def view_command(
         stem = os.path.splitext(os.path.basename(source.rstrip(os.sep)))[0]
         name = output or f"{stem}.html"
         refuse_existing(name, force, "pages")
+        if is_live and until is not None:
+            rule = "a live page has no end: leave it out with --live"
+            raise OptionError(rule, at="until", value=f"{until:g} s")
         if is_live:
             _live_page(source, settings, allow_code, name, members, sliders, force)
         else:

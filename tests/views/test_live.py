@@ -7,6 +7,7 @@ import shutil
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation, Slerp
 from typer.testing import CliRunner
 
 import rigidmc as rm
@@ -54,7 +55,7 @@ def opened(browser, path, size=(1280, 1000), hash_="", before=""):
     if before:
         page.add_init_script(before)
     page.goto(path.as_uri() + hash_)
-    page.wait_for_function("state.ready && state.step > 0")
+    page.wait_for_function("state.ready")
     return page
 
 
@@ -62,7 +63,7 @@ def moved(page, steps):
     """(q, L) of the first member after some steps."""
     page.evaluate(f"begin({steps} * state.h)")
     page.wait_for_function(f"state.step >= {steps} && !state.busy", timeout=120_000)
-    last = page.evaluate("({ ...state.samples.at(-1), step: state.step })")
+    last = page.evaluate("({ ...shown().s, step: state.step })")
     assert last["step"] == steps
     return last["q"], last["l"]
 
@@ -80,8 +81,8 @@ def computed(scene, steps=STEPS):
 def test_a_page_has_the_bits_of_the_processor(browser, tmp_path):
     """At the scene's own numbers, and with sliders moved, as a scene with these numbers has."""
     path = tmp_path / "top.html"
-    sliders = dict.fromkeys(("body.moments.2", "start.omega.1", "effects.gravity.g", "body.mass"))
-    rm.live(TOP, path, sliders)
+    names = "body.moments.2", "start.omega.1", "start.omega.3", "effects.gravity.g", "body.mass"
+    rm.live(TOP, path, dict.fromkeys(names))
     text = path.read_text()
     assert len(text) < 3e5 and "a &lt;top&gt;" in text  # measured 1.1e5
     page = opened(browser, path)
@@ -97,6 +98,15 @@ def test_a_page_has_the_bits_of_the_processor(browser, tmp_path):
     assert moved(page, STEPS) == tuple(computed(with_parameters(TOP, values)))
     saved = rm.Scene.loads(page.evaluate("scene()"))
     assert moved(page, STEPS) == tuple(computed(saved))
+    # a number with a distribution: the slider has the first member's, which is drawn
+    first = page.evaluate("SLIDERS[2].value")
+    assert first == live_run(TOP, 1).start["start_omega"][2, 0] and first != 12.0
+    page.evaluate("SLIDERS[2].set(13.0)")
+    top = with_parameters(TOP, values | {"start.omega.3": 13.0})
+    assert moved(page, STEPS) == tuple(computed(top))
+    saved = rm.Scene.loads(page.evaluate("scene()"))
+    assert saved.start.omega[2].parameters == (pytest.approx(25.0 - first, abs=1e-12), 0.5)
+    page.evaluate("SLIDERS[2].set(SLIDERS[2].given)")
     assert "No mass distribution" not in page.inner_text("#note")
     assert page.evaluate("SLIDERS[0].name") == "body.moments.2"
     page.evaluate("SLIDERS[0].set(4.0)")  # less 2 kg (0.3 m)^2: 3.82 > 1.82 + 1
@@ -109,6 +119,57 @@ def test_a_page_has_the_bits_of_the_processor(browser, tmp_path):
         texts = "[...document.querySelectorAll('#sliders output')]"
         assert page.evaluate(f"{texts}.every(text => text.scrollWidth <= text.clientWidth)")
     assert page.faults == []
+
+
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
+def test_time_passes_as_the_speed_says(browser, tmp_path):
+    """Also where a picture is due before the next step, and in a link; keys after a slider."""
+    path = tmp_path / "top.html"
+    rm.live(TOP, path, members=1)
+    page = opened(browser, path)
+    page.evaluate("state.speed = 1e-3; state.time = 0.0123; ask()")  # 2.46 steps of 5 ms
+    page.wait_for_function("state.step === 3 && !state.busy")
+    one, two, s = page.evaluate("[state.samples.at(-2), state.samples.at(-1), shown().s]")
+    assert s["time"] == 0.0123
+    assert state_between(one, two, (0.0123 - one["time"]) / (two["time"] - one["time"]), s) < 1e-15
+    page.click("#link")
+    again = opened(browser, path, hash_=page.evaluate("location.hash"))
+    again.wait_for_function("state.step === 3 && !state.busy")
+    assert again.evaluate("shown().s") == s
+    # the clock of the page is the time that has passed, at most 0.1 s of it a picture
+    passed = page.evaluate("""async () => {
+      let now = 0, waiting = null;
+      window.requestAnimationFrame = next => { waiting = next; };
+      performance.now = () => now;
+      const began = state.time;
+      play(true);
+      for (let k = 1; k <= 30; k++) { now = 20 * k; state.busy = false; waiting(now); }
+      play(false);
+      return (state.time - began) / 1e-3; }""")
+    assert passed == pytest.approx(0.6, abs=1e-12)  # 30 pictures, 20 ms apart
+    slider = page.locator("#sliders input").first
+    slider.click(position={"x": 30, "y": 5})
+    assert page.evaluate("SLIDERS[0].value !== SLIDERS[0].given && state.time === 0")
+    page.keyboard.press("ArrowRight")
+    page.wait_for_function("state.step === 1 && shown().s.time === state.h")
+    page.keyboard.press("Home")
+    assert page.evaluate("state.time === 0 && SLIDERS[0].value > SLIDERS[0].low")
+    slider.focus()  # by the keyboard: Home is the slider's, Space the page's
+    page.keyboard.press(" ")
+    assert page.evaluate("state.playing")
+    page.keyboard.press("Home")
+    assert page.evaluate("SLIDERS[0].value === +SLIDERS[0].low.toPrecision(4)")
+    assert page.faults == again.faults == []
+
+
+def state_between(one, two, part, found):
+    """The largest difference from the state that turns evenly from one sample to another."""
+    turn = Rotation.from_quat([one["q"], two["q"]], scalar_first=True)
+    mean = Slerp([0.0, 1.0], turn)(part)
+    l = turn.apply([one["l"], two["l"]])
+    l = mean.inv().apply(l[0] + part * (l[1] - l[0]))
+    same = abs(mean.as_quat(scalar_first=True) @ found["q"])
+    return max(abs(same - 1.0), np.abs(l - found["l"]).max() / np.abs(l).max())
 
 
 @pytest.mark.slow
@@ -174,6 +235,8 @@ def test_sliders_are_refused_by_name():
         rm.live("heavy_top", sliders={"start.attitude.theta": (0.0, 60.0)})
     with pytest.raises(OptionError, match="two numbers, or text with its unit"):
         rm.live(TOP, sliders={"effects.gravity.g": ("0", "much")})
+    with pytest.raises(OptionError, match=r"begins at 9\.81, which must lie between the ends"):
+        rm.live("heavy_top", sliders={"effects.gravity.g": (1.0, 2.0)})
     with pytest.raises(OptionError, match="1 to 1,000 members"):
         rm.live(TOP, members=2000)
 
@@ -214,6 +277,8 @@ def test_the_command_writes_a_page(tmp_path):
     ]
     found = CliRunner().invoke(app, ["view", "heavy_top", "--slider", "body.mass"])
     assert found.exit_code == 3 and "is for --live" in found.output
+    found = CliRunner().invoke(app, ["view", "heavy_top", "--live", "--until", "1s"])
+    assert found.exit_code == 3 and "a live page has no end" in found.output
 
 
 @pytest.mark.slow

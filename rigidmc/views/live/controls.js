@@ -5,8 +5,9 @@ function tick(now) {
   if (!state.playing) return;
   const passed = Math.min(0.1, (now - last) / 1000);   // a hidden page rests
   last = now;
-  if (!state.busy && !state.goal) state.time += state.speed * passed;
+  if (!state.busy) state.time += state.speed * passed;
   ask();
+  draw();
   requestAnimationFrame(tick);
 }
 function play(on) {
@@ -16,7 +17,7 @@ function play(on) {
   $("play").setAttribute("aria-label", on ? "pause" : "play");
   if (began) { last = performance.now(); requestAnimationFrame(tick); }
 }
-function one() { play(false); state.time = (state.step + 1) * state.h; ask(); }
+function one() { play(false); state.time = (Math.floor(state.time / state.h + 1e-6) + 1) * state.h; ask(); draw(); }
 function speeds() {
   const spin = spinOf(BLOCK);
   state.speed = listSpeeds(spin > 0 ? SHOWN_RATE / spin : 1);
@@ -37,17 +38,19 @@ function sliders() {
       slider.value = +(slider.low + (slider.high - slider.low) * input.value / 1000).toPrecision(4);
       show(); begin();
     });
+    // after the mouse the keys are the page's again
+    input.addEventListener("pointerup", () => input.blur());
     slider.set(slider.value);
     return label;
   }));
   $("sliders").onsubmit = event => event.preventDefault();
 }
 
-// the address of this motion: moved sliders, members, pictures, and the step
+// the address of this motion: moved sliders, members, pictures, and the time
 function hash() {
   const parts = SLIDERS.filter(isMoved).map(s => [s.name, s.value]);
   for (const id of PICKED) parts.push([id, $(id).value]);
-  parts.push(["t", state.time.toPrecision(6)]);
+  parts.push(["t", +state.time.toPrecision(12)]);
   return parts.map(pair => pair.map(encodeURIComponent).join("=")).join("&");
 }
 const PICKED = ["space", "inside", "quantity", "phase", "members", "speed"];
@@ -62,9 +65,13 @@ function restore() {
   state.members = Number($("members").value);
   return time;
 }
-// the scene with the sliders' values, in the words of Python: its numbers stand where the marks are
+// the scene with the sliders' values, in the words of Python: they stand where the marks are
 function scene() {
-  return SLIDERS.reduce((text, s) => text.replaceAll(s.mark, String(s.value)), DATA.scene);
+  const kept = SLIDERS.filter(s => isMoved(s) && !Object.keys(s.marks).length);
+  const notes = kept.map(s => `# ${s.name}: the page moved it by ${nice(+(s.value - s.given).toPrecision(4))}, this file does not\n`);
+  const text = SLIDERS.flatMap(s => Object.entries(s.marks).map(([mark, own]) => [mark, moved(s, own)]))
+    .reduce((text, [mark, value]) => text.replaceAll(mark, String(value)), DATA.scene);
+  return notes.join("") + text;
 }
 function download() {
   const link = html("a", { href: URL.createObjectURL(new Blob([scene()], { type: "application/toml" })), download: `${DATA.source}.toml` });
@@ -76,6 +83,9 @@ function choose(id, words, value) {
   $(id).value = value;
   $(id).onchange = () => draw();
 }
+
+// keys that sliders and checkboxes keep while they have the focus
+const NATIVE = { range: /^(Arrow|Home|End|Page)/, checkbox: /^ $/ };
 
 function start() {
   choose("space", SPACE, "body"); choose("inside", INSIDE, "momentum");
@@ -90,10 +100,10 @@ function start() {
   speeds();
   const time = restore();
   state.speed = Number($("speed").value);
-  state.goal = Math.round(time / DATA.h);
   $("members").onchange = event => { state.members = Number(event.target.value); begin(); };
   $("speed").onchange = event => { state.speed = Number(event.target.value); };
   $("trace").onchange = () => draw();
+  $("trace").onpointerup = () => $("trace").blur();
   $("play").onclick = () => play(!state.playing);
   $("on").onclick = one;
   $("again").onclick = () => begin();
@@ -104,9 +114,10 @@ function start() {
   };
   $("save").onclick = download;
   onKeys({ " ": () => play(!state.playing), ArrowRight: one, Home: () => begin(), d: () => $("dark").click(), r: () => $("reset").click(),
-    l: () => $("link").click(), s: download }, ["SELECT", "INPUT"]);
+    l: () => $("link").click(), s: download }, ({ target, key }) => NATIVE[target.type]?.test(key));
   onResize(draw);
   followTheme(draw);
+  begin(time);
   try {
     worker = new Worker(URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" })));
     worker.onmessage = receive;

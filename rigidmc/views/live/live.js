@@ -6,7 +6,7 @@ const BLOCK = doubles(DATA.block), START = Object.fromEntries(Object.entries(DAT
 const SLIDERS = DATA.sliders.map(slider => ({ ...slider, value: slider.given }));
 
 const isMoved = slider => slider.value !== slider.given;
-// the number of a member: all members move with the slider, by the same amount
+// the number of a member: all members move with the slider, by the same amount; `given` is the first member's
 const moved = (slider, own) => !isMoved(slider) ? own : slider.shared ? slider.value : own + (slider.value - slider.given);
 
 function massRows([one, two, three], p) {
@@ -90,8 +90,9 @@ const SHOWN_RATE = DATA.isFree ? 5 : 9;   // initial turn rate on the screen [ra
 const TURN = 0.12;       // largest turn between two samples [rad]
 const BATCH = 48;        // most samples between two pictures
 const OWN_TURN = 1.3 * Math.max(0.1, rateOf(BLOCK) * DATA.h);   // of a step [rad]
+// time: what is shown; the engine makes the steps that lead to it and no others
 const state = { run: 0, step: 0, h: DATA.h, rate: 0, playing: false, speed: 1, time: 0, members: 1, busy: false, frames: 0,
-  samples: [], ready: false, others: null, body: bodyOf(0), why: "", status: 0, goal: 0 };
+  samples: [], past: [], trail: [], rows: null, ready: false, fused: true, others: null, body: bodyOf(0), why: "", status: 0 };
 let worker;
 
 function begin(time = 0) {
@@ -102,9 +103,10 @@ function begin(time = 0) {
   // a faster spin halves the step until a step turns no farther than in the scene itself
   state.h = DATA.h;
   while (state.rate * state.h > OWN_TURN && state.h > DATA.h / 4096) state.h /= 2;
-  Object.assign(state, { run: state.run + 1, step: 0, time: 0, samples: [], others: null, goal: Math.round(time / state.h), status: 0 });
+  Object.assign(state, { run: state.run + 1, step: 0, time, rows, samples: [], others: null, status: 0 });
   first(rows);
-  ask(rows);
+  ask();
+  draw();
 }
 function first(rows) {
   const at = (row, k) => rows[(row + k) * WIDTH];
@@ -114,34 +116,49 @@ function sample(time, q, l, drift) {
   if (state.samples.length >= MOST) state.samples.splice(0, MOST / 10);
   state.samples.push({ time, q, l, drift });
 }
-// ask the engine for the steps up to the present
-function ask(rows = null) {
-  if (!state.ready || (state.busy && !rows)) return;
-  const to = Math.max(state.step + 1, state.goal, Math.floor(state.time / state.h));
-  if (!rows && to <= state.step) return;
+// ask the engine for the steps up to the present: the last one ends there or after it
+function ask() {
+  const to = Math.ceil(state.time / state.h - 1e-6);   // a time that is a step, but for its rounding, is that step
+  if (!state.ready || state.busy || to <= state.step) return;
   const turn = state.rate * state.h * (to - state.step), count = clamp(Math.ceil(turn / TURN), 1, BATCH);
   state.busy = true;
-  worker.postMessage({ rows, h: state.h, to, count, members: state.members, run: state.run });
+  worker.postMessage({ rows: state.rows, h: state.h, to, count, members: state.members, run: state.run });
+  state.rows = null;
 }
 function receive({ data }) {
   if (data.failed) return fail(data.failed);
-  if (data.ready) { Object.assign(state, { ready: true, fused: data.fused }); return begin(state.goal * DATA.h); }
+  if (data.ready) { Object.assign(state, { ready: true, fused: data.fused }); ask(); return draw(); }
   state.busy = false;
-  if (data.run !== state.run) return;
+  if (data.run !== state.run) return ask();
   const { values } = DATA.engine, n = state.members, count = data.steps.length;
   for (let k = 0; k < count; k++) {
     const at = i => data.saves[(k * values + i) * n];
     sample(data.steps[k] * state.h, [at(0), at(1), at(2), at(3)], [at(4), at(5), at(6)], [at(7), at(8)]);
   }
   state.step = data.steps[count - 1];
-  if (state.goal) { state.time = state.step * state.h; if (state.step >= state.goal) state.goal = 0; }
   state.busyShare = data.busy;
   state.status = data.status[0];
   state.others = n > 1 ? data.saves.subarray((count - 1) * values * n) : null;
-  state.frames++;
   draw();
 }
+// what is shown: the sample of this time, or a motion between two samples
+function shown() {
+  const { samples, time } = state;
+  let k = samples.length - 1;
+  while (k > 0 && samples[k - 1].time > time) k--;
+  const after = samples[k], before = samples[k - 1], part = before ? (time - before.time) / (after.time - before.time) : 1;
+  return part > 1 - 1e-6 ? { s: after, k } : { s: between(before, after, part, time), k: k - 1 };
+}
+// the attitude turns evenly from one sample to the next, and L in space moves straight
+function between(before, after, part, time) {
+  const along = before.q.reduce((sum, x, i) => sum + x * after.q[i], 0), angle = Math.acos(Math.min(1, Math.abs(along)));
+  const [a, b] = angle < 1e-6 ? [1 - part, part] : [Math.sin((1 - part) * angle) / Math.sin(angle), Math.sin(part * angle) / Math.sin(angle)];
+  const q = before.q.map((x, i) => a * x + Math.sign(along || 1) * b * after.q[i]);
+  const [one, two] = [before, after].map(s => times(matrix(s.q), s.l)), l = one.map((x, i) => (1 - part) * x + part * two[i]), turn = matrix(q);
+  return { time, q, l: [0, 1, 2].map(k => turn[0][k] * l[0] + turn[1][k] * l[1] + turn[2][k] * l[2]), drift: before.drift };
+}
 function fail(why) {
+  state.failed = true;
   warn(`This page cannot compute here (${why}): a policy of the browser may forbid WebAssembly. `
     + `Its recorded form is: rigidmc view ${DATA.source}`, "This page cannot compute");
 }
@@ -203,10 +220,9 @@ function form() {
   return { corners: BALL, tones: ballTones(), form: stretched(thick.map(a => scale * a), c.map(x => scale * x)) };
 }
 
-const trail = () => $("trace").checked ? state.samples : state.samples.slice(-1);
 
 function drawInSpace(stage, s) {
-  const turn = matrix(s.q), trace = trail().slice(-TRACE).map(one => matrix(one.q).map(row => row[2]));
+  const turn = matrix(s.q), trace = state.trail.slice(-TRACE).map(one => matrix(one.q).map(row => row[2]));
   drawBody(stage, { turn, ...form(), l: sized(times(turn, s.l), 1), trace, pulls: DATA.pulls });
   $("space-words").textContent = "Orange: angular momentum L, and the trace of axis 3.";
 }
@@ -228,7 +244,7 @@ function drawPoinsot(stage, s) {
   }
   stage.curve(Array.from({ length: 91 }, (_, n) => [1.5 * Math.cos(n * Math.PI / 45), 1.5 * Math.sin(n * Math.PI / 45), height]), grid, 1.2);
   stage.solid(BALL, ballTones(), stretched(axes), here);
-  const recent = trail().slice(-TRACE).map(one => [one, poinsot(one).rho]);
+  const recent = state.trail.slice(-TRACE).map(one => [one, poinsot(one).rho]);
   stage.curve(recent.map(([, r]) => times(here, r).map(x => 1.01 * x)), colour("--three"), 2, null, 0.1);
   stage.curve(recent.map(([one, r]) => times(shown(matrix(one.q)), r)).map(p => [p[0], p[1], height + 0.01]), path, 2, null, 0.1);
   stage.arrow([0, 0, height], [0, 0, height + 0.5], path);
@@ -241,8 +257,8 @@ function drawPoinsot(stage, s) {
 function drawMomentum(stage, s) {
   const others = [];
   for (let m = 1; state.others && m < state.members; m++) others.push(sized([4, 5, 6].map(i => state.others[i * state.members + m]), 1));
-  drawSphere(stage, { moments: state.body.moments, u: sized(s.l, 1), path: trail().map(one => sized(one.l, 1)), others });
-  $("inside-words").textContent = "L in the principal axes. Grey: polhodes; black: separatrix.";
+  drawSphere(stage, { moments: state.body.moments, u: sized(s.l, 1), path: state.trail.map(one => sized(one.l, 1)), others });
+  $("inside-words").textContent = "L in the principal axes. Thin lines: polhodes; thick: separatrix.";
 }
 function drawEllipsoid(stage, s) {
   const still = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], { axes, rho } = poinsot(s), m = state.body.moments, path = colour("--path");
@@ -256,20 +272,24 @@ function drawEllipsoid(stage, s) {
     stage.segment([0, 0, 0], e, colour(AXIS[a]), 1.6);
     stage.label(`${a + 1}`, e.map(x => 1.08 * x), colour(AXIS[a]));
   }
-  stage.curve(trail().map(one => poinsot(one).rho.map(x => 1.02 * x)), path, 2, null, 0.1);
+  stage.curve(state.trail.map(one => poinsot(one).rho.map(x => 1.02 * x)), path, 2, null, 0.1);
   stage.dot(rho.map(x => 1.03 * x), path, 5, colour("--paper"));
   $("inside-words").textContent = "Angular velocity on the inertia ellipsoid. Orange: its polhode.";
 }
 
 function draw() {
-  const s = state.samples.at(-1);
-  if (!s || !stages) return;
+  if (!state.samples.length || !stages) return;
+  const { s, k } = shown();
+  state.past = state.samples.slice(0, k + 1);
+  state.trail = $("trace").checked ? [...state.past, s] : [s];
+  state.frames++;
   stages.body.begin(); stages.sphere.begin();
   ({ body: drawInSpace, poinsot: drawPoinsot })[$("space").value](stages.body, s);
   ({ momentum: drawMomentum, ellipsoid: drawEllipsoid })[$("inside").value](stages.sphere, s);
   stages.body.end(); stages.sphere.end();
   drawCharts();
   $("clock").textContent = `${s.time.toPrecision(4)} s`;
+  if (state.failed) return;
   const flagged = Object.entries(DATA.statuses).find(([, code]) => code === state.status);
   const words = (state.why && `${state.why} `) + (flagged[1] ? `Flagged: ${flagged[0].replaceAll("_", " ")}; the body stays at its last good state.`
     : `${DATA.integrator}, step ${nice(+state.h.toPrecision(4))} s, ${state.step.toLocaleString("en")} step${state.step === 1 ? "" : "s"}, computed in this page with the same `
@@ -277,7 +297,7 @@ function draw() {
   warn(words, state.why ? "No mass distribution" : flagged[1] ? "Flagged" : "");
 }
 function drawCharts() {
-  const { samples } = state, t = samples.map(s => s.time);
+  const samples = state.past, t = samples.map(s => s.time);
   const [, upward, names, of] = QUANTITIES[$("quantity").value], found = samples.map(of);
   const series = names.map((_, k) => ({ x: t, y: found.map(one => one[k]) }));
   if ($("quantity").value === "euler") for (const { y } of series)

@@ -104,7 +104,7 @@ def _text(scene: Scene, asked: Mapping[str, Range | None] | None, members: int) 
         "start": _start(found.scene, prepared.start),
         "omega": model.start.spin_name == "omega",
         "sequence": _sequence(model.start.sequence),
-        "sliders": [_slider(one, marks.get(one.name)) for one in sliders],
+        "sliders": [_slider(one, marks[one.name]) for one in sliders],
         "scene": text,
         "source": scene.title or "scene",
         "integrator": run.integrator,
@@ -137,10 +137,9 @@ def _sequence(sequence: str) -> dict[str, Any]:
     return {"axes": axes, "sign": sign, "proper": sequence in PROPER}
 
 
-def _slider(slider: Slider, mark: str | None) -> dict[str, Any]:
-    known = slider._asdict() | {"shared": slider.is_shared, "mark": mark or ""}
-    del known["is_shared"]
-    return known
+def _slider(slider: Slider, marks: Mapping[str, float]) -> dict[str, Any]:
+    known = slider._asdict() | {"shared": slider.is_shared, "marks": marks}
+    return {name: value for name, value in known.items() if name not in ("is_shared", "source")}
 
 
 def _shape(scene: Scene, start: Mapping[str, Any]) -> dict[str, Any]:

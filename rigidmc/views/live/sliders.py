@@ -15,6 +15,7 @@ from rigidmc.physics.effects import label_effects, shared_parameters
 from rigidmc.physics.effects.protocol import facts, shape
 from rigidmc.planning.orbit_start import relative_to_orbit
 from rigidmc.scene.body import Body
+from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.parameters import with_parameter
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene
@@ -34,7 +35,8 @@ class Slider(NamedTuple):
     name : as `--set` says;  label, unit : what the page shows;  shown : of the unit per SI unit
     kind, place, row : what it is on the page: a part of the body (moments, mass, centre), of the
         spin, an angle of the attitude, or the parameter of an effect in a row of the block
-    given, low, high : the scene's number (its mean over the members), and the ends
+    given, low, high : the number of the first member, which the page draws, and the ends
+    source : what the scene has: a number or a distribution
     is_shared : whether all members have this number
     """
 
@@ -48,6 +50,7 @@ class Slider(NamedTuple):
     given: float
     low: float
     high: float
+    source: Any
     is_shared: bool
 
 
@@ -103,6 +106,9 @@ def _between(slider: Slider, low: float, high: float) -> Slider:
         if slider.kind == "angle" and abs(end) > 2.0 * math.pi:
             rule = f"is more than a turn: in degrees, write {end:g}deg"
             raise OptionError(rule, at=f"slider.{slider.name}", value=f"{end:g} rad")
+    if not low <= slider.given <= high:
+        rule = f"the page begins at {slider.given:.6g}, which must lie between the ends"
+        raise OptionError(rule, at=f"slider.{slider.name}", value=f"{low:g}:{high:g}")
     return slider._replace(low=low, high=high)
 
 
@@ -140,30 +146,28 @@ def _all(scene: Scene, start: Mapping[str, Floats]) -> list[Slider]:
     word = model.start.spin_name
     spin = float(np.abs(start[f"start_{word}"]).max())
 
-    def add(name: str, label: str, kind: str, place: int, values: Floats, shown: Any) -> None:
+    def add(name: str, label: str, kind: str, place: int, values: Floats, source: Any) -> None:
         own, unit, by = bool((values == values[0]).all()), _units(scene, name), 1.0
         if unit == "rad":
             unit, by = "°", 180.0 / math.pi
-        given = float(values[0] if own else values.mean())
+        given = float(values[0])
         low, high = _ends(kind, given, values, spin)
         if kind == "moments":
             low, high = _possible(start, place, given, low, high)
         row = place if kind == "effect" else 0
+        is_one = own and is_shared(source)
         made.append(
-            Slider(
-                name, label, unit, by, kind, place, row, given, low, high, own and is_shared(shown)
-            )
+            Slider(name, label, unit, by, kind, place, row, given, low, high, source, is_one)
         )
 
     if not model.body.is_turned:
         for k in range(3):
-            moments = start["moments"][k]
-            add(f"body.moments.{k + 1}", f"I{_INDICES[k]}", "moments", k, moments, 0.0)
-        add("body.mass", "mass", "mass", 0, start["mass"].reshape(-1), 0.0)
+            moments, source = start["moments"][k], _of_vector(model.body.moments, k)
+            add(f"body.moments.{k + 1}", f"I{_INDICES[k]}", "moments", k, moments, source)
+        add("body.mass", "mass", "mass", 0, start["mass"].reshape(-1), model.body.mass)
         for k in range(3):
-            add(
-                f"body.centre.{k + 1}", f"centre{_INDICES[k]}", "centre", k, start["centre"][k], 0.0
-            )
+            centre, source = start["centre"][k], _of_vector(model.body.centre, k)
+            add(f"body.centre.{k + 1}", f"centre{_INDICES[k]}", "centre", k, centre, source)
     if not any(f"start.{word}".startswith(part) for part in refused if part != "body."):
         letter = "ω" if word == "omega" else "L"
         for k, given in enumerate(getattr(model.start, word)):
@@ -190,6 +194,11 @@ def _all(scene: Scene, start: Mapping[str, Floats]) -> list[Slider]:
                     add(name, words, "effect", row, values, one)
                 row += 1
     return made
+
+
+def _of_vector(vector: Any, k: int) -> Any:
+    """Return component k of a vector of numbers, or the distribution of the whole vector."""
+    return vector[k] if isinstance(vector, tuple) else vector
 
 
 def _units(scene: Scene, name: str) -> str:
@@ -227,27 +236,57 @@ def _possible(
     return min(given, max(low, least)), max(given, min(high, most))
 
 
-def template(scene: Scene, sliders: Sequence[Slider]) -> tuple[str, dict[str, str]]:
-    """Return (the scene as TOML, {slider: mark}): the numbers of sliders are marks, where the page
-    writes its own. A number that differs between members stays, and has no mark.
+def template(scene: Scene, sliders: Sequence[Slider]) -> tuple[str, dict[str, dict[str, float]]]:
+    """Return (the scene as TOML, {slider: {mark: number}}).
+
+    Marks stand in the place of numbers that move with a slider. A distribution moves as a whole; a
+    slider whose number cannot be written so has no marks.
     """
     if any(slider.kind in ("moments", "mass", "centre") for slider in sliders):
         scene = _with_moments(scene)
-    marks = dict[str, str]()
+    marks: dict[str, dict[str, float]] = {slider.name: {} for slider in sliders}
+    numbers = dict[str, str]()
     for k, slider in enumerate(sliders):
-        unique = slider.given * (1.0 + 1e-9 * (k + 1)) if slider.given else 1e-9 * (k + 1)
-        if slider.is_shared:
-            try:
-                changed = with_parameter(scene, slider.name, unique)
-            except SceneError:  # the number has no name of its own in this scene
-                continue
-            if repr(unique) in changed.dumps():
-                scene, marks[slider.name] = changed, repr(unique)
+        own = (slider.given,) if slider.is_shared else _location(slider.source)
+        # numbers that nothing else in the scene has
+        unique = [
+            x * (1.0 + 1e-9 * (2 * k + i + 1)) if x else 1e-9 * (2 * k + i + 1)
+            for i, x in enumerate(own)
+        ]
+        if not own:
+            continue
+        value = unique[0] if slider.is_shared else _moved(slider.source, unique)
+        try:
+            changed = with_parameter(scene, slider.name, value)
+        except SceneError:  # the number has no name of its own in this scene
+            continue
+        if all(repr(one) in changed.dumps() for one in unique):
+            scene = changed
+            for one, x in zip(unique, own, strict=True):
+                mark = f"@{len(numbers)}@"
+                numbers[repr(one)] = mark
+                marks[slider.name][mark] = x
     text = scene.dumps()
-    for k, (name, number) in enumerate(marks.items()):
-        mark = f"@{k}@"
-        text, marks[name] = text.replace(number, mark), mark
+    for number, mark in numbers.items():
+        text = text.replace(number, mark)
     return text, marks
+
+
+def _location(source: Any) -> tuple[float, ...]:
+    """Return the parameters by which a distribution moves; () if there are none."""
+    if type(source) is not Distribution:
+        return ()
+    if source.uses_scipy:
+        return (float(dict(source.parameters).get("loc", 0.0)),)
+    return source.parameters[:1] if source.name == "normal" else source.parameters
+
+
+def _moved(source: Distribution, location: Sequence[float]) -> Distribution:
+    """Return a distribution at another location, as `_location` gives it."""
+    if source.uses_scipy:
+        parameters = tuple((dict(source.parameters) | {"loc": location[0]}).items())
+        return Distribution(source.name, parameters)
+    return Distribution(source.name, (*location, *source.parameters[len(location) :]))
 
 
 def _with_moments(scene: Scene) -> Scene:

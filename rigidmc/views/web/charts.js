@@ -19,27 +19,30 @@ class Chart extends Canvas {
   draw({ series, across, upward, log = false, dots = false }) {
     this.clear();
     const { pen, width, height } = this;
-    const box = { left: 64, right: width - 12, top: 10, bottom: height - 36 };
+    const box = { right: width - 12, top: 10, bottom: height - 36 };
     let [x0, x1, y0, y1] = [Infinity, -Infinity, Infinity, -Infinity];
     for (const { x, y } of series) for (let i = 0; i < x.length; i++) if (isFinite(y[i])) {
       x0 = Math.min(x0, x[i]); x1 = Math.max(x1, x[i]); y0 = Math.min(y0, y[i]); y1 = Math.max(y1, y[i]);
     }
     if (!(x1 > x0)) [x0, x1] = isFinite(x0) ? [x0, x0 + 1] : [0, 1];
     if (!isFinite(y0)) [y0, y1] = [0, 1];
-    const least = 1e-9 * Math.max(Math.abs(y0), Math.abs(y1), 1e-12);
+    const least = 1e-5 * Math.max(Math.abs(y0), Math.abs(y1), 1e-12);
     if (!(y1 - y0 > least)) { const more = Math.abs(y0) > 0 ? 0.1 * Math.abs(y0) : 1; y0 -= more; y1 += more; }
     const margin = log ? 0.5 : 0.06 * (y1 - y0);
     y0 -= margin; y1 += margin;
     Object.assign(this, { box, x0, x1, series });
     const px = x => box.left + (x - x0) / (x1 - x0) * (box.right - box.left);
     const py = y => box.bottom - (y - y0) / (y1 - y0) * (box.bottom - box.top);
-    pen.font = "11px system-ui, sans-serif"; pen.fillStyle = colour("--grey"); pen.strokeStyle = colour("--rule"); pen.lineWidth = 1;
+    pen.font = "11px system-ui, sans-serif";
+    const marks = log ? ticks(y0, y1, 4).filter(Number.isInteger) : ticks(y0, y1, 4), word = v => log ? `1e${v}` : nice(v);
+    box.left = Math.max(64, 26 + Math.max(0, ...marks.map(v => pen.measureText(word(v)).width)));
+    pen.fillStyle = colour("--grey"); pen.strokeStyle = colour("--rule"); pen.lineWidth = 1;
     pen.textAlign = "center"; pen.textBaseline = "top";
     for (const v of ticks(x0, x1, 6)) { pen.beginPath(); pen.moveTo(px(v), box.top); pen.lineTo(px(v), box.bottom); pen.stroke(); pen.fillText(nice(v), px(v), box.bottom + 5); }
     pen.textAlign = "right"; pen.textBaseline = "middle";
-    for (const v of log ? ticks(y0, y1, 4).filter(Number.isInteger) : ticks(y0, y1, 4)) {
+    for (const v of marks) {
       pen.beginPath(); pen.moveTo(box.left, py(v)); pen.lineTo(box.right, py(v)); pen.stroke();
-      pen.fillText(log ? `1e${v}` : nice(v), box.left - 5, py(v));
+      pen.fillText(word(v), box.left - 5, py(v));
     }
     pen.textAlign = "center"; pen.textBaseline = "bottom";
     pen.fillText(across, (box.left + box.right) / 2, height - 2);

@@ -36,10 +36,10 @@ function followTheme(draw) {
   $("dark").onclick = () => dress(!isDark());
   document.documentElement.classList.toggle("dark", scheme.matches);
 }
-// keys: { key: action }; typing in a list or a slider is left alone
-function onKeys(keys, except = ["SELECT"]) {
+// keys: { key: action }; typing in a list is left alone, and what `isNative` of an event says
+function onKeys(keys, isNative = () => false) {
   document.addEventListener("keydown", event => {
-    if (except.includes(event.target.tagName) || event.ctrlKey || event.metaKey || event.altKey || !(event.key in keys)) return;
+    if (event.target.tagName === "SELECT" || isNative(event) || event.ctrlKey || event.metaKey || event.altKey || !(event.key in keys)) return;
     event.preventDefault();
     keys[event.key]();
   });
