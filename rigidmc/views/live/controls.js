@@ -19,8 +19,8 @@ function play(on) {
 }
 function one() { play(false); state.time = (Math.floor(state.time / state.h + 1e-6) + 1) * state.h; ask(); draw(); }
 function speeds() {
-  const spin = spinOf(BLOCK);
-  state.speed = listSpeeds(spin > 0 ? SHOWN_RATE / spin : 1);
+  const spin = spinOf(BLOCK);   // a body at rest moves by 60 steps a second
+  state.speed = listSpeeds(spin > 0 ? SHOWN_RATE / spin : 60 * DATA.h);
 }
 
 function sliders() {

@@ -120,7 +120,8 @@ function sample(time, q, l, drift) {
 function ask() {
   const to = Math.ceil(state.time / state.h - 1e-6);   // a time that is a step, but for its rounding, is that step
   if (!state.ready || state.busy || to <= state.step) return;
-  const turn = state.rate * state.h * (to - state.step), count = clamp(Math.ceil(turn / TURN), 1, BATCH);
+  const rate = Math.max(state.rate, size(state.samples.at(-1).l) / Math.min(...state.body.moments));
+  const turn = rate * state.h * (to - state.step), count = clamp(Math.ceil(turn / TURN), 1, BATCH);
   state.busy = true;
   worker.postMessage({ rows: state.rows, h: state.h, to, count, members: state.members, run: state.run });
   state.rows = null;
