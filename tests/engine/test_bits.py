@@ -28,14 +28,13 @@ RECORDED = {  # by an Intel Xeon with 512-bit vectors
 
 # Each has a piece of code, a law or an event that no other has. Driven bodies by rk4 take 3 s to
 # compile: their steps are those of heavy bodies by rk4, their torques those of driven ones by
-# strang.
+# strang. Free bodies by rk4 take 4 s: their flips are those of free bodies by exact.
 NAMES = (
-    "free, rk4, 0.05", "free, exact, 0.05", "heavy, rk4, 0.05",
+    "free, exact, 0.05", "heavy, rk4, 0.05",
     "heavy, rk4, 0.1 steps of their own", "heavy, rk4, 0.05, float32",
     "heavy, strang, 0.05, works and a tangent", "driven, strang, 0.05", "in a bath, strang, 0.05",
 )  # fmt: skip
-EXACT, OWN = NAMES[1], NAMES[3]
-WITH_DERIVATIVES = EXACT, NAMES[2]
+EXACT, HEAVY, OWN = NAMES[:3]
 
 
 def changed(digests):
@@ -56,8 +55,9 @@ def test_the_bits_of_all_cases():
 
 
 def test_derivatives_change_no_bit():
-    found = sums((0,), QUICK, names=WITH_DERIVATIVES, derivatives=True)
-    assert set(found) == set(WITH_DERIVATIVES) and not changed(found)
+    """One case, with derivatives by start, body and effect: a case takes 8 s to compile."""
+    found = sums((0,), QUICK, names=(HEAVY,), derivatives=True)
+    assert set(found) == {HEAVY} and not changed(found)
 
 
 def test_all_cases_differentiate_by_parameters_that_exist():
