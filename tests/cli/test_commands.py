@@ -364,6 +364,7 @@ def test_steps_of_their_own(tmp_path):
     assert "different for each member, " in run("show", "tennis_racket", "--turn", "0.2").output
 
 
+@pytest.mark.slow  # 8 s, in a process; tests/studies/test_stress.py has the same study in Python
 def test_stress_of_a_group(tmp_path, monkeypatch):
     """Exit 0 and three files; exit 4 and the right row if a bound is a tenth of the error.
 

@@ -3,7 +3,9 @@
 import logging
 import os
 import re
+import shlex
 import subprocess
+import sys
 from importlib import metadata
 from typing import NamedTuple
 
@@ -21,11 +23,22 @@ from rigidmc.results import run_directory
 from rigidmc.results.run_facts import facts_text
 from rigidmc.runs import precompile as warm
 from rigidmc.scene.sampling import drawn_through
-from tests.torture import ALONE_COMMAND
+from tests.torture import ALONE
 
 compiles = pytest.mark.skipif(
     os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled"
 )
+END = "\0"
+# Commands one after the other, the outputs of each after END: a process takes 2 s to import.
+SEVERAL = f"""
+import shlex, sys
+{ALONE}
+from rigidmc.cli import app
+for line in sys.argv[1:]:
+    for stream in sys.stdout, sys.stderr:
+        print({END!r}, end="", file=stream, flush=True)
+    app(shlex.split(line), standalone_mode=False)
+"""
 BODY = rm.Body.from_moments((1.0, 2.0, 2.8), mass=1.0, centre=(0.0, 0.0, 0.1))
 
 
@@ -39,25 +52,28 @@ def test_nothing_is_compiled_after_warm(tmp_path):
     environment = {**os.environ, "RIGIDMC_CACHE_DIR": str(tmp_path / "cache")}
 
     def ran(*words):
+        """The outputs of commands in one process: [(stdout, stderr)]."""
         done = subprocess.run(
-            [*ALONE_COMMAND, *words], env=environment, capture_output=True, text=True
-        )
+            [sys.executable, "-c", SEVERAL, *(shlex.join(each) for each in words)],
+            env=environment, capture_output=True, text=True,
+        )  # fmt: skip
         assert done.returncode == 0, done.stderr
-        return done.stdout, done.stderr
+        both = done.stdout.split(END)[1:], done.stderr.split(END)[1:]
+        return list(zip(*both, strict=True))
 
-    out, told = ran("warm", "nasa_brick")
+    [(out, told)] = ran(["warm", "nasa_brick"])
     assert told.startswith("compiling rk4, first use: about ")
     assert out.split()[0] == "nasa_brick" and out.endswith(" s for rk4\n")
     # measured 0.96: the time on this machine, relative to the table
     assert 0.2 < float((tmp_path / "cache" / "rigidmc-kernels" / "pace").read_text()) < 5.0
 
-    assert "compiling" not in ran("run", "nasa_brick", "--t-end", "1")[1]
-    out, told = ran("show", "nasa_brick")
-    assert "code         nothing to compile\n" in out and "compiling" not in told
-
-    words = "run", "nasa_brick", "--t-end", "1", "--save", "omega,attitude,energy"
-    assert "compiling saves of rk4, first use: about " in ran(*words)[1]
-    assert "compiling" not in ran(*words)[1]  # the second run
+    plain = ["run", "nasa_brick", "--t-end", "1"]
+    more = [*plain, "--save", "omega,attitude,energy"]
+    (out, told), (_, plainly), (_, first) = ran(["show", "nasa_brick"], plain, more)
+    assert "code         nothing to compile\n" in out and "compiling" not in told + plainly
+    assert "compiling saves of rk4, first use: about " in first
+    [(_, again)] = ran(more)
+    assert "compiling" not in again
 
 
 def own_scene():

@@ -65,7 +65,13 @@ def test_helpers_are_started_in_one_way():
 
 
 @LINUX
-@pytest.mark.parametrize("words", [["summary"], ["plot", "-o", "x.png", "--force"]])
+@pytest.mark.parametrize(
+    "words",
+    [
+        pytest.param(["summary"], marks=pytest.mark.slow),  # which imports less
+        ["plot", "-o", "x.png", "--force"],
+    ],
+)
 def test_a_command_executes_nothing_of_its_folder(planted, words):
     environment = {name: x for name, x in os.environ.items() if not name.startswith("PYTHON")}
     done = subprocess.run(

@@ -98,7 +98,12 @@ KINDS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", KINDS)
+SELDOM = "adaptive", "section"  # 5 and 2 s; what cuts them cuts maps and runs
+
+
+@pytest.mark.parametrize(
+    "kind", [pytest.param(one, marks=pytest.mark.slow) if one in SELDOM else one for one in KINDS]
+)
 def test_a_time_limit_holds_and_loses_nothing(kind, scene, tmp_path, clock, monkeypatch):
     words = [word.replace("SCENE", scene) for word in KINDS[kind]]
     whole, path = tmp_path / "whole", tmp_path / "run"

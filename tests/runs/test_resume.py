@@ -303,7 +303,13 @@ def test_results_may_be_opened_and_dropped_beside_a_run(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGUSR1, 5), (signal.SIGTERM, 143), (signal.SIGINT, 130)]
+    ("number", "code"),
+    [
+        (signal.SIGUSR1, 5),
+        # 3 s each; tests/cli/test_commands.py sends them to a run with one file
+        pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow),
+        pytest.param(signal.SIGINT, 130, marks=pytest.mark.slow),
+    ],
 )
 def test_a_run_that_is_asked_to_stop_says_so(tmp_path, number, code):
     words = [
@@ -459,10 +465,19 @@ def test_a_run_whose_reader_has_gone_goes_on(tmp_path):
 
 
 @LINUX
-def test_a_cluster_makes_the_same_bytes(whole, tmp_path):
-    """Two local processes, one of them killed; and a worker that does not see the run directory."""
+@pytest.mark.slow  # 17 s: five processes that import all
+def test_a_cluster_that_loses_a_worker_makes_the_same_bytes(tmp_path):
+    """Two local processes, one of them killed."""
     told = torture.lost(1, str(tmp_path), random.Random(8), 200_000)
     assert told == {"workers killed": 1, "runs": 1, "runs that ended well": 1, "sha256 equal": 1}
+
+
+@LINUX
+def test_a_cluster_makes_the_same_bytes(whole, tmp_path):
+    """A local process; and a worker that does not see the run directory."""
+    started(tmp_path / "run")
+    resume.resume(tmp_path / "run", cluster="local:1")
+    assert sums(tmp_path / "run") == sums(whole)
     texts = tuple(content_of(str(whole), name) for name in cluster.FILES)
     i, found, name, data = cluster.shard(5, str(tmp_path / "elsewhere"), texts)
     assert (i, found["ok"]) == (5, 40) and hashlib.sha256(data).hexdigest() == sums(whole)[name]

@@ -197,8 +197,9 @@ def test_a_change_keeps_the_noise_of_its_member():
 
 
 def test_what_has_no_tangents_is_refused():
+    plain = rm.simulate(PENDULUM, members=4, save=("omega",))
     with pytest.raises(OptionError, match="--save attitude,omega --wrt"):
-        rm.ftle.of(rm.simulate(PENDULUM, members=4, save=("omega",)))
+        rm.ftle.of(plain)
     with pytest.raises(OptionError, match="unit"):
         rm.ftle(PENDULUM, 4, unit=-1.0)
     with pytest.raises(SceneError, match="no distribution, table or grid"):
@@ -207,4 +208,4 @@ def test_what_has_no_tangents_is_refused():
         PENDULUM.with_run(points="tangents")
     stops = PENDULUM.with_run(wrt=("start.omega.1",), save=(*STATE, rm.Passage(3, 0.5, stop=True)))
     with pytest.raises(SceneError, match="goes on"):
-        rm.ftle.of(rm.simulate(stops, members=4))
+        rm.ftle.of(plain.assign_attrs(scene=stops.with_run(members=4).dumps()))

@@ -173,6 +173,7 @@ def test_the_coupling_makes_corrections_small(monkeypatch):
     assert (broken > v[0]).all()  # measured 1.8 times: paths that share no more than their start
 
 
+@pytest.mark.slow  # 12 s; below is a mean without an error of the step
 def test_a_mean_in_thermal_equilibrium():
     """Which the first level alone misses by far."""
     found = rm.multilevel(SCENE, f"{MEASURE} +- 0.01")
@@ -184,18 +185,20 @@ def test_a_mean_in_thermal_equilibrium():
     assert again.equals(found)
 
 
+# steps so short that all levels have the same two programs
+FREE = rm.Scene(
+    SCENE.body, (rm.Gravity(0.0), rm.Bath(0.5, 0.7)), rm.Start(omega=(1.0, 2.0, 0.5))
+).with_run(integrator="strang", dt=0.1, t_end=4.0, seed=1)
+
+
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # of no gravity
 def test_a_free_body_in_a_bath():
     """<|L|^2> = |L_0|^2 e^(-2 gamma t) + kT (I_1 + I_2 + I_3)(1 - e^(-2 gamma t)) for any step."""
-    start = rm.Start(omega=(1.0, 2.0, 0.5))
-    body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.0, 0.0, 0.3))
-    scene = rm.Scene(body, (rm.Gravity(0.0), rm.Bath(0.5, 0.7)), start)
-    scene = scene.with_run(integrator="strang", dt=0.8, t_end=4.0, seed=1)
-    found = rm.multilevel(scene, "mean(l2_final) +- 0.05")
+    found = rm.multilevel(FREE, "mean(l2_final) +- 0.05")
     left = math.exp(-2.0 * 0.5 * 4.0)
     truth = (1.0 + 2.8**2 + 1.0) * left + 0.7 * 4.4 * (1.0 - left)
-    assert abs(float(found.value) - truth) < 0.05  # measured 0.012
-    assert (np.abs(found["mean"][1:]) < 3.5 * found.error[1:]).all()  # measured 0.7
+    assert abs(float(found.value) - truth) < 0.05  # measured 0.029
+    assert (np.abs(found["mean"][1:]) < 3.5 * found.error[1:]).all()  # measured 0.33
 
 
 def driven(known, means, spread=1.0):
@@ -232,11 +235,12 @@ def test_what_a_goal_costs_is_told_by_the_pilot():
     assert dataset(*late, now).attrs["reached"] == 0
 
 
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # of no gravity
 def test_run_directory(tmp_path):
     """The same study from a run directory whose tasks are computed in two goes."""
-    text = f"{MEASURE} +- 0.02"
+    text = "mean(l2_final) +- 0.03"
     directory = multilevel.work.create(
-        "multilevel", multilevel.design(SCENE, text), None, tmp_path / "run"
+        "multilevel", multilevel.design(FREE, text), None, tmp_path / "run"
     )
     with pytest.raises(rm.RigidmcError, match="no task is finished"):
         multilevel.of(directory.path)
@@ -246,7 +250,7 @@ def test_run_directory(tmp_path):
         multilevel.of(directory.path)
     directory, done = tasks.resume_study(directory, threads=2)
     assert tasks.verify_study(directory.path, spot=1) == []
-    found, plain = multilevel.of(directory.path), rm.multilevel(SCENE, text, threads=1)
+    found, plain = multilevel.of(directory.path), rm.multilevel(FREE, text, threads=1)
     assert done["ok"] > 2 and found.identical(plain)
 
 

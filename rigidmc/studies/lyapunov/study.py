@@ -44,7 +44,7 @@ Examples
 A body that spins down at the rate 0.3/s: volumes shrink at three times this rate.
 
 >>> scene = rm.Scene(rm.Body((1.0, 1.0, 1.0)), rm.ViscousDamping(0.3))
->>> found = rm.lyapunov(scene, members=2, integrator="rk8", dt=0.1, t_end=20.0)
+>>> found = rm.lyapunov(scene, members=2, integrator="rk4", dt=0.01, t_end=20.0)
 >>> bool(abs(found["sum"] + 0.9).max() < 1e-9)
 True
 """

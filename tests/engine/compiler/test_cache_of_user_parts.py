@@ -305,14 +305,34 @@ def test_what_no_stamp_tells_is_compiled_in_every_process(tmp_path, reasons):
     assert not list((tmp_path / "bare").rglob("*.nbc"))
 
 
+TEACHING = (
+    "def half(x):\n    return NUMBER * x\n"
+    "@overload(half)\ndef _(x):\n    return lambda x: NUMBER * x"
+)
+
+
+WHY = """
+import sys
+from rigidmc.engine.compiler import user_stamps
+from rigidmc.files.user_code import class_of
+kind = class_of(sys.argv[1], "mine.py", "Push", "effects")
+print(user_stamps.stamp_of(kind), user_stamps.why_not_cached(kind))
+"""
+
+
+def test_who_teaches_numba_has_no_stamp(place):
+    """No function of the class names what the overload computes. From then on no class of the
+    process has a stamp: nothing is compiled, but in a process."""
+    folder = bare(place, "teaches", TEACHING.replace("NUMBER", "0.75"), "half(3.0)")
+    words = [sys.executable, "-c", WHY, folder]
+    told = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    assert told.startswith("None ") and "extends Numba" in told
+
+
+@pytest.mark.slow  # 6 s: two processes, each of which compiles
 def test_who_teaches_numba_is_compiled_in_every_process(place):
-    """No function of the class names what the overload computes."""
-    code = (
-        "def half(x):\n    return NUMBER * x\n"
-        "@overload(half)\ndef _(x):\n    return lambda x: NUMBER * x"
-    )
     folders = [
-        bare(place, f"teaches {number}", code.replace("NUMBER", number), "half(3.0)")
+        bare(place, f"teaches {number}", TEACHING.replace("NUMBER", number), "half(3.0)")
         for number in ("0.5", "0.25")
     ]
     one, other = (ran(place / "taught", folder)[0] for folder in folders)
@@ -518,6 +538,7 @@ print([one.compiled for one in rm.precompile(scene)])
 """
 
 
+@pytest.mark.slow  # 12 s: two processes, and all pieces of a run; the formulas above take less
 def test_a_run_with_an_own_effect_compiles_nothing_in_the_next_process(place):
     """Before, the second process compiled as many functions as the first, 132 for one effect."""
     folder = bare(place, "simulated", SIMPLE, "half(3.0)")

@@ -291,24 +291,31 @@ def test_a_users_effect_runs_like_a_built_in_one():
     own, known = rm.simulate(scene(Weight(9.81))), rm.simulate(scene(rm.Gravity(9.81)))
     assert np.abs(own.momentum - known.momentum).max() < 1e-12
     assert own.energy_drift_max.attrs["conserved"] == "yes"
-    for kind, integrator in ((Gamma, "rk4"), (Switch, "rk4"), (Wall, "strang")):
-        with pytest.warns(
-            rm.SceneWarning,
-            match=f"{kind.__name__}.*takes one number at a time.*members are not vectorized",
-        ):
-            alone = rm.simulate(scene(kind(0.1)), integrator=integrator)
-        q, l = (
-            tuple(alone[name].isel(time=0, member=0).values.tolist())
-            for name in ("attitude", "momentum")
-        )
-        body, made = (
-            MassProperties.of((1.0, 1.4, 2.0), (0.1, 0.2, 0.3)),
-            prepare(INTEGRATORS[integrator], 0.1, (kind(0.1),)),
-        )
-        for i in range(100):
-            q, l = one_step(made, body, (kind(0.1),), 0.01 * i, 0.01, q, l)
-        # measured 1.2e-14
-        assert np.abs(alone.momentum.isel(time=-1, member=0).values - l).max() < 1e-13
+
+
+@pytest.mark.parametrize(
+    ("kind", "integrator"),
+    # Gamma, too, takes one number at a time, in the same code as Switch
+    [pytest.param(Gamma, "rk4", marks=pytest.mark.slow), (Switch, "rk4"), (Wall, "strang")],
+)
+def test_an_effect_that_takes_one_number_at_a_time_runs(kind, integrator):
+    with pytest.warns(
+        rm.SceneWarning,
+        match=f"{kind.__name__}.*takes one number at a time.*members are not vectorized",
+    ):
+        alone = rm.simulate(scene(kind(0.1)), integrator=integrator)
+    q, l = (
+        tuple(alone[name].isel(time=0, member=0).values.tolist())
+        for name in ("attitude", "momentum")
+    )
+    body, made = (
+        MassProperties.of((1.0, 1.4, 2.0), (0.1, 0.2, 0.3)),
+        prepare(INTEGRATORS[integrator], 0.1, (kind(0.1),)),
+    )
+    for i in range(100):
+        q, l = one_step(made, body, (kind(0.1),), 0.01 * i, 0.01, q, l)
+    # measured 1.2e-14
+    assert np.abs(alone.momentum.isel(time=-1, member=0).values - l).max() < 1e-13
 
 
 class Analysis(NamedTuple):

@@ -119,7 +119,14 @@ def damped_end():
 DAMPED = Gravity(HEAVY.gravity), ViscousDamping(DAMPING)
 
 
-@pytest.mark.parametrize("name", stepping(DAMPED))
+# 2.5 s each, to compile; tests/physics/integrators/test_steps.py has their damping in plain Python
+SELDOM = "rk8", "midpoint"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow) if n in SELDOM else n for n in stepping(DAMPED)],
+)
 def test_order_with_damping(name):
     order = INTEGRATORS[name].order
     few, many = {8: (45, 181), 12: (20, 64)}.get(order, (400, 800))

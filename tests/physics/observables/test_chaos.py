@@ -133,7 +133,9 @@ def test_megno_tells_regular_from_chaotic():
 
 
 @pytest.mark.parametrize(
-    "integrator", ["strang", "aba864", pytest.param("srkn11", marks=pytest.mark.slow)]
+    "integrator",
+    # tests/engine/test_bits.py has the bits of a tangent by strang
+    ["aba864", *(pytest.param(one, marks=pytest.mark.slow) for one in ("strang", "srkn11"))],
 )
 def test_the_tangent_of_a_splitting_is_that_of_the_true_state(integrator):
     """Between steps a splitting keeps the state half a kick (aba864: a drift and a kick) ahead."""
@@ -162,7 +164,13 @@ FROM_REST = {
 UNITS = ((1.0, 1.0), (1e-20, 1.0), (1e20, 1.0), (1.0, 1e-6), (1.0, 1e6))  # of moments and of times
 
 
-@pytest.mark.parametrize("acts", FROM_REST)
+SELDOM = "space", "damped"  # 2 s each, to compile; they have the units of the others
+
+
+@pytest.mark.parametrize(
+    "acts",
+    [pytest.param(one, marks=pytest.mark.slow) if one in SELDOM else one for one in FROM_REST],
+)
 def test_the_units_of_a_motion_from_rest_do_not_matter(acts):
     """The momentum of what has no energy at the start was once measured by 1 J: exponents of
     0.115, 2662 and 2621 for the same motion in three units."""

@@ -19,7 +19,6 @@ from rigidmc.scene.recording import make_recording
 from tests.runs.test_resume import SCENE as OTHER
 
 SCENE = OTHER.with_run(every=0.1, turn_limit=0.051, save=("omega", "flips", "omega_max"))
-KEEPS = ("none", "final", "thinned", "full")
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +35,11 @@ def alike(one, two):
         assert a.tobytes() == b.tobytes() if a.dtype.kind in "fi" else (a == b).all(), name
 
 
-@pytest.mark.parametrize("keep", KEEPS)
+# The others take 3 s each; tests/results/test_export.py has "final".
+SELDOM = [pytest.param(one, marks=pytest.mark.slow) for one in ("final", "full")]
+
+
+@pytest.mark.parametrize("keep", ["none", "thinned", *SELDOM])
 def test_flagged_members_are_kept_in_full(full, tmp_path, keep):
     ds = rm.simulate(SCENE, keep=keep, threads=2, block=64)
     bad = np.flatnonzero(full.status.values)
