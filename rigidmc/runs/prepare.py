@@ -429,14 +429,15 @@ def prepare_scene(scene: Scene, plotted: int = 0) -> PreparedRun:
 
 def _prepare_scene(scene: Scene, plotted: int) -> PreparedRun:
     """Prepare a scene whose varied parameters are already marked; see `prepare_scene`."""
-    asked, units, wrt = scene, choose_units(scene), parameters_of_run(scene)
+    asked, wrt, recorded = scene, parameters_of_run(scene), make_recording(scene)
+    check_scene(scene, recorded)  # first: every step from here on may evaluate custom effects
+    units = choose_units(scene)
     if units is not None:
         scene = scale_scene(scene, units.mass, 1.0, units.time)
+        recorded = make_recording(scene)
     scene, choice = choose_integrator(settle_saves(scene))
-    recorded = make_recording(scene)
     scene = save_to_plot(scene, recorded, plotted, len(wrt))
     run, model = scene.run, scene.model
-    check_scene(scene, recorded)
     coarse, sampler = model.coarse(), make_sampler(model, run)
     check_starts(coarse, sampler, run.seed)
     monitors = make_monitors(model, recorded, run.seed)

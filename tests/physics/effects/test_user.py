@@ -156,6 +156,50 @@ def test_effects_that_a_kernel_cannot_use_are_refused(effect, words):
         rm.simulate(scene(effect))
 
 
+class NoReturn(NamedTuple):
+    size: float
+
+    def torque(self, q):
+        self.size * q[0]
+
+
+class Divides(NamedTuple):
+    size: float
+
+    def torque(self, q):
+        return 1 / 0, 0.0, 0.0
+
+
+class Pair(NamedTuple):
+    size: float
+
+    def torque(self, q):
+        return 0.0, 0.0, 0.0
+
+    def energy(self, q):
+        return 0.0, 0.0
+
+
+@pytest.mark.parametrize(("effect", "words"), [
+    (Short(1.0), r"Short.torque.*expected a tuple of 3 numbers"),
+    (NoReturn(1.0), r"NoReturn.torque: returns None, expected a tuple of 3 numbers"),
+    (Asks(1.0), r"Asks.torque.*unknown argument 'speed'; it may name body, t, q, l"),
+    (Divides(1.0), r"Divides.torque: .*line \d+: return 1 / 0.*ZeroDivisionError"),
+    (Pair(1.0), r"Pair.energy: returns \(0.0, 0.0\), expected a number"),
+])  # fmt: skip
+def test_a_custom_effect_is_checked_before_anything_evaluates_it(effect, words):
+    """Beside gravity, saves of few members and steady motions follow from the torques."""
+    beside = rm.Scene(BODY, (rm.Gravity(9.81), effect), rm.Start(omega=(0.1, 1.0, 0.2)))
+    for use in (
+        lambda: rm.simulate(beside, members=1, dt=0.01, t_end=1.0),
+        lambda: rm.simulate(beside, members=1, dt=0.01, t_end=1.0, every="50/turn"),
+        lambda: rm.simulate(beside, members=1, t_end=1.0, tolerance=1e-4),
+        lambda: rm.linearise(beside),
+    ):
+        with pytest.raises(rm.PartError, match=words):
+            use()
+
+
 class Five(NamedTuple):
     size: float
 
