@@ -3,6 +3,8 @@
 import difflib
 import os
 import re
+import sys
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import islice
@@ -228,6 +230,20 @@ class SceneWarning(UserWarning):
     >>> print(notes[0].message)
     dt reduced from 0.3 to 0.2 s, which divides t_end and every
     """
+
+
+def warn(note: str) -> None:
+    """Show a note on a scene or a result as a SceneWarning, at the user's line."""
+    warnings.warn(note, SceneWarning, stacklevel=_frames_of_rigidmc() + 1)
+
+
+def _frames_of_rigidmc() -> int:
+    """Return the number of frames of rigidmc between the caller and the user's line, which a
+    warning shows."""
+    frame, count = sys._getframe(1), 0
+    while frame.f_back and frame.f_globals.get("__name__", "").startswith("rigidmc."):
+        frame, count = frame.f_back, count + 1
+    return count
 
 
 class Renamed:
