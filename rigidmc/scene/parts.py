@@ -7,7 +7,6 @@ from typing import Any, Self
 from rigidmc.errors import SceneError, unknown
 from rigidmc.physics.dynamics.methods import word_of
 from rigidmc.physics.effects import canonical
-from rigidmc.physics.effects.protocol import is_effect
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.protocol import Integrator
 from rigidmc.physics.observables import (
@@ -111,7 +110,7 @@ class Parts:
             value = getattr(self, key)
             if not isinstance(value, kind):
                 raise SceneError(f"expected a {kind.__name__}{_CURES[key]}", at=key, value=value)
-        several = isinstance(self.effects, (list, tuple)) and not is_effect(self.effects)
+        several = isinstance(self.effects, (list, tuple)) and not hasattr(self.effects, "_fields")
         effects: Iterable[Any] = self.effects if several else (self.effects,)
         effects = canonical(tuple(check_effect(e, self.run.anti_damping) for e in effects))
         alone = not isinstance(self.observables, (list, tuple)) or is_observable(self.observables)
