@@ -330,6 +330,8 @@ def from_pydantic(
         return cause
     if isinstance(cause, ValueError):  # from a validator, which has only the value and the rule
         rule, value = str(cause), first["input"]
+    if first["type"] == "tuple_type":  # TOML has no tuples
+        rule = "expected names in brackets, or one name"
     if first["type"] == "missing":
         rule, value = "is missing", None
     if first["type"] == "dict_type" and not isinstance(value, Mapping):

@@ -16,6 +16,7 @@ from rigidmc.physics.observables import (
 )
 from rigidmc.physics.observables.histogram import Histogram
 from rigidmc.physics.observables.saving import check_keep
+from rigidmc.scene.amounts import words_of
 from rigidmc.scene.body import Body
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import count_rows
@@ -198,9 +199,9 @@ class Parts:
         given = {k: v for k, v in settings.items() if v is not None}
         observables = self.observables
         if "save" in given:
-            alone = isinstance(given["save"], str) or is_observable(given["save"])
-            save = (given["save"],) if alone else tuple(given["save"])
-            for one in save:
+            save: Any = given["save"]
+            save = words_of(save) if isinstance(save, str) else save
+            for one in (save := (save,) if is_observable(save) else tuple(save)):
                 # tuples of different classes are equal if their numbers are
                 same = any(type(one) is type(other) and one == other for other in observables)
                 named_alone = isinstance(one, str) or type(one) in OBSERVABLES.values()
