@@ -181,7 +181,7 @@ def _no_table_in(components: list[Any], name: str, dotted: str) -> str:
         return f"'{name}' is a list, not a table: its components are 1 to {len(components)}"
     one = components[int(word) - 1]
     if isinstance(one, dict):
-        return f"set the whole of {place}, as in {place}={{ normal = [0, 0.1] }}"
+        return f"a component is set as a whole, as in {place}={{ normal = [0, 0.1] }}"
     return (
         f"{place} is {one!r}, a number without a distribution: for a normal one with this mean and"
         f" the deviation 0.1, set {place}={{ normal = [{one!r}, 0.1] }}"
