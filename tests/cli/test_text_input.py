@@ -242,7 +242,8 @@ TOP = "[body]\nmoments = [1, 2, 2.5]\n[start]\nomega = [0.5, { normal = [1, 0.1]
 @pytest.mark.parametrize(("more", "settings", "words"), [
     ("", {"start.omega.1.standard_deviation": "0.1"},
      r"omega.1 is 0.5, a number without a distribution: .*omega.1=\{ normal = \[0.5, 0.1\] \}"),
-    ("", {"start.omega.2.standard_deviation": "0.1"}, r"a component is set as a whole, as in start.omega.2={"),
+    ("", {"start.omega.2.standard_deviation": "0.1"},
+     r"a component is set as a whole, as in start.omega.2={"),
     ("", {"start.omega.4.standard_deviation": "0.1"}, r"a list, .*components are 1 to 3"),
     ("[gravity]\ng = 9.81\n", {}, r"gravity: is not a table of a scene: write \[effects.gravity\]"),
     ("[passage]\naxis = 3\n", {}, r"write \[observables.passage\]"),
