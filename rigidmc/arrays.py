@@ -8,8 +8,6 @@ replacement.
 """
 
 import math
-import sys
-import warnings
 from array import array as machine_array
 from collections import deque
 from collections.abc import Mapping, Set
@@ -19,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.errors import SceneError, warn
 from rigidmc.labelled import COLUMN, Wanted, has_dims, is_labelled, read_labelled, two_ways
 from rigidmc.units import ARGUMENTS, from_foreign, is_foreign, numbers_in
 
@@ -146,16 +144,7 @@ def check_rows(bad: ArrayLike, rule: str, at: str = "input") -> None:
         raise SceneError(every, at=at)
     if count:
         some = f"{count:,} of {size:,} elements are nan in the result: {rule}"
-        warnings.warn(some, SceneWarning, stacklevel=_frames_of_rigidmc() + 1)
-
-
-def _frames_of_rigidmc() -> int:
-    """Return the number of frames of rigidmc between the caller and the user's line, which a
-    warning shows."""
-    frame, count = sys._getframe(1), 0
-    while frame.f_back and frame.f_globals.get("__name__", "").startswith("rigidmc."):
-        frame, count = frame.f_back, count + 1
-    return count
+        warn(some)
 
 
 def split_components(value: Any, at: str, size: int) -> Any:

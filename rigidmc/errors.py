@@ -3,6 +3,8 @@
 import difflib
 import os
 import re
+import sys
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import islice
@@ -230,6 +232,20 @@ class SceneWarning(UserWarning):
     """
 
 
+def warn(note: str) -> None:
+    """Show a note on a scene or a result as a SceneWarning, at the user's line."""
+    warnings.warn(note, SceneWarning, stacklevel=_frames_of_rigidmc() + 1)
+
+
+def _frames_of_rigidmc() -> int:
+    """Return the number of frames of rigidmc between the caller and the user's line, which a
+    warning shows."""
+    frame, count = sys._getframe(1), 0
+    while frame.f_back and frame.f_globals.get("__name__", "").startswith("rigidmc."):
+        frame, count = frame.f_back, count + 1
+    return count
+
+
 class Renamed:
     """Base of classes with renamed attributes: the error for an old name gives the new one.
 
@@ -314,6 +330,8 @@ def from_pydantic(
         return cause
     if isinstance(cause, ValueError):  # from a validator, which has only the value and the rule
         rule, value = str(cause), first["input"]
+    if first["type"] == "tuple_type":  # TOML has no tuples
+        rule = "expected names in brackets, or one name"
     if first["type"] == "missing":
         rule, value = "is missing", None
     if first["type"] == "dict_type" and not isinstance(value, Mapping):

@@ -443,6 +443,19 @@ def numbers_in(units: str, value: Any, at: str) -> Any:
     return [numbers_in(units, one, at) for one in value]
 
 
+def degrees_note(angles: Any, what: str, most: int = 2, cure: str = 'write "30 deg"') -> str:
+    """Return a note if an angle [rad] exceeds `most` pi, as only degrees do; else "".
+
+    what : the words before the largest angle, such as "theta ="
+    """
+    sizes = np.abs(np.asarray(angles, dtype=float))
+    worst = float(np.max(sizes, where=np.isfinite(sizes), initial=0.0))
+    if worst <= most * np.pi * (1.0 + 1e-9):
+        return ""
+    limit = f"{most} pi" if most > 1 else "pi"
+    return f"{what} {worst:g} is more than {limit}: angles are in rad; for degrees {cure}"
+
+
 def rule_with_hint(error: RigidmcError) -> str:
     """Return the rule of an error with its nearest right unit, for readers without a place."""
     return f"{error.rule} (did you mean '{error.nearest}'?)" if error.nearest else error.rule

@@ -30,7 +30,7 @@ from rigidmc.engine.compiler.kernels import (
 )
 from rigidmc.engine.compiler.memory import put_rows
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
-from rigidmc.engine.inspection import refuse_memory
+from rigidmc.engine.inspection import compilation_error, refuse_memory
 from rigidmc.engine.kernel.events import first_values, moving_each
 from rigidmc.engine.machine import threads_available
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties, scaled
@@ -212,8 +212,11 @@ def evaluate_forces(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np
     try:
         values = evaluate(formula, 4, rows, threads=1)
     except NumbaError:  # custom code for one member at a time
-        refuse_memory(effects)
-        values = evaluate(formula, 4, rows, threads=1, side=1)
+        try:
+            refuse_memory(effects)
+            values = evaluate(formula, 4, rows, threads=1, side=1)
+        except NumbaError as error:
+            raise compilation_error(error, effects) from error
     return np.reshape(values, (4, *columns[0].shape))
 
 

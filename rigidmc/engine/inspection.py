@@ -43,6 +43,7 @@ from rigidmc.physics.effects.protocol import (
 )
 from rigidmc.physics.effects.sums import total_torque
 from rigidmc.physics.integrators.protocol import from_stepping, precompute, step, to_stepping
+from rigidmc.physics.observables import is_own
 from rigidmc.physics.observables.protocol import (
     armed,
     begin,
@@ -121,6 +122,23 @@ def refuse_memory(effects: Iterable[Any]) -> None:
     for effect in effects:
         if type(effect) not in EFFECTS.values() and (why := refusal_of(effect)):
             raise PartError.of(effect, f"{why}; {RULE}", "effects", "torque")
+
+
+def compilation_error(
+    error: NumbaError, effects: Iterable[Any], observables: Iterable[Any] = ()
+) -> Exception:
+    """Return the PartError that names the custom classes of code that cannot be compiled; the error
+    itself if there are none."""
+    own = {
+        "effects": [e for e in effects if type(e) not in EFFECTS.values()],
+        "observables": list(filter(is_own, observables)),
+    }
+    names = {key: ", ".join(type(one).__name__ for one in ones) for key, ones in own.items()}
+    table = ", ".join(table for table, words in names.items() if words)
+    if not table:
+        return error
+    rule = f"cannot be compiled: {innermost_cause(error)}; {RULE}"
+    return PartError(rule, at=f"{table}.{', '.join(filter(None, names.values()))}", table=table)
 
 
 def why_scalar(effect: Any) -> str:

@@ -66,7 +66,7 @@ def causes_text(tensor: Any, mass: float, centre: Any) -> str:
 def _causes(tensor: Array, mass: float, centre: Array) -> Iterator[str]:
     moved = inertia.about_point(tensor, mass, centre)
     turned = opposite_products(tensor)
-    products = np.abs(tensor - np.diag(tensor.diagonal())).max() > 1e-12 * np.abs(tensor).max()
+    products = _has_products(tensor)
     away = bool(centre.any())
     about = away and can_exist(moved, mass, centre)
     if about:
@@ -118,5 +118,12 @@ def _units(tensor: Array, mass: float, centre: Array) -> Iterator[str]:
 
 
 def _moments(tensor: Array) -> str:
-    """Write the principal moments of a tensor."""
-    return f"({', '.join(f'{x:.6g}' for x in np.linalg.eigvalsh(tensor))}) kg m2"
+    """Write the moments of a tensor: along its axes, in their order, if these are principal, so
+    that a user can copy them; else the principal moments, in ascending order."""
+    moments = np.linalg.eigvalsh(tensor) if _has_products(tensor) else tensor.diagonal()
+    return f"({', '.join(f'{x:.6g}' for x in moments)}) kg m2"
+
+
+def _has_products(tensor: Array) -> bool:
+    """Return whether a tensor has products of inertia beyond rounding."""
+    return bool(np.abs(tensor - np.diag(tensor.diagonal())).max() > 1e-12 * np.abs(tensor).max())

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import check_rows, floats
+from rigidmc.errors import warn
+from rigidmc.units import degrees_note
 
 _Floats = NDArray[np.float64]
 
@@ -75,7 +77,8 @@ def effective_potential(
     Warns
     -----
     SceneWarning
-        with the count of tops whose moments differ, whose results are nan
+        with the count of tops whose moments differ, whose results are nan; for a theta that looks
+        like degrees
 
     Examples
     --------
@@ -87,7 +90,7 @@ def effective_potential(
     """
     first, third = _moments(moments)
     weight, p_phi = floats(weight, "weight"), floats(p_phi, "p_phi")
-    p_psi, theta = floats(p_psi, "p_psi"), floats(theta, "theta")
+    p_psi, theta = floats(p_psi, "p_psi"), _tilt(theta)
     cosine, sine = np.cos(theta), np.sin(theta)
     with np.errstate(all="ignore"):
         across = np.where(
@@ -98,6 +101,14 @@ def effective_potential(
     kinetic = 0.5 * across / first + 0.5 * np.square(p_psi) / third
     potential: _Floats = kinetic + weight * cosine
     return potential
+
+
+def _tilt(theta: ArrayLike) -> _Floats:
+    """Return theta as floats; a SceneWarning for angles that look like degrees."""
+    angles = floats(theta, "theta")
+    if note := degrees_note(angles, "theta ="):
+        warn(note)
+    return angles
 
 
 def _cosine(theta: _Floats) -> _Floats:
@@ -151,7 +162,8 @@ def steady_precession(
     Warns
     -----
     SceneWarning
-        with the count of tops whose moments differ, whose results are nan
+        with the count of tops whose moments differ, whose results are nan; for a theta that looks
+        like degrees
 
     Examples
     --------
@@ -160,7 +172,7 @@ def steady_precession(
     (np.float64(0.208), np.float64(5.221))
     """
     first, third = _moments(moments)
-    omega3, theta = floats(omega3, "omega3"), floats(theta, "theta")
+    omega3, theta = floats(omega3, "omega3"), _tilt(theta)
     weight, spin = floats(weight, "weight"), third * omega3
     rise = first * _cosine(theta)
     with np.errstate(all="ignore"):
@@ -203,7 +215,8 @@ def least_spin(moments: ArrayLike, weight: ArrayLike, theta: ArrayLike = 0.0) ->
     Warns
     -----
     SceneWarning
-        with the count of tops whose moments differ, whose results are nan
+        with the count of tops whose moments differ, whose results are nan; for a theta that looks
+        like degrees
 
     Examples
     --------
@@ -211,7 +224,7 @@ def least_spin(moments: ArrayLike, weight: ArrayLike, theta: ArrayLike = 0.0) ->
     np.float64(4.0)
     """
     first, third = _moments(moments)
-    rise = floats(weight, "weight") * _cosine(floats(theta, "theta"))
+    rise = floats(weight, "weight") * _cosine(_tilt(theta))
     spin: _Floats = 2.0 * np.sqrt(first * np.maximum(rise, 0.0)) / third
     return spin
 

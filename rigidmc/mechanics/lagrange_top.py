@@ -131,7 +131,8 @@ def solve_lagrange_top(
     Warns
     -----
     SceneWarning
-        with the count of impossible tops, whose results are nan
+        with the count of impossible tops, whose results are nan; for Euler angles that look like
+        degrees
 
     Examples
     --------

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.arrays import check_rows, floats
-from rigidmc.errors import SceneError
+from rigidmc.errors import SceneError, warn
 from rigidmc.labelled import Wanted
 from rigidmc.mechanics.euler_angles import (
     TEXTBOOK,
@@ -23,7 +23,7 @@ from rigidmc.mechanics.euler_angles import (
 )
 from rigidmc.physics.dynamics.functions import sincos
 from rigidmc.physics.dynamics.quaternions import multiply
-from rigidmc.units import is_foreign, numbers_in
+from rigidmc.units import degrees_note, is_foreign, numbers_in
 
 _EYE = np.eye(3)
 _Floats = NDArray[np.float64]
@@ -45,7 +45,7 @@ def quaternion(attitude: Attitude) -> _Floats:
 
     SceneError for a wrong shape, a norm of 0, or a matrix that is not a rotation (with its
     deviation from one). If only some elements are bad, these become nan and a SceneWarning counts
-    them.
+    them. Another warns of Euler angles that look like degrees.
     """
     if isinstance(attitude, Rotations):
         return np.asarray(attitude.as_quat(scalar_first=True))
@@ -55,6 +55,8 @@ def quaternion(attitude: Attitude) -> _Floats:
     if array.shape[-2:] == (3, 3):
         return quaternion_from_matrix(array)
     if array.shape == (3,):
+        if note := degrees_note(array, "attitude: an Euler angle of"):
+            warn(note)
         return from_euler(array)
     if array.shape[-1:] != (4,):
         allowed = (

@@ -1,7 +1,6 @@
 """Reject scenes that cannot run: refused torques, impossible bodies, missing members, observables
 that conflict with the other settings."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -44,6 +43,7 @@ COMPILED = "needs compiled code, but NUMBA_DISABLE_JIT is set"
 def check_scene(scene: Scene, recording: Recording) -> None:
     """Raise SceneError if a scene cannot be run."""
     run, model = scene.run, scene.model
+    check_parts(scene)
     if run.integrator == "auto" and run.tolerance is None:
         rule = 'is missing: integrator = "auto" chooses integrator and step for a tolerance'
         raise SceneError(rule, at="run.tolerance")
@@ -70,7 +70,6 @@ def check_scene(scene: Scene, recording: Recording) -> None:
     _check_monitored(run, recording)
     _check_points(model, run)
     model = model.coarse()
-    _check_parts(model.effects, scene.observables, scene.integrators)
     _check_variables(run, recording)
     _check_sampled(model, run)
 
@@ -120,16 +119,15 @@ def _check_points(model: Model, run: Run) -> None:
         raise SceneError(rule, at="run.members", value=last)
 
 
-def _check_parts(
-    effects: Sequence[Any], observables: Sequence[Any], integrators: Sequence[Any]
-) -> None:
+def check_parts(scene: Scene) -> None:
     """Raise SceneError for custom effects, observables or integrators that cannot be compiled or
-    that contradict themselves."""
+    that contradict themselves. Whatever evaluates the effects of a scene comes after this check."""
+    effects = scene.model.coarse().effects
     for effect in effects:
         check_user_effect(effect)
-    for one in observables:
+    for one in scene.observables:
         check_user_observable(one, tuple(map(plain_numbers, effects)))
-    for word, integrator in named_integrators(integrators).items():
+    for word, integrator in named_integrators(scene.integrators).items():
         check_user_integrator(integrator, word)
 
 

@@ -3,7 +3,6 @@ effects, and likely errors of units and signs. Each function in LOOKS yields not
 """
 
 import inspect
-import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any, NamedTuple
@@ -38,6 +37,7 @@ from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import draw, is_variable
 from rigidmc.scene.settings import Run, idle
 from rigidmc.scene.vector_distributions import GibbsMomentum
+from rigidmc.units import degrees_note
 
 FEW = 64  # members whose effects and angles are checked
 BOLTZMANN = 1.380649e-23  # J/K
@@ -93,7 +93,7 @@ def scene_notes(model: Model, run: Run, plan: Plan) -> tuple[str, ...]:
     """
     seen = _pilot_facts(model, run, plan)
     uncompiled = plan.scheme is not None and is_uncompiled()
-    return (*[UNCOMPILED] * uncompiled, *(note for look in LOOKS for note in look(seen)))
+    return (*[UNCOMPILED] * uncompiled, *(note for look in LOOKS for note in look(seen) if note))
 
 
 def _pilot_facts(model: Model, run: Run, plan: Plan) -> PilotFacts:
@@ -232,28 +232,24 @@ def _turns_itself(cls: type) -> bool:
     return any(known & {*one.__code__.co_names} for one in _compiled(cls))
 
 
+_CURE = 'write unit = "deg", or "30 deg"'
+
+
 def _angles(seen: PilotFacts) -> Iterator[str]:
     start, seed = seen.model.coarse().start, seen.run.seed
-    circle = 2.0 * math.pi * (1.0 + 1e-9)
-    rule = 'is more than {} pi: angles are in rad; degrees need unit = "deg", or "30 deg"'
     if start.has_euler_angles:
-        worst = np.abs(draw(start.attitude, seed, "start.attitude", 0, FEW)).max()
-        if worst > circle:
-            yield f"[start] attitude: an Euler angle of {worst:g} {rule.format(2)}"
+        angles = draw(start.attitude, seed, "start.attitude", 0, FEW)
+        yield degrees_note(angles, "[start] attitude: an Euler angle of", 2, _CURE)
     word = start.spin_name
     spin = getattr(start, word)
-    for field, most in (("angle", ""), ("azimuth", "2")):
+    for field, most in (("angle", 1), ("azimuth", 2)):
         if hasattr(spin, field):
             angles = draw((getattr(spin, field),), seed, f"start.{word}.{field}", 0, FEW)
-            worst = np.abs(angles).max()
-            if worst > circle * (1.0 if most else 0.5):
-                yield f"[start] {word}.{field} = {worst:g} {rule.format(most)}".replace("  ", " ")
+            yield degrees_note(angles, f"[start] {word}.{field} =", most, _CURE)
     for label, effect in seen.effects:
         for field, unit in facts(effect).units.items():
             if unit == "rad" and is_shipped(effect):
-                worst = np.abs(getattr(effect, field)).max()
-                if worst > circle:
-                    yield f"[effects.{label}] {field} = {worst:g} {rule.format(2)}"
+                yield degrees_note(getattr(effect, field), f"[effects.{label}] {field} =", 2, _CURE)
 
 
 def _axes(seen: PilotFacts) -> Iterator[str]:

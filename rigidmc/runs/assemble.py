@@ -3,17 +3,13 @@
 from functools import partial
 from typing import Any
 
-from rigidmc.engine.compiler.compose import NumbaError, innermost_cause
+from rigidmc.engine.compiler.compose import NumbaError
 from rigidmc.engine.cuda.devices import device_number, is_gpu
-from rigidmc.engine.inspection import refuse_memory
+from rigidmc.engine.inspection import compilation_error, refuse_memory
 from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
 from rigidmc.engine.program import Derivatives, Program
-from rigidmc.errors import PartError
-from rigidmc.physics.dynamics.trials import RULE
-from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators.protocol import Integrator
-from rigidmc.physics.observables import is_own
 from rigidmc.planning.plan import Plan
 from rigidmc.results.layout import Axes, ResultLayout, constant_variables
 from rigidmc.results.variables import (
@@ -136,17 +132,7 @@ def make_program(
         )
         return found
     except NumbaError as error:
-        own = {
-            "effects": [e for e in effects if type(e) not in EFFECTS.values()],
-            "observables": list(filter(is_own, plan.recording.observables)),
-        }
-        names = {key: ", ".join(type(one).__name__ for one in ones) for key, ones in own.items()}
-        table = ", ".join(table for table, words in names.items() if words)
-        if not table:
-            raise
-        rule = f"cannot be compiled: {innermost_cause(error)}; {RULE}"
-        whole = f"{table}.{', '.join(filter(None, names.values()))}"
-        raise PartError(rule, at=whole, table=table) from error
+        raise compilation_error(error, effects, plan.recording.observables) from error
 
 
 def _import_xarray() -> None:

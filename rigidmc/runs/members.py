@@ -1,7 +1,8 @@
-"""The members of a run: the first n, a range of indices, or increasing indices."""
+"""The members of a run: the first n, a range of indices, or increasing indices; and how many are
+flagged."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ from rigidmc.scene.quantities import count_rows
 from rigidmc.scene.sampling import rows_to_run
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import Run
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Members = int | range | NDArray[np.int64]
 
@@ -67,6 +71,28 @@ def with_settings(scene: Scene, members: int | range | None, settings: Mapping[s
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
     return scene
+
+
+def mostly_flagged(result: "xr.Dataset") -> str:
+    """Return a note if most members of a run are flagged, with reasons and times, else "".
+
+    A few flagged members, such as the tail of a distribution, change no mean by much: `status`
+    has them, and estimates leave them out.
+    """
+    found = {k: n for k, n in result.encoding["rigidmc"]["flagged"].items() if n and k != "ok"}
+    count, members = sum(found.values()), result.sizes["member"]
+    if 2 * count <= members:
+        return ""
+    times = result["status_time"].values
+    first, last = np.nanmin(times), np.nanmax(times)
+    since = f"{first:.4g} s" if first == last else f"{first:.4g} to {last:.4g} s"
+    kinds = ", ".join(f"{n:,} {kind}" for kind, n in found.items())
+    who = f"all {members:,} members are" if count > 1 else "the member is"
+    who = who if count == members else f"{count:,} of {members:,} members are"
+    return (
+        f"{who} flagged ({kinds}) and stand{'s' * (members == 1)} still from {since} on: their"
+        " values are constant, not a motion; `status` and `status_time` show which and when"
+    )
 
 
 def _plain(members: Any) -> Any:

@@ -15,7 +15,7 @@ from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import Program
-from rigidmc.errors import OptionError
+from rigidmc.errors import OptionError, warn
 from rigidmc.files.outputs import Path
 from rigidmc.planning.check import check_scene
 from rigidmc.planning.closed_form import closed_form
@@ -38,7 +38,7 @@ from rigidmc.results.layout import ResultLayout
 from rigidmc.results.sinks import Blanks, MemorySink
 from rigidmc.runs.assemble import make_layout, make_program
 from rigidmc.runs.blocks import Sink, compute
-from rigidmc.runs.members import range_of_members, select_members, with_settings
+from rigidmc.runs.members import mostly_flagged, range_of_members, select_members, with_settings
 from rigidmc.runs.resources import block_of, check_resources, needs
 from rigidmc.scene.amounts import read_count
 from rigidmc.scene.derivatives import parameters_of_run
@@ -247,6 +247,11 @@ class PreparedRun:
             as in `simulate`; `dataset.encoding["rigidmc"]` holds the cost of the run and the number
             of flagged members
 
+        Warns
+        -----
+        SceneWarning
+            if most members are flagged
+
         Raises
         ------
         SceneError
@@ -282,6 +287,8 @@ class PreparedRun:
         sink = run._sink(size, output, force, attrs or {})
         dataset = run._integrate(sink, device, threads, size, progress)
         dataset.encoding["rigidmc"]["compile_seconds"] = compiled
+        if note := mostly_flagged(dataset):
+            warn(note)
         return dataset
 
     def _sink(self, block: int, output: Path | None, force: bool, attrs: Mapping[str, Any]) -> Sink:
@@ -429,14 +436,15 @@ def prepare_scene(scene: Scene, plotted: int = 0) -> PreparedRun:
 
 def _prepare_scene(scene: Scene, plotted: int) -> PreparedRun:
     """Prepare a scene whose varied parameters are already marked; see `prepare_scene`."""
-    asked, units, wrt = scene, choose_units(scene), parameters_of_run(scene)
+    asked, wrt, recorded = scene, parameters_of_run(scene), make_recording(scene)
+    check_scene(scene, recorded)  # first: every step from here on may evaluate custom effects
+    units = choose_units(scene)
     if units is not None:
         scene = scale_scene(scene, units.mass, 1.0, units.time)
+        recorded = make_recording(scene)
     scene, choice = choose_integrator(settle_saves(scene))
-    recorded = make_recording(scene)
     scene = save_to_plot(scene, recorded, plotted, len(wrt))
     run, model = scene.run, scene.model
-    check_scene(scene, recorded)
     coarse, sampler = model.coarse(), make_sampler(model, run)
     check_starts(coarse, sampler, run.seed)
     monitors = make_monitors(model, recorded, run.seed)

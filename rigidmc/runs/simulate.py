@@ -2,7 +2,6 @@
 
 import os
 import sys
-import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import SceneWarning
+from rigidmc.errors import warn
 from rigidmc.files.outputs import refuse_existing
 from rigidmc.progress import Progress, announce
 from rigidmc.runs.prepare import prepare
@@ -89,6 +88,11 @@ def simulate(
     NoDevice
         if the device does not exist or fails
 
+    Warns
+    -----
+    SceneWarning
+        for the notes of `rigidmc check`, drifts in one direction, and if most members are flagged
+
     Examples
     --------
     >>> scene = rm.Scene.load("dzhanibekov")
@@ -102,14 +106,14 @@ def simulate(
     with announce(progress):
         run = prepare(scene, integrator, members=members, **settings)
         for note in run.notes:
-            _warn(note)
+            warn(note)
         expected = None
         if run.choice is not None:
             from rigidmc.runs.price import predicted_seconds
 
             expected = predicted_seconds(run, threads, device, output)
             if run.choice.short:
-                _warn(run.choice.short)
+                warn(run.choice.short)
             if progress is True:
                 print("\n".join(run.choice.lines(run.plan.members, expected)), file=sys.stderr)
         dataset = run.run(
@@ -122,12 +126,7 @@ def simulate(
             progress=progress,
         )
         if line := one_way(dataset):
-            _warn(line)
+            warn(line)
         if expected is not None:
             dataset.encoding["rigidmc"]["predicted_seconds"] = expected
         return dataset
-
-
-def _warn(note: str) -> None:
-    """Show a note to the caller of `simulate`."""
-    warnings.warn(note, SceneWarning, stacklevel=4)

@@ -7,7 +7,6 @@ from typing import Any, Self
 from rigidmc.errors import SceneError, unknown
 from rigidmc.physics.dynamics.methods import word_of
 from rigidmc.physics.effects import canonical
-from rigidmc.physics.effects.protocol import is_effect
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.protocol import Integrator
 from rigidmc.physics.observables import (
@@ -17,6 +16,7 @@ from rigidmc.physics.observables import (
 )
 from rigidmc.physics.observables.histogram import Histogram
 from rigidmc.physics.observables.saving import check_keep
+from rigidmc.scene.amounts import words_of
 from rigidmc.scene.body import Body
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import count_rows
@@ -111,7 +111,7 @@ class Parts:
             value = getattr(self, key)
             if not isinstance(value, kind):
                 raise SceneError(f"expected a {kind.__name__}{_CURES[key]}", at=key, value=value)
-        several = isinstance(self.effects, (list, tuple)) and not is_effect(self.effects)
+        several = isinstance(self.effects, (list, tuple)) and not hasattr(self.effects, "_fields")
         effects: Iterable[Any] = self.effects if several else (self.effects,)
         effects = canonical(tuple(check_effect(e, self.run.anti_damping) for e in effects))
         alone = not isinstance(self.observables, (list, tuple)) or is_observable(self.observables)
@@ -199,9 +199,9 @@ class Parts:
         given = {k: v for k, v in settings.items() if v is not None}
         observables = self.observables
         if "save" in given:
-            alone = isinstance(given["save"], str) or is_observable(given["save"])
-            save = (given["save"],) if alone else tuple(given["save"])
-            for one in save:
+            save: Any = given["save"]
+            save = words_of(save) if isinstance(save, str) else save
+            for one in (save := (save,) if is_observable(save) else tuple(save)):
                 # tuples of different classes are equal if their numbers are
                 same = any(type(one) is type(other) and one == other for other in observables)
                 named_alone = isinstance(one, str) or type(one) in OBSERVABLES.values()

@@ -201,11 +201,12 @@ class Run(Table):
             key: value.item() if isinstance(value, np.generic) else value
             for key, value in data.items()
         }
-        if isinstance(names := data.get("wrt"), str):
-            data["wrt"] = names = words_of(names)
-        elif isinstance(names, list):
-            data["wrt"] = names = tuple(names)
-        if "wrt" in data and names in ((), []):
+        for key in ("save", "wrt"):
+            if isinstance(names := data.get(key), str):
+                data[key] = words_of(names)
+            elif isinstance(names, list):
+                data[key] = tuple(names)
+        if data.get("wrt") == ():
             del data["wrt"]  # no derivatives, as without the setting
         if data.get("dt") is not None and data.get("turn") is not None:
             raise SceneError("give dt or turn, not both", at="run.turn", value=data["turn"])

@@ -12,7 +12,7 @@ from rigidmc.arrays import as_plain_arrays
 from rigidmc.errors import PartError, SceneError, unknown
 from rigidmc.physics.dynamics.methods import implements, word_of
 from rigidmc.physics.effects import EFFECTS, name_of
-from rigidmc.physics.effects.protocol import Effect, facts, is_effect, shape
+from rigidmc.physics.effects.protocol import Effect, facts, shape
 from rigidmc.physics.integrators.protocol import Integrator
 from rigidmc.physics.observables import (
     KNOWN,
@@ -31,6 +31,7 @@ from rigidmc.physics.observables.histogram import Histogram
 from rigidmc.physics.observables.protocol import Monitored, Observable, size
 from rigidmc.scene.quantities import is_shared, is_variable, quantity, vector
 from rigidmc.scene.units import effect_in_si, observable_in_si
+from rigidmc.scene.user_parts.effects import check_effect_class
 from rigidmc.scene.user_parts.integrators import known_facts
 from rigidmc.scene.vector_distributions import check_distribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
@@ -47,10 +48,7 @@ def named_integrators(given: Iterable[Any]) -> dict[str, Integrator]:
 def check_effect(effect: Any, driven: bool) -> Effect:
     """Return an effect with checked parameters; SceneError. driven : whether damping may be
     negative"""
-    if not is_effect(effect):
-        known = ", ".join(kind.__name__ for kind in EFFECTS.values())
-        rule = f"expected an effect with its parameters, one of {known}"
-        raise SceneError(rule, at="effects.effect", value=effect)
+    check_effect_class(effect)
     values = []
     effect = effect_in_si(effect, name_of(effect))
     for name, value in zip(effect._fields, effect, strict=True):

@@ -223,6 +223,46 @@ def test_good_scenes_give_no_note(tmp_path):
     assert rm.rerun(path, 7.0).attrs["rerun"].startswith("equal to the bit")
 
 
+@pytest.mark.parametrize("degrees", [
+    lambda t: rm.analyse_lagrange_top((1.0, 1.0, 0.5), 1.0, (0.0, 0.0, 4.0), (0.0, t, 0.0)),
+    lambda t: rm.solve_free_top((1.0, 2.0, 3.0), (1.0, 2.0, 3.0), (0.0, t, 0.0), [0.0]),
+    lambda t: rm.steady_precession((1.0, 1.0, 0.5), 1.0, 20.0, t),
+    lambda t: rm.least_spin((1.0, 1.0, 0.5), 1.0, t),
+])  # fmt: skip
+def test_closed_forms_note_degrees_as_scenes_do(degrees):
+    with pytest.warns(rm.SceneWarning, match="23 is more than 2 pi: angles are in rad"):
+        degrees(23)
+    degrees(1.0)  # warnings are errors here
+    degrees("23 deg")
+
+
+TOP = "[body]\nmoments = [1, 2, 2.5]\n[start]\nomega = [0.5, { normal = [1, 0.1] }, 0]\n"
+
+
+@pytest.mark.parametrize(("more", "settings", "words"), [
+    ("", {"start.omega.1.standard_deviation": "0.1"},
+     r"omega.1 is 0.5, a number without a distribution: .*omega.1=\{ normal = \[0.5, 0.1\] \}"),
+    ("", {"start.omega.2.standard_deviation": "0.1"},
+     r"a component is set as a whole, as in start.omega.2={"),
+    ("", {"start.omega.4.standard_deviation": "0.1"}, r"a list, .*components are 1 to 3"),
+    ("[gravity]\ng = 9.81\n", {}, r"gravity: is not a table of a scene: write \[effects.gravity\]"),
+    ("[passage]\naxis = 3\n", {}, r"write \[observables.passage\]"),
+    ("[run]\nsave = 3\n", {}, r"save = 3: expected names in brackets, or one name"),
+])  # fmt: skip
+def test_misplaced_keys_name_the_right_place(tmp_path, more, settings, words):
+    (tmp_path / "top.toml").write_text(TOP + more)
+    with pytest.raises(rm.SceneError, match=words):
+        rm.Scene.load(tmp_path / "top.toml", settings)
+
+
+@pytest.mark.parametrize("save", ["omega", "omega, flips", ["omega", "flips"], ("omega",)])
+def test_names_are_read_from_one_text_or_many(save):
+    names = ("omega", "flips") if "flips" in save or "," in save else ("omega",)
+    text = f"{TOP}[run]\nsave = {list(save) if isinstance(save, tuple) else save!r}\n"
+    assert rm.Scene.loads(text).run.save == rm.Run(save=save).save == names
+    assert rm.Scene.loads(TOP).with_run(save=save).run.save == names
+
+
 # mistakes that run all the same
 
 

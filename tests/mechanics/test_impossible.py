@@ -26,11 +26,19 @@ def test_bodies_of_particles_exist_and_lighter_ones_about_the_centre_do_not():
         assert can_exist(flat, 3.0, place) and not can_exist(flat, 3.0, 1.0001 * place)
 
 
-def test_a_tensor_about_the_centre_of_mass_is_the_first_cause():
-    own = np.diag([0.4, 0.2, 0.4])
-    first, *_ = likely_causes(own, 20.0, (0.3, 0.0, 0.0))
-    # 20 kg at 0.3 m: 1.8 kg m2 about y and z
-    assert 'about = "centre"' in first and "(0.4, 2, 2.2) kg m2" in first
+@pytest.mark.parametrize(
+    ("own", "mass", "centre", "shown"),
+    [
+        # 20 kg at 0.3 m: 1.8 kg m2 about y and z
+        ((0.4, 0.2, 0.4), 20.0, (0.3, 0.0, 0.0), "(0.4, 2, 2.2)"),
+        # 0.18 kg at 0.04 m: 2.88e-4 kg m2 about x and y; the axes keep their order
+        ((3.25e-4, 3.25e-4, 0.8e-4), 0.18, (0.0, 0.0, 0.04), "(0.000613, 0.000613, 8e-05)"),
+        ((0.4, 0.2, 0.4), 20.0, (0.0, 0.3, 0.0), "(2.2, 0.2, 2.2)"),
+    ],
+)
+def test_a_tensor_about_the_centre_of_mass_is_the_first_cause(own, mass, centre, shown):
+    first, *_ = likely_causes(np.diag(own), mass, centre)
+    assert 'about = "centre"' in first and f"{shown} kg m2" in first
 
 
 def test_products_with_the_opposite_sign_are_found_where_only_they_cure():
@@ -57,7 +65,7 @@ def test_millimetres_and_grams():
     # 0.5 kg at 0.2 m: 0.02 kg m2 about x and y
     assert any(
         "in m, it is (0, 0, 0.2), and the inertia is about it" in cause
-        and "(0.0005, 0.021, 0.021) kg m2" in cause
+        and "(0.021, 0.021, 0.0005) kg m2" in cause
         for cause in causes
     )
     *_, grams = likely_causes(own, 1e3 * mass, centre)

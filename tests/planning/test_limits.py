@@ -103,7 +103,10 @@ def test_lz_is_checked_if_a_scene_conserves_it():
     wrong = rm.Scene(BODY, (rm.Gravity(1.0), Untrue(0.1)), rm.Start(omega=SPINS)).with_run(
         dt=0.01, t_end=2.0, members=64, integrator="rk4"
     )
-    status = rm.simulate(wrong).status.values
+    words = r"all 64 members are flagged \(64 momentum_drift\) and stand still from"
+    with pytest.warns(rm.SceneWarning, match=words) as shown:
+        status = rm.simulate(wrong).status.values
+    assert [one.filename for one in shown] == [__file__]  # the user's line, once
     assert (status == K.STATUSES["momentum_drift"]).all()
     assert not rm.simulate(wrong, checks=False).status.values.any()
 

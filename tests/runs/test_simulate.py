@@ -10,9 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import rigidmc as rm
 from rigidmc.physics.dynamics.so3 import vertical
+from rigidmc.runs.members import mostly_flagged
 
 BODY = rm.Body.from_moments((1.0, 2.0, 2.5), mass=1.0, centre=(0.02, 0.0, 0.1))
 START = rm.Start(omega=(rm.normal(0, 0.1), rm.normal(1, 0.1), 0.2), attitude="uniform")
@@ -407,3 +409,24 @@ def test_python_in_five_lines():
     )
     assert ds.sizes == {"member": 1000, "time": 101, "axis": 3, "quat": 4}
     assert float(ds.energy_drift_max.max()) > 0
+
+
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [
+        ([np.nan, 0.5, np.nan], ""),  # estimates leave a minority out
+        ([np.nan, 0.5], ""),
+        ([2.0, 0.5, np.nan], "2 of 3 members are flagged (1 energy_drift, 1 non_finite) and stand"
+         " still from 0.5 to 2 s on"),
+        ([0.0, 0.0], "all 2 members are flagged (1 energy_drift, 1 non_finite) and stand still from"
+         " 0 s on"),
+        ([0.5], "the member is flagged (1 non_finite) and stands still from 0.5 s on"),
+    ],
+)  # fmt: skip
+def test_a_run_says_if_most_members_stand_still(times, words):
+    count = int(np.isfinite(times).sum())
+    kinds = {"ok": len(times) - count, "energy_drift": count - 1, "non_finite": 1}
+    result = xr.Dataset({"status_time": ("member", np.array(times))})
+    result.encoding["rigidmc"] = {"flagged": kinds}
+    note = mostly_flagged(result)
+    assert note.startswith(words) and bool(note) == bool(words)

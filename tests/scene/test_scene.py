@@ -243,7 +243,7 @@ def test_effects_have_one_order():
     ("make", "rule"),
     [
         (lambda b: rm.Scene(b, effects=("gravity",)), "expected an effect"),
-        (lambda b: rm.Scene(b, effects=(rm.Gravity,)), "with its parameters"),
+        (lambda b: rm.Scene(b, effects=(rm.Gravity,)), "give its parameters"),
         (lambda b: rm.Scene(b, effects=(rm.ViscousDamping(-1.0),)), "between 0 and inf"),
         (lambda b: rm.Scene(b, effects=(rm.Gravity(float("nan")),)), "finite"),
         (lambda b: rm.Scene((1, 2, 3)), "expected a Body"),

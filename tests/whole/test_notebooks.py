@@ -1,5 +1,6 @@
 """What readers download from executed pages: notebooks that Jupyter can show."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -57,3 +58,53 @@ def test_exercises_have_no_solutions_and_no_outputs(notebooks):
     left = notebooks.without_solutions(whole)
     assert [cell.source for cell in left.cells] == ["How many?", "1"]
     assert left.cells[1].outputs == [] and asked.outputs  # of the copy alone
+
+
+def defined(page, name):
+    """The names that the cell with a function defines."""
+    text = (ROOT / "docs" / "teaching" / f"{page}.md").read_text("utf-8")
+    cells = re.findall(r"```\{code-cell\} ipython3\n(.*?)```", text, re.S)
+    (cell,) = (cell for cell in cells if f"def {name}(" in cell)
+    return cell
+
+
+@pytest.mark.parametrize(
+    ("given", "true", "shown"),
+    [
+        (93.54142, 93.5414, "93.54142 instead of 93.5414"),
+        (4.00000001, 4.0, "4.00000001 instead of 4"),
+        (1.0 + 2.0**-52, 1.0, "1.0000000000000002 instead of 1"),
+        (-0.5, 0.5, "-0.5 instead of 0.5"),
+    ],
+)
+def test_the_checker_shows_where_an_answer_differs(given, true, shown, capsys):
+    names = {}
+    exec(defined("exercises", "check"), names)
+    assert names["difference"](given, true) == shown
+    names["check"](lambda: [1.0, given], lambda: [1.0, true], ())
+    printed = capsys.readouterr().out
+    assert shown in printed or "is right" in printed  # within 1e-9 of the truth
+
+
+@pytest.mark.parametrize("sep", [";", "\t", ","])
+@pytest.mark.parametrize("decimal", [",", "."])
+def test_the_lab_sheet_reads_records_of_all_countries(sep, decimal, tmp_path):
+    pytest.importorskip("pandas")
+    names = {}
+    columns = re.search(r"^COLUMNS = .*$", defined("phone", "thrown"), re.M).group()
+    reader = defined("phone", "read").split("\n\n\n")[0]
+    exec(f"import pandas as pd\n{columns}\n{reader}", names)
+    rows = [["0.0", "0.001", "-2.5", "3.0"], ["0.01", "1.25", "-2.625", "3.5"]]
+    lines = [[f'"{name}"' for name in names["COLUMNS"]]]
+    lines += [[x.replace(".", decimal) for x in row] for row in rows]
+    (tmp_path / "throw.csv").write_text("\n".join(sep.join(line) for line in lines))
+    if sep == decimal:
+        with pytest.raises(ValueError, match="are there decimal commas"):
+            names["read"](tmp_path / "throw.csv")
+        return
+    t, omega = names["read"](tmp_path / "throw.csv")
+    assert t.tolist() == [0.0, 0.01]
+    assert omega.tolist() == [[1e-3, -2.5, 3.0], [1.25, -2.625, 3.5]]
+    (tmp_path / "throw.csv").write_text("\n".join(sep.join(line) for line in (lines[0], ["x"] * 4)))
+    with pytest.raises(ValueError, match="has values such as 'x', not numbers"):
+        names["read"](tmp_path / "throw.csv")

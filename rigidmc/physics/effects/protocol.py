@@ -8,8 +8,9 @@ each number of each member is a row.
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from math import inf
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, TypeVar
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, TypeVar, overload
 
+from rigidmc.errors import nearest
 from rigidmc.physics.dynamics.methods import argument_names, implements, method
 from rigidmc.physics.dynamics.so3 import axpy
 
@@ -110,11 +111,27 @@ class EffectFacts(NamedTuple):
     kick_order: float = inf
 
 
-def effect(**stated: Any) -> Callable[[Kind], Kind]:
-    """Return the decorator that sets some EffectFacts as attributes of a class of effects."""
-    for old in stated.keys() & OLD_WORDS.keys():
-        raise TypeError(f"@effect: {old} is now called {OLD_WORDS[old]}")
-    EffectFacts(**stated)  # raises TypeError for any other name
+@overload
+def effect(cls: Kind, /) -> Kind: ...
+
+
+@overload
+def effect(**stated: Any) -> Callable[[Kind], Kind]: ...
+
+
+def effect(cls: Any = None, /, **stated: Any) -> Any:
+    """Return the decorator that sets some EffectFacts as attributes of a class of effects.
+
+    `@effect` alone states none.
+    """
+    for name in stated:
+        if name in OLD_WORDS:
+            raise TypeError(f"@effect: {name} is now called {OLD_WORDS[name]}")
+        if name not in EffectFacts._fields:
+            close = nearest(name, EffectFacts._fields)
+            hint = f" (did you mean '{close}'?)" if close else ""
+            known = ", ".join(EffectFacts._fields)
+            raise TypeError(f"@effect: no such fact '{name}'; known: {known}{hint}")
 
     def put(cls: Kind) -> Kind:
         for name, value in stated.items():
@@ -123,7 +140,7 @@ def effect(**stated: Any) -> Callable[[Kind], Kind]:
             cls.__repr__ = _shown  # type: ignore[assignment, method-assign]
         return cls
 
-    return put
+    return put if cls is None else put(cls)
 
 
 def _shown(effect: Any) -> str:

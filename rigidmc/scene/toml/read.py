@@ -87,6 +87,10 @@ def read_parts(
     )
     code = folder if allow_code else allow_code
     columns = DataSources(stored, folder, code, stored is not None or is_run)
+    for name in data:
+        for inside, known in (("effects", EFFECTS), ("observables", {**WITH_TABLE, **WATCHED})):
+            if name in known:
+                raise SceneError(f"is not a table of a scene: write [{inside}.{name}]", at=name)
     tables = check_table(_File, data, "")
     return {
         "effects": read_effects(tables.effects, columns),
@@ -155,6 +159,8 @@ def _set(data: dict[str, Any], dotted: str, value: str) -> None:
         if isinstance(data, list) and table == tables[-1]:
             _put(data, dotted, given)
             return
+        if isinstance(data, list):
+            raise SceneError(_no_table_in(data, table, dotted), at=dotted, table="", value=value)
         if not isinstance(data, dict):
             raise SceneError(f"'{table}' is not a table", at=dotted, table="", value=value)
     data[key] = given
@@ -163,6 +169,23 @@ def _set(data: dict[str, Any], dotted: str, value: str) -> None:
         others = (*BODIES, *OF_FILE) if key in BODIES else ()
         for other in {"shape", *others} - {key, "mass", "about"}:
             data.pop(other, None)
+
+
+def _no_table_in(components: list[Any], name: str, dotted: str) -> str:
+    """Return why a key below a component, such as start.omega.1.standard_deviation, cannot be set:
+    the component of the list `name` is a number, or a distribution without keys."""
+    whole, _, rest = dotted.partition(f".{name}.")
+    word = rest.split(".")[0]
+    place = f"{whole}.{name}.{word}"
+    if not word.isdigit() or not 1 <= int(word) <= len(components):
+        return f"'{name}' is a list, not a table: its components are 1 to {len(components)}"
+    one = components[int(word) - 1]
+    if isinstance(one, dict):
+        return f"a component is set as a whole, as in {place}={{ normal = [0, 0.1] }}"
+    return (
+        f"{place} is {one!r}, a number without a distribution: for a normal one with this mean and"
+        f" the deviation 0.1, set {place}={{ normal = [{one!r}, 0.1] }}"
+    )
 
 
 # most tables of effects, and of observables: one kernel contains all of them, and compiling 100

@@ -1,13 +1,14 @@
-"""Check of a custom effect before compilation.
+"""Check of a custom effect: of its class when a scene takes it, of its methods before compilation.
 
-It checks the arguments and return values of its methods, and that the torque follows from the
-energy.
+The second checks the arguments and return values of its methods, and that the torque follows from
+the energy.
 """
 
 from typing import Any
 
 import numpy as np
 
+from rigidmc.errors import PartError, SceneError, nearest
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import Method, implements
 from rigidmc.physics.dynamics.so3 import exponential, multiply
@@ -18,7 +19,9 @@ from rigidmc.physics.effects.protocol import (
     add_noise,
     energy,
     energy_scale,
+    facts,
     from_numbers,
+    is_effect,
     is_random,
     kick,
     numbers,
@@ -28,9 +31,58 @@ from rigidmc.physics.effects.protocol import (
     torque,
     torque_rate,
 )
+from rigidmc.units import rule_with_hint, unit_of
 
+_ACTS = "torque", "kick", "add_noise"  # an effect has one of these
 _VECTORS, _SCALARS = (torque, kick, add_noise, slip, torque_rate), (energy, energy_scale)
 BODY = MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3))
+
+
+def check_effect_class(effect: Any) -> None:
+    """Raise SceneError for a value that is not an effect, and for a custom effect whose facts name
+    a parameter or a unit that does not exist."""
+    kind: Any = effect if isinstance(effect, type) else type(effect)
+    if kind in EFFECTS.values() and not isinstance(effect, type):
+        return
+    if not is_effect(effect):
+        raise _not_an_effect(effect, kind)
+    stated = facts(kind)
+    for name in ("units", "shapes", "limits", "in_body", "along_axes", "hidden", "shared"):
+        for field in getattr(stated, name):
+            if field not in kind._fields:
+                close = nearest(field, kind._fields)
+                hint = f" (did you mean '{close}'?)" if close else ""
+                known = ", ".join(kind._fields) or "none"
+                rule = f"names '{field}', which is not a parameter; its parameters: {known}{hint}"
+                raise PartError.of(kind, rule, "effects", name)
+    for field, unit in stated.units.items():
+        try:
+            unit_of(unit)
+        except SceneError as error:
+            rule = f"states the unit {unit!r} of {field}: {rule_with_hint(error)}"
+            raise PartError.of(kind, rule, "effects", "units") from None
+
+
+def _not_an_effect(effect: Any, kind: type[Any]) -> SceneError:
+    """Return the error about a value that is not an effect: what its class lacks."""
+    fields = getattr(kind, "_fields", None)
+    acts = [one for one in _ACTS if implements(kind, one)]
+    methods = [x for x in vars(kind) if x[0] != "_" and x not in (fields or ())]
+    close = [(word, right) for word in methods if (right := nearest(word, _ACTS))]
+    if (acts or close) and fields is None:
+        rule = f"is not a NamedTuple, as an effect must be: write class {kind.__name__}(NamedTuple)"
+    elif acts and isinstance(effect, type):
+        rule = f"is a class: give its parameters, as in {kind.__name__}({', '.join(fields or ())})"
+    elif fields is not None and not acts:
+        rule = "has no method `torque`, which an effect needs (or `kick`, or `add_noise`)"
+        if close:
+            word, right = close[0]
+            rule += f"; it has `{word}`: did you mean `{right}`?"
+    else:
+        known = ", ".join(one.__name__ for one in EFFECTS.values())
+        rule = f"expected an effect with its parameters, one of {known}"
+        return SceneError(rule, at="effects.effect", value=effect)
+    return PartError.of(kind, rule, "effects")
 
 
 def check_user_effect(effect: Any) -> None:

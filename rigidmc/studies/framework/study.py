@@ -10,6 +10,7 @@ import xarray as xr
 
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import Path
+from rigidmc.planning.check import check_parts
 from rigidmc.planning.saves import settle_saves
 from rigidmc.scene.scene import Scene, as_scene
 from rigidmc.scene.settings import Run, no_such_keyword
@@ -187,6 +188,7 @@ class Study:
             for key, value in settings.items():
                 raise OptionError("requires a scene, and none is given", at=key, value=value)
             return None, read
+        check_parts(scene)  # saves per turn evaluate custom effects, and so does linearise
         changed = settle_saves(scene.with_run(**settings, wrt=()))  # a study reads values alone
         if settings.get("every") is not None:
             settings = {**settings, "every": changed.run.every}

@@ -18,6 +18,7 @@ from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.so3 import vertical
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.tolerance import choose
+from rigidmc.protocols import effect
 from rigidmc.studies.stress.trust import trust
 from tests.kernels import one_step, prepare
 
@@ -154,6 +155,91 @@ class Gamma(NamedTuple):
 def test_effects_that_a_kernel_cannot_use_are_refused(effect, words):
     with pytest.raises(rm.SceneError, match=words):
         rm.simulate(scene(effect))
+
+
+class NoReturn(NamedTuple):
+    size: float
+
+    def torque(self, q):
+        self.size * q[0]
+
+
+class Divides(NamedTuple):
+    size: float
+
+    def torque(self, q):
+        return 1 / 0, 0.0, 0.0
+
+
+class Pair(NamedTuple):
+    size: float
+
+    def torque(self, q):
+        return 0.0, 0.0, 0.0
+
+    def energy(self, q):
+        return 0.0, 0.0
+
+
+@pytest.mark.parametrize(("effect", "words"), [
+    (Short(1.0), r"Short.torque.*expected a tuple of 3 numbers"),
+    (NoReturn(1.0), r"NoReturn.torque: returns None, expected a tuple of 3 numbers"),
+    (Asks(1.0), r"Asks.torque.*unknown argument 'speed'; it may name body, t, q, l"),
+    (Divides(1.0), r"Divides.torque: .*line \d+: return 1 / 0.*ZeroDivisionError"),
+    (Pair(1.0), r"Pair.energy: returns \(0.0, 0.0\), expected a number"),
+])  # fmt: skip
+def test_a_custom_effect_is_checked_before_anything_evaluates_it(effect, words):
+    """Beside gravity, saves of few members and steady motions follow from the torques."""
+    beside = rm.Scene(BODY, (rm.Gravity(9.81), effect), rm.Start(omega=(0.1, 1.0, 0.2)))
+    for use in (
+        lambda: rm.simulate(beside, members=1, dt=0.01, t_end=1.0),
+        lambda: rm.simulate(beside, members=1, dt=0.01, t_end=1.0, every="50/turn"),
+        lambda: rm.simulate(beside, members=1, t_end=1.0, tolerance=1e-4),
+        lambda: rm.linearise(beside),
+    ):
+        with pytest.raises(rm.PartError, match=words):
+            use()
+
+
+FREE = {"torque": lambda self: (0.0, 0.0, 0.0)}
+
+
+def named(methods, **stated):
+    """A class of effects with the parameter k, as a user may write it."""
+    kind = type("Mine", (NamedTuple("Mine", [("k", float)]),), dict(methods))
+    return effect(**stated)(kind) if stated else effect(kind)
+
+
+@pytest.mark.parametrize(("one", "words"), [
+    (named({"torqe": FREE["torque"]})(1.0),
+     r"Mine: has no method `torque`, .*it has `torqe`: did you mean `torque`\?"),
+    (named({})(1.0), r"Mine: has no method `torque`, .*`add_noise`\)$"),
+    (type("Mine", (), FREE)(), r"Mine: is not a NamedTuple, .*write class Mine\(NamedTuple\)"),
+    (named(FREE), r"Mine: is a class: give its parameters, as in Mine\(k\)"),
+    (named(FREE, units={"kk": "N m"})(1.0), r"Mine.units: names 'kk', .*did you mean 'k'"),
+    (named(FREE, shapes={"size": 3})(1.0), r"Mine.shapes: names 'size', which is not a parameter"),
+    (named(FREE, units={"k": "Newton"})(1.0), r"Mine.units: .*'Newton' of k: .*is not a unit.*'N'"),
+])  # fmt: skip
+def test_a_class_that_is_not_an_effect_names_its_mistake(one, words):
+    for effects in (one, (rm.Gravity(9.81), one)):
+        with pytest.raises(rm.PartError, match=words):
+            rm.Scene(BODY, effects)
+    rm.Scene(BODY, named(FREE)(1.0))  # @effect without parentheses states no facts
+    with pytest.raises(TypeError, match=r"no such fact 'unit'.*did you mean 'units'"):
+        effect(unit={"k": "N m"})
+
+
+def test_a_misspelt_method_in_a_scene_file_is_one_message(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "from typing import NamedTuple\n\n\nclass Push(NamedTuple):\n    k: float\n\n"
+        "    def torqe(self):\n        return 0.0, 0.0, self.k\n"
+    )
+    (tmp_path / "scene.toml").write_text(
+        "[body]\nmoments = [1, 2, 2.5]\n[start]\nomega = [0, 1, 0]\n"
+        '[effects.push]\nmodule = "mine.py"\nk = 1.0\n'
+    )
+    done = CliRunner().invoke(app, ["check", str(tmp_path / "scene.toml"), "--allow-code"])
+    assert done.exit_code == 3 and "it has `torqe`: did you mean `torque`?" in done.stderr
 
 
 class Five(NamedTuple):
