@@ -93,7 +93,11 @@ def ambiguous(page):
 def test_cells_may_run_in_any_order():
     cells = "```{code-cell}\na = 1\n```\n```{code-cell}\nb = a\n```\n```{code-cell}\na = 2\n```\n"
     assert ambiguous(cells) == {"a"}
-    pages = [page for page in ROOT.glob("docs/**/*.md") if "\nfile_format: mystnb" in page.read_text("utf-8")]
+    pages = [
+        page
+        for page in ROOT.glob("docs/**/*.md")
+        if "\nfile_format: mystnb" in page.read_text("utf-8")
+    ]
     assert len(pages) > 10  # 16
     for page in pages:
         name = page.relative_to(ROOT).as_posix()
