@@ -261,9 +261,10 @@ def euler_angles(attitude: Floats, t: Floats, axes: Axes | None = None) -> Figur
     gaps = np.isnan(phi)
     if gaps.any():
         place = axes.get_xaxis_transform()
-        style = {"color": "0.9", "linewidth": 0, "zorder": 0, "transform": place}
         words = "phi, psi undefined: axis 3 is vertical"
-        axes.fill_between(t, 0.0, 1.0, where=gaps, label=words, **style)
+        axes.fill_between(
+            t, 0.0, 1.0, where=gaps, label=words, color="0.9", lw=0, zorder=0, transform=place
+        )
     axes.set(xlabel=TIME, ylabel=with_units("angle", "deg"), xlim=(t[0], t[-1]))
     _finish(axes, "Euler angles (z-x-z)")
     return figure_of(axes)
