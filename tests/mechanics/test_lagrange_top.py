@@ -211,10 +211,20 @@ def test_a_horizontal_axis_has_one_steady_precession():
     for theta in (0.5 * np.pi, np.arccos(2e-16), np.arccos(-2e-16)):
         slow, fast = steady_precession(I, K, 4.0, theta)
         assert slow == pytest.approx(K / (I[2] * 4.0), rel=1e-15) and np.isinf(fast)  # k/(I3 w3)
-        assert np.isnan(steady_precession(I, K, 0.0, theta)).all()
+        with pytest.warns(SceneWarning, match="needs a spin above 0 rad/s, but omega3 is 0"):
+            assert np.isnan(steady_precession(I, K, 0.0, theta)).all()
     slow, fast = steady_precession(I, K, 4.0, np.arccos(1e-12))
     assert isinstance(slow, np.float64) and isinstance(fast, np.float64)  # slow was an array ()
     assert fast == pytest.approx(4.0 * I[2] / (I[0] * 1e-12), rel=1e-3)  # measured 9e-5
+
+
+def test_a_slow_top_has_no_steady_precession():
+    """Before, two nan came back without a word."""
+    least = float(least_spin(I, K, 0.4))
+    words = rf"1 of 2 elements are nan in the result: .* spin above {least:.6g} rad/s, but"
+    with pytest.warns(SceneWarning, match=words):
+        slow, fast = steady_precession(I, K, (0.99 * least, 1.01 * least), 0.4)
+    assert np.isnan([slow[0], fast[0]]).all() and 0.0 < slow[1] < fast[1]
 
 
 def test_kinds_of_motion_and_their_angles():
