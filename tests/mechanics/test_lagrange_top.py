@@ -3,6 +3,8 @@
 Every kind of motion, and bad input.
 """
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
@@ -218,15 +220,6 @@ def test_a_horizontal_axis_has_one_steady_precession():
     assert fast == pytest.approx(4.0 * I[2] / (I[0] * 1e-12), rel=1e-3)  # measured 9e-5
 
 
-def test_a_slow_top_has_no_steady_precession():
-    """Before, two nan came back without a word."""
-    least = float(least_spin(I, K, 0.4))
-    words = rf"1 of 2 elements are nan in the result: .* spin above {least:.6g} rad/s, but"
-    with pytest.warns(SceneWarning, match=words):
-        slow, fast = steady_precession(I, K, (0.99 * least, 1.01 * least), 0.4)
-    assert np.isnan([slow[0], fast[0]]).all() and 0.0 < slow[1] < fast[1]
-
-
 def test_kinds_of_motion_and_their_angles():
     cases = {
         "at rest": (np.pi, (0, 0, 0)),
@@ -330,7 +323,10 @@ def test_the_least_spin_bounds_steady_precession_and_sleep():
     for theta in (0.0, 0.4, 1.5):
         least = least_spin(I, K, theta)
         for spin, exists in ((0.999999 * least, False), (1.000001 * least, True)):
-            slow, fast = steady_precession(I, K, (spin, -spin), theta)
+            words = rf"2 of 2 elements are nan in the result: .* a spin above {least:.6g} rad/s"
+            warned = nullcontext() if exists else pytest.warns(SceneWarning, match=words)
+            with warned:  # before, nan came back without a word
+                slow, fast = steady_precession(I, K, (spin, -spin), theta)
             assert np.isfinite(slow).all() == np.isfinite(fast).all() == exists
     # a level or hanging axis, and a centre of mass below, precess at any spin
     for weight, theta in ((K, np.pi / 2), (K, 2.5), (-K, 0.3)):
