@@ -48,7 +48,8 @@ def covariance_ellipses(
         axes = figure.add_subplot(-(-count // columns), columns, k + 1)
         _panel(axes, study.isel(sample_time=k), x, y)
         axes.set(xlabel=labels[0], ylabel=labels[1])
-    axes.legend(loc="best", fontsize=8, frameon=False)
+    named = axes.get_legend_handles_labels()
+    figure.legend(*named, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     return figure_of(axes)
 
 
