@@ -34,7 +34,7 @@ from rigidmc.mechanics.rotation import to_space
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.closed_form import NONE, ClosedMotion
 from rigidmc.planning.turns import Drive, turning_rates
-from rigidmc.results.labels import units_text, with_units
+from rigidmc.results.labels import with_units
 from rigidmc.views.polhodes import draw_polhodes
 from rigidmc.views.quadric import CIRCLE, draw_curve, draw_quadric, screen
 from rigidmc.views.sample import DENSE, FINE, LINES
@@ -42,6 +42,8 @@ from rigidmc.views.sample import DENSE, FINE, LINES
 Floats = NDArray[np.float64]
 
 NARROW = 0.02  # rad: smallest width of a nutation that sets the scale of a picture
+
+LARGE, SMALL = "kMGTPEZYRQ", "qryzafpn\N{MICRO SIGN}m"  # prefixes of 10^3, 10^6, ...; ..., 10^-3
 
 TIME = with_units("time", "s")
 UPRIGHT = 0.05  # relative to the largest sin theta: below it phi and psi run fast and opposite
@@ -118,8 +120,7 @@ def draw_effective_potential(
     u = effective_potential(moments[:, None], weight[:, None], p_phi, p_psi, theta) - spin[:, None]
     energy, floor = tops.energy - spin, float(np.median(u.min(axis=1)))
     size = max(float(np.median(np.abs(u))), float(np.abs(energy).max()))
-    # if all energies are 0, the unit is 1 J
-    unit = 10.0 ** np.floor(np.log10(size)) if size > 0.0 else 1.0
+    unit, symbol = _prefixed(size)
     u, energy, floor = u / unit, energy / unit, floor / unit
     top = float(energy.max())
     # height of the drawing in `unit`; 1e-300 only keeps its ends apart
@@ -133,15 +134,25 @@ def draw_effective_potential(
         _one_well(axes, degrees, u[0], float(energy[0]), turns[0])
     else:
         _wells(axes, degrees, u, energy, turns)
-    scale = f"{unit:.0e} {units_text('J')}" if unit != 1.0 else "J"
     axes.set(
         xlim=degrees[[0, -1]],
         xlabel=with_units("theta", "deg"),
-        ylabel=with_units("energy minus spin energy", scale),
+        ylabel=with_units("energy minus spin energy", symbol),
     )
     axes.ticklabel_format(useOffset=False)
     _finish(axes, "Effective potential of the nutation")
     return figure_of(axes)
+
+
+def _prefixed(size: float) -> tuple[float, str]:
+    """Return a unit of energy [J] for values up to `size` [J], and its symbol: one with a prefix of
+    SI, or 1e-33 J and so on beyond them."""
+    # if all energies are 0, the unit is 1 J
+    power = 3 * int(np.floor(np.log10(size) / 3.0)) if size > 0.0 else 0
+    if -len(SMALL) <= power // 3 <= len(LARGE):
+        prefixes = ("", *LARGE, *SMALL)  # SMALL counts from the end
+        return 10.0**power, f"{prefixes[power // 3]}J"
+    return 10.0**power, f"1e{power} J"
 
 
 def _one_well(axes: Axes, degrees: Floats, u: Floats, energy: float, turns: Floats) -> None:

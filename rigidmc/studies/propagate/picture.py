@@ -74,7 +74,8 @@ def _panel(axes: Axes, study: xr.Dataset, x: str, y: str) -> None:
     axes.axhline(0.0, lw=0.3, color=GREY)
     axes.axvline(0.0, lw=0.3, color=GREY)
     wider = cut_linear(axes, points, *largest) if len(largest) == 2 else 1.0
-    cut = f", linear {wider:,.0f} times as wide" if wider > WIDEST else ""
+    times = f"{wider:,.0f}" if wider < 1e6 else f"{wider:.1e}"
+    cut = f", linear {times} times as wide" if wider > WIDEST else ""
     add_title(axes, f"t = {time:g} s{cut}")
 
 
