@@ -146,7 +146,7 @@ def draw_effective_potential(
 
 def _prefixed(size: float) -> tuple[float, str]:
     """Return a unit of energy [J] for values up to `size` [J], and its symbol: one with a prefix of
-    SI, or 1e-33 J and so on beyond them."""
+    SI, or a power of ten beyond them."""
     # if all energies are 0, the unit is 1 J
     power = 3 * int(np.floor(np.log10(size) / 3.0)) if size > 0.0 else 0
     if -len(SMALL) <= power // 3 <= len(LARGE):
